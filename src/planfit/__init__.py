@@ -1,0 +1,6 @@
+"""planfit: fit a posed RGB-D scan of a building to its floorplan."""
+
+__version__ = "0.1.0"
+
+from planfit.floorplan import read_floorplan as read_floorplan
+from planfit.scan import read_scan as read_scan

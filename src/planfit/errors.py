@@ -1,0 +1,28 @@
+"""Errors a user can mend: each names the file, what was expected, what was found, the next step.
+
+PlanfitError
+├── ScanError       the scan (frames, poses, intrinsics, masks) cannot be used
+├── FloorplanError  the plan cannot be read or does not make sense
+├── OptionError     an option has a value that cannot work, or an unknown name
+└── OutputError     results cannot be written
+"""
+
+
+class PlanfitError(Exception):
+    """Base of every error that is the input's and not the program's; the message is one line."""
+
+
+class ScanError(PlanfitError):
+    """The scan cannot be used as it is."""
+
+
+class FloorplanError(PlanfitError):
+    """The floorplan cannot be read, or contradicts what it claims."""
+
+
+class OptionError(PlanfitError):
+    """An option is unknown or has a value that cannot work."""
+
+
+class OutputError(PlanfitError):
+    """Results cannot be written where they were asked for."""

@@ -1,0 +1,8 @@
+"""Posed RGB-D scans: the data type, and one reader a format."""
+
+from planfit.scan.read import read_scan as read_scan
+from planfit.scan.trajectory import read_tum as read_tum
+from planfit.scan.trajectory import write_tum as write_tum
+from planfit.scan.types import Label as Label
+from planfit.scan.types import Scan as Scan
+from planfit.scan.types import ScanFiles as ScanFiles

@@ -1,0 +1,50 @@
+"""Trajectories in the TUM text form: `time tx ty tz qx qy qz qw`, one pose a line."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from planfit.errors import ScanError
+from planfit.geometry import se3
+
+
+def read_tum(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read timestamps (n,) and poses (n, 4, 4).
+
+    Raises:
+        ScanError: the file is missing, empty, or not eight numbers a line.
+    """
+    if not path.exists():
+        raise ScanError(f"{path}: expected a TUM trajectory, found nothing; check the path")
+    rows = []
+    for number, line in enumerate(path.read_text().splitlines(), start=1):
+        text = line.split("#")[0].split()
+        if not text:
+            continue
+        try:
+            row = [float(v) for v in text]
+        except ValueError:
+            row = []
+        if len(row) != 8 or not np.isfinite(row).all() or np.linalg.norm(row[4:]) < 1e-6:
+            raise ScanError(
+                f"{path}, line {number}: expected eight finite numbers "
+                f"(time tx ty tz qx qy qz qw), found {line.strip()!r}"
+            )
+        rows.append(row)
+    if not rows:
+        raise ScanError(f"{path}: expected a TUM trajectory, found no pose")
+    values = np.array(rows)
+    rotations = Rotation.from_quat(values[:, 4:]).as_matrix()
+    return values[:, 0], se3.make_transform(rotations, values[:, 1:4])
+
+
+def write_tum(path: Path, timestamps: np.ndarray, target_from_cams: np.ndarray) -> None:
+    """Write timestamps (n,) and poses (n, 4, 4)."""
+    quaternions_xyzw = Rotation.from_matrix(target_from_cams[:, :3, :3]).as_quat(canonical=True)
+    rows = np.concatenate([target_from_cams[:, :3, 3], quaternions_xyzw], axis=1)
+    lines = [
+        f"{time:.9g} " + " ".join(f"{v:.9f}" for v in row)
+        for time, row in zip(timestamps, rows, strict=True)
+    ]
+    path.write_text("\n".join(lines) + "\n")
