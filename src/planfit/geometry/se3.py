@@ -1,10 +1,11 @@
 """Rigid transforms as 4x4 matrices, and their tangent vectors.
 
 A transform named `target_from_source` maps points of the source frame into the target frame.
-A tangent vector is `(rotation, translation)`, in radians and metres, and acts on the left:
-`retract(T, delta) = [exp(rotation) R | exp(rotation) t + translation]`, so the point `y = T p` moves by
-`rotation x y + translation` to first order. This is the chart of the product SO(3) x R^3 about the
-*target's* origin, not the matrix exponential of SE(3): cheaper, and all that a solver needs.
+A tangent vector is `(rotation, translation)`, in radians and metres, in the target's axes:
+`retract(T, delta) = [exp(rotation) R | t + translation]`. The point `y = R p + t` then moves, to first
+order, by `rotation x (R p) + translation`. This is the chart of SO(3) x R^3, not the exponential of
+SE(3): a turn is about the source's own origin (the camera), so turns and shifts stay of one scale
+however far a building lies from the origin of its plan.
 """
 
 import numpy as np
@@ -67,11 +68,18 @@ def log_so3(rotations: np.ndarray) -> np.ndarray:
 
 
 def retract(target_from_source: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    """Apply tangent vectors (..., 6) [rad, m] to transforms (..., 4, 4), on the left."""
-    rotation = exp_so3(delta[..., :3])
+    """Apply tangent vectors (..., 6) [rad, m] to transforms (..., 4, 4); see the module's page."""
     return make_transform(
-        rotation @ target_from_source[..., :3, :3],
-        (rotation @ target_from_source[..., :3, 3:])[..., 0] + delta[..., 3:],
+        exp_so3(delta[..., :3]) @ target_from_source[..., :3, :3],
+        target_from_source[..., :3, 3] + delta[..., 3:],
+    )
+
+
+def difference(to_target: np.ndarray, from_target: np.ndarray) -> np.ndarray:
+    """Tangent vectors (..., 6) with `retract(from_target, difference) == to_target`."""
+    turn = to_target[..., :3, :3] @ np.swapaxes(from_target[..., :3, :3], -1, -2)
+    return np.concatenate(
+        [log_so3(turn), to_target[..., :3, 3] - from_target[..., :3, 3]], axis=-1
     )
 
 
@@ -117,12 +125,3 @@ def fit_rigid(
     covariance = (target - target_mean).T @ ((source - source_mean) * w[:, None])
     rotation = project_to_so3(covariance)
     return make_transform(rotation, target_mean - rotation @ source_mean)
-
-
-def interpolate_delta(knot_at: np.ndarray, deltas: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Piecewise-linear interpolation of tangent vectors (k, 6) given at `knot_at` (k,), held at the ends.
-
-    Meant for small corrections between neighbouring keyframes, where the linear blend of tangent
-    vectors and the geodesic of SE(3) agree to second order.
-    """
-    return np.stack([np.interp(at, knot_at, deltas[:, c]) for c in range(deltas.shape[1])], axis=-1)

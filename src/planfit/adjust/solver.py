@@ -1,0 +1,114 @@
+"""Levenberg-Marquardt over poses, with iterated reweighting for robust losses."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from planfit.adjust.normal_equations import NormalEquations
+from planfit.adjust.terms.base import Quadratic, Term
+from planfit.geometry import se3
+
+log = logging.getLogger(__name__)
+
+
+class Stop(Enum):
+    """Why a solve ended."""
+
+    COST = "the cost no longer changes"
+    LIMIT = "the iteration limit was reached; the poses may still be moving"
+    STUCK = "no step lowers the cost any further"
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """When a solve ends."""
+
+    max_iterations: int = 50
+    """Reweighting rounds at most."""
+    steps_per_reweighting: int = 2
+    """Steps taken before weights are renewed; they cost little beside the pass over the points."""
+    cost_tolerance: float = 1e-5
+    """Ends when a round lowers the robust cost by less than this share of itself."""
+    initial_damping: float = 1e-4
+    """Damping of the first step, relative to the diagonal of the normal equations."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Robust cost of one term at the start and at the end of a solve."""
+
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Poses that a solve ended with, and how it got there."""
+
+    target_from_cams: np.ndarray  # (n, 4, 4)
+    stop: Stop
+    iterations: int
+    cost_by_term: dict[str, Cost]
+
+
+def solve(
+    terms: Sequence[Term], initial_target_from_cams: np.ndarray, options: SolverOptions
+) -> Solution:
+    """Minimise the sum of the terms over all poses.
+
+    Each round freezes the robust weights (one pass over the points), then takes damped Gauss-Newton
+    steps on the frozen squares, which lie above the robust cost and touch it: a step that lowers them
+    lowers it. Damping follows Nielsen (1999), so a rejected step costs one solve.
+    """
+    poses = initial_target_from_cams
+    reweighted = [term.reweight(poses) for term in terms]
+    before = [cost for _, cost in reweighted]
+    total, stop, damping = sum(before), Stop.LIMIT, options.initial_damping
+    iterations = 0
+    # OpenBLAS threads spin between the many small products and slow them down.
+    with threadpool_limits(1, user_api="blas"):
+        for iterations in range(1, options.max_iterations + 1):  # noqa: B007 - reported below
+            quadratics = [quadratic for quadratic, _ in reweighted]
+            moved = False
+            for _ in range(options.steps_per_reweighting):
+                poses, damping, accepted = _damped_step(quadratics, poses, damping)
+                moved |= accepted
+            if not moved:
+                stop = Stop.STUCK
+                break
+            reweighted = [term.reweight(poses) for term in terms]
+            previous, total = total, sum(cost for _, cost in reweighted)
+            log.debug("round %d: cost %.6g", iterations, total)
+            if previous - total < options.cost_tolerance * max(previous, 1e-12):
+                stop = Stop.COST
+                break
+    costs = {
+        term.name: Cost(first, last)
+        for term, first, (_, last) in zip(terms, before, reweighted, strict=True)
+    }
+    return Solution(poses, stop, iterations, costs)
+
+
+def _damped_step(
+    quadratics: Sequence[Quadratic], poses: np.ndarray, damping: float, max_tries: int = 8
+) -> tuple[np.ndarray, float, bool]:
+    """One accepted step, or the same poses where none of `max_tries` dampings lowers the cost."""
+    equations = NormalEquations([q.normal_blocks(poses) for q in quadratics], len(poses))
+    cost = sum(q.cost(poses) for q in quadratics)
+    growth = 2.0
+    for _ in range(max_tries):
+        delta = equations.step(damping)
+        candidate = se3.retract(poses, delta)
+        predicted = equations.predicted_decrease(delta)
+        # Below rounding of the cost itself, actual over predicted is noise.
+        if predicted <= 1e-12 * cost:
+            return poses, damping, False
+        gain = (cost - sum(q.cost(candidate) for q in quadratics)) / predicted
+        if gain > 0:
+            return candidate, damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), True
+        damping, growth = damping * growth, growth * 2
+    return poses, damping, False

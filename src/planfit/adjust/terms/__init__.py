@@ -1,0 +1,1 @@
+"""Terms of the cost function, one file each."""

@@ -1,0 +1,37 @@
+"""Anchor: some poses stay near where they are given. Holds the gauge where nothing else does."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planfit.adjust.normal_equations import NormalBlocks
+from planfit.geometry import se3
+
+
+@dataclass(frozen=True)
+class AnchorTerm:
+    """Sum of squares of a pose's departure from its anchor, in spreads [rad, m], target axes."""
+
+    pose_idx: np.ndarray  # (k,)
+    target_from_anchors: np.ndarray  # (k, 4, 4)
+    sigma: np.ndarray  # (6,) rad and m; infinity leaves a direction free
+    name: str = "anchor"
+
+    def reweight(self, target_from_cams: np.ndarray) -> tuple["AnchorTerm", float]:
+        """Not robust: the term is its own quadratic."""
+        return self, self.cost(target_from_cams)
+
+    def cost(self, target_from_cams: np.ndarray) -> float:
+        """Half the weighted sum of squares."""
+        departure = se3.difference(target_from_cams[self.pose_idx], self.target_from_anchors)
+        return 0.5 * float(np.sum((departure / self.sigma) ** 2))
+
+    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
+        """Gauss-Newton blocks; the derivative of log is taken as one, exact at the anchor."""
+        departure = se3.difference(target_from_cams[self.pose_idx], self.target_from_anchors)
+        information = 1.0 / self.sigma**2
+        n = len(target_from_cams)
+        gradient = np.zeros((n, 6))
+        gradient[self.pose_idx] = departure * information
+        blocks = np.tile(np.diag(information), (len(self.pose_idx), 1, 1))
+        return NormalBlocks(self.pose_idx, self.pose_idx, blocks, gradient)

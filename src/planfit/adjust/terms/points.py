@@ -1,0 +1,48 @@
+"""3D point error (paper, Eq. L_geom): matched keypoints, lifted by depth, coincide."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planfit.adjust.moments import PairMoments, pair_moments
+from planfit.adjust.robust import Loss, LossKind
+from planfit.adjust.terms.base import Weighting
+from planfit.matching import Matches
+
+
+@dataclass(frozen=True)
+class PointOptions:
+    """Weight and loss of the 3D point error."""
+
+    weight: float = 1.0
+    """Factor on the term; 0 switches it off."""
+    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
+    """Robust loss of |p - p'| in spreads."""
+    max_readings: float = 20.0
+    """Independent readings that a pair's matches are worth at most: they share depth calibration and
+    the interpolation of the depth image."""
+
+
+@dataclass(frozen=True)
+class PointTerm:
+    """Sum over matches of rho(|T_i p - T_j p'| / sigma)."""
+
+    matches: Matches
+    options: PointOptions
+    name: str = "points"
+
+    def reweight(self, target_from_cams: np.ndarray) -> tuple[PairMoments, float]:
+        """One pass over the matches; see `planfit.adjust.moments`."""
+        m = self.matches
+        weighting = Weighting(self.options.max_readings)
+        information = self.options.weight * weighting.information(np.diff(m.start))
+        return pair_moments(
+            m.points_a,
+            m.points_b,
+            m.sigma,
+            m.start,
+            m.pairs,
+            information,
+            target_from_cams,
+            self.options.loss,
+        )

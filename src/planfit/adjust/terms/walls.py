@@ -1,0 +1,63 @@
+"""Walls term, fixed nearest wall (paper, Eq. L_walls^FNW): wall points lie on the plan's wall planes.
+
+The association is made once from the current poses (`planfit.adjust.association`) and kept while the
+poses are solved for. The paper's formula writes the same letter for the scan's plane and the plan's;
+the plan's is meant, else nothing would be pulled to the plan.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planfit.adjust.association import Association
+from planfit.adjust.moments import PlaneMoments, plane_moments
+from planfit.adjust.robust import Loss, LossKind
+from planfit.adjust.terms.base import Weighting
+from planfit.floorplan import Floorplan
+from planfit.structure import Structure
+
+
+@dataclass(frozen=True)
+class WallOptions:
+    """Weight, spread and loss of the walls term."""
+
+    weight: float = 1.0
+    """Factor on the term; 0 switches it off."""
+    sigma_m: float = 0.05
+    """Spread of wall points about the drawn wall: as drawn, as built, as measured."""
+    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
+    """Robust loss of the distance in spreads."""
+    max_readings: float = 4.0
+    """Independent readings that a piece of wall is worth at most."""
+    points_per_reading: float = 60.0
+    """Wall points that make one reading."""
+
+
+@dataclass(frozen=True)
+class WallTerm:
+    """Sum over associated wall points of rho(dist(T_i p, face) / sigma)."""
+
+    structure: Structure
+    floorplan: Floorplan
+    association: Association
+    options: WallOptions
+    name: str = "walls"
+
+    def reweight(self, target_from_cams: np.ndarray) -> tuple[PlaneMoments, float]:
+        """One pass over the wall points; see `planfit.adjust.moments`."""
+        structure, face = self.structure, self.association.face_idx
+        planes = np.zeros((structure.n_patches, 4))
+        planes[:, :2] = self.floorplan.normals[face]
+        planes[:, 3] = -self.floorplan.offsets[face]
+        weighting = Weighting(self.options.max_readings, self.options.points_per_reading)
+        information = weighting.information(np.diff(structure.patch_start))
+        return plane_moments(
+            structure.wall_points_cam,
+            structure.patch_start,
+            structure.patch_frame_idx,
+            planes,
+            self.options.weight * np.where(face >= 0, information, 0.0),
+            target_from_cams,
+            self.options.sigma_m,
+            self.options.loss,
+        )

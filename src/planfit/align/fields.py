@@ -1,0 +1,94 @@
+"""Closeness of any place to the plan's faces, kept apart by the direction they look in."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.ndimage import distance_transform_edt
+
+from planfit.floorplan import Floorplan
+from planfit.geometry import segments
+
+N_SECTORS = 8
+"""Directions of 45 degrees each: opposite faces of one wall never share a field."""
+
+
+@dataclass(frozen=True)
+class FaceFields:
+    """One picture a sector: 1 on a face that looks that way, falling off with distance."""
+
+    fields: np.ndarray  # (N_SECTORS, rows, columns) 0 to 1
+    origin: np.ndarray  # (2,) m, plan frame, of cell (0, 0)
+    cell_m: float
+
+
+def make_face_fields(
+    floorplan: Floorplan, cell_m: float, reach_m: float, margin_m: float
+) -> FaceFields:
+    """Fields exp(-d^2 / 2 reach^2) of the distance d to the faces of each sector."""
+    xy, face = segments.sample(floorplan.ends, cell_m / 2)
+    origin = xy.min(axis=0) - margin_m
+    shape = np.ceil((np.ptp(xy, axis=0) + 2 * margin_m) / cell_m).astype(int) + 1
+    column, row = np.round((xy - origin) / cell_m).astype(int).T
+    angle = np.arctan2(floorplan.normals[:, 1], floorplan.normals[:, 0])[face]
+    fields = np.zeros((N_SECTORS, shape[1], shape[0]), dtype=np.float32)
+    for sector in range(N_SECTORS):
+        off = np.abs(_wrap(angle - sector_angle(sector)))
+        off = np.where(floorplan.is_oriented[face], off, np.minimum(off, np.pi - off))
+        # Sectors overlap by half: a face at a border belongs to both.
+        chosen = off < np.pi / N_SECTORS * 1.5
+        if chosen.any():
+            free = np.ones(fields.shape[1:], dtype=bool)
+            free[row[chosen], column[chosen]] = False
+            distance = distance_transform_edt(free) * cell_m
+            fields[sector] = np.exp(-0.5 * (distance / reach_m) ** 2)
+    return FaceFields(fields, origin, cell_m)
+
+
+class ShiftSearch:
+    """Scores every shift of a set of wall samples at once, by FFT."""
+
+    def __init__(self, fields: FaceFields, extent_m: float) -> None:
+        """Prepare for wall samples that span up to `extent_m`."""
+        self._fields = fields
+        self._extra = int(np.ceil(extent_m / fields.cell_m)) + 2
+        rows, columns = fields.fields.shape[1:]
+        self._shape = (
+            fft.next_fast_len(rows + 2 * self._extra, real=True),
+            fft.next_fast_len(columns + 2 * self._extra, real=True),
+        )
+        self._spectra = fft.rfft2(fields.fields, self._shape, axes=(1, 2))
+
+    def scores(self, xy: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean closeness for every shift on the grid.
+
+        Args:
+            xy: (m, 2) m, wall samples, turned but not shifted.
+            normals: (m, 2) their unit normals.
+
+        Returns scores (rows, columns) and the shift (2,) m that cell (0, 0) stands for; cell (r, c)
+        stands for that plus cell_m * (c, r). The table wraps around: shifts of the plan's own size.
+        """
+        corner = xy.min(axis=0)
+        column, row = np.round((xy - corner) / self._fields.cell_m).astype(int).T
+        angle = np.arctan2(normals[:, 1], normals[:, 0])
+        sector = np.round(angle / (2 * np.pi) * N_SECTORS).astype(int) % N_SECTORS
+        picture = np.zeros((N_SECTORS, *self._shape), dtype=np.float32)
+        np.add.at(picture, (sector, row, column), np.float32(1.0 / len(xy)))
+        spectrum = fft.rfft2(picture, axes=(1, 2))
+        product = np.sum(self._spectra * np.conj(spectrum), axis=0)
+        table = fft.irfft2(product, self._shape)
+        # Negative shifts (the scan reaches beyond the plan) wrap to the far end: bring them in front.
+        table = np.roll(table, (self._extra, self._extra), axis=(0, 1))
+        first = self._fields.origin - corner - self._extra * self._fields.cell_m
+        return table, first
+
+
+def sector_angle(sector: int) -> float:
+    """Middle of a sector, rad."""
+    return sector * 2 * np.pi / N_SECTORS
+
+
+def _wrap(angle: np.ndarray) -> np.ndarray:
+    """To [-pi, pi)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -1,0 +1,161 @@
+"""Keypoints of all frames, matched over pairs and verified: the paper's set M."""
+
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from planfit.geometry import se3
+from planfit.matching.keypoints import KeypointOptions, Keypoints, detect
+from planfit.matching.pairs import PairOptions, choose_pairs
+from planfit.matching.verify import VerifyOptions, point_sigma, verify
+from planfit.scan import Scan
+from planfit.scan.odometry import Odometry
+from planfit.work import Arrays, Work, cache_key
+
+
+@dataclass(frozen=True)
+class MatchingOptions:
+    """How matches between frames are found and verified."""
+
+    keypoints: KeypointOptions = field(default_factory=KeypointOptions)
+    """Which keypoints are kept."""
+    pairs: PairOptions = field(default_factory=PairOptions)
+    """Which frames are tried with which."""
+    verify: VerifyOptions = field(default_factory=VerifyOptions)
+    """When matches are believed."""
+    max_ratio: float = 0.85
+    """Best over second-best descriptor distance; a match above it is ambiguous (Lowe 2004)."""
+    max_motion_sigmas: float = 6.0
+    """A pair whose motion departs from the recorded one by more spreads of drift is a look-alike."""
+    motion_slack_deg: float = 3.0
+    """Departure in turn that is always allowed: the error of the verification itself."""
+    motion_slack_m: float = 0.3
+    """Departure in shift that is always allowed."""
+    seed: int = 0
+    """Seed of the random choices."""
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Verified matches, sorted by pair: `points_a` in the frame of the first of the pair."""
+
+    pairs: np.ndarray  # (p, 2) frame indices, first < second
+    start: np.ndarray  # (p + 1,): matches of pair k are start[k]:start[k + 1]
+    points_a: np.ndarray  # (m, 3) m, camera frame of pairs[k, 0]
+    points_b: np.ndarray  # (m, 3) m, camera frame of pairs[k, 1]
+    sigma: np.ndarray  # (m,) m, spread of points_a - points_b, each axis
+    n_tried: int
+    """Pairs of frames that were tried."""
+    n_keypoints: int
+    """Keypoints with depth, over all frames."""
+
+    @property
+    def n_matches(self) -> int:
+        """Number of verified matches."""
+        return len(self.points_a)
+
+    def n_loops(self, neighbours: int) -> int:
+        """Verified pairs that are further apart in time than `neighbours` frames."""
+        return int(np.sum(self.pairs[:, 1] - self.pairs[:, 0] > neighbours))
+
+
+def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work: Work) -> Matches:
+    """Detect, match and verify; see the options for each step."""
+    key = cache_key("keypoints", scan.fingerprint, options.keypoints)
+    items = work.map("keypoints", key, len(scan), partial(_detect_frame, scan, options))
+    keypoints = [Keypoints(**item) for item in items]
+    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs)
+    spreads = (odometry.sigma_turn.tobytes(), odometry.sigma_shift.tobytes())
+    key = cache_key("matches", key, options, scan.world_from_cams.tobytes(), spreads)
+    compute = partial(_match_pair, scan, keypoints, pairs, odometry, options)
+    found = work.map("matches", key, len(pairs), compute, chunk_size=64)
+    sizes = np.array([len(item["points_a"]) for item in found], dtype=int)
+    some = np.flatnonzero(sizes)
+    points = {
+        name: np.concatenate([found[k][name] for k in some] or [np.zeros((0, 3))])
+        for name in ("points_a", "points_b")
+    }
+    spread = partial(point_sigma, options=options.verify)
+    return Matches(
+        pairs=pairs[some],
+        start=np.cumsum([0, *sizes[some]]),
+        sigma=np.hypot(spread(points["points_a"][:, 2]), spread(points["points_b"][:, 2])),
+        n_tried=len(pairs),
+        n_keypoints=sum(len(k) for k in keypoints),
+        **points,
+    )
+
+
+def match_descriptors(a: np.ndarray, b: np.ndarray, max_ratio: float) -> np.ndarray:
+    """Mutual nearest neighbours (m, 2) among descriptors (k, d) and (l, d) that pass the ratio test."""
+    if len(a) < 2 or len(b) < 2:
+        return np.zeros((0, 2), dtype=int)
+    a, b = a.astype(np.float32), b.astype(np.float32)
+    distance_sq = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2.0 * (a @ b.T)
+    nearest = np.argmin(distance_sq, axis=1)
+    rows = np.arange(len(a))
+    best = distance_sq[rows, nearest]
+    mutual = np.argmin(distance_sq, axis=0)[nearest] == rows
+    distance_sq[rows, nearest] = np.inf
+    clear = best < max_ratio**2 * distance_sq.min(axis=1)
+    idx = np.flatnonzero(mutual & clear)
+    return np.stack([idx, nearest[idx]], axis=1)
+
+
+def _detect_frame(scan: Scan, options: MatchingOptions, i: int) -> Arrays:
+    found = detect(scan.files.color(i), scan.files.depth(i), scan.cameras[i], options.keypoints)
+    return {"uv": found.uv, "points_cam": found.points_cam, "descriptors": found.descriptors}
+
+
+def _match_pair(
+    scan: Scan,
+    keypoints: list[Keypoints],
+    pairs: np.ndarray,
+    odometry: Odometry,
+    options: MatchingOptions,
+    k: int,
+) -> Arrays:
+    """Verified matches of one pair; none where the pair does not hold together."""
+    i, j = (int(v) for v in pairs[k])
+    a, b = keypoints[i], keypoints[j]
+    none = {"points_a": np.zeros((0, 3)), "points_b": np.zeros((0, 3))}
+    idx = match_descriptors(a.descriptors, b.descriptors, options.max_ratio)
+    if len(idx) < options.verify.min_inliers:
+        return none
+    points_a, points_b = a.points_cam[idx[:, 0]].astype(float), b.points_cam[idx[:, 1]].astype(float)
+    motion = verify(
+        points_a,
+        points_b,
+        a.uv[idx[:, 0]],
+        b.uv[idx[:, 1]],
+        scan.cameras[i],
+        scan.cameras[j],
+        options.verify,
+        np.random.default_rng([options.seed, i, j]),
+    )
+    if motion is None:
+        return none
+    recorded = se3.inverse(scan.world_from_cams[i]) @ scan.world_from_cams[j]
+    if not _is_possible(motion.a_from_b, recorded, odometry, i, j, options):
+        return none
+    return {"points_a": points_a[motion.is_inlier], "points_b": points_b[motion.is_inlier]}
+
+
+def _is_possible(
+    a_from_b: np.ndarray,
+    recorded: np.ndarray,
+    odometry: Odometry,
+    i: int,
+    j: int,
+    options: MatchingOptions,
+) -> bool:
+    """Whether drift can explain how a verified motion departs from the recorded one."""
+    sigma_turn, sigma_shift = odometry.spread_between(np.array(i), np.array(j))
+    turn = float(se3.rotation_angle(recorded[:3, :3].T @ a_from_b[:3, :3]))
+    shift = float(np.linalg.norm(recorded[:3, 3] - a_from_b[:3, 3]))
+    most = options.max_motion_sigmas
+    return bool(
+        turn < most * sigma_turn + np.deg2rad(options.motion_slack_deg)
+        and shift < most * sigma_shift + options.motion_slack_m
+    )

@@ -1,0 +1,139 @@
+"""Which matches between two frames agree with one rigid motion, by their depths."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planfit.geometry import se3
+from planfit.geometry.camera import Camera
+
+
+@dataclass(frozen=True)
+class VerifyOptions:
+    """When matches are believed."""
+
+    sigma_base_m: float = 0.02
+    """Spread of a lifted keypoint at no distance, each axis."""
+    sigma_per_m: float = 0.01
+    """Growth of that spread with depth."""
+    max_sigmas: float = 3.0
+    """Distance between two lifted keypoints, in spreads, up to which they are one point."""
+    max_reprojection_px: float = 4.0
+    """Distance in either image up to which they are one point."""
+    min_inliers: int = 15
+    """Matches that must agree; fewer do so by chance among look-alike textures."""
+    min_inlier_ratio: float = 0.2
+    """Share of the tentative matches that must agree."""
+    rounds: int = 300
+    """Random triples tried."""
+
+
+@dataclass(frozen=True)
+class RelativePose:
+    """Matches of one pair that agree, and the motion they agree on."""
+
+    a_from_b: np.ndarray  # (4, 4)
+    is_inlier: np.ndarray  # (m,) bool
+
+
+def point_sigma(depth: np.ndarray, options: VerifyOptions) -> np.ndarray:
+    """Spread of a lifted keypoint (m), each axis, at a depth (m)."""
+    return options.sigma_base_m + options.sigma_per_m * depth
+
+
+def verify(
+    points_a: np.ndarray,
+    points_b: np.ndarray,
+    uv_a: np.ndarray,
+    uv_b: np.ndarray,
+    camera_a: Camera,
+    camera_b: Camera,
+    options: VerifyOptions,
+    rng: np.random.Generator,
+) -> RelativePose | None:
+    """RANSAC (Fischler and Bolles 1981) over rigid motions from triples of lifted matches.
+
+    Args:
+        points_a, points_b: (m, 3) m, camera frames.
+        uv_a, uv_b: (m, 2) px.
+
+    Returns None where too few agree.
+    """
+    m = len(points_a)
+    if m < max(options.min_inliers, 3):
+        return None
+    tolerance = options.max_sigmas * np.hypot(
+        point_sigma(points_a[:, 2], options), point_sigma(points_b[:, 2], options)
+    )
+    triples = _rigid_triples(points_a, points_b, tolerance, options.rounds, rng)
+    if len(triples) == 0:
+        return None
+    candidates = _fit_triples(points_a[triples], points_b[triples])
+    distance = np.linalg.norm(se3.transform(candidates, points_b) - points_a, axis=-1)
+    # Truncated squares rather than counts (MSAC): ties among good hypotheses go to the tighter one.
+    score = np.minimum((distance / tolerance) ** 2, 1.0).sum(axis=1)
+    a_from_b = candidates[np.argmin(score)]
+    is_inlier = np.zeros(m, dtype=bool)
+    for _ in range(4):
+        is_inlier = _agree(
+            a_from_b, points_a, points_b, uv_a, uv_b, camera_a, camera_b, tolerance, options
+        )
+        if is_inlier.sum() < max(options.min_inliers, options.min_inlier_ratio * m):
+            return None
+        a_from_b = se3.fit_rigid(
+            points_b[is_inlier], points_a[is_inlier], 1.0 / tolerance[is_inlier] ** 2
+        )
+    return RelativePose(a_from_b, is_inlier)
+
+
+def _rigid_triples(
+    points_a: np.ndarray,
+    points_b: np.ndarray,
+    tolerance: np.ndarray,
+    rounds: int,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Triples (r, 3) of matches whose three mutual distances agree in both frames.
+
+    A rigid motion keeps distances, so most wrong triples fall here, before any fit; four times the
+    rounds are drawn for that reason.
+    """
+    triples = rng.integers(len(points_a), size=(4 * rounds, 3))
+    a, b, t = points_a[triples], points_b[triples], tolerance[triples]
+    ok = np.ones(len(triples), dtype=bool)
+    for j, k in ((0, 1), (1, 2), (2, 0)):
+        side_a = np.linalg.norm(a[:, j] - a[:, k], axis=1)
+        side_b = np.linalg.norm(b[:, j] - b[:, k], axis=1)
+        ok &= (np.abs(side_a - side_b) < np.hypot(t[:, j], t[:, k])) & (side_a > 0.2)
+    return triples[ok][:rounds]
+
+
+def _fit_triples(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Rigid a_from_b (r, 4, 4) of triples (r, 3, 3), all at once (Kabsch)."""
+    mean_a, mean_b = a.mean(axis=1), b.mean(axis=1)
+    covariance = np.swapaxes(a - mean_a[:, None], 1, 2) @ (b - mean_b[:, None])
+    rotation = se3.project_to_so3(covariance)
+    return se3.make_transform(rotation, mean_a - (rotation @ mean_b[..., None])[..., 0])
+
+
+def _agree(
+    a_from_b: np.ndarray,
+    points_a: np.ndarray,
+    points_b: np.ndarray,
+    uv_a: np.ndarray,
+    uv_b: np.ndarray,
+    camera_a: Camera,
+    camera_b: Camera,
+    tolerance: np.ndarray,
+    options: VerifyOptions,
+) -> np.ndarray:
+    """Which matches (m,) lie together in 3D and in both images."""
+    b_in_a = se3.transform(a_from_b, points_b)
+    a_in_b = se3.transform(se3.inverse(a_from_b), points_a)
+    error_a = np.linalg.norm(camera_a.project(b_in_a) - uv_a, axis=1)
+    error_b = np.linalg.norm(camera_b.project(a_in_b) - uv_b, axis=1)
+    return (
+        (np.linalg.norm(b_in_a - points_a, axis=1) < tolerance)
+        & (error_a < options.max_reprojection_px)
+        & (error_b < options.max_reprojection_px)
+    )

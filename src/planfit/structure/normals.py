@@ -1,0 +1,51 @@
+"""Normals of a depth image."""
+
+import cv2
+import numpy as np
+
+
+def depth_normals(points: np.ndarray, radius_px: int, step_px: int = 1) -> np.ndarray:
+    """Unit normals of lifted depth (h, w, 3) at every `step_px`-th pixel each way, towards the camera.
+
+    Returns (h', w', 3), the shape of `points[::step_px, ::step_px]`; NaN where unsure. Central
+    differences over `radius_px` of box-smoothed points: the noise of a normal falls with the baseline.
+    A window with a hole or over a border gives NaN.
+    """
+    smooth = cv2.blur(points.astype(np.float32), (radius_px, radius_px))  # NaN spreads, as it should
+    height, width = points.shape[:2]
+    rows, columns = np.arange(0, height, step_px), np.arange(0, width, step_px)
+    r = radius_px
+    left, right = smooth[::step_px][:, columns - r], smooth[::step_px][:, (columns + r) % width]
+    above, below = smooth[rows - r][:, ::step_px], smooth[(rows + r) % height][:, ::step_px]
+    across, down = right - left, below - above
+    normal = _cross(down, across)
+    length = np.sqrt(np.sum(normal**2, axis=-1, keepdims=True))
+    normal /= np.where(length > 0, length, np.nan)
+    facing = np.sum(normal * points[::step_px, ::step_px], axis=-1, keepdims=True)
+    normal *= np.where(facing > 0, -1.0, 1.0).astype(np.float32)
+    normal[(rows < r) | (rows >= height - r)] = np.nan
+    normal[:, (columns < r) | (columns >= width - r)] = np.nan
+    return normal
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product over the last axis; three times as fast as `numpy.cross` on images."""
+    return np.stack(
+        [
+            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
+            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
+            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
+        ],
+        axis=-1,
+    )
+
+
+def depth_edges(depth: np.ndarray, step_share: float, step_m: float = 0.03) -> np.ndarray:
+    """Pixels (h, w) bool within 2 px of a jump of depth, or of a hole.
+
+    A jump is more than `step_share` of the depth plus `step_m`.
+    """
+    filled = np.nan_to_num(depth, nan=1e3)
+    window = np.ones((5, 5), np.uint8)
+    spread = cv2.dilate(filled, window) - cv2.erode(filled, window)
+    return spread > step_share * filled + step_m

@@ -1,0 +1,91 @@
+"""Upright planar patches among the wall points of one frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class PatchOptions:
+    """When wall points of a frame form one flat piece of wall."""
+
+    tolerance_m: float = 0.04
+    """Points within this, plus `tolerance_per_m` of their distance, lie on the piece."""
+    tolerance_per_m: float = 0.004
+    """Growth of the tolerance with distance from the camera."""
+    min_points: int = 60
+    """Fewer sampled points are clutter."""
+    min_length_m: float = 0.5
+    """Shorter pieces say little about the direction of their wall."""
+    max_per_frame: int = 8
+    """Pieces looked for in a frame, largest first."""
+    rounds: int = 200
+    """Random pairs of points tried for each piece."""
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A flat upright piece of wall in a frame turned level, seen from its origin."""
+
+    point_idx: np.ndarray  # (k,) into the points given
+    normal: np.ndarray  # (2,) unit, towards the camera
+    ends: np.ndarray  # (2, 2) m
+
+
+def find_patches(xy: np.ndarray, options: PatchOptions, rng: np.random.Generator) -> list[Patch]:
+    """Sequential RANSAC for lines among wall points (n, 2) m seen from above, camera at the origin."""
+    patches: list[Patch] = []
+    left = np.arange(len(xy))
+    tolerance = options.tolerance_m + options.tolerance_per_m * np.linalg.norm(xy, axis=1)
+    while len(left) >= options.min_points and len(patches) < options.max_per_frame:
+        members = left[_largest_line(xy[left], tolerance[left], options, rng)]
+        if len(members) < options.min_points:
+            break
+        left = np.setdiff1d(left, members, assume_unique=True)
+        patch = _make_patch(xy, members, options)
+        if patch is not None:
+            patches.append(patch)
+    return patches
+
+
+def _largest_line(
+    xy: np.ndarray, tolerance: np.ndarray, options: PatchOptions, rng: np.random.Generator
+) -> np.ndarray:
+    """Indices of the points on the best-supported line, refitted twice."""
+    pairs = rng.integers(len(xy), size=(options.rounds, 2))
+    along = xy[pairs[:, 1]] - xy[pairs[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    pairs, along = pairs[length > 0.2], along[length > 0.2] / length[length > 0.2, None]
+    if len(pairs) == 0:
+        return np.zeros(0, dtype=int)
+    normals = np.stack([-along[:, 1], along[:, 0]])  # (2, r)
+    offsets = np.sum(normals.T * xy[pairs[:, 0]], axis=1)
+    is_near = np.abs(xy @ normals - offsets) < tolerance[:, None]
+    on_line = is_near[:, np.argmax(is_near.sum(axis=0))]
+    for _ in range(2):
+        normal, centre = _fit_line(xy[on_line])
+        on_line = np.abs((xy - centre) @ normal) < tolerance
+    return np.flatnonzero(on_line)
+
+
+def _fit_line(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    centre = xy.mean(axis=0)
+    _, vectors = np.linalg.eigh((xy - centre).T @ (xy - centre))
+    return vectors[:, 0], centre
+
+
+def _make_patch(xy: np.ndarray, members: np.ndarray, options: PatchOptions) -> Patch | None:
+    """Cut the longest run without a gap of half a metre out of a line's members."""
+    normal, centre = _fit_line(xy[members])
+    if normal @ centre > 0:
+        normal = -normal
+    along = np.array([-normal[1], normal[0]])
+    at = (xy[members] - centre) @ along
+    order = np.argsort(at)
+    breaks = np.flatnonzero(np.diff(at[order]) > 0.5) + 1
+    run = max(np.split(order, breaks), key=len)
+    low, high = np.quantile(at[run], [0.02, 0.98])
+    if len(run) < options.min_points or high - low < options.min_length_m:
+        return None
+    ends = centre + np.outer([low, high], along)
+    return Patch(np.sort(members[run]), normal, ends)

@@ -1,0 +1,131 @@
+"""Work over many frames or pairs: in parallel, with progress, kept in a cache, safe to interrupt."""
+
+import hashlib
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from planfit.errors import OutputError
+
+Arrays = dict[str, np.ndarray]
+Progress = Callable[[str, int, int], None]
+"""Called with the stage's name, how many items are done, and of how many."""
+
+
+def cache_key(*parts: object) -> str:
+    """Short name for a stage's result: changes when any part's `repr` does."""
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Work:
+    """How a run does its work. The default keeps nothing and says nothing."""
+
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Threads; the heavy parts (OpenCV, NumPy, numba) let go of the interpreter's lock."""
+    cache_dir: Path | None = None
+    """Folder that keeps finished chunks, so that a run that was stopped goes on where it was."""
+    on_progress: Progress | None = None
+    """Told how far each stage is."""
+
+    def map(
+        self,
+        stage: str,
+        key: str,
+        n_items: int,
+        compute: Callable[[int], Arrays],
+        chunk_size: int = 32,
+    ) -> list[Arrays]:
+        """Arrays of each item 0..n_items-1, in order, computed in parallel or taken from the cache.
+
+        Args:
+            stage: name for progress and for the folder in the cache.
+            key: from `cache_key`; whatever the result depends on must be in it.
+            n_items: how many items there are.
+            compute: gives the named arrays of one item; called from several threads.
+            chunk_size: items that are kept together in one file.
+        """
+        starts = range(0, n_items, chunk_size)
+        chunks: dict[int, list[Arrays]] = {}
+        done = 0
+        folder = self._folder(stage, key)
+
+        def one_chunk(start: int) -> list[Arrays]:
+            # Each worker has a core to itself: BLAS threads beside it would only fight over cores.
+            with threadpool_limits(1, user_api="blas"):
+                return [compute(i) for i in range(start, min(start + chunk_size, n_items))]
+
+        missing = []
+        for start in starts:
+            kept = _load(folder / f"{start:06d}.npz") if folder else None
+            if kept is None:
+                missing.append(start)
+            else:
+                chunks[start] = kept
+                done += len(kept)
+        self.report(stage, done, n_items)
+        pool = ThreadPoolExecutor(self.workers)
+        try:
+            futures = {pool.submit(one_chunk, start): start for start in missing}
+            for future in as_completed(futures):
+                start = futures[future]
+                chunks[start] = future.result()
+                if folder:
+                    _save(folder / f"{start:06d}.npz", chunks[start])
+                done += len(chunks[start])
+                self.report(stage, done, n_items)
+        finally:
+            # On an error or Ctrl-C: chunks not yet begun are dropped, finished ones are on disk.
+            pool.shutdown(wait=True, cancel_futures=True)
+        return [item for start in starts for item in chunks[start]]
+
+    def report(self, stage: str, done: int, total: int) -> None:
+        """Tell the listener, if there is one."""
+        if self.on_progress:
+            self.on_progress(stage, done, total)
+
+    def _folder(self, stage: str, key: str) -> Path | None:
+        if self.cache_dir is None:
+            return None
+        folder = self.cache_dir / f"{stage}-{key}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
+        return folder
+
+
+def _load(path: Path) -> list[Arrays] | None:
+    """A kept chunk, or None where there is none or the file is damaged (it is then made again)."""
+    if not path.exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            items: list[Arrays] = [{} for _ in range(int(data["n_items"]))]
+            for name in data.files:
+                if name != "n_items":
+                    idx, key = name.split("/", 1)
+                    items[int(idx)][key] = data[name]
+            return items
+    except (OSError, ValueError, KeyError, EOFError):
+        return None
+
+
+def _save(path: Path, items: list[Arrays]) -> None:
+    arrays = {f"{i}/{key}": value for i, item in enumerate(items) for key, value in item.items()}
+    temporary = path.with_suffix(".part")
+    try:
+        with temporary.open("wb") as file:
+            np.savez(file, allow_pickle=False, n_items=np.array(len(items)), **arrays)
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise OutputError(
+            f"{path}: cannot be written ({error.strerror}); free disk space and run again, "
+            "finished work is kept"
+        ) from error
