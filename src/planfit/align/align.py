@@ -5,7 +5,7 @@ Fine: the best places are refined against the faces, and the best two distinct o
 that a building which fits its plan in two ways is reported and not guessed.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -57,7 +57,9 @@ class Alignment:
     """Share of scanned wall that lies on faces of the plan."""
     runner_up: Fit | None
     """The best place elsewhere."""
-    warnings: tuple[str, ...] = field(default=())
+    is_as_recorded: bool = False
+    """Whether it agrees with the place that the scan's format claims."""
+    warnings: tuple[str, ...] = ()
     """What a user should know, in words."""
 
     @property
@@ -95,32 +97,32 @@ def align(
     fits.sort(key=lambda fit: -fit.score)
     best = fits[0]
     warnings: list[str] = []
+    is_as_recorded = False
     if recorded is not None:
         near = next(
             (f for f in fits if _distance_m(f, recorded, walls) < options.near_recorded_m), None
         )
         if near is not None and near.score >= 0.8 * best.score:
-            best = near
+            best, is_as_recorded = near, True
         else:
             warnings.append(
                 "the scan's format says its poses are in the plan's axes, but the walls fit "
                 f"{_distance_m(best, recorded, walls):.1f} m away from there; that place was taken"
             )
     runner_up = next((f for f in fits if _is_distinct(f, best, walls, options)), None)
-    alignment = Alignment(best.transform, best.score, runner_up)
+    margin = best.score - (runner_up.score if runner_up else 0.0)
     if best.score < options.min_score:
         warnings.append(
             f"only {best.score:.0%} of the scanned wall lies on the plan's faces (at least "
             f"{options.min_score:.0%} expected); is it the plan of this building, in metres?"
         )
-    is_given = recorded is not None and not warnings
-    if runner_up and alignment.margin < options.min_margin and not is_given:
+    if runner_up and margin < options.min_margin and not is_as_recorded:
         warnings.append(
             f"ambiguous: two places on the plan fit almost equally well ({best.score:.0%} and "
             f"{runner_up.score:.0%} of the wall), {_gap_m(best, runner_up, walls):.1f} m and "
             f"{abs(np.rad2deg(_angle(best.yaw - runner_up.yaw))):.0f} deg apart"
         )
-    return Alignment(best.transform, best.score, runner_up, tuple(warnings))
+    return Alignment(best.transform, best.score, runner_up, is_as_recorded, tuple(warnings))
 
 
 def candidate_turns(walls: WallSamples, floorplan: Floorplan, max_turns: int) -> np.ndarray:

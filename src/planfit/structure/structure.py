@@ -55,6 +55,8 @@ class Structure:
     floor_points_cam: np.ndarray  # (f, 3) m
     floor_start: np.ndarray  # (n_frames + 1,): points of frame i are start[i]:start[i + 1]
     wall_points_cam: np.ndarray  # (w, 3) m
+    loose_points_cam: np.ndarray  # (l, 3) m, wall points that lie on no flat piece
+    loose_frame_idx: np.ndarray  # (l,)
     patch_start: np.ndarray  # (k + 1,): wall points of patch j are start[j]:start[j + 1]
     patch_frame_idx: np.ndarray  # (k,)
     patch_normals_cam: np.ndarray  # (k, 3) unit, level, towards the camera
@@ -68,6 +70,16 @@ class Structure:
     def n_patches(self) -> int:
         """Number of wall patches."""
         return len(self.patch_frame_idx)
+
+    @property
+    def floor_frame_idx(self) -> np.ndarray:
+        """(f,) frame of each floor point."""
+        return np.repeat(np.arange(len(self.floor_start) - 1), np.diff(self.floor_start))
+
+    @property
+    def wall_frame_idx(self) -> np.ndarray:
+        """(w,) frame of each wall point on a patch."""
+        return np.repeat(self.patch_frame_idx, np.diff(self.patch_start))
 
 
 def level_from_world(gravity: Gravity, floor_height_m: float) -> np.ndarray:
@@ -146,6 +158,7 @@ def _frame_structure(
     return {
         "floor": floor,
         "wall": wall[kept],
+        "loose": np.delete(wall, kept, axis=0),
         "patch_size": np.array([len(p.point_idx) for p in patches], dtype=int),
         "normals": normals @ turn,
         "ends": ends @ turn,
@@ -185,6 +198,8 @@ def _gather(items: list[Arrays], upright_from_cams: np.ndarray, back_end: str) -
         floor_points_cam=floor,
         floor_start=floor_start,
         wall_points_cam=np.concatenate([item["wall"] for item in items]),
+        loose_points_cam=np.concatenate([item["loose"] for item in items]),
+        loose_frame_idx=np.repeat(np.arange(len(items)), [len(item["loose"]) for item in items]),
         patch_start=np.cumsum([0, *patch_sizes]),
         patch_frame_idx=np.repeat(
             np.arange(len(items)), [len(item["patch_size"]) for item in items]

@@ -1,0 +1,76 @@
+"""What a user should know before trusting a result: each doubt in plain words, with what to do."""
+
+from planfit.adjust import WallsPulled
+from planfit.align import Alignment
+from planfit.checks import Check
+from planfit.matching import Matches
+from planfit.scan import Scan
+from planfit.structure import Gravity, Structure
+
+
+def scan_doubts(
+    scan: Scan, gravity: Gravity, structure: Structure, matches: Matches, neighbours: int
+) -> tuple[str, ...]:
+    """Doubts about what the scan shows."""
+    doubts = []
+    if len(scan) < 20:
+        doubts.append(
+            f"only {len(scan)} frames: there is little to hold the poses together; "
+            "more frames with overlap give a surer result"
+        )
+    if gravity.confidence < 0.05:
+        doubts.append(
+            f"gravity is unsure (from {gravity.source}); check that the floor is level in the report"
+        )
+    if len(structure.floor_points_cam) == 0:
+        doubts.append(
+            "no floor was seen: height and tilt follow the recorded poses; "
+            "tilt the camera down while scanning, or give floor masks"
+        )
+    if structure.n_patches == 0:
+        doubts.append(
+            "no wall was seen: the scan cannot be placed on the plan by its walls, and only the "
+            "matches and the floor were used; give wall masks, or scan more of the walls"
+        )
+    if matches.n_matches == 0:
+        doubts.append(
+            "no two frames could be matched: poses were refined by floor and walls alone; "
+            "check that colour images are sharp and belong to the depth"
+        )
+    elif matches.n_loops(neighbours) == 0:
+        doubts.append(
+            "no place was seen to be visited again (no loop): drift along the path is corrected by "
+            "walls and floor only"
+        )
+    return tuple(doubts)
+
+
+def fit_doubts(
+    alignment: Alignment | None,
+    is_place_claimed: bool,
+    pulled: WallsPulled,
+    structure: Structure,
+    checks: tuple[Check, ...],
+) -> tuple[str, ...]:
+    """Doubts about how scan and plan came together."""
+    doubts = list(alignment.warnings) if alignment else []
+    if alignment is None and not is_place_claimed:
+        doubts.append("the scan is not placed on the plan: its own axes were kept, levelled")
+    n_patches, n_associated = structure.n_patches, pulled.association.n_associated
+    if n_patches and n_associated < 0.5 * n_patches:
+        doubts.append(
+            f"{n_patches - n_associated} of {n_patches} pieces of scanned wall found no face on the "
+            "plan; parts of the plan may be missing, moved or out of date"
+        )
+    if not pulled.settled:
+        doubts.append(
+            "walls and faces were still changing partners when the rounds ran out; "
+            "raise adjust.max-alternations"
+        )
+    doubts += [
+        f"worse than before: {check.name} went from {check.before:.3g} to {check.after:.3g} "
+        f"{check.unit}; do not use these poses without looking at the report"
+        for check in checks
+        if check.is_worse
+    ]
+    return tuple(doubts)

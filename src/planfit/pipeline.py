@@ -1,0 +1,200 @@
+"""The method on one screen: from a posed scan and a floorplan to poses that fit the plan."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planfit import checks
+from planfit.adjust import AdjustOptions, Evidence, WallsPulled, close_loops, pull_walls
+from planfit.adjust.association import patches_in_plan
+from planfit.align import Alignment, AlignOptions, align, sample_walls
+from planfit.doubts import fit_doubts, scan_doubts
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3
+from planfit.matching import Matches, MatchingOptions, find_matches
+from planfit.scan import Scan
+from planfit.scan.odometry import OdometryOptions, make_odometry
+from planfit.structure import (
+    Gravity,
+    Structure,
+    StructureOptions,
+    extract_structure,
+    find_gravity,
+    level_from_world,
+)
+from planfit.work import Work
+
+
+@dataclass(frozen=True)
+class RefineOptions:
+    """Everything that can be chosen about a run."""
+
+    odometry: OdometryOptions = field(default_factory=OdometryOptions)
+    """How far the recorded motion may be off."""
+    structure: StructureOptions = field(default_factory=StructureOptions)
+    """Gravity, floor and walls in the scan."""
+    matching: MatchingOptions = field(default_factory=MatchingOptions)
+    """Keypoint matches between frames."""
+    align: AlignOptions = field(default_factory=AlignOptions)
+    """The scan's place on the plan."""
+    adjust: AdjustOptions = field(default_factory=AdjustOptions)
+    """The bundle adjustment."""
+    held_out_share: float = 0.1
+    """Share of matches kept out of the solve, to check that it did not make things worse."""
+    seed: int = 0
+    """Seed of that choice."""
+
+
+@dataclass(frozen=True)
+class RefineResult:
+    """Refined poses, and all that is needed to judge them."""
+
+    plan_from_cams: np.ndarray  # (n, 4, 4) refined
+    initial_plan_from_cams: np.ndarray  # (n, 4, 4) recorded poses, placed on the plan as a whole
+    world_from_plan: np.ndarray  # (4, 4) back to the scan's own axes and height
+    gravity: Gravity
+    structure: Structure
+    matches: Matches
+    alignment: Alignment | None
+    """None where no wall was seen, so that the scan could not be placed by its walls."""
+    walls: WallsPulled
+    cost_by_term: dict[str, tuple[float, float]]
+    """Robust cost of each term, before and after."""
+    checks: tuple[checks.Check, ...]
+    doubts: tuple[str, ...]
+    """What a user should know before trusting the result, in plain words."""
+    seconds_by_stage: dict[str, float]
+
+    @property
+    def world_from_cams(self) -> np.ndarray:
+        """(n, 4, 4) refined poses in the scan's own axes."""
+        return self.world_from_plan @ self.plan_from_cams
+
+    @property
+    def is_better(self) -> bool:
+        """Whether the scan was placed on the plan and no check got worse."""
+        return self.alignment is not None and not any(check.is_worse for check in self.checks)
+
+
+def refine(
+    scan: Scan,
+    floorplan: Floorplan,
+    options: RefineOptions | None = None,
+    work: Work | None = None,
+) -> RefineResult:
+    """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan.
+
+    Args:
+        scan: posed RGB-D frames.
+        floorplan: wall faces in metres.
+        options: defaults to what works best.
+        work: threads, cache and progress; by default nothing is kept and nothing is said.
+
+    Raises:
+        ScanError: a file of the scan cannot be used.
+    """
+    options, work = options or RefineOptions(), work or Work()
+    clock = _Clock(work)
+
+    with clock.stage("level"):
+        gravity = find_gravity(scan, options.structure.gravity, work)
+    with clock.stage("floor and walls"):
+        structure = extract_structure(scan, gravity, options.structure, work)
+    with clock.stage("matches"):
+        odometry = make_odometry(scan.world_from_cams, options.odometry)
+        matches = find_matches(scan, odometry, options.matching, work)
+
+    rng = np.random.default_rng(options.seed)
+    solving, held_out = checks.hold_out(matches, options.held_out_share, rng)
+    evidence = Evidence(solving, structure, odometry)
+    level = level_from_world(gravity, structure.floor_height_m)
+    recorded = level @ scan.world_from_cams
+    with clock.stage("close loops"):
+        level_from_cams = close_loops(evidence, recorded, options.adjust).target_from_cams
+    with clock.stage("place on the plan"):
+        claimed = _claimed_place(scan, level)
+        alignment = _place(structure, level_from_cams, floorplan, options.align, claimed)
+        plan_from_level = alignment.plan_from_level if alignment else claimed
+    with clock.stage("pull walls"):
+        start = np.eye(4) if plan_from_level is None else plan_from_level
+        pulled = pull_walls(evidence, floorplan, start @ level_from_cams, options.adjust)
+
+    if claimed is not None and (alignment is None or alignment.is_as_recorded):
+        start = claimed
+    before, after = start @ recorded, pulled.solution.target_from_cams
+    with clock.stage("check"):
+        found = (
+            checks.match_check(held_out, before, after),
+            checks.wall_check(structure, floorplan, before, after),
+        )
+        agreed = (floorplan, pulled.association)
+        costs = [evidence.costs(poses, options.adjust, agreed) for poses in (before, after)]
+    judged = tuple(check for check in found if check)
+    return RefineResult(
+        plan_from_cams=after,
+        initial_plan_from_cams=before,
+        world_from_plan=_world_from_plan(start @ level, before, after),
+        gravity=gravity,
+        structure=structure,
+        matches=matches,
+        alignment=alignment,
+        walls=pulled,
+        cost_by_term={name: (costs[0][name], costs[1][name]) for name in costs[0]},
+        checks=judged,
+        doubts=(
+            *scan_doubts(scan, gravity, structure, matches, options.matching.pairs.neighbours),
+            *fit_doubts(alignment, claimed is not None, pulled, structure, judged),
+        ),
+        seconds_by_stage=clock.seconds,
+    )
+
+
+def _claimed_place(scan: Scan, level_from_world: np.ndarray) -> np.ndarray | None:
+    """plan_from_level (4, 4) where the scan's format records poses in the plan's axes."""
+    if scan.plan_from_world_axes is None:
+        return None
+    claimed = scan.plan_from_world_axes @ se3.inverse(level_from_world)
+    claimed[2, 3] = 0.0  # the floor is at z = 0 in both frames
+    return claimed
+
+
+def _place(
+    structure: Structure,
+    level_from_cams: np.ndarray,
+    floorplan: Floorplan,
+    options: AlignOptions,
+    claimed: np.ndarray | None,
+) -> Alignment | None:
+    """The scan's place on the plan, by its walls; None where it shows none."""
+    if structure.n_patches == 0:
+        return None
+    walls = sample_walls(*patches_in_plan(structure, level_from_cams))
+    return align(walls, floorplan, options, claimed)
+
+
+def _world_from_plan(
+    plan_from_world: np.ndarray, before: np.ndarray, after: np.ndarray
+) -> np.ndarray:
+    """Back to the recorded axes. The height is that of the first frame as recorded: later ones have
+    drifted, and the plan says nothing of heights."""
+    lift = np.array([0.0, 0.0, before[0, 2, 3] - after[0, 2, 3]])
+    return se3.inverse(plan_from_world) @ se3.make_transform(np.eye(3), lift)
+
+
+class _Clock:
+    """Times stages and reports that they began."""
+
+    def __init__(self, work: Work) -> None:
+        self.seconds: dict[str, float] = {}
+        self._work = work
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        self._work.report(name, 0, 1)
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - begin
+        self._work.report(name, 1, 1)
