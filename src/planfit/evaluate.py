@@ -1,0 +1,109 @@
+"""Trajectory errors against true poses: absolute (ATE) and relative (RPE), with and without alignment."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planfit.errors import ScanError
+from planfit.geometry import se3
+
+
+@dataclass(frozen=True)
+class PositionErrors:
+    """Absolute trajectory error: distances between estimated and true camera positions."""
+
+    rms_m: float
+    """In the frame given, without any alignment to the truth."""
+    mean_m: float
+    max_m: float
+    mean_offset_m: tuple[float, float, float]
+    """Mean of estimated minus true position, by axis: a whole scan misplaced shows up here."""
+    aligned_rms_m: float
+    """After the rigid motion that brings the positions closest (Umeyama, without scale)."""
+    turn_mean_deg: float
+    """Mean angle between estimated and true orientation, without alignment."""
+
+
+@dataclass(frozen=True)
+class StepErrors:
+    """Relative pose error over a path length: error of the motion from a frame to a later one."""
+
+    delta_m: float
+    """Path length between the two frames."""
+    n_pairs: int
+    shift_rms_m: float
+    turn_rms_deg: float
+
+
+def position_errors(target_from_cams: np.ndarray, true_from_cams: np.ndarray) -> PositionErrors:
+    """Compare poses (n, 4, 4) with true ones (n, 4, 4) in the same frame."""
+    positions, truth = target_from_cams[:, :3, 3], true_from_cams[:, :3, 3]
+    offset = positions - truth
+    distance = np.linalg.norm(offset, axis=1)
+    aligned = distance
+    if len(positions) >= 3:
+        moved = se3.transform(se3.fit_rigid(positions, truth), positions)
+        aligned = np.linalg.norm(moved - truth, axis=1)
+    turn = se3.rotation_angle(
+        np.swapaxes(true_from_cams[:, :3, :3], 1, 2) @ target_from_cams[:, :3, :3]
+    )
+    x, y, z = (float(v) for v in offset.mean(axis=0))
+    return PositionErrors(
+        rms_m=_rms(distance),
+        mean_m=float(distance.mean()),
+        max_m=float(distance.max()),
+        mean_offset_m=(x, y, z),
+        aligned_rms_m=_rms(aligned),
+        turn_mean_deg=float(np.rad2deg(turn).mean()),
+    )
+
+
+def step_errors(
+    target_from_cams: np.ndarray, true_from_cams: np.ndarray, delta_m: float
+) -> StepErrors | None:
+    """Error of motions over `delta_m` of true path; None where the path is shorter.
+
+    Needs no alignment: relative motion does not depend on the frame.
+    """
+    steps = np.linalg.norm(np.diff(true_from_cams[:, :3, 3], axis=0), axis=1)
+    walked = np.concatenate([[0.0], np.cumsum(steps)])
+    last = np.searchsorted(walked, walked + delta_m)
+    first = np.flatnonzero(last < len(walked))
+    if len(first) == 0:
+        return None
+    last = last[first]
+    estimated = se3.inverse(target_from_cams[first]) @ target_from_cams[last]
+    true = se3.inverse(true_from_cams[first]) @ true_from_cams[last]
+    error = se3.inverse(true) @ estimated
+    return StepErrors(
+        delta_m=delta_m,
+        n_pairs=len(first),
+        shift_rms_m=_rms(np.linalg.norm(error[:, :3, 3], axis=1)),
+        turn_rms_deg=_rms(np.rad2deg(se3.rotation_angle(error[:, :3, :3]))),
+    )
+
+
+def associate_times(
+    times: np.ndarray, true_times: np.ndarray, max_difference_s: float = 0.02
+) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of poses and of true poses that belong together by time.
+
+    Raises:
+        ScanError: none do.
+    """
+    order = np.argsort(true_times)
+    at = np.clip(np.searchsorted(true_times[order], times), 1, max(len(true_times) - 1, 1))
+    before, after = order[at - 1], order[np.minimum(at, len(order) - 1)]
+    nearer = np.abs(true_times[before] - times) <= np.abs(true_times[after] - times)
+    nearest = np.where(nearer, before, after)
+    ok = np.abs(true_times[nearest] - times) <= max_difference_s
+    if not ok.any():
+        raise ScanError(
+            f"truth: expected times or frame numbers between {times.min():g} and {times.max():g}, "
+            f"found {true_times.min():g} to {true_times.max():g}; is it the truth of this scan?"
+        )
+    return np.flatnonzero(ok), nearest[ok]
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
