@@ -1,0 +1,93 @@
+"""The synthetic building: walls, openings and furniture, all made from options and a generator."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from planfit.errors import OptionError
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3, segments
+from planfit.synth.furniture import Piece, furnish
+from planfit.synth.layout import Layout, make_layout
+from planfit.synth.options import BuildingOptions
+from planfit.synth.walls import Part, WallFaces, wall_faces
+
+
+@dataclass(frozen=True)
+class Building:
+    """A one-storey building in its own frame: walls along x and y, z up, floor at z = 0, m.
+
+    The plan frame is this one turned by `BuildingOptions.yaw_deg` about z.
+    """
+
+    options: BuildingOptions
+    layout: Layout
+    faces: WallFaces
+    furniture: tuple[Piece, ...]
+
+    @cached_property
+    def plan_from_building(self) -> np.ndarray:
+        """(4, 4)"""
+        return se3.yaw_transform(np.deg2rad(self.options.yaw_deg))
+
+    @cached_property
+    def floorplan(self) -> Floorplan:
+        """The true plan: faces with gaps at doors, the insides of door openings, columns."""
+        is_drawn = self.faces.parts != Part.LINTEL
+        turn = self.plan_from_building[:2, :2]
+        ends = self.faces.ends[is_drawn] @ turn.T
+        return Floorplan(
+            "synthetic plan", ends, segments.left_normals(ends), np.ones(len(ends), dtype=bool)
+        )
+
+    def clearance(self, xy: np.ndarray) -> np.ndarray:
+        """Distances (n,) m from points (n, 2), building frame, to walls, columns and furniture.
+
+        0 in walls, furniture and outside the building.
+        """
+        is_low = self.faces.parts != Part.LINTEL
+        distance = segments.nearest_distance(xy, self.faces.ends[is_low])
+        for piece in self.furniture:
+            distance = np.minimum(distance, piece.footprint.distance(xy))
+        free = np.zeros(len(xy), dtype=bool)
+        # Doors reach into both rooms by a hair, so that their thresholds are inside.
+        for rect in (*self.layout.rooms, *(d.rect.grown(1e-6) for d in self.layout.doors)):
+            free |= rect.contains(xy)
+        for column in self.layout.columns:
+            free &= ~column.contains(xy)
+        return np.where(free, distance, 0.0)
+
+
+def make_building(options: BuildingOptions, rng: np.random.Generator) -> Building:
+    """Make a building; the same options and generator state give the same one.
+
+    Raises:
+        OptionError: no layout with these sizes has doors to every room.
+    """
+    for _ in range(20):
+        layout = make_layout(options, rng)
+        if _all_reachable(layout):
+            break
+    else:
+        raise OptionError(
+            "room_size_m: expected rooms that share enough wall for a door with their neighbours, "
+            f"found none in 20 layouts of {options.n_rooms} rooms; raise the smallest size "
+            f"({options.room_size_m[0]:g} m) or make doors narrower ({options.door_width_m:g} m)"
+        )
+    faces = wall_faces(layout, options.outer_wall_thickness_m)
+    return Building(options, layout, faces, tuple(furnish(layout, options, rng)))
+
+
+def _all_reachable(layout: Layout) -> bool:
+    reached = {0}
+    for _ in layout.rooms:
+        for door in layout.doors:
+            if reached & set(door.rooms):
+                reached |= set(door.rooms)
+    return len(reached) == len(layout.rooms)
+
+
+def facap_segments(floorplan: Floorplan) -> np.ndarray:
+    """Bare segments (n, 4) m for `floorplan.npy` (FACaP layout): plan (x, y) becomes (x, -y)."""
+    return (floorplan.ends * (1.0, -1.0)).reshape(-1, 4)

@@ -1,0 +1,90 @@
+"""Write a synthetic scan to disk in the FACaP layout, with the truth beside it."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from planfit.errors import OptionError, OutputError
+from planfit.scan import write_tum
+from planfit.scan.facap import MASKS, write_pose
+from planfit.synth.building import facap_segments
+from planfit.synth.scan import SyntheticScan
+
+
+def write_facap(
+    path: str | Path,
+    synthetic: SyntheticScan,
+    on_progress: Callable[[int, int], None] | None = None,
+    n_threads: int = 2,
+) -> None:
+    """Write a folder that `planfit.read_scan` reads, with a `floorplan.npy` for `read_floorplan`.
+
+    Beside it lies `groundtruth.tum`: true world_from_cam, the first column the frame number.
+
+    Args:
+        path: a folder that does not exist yet, or is empty.
+        synthetic: the scan; its world must be the plan's, as this layout demands.
+        on_progress: called with frames done and frames in all, from the calling thread.
+        n_threads: frames rendered and compressed at a time.
+
+    Raises:
+        OptionError: the scan's world is moved against the plan.
+        OutputError: the folder holds files, or cannot be written.
+    """
+    path = Path(path)
+    scan = synthetic.scan
+    if scan.plan_from_world_axes is None:
+        raise OptionError(
+            "world: expected 'plan', because the FACaP layout records poses in the plan's axes, "
+            f"found {synthetic.options.world!r}"
+        )
+    try:
+        if path.exists() and any(path.iterdir()):
+            raise OutputError(f"{path}: expected an empty or new folder, found files in it")
+        frames, masks = path / "arcore", path / "segmentation"
+        frames.mkdir(parents=True, exist_ok=True)
+        if scan.has_labels:
+            masks.mkdir()
+        np.save(path / "floorplan.npy", facap_segments(synthetic.floorplan))
+        write_tum(path / "groundtruth.tum", scan.timestamps, synthetic.true_world_from_cams)
+        with ThreadPoolExecutor(n_threads) as pool:
+            jobs = [pool.submit(_write_frame, path, synthetic, i) for i in range(len(scan))]
+            for done, job in enumerate(as_completed(jobs), start=1):
+                job.result()
+                if on_progress is not None:
+                    on_progress(done, len(scan))
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}); "
+                          "check rights and space") from error  # fmt: skip
+
+
+def _write_frame(path: Path, synthetic: SyntheticScan, frame_idx: int) -> None:
+    scan = synthetic.scan
+    name = scan.frame_ids[frame_idx]
+    camera = scan.cameras[frame_idx]
+    folder = path / "arcore"
+    color = cv2.cvtColor(scan.files.color(frame_idx), cv2.COLOR_RGB2BGR)
+    _write_image(folder / f"frame-{name}.jpg", color, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    depth = scan.files.depth(frame_idx)
+    millimetres = np.where(np.isfinite(depth), np.rint(np.nan_to_num(depth) * 1e3), 0)
+    _write_image(folder / f"depth-{name}.png", np.clip(millimetres, 0, 65534).astype(np.uint16), [])
+    write_pose(folder / f"pose-{name}.txt", scan.world_from_cams[frame_idx])
+    values = (camera.fx, camera.fy, camera.cx, camera.cy)
+    (folder / f"cam_params-{name}.txt").write_text(
+        f"{camera.width} {camera.height} " + " ".join(f"{v:.9g}" for v in values) + "\n"
+    )
+    if scan.has_labels:
+        labels = scan.files.labels(frame_idx)
+        for kind, label in MASKS.items():
+            mask = np.rot90(np.where(labels == label, 255, 0).astype(np.uint8), -1)
+            _write_image(path / "segmentation" / f"frame-{name}_{kind}.png", mask, [])
+
+
+def _write_image(path: Path, image: np.ndarray, parameters: list[int]) -> None:
+    is_encoded, data = cv2.imencode(path.suffix, image, parameters)
+    if not is_encoded:
+        raise OutputError(f"{path}: the image cannot be encoded")
+    path.write_bytes(data.tobytes())

@@ -1,0 +1,191 @@
+"""Where the rooms are, and which doors join them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planfit.synth.options import BuildingOptions
+
+
+@dataclass(frozen=True)
+class Rect:
+    """An upright rectangle in the building frame, m."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+
+    @property
+    def size(self) -> np.ndarray:
+        """(2,) m."""
+        return np.array([self.x1 - self.x0, self.y1 - self.y0])
+
+    @property
+    def area(self) -> float:
+        """m2."""
+        return float(np.prod(self.size))
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(2,) m."""
+        return np.array([self.x0 + self.x1, self.y0 + self.y1]) / 2
+
+    def grown(self, margin: float) -> "Rect":
+        """The same, `margin` m larger on every side."""
+        return Rect(self.x0 - margin, self.y0 - margin, self.x1 + margin, self.y1 + margin)
+
+    def contains(self, xy: np.ndarray) -> np.ndarray:
+        """Which of the points (n, 2) lie inside, (n,) bool."""
+        x, y = xy[:, 0], xy[:, 1]
+        return (x > self.x0) & (x < self.x1) & (y > self.y0) & (y < self.y1)
+
+    def overlaps(self, other: "Rect") -> bool:
+        """Whether the two share area."""
+        return (
+            self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
+        )
+
+
+@dataclass(frozen=True)
+class Door:
+    """An opening through a wall."""
+
+    rect: Rect
+    """The hole in the wall, seen from above."""
+    is_across_x: bool
+    """Whether one walks through it along x."""
+    rooms: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Rooms, doors and columns, seen from above, building frame."""
+
+    rooms: tuple[Rect, ...]
+    doors: tuple[Door, ...]
+    columns: tuple[Rect, ...]
+    corridor: int | None
+    """Which room is the corridor."""
+
+
+DOOR_TO_CORNER_M = 0.25
+
+
+def make_layout(options: BuildingOptions, rng: np.random.Generator) -> Layout:
+    """Rows of rooms with ragged ends, about a corridor where there is one."""
+    corridor = None
+    if options.is_open_plan:
+        rooms = [_open_plan(options, rng)]
+    else:
+        rooms, corridor = _rows_of_rooms(options, rng)
+    doors = _make_doors(rooms, corridor, options, rng)
+    return Layout(
+        tuple(rooms), tuple(doors), tuple(_make_columns(rooms, doors, options, rng)), corridor
+    )
+
+
+def _open_plan(options: BuildingOptions, rng: np.random.Generator) -> Rect:
+    side = float(np.mean(options.room_size_m)) * np.sqrt(options.n_rooms)
+    aspect = np.sqrt(rng.uniform(1.0, 1.6))
+    return Rect(0.0, 0.0, side * aspect, side / aspect)
+
+
+def _rows_of_rooms(
+    options: BuildingOptions, rng: np.random.Generator
+) -> tuple[list[Rect], int | None]:
+    has_corridor = options.has_corridor and options.n_rooms >= 4
+    n_plain = options.n_rooms - has_corridor
+    n_rows = 2 if has_corridor else max(1, round(np.sqrt(n_plain) / 1.2))
+    counts = [len(part) for part in np.array_split(np.arange(n_plain), n_rows)]
+    rooms: list[Rect] = []
+    corridor, corridor_y, y = None, 0.0, 0.0
+    for row, count in enumerate(counts):
+        depth = rng.uniform(*options.room_size_m)
+        x = 0.0
+        for _ in range(count):
+            width = rng.uniform(*options.room_size_m)
+            rooms.append(Rect(x, y, x + width, y + depth))
+            x += width + rng.uniform(*options.wall_thickness_m)
+        y += depth + rng.uniform(*options.wall_thickness_m)
+        if has_corridor and row == 0:
+            corridor, corridor_y = len(rooms), y
+            rooms.append(Rect(0.0, y, 0.0, y + options.corridor_width_m))  # length follows below
+            y += options.corridor_width_m + rng.uniform(*options.wall_thickness_m)
+    if corridor is not None:
+        end = max(room.x1 for room in rooms)
+        rooms[corridor] = Rect(0.0, corridor_y, end, corridor_y + options.corridor_width_m)
+    return rooms, corridor
+
+
+def _make_doors(
+    rooms: list[Rect], corridor: int | None, options: BuildingOptions, rng: np.random.Generator
+) -> list[Door]:
+    """A tree of doors to reach every room, and some more so that there are circles."""
+    candidates = []
+    for a in range(len(rooms)):
+        for b in range(a + 1, len(rooms)):
+            door = _door_between(rooms, (a, b), options, rng)
+            if door is not None:
+                candidates.append(door)
+    # Doors to the corridor come first into the tree: rooms open onto it where they can.
+    order = rng.permutation(len(candidates))
+    order = sorted(order, key=lambda i: corridor not in candidates[i].rooms)
+    group = list(range(len(rooms)))
+    doors, spare = [], []
+    for i in order:
+        a, b = (group[r] for r in candidates[i].rooms)
+        if a == b:
+            spare.append(candidates[i])
+        else:
+            doors.append(candidates[i])
+            group = [a if g == b else g for g in group]
+    n_extra = round(options.extra_door_share * len(spare))
+    if len(rooms) >= 4 and options.extra_door_share > 0:
+        n_extra = max(n_extra, 1)
+    return doors + spare[:n_extra]
+
+
+def _door_between(
+    rooms: list[Rect], pair: tuple[int, int], options: BuildingOptions, rng: np.random.Generator
+) -> Door | None:
+    """A door through the wall between two rooms, or none where they do not share enough wall."""
+    a, b = rooms[pair[0]], rooms[pair[1]]
+    thickest = options.wall_thickness_m[1] + 1e-9
+    half = options.door_width_m / 2
+    margin = half + DOOR_TO_CORNER_M
+    if 0 < b.x0 - a.x1 <= thickest:
+        low, high = max(a.y0, b.y0) + margin, min(a.y1, b.y1) - margin
+        if low > high:
+            return None
+        at = rng.uniform(low, high)
+        return Door(Rect(a.x1, at - half, b.x0, at + half), True, pair)
+    if 0 < b.y0 - a.y1 <= thickest:
+        low, high = max(a.x0, b.x0) + margin, min(a.x1, b.x1) - margin
+        if low > high:
+            return None
+        at = rng.uniform(low, high)
+        return Door(Rect(at - half, a.y1, at + half, b.y0), False, pair)
+    return None
+
+
+def _make_columns(
+    rooms: list[Rect], doors: list[Door], options: BuildingOptions, rng: np.random.Generator
+) -> list[Rect]:
+    room = max(rooms, key=lambda r: r.area)
+    columns: list[Rect] = []
+    half = 0.2
+    for _ in range(options.n_columns):
+        for _ in range(50):
+            room_to_wall = half + options.walkway_m
+            low = np.array([room.x0, room.y0]) + room_to_wall
+            high = np.array([room.x1, room.y1]) - room_to_wall
+            if (low >= high).any():
+                break
+            x, y = rng.uniform(low, high)
+            column = Rect(x - half, y - half, x + half, y + half)
+            blocked = [*columns, *(door.rect for door in doors)]
+            if not any(column.grown(options.walkway_m).overlaps(other) for other in blocked):
+                columns.append(column)
+                break
+    return columns

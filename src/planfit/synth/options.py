@@ -1,0 +1,290 @@
+"""Everything that can be chosen about a synthetic scan: sizes, motion, noise, seed."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+from planfit.errors import OptionError
+
+MAX_ROOMS = 12
+
+
+def require(is_met: bool, message: str) -> None:
+    """Raise `OptionError` with `message` unless the condition holds."""
+    if not is_met:
+        raise OptionError(message)
+
+
+def require_range(name: str, low_high: tuple[float, float]) -> None:
+    """Raise `OptionError` unless `low_high` are two positive numbers in order."""
+    low, high = low_high
+    require(0 < low <= high, f"{name}: expected 0 < low <= high, found {low_high}")
+
+
+@dataclass(frozen=True)
+class BuildingOptions:
+    """Rooms, walls, openings and furniture of a one-storey building."""
+
+    n_rooms: int = 4
+    """Rooms, a corridor included; 1 to 12."""
+    is_open_plan: bool = False
+    """One single room of the area that `n_rooms` rooms would take."""
+    has_corridor: bool = True
+    """One of the rooms is a corridor that the others open onto. Takes effect from 4 rooms on."""
+    room_size_m: tuple[float, float] = (3.2, 4.8)
+    """Shortest and longest side of a room (not of a corridor or an open plan)."""
+    corridor_width_m: float = 1.9
+    """Clear width of the corridor."""
+    wall_thickness_m: tuple[float, float] = (0.12, 0.25)
+    """Thinnest and thickest inner wall."""
+    outer_wall_thickness_m: float = 0.3
+    """Outer walls; at least the thickest inner wall, and less than 0.5 m."""
+    height_m: float = 2.6
+    """Floor to ceiling."""
+    door_width_m: float = 1.0
+    """Clear width of door openings."""
+    door_height_m: float = 2.05
+    """Clear height of door openings; the wall goes on above."""
+    extra_door_share: float = 0.35
+    """Share of the neighbouring rooms, not needed to reach every room, that get a door too. From
+    4 rooms on there is at least one such door, so that walks can go in circles."""
+    furniture_per_room: int = 6
+    """Pieces tried in each room of usual size (16 m2), in proportion to its area. Pieces that would
+    stand in the way are left out; 0 leaves the rooms bare."""
+    pictures_per_wall: float = 2.2
+    """Pictures, notices, sockets and windows tried on a wall of 4 m, on average."""
+    n_columns: int = 0
+    """Free-standing square columns in the largest room; they are in the plan."""
+    walkway_m: float = 1.0
+    """Furniture leaves ways of this width between all doors."""
+    yaw_deg: float = 0.0
+    """Turn of the building in the plan frame; not zero gives walls off the plan's axes."""
+
+    def __post_init__(self) -> None:
+        require(1 <= self.n_rooms <= MAX_ROOMS,
+                f"n_rooms: expected 1 to {MAX_ROOMS}, found {self.n_rooms}")  # fmt: skip
+        require_range("room_size_m", self.room_size_m)
+        require_range("wall_thickness_m", self.wall_thickness_m)
+        low = self.wall_thickness_m[1]
+        require(low <= self.outer_wall_thickness_m < 0.5,
+                f"outer_wall_thickness_m: expected {low:g} to 0.5 m, "
+                f"found {self.outer_wall_thickness_m:g}")  # fmt: skip
+        least = self.door_width_m + 1.0
+        require(self.room_size_m[0] >= least,
+                f"room_size_m: expected at least the door width + 1 m = {least:g}, "
+                f"found {self.room_size_m[0]:g}")  # fmt: skip
+        require(1.5 < self.door_height_m < self.height_m,
+                f"door_height_m: expected 1.5 to height_m = {self.height_m:g}, "
+                f"found {self.door_height_m:g}")  # fmt: skip
+        require(self.corridor_width_m >= self.walkway_m,
+                f"corridor_width_m: expected at least walkway_m = {self.walkway_m:g}, "
+                f"found {self.corridor_width_m:g}")  # fmt: skip
+        counts = (self.furniture_per_room, self.n_columns, self.pictures_per_wall)
+        require(min(counts) >= 0,
+                f"furniture_per_room, n_columns, pictures_per_wall: expected none below 0, "
+                f"found {counts}")  # fmt: skip
+        require(0 <= self.extra_door_share <= 1,
+                f"extra_door_share: expected 0 to 1, found {self.extra_door_share:g}")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class WalkOptions:
+    """The way of the person who holds the camera."""
+
+    n_frames: int = 180
+    """Frames, spread evenly over the way by motion: a turn counts like a step. For 4 rooms of
+    usual size, 180 frames are at most 0.33 m and 17 degrees apart, 9 degrees on average."""
+    is_loop: bool = True
+    """Whether the walk ends where it began, with the same view."""
+    clearance_m: float = 0.4
+    """The camera comes no nearer to walls and furniture."""
+    height_m: float = 1.5
+    """Height of the camera over the floor."""
+    sway_m: float = 0.03
+    """Spread of the unsteady hand, each axis."""
+    pitch_deg: float = -14.0
+    """Mean pitch; negative looks down."""
+    pitch_swing_deg: float = 7.0
+    """Spread of slow pitch changes about the mean."""
+    look_around_deg: float = 22.0
+    """Spread of slow turns of the view away from the way ahead."""
+    roll_swing_deg: float = 1.5
+    """Spread of roll."""
+    area_per_stop_m2: float = 10.0
+    """Floor area for each point that the walk calls at; smaller makes it longer."""
+
+    def __post_init__(self) -> None:
+        require(self.n_frames >= 2, f"n_frames: expected at least 2, found {self.n_frames}")
+        require(self.clearance_m > 0, f"clearance_m: expected > 0, found {self.clearance_m:g}")
+        require(self.area_per_stop_m2 > 0.5,
+                f"area_per_stop_m2: expected > 0.5, found {self.area_per_stop_m2:g}")  # fmt: skip
+        spreads = (self.sway_m, self.pitch_swing_deg, self.look_around_deg, self.roll_swing_deg)
+        require(min(spreads) >= 0, "sway_m, *_swing_deg, look_around_deg: expected none below 0")
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """The camera, and the faults of its colour images."""
+
+    width_px: int = 640
+    height_px: int = 480
+    fov_deg: float = 66.0
+    """Horizontal field of view."""
+    blur_px: float = 0.5
+    """Standard deviation of the lens blur; 0 for none."""
+    exposure_std: float = 0.03
+    """Relative spread of brightness between frames."""
+    noise_levels: float = 1.5
+    """Standard deviation of pixel noise, in levels of 255."""
+
+    def __post_init__(self) -> None:
+        require(self.width_px >= 16 and self.height_px >= 16,
+                f"width_px, height_px: expected at least 16, "
+                f"found {self.width_px} x {self.height_px}")  # fmt: skip
+        require(10 <= self.fov_deg <= 140, f"fov_deg: expected 10 to 140, found {self.fov_deg:g}")
+        require(min(self.blur_px, self.exposure_std, self.noise_levels) >= 0,
+                "blur_px, exposure_std, noise_levels: expected none below 0")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class NoDepthNoise:
+    """Depth as it is, up to the rounding of float32."""
+
+
+@dataclass(frozen=True)
+class StructuredLightNoise:
+    """A projected-pattern sensor (Kinect v1, RealSense): disparity errors, which grow with z^2.
+
+    The defaults follow Khoshelham and Oude Elberink, Sensors 2012 (sigma_z = 1.4 mm z^2).
+    """
+
+    sigma_at_1m_m: float = 1.4e-3
+    """Standard deviation at 1 m, before quantisation; z m away it is z^2 times this."""
+    disparity_step_px: float = 0.125
+    """Disparity is rounded to multiples of this; 0 for no rounding."""
+    baseline_m: float = 0.075
+    """Projector to camera."""
+    focal_px: float = 580.0
+    """Focal length of the sensor (not of the rendered image)."""
+    correlation_px: float = 0.8
+    """Standard deviation of the Gaussian that errors of neighbouring pixels share; 0 for white."""
+    min_range_m: float = 0.4
+    max_range_m: float = 6.0
+    """No reading outside these."""
+    edge_px: int = 2
+    """No reading within this distance of a depth edge."""
+    max_incidence_deg: float = 82.0
+    """No reading where the surface is seen at a flatter angle than this from its normal."""
+    drop_share: float = 0.003
+    """Share of other pixels without reading."""
+
+    def __post_init__(self) -> None:
+        _check_depth_noise(self)
+        require(self.disparity_step_px >= 0 and self.baseline_m > 0 and self.focal_px > 0,
+                "disparity_step_px, baseline_m, focal_px: expected positive numbers")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TimeOfFlightNoise:
+    """The time-of-flight sensor of a phone: short range, flying pixels, smooth multi-path bias."""
+
+    sigma_m: float = 0.004
+    """Standard deviation at no distance, before quantisation."""
+    sigma_at_1m_m: float = 0.0015
+    """What z^2 times adds to the standard deviation, z m away."""
+    step_m: float = 0.005
+    """Depth is rounded to multiples of this; 0 for no rounding."""
+    bias: float = 0.006
+    """Spread of the multi-path error, as a share of depth; smooth over the image."""
+    correlation_px: float = 1.0
+    """Standard deviation of the Gaussian that errors of neighbouring pixels share; 0 for white."""
+    min_range_m: float = 0.2
+    max_range_m: float = 5.0
+    """No reading outside these."""
+    edge_px: int = 2
+    """Within this distance of a depth edge, readings fly between the near and the far surface."""
+    edge_hole_share: float = 0.5
+    """Share of those that have no reading instead."""
+    max_incidence_deg: float = 84.0
+    """No reading where the surface is seen at a flatter angle than this from its normal."""
+    drop_share: float = 0.003
+    """Share of other pixels without reading."""
+
+    def __post_init__(self) -> None:
+        _check_depth_noise(self)
+        require(min(self.sigma_m, self.step_m, self.bias) >= 0,
+                "sigma_m, step_m, bias: expected none below 0")  # fmt: skip
+        require(0 <= self.edge_hole_share <= 1,
+                f"edge_hole_share: expected 0 to 1, found {self.edge_hole_share:g}")  # fmt: skip
+
+
+DepthNoise = NoDepthNoise | StructuredLightNoise | TimeOfFlightNoise
+
+
+def _check_depth_noise(noise: StructuredLightNoise | TimeOfFlightNoise) -> None:
+    require(noise.sigma_at_1m_m >= 0 and noise.correlation_px >= 0 and noise.edge_px >= 0,
+            "sigma_at_1m_m, correlation_px, edge_px: expected none below 0")  # fmt: skip
+    require(0 <= noise.min_range_m < noise.max_range_m,
+            f"min_range_m, max_range_m: expected 0 <= min < max, "
+            f"found {noise.min_range_m:g}, {noise.max_range_m:g}")  # fmt: skip
+    require(0 < noise.max_incidence_deg <= 90,
+            f"max_incidence_deg: expected up to 90, found {noise.max_incidence_deg:g}")  # fmt: skip
+    require(0 <= noise.drop_share <= 1,
+            f"drop_share: expected 0 to 1, found {noise.drop_share:g}")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DriftOptions:
+    """A random walk on the motion from each frame to the next, as odometry drifts.
+
+    The defaults are measured on the real scan of the project at its own frame rate.
+    """
+
+    yaw_deg: float = 0.15
+    """Standard deviation of the turn about the vertical, per frame."""
+    tilt_share: float = 0.3
+    """The same about each horizontal axis, as a share of `yaw_deg`."""
+    shift_m: float = 0.02
+    """Standard deviation of the shift along each horizontal axis, per frame."""
+    vertical_share: float = 0.3
+    """The same along the vertical, as a share of `shift_m`."""
+
+    def __post_init__(self) -> None:
+        values = (self.yaw_deg, self.tilt_share, self.shift_m, self.vertical_share)
+        require(all(math.isfinite(v) and v >= 0 for v in values),
+                f"drift: expected finite numbers, none below 0, found {values}")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SynthOptions:
+    """A synthetic scan. The same options give the same scan, bit for bit."""
+
+    seed: int = 0
+    """Everything random follows from it."""
+    building: BuildingOptions = field(default_factory=BuildingOptions)
+    walk: WalkOptions = field(default_factory=WalkOptions)
+    camera: CameraOptions = field(default_factory=CameraOptions)
+    depth_noise: DepthNoise = field(default_factory=StructuredLightNoise)
+    drift: DriftOptions = field(default_factory=DriftOptions)
+    has_labels: bool = True
+    """Whether the scan says what each pixel shows."""
+    world: Literal["plan", "moved"] = "plan"
+    """`plan`: poses are recorded in the plan's axes, as in the FACaP layout (y up). `moved`: the
+    world is turned about the vertical and shifted, and the scan does not say how."""
+
+    def __post_init__(self) -> None:
+        require(self.seed >= 0, f"seed: expected 0 or more, found {self.seed}")
+        require(self.world in ("plan", "moved"),
+                f"world: expected 'plan' or 'moved', found {self.world!r}")  # fmt: skip
+        slit = self.building.door_width_m - 2 * self.walk.clearance_m
+        require(slit >= 0.16,
+                "door_width_m: expected at least twice clearance_m + 0.16 = "
+                f"{2 * self.walk.clearance_m + 0.16:g} m to walk through, "
+                f"found {self.building.door_width_m:g}")  # fmt: skip
+        require(self.building.walkway_m >= 2 * self.walk.clearance_m + 0.16,
+                "walkway_m: expected at least twice clearance_m + 0.16 = "
+                f"{2 * self.walk.clearance_m + 0.16:g} m to walk through, "
+                f"found {self.building.walkway_m:g}")  # fmt: skip
+        require(self.walk.height_m < self.building.door_height_m - 0.2,
+                f"walk.height_m: expected at least 0.2 m below the top of doors, "
+                f"found {self.walk.height_m:g}")  # fmt: skip

@@ -1,0 +1,146 @@
+"""A way on foot through all rooms: stops, their order, and the shortest paths between."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from planfit.errors import OptionError
+from planfit.synth.building import Building
+from planfit.synth.options import WalkOptions
+
+GRID_M = 0.08
+MARGIN_M = 0.03
+"""Kept beyond the clearance, so that straight steps between grid points do not cut corners."""
+COMFORT_M = 0.9
+"""Ways nearer than this to walls and furniture count as longer, so people walk in the middle."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Points where the camera may be, and the steps between neighbours."""
+
+    xy: np.ndarray
+    """(n, 2) m, building frame"""
+    clearance: np.ndarray
+    """(n,) m"""
+    steps: sparse.csr_matrix
+    """(n, n) cost of steps, m"""
+
+
+def find_route(building: Building, options: WalkOptions, rng: np.random.Generator) -> np.ndarray:
+    """Points (n, 2) m of a way that calls at every room; closed ways end where they begin.
+
+    Raises:
+        OptionError: some room cannot be entered with this clearance.
+    """
+    grid = _make_grid(building, options.clearance_m)
+    stops = _choose_stops(building, grid, options, rng)
+    cost, before = csgraph.dijkstra(grid.steps, indices=stops, return_predecessors=True)
+    between = cost[:, stops]
+    if not np.isfinite(between).all():
+        raise OptionError(
+            "clearance_m: expected a way on foot to every room, found none; "
+            "use a smaller clearance_m, wider doors, or less furniture"
+        )
+    order = _short_tour(between, options.is_loop)
+    legs = [_trace(before[a], stops[a], stops[b]) for a, b in pairwise(order)]
+    nodes = [stops[order[0]], *(node for leg in legs for node in leg)]
+    return grid.xy[nodes]
+
+
+def _make_grid(building: Building, clearance: float) -> Grid:
+    rooms = building.layout.rooms
+    x = np.arange(min(r.x0 for r in rooms), max(r.x1 for r in rooms), GRID_M)
+    y = np.arange(min(r.y0 for r in rooms), max(r.y1 for r in rooms), GRID_M)
+    xy = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    distance = building.clearance(xy)
+    is_free = distance >= clearance + MARGIN_M
+    number = np.full(len(xy), -1)
+    number[is_free] = np.arange(is_free.sum())
+    image = number.reshape(len(x), len(y))
+    price = 1.0 + 2.0 * np.maximum(0.0, 1.0 - distance[is_free] / COMFORT_M)
+    rows, columns, costs = [], [], []
+    for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
+        a = image[: len(x) - dx, max(0, -dy) : len(y) - max(0, dy)].ravel()
+        b = image[dx:, max(0, dy) : len(y) + min(0, dy)].ravel()
+        both = (a >= 0) & (b >= 0)
+        rows.append(a[both])
+        columns.append(b[both])
+        costs.append(np.hypot(dx, dy) * GRID_M * (price[a[both]] + price[b[both]]) / 2)
+    n = int(is_free.sum())
+    half = sparse.csr_matrix(
+        (np.concatenate(costs), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)
+    )
+    return Grid(xy[is_free], distance[is_free], half + half.T)
+
+
+def _choose_stops(
+    building: Building, grid: Grid, options: WalkOptions, rng: np.random.Generator
+) -> np.ndarray:
+    """In each room a point for every so many m2, far from each other and, if possible, from walls.
+
+    Only points of the largest connected part count: corners behind furniture are no place to go.
+    """
+    _, part = csgraph.connected_components(grid.steps, directed=False)
+    is_main = part == np.argmax(np.bincount(part)) if len(part) else np.zeros(0, dtype=bool)
+    stops = []
+    for i, room in enumerate(building.layout.rooms):
+        inside = np.flatnonzero(is_main & room.contains(grid.xy))
+        if len(inside) == 0:
+            raise OptionError(
+                f"clearance_m: expected a way on foot into every room, found none into room {i}; "
+                "use a smaller clearance_m, wider doors, or less furniture"
+            )
+        roomy = inside[grid.clearance[inside] >= min(0.7, np.quantile(grid.clearance[inside], 0.6))]
+        count = max(1, round(room.area / options.area_per_stop_m2))
+        chosen = [int(roomy[rng.integers(len(roomy))])]
+        for _ in range(count):
+            gap = np.min(
+                [np.linalg.norm(grid.xy[roomy] - grid.xy[c], axis=1) for c in chosen], axis=0
+            )
+            chosen.append(int(roomy[np.argmax(gap)]))
+        # The first was only the seed of the spread.
+        stops.extend(dict.fromkeys(chosen[1:]))
+    if len(stops) < 2:
+        room = np.flatnonzero(is_main)
+        away = np.linalg.norm(grid.xy[room] - grid.xy[stops[0]], axis=1)
+        stops.append(int(room[np.argmax(away)]))
+    return np.array(stops)
+
+
+def _short_tour(between: np.ndarray, is_loop: bool) -> list[int]:
+    """Order of stops from 0: nearest neighbour, then 2-opt; a loop comes back to 0."""
+    n = len(between)
+    order, left = [0], set(range(1, n))
+    while left:
+        nearest = min(sorted(left), key=lambda s: between[order[-1], s])
+        order.append(nearest)
+        left.remove(nearest)
+    if is_loop:
+        order.append(0)
+    last = len(order) - 1 if is_loop else len(order)
+    improved = True
+    while improved:
+        improved = False
+        for i in range(1, last - 1):
+            for j in range(i + 1, last):
+                after = between[order[j], order[j + 1]] if j + 1 < len(order) else 0.0
+                new_after = between[order[i], order[j + 1]] if j + 1 < len(order) else 0.0
+                old = between[order[i - 1], order[i]] + after
+                new = between[order[i - 1], order[j]] + new_after
+                if new < old - 1e-9:
+                    order[i : j + 1] = order[i : j + 1][::-1]
+                    improved = True
+    return order
+
+
+def _trace(before: np.ndarray, start: int, stop: int) -> list[int]:
+    """Nodes after `start` up to `stop`."""
+    nodes = []
+    while stop != start:
+        nodes.append(int(stop))
+        stop = before[stop]
+    return nodes[::-1]

@@ -1,0 +1,169 @@
+"""The synthetic scan: a `Scan` with drifted poses whose images are rendered when asked for."""
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Lock
+
+import numpy as np
+
+from planfit.errors import ScanError
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3
+from planfit.geometry.camera import Camera
+from planfit.scan.facap import PLAN_FROM_WORLD, UP_WORLD, write_pose
+from planfit.scan.types import Scan
+from planfit.synth.building import Building, make_building
+from planfit.synth.drift import drift_poses
+from planfit.synth.mesh import make_lights, make_quads
+from planfit.synth.options import CameraOptions, SynthOptions
+from planfit.synth.render import Renderer, View
+from planfit.synth.sensor_noise import noisy_color, noisy_depth
+from planfit.synth.walk import walk_through
+
+# Streams of the seed: what one part draws does not depend on what another part draws.
+_BUILDING, _SURFACES, _WALK, _DRIFT, _WORLD, _COLOR, _DEPTH = range(7)
+
+
+@dataclass(frozen=True)
+class SyntheticScan:
+    """A scan together with the truth about it."""
+
+    scan: Scan
+    """As a user would have it: drifted poses, noisy images."""
+    true_world_from_cams: np.ndarray
+    """(n, 4, 4)"""
+    true_plan_from_cams: np.ndarray
+    """(n, 4, 4)"""
+    floorplan: Floorplan
+    """The true plan, without error."""
+    building: Building
+    renderer: Renderer
+    options: SynthOptions
+
+    @property
+    def true_plan_from_world(self) -> np.ndarray:
+        """(4, 4), the same for all frames."""
+        return self.true_plan_from_cams[0] @ se3.inverse(self.true_world_from_cams[0])
+
+
+class SynthFiles:
+    """Images of a synthetic scan, rendered one frame at a time.
+
+    A frame's noise depends on the seed and its number alone, so it is the same whenever it is asked
+    for. The last view is kept, for callers that ask for colour, then depth, then labels. Safe to
+    use from several threads.
+    """
+
+    def __init__(
+        self, renderer: Renderer, camera: Camera, plan_from_cams: np.ndarray, options: SynthOptions
+    ) -> None:
+        self._renderer = renderer
+        self._camera = camera
+        self._plan_from_cams = plan_from_cams
+        self._options = options
+        self._lock = Lock()
+        self._last: tuple[int, View] | None = None
+
+    def color(self, frame_idx: int) -> np.ndarray:
+        """Colour image (h, w, 3) uint8, RGB."""
+        rng = _rng(self._options.seed, _COLOR, frame_idx)
+        return noisy_color(self._view(frame_idx).color, self._options.camera, rng)
+
+    def depth(self, frame_idx: int) -> np.ndarray:
+        """Depth (h, w) float32 m along the optical axis, NaN where there is no reading."""
+        view = self._view(frame_idx)
+        rng = _rng(self._options.seed, _DEPTH, frame_idx)
+        return noisy_depth(view.depth, view.incidence, self._options.depth_noise, rng)
+
+    def labels(self, frame_idx: int) -> np.ndarray:
+        """Label image (h, w) uint8 of `Label`.
+
+        Raises:
+            ScanError: the scan was made without labels.
+        """
+        if not self._options.has_labels:
+            raise ScanError("synthetic scan: expected labels, found has_labels off; switch it on")
+        return self._view(frame_idx).labels.copy()
+
+    def write_poses(self, directory: Path, world_from_cams: np.ndarray) -> None:
+        """Write `pose-NNNN.txt` files, as in the FACaP layout."""
+        for i, pose in enumerate(world_from_cams):
+            write_pose(directory / f"pose-{frame_name(i)}.txt", pose)
+
+    def _view(self, frame_idx: int) -> View:
+        with self._lock:
+            last = self._last
+        if last is not None and last[0] == frame_idx:
+            return last[1]
+        view = self._renderer.render(self._camera, self._plan_from_cams[frame_idx])
+        with self._lock:
+            self._last = (frame_idx, view)
+        return view
+
+
+def make_scan(options: SynthOptions | None = None) -> SyntheticScan:
+    """Make a synthetic scan; nothing is rendered before it is asked for.
+
+    Raises:
+        OptionError: the options contradict each other.
+    """
+    options = SynthOptions() if options is None else options
+    building = make_building(options.building, _rng(options.seed, _BUILDING))
+    renderer = Renderer(make_quads(building, _rng(options.seed, _SURFACES)), make_lights(building))
+    plan_from_cams = walk_through(building, options.walk, _rng(options.seed, _WALK))
+    world_from_plan = _world_from_plan(options, building)
+    world_from_cams = world_from_plan @ plan_from_cams
+    world_from_cams[:, :3, :3] = se3.project_to_so3(world_from_cams[:, :3, :3])
+    drifted = drift_poses(world_from_cams, options.drift, _rng(options.seed, _DRIFT), UP_WORLD)
+    n = len(plan_from_cams)
+    camera = make_camera(options.camera)
+    digest = hashlib.sha256(repr(options).encode()).hexdigest()[:16]
+    scan = Scan(
+        name=f"synthetic scan, seed {options.seed}",
+        frame_ids=tuple(frame_name(i) for i in range(n)),
+        timestamps=np.arange(1.0, n + 1.0),
+        cameras=(camera,) * n,
+        world_from_cams=drifted,
+        files=SynthFiles(renderer, camera, plan_from_cams, options),
+        has_labels=options.has_labels,
+        up_world=UP_WORLD,
+        plan_from_world_axes=PLAN_FROM_WORLD if options.world == "plan" else None,
+        fingerprint=digest,
+    )
+    floorplan = replace(building.floorplan, fingerprint=digest)
+    return SyntheticScan(
+        scan, world_from_cams, plan_from_cams, floorplan, building, renderer, options
+    )
+
+
+def make_camera(options: CameraOptions) -> Camera:
+    """Square pixels, centred."""
+    focal = options.width_px / 2 / np.tan(np.deg2rad(options.fov_deg) / 2)
+    return Camera(
+        options.width_px,
+        options.height_px,
+        float(focal),
+        float(focal),
+        (options.width_px - 1) / 2,
+        (options.height_px - 1) / 2,
+    )
+
+
+def frame_name(frame_idx: int) -> str:
+    """What a frame is called: four digits, counted from 1."""
+    return f"{frame_idx + 1:04d}"
+
+
+def _rng(seed: int, *stream: int) -> np.random.Generator:
+    return np.random.default_rng([seed, *stream])
+
+
+def _world_from_plan(options: SynthOptions, building: Building) -> np.ndarray:
+    axes = se3.inverse(PLAN_FROM_WORLD)
+    if options.world == "plan":
+        return axes
+    rng = _rng(options.seed, _WORLD)
+    size = max(building.floorplan.size)
+    shift = np.array([*rng.uniform(-size, size, 2), rng.uniform(-2.0, 2.0)])
+    return axes @ se3.yaw_transform(float(rng.uniform(-np.pi, np.pi)), shift)

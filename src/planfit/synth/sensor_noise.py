@@ -1,0 +1,141 @@
+"""What sensors make of a faultless image: depth noise models, exposure and pixel noise."""
+
+import cv2
+import numpy as np
+
+from planfit.synth.options import (
+    CameraOptions,
+    DepthNoise,
+    NoDepthNoise,
+    StructuredLightNoise,
+    TimeOfFlightNoise,
+)
+
+EDGE_SHARE = 0.04
+"""Neighbouring depths that differ by more than this share are a depth edge."""
+
+
+def noisy_depth(
+    depth: np.ndarray, incidence: np.ndarray, noise: DepthNoise, rng: np.random.Generator
+) -> np.ndarray:
+    """Depth as a sensor reads it, (h, w) float32 m, NaN where it reads nothing.
+
+    Args:
+        depth: (h, w) m along the optical axis, NaN where nothing is hit.
+        incidence: (h, w) cosine between ray and surface normal.
+        noise: the sensor.
+        rng: source of the noise.
+    """
+    match noise:
+        case NoDepthNoise():
+            return depth.astype(np.float32)
+        case StructuredLightNoise():
+            return _structured_light(depth, incidence, noise, rng)
+        case TimeOfFlightNoise():
+            return _time_of_flight(depth, incidence, noise, rng)
+
+
+def noisy_color(color: np.ndarray, options: CameraOptions, rng: np.random.Generator) -> np.ndarray:
+    """Linear colour (h, w, 3) to an image (h, w, 3) uint8, RGB."""
+    gain = 1.0 + options.exposure_std * float(np.clip(rng.normal(), -2.5, 2.5))
+    image = np.clip(color * np.float32(gain), 0.0, 1.0) ** np.float32(1 / 1.6)
+    if options.blur_px > 0:
+        image = cv2.GaussianBlur(image, (0, 0), options.blur_px)
+    levels = image * np.float32(255.0)
+    if options.noise_levels > 0:
+        grain = rng.standard_normal(levels.shape, dtype=np.float32)
+        levels = levels + np.float32(options.noise_levels) * grain
+    return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+
+
+def _structured_light(
+    depth: np.ndarray, incidence: np.ndarray, noise: StructuredLightNoise, rng: np.random.Generator
+) -> np.ndarray:
+    is_lost = _lost(depth, incidence, noise, rng)
+    is_lost |= _near_edge(depth, noise.edge_px)
+    safe = np.where(np.isfinite(depth), depth, 1.0).astype(np.float64)
+    # d = f b / z, so an error of s z^2 in depth is one of s f b in disparity, whatever the depth.
+    scale = noise.focal_px * noise.baseline_m
+    disparity = scale / safe
+    disparity += noise.sigma_at_1m_m * scale * _shared_noise(depth.shape, noise.correlation_px, rng)
+    if noise.disparity_step_px > 0:
+        disparity = np.rint(disparity / noise.disparity_step_px) * noise.disparity_step_px
+    is_lost |= disparity <= 0
+    read = scale / np.where(disparity > 0, disparity, 1.0)
+    return _in_range(read, is_lost, noise)
+
+
+def _time_of_flight(
+    depth: np.ndarray, incidence: np.ndarray, noise: TimeOfFlightNoise, rng: np.random.Generator
+) -> np.ndarray:
+    is_lost = _lost(depth, incidence, noise, rng)
+    is_edge = _near_edge(depth, noise.edge_px)
+    safe = np.where(np.isfinite(depth), depth, 1.0).astype(np.float32)
+    flying = is_edge & (rng.random(depth.shape, dtype=np.float32) >= noise.edge_hole_share)
+    is_lost |= is_edge & ~flying
+    mixed = safe.astype(np.float64)
+    if noise.edge_px > 0:
+        kernel = np.ones((2 * noise.edge_px + 1,) * 2, dtype=np.uint8)
+        near, far = cv2.erode(safe, kernel), cv2.dilate(safe, kernel)
+        share = rng.random(depth.shape, dtype=np.float32)
+        mixed = np.where(flying, near + share * (far - near), mixed)
+    spread = noise.sigma_m + noise.sigma_at_1m_m * mixed**2
+    read = mixed + spread * _shared_noise(depth.shape, noise.correlation_px, rng)
+    read *= 1.0 + noise.bias * _smooth_field(depth.shape, rng)
+    if noise.step_m > 0:
+        read = np.rint(read / noise.step_m) * noise.step_m
+    return _in_range(read, is_lost, noise)
+
+
+def _lost(
+    depth: np.ndarray,
+    incidence: np.ndarray,
+    noise: StructuredLightNoise | TimeOfFlightNoise,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Where there is nothing, where the surface is too flat to the ray, and single pixels."""
+    is_grazing = incidence < np.cos(np.deg2rad(noise.max_incidence_deg))
+    is_dropped = rng.random(depth.shape, dtype=np.float32) < noise.drop_share
+    return np.isnan(depth) | is_grazing | is_dropped
+
+
+def _near_edge(depth: np.ndarray, edge_px: int) -> np.ndarray:
+    if edge_px == 0:
+        return np.zeros(depth.shape, dtype=bool)
+    safe = np.where(np.isfinite(depth), depth, 0.0).astype(np.float32)
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    near, far = cv2.erode(safe, cross), cv2.dilate(safe, cross)
+    # A flat wall seen at a grazing angle has steep depth too: there both neighbours differ by the
+    # same amount, and at an edge they do not.
+    bend = np.abs(near + far - 2.0 * safe)
+    is_edge = (bend > EDGE_SHARE * safe).astype(np.uint8)
+    kernel = np.ones((2 * edge_px - 1,) * 2, dtype=np.uint8)
+    return cv2.dilate(is_edge, kernel).astype(bool)
+
+
+def _shared_noise(
+    shape: tuple[int, ...], correlation_px: float, rng: np.random.Generator
+) -> np.ndarray:
+    """Normal noise (h, w) of unit spread that neighbouring pixels share."""
+    white = rng.standard_normal(shape, dtype=np.float32)
+    if correlation_px == 0:
+        return white
+    radius = int(np.ceil(4.0 * correlation_px))
+    kernel = cv2.getGaussianKernel(2 * radius + 1, correlation_px, cv2.CV_32F)
+    kernel /= np.sqrt(np.sum(kernel**2))
+    return cv2.sepFilter2D(white, -1, kernel, kernel, borderType=cv2.BORDER_WRAP) if (
+        min(shape) <= radius
+    ) else cv2.sepFilter2D(white, -1, kernel, kernel)  # fmt: skip
+
+
+def _smooth_field(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+    """A slow field (h, w) of about unit spread: four by three free values, interpolated."""
+    coarse = rng.standard_normal((3, 4), dtype=np.float32)
+    return cv2.resize(coarse, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
+
+
+def _in_range(
+    read: np.ndarray, is_lost: np.ndarray, noise: StructuredLightNoise | TimeOfFlightNoise
+) -> np.ndarray:
+    is_out = (read < noise.min_range_m) | (read > noise.max_range_m)
+    return np.where(is_lost | is_out, np.nan, read).astype(np.float32)

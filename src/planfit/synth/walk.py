@@ -1,0 +1,135 @@
+"""The camera's path: someone walks the route with the camera in hand and looks around."""
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from planfit.geometry import se3
+from planfit.synth.building import Building
+from planfit.synth.options import WalkOptions
+from planfit.synth.route import MARGIN_M, find_route
+
+_STEP_M = 0.02
+"""Spacing of the dense path that frames are picked from."""
+_SMOOTH_M = 0.25
+"""How far corners are rounded."""
+_TURN_M = 0.45
+"""Way over which the view follows a turn of the path."""
+_TURN_PER_M = np.deg2rad(45.0)
+"""A turn this large counts as much motion between frames as a step of one metre."""
+
+
+def walk_through(building: Building, options: WalkOptions, rng: np.random.Generator) -> np.ndarray:
+    """Poses plan_from_cam (n, 4, 4) of a walk through all rooms, OpenCV camera axes.
+
+    Raises:
+        OptionError: some room cannot be entered with this clearance.
+    """
+    route = find_route(building, options, rng)
+    planned = _resample(route, _STEP_M)
+    wraps = options.is_loop
+    walked = _round_corners(planned, building, options, rng)
+    yaw = _heading(walked, building, wraps)
+    n = len(walked)
+    ease = _easing(n)
+    yaw = yaw + np.deg2rad(options.look_around_deg) * _swing(n, 2.0, rng) * ease
+    pitch = np.deg2rad(options.pitch_deg) + np.deg2rad(options.pitch_swing_deg) * ease * _swing(
+        n, 1.1, rng
+    )
+    roll = np.deg2rad(options.roll_swing_deg) * ease * _swing(n, 0.8, rng)
+    height = options.height_m + options.sway_m * ease * _swing(n, 0.5, rng)
+    building_from_cams = se3.make_transform(
+        _camera_axes(yaw, pitch, roll), np.column_stack([walked, height])
+    )
+    picked = _evenly_moving(building_from_cams, options.n_frames)
+    return building.plan_from_building @ building_from_cams[picked]
+
+
+def _easing(n: int) -> np.ndarray:
+    """0 at both ends, so that a loop ends with the view it began with, and 1 between."""
+    at = np.minimum(np.arange(n), np.arange(n)[::-1]) * _STEP_M
+    return np.clip(at / min(1.0, 0.25 * n * _STEP_M), 0.0, 1.0)
+
+
+def _resample(points: np.ndarray, step: float) -> np.ndarray:
+    at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    wanted = np.linspace(0.0, at[-1], max(2, round(at[-1] / step) + 1))
+    return np.column_stack([np.interp(wanted, at, points[:, c]) for c in range(2)])
+
+
+def _smoothed(values: np.ndarray, sigma_m: float) -> np.ndarray:
+    return gaussian_filter1d(values, sigma_m / _STEP_M, axis=0, mode="nearest")
+
+
+def _swing(n: int, wavelength_m: float, rng: np.random.Generator) -> np.ndarray:
+    """Slow random swings (n,) along the path, of unit spread."""
+    raw = _smoothed(rng.normal(size=n), wavelength_m / 2.0)
+    # The spread of white noise after a Gaussian of sigma samples is 1 / sqrt(2 sqrt(pi) sigma).
+    sigma = wavelength_m / 2.0 / _STEP_M
+    return np.clip(raw * np.sqrt(2.0 * np.sqrt(np.pi) * sigma), -2.0, 2.0)
+
+
+def _round_corners(
+    planned: np.ndarray, building: Building, options: WalkOptions, rng: np.random.Generator
+) -> np.ndarray:
+    """Smooth the path and let it sway, but only as far as the clearance allows."""
+    n = len(planned)
+    smooth = _smoothed(planned, _SMOOTH_M)
+    sway = np.column_stack([_swing(n, 0.6, rng), _swing(n, 0.6, rng)])
+    wanted = smooth + options.sway_m * _easing(n)[:, None] * sway
+    # The ends stay where they are: smoothing would pull them in, and a loop would not close.
+    ends = np.clip(np.minimum(np.arange(n), np.arange(n)[::-1]) * _STEP_M / 0.5, 0.0, 1.0)
+    share = ends
+    for _ in range(60):
+        walked = planned + share[:, None] * (wanted - planned)
+        # The planned path keeps MARGIN_M more than this, so a share of 0 always passes.
+        is_near = building.clearance(walked) < options.clearance_m + 0.1 * MARGIN_M
+        if not is_near.any():
+            return walked
+        cut = np.where(is_near, 0.6, 0.0)
+        spread = gaussian_filter1d(cut, 0.1 / _STEP_M, mode="nearest")
+        share = share * (1.0 - np.maximum(cut, spread))
+    return planned
+
+
+def _heading(walked: np.ndarray, building: Building, wraps: bool) -> np.ndarray:
+    """Yaw (n,) rad of the way ahead; the end of a loop turns to the yaw of its beginning.
+
+    Near walls the view turns towards the middle of the room: nobody scans a wall from up close.
+    """
+    step = np.gradient(_smoothed(walked, 0.1), axis=0)
+    step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9)
+    inwards = np.zeros_like(walked)
+    for room in building.layout.rooms:
+        away = room.centre - walked
+        distance = np.linalg.norm(away, axis=1, keepdims=True)
+        inside = room.contains(walked)
+        inwards[inside] = (away / np.maximum(distance, 0.8))[inside]
+    nearness = np.clip(1.3 - building.clearance(walked), 0.0, 1.0)[:, None]
+    view = step + 1.2 * nearness * _smoothed(inwards, 0.2)
+    yaw = _smoothed(np.unwrap(np.arctan2(view[:, 1], view[:, 0])), _TURN_M)
+    if wraps:
+        gap = (yaw[0] - yaw[-1] + np.pi) % (2 * np.pi) - np.pi
+        left = np.arange(len(yaw))[::-1] * _STEP_M / 2.0
+        yaw = yaw + gap * (0.5 + 0.5 * np.cos(np.pi * np.clip(left, 0.0, 1.0)))
+    return yaw
+
+
+def _camera_axes(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
+    """Rotations (n, 3, 3), columns right, down, forward."""
+    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    forward = np.column_stack([cy * cp, sy * cp, sp])
+    level_right = np.column_stack([sy, -cy, np.zeros_like(sy)])
+    level_down = np.cross(forward, level_right)
+    cr, sr = np.cos(roll)[:, None], np.sin(roll)[:, None]
+    right, down = cr * level_right + sr * level_down, cr * level_down - sr * level_right
+    return np.stack([right, down, forward], axis=-1)
+
+
+def _evenly_moving(poses: np.ndarray, n_frames: int) -> np.ndarray:
+    """Indices (n_frames,) into dense poses such that each step holds the same motion."""
+    relative = np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3]
+    turn = se3.rotation_angle(relative) / _TURN_PER_M
+    shift = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    motion = np.concatenate([[0.0], np.cumsum(np.hypot(turn, shift))])
+    wanted = np.linspace(0.0, motion[-1], n_frames)
+    return np.clip(np.searchsorted(motion, wanted), 0, len(poses) - 1)

@@ -1,0 +1,135 @@
+"""Faces of walls and door openings, from the cells that the rooms' edges cut the plan into."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from planfit.synth.layout import Layout, Rect
+
+
+class Part(IntEnum):
+    """How high a face reaches."""
+
+    FULL = 0
+    """Floor to ceiling."""
+    LINTEL = 1
+    """Top of a door to the ceiling; not in the plan."""
+    JAMB = 2
+    """Floor to the top of a door: the inside of the opening."""
+
+
+@dataclass(frozen=True)
+class WallFaces:
+    """Faces in the building frame; columns have faces like walls."""
+
+    ends: np.ndarray
+    """(n, 2, 2) m; the free side is on the left of the way from the first end to the second."""
+    parts: np.ndarray
+    """(n,) of `Part`."""
+    rooms: np.ndarray
+    """(n,) room that the face looks into; -1 for the outside, -2 for a door opening."""
+    is_column: np.ndarray
+    """(n,) bool."""
+
+
+OUTSIDE, OPENING = -1, -2
+
+
+def wall_faces(layout: Layout, outer_thickness: float) -> WallFaces:
+    """Everything within `outer_thickness` m of a room, and in no room, is wall."""
+    rects = [*layout.rooms, *layout.columns, *(d.rect for d in layout.doors)]
+    grown = [room.grown(outer_thickness) for room in layout.rooms]
+    x = _cuts([v for r in [*rects, *grown] for v in (r.x0, r.x1)], outer_thickness)
+    y = _cuts([v for r in [*rects, *grown] for v in (r.y0, r.y1)], outer_thickness)
+    space, is_column = _classify(layout, grown, x, y)
+    runs: dict[tuple[int, ...], list[tuple[float, float]]] = {}
+    for axis in (0, 1):
+        for facing in (1, -1):
+            _collect(runs, space, is_column, (x, y), axis, facing)
+    ends, keys = [], []
+    for key, pieces in sorted(runs.items()):
+        for low, high in _joined(pieces):
+            ends.append(_ends(key, low, high, (x, y)))
+            keys.append(key[3:])
+    table = np.array(keys)
+    return WallFaces(np.array(ends), table[:, 0], table[:, 1], table[:, 2].astype(bool))
+
+
+_SOLID = -3
+
+
+def _cuts(values: list[float], margin: float) -> np.ndarray:
+    """Sorted distinct coordinates, with a border of free cells around."""
+    inner = np.unique(values)
+    return np.concatenate([[inner[0] - margin], inner, [inner[-1] + margin]])
+
+
+def _classify(
+    layout: Layout, grown: list[Rect], x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What each cell (nx, ny) is at the height of doors, and whether it is a column."""
+    cx, cy = (x[:-1] + x[1:]) / 2, (y[:-1] + y[1:]) / 2
+    centres = np.stack(np.meshgrid(cx, cy, indexing="ij"), axis=-1).reshape(-1, 2)
+    space = np.full(len(centres), OUTSIDE)
+    is_column = np.zeros(len(centres), dtype=bool)
+    for rect in grown:
+        space[rect.contains(centres)] = _SOLID
+    for i, room in enumerate(layout.rooms):
+        space[room.contains(centres)] = i
+    for door in layout.doors:
+        space[door.rect.contains(centres)] = OPENING
+    for column in layout.columns:
+        inside = column.contains(centres)
+        space[inside], is_column[inside] = _SOLID, True
+    shape = (len(cx), len(cy))
+    return space.reshape(shape), is_column.reshape(shape)
+
+
+def _collect(
+    runs: dict[tuple[int, ...], list[tuple[float, float]]],
+    space: np.ndarray,
+    is_column: np.ndarray,
+    cuts: tuple[np.ndarray, np.ndarray],
+    axis: int,
+    facing: int,
+) -> None:
+    """Add pieces of faces with the normal `facing` along `axis`, keyed by the line they lie on."""
+    turned, column = (space, is_column) if axis == 0 else (space.T, is_column.T)
+    along = cuts[1 - axis]
+    behind, front = (turned[:-1], turned[1:]) if facing > 0 else (turned[1:], turned[:-1])
+    column_behind = column[:-1] if facing > 0 else column[1:]
+    for line, j in np.argwhere((behind == _SOLID) & (front != _SOLID)):
+        room = front[line, j]
+        part = Part.JAMB if room == OPENING else Part.FULL
+        key = (axis, facing, line + 1, part, room, column_behind[line, j])
+        runs.setdefault(tuple(int(k) for k in key), []).append(
+            (float(along[j]), float(along[j + 1]))
+        )
+    for line, j in np.argwhere((behind == OPENING) & (front >= 0)):
+        key = (axis, facing, line + 1, Part.LINTEL, front[line, j], 0)
+        runs.setdefault(tuple(int(k) for k in key), []).append(
+            (float(along[j]), float(along[j + 1]))
+        )
+
+
+def _joined(pieces: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Intervals that touch become one."""
+    result: list[tuple[float, float]] = []
+    for low, high in sorted(pieces):
+        if result and low <= result[-1][1]:
+            result[-1] = (result[-1][0], high)
+        else:
+            result.append((low, high))
+    return result
+
+
+def _ends(
+    key: tuple[int, ...], low: float, high: float, cuts: tuple[np.ndarray, np.ndarray]
+) -> list[list[float]]:
+    axis, facing, line = key[:3]
+    at = float(cuts[axis][line])
+    # Left of the way +y is -x, and left of +x is +y.
+    goes_up = (facing < 0) if axis == 0 else (facing > 0)
+    first, second = (low, high) if goes_up else (high, low)
+    return [[at, first], [at, second]] if axis == 0 else [[first, at], [second, at]]
