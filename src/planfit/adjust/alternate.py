@@ -140,9 +140,10 @@ def pull_walls(
             rounds += 1
             if on_round:
                 on_round(rounds)
-            walls = WallTerm(structure, floorplan, association, options.walls)
-            terms = [*base, *([walls] if options.walls.weight > 0 else [])]
-            if association.n_associated == 0 or options.walls.weight == 0:
+            terms = list(base)
+            if association.n_associated and options.walls.weight > 0:
+                terms.append(WallTerm(structure, floorplan, association, options.walls))
+            else:
                 # Nothing ties the scan to the plan: the place that was found holds it.
                 sigma = np.full(6, 1e-3)
                 terms.append(AnchorTerm(np.array([0]), plan_from_cams[:1], sigma))

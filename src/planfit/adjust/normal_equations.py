@@ -20,7 +20,7 @@ class NormalBlocks:
 
 def sum_by_pose(idx: np.ndarray, values: np.ndarray, n_poses: int) -> np.ndarray:
     """Sum values (k, ...) into their poses: (n_poses, ...)."""
-    flat = values.reshape(len(values), -1)
+    flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     pick = sparse.csr_array(
         (np.ones(len(idx)), (idx, np.arange(len(idx)))), shape=(n_poses, len(idx))
     )

@@ -9,9 +9,9 @@ def depth_normals(points: np.ndarray, radius_px: int, step_px: int = 1) -> np.nd
 
     Returns (h', w', 3), the shape of `points[::step_px, ::step_px]`; NaN where unsure. Central
     differences over `radius_px` of box-smoothed points: the noise of a normal falls with the baseline.
-    A window with a hole or over a border gives NaN.
+    A window that is mostly hole, or over a border, gives NaN.
     """
-    smooth = cv2.blur(points.astype(np.float32), (radius_px, radius_px))  # NaN spreads, as it should
+    smooth = _smoothed(points, radius_px)
     height, width = points.shape[:2]
     rows, columns = np.arange(0, height, step_px), np.arange(0, width, step_px)
     r = radius_px
@@ -26,6 +26,20 @@ def depth_normals(points: np.ndarray, radius_px: int, step_px: int = 1) -> np.nd
     normal[(rows < r) | (rows >= height - r)] = np.nan
     normal[:, (columns < r) | (columns >= width - r)] = np.nan
     return normal
+
+
+def _smoothed(points: np.ndarray, size_px: int) -> np.ndarray:
+    """Mean of the readings in a window around each pixel; NaN where fewer than half are readings.
+
+    Holes are left out of sum and count: OpenCV's running sums would carry one NaN across the image.
+    A mean of points of a plane is on that plane, whichever of them are missing.
+    """
+    is_reading = np.isfinite(points[..., 2])
+    total = cv2.blur(
+        np.where(is_reading[..., None], points, 0.0).astype(np.float32), (size_px, size_px)
+    )
+    share = cv2.blur(is_reading.astype(np.float32), (size_px, size_px))
+    return total / np.where(share >= 0.5, share, np.nan)[..., None]
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

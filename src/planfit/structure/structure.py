@@ -105,7 +105,7 @@ def extract_structure(
         floor_height = find_floor_height(np.concatenate([item["height"] for item in items]))
     compute = partial(_frame_structure, scan, upright_from_cams, options, use_masks, floor_height)
     key = cache_key("structure", *key_parts, use_masks)
-    items = work.map("structure", key, len(scan), compute)
+    items = work.map("floor and walls", key, len(scan), compute)
     return _gather(items, upright_from_cams, "masks" if use_masks else "geometry")
 
 
