@@ -2,6 +2,7 @@
 
 __version__ = "0.1.0"
 
+from planfit import errors as errors
 from planfit.floorplan import read_floorplan as read_floorplan
 from planfit.scan import read_scan as read_scan
 from planfit.pipeline import RefineOptions as RefineOptions

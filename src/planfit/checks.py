@@ -24,9 +24,7 @@ class Check:
     is_worse: bool
 
 
-def hold_out(
-    matches: Matches, share: float, rng: np.random.Generator
-) -> tuple[Matches, Matches]:
+def hold_out(matches: Matches, share: float, rng: np.random.Generator) -> tuple[Matches, Matches]:
     """Split matches at random, within every pair: those to solve with, and those held out."""
     held = rng.random(matches.n_matches) < share
     return _keep(matches, ~held), _keep(matches, held)
@@ -38,7 +36,9 @@ def match_check(
     """Median distance between held-out matched points; None where there are too few to tell."""
     if held_out.n_matches < 30:
         return None
-    before, after = (match_distances(held_out, poses) for poses in (before_from_cams, after_from_cams))
+    before, after = (
+        match_distances(held_out, poses) for poses in (before_from_cams, after_from_cams)
+    )
     first, last = float(np.median(before)), float(np.median(after))
     return Check("held-out matches, median distance", first, last, "m", last > 1.02 * first)
 

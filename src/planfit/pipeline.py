@@ -10,8 +10,9 @@ import numpy as np
 from planfit import checks
 from planfit.adjust import AdjustOptions, Evidence, WallsPulled, close_loops, pull_walls
 from planfit.adjust.association import patches_in_plan
-from planfit.align import Alignment, AlignOptions, align, sample_walls
+from planfit.align import Alignment, AlignOptions, align, find_unit, sample_walls
 from planfit.doubts import fit_doubts, scan_doubts
+from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches, MatchingOptions, find_matches
@@ -75,8 +76,9 @@ class RefineResult:
 
     @property
     def is_better(self) -> bool:
-        """Whether the scan was placed on the plan and no check got worse."""
-        return self.alignment is not None and not any(check.is_worse for check in self.checks)
+        """Whether the scan was surely placed on the plan and no check got worse."""
+        is_placed = self.alignment is not None and self.alignment.is_sure
+        return is_placed and not any(check.is_worse for check in self.checks)
 
 
 def refine(
@@ -95,6 +97,7 @@ def refine(
 
     Raises:
         ScanError: a file of the scan cannot be used.
+        FloorplanError: the plan is not in metres.
     """
     options, work = options or RefineOptions(), work or Work()
     clock = _Clock(work)
@@ -132,6 +135,7 @@ def refine(
         )
         agreed = (floorplan, pulled.association)
         costs = [evidence.costs(poses, options.adjust, agreed) for poses in (before, after)]
+        tension = _tension(evidence, level_from_cams, after, options.adjust)
     judged = tuple(check for check in found if check)
     return RefineResult(
         plan_from_cams=after,
@@ -146,7 +150,7 @@ def refine(
         checks=judged,
         doubts=(
             *scan_doubts(scan, gravity, structure, matches, options.matching.pairs.neighbours),
-            *fit_doubts(alignment, claimed is not None, pulled, structure, judged),
+            *fit_doubts(alignment, claimed is not None, pulled, structure, judged, tension),
         ),
         seconds_by_stage=clock.seconds,
     )
@@ -168,11 +172,35 @@ def _place(
     options: AlignOptions,
     claimed: np.ndarray | None,
 ) -> Alignment | None:
-    """The scan's place on the plan, by its walls; None where it shows none."""
+    """The scan's place on the plan, by its walls; None where it shows none.
+
+    Raises:
+        FloorplanError: the plan fits in another unit than metres.
+    """
     if structure.n_patches == 0:
         return None
     walls = sample_walls(*patches_in_plan(structure, level_from_cams))
-    return align(walls, floorplan, options, claimed)
+    alignment = align(walls, floorplan, options, claimed)
+    found = find_unit(walls, floorplan, alignment, options)
+    if found is not None:
+        raise FloorplanError(
+            f"{floorplan.name}: expected metres, found a plan of {floorplan.size[0]:.4g} x "
+            f"{floorplan.size[1]:.4g} that fits the scan in {found[0]}; "
+            f"multiply its coordinates by {found[1]:g}"
+        )
+    return alignment
+
+
+def _tension(
+    evidence: Evidence, closed: np.ndarray, pulled: np.ndarray, options: AdjustOptions
+) -> float:
+    """Cost of the terms that need no plan: with the walls' pull over without.
+
+    At least three a frame are allowed for without: what correcting drift by walls costs a trajectory
+    that nothing else corrects.
+    """
+    without, with_pull = (sum(evidence.costs(p, options).values()) for p in (closed, pulled))
+    return with_pull / max(without, 3.0 * len(closed))
 
 
 def _world_from_plan(
@@ -193,8 +221,8 @@ class _Clock:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        self._work.report(name, 0, 1)
+        self._work.report(name, 0, 0)
         begin = time.perf_counter()
         yield
         self.seconds[name] = time.perf_counter() - begin
-        self._work.report(name, 1, 1)
+        self._work.report(name, 1, 0)

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from planfit.errors import OutputError
 
 Arrays = dict[str, np.ndarray]
 Progress = Callable[[str, int, int], None]
-"""Called with the stage's name, how many items are done, and of how many."""
+"""Called with the stage's name, how many items are done, and of how many (0: nobody knows)."""
 
 
 def cache_key(*parts: object) -> str:
@@ -56,13 +57,15 @@ class Work:
         folder = self._folder(stage, key)
 
         def one_chunk(start: int) -> list[Arrays]:
-            # Each worker has a core to itself: BLAS threads beside it would only fight over cores.
-            with threadpool_limits(1, user_api="blas"):
-                return [compute(i) for i in range(start, min(start + chunk_size, n_items))]
+            items = [compute(i) for i in range(start, min(start + chunk_size, n_items))]
+            if folder:  # at once: what is finished stays, even where another chunk fails
+                _save(folder / f"{start:06d}.npz", items)
+            return items
 
         missing = []
         for start in starts:
-            kept = _load(folder / f"{start:06d}.npz") if folder else None
+            n_chunk = min(chunk_size, n_items - start)
+            kept = _load(folder / f"{start:06d}.npz", n_chunk) if folder else None
             if kept is None:
                 missing.append(start)
             else:
@@ -70,18 +73,19 @@ class Work:
                 done += len(kept)
         self.report(stage, done, n_items)
         pool = ThreadPoolExecutor(self.workers)
-        try:
-            futures = {pool.submit(one_chunk, start): start for start in missing}
-            for future in as_completed(futures):
-                start = futures[future]
-                chunks[start] = future.result()
-                if folder:
-                    _save(folder / f"{start:06d}.npz", chunks[start])
-                done += len(chunks[start])
-                self.report(stage, done, n_items)
-        finally:
-            # On an error or Ctrl-C: chunks not yet begun are dropped, finished ones are on disk.
-            pool.shutdown(wait=True, cancel_futures=True)
+        # Each worker has a core to itself: BLAS threads beside it would only fight over cores. Set
+        # here and not in the workers: the limit is the process's, and they would undo each other's.
+        with threadpool_limits(1, user_api="blas"):
+            try:
+                futures = {pool.submit(one_chunk, start): start for start in missing}
+                for future in as_completed(futures):
+                    start = futures[future]
+                    chunks[start] = future.result()
+                    done += len(chunks[start])
+                    self.report(stage, done, n_items)
+            finally:
+                # On an error or Ctrl-C: chunks not yet begun are dropped, finished ones are on disk.
+                pool.shutdown(wait=True, cancel_futures=True)
         return [item for start in starts for item in chunks[start]]
 
     def report(self, stage: str, done: int, total: int) -> None:
@@ -92,7 +96,7 @@ class Work:
     def _folder(self, stage: str, key: str) -> Path | None:
         if self.cache_dir is None:
             return None
-        folder = self.cache_dir / f"{stage}-{key}"
+        folder = self.cache_dir / f"{stage.replace(chr(32), chr(95))}-{key}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -100,19 +104,22 @@ class Work:
         return folder
 
 
-def _load(path: Path) -> list[Arrays] | None:
-    """A kept chunk, or None where there is none or the file is damaged (it is then made again)."""
+def _load(path: Path, n_items: int) -> list[Arrays] | None:
+    """A kept chunk of `n_items`, or None where there is none or the file is damaged or of another
+    length (it is then made again)."""
     if not path.exists():
         return None
     try:
-        with np.load(path, allow_pickle=False) as data:
-            items: list[Arrays] = [{} for _ in range(int(data["n_items"]))]
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+            if int(data["n_items"]) != n_items:
+                return None
+            items: list[Arrays] = [{} for _ in range(n_items)]
             for name in data.files:
                 if name != "n_items":
                     idx, key = name.split("/", 1)
                     items[int(idx)][key] = data[name]
             return items
-    except (OSError, ValueError, KeyError, EOFError):
+    except (OSError, ValueError, TypeError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
         return None
 
 

@@ -31,13 +31,16 @@ class AlignOptions:
     """Places nearer than this, with turns within `distinct_deg`, are one."""
     distinct_deg: float = 5.0
     """See `distinct_m`."""
-    min_score: float = 0.35
+    min_score: float = 0.6
     """Below this share of wall that lies on faces, the scan is not believed to be on the plan."""
     min_margin: float = 0.05
     """The best place must beat the next by this share of wall, else the answer is ambiguous."""
     near_recorded_m: float = 5.0
     """Where the scan's format says that poses are in the plan's axes, a place within this of them is
     preferred as long as it explains 0.8 of what the best place does."""
+    near_recorded_deg: float = 20.0
+    """See `near_recorded_m`. Without it, a building that fits when turned about its middle would count
+    as being where the format says."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,8 @@ class Alignment:
     """The best place elsewhere."""
     is_as_recorded: bool = False
     """Whether it agrees with the place that the scan's format claims."""
+    is_sure: bool = True
+    """Whether enough wall lies on the plan, and clearly more than anywhere else."""
     warnings: tuple[str, ...] = ()
     """What a user should know, in words."""
 
@@ -99,30 +104,39 @@ def align(
     warnings: list[str] = []
     is_as_recorded = False
     if recorded is not None:
-        near = next(
-            (f for f in fits if _distance_m(f, recorded, walls) < options.near_recorded_m), None
-        )
+        near = next((f for f in fits if _is_near(f, recorded, walls, options)), None)
         if near is not None and near.score >= 0.8 * best.score:
             best, is_as_recorded = near, True
         else:
             warnings.append(
                 "the scan's format says its poses are in the plan's axes, but the walls fit "
-                f"{_distance_m(best, recorded, walls):.1f} m away from there; that place was taken"
+                f"{_distance_m(best, recorded, walls):.1f} m and "
+                f"{abs(np.rad2deg(_angle(best.yaw - _yaw(recorded)))):.0f} deg away from there; "
+                "that place was taken"
             )
     runner_up = next((f for f in fits if _is_distinct(f, best, walls, options)), None)
     margin = best.score - (runner_up.score if runner_up else 0.0)
-    if best.score < options.min_score:
+    is_weak = best.score < options.min_score
+    is_ambiguous = bool(runner_up and margin < options.min_margin and not is_as_recorded)
+    if is_weak:
         warnings.append(
             f"only {best.score:.0%} of the scanned wall lies on the plan's faces (at least "
             f"{options.min_score:.0%} expected); is it the plan of this building, in metres?"
         )
-    if runner_up and margin < options.min_margin and not is_as_recorded:
+    if runner_up and is_ambiguous:
         warnings.append(
             f"ambiguous: two places on the plan fit almost equally well ({best.score:.0%} and "
             f"{runner_up.score:.0%} of the wall), {_gap_m(best, runner_up, walls):.1f} m and "
             f"{abs(np.rad2deg(_angle(best.yaw - runner_up.yaw))):.0f} deg apart"
         )
-    return Alignment(best.transform, best.score, runner_up, is_as_recorded, tuple(warnings))
+    return Alignment(
+        best.transform,
+        best.score,
+        runner_up,
+        is_as_recorded,
+        is_sure=not (is_weak or is_ambiguous),
+        warnings=tuple(warnings),
+    )
 
 
 def candidate_turns(walls: WallSamples, floorplan: Floorplan, max_turns: int) -> np.ndarray:
@@ -173,6 +187,14 @@ def _coarse_places(
             ] = -1.0
     places.sort(key=lambda place: -place[0])
     return [(yaw, shift) for _, yaw, shift in places[: options.max_candidates]]
+
+
+def _is_near(
+    fit: Fit, recorded: np.ndarray, walls: WallSamples, options: AlignOptions
+) -> bool:
+    turn = abs(np.rad2deg(_angle(fit.yaw - _yaw(recorded))))
+    gap_m = _distance_m(fit, recorded, walls)
+    return bool(turn < options.near_recorded_deg and gap_m < options.near_recorded_m)
 
 
 def _is_distinct(a: Fit, b: Fit, walls: WallSamples, options: AlignOptions) -> bool:

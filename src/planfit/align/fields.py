@@ -12,6 +12,9 @@ from planfit.geometry import segments
 N_SECTORS = 8
 """Directions of 45 degrees each: opposite faces of one wall never share a field."""
 
+MAX_CELLS = 2_000_000
+"""Bounds memory: eight fields and their spectra of this many cells take 200 MB."""
+
 
 @dataclass(frozen=True)
 class FaceFields:
@@ -25,7 +28,13 @@ class FaceFields:
 def make_face_fields(
     floorplan: Floorplan, cell_m: float, reach_m: float, margin_m: float
 ) -> FaceFields:
-    """Fields exp(-d^2 / 2 reach^2) of the distance d to the faces of each sector."""
+    """Fields exp(-d^2 / 2 reach^2) of the distance d to the faces of each sector.
+
+    Cells grow on plans so large that they would be more than `MAX_CELLS`.
+    """
+    extent = np.array(floorplan.size) + 2 * margin_m
+    cell_m = max(cell_m, float(np.sqrt(extent.prod() / MAX_CELLS)))
+    reach_m = max(reach_m, 1.5 * cell_m)
     xy, face = segments.sample(floorplan.ends, cell_m / 2)
     origin = xy.min(axis=0) - margin_m
     shape = np.ceil((np.ptp(xy, axis=0) + 2 * margin_m) / cell_m).astype(int) + 1

@@ -7,6 +7,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.scan import Label, Scan
@@ -94,7 +95,16 @@ def level_from_world(gravity: Gravity, floor_height_m: float) -> np.ndarray:
 def extract_structure(
     scan: Scan, gravity: Gravity, options: StructureOptions, work: Work
 ) -> Structure:
-    """Floor points and wall patches of each frame; paper, Sec. III-B."""
+    """Floor points and wall patches of each frame; paper, Sec. III-B.
+
+    Raises:
+        ScanError: masks were asked for and the scan has none, or a file cannot be used.
+    """
+    if options.back_end == "masks" and not scan.has_labels:
+        raise ScanError(
+            f"{scan.name}: expected floor and wall masks, found none; add them, or use "
+            "--structure.back-end geometry"
+        )
     use_masks = scan.has_labels and options.back_end != "geometry"
     upright_from_cams = level_from_world(gravity, 0.0) @ scan.world_from_cams
     floor_height = np.nan

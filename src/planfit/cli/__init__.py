@@ -1,0 +1,119 @@
+"""The command line: the only part of planfit that prints."""
+
+import dataclasses
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from planfit import __version__
+from planfit.errors import PlanfitError
+
+EXIT_OK, EXIT_NOT_BETTER, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
+
+HELP = f"""planfit {__version__}: fit a posed RGB-D scan of a building to its floorplan.
+
+usage: planfit COMMAND ...
+
+commands:
+  refine SCAN -o OUT [--plan FILE]   refine the camera poses of a scan; OUT/report.html tells how it went
+  evaluate OUT --truth FILE          compare refined poses with true ones
+  demo [-o OUT]                      make a synthetic scan, drift it, refine it, and compare with the truth
+  synth OUT                          write a synthetic scan with its plan and its truth
+
+'planfit COMMAND --help' lists the options of a command.
+exit codes: 0 done; 1 done, but not better than before or not placed on the plan; 2 bad input; 130 stopped
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run a command and exit with its code."""
+    sys.exit(run(sys.argv[1:] if argv is None else argv))
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run a command; errors of the input become one line and exit code 2."""
+    name, rest = (argv[0], list(argv[1:])) if argv else ("--help", [])
+    if name in ("-h", "--help", "help"):
+        print(HELP, end="")
+        return EXIT_OK
+    if name in ("-V", "--version"):
+        print(__version__)
+        return EXIT_OK
+    loaders: dict[str, Callable[[], tuple[type, Callable[[Any], int]]]] = {
+        "refine": _load_refine,
+        "evaluate": _load_evaluate,
+        "demo": _load_demo,
+        "synth": _load_synth,
+    }
+    if name not in loaders:
+        print(f"planfit: unknown command {name!r}; known: {', '.join(loaders)}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    try:
+        arguments_type, command = loaders[name]()
+        arguments = _parse(arguments_type, name, rest)
+        return command(arguments)
+    except PlanfitError as error:
+        print(f"planfit: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("planfit: stopped; finished stages are kept, the same command goes on from there",
+              file=sys.stderr)  # fmt: skip
+        return EXIT_INTERRUPTED
+
+
+def _parse(arguments_type: type, name: str, argv: list[str]) -> Any:
+    """Arguments of a command; a TOML file named by --config comes before the other flags."""
+    import tyro
+
+    from planfit.cli.config import read_options
+
+    default = None
+    fields = {field.name: field for field in dataclasses.fields(arguments_type)}
+    if "config" in fields and (path := _config_path(argv)) is not None:
+        options = fields["options"].default_factory()  # type: ignore[misc]
+        required = {
+            key: tyro.MISSING
+            for key, field in fields.items()
+            if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        }
+        default = arguments_type(**required, options=read_options(path, options))
+    return tyro.cli(
+        arguments_type, prog=f"planfit {name}", args=argv, default=default, use_underscores=False
+    )
+
+
+def _config_path(argv: list[str]) -> Path | None:
+    for i, word in enumerate(argv):
+        if word == "--config" and i + 1 < len(argv):
+            return Path(argv[i + 1])
+        if word.startswith("--config="):
+            return Path(word.removeprefix("--config="))
+    return None
+
+
+# Each command is imported when it is asked for, so that --help and errors come at once.
+
+
+def _load_refine() -> tuple[type, Callable[[Any], int]]:
+    from planfit.cli.refine import RefineArguments, refine_command
+
+    return RefineArguments, refine_command
+
+
+def _load_evaluate() -> tuple[type, Callable[[Any], int]]:
+    from planfit.cli.evaluate import EvaluateArguments, evaluate_command
+
+    return EvaluateArguments, evaluate_command
+
+
+def _load_demo() -> tuple[type, Callable[[Any], int]]:
+    from planfit.cli.demo import DemoArguments, demo_command
+
+    return DemoArguments, demo_command
+
+
+def _load_synth() -> tuple[type, Callable[[Any], int]]:
+    from planfit.cli.synth import SynthArguments, synth_command
+
+    return SynthArguments, synth_command

@@ -1,0 +1,81 @@
+"""Options from and to TOML: the same names as on the command line, unknown ones are errors."""
+
+import dataclasses
+import tomllib
+from enum import Enum
+from pathlib import Path
+from typing import Any, TypeVar
+
+from planfit.errors import OptionError
+from planfit.export.record import plain
+
+Options = TypeVar("Options")
+
+
+def read_options(path: Path, defaults: Options) -> Options:
+    """Options dataclass with the values of a TOML file in place of its defaults.
+
+    Raises:
+        OptionError: the file is missing or not TOML, a name is unknown, or a value of another kind.
+    """
+    try:
+        values = tomllib.loads(path.read_text())
+    except OSError as error:
+        raise OptionError(f"{path}: expected a TOML file of options, {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise OptionError(f"{path}: expected TOML, found {error}") from error
+    return _replaced(defaults, values, f"{path}: ")
+
+
+def to_toml(options: Any) -> str:
+    """Options dataclass as TOML text."""
+    return "\n".join(_toml_lines(plain(options), ())) + "\n"
+
+
+def _replaced(defaults: Any, values: dict[str, Any], where: str) -> Any:
+    known = {field.name: getattr(defaults, field.name) for field in dataclasses.fields(defaults)}
+    changed = {}
+    for raw_name, value in values.items():
+        name = raw_name.replace("-", "_")
+        if name not in known:
+            raise OptionError(f"{where}unknown option {raw_name!r}; known: {', '.join(known)}")
+        changed[name] = _converted(known[name], value, f"{where}{raw_name}: ")
+    return dataclasses.replace(defaults, **changed)
+
+
+def _converted(default: Any, value: Any, where: str) -> Any:
+    if dataclasses.is_dataclass(default):
+        if not isinstance(value, dict):
+            raise OptionError(f"{where}expected a table of options, found {value!r}")
+        return _replaced(default, value, where)
+    if isinstance(default, Enum):
+        names = {member.name.lower(): member for member in type(default)}
+        if str(value).lower() not in names:
+            raise OptionError(f"{where}expected one of {', '.join(names)}, found {value!r}")
+        return names[str(value).lower()]
+    if isinstance(default, tuple) and isinstance(value, list):
+        return tuple(_converted(default[0], item, where) for item in value)
+    if isinstance(default, float) and type(value) is int:
+        return float(value)
+    if type(value) is not type(default):
+        raise OptionError(f"{where}expected {type(default).__name__}, found {value!r}")
+    return value
+
+
+def _toml_lines(values: dict[str, Any], path: tuple[str, ...]) -> list[str]:
+    lines = [f"[{'.'.join(path)}]"] if path else []
+    lines += [f"{k} = {_toml(v)}" for k, v in values.items() if not isinstance(v, dict)]
+    for name, value in values.items():
+        if isinstance(value, dict):
+            lines += ["", *_toml_lines(value, (*path, name))]
+    return lines
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return repr(value)

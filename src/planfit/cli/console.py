@@ -1,0 +1,52 @@
+"""What a user sees in the terminal: progress while it runs, a table at the end."""
+
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+
+
+class StageBars:
+    """A bar for each stage; use as a context, and give `update` to `planfit.work.Work`."""
+
+    def __init__(self) -> None:
+        self._progress = Progress(
+            TextColumn("{task.description:<18}"),
+            BarColumn(bar_width=30),
+            TextColumn("{task.fields[count]:>12}"),
+            TimeElapsedColumn(),
+            console=err,
+        )
+        self._tasks: dict[str, TaskID] = {}
+
+    def __enter__(self) -> "StageBars":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._progress.stop()
+
+    def update(self, stage: str, done: int, total: int) -> None:
+        """Show how far a stage is; a total of 0 means that nobody knows how much there is."""
+        if stage not in self._tasks:
+            self._tasks[stage] = self._progress.add_task(stage, total=None, count="")
+        task = self._tasks[stage]
+        if total:
+            self._progress.update(task, completed=done, total=total, count=f"{done}/{total}")
+        elif done:
+            known = self._progress.tasks[task].total or 1
+            self._progress.update(task, completed=known, total=known)
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """A plain table: the first column to the left, numbers to the right."""
+    result = Table(title=title, title_justify="left", box=None, pad_edge=False, title_style="bold")
+    for i, column in enumerate(columns):
+        result.add_column(column, justify="left" if i == 0 else "right")
+    for row in rows:
+        result.add_row(*row)
+    return result

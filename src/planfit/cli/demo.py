@@ -1,0 +1,114 @@
+"""`planfit demo`: make a scan, drift it, refine it, compare with the truth."""
+
+import shutil
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from planfit.cli.console import StageBars, out, table
+from planfit.cli.refine import refine_into
+from planfit.errors import OutputError
+from planfit.evaluate import position_errors
+from planfit.export.record import surface_metrics
+from planfit.floorplan import read_floorplan
+from planfit.pipeline import RefineOptions, RefineResult
+from planfit.report import TruthErrors
+from planfit.scan import read_scan, read_tum
+from planfit.synth import CameraOptions, DriftOptions, SynthOptions, make_scan, write_facap
+
+DEMO_SCAN = SynthOptions(
+    camera=CameraOptions(width_px=480, height_px=360),
+    drift=DriftOptions(yaw_deg=0.25, tilt_share=0.3, shift_m=0.02, vertical_share=0.3)
+)
+_MARK = ".planfit-demo"
+
+
+@dataclass(frozen=True)
+class DemoArguments:
+    """Make a synthetic scan of a synthetic building, drift its poses, refine them against its plan, and
+    compare with the truth."""
+
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("demo")
+    """Folder for the scan and for the results; an earlier demo in it is replaced."""
+    workers: int = 2
+    """Threads."""
+    synth: SynthOptions = field(default_factory=lambda: DEMO_SCAN)
+    """The building, the walk, the camera and the drift."""
+
+
+def demo_command(arguments: DemoArguments) -> int:
+    """Everything from nothing, through files, as a user's own scan would go."""
+    begin = time.perf_counter()
+    folder = arguments.out
+    _make_way(folder)
+    scan_folder, run_folder = folder / "scan", folder / "run"
+    with StageBars() as bars:
+        synthetic = make_scan(arguments.synth)
+        write_facap(
+            scan_folder,
+            synthetic,
+            lambda done, total: bars.update("render scan", done, total),
+            arguments.workers,
+        )
+    render_seconds = time.perf_counter() - begin
+    scan = read_scan(scan_folder)
+    floorplan = read_floorplan(scan_folder / "floorplan.npy")
+    _, true_world_from_cams = read_tum(scan_folder / "groundtruth.tum")
+
+    def truth_of(result: RefineResult) -> TruthErrors:
+        before = position_errors(scan.world_from_cams, true_world_from_cams)
+        after = position_errors(result.world_from_cams, true_world_from_cams)
+        return TruthErrors(
+            before_rms_m=before.rms_m,
+            after_rms_m=after.rms_m,
+            before_aligned_rms_m=before.aligned_rms_m,
+            after_aligned_rms_m=after.aligned_rms_m,
+        )
+
+    result = refine_into(
+        run_folder, scan, floorplan, RefineOptions(), arguments.workers, True, truth_of
+    )
+    errors, metrics = truth_of(result), surface_metrics(floorplan, result)
+    walked = float(np.linalg.norm(np.diff(true_world_from_cams[:, :3, 3], axis=0), axis=1).sum())
+    rows = [
+        ["position error, RMS", f"{errors.before_rms_m:.3f} m", f"{errors.after_rms_m:.3f} m"],
+        *(
+            [words, f"{metrics[name]['before']:.3f} m", f"{metrics[name]['after']:.3f} m"]
+            for name, words in (
+                ("nsd_m", "wall points to the plan (NSD)"),
+                ("floor_rms_m", "floor points about their height"),
+            )
+            if name in metrics
+        ),
+    ]
+    out.print()
+    title = f"{len(scan)} frames, {walked:.0f} m walked through a building with {len(floorplan)} wall faces"
+    out.print(table(title, ["", "before", "after"], rows))
+    seconds = {"render scan": render_seconds, **result.seconds_by_stage}
+    stages = [[name, f"{value:.1f} s"] for name, value in seconds.items() if value > 0.05]
+    out.print()
+    out.print(table("time per stage", ["", ""], stages))
+    for doubt in result.doubts:
+        out.print(f"[yellow]note:[/] {doubt}")
+    out.print(f"\n{time.perf_counter() - begin:.0f} s in all. Report: {run_folder / 'report.html'}")
+    return 0 if result.is_better else 1
+
+
+def _make_way(folder: Path) -> None:
+    """Remove an earlier demo; anything else is left alone."""
+    if folder.exists():
+        if not (folder / _MARK).exists():
+            raise OutputError(
+                f"{folder}: expected no such folder or an earlier demo, found something else; "
+                "choose another folder with -o"
+            )
+        shutil.rmtree(folder)
+    try:
+        folder.mkdir(parents=True)
+        (folder / _MARK).touch()
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written ({error.strerror})") from error

@@ -1,0 +1,123 @@
+"""`planfit refine`: from files to files."""
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from planfit import __version__
+from planfit.cli.config import to_toml
+from planfit.cli.console import StageBars, err, out, table
+from planfit.errors import FloorplanError
+from planfit.export import RunFolder, make_record, sample_cloud, write_results
+from planfit.floorplan import Floorplan, read_floorplan
+from planfit.pipeline import RefineOptions, RefineResult, refine
+from planfit.report import TruthErrors, draw_overlay, make_report
+from planfit.scan import Scan, read_scan
+from planfit.work import Work
+
+
+@dataclass(frozen=True)
+class RefineArguments:
+    """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan."""
+
+    scan: tyro.conf.Positional[Path]
+    """Folder of the scan."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder for the results."""
+    plan: Path | None = None
+    """Floorplan; by default the one inside the scan's folder."""
+    config: Path | None = None
+    """TOML file of options, overruled by the flags below."""
+    overwrite: bool = False
+    """Replace the results of another run in the output folder."""
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Threads."""
+    options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
+
+
+def refine_command(arguments: RefineArguments) -> int:
+    """Read, refine, write, summarise. Exit code 1 where the result is not better than the input."""
+    begin = time.perf_counter()
+    scan = read_scan(arguments.scan, arguments.options.structure.back_end != "geometry")
+    plan_path = arguments.plan or scan.floorplan_path
+    if plan_path is None:
+        raise FloorplanError(
+            f"{arguments.scan}: expected a floorplan inside the scan's folder, found none; "
+            "give one with --plan FILE"
+        )
+    floorplan = read_floorplan(plan_path)
+    result = refine_into(
+        arguments.out, scan, floorplan, arguments.options, arguments.workers, arguments.overwrite
+    )
+    summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
+    return 0 if result.is_better else 1
+
+
+def refine_into(
+    folder: Path,
+    scan: Scan,
+    floorplan: Floorplan,
+    options: RefineOptions,
+    workers: int,
+    overwrite: bool,
+    truth_of: Callable[[RefineResult], TruthErrors] | None = None,
+) -> RefineResult:
+    """Refine a scan and write everything a run writes; see docs/outputs.md.
+
+    `truth_of` gives the errors of a result against true poses, where they are known, for the report.
+    """
+    inputs = {
+        "scan": scan.name,
+        "scan_fingerprint": scan.fingerprint,
+        "plan": floorplan.name,
+        "plan_fingerprint": floorplan.fingerprint,
+    }
+    run = RunFolder.claim(folder, inputs, overwrite)
+    with StageBars() as bars:
+        work = Work(workers, run.cache_dir, bars.update)
+        result = refine(scan, floorplan, options, work)
+        cloud = sample_cloud(scan, work)
+        with run.writing() as staging:
+            bars.update("write results", 0, 0)
+            record = make_record(__version__, inputs, scan, floorplan, options, result)
+            write_results(staging, scan, result, record, cloud)
+            (staging / "overlay.png").write_bytes(draw_overlay(floorplan, result))
+            errors = truth_of(result) if truth_of else None
+            report = make_report(scan.name, floorplan, result, to_toml(options), errors)
+            (staging / "report.html").write_text(report, encoding="utf-8")
+        bars.update("write results", 1, 0)
+    return result
+
+
+def summarise(
+    folder: Path, scan: Scan, floorplan: Floorplan, result: RefineResult, seconds: float
+) -> None:
+    """One screen: what changed, what is doubtful, where the rest is."""
+    rows = []
+    for check in result.checks:
+        rows.append([check.name, *(_amount(v, check.unit) for v in (check.before, check.after))])
+    out.print()
+    out.print(table(f"{scan.name} on {floorplan.name}", ["", "before", "after"], rows))
+    matches, walls = result.matches, result.walls
+    out.print(
+        f"\n{len(scan)} frames, {matches.n_matches} matches in {len(matches.pairs)} pairs, "
+        f"{walls.association.n_associated} of {result.structure.n_patches} pieces of wall on the "
+        f"plan, labels from {result.structure.back_end}"
+    )
+    stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)
+    out.print(f"{seconds:.1f} s: {stages}")
+    for doubt in result.doubts:
+        out.print(f"[yellow]note:[/] {doubt}")
+    verdict = "refined" if result.is_better else "[red]not better than before[/]"
+    out.print(f"{verdict}: {folder / 'report.html'}")
+    if not result.is_better:
+        err.print("planfit: the result did not pass its checks; see the report")
+
+
+def _amount(value: float, unit: str) -> str:
+    return f"{value:.0%}" if unit == "share" else f"{value:.3f} {unit}"

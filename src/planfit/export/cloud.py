@@ -1,0 +1,83 @@
+"""Coloured point clouds of a scan, sampled once and placed by any poses."""
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from planfit.geometry import se3
+from planfit.scan import Scan
+from planfit.work import Arrays, Work, cache_key
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points in camera frames, with colour."""
+
+    points_cam: np.ndarray  # (m, 3) m
+    colors: np.ndarray  # (m, 3) uint8
+    start: np.ndarray  # (n_frames + 1,)
+
+
+def sample_cloud(
+    scan: Scan,
+    work: Work,
+    max_points: int = 500_000,
+    max_per_frame: int = 2500,
+    max_depth_m: float = 8.0,
+) -> Cloud:
+    """A regular sample of every frame's pixels that have a depth below `max_depth_m`."""
+    per_frame = max(1, min(max_per_frame, max_points // len(scan)))
+    key = cache_key(scan.fingerprint, per_frame, max_depth_m)
+    items = work.map("clouds", key, len(scan), partial(_sample, scan, per_frame, max_depth_m))
+    return Cloud(
+        points_cam=np.concatenate([item["points"] for item in items]),
+        colors=np.concatenate([item["colors"] for item in items]),
+        start=np.cumsum([0, *(len(item["points"]) for item in items)]),
+    )
+
+
+def place_cloud(cloud: Cloud, target_from_cams: np.ndarray) -> np.ndarray:
+    """Points (m, 3) m in the target frame."""
+    placed = [
+        se3.transform(pose, cloud.points_cam[first:last])
+        for pose, first, last in zip(
+            target_from_cams, cloud.start[:-1], cloud.start[1:], strict=True
+        )
+    ]
+    return np.concatenate(placed)
+
+
+def write_ply(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
+    """Write points (m, 3) m with colours (m, 3) uint8 as binary PLY."""
+    vertices = np.zeros(
+        len(points),
+        dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("r", "u1"), ("g", "u1"), ("b", "u1")],
+    )
+    for axis, name in enumerate("xyz"):
+        vertices[name] = points[:, axis]
+    for channel, name in enumerate("rgb"):
+        vertices[name] = colors[:, channel]
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+    )
+    with path.open("wb") as file:
+        file.write(header.encode())
+        file.write(vertices.tobytes())
+
+
+def _sample(scan: Scan, per_frame: int, max_depth_m: float, i: int) -> Arrays:
+    depth = scan.files.depth(i)
+    step = max(1, int(np.sqrt(depth.size / per_frame)))
+    rows, columns = np.mgrid[step // 2 : depth.shape[0] : step, step // 2 : depth.shape[1] : step]
+    at = depth[rows, columns]
+    with np.errstate(invalid="ignore"):
+        keep = at < max_depth_m
+    uv = np.stack([columns[keep], rows[keep]], axis=1)
+    return {
+        "points": scan.cameras[i].lift(uv.astype(float), at[keep]).astype(np.float32),
+        "colors": scan.files.color(i)[rows[keep], columns[keep]],
+    }

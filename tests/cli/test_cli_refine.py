@@ -1,0 +1,133 @@
+"""`planfit refine` and `evaluate` on real files, through the command line's own entry point."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planfit.cli import run
+from planfit.evaluate import position_errors
+from planfit.scan import read_scan, read_tum
+
+
+@pytest.fixture(scope="module")
+def finished(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("run") / "out"
+    assert run(["refine", str(small_scan), "-o", str(out)]) == 0
+    return out
+
+
+def test_every_file_of_the_outputs_page_is_written(finished: Path) -> None:
+    page = Path(__file__).parents[2] / "docs" / "outputs.md"
+    names = re.findall(r"^\| `OUT/([^`]+)`(?:, `([^`]+)`)?", page.read_text(), flags=re.MULTILINE)
+    expected = {name.rstrip("/") for pair in names for name in pair if name}
+    assert expected == {path.name for path in finished.iterdir()}
+
+
+def test_refined_poses_are_far_nearer_to_the_truth(finished: Path, small_scan: Path) -> None:
+    before = read_scan(small_scan).world_from_cams
+    _, truth = read_tum(small_scan / "groundtruth.tum")
+    after = np.stack([np.loadtxt(p) for p in sorted((finished / "poses").iterdir())])
+    first, last = (position_errors(poses, truth).rms_m for poses in (before, after))
+    assert last < 0.03
+    assert last < 0.25 * first
+
+
+def test_trajectory_is_in_the_plan_frame_and_poses_in_the_scans(finished: Path) -> None:
+    record = json.loads((finished / "run.json").read_text())
+    _, plan_from_cams = read_tum(finished / "trajectory.tum")
+    poses = np.stack([np.loadtxt(p) for p in sorted((finished / "poses").iterdir())])
+    np.testing.assert_allclose(
+        np.array(record["world_from_plan"]) @ plan_from_cams, poses, atol=1e-6
+    )
+    # Cameras are held at eye height above the floor of the plan frame.
+    assert np.all((plan_from_cams[:, 2, 3] > 1.0) & (plan_from_cams[:, 2, 3] < 2.0))
+
+
+def test_record_tells_what_was_done(finished: Path, small_scan: Path) -> None:
+    record = json.loads((finished / "run.json").read_text())
+    assert record["frames"] == 60
+    assert record["inputs"]["scan"] == str(small_scan)
+    assert record["options"]["matching"]["verify"]["min_inliers"] == 15
+    assert record["is_better"] is True
+    assert set(record["cost_by_term"]) == {"points", "floor", "trajectory", "walls"}
+    assert record["metrics"]["nsd_m"]["after"] < record["metrics"]["nsd_m"]["before"]
+    assert record["stop"]
+
+
+def test_evaluate_prints_the_errors_and_json(finished: Path, small_scan: Path, capsys) -> None:
+    truth = str(small_scan / "groundtruth.tum")
+    assert run(["evaluate", str(finished), "--truth", truth]) == 0
+    assert "position error (ATE), RMS, not aligned" in capsys.readouterr().out
+    assert run(["evaluate", str(finished), "--truth", truth, "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["compared"] == 60
+    poses = np.stack([np.loadtxt(p) for p in sorted((finished / "poses").iterdir())])
+    expected = position_errors(poses, read_tum(Path(truth))[1])
+    assert figures["ate"]["rms_m"] == pytest.approx(expected.rms_m, abs=1e-6)
+
+
+def test_evaluate_suggests_the_other_frame(finished: Path, small_scan: Path, capsys) -> None:
+    truth = str(small_scan / "groundtruth.tum")
+    assert run(["evaluate", str(finished), "--truth", truth, "--truth-frame", "plan"]) == 0
+    assert "Try --truth-frame world" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_same_run_again_reuses_its_stages(finished: Path, small_scan: Path) -> None:
+    before = {p: p.stat().st_mtime_ns for p in (finished / "cache").rglob("*.npz")}
+    poses = (finished / "trajectory.tum").read_bytes()
+    assert run(["refine", str(small_scan), "-o", str(finished)]) == 0
+    after = {p: p.stat().st_mtime_ns for p in (finished / "cache").rglob("*.npz")}
+    assert after == before
+    assert (finished / "trajectory.tum").read_bytes() == poses
+
+
+def test_hidden_masks_give_way_to_geometry(small_scan: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = ["refine", str(small_scan), "-o", str(out), "--structure.back-end", "geometry"]
+    assert run(arguments) == 0
+    record = json.loads((out / "run.json").read_text())
+    assert record["labels_from"] == "geometry"
+    _, truth = read_tum(small_scan / "groundtruth.tum")
+    after = np.stack([np.loadtxt(p) for p in sorted((out / "poses").iterdir())])
+    assert position_errors(after, truth).rms_m < 0.05
+
+
+def test_options_from_toml_and_flags_are_the_same_options(
+    small_scan: Path, tmp_path: Path, capsys
+) -> None:
+    config = tmp_path / "options.toml"
+    config.write_text("[matching.pairs]\nneighbours = 2\n[adjust.walls]\nsigma_m = 0.07\n")
+    out = tmp_path / "out"
+    words = ["refine", str(small_scan), "-o", str(out), "--config", str(config)]
+    assert run([*words, "--matching.pairs.neighbours", "3"]) == 0
+    options = json.loads((out / "run.json").read_text())["options"]
+    assert options["matching"]["pairs"]["neighbours"] == 3
+    assert options["adjust"]["walls"]["sigma_m"] == 0.07
+    config.write_text("[adjust.wall]\nsigma_m = 0.07\n")
+    assert run([*words[:-2], "--config", str(config)]) == 2
+    assert "unknown option 'wall'" in capsys.readouterr().err
+
+
+def test_help_and_version_and_unknown_commands(capsys) -> None:
+    from planfit import __version__
+
+    assert run(["--help"]) == 0
+    assert "refine SCAN -o OUT" in capsys.readouterr().out
+    assert run(["--version"]) == 0
+    assert __version__ in capsys.readouterr().out
+    assert run(["refyne"]) == 2
+    assert "unknown command 'refyne'" in capsys.readouterr().err
+
+
+def test_installed_command_runs() -> None:
+    command = Path(sys.executable).with_name("planfit")
+    done = subprocess.run([command, "refine", "/nowhere", "-o", "/nowhere/out"],
+                          capture_output=True, text=True, check=False)  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("planfit: /nowhere: expected the folder of a scan")
+    assert len(done.stderr.splitlines()) == 1

@@ -1,0 +1,234 @@
+"""`planfit.refine` as a whole, on synthetic scans whose truth is known, whole and crippled."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import planfit
+from planfit.adjust import AdjustOptions
+from planfit.adjust.terms.floor import FloorOptions
+from planfit.adjust.terms.points import PointOptions
+from planfit.adjust.terms.trajectory import TrajectoryOptions
+from planfit.adjust.terms.walls import WallOptions
+from planfit.evaluate import position_errors
+from planfit.geometry import se3
+from planfit.scan import Label, Scan, ScanFiles
+from planfit.structure import StructureOptions
+from planfit.synth import (
+    BuildingOptions,
+    CameraOptions,
+    DriftOptions,
+    SynthOptions,
+    SyntheticScan,
+    TimeOfFlightNoise,
+    WalkOptions,
+    make_scan,
+)
+from planfit.work import Work
+
+BASE = SynthOptions(
+    seed=5,
+    building=BuildingOptions(n_rooms=3),
+    walk=WalkOptions(n_frames=80),
+    camera=CameraOptions(width_px=320, height_px=240),
+    drift=DriftOptions(yaw_deg=0.5, shift_m=0.03),
+)
+
+
+@dataclass(frozen=True)
+class Subset:
+    """Some frames of a scan, with some labels hidden."""
+
+    files: ScanFiles
+    frames: np.ndarray
+    hidden: tuple[Label, ...] = ()
+
+    def color(self, i):
+        return self.files.color(int(self.frames[i]))
+
+    def depth(self, i):
+        return self.files.depth(int(self.frames[i]))
+
+    def labels(self, i):
+        labels = self.files.labels(int(self.frames[i])).copy()
+        labels[np.isin(labels, self.hidden)] = Label.NONE
+        return labels
+
+    def write_poses(self, directory, world_from_cams):
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Images rendered once for all tests."""
+
+    colors: list
+    depths: list
+    label_images: list
+
+    def color(self, i):
+        return self.colors[i]
+
+    def depth(self, i):
+        return self.depths[i]
+
+    def labels(self, i):
+        return self.label_images[i]
+
+    def write_poses(self, directory, world_from_cams):
+        raise NotImplementedError
+
+
+def keep_images(synthetic: SyntheticScan) -> SyntheticScan:
+    files, n = synthetic.scan.files, range(len(synthetic.scan))
+    kept = Kept(*([read(i) for i in n] for read in (files.color, files.depth, files.labels)))
+    return dataclasses.replace(synthetic, scan=dataclasses.replace(synthetic.scan, files=kept))
+
+
+def subset(scan: Scan, frames: np.ndarray, hidden: tuple[Label, ...] = ()) -> Scan:
+    return dataclasses.replace(
+        scan,
+        frame_ids=tuple(scan.frame_ids[i] for i in frames),
+        timestamps=scan.timestamps[frames],
+        cameras=tuple(scan.cameras[i] for i in frames),
+        world_from_cams=scan.world_from_cams[frames],
+        files=Subset(scan.files, frames, hidden),
+    )
+
+
+@pytest.fixture(scope="module")
+def synthetic() -> SyntheticScan:
+    return keep_images(make_scan(BASE))
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory) -> Work:
+    return Work(cache_dir=tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(scope="module")
+def refined(synthetic, work) -> planfit.RefineResult:
+    return planfit.refine(synthetic.scan, synthetic.floorplan, work=work)
+
+
+def rms(poses, truth):
+    return position_errors(poses, truth).rms_m
+
+
+def test_error_falls_to_centimetres(synthetic, refined):
+    truth = synthetic.true_world_from_cams
+    assert rms(synthetic.scan.world_from_cams, truth) > 0.12
+    assert rms(refined.world_from_cams, truth) < 0.02
+    assert refined.is_better
+    assert refined.doubts == ()
+
+
+def test_same_input_same_bits(synthetic, refined):
+    again = planfit.refine(synthetic.scan, synthetic.floorplan, work=Work(workers=1))
+    np.testing.assert_array_equal(again.plan_from_cams, refined.plan_from_cams)
+
+
+def test_plan_places_the_scan_better_than_loops_alone(synthetic, refined, work):
+    no_walls = planfit.RefineOptions(adjust=AdjustOptions(walls=WallOptions(weight=0.0)))
+    alone = planfit.refine(synthetic.scan, synthetic.floorplan, no_walls, work)
+    truth = synthetic.true_plan_from_cams
+    assert rms(refined.plan_from_cams, truth) < rms(alone.plan_from_cams, truth)
+    assert "walls" not in alone.cost_by_term
+
+
+@pytest.mark.parametrize(
+    ("name", "adjust"),
+    [
+        ("points", AdjustOptions(points=PointOptions(weight=0.0))),
+        ("floor", AdjustOptions(floor=FloorOptions(weight=0.0))),
+        ("trajectory", AdjustOptions(trajectory=TrajectoryOptions(weight=0.0))),
+    ],
+)
+def test_a_term_of_no_weight_is_left_out(name, adjust, synthetic, work):
+    options = planfit.RefineOptions(adjust=adjust)
+    result = planfit.refine(synthetic.scan, synthetic.floorplan, options, work)
+    assert name not in result.cost_by_term
+    truth = synthetic.true_world_from_cams
+    assert rms(result.world_from_cams, truth) < 0.06
+
+
+def test_scan_in_axes_of_its_own_is_found_on_the_plan():
+    moved = make_scan(dataclasses.replace(BASE, world="moved"))
+    result = planfit.refine(moved.scan, moved.floorplan)
+    assert rms(result.plan_from_cams, moved.true_plan_from_cams) < 0.03
+    # Poses stay where they were recorded: only the drift is taken out of them.
+    assert rms(result.world_from_cams, moved.scan.world_from_cams) < 0.4
+
+
+def test_phone_depth_and_geometry_labels():
+    phone = make_scan(
+        dataclasses.replace(BASE, seed=8, depth_noise=TimeOfFlightNoise(), has_labels=False)
+    )
+    result = planfit.refine(phone.scan, phone.floorplan)
+    assert result.structure.back_end == "geometry"
+    before = rms(phone.scan.world_from_cams, phone.true_world_from_cams)
+    assert rms(result.world_from_cams, phone.true_world_from_cams) < min(0.06, 0.5 * before)
+
+
+def test_ten_frames_are_refined_with_a_word_of_doubt(synthetic):
+    frames = np.arange(10)
+    result = planfit.refine(subset(synthetic.scan, frames), synthetic.floorplan)
+    assert any("only 10 frames" in doubt for doubt in result.doubts)
+    truth = synthetic.true_world_from_cams[frames]
+    before = rms(synthetic.scan.world_from_cams[frames], truth)
+    assert rms(result.world_from_cams, truth) < max(before, 0.05)
+
+
+def test_path_without_a_loop_says_so(synthetic):
+    frames = np.arange(0, 40, 8)  # apart in time means apart in space, neighbours are all there is
+    result = planfit.refine(subset(synthetic.scan, frames), synthetic.floorplan)
+    assert any("no loop" in doubt or "no two frames" in doubt for doubt in result.doubts)
+
+
+def test_no_wall_seen_keeps_the_recorded_place(synthetic):
+    n = np.arange(len(synthetic.scan))
+    result = planfit.refine(subset(synthetic.scan, n, (Label.WALL,)), synthetic.floorplan)
+    assert result.alignment is None
+    assert not result.is_better
+    assert any("no wall was seen" in doubt for doubt in result.doubts)
+    truth = synthetic.true_world_from_cams
+    assert rms(result.world_from_cams, truth) < rms(synthetic.scan.world_from_cams, truth)
+
+
+def test_no_floor_seen_is_refined_by_the_rest(synthetic):
+    n = np.arange(len(synthetic.scan))
+    result = planfit.refine(subset(synthetic.scan, n, (Label.FLOOR,)), synthetic.floorplan)
+    assert any("no floor was seen" in doubt for doubt in result.doubts)
+    truth = synthetic.true_world_from_cams
+    assert rms(result.world_from_cams, truth) < 0.5 * rms(synthetic.scan.world_from_cams, truth)
+
+
+def test_plan_of_another_building_is_doubted(synthetic, work):
+    other = make_scan(dataclasses.replace(BASE, seed=79)).floorplan
+    scan = dataclasses.replace(synthetic.scan, plan_from_world_axes=None)
+    result = planfit.refine(scan, other, work=work)
+    assert result.doubts
+    # The scan may land anywhere on it, but must not be torn apart.
+    truth = synthetic.true_world_from_cams
+    torn = position_errors(result.world_from_cams, truth).aligned_rms_m
+    assert torn < 1.5 * position_errors(synthetic.scan.world_from_cams, truth).aligned_rms_m
+
+
+def test_mask_back_end_without_masks_is_an_error(synthetic):
+    bare = dataclasses.replace(synthetic.scan, has_labels=False)
+    options = planfit.RefineOptions(structure=StructureOptions(back_end="masks"))
+    with pytest.raises(planfit.errors.ScanError, match="masks"):
+        planfit.refine(bare, synthetic.floorplan, options)
+
+
+def test_moving_world_as_a_whole_moves_only_the_world(synthetic, refined):
+    turn = se3.make_transform(se3.exp_so3(np.array([0.0, 0.7, 0.0])), np.array([3.0, 0.0, -2.0]))
+    moved = dataclasses.replace(
+        synthetic.scan,
+        world_from_cams=turn @ synthetic.scan.world_from_cams,
+        plan_from_world_axes=None,
+    )
+    result = planfit.refine(moved, synthetic.floorplan)
+    assert rms(result.plan_from_cams, refined.plan_from_cams) < 0.005
