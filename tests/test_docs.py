@@ -1,0 +1,51 @@
+"""What the documents say is so: links lead somewhere, the examples run, the versions agree."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import planfit
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)#]+)", page.read_text()):
+        if not link.startswith("http"):
+            assert (page.parent / link).exists(), f"{page.name} links to {link}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_modules_named_in_pages_exist(page: Path) -> None:
+    for name in re.findall(r"`([a-z_]+/[a-z_/]+\.py)`", page.read_text()):
+        assert (ROOT / "src" / "planfit" / name).exists() or (ROOT / name).exists(), name
+
+
+@pytest.mark.parametrize(
+    "example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem
+)
+def test_examples_run(example: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, example], capture_output=True, text=True, check=False, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    assert "after:" in done.stdout
+
+
+def test_readme_example_has_at_most_eight_lines() -> None:
+    code = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)[0]
+    assert len([line for line in code.splitlines() if line.strip()]) <= 8
+    compile(code, "README.md", "exec")
+    for name in re.findall(r"planfit\.(\w+)", code):
+        assert hasattr(planfit, name)
+
+
+def test_changelog_knows_the_version() -> None:
+    top = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert top is not None
+    assert top[1] == planfit.__version__
