@@ -1,0 +1,187 @@
+"""Pictures beside the overlay: distances, floor, correction of each frame, walls of the plan."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from planfit import checks
+from planfit.adjust.association import patches_in_plan
+from planfit.floorplan import Floorplan
+from planfit.pipeline import RefineResult
+from planfit.report.drawing import (
+    AFTER,
+    AGREES,
+    BEFORE,
+    FONT_PT,
+    GREY,
+    INK,
+    LIGHT,
+    NOT_SEEN,
+    PANEL_IN,
+    PATH,
+    SHIFTED,
+    UNMATCHED,
+    Picture,
+    add_axes,
+    new_figure,
+    to_picture,
+)
+from planfit.report.measures import BeforeAfter, Measures
+from planfit.report.overlay import BOTTOM_IN, LEFT_IN, LEGEND_IN, RIGHT_IN, Entry, add_legend
+from planfit.report.top_view import Crop, draw_faces, draw_scale, find_gaps, set_up_view
+from planfit.report.walls import SeenFace
+
+FLOOR_RANGE_M = 0.2
+_MIN_CELL_M, _MAX_CELLS = 0.1, 160
+
+
+def distance_histogram(both: BeforeAfter) -> tuple[Picture, float]:
+    """Distances of wall points to the plan; and the distance (m) at which the axis ends."""
+    before, after = both.before.sample_distances, both.after.sample_distances
+    end = float(np.clip(np.ceil(10 * np.percentile(before, 95)) / 10, 0.3, 1.0))
+    bins = np.arange(0.0, end + 1e-9, 0.02)
+    figure = new_figure(PANEL_IN, 2.9)
+    axes = add_axes(figure, 0.55, 0.42, PANEL_IN - 0.75, 2.9 - 0.42 - LEGEND_IN)
+    for distances, color in ((before, BEFORE), (after, AFTER)):
+        counts = 100 * np.histogram(distances, bins)[0] / len(distances)
+        axes.stairs(counts, bins, color=color, linewidth=1.5, zorder=3)
+        axes.stairs(counts, bins, color=color, alpha=0.18, fill=True, zorder=2)
+    axes.axvline(checks.NEAR_FACE_M, color=GREY, linewidth=0.9, linestyle=(0, (4, 2)), zorder=1)
+    axes.set_xlim(0.0, end)
+    axes.set_ylim(bottom=0.0)
+    label_axes(axes, "distance to the nearest drawn wall (m)", "wall points (% per 2 cm)")
+    add_legend(
+        axes,
+        [
+            ("before", BEFORE, "s"),
+            ("after", AFTER, "s"),
+            (f"{checks.NEAR_FACE_M:.2f} m", GREY, "--"),
+        ],
+    )
+    return to_picture(figure), end
+
+
+def floor_map(floorplan: Floorplan | None, side: Measures, crop: Crop, width_in: float) -> Picture:
+    """Median height of the floor, from above; colours end at plus and minus `FLOOR_RANGE_M`."""
+    axes_width = width_in - LEFT_IN - 0.75
+    axes_height = axes_width * crop.height_per_width
+    figure = new_figure(width_in, BOTTOM_IN + axes_height + 0.1)
+    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
+    set_up_view(axes, crop, floorplan is not None)
+    axes.set_facecolor("#e8ebee")
+    columns = int(np.clip(crop.size[0] / _MIN_CELL_M, 1, _MAX_CELLS))
+    rows = max(1, round(columns * crop.height_per_width))
+    inside = crop.contains(side.floor_xy)
+    at = ((side.floor_xy[inside] - crop.low) / crop.size * [columns, rows]).astype(int)
+    at = np.minimum(at, [columns - 1, rows - 1])
+    flat = at[:, 1] * columns + at[:, 0]
+    cells, is_empty = np.zeros(rows * columns), np.ones(rows * columns, dtype=bool)
+    used, medians = _medians(flat, side.floor_heights[inside])
+    cells[used], is_empty[used] = medians, False
+    image = axes.imshow(
+        np.ma.masked_array(cells, is_empty).reshape(rows, columns),
+        extent=(crop.low[0], crop.high[0], crop.low[1], crop.high[1]),
+        origin="lower",
+        interpolation="nearest",
+        cmap="RdBu_r",
+        vmin=-FLOOR_RANGE_M,
+        vmax=FLOOR_RANGE_M,
+        zorder=2,
+    )
+    if floorplan is not None:
+        draw_faces(axes, crop, floorplan.ends, GREY, 0.5)
+    draw_scale(axes, crop)
+    bar_height = min(axes_height, 2.6)
+    bar_axes = add_axes(
+        figure,
+        LEFT_IN + axes_width + 0.12,
+        BOTTOM_IN + (axes_height - bar_height) / 2,
+        0.1,
+        bar_height,
+    )
+    bar = figure.colorbar(image, cax=bar_axes, extend="both")
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.set_ticks([-0.2, -0.1, 0.0, 0.1, 0.2], labels=["−0.2", "−0.1", "0", "+0.1", "+0.2"])
+    bar.set_label("floor height (m)", fontsize=FONT_PT, color=GREY, labelpad=1)
+    return to_picture(figure)
+
+
+def correction_plot(both: BeforeAfter) -> Picture:
+    """Shift and turn of each frame from before to after."""
+    correction = both.correction
+    shift, turn = correction[:, 3:], np.rad2deg(correction[:, :3])
+    frames = np.arange(len(correction))
+    figure = new_figure(PANEL_IN, 3.6)
+    height = (3.6 - 0.42 - 2 * LEGEND_IN - 0.12) / 2
+    upper = add_axes(figure, 0.55, 0.42 + height + LEGEND_IN + 0.12, PANEL_IN - 0.75, height)
+    lower = add_axes(figure, 0.55, 0.42, PANEL_IN - 0.75, height)
+    gaps = find_gaps(both.before.trajectory)
+    gap_entry: list[Entry] = [("gap in the path", PATH, ":")] if len(gaps) else []
+    level_shift = np.linalg.norm(shift[:, :2], axis=1)
+    tilt = np.linalg.norm(turn[:, :2], axis=1)
+    shifts = ("shift on the plan", level_shift), ("change of height", shift[:, 2])
+    turns = ("change of heading", turn[:, 2]), ("tilt", tilt)
+    for axes, (first, second), unit, least in (
+        (upper, shifts, "shift (m)", 0.05),
+        (lower, turns, "turn (deg)", 0.5),
+    ):
+        axes.axhline(0.0, color=LIGHT, linewidth=0.8, zorder=1)
+        for gap in gaps:
+            axes.axvline(gap + 0.5, color=PATH, linewidth=0.7, linestyle=":", zorder=1)
+        axes.plot(frames, first[1], color=AFTER, linewidth=1.3, zorder=3)
+        axes.plot(frames, second[1], color=INK, linewidth=0.9, linestyle=(0, (3, 1.5)), zorder=2)
+        axes.set_xlim(0, max(len(frames) - 1, 1))
+        low, high = axes.get_ylim()
+        axes.set_ylim(min(low, -least), max(high, least))  # rounding must not look like drift
+        label_axes(axes, "frame" if axes is lower else "", unit)
+        add_legend(axes, [(first[0], AFTER, "-"), (second[0], INK, "--"), *gap_entry])
+    upper.tick_params(labelbottom=False)
+    lower.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    return to_picture(figure)
+
+
+def wall_map(
+    floorplan: Floorplan, result: RefineResult, faces: list[SeenFace], crop: Crop, width_in: float
+) -> Picture:
+    """Faces of the plan by what the scan says of them; numbers as in the table of walls."""
+    axes_width = width_in - LEFT_IN - RIGHT_IN
+    axes_height = axes_width * crop.height_per_width
+    figure = new_figure(width_in, BOTTOM_IN + axes_height + 0.08)
+    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
+    set_up_view(axes, crop)
+    _, ends = patches_in_plan(result.structure, result.plan_from_cams)
+    draw_faces(axes, crop, floorplan.ends, NOT_SEEN, 0.7, 2)
+    draw_faces(axes, crop, ends[result.walls.association.face_idx < 0], UNMATCHED, 1.2, 3)
+    for is_shifted, color, width_pt in ((False, AGREES, 1.8), (True, SHIFTED, 2.2)):
+        chosen = [face.face_idx for face in faces if face.is_shifted == is_shifted]
+        draw_faces(axes, crop, floorplan.ends[chosen], color, width_pt, 4)
+    for face in faces:
+        if face.is_shifted and crop.contains(np.array([face.middle_xy]))[0]:
+            axes.annotate(
+                str(face.number),
+                face.middle_xy,
+                xytext=(4, 4),
+                textcoords="offset points",
+                fontsize=FONT_PT - 0.5,
+                fontweight="bold",
+                color=SHIFTED,
+                bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.85},
+                zorder=6,
+            )
+    draw_scale(axes, crop)
+    return to_picture(figure)
+
+
+def _medians(group: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Groups (g,), and the median (g,) of the values (n,) of each."""
+    order = np.lexsort((values, group))
+    found, start, counts = np.unique(group[order], return_index=True, return_counts=True)
+    return found, values[order][start + counts // 2]
+
+
+def label_axes(axes: Axes, x: str, y: str) -> None:
+    """Small grey axis titles."""
+    axes.set_xlabel(x, fontsize=FONT_PT, color=GREY, labelpad=2)
+    axes.set_ylabel(y, fontsize=FONT_PT, color=GREY, labelpad=3)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)

@@ -1,0 +1,160 @@
+"""The numbers that matter, before and after, and the verdict in one sentence."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from planfit import checks
+from planfit.pipeline import RefineResult
+from planfit.report import amounts
+from planfit.report.measures import BeforeAfter
+
+
+@dataclass(frozen=True)
+class TruthErrors:
+    """Errors of camera positions against true ones, root mean square, where the truth is known."""
+
+    before_rms_m: float
+    """Of the recorded poses, in the truth's frame."""
+    after_rms_m: float
+    """Of the refined poses, in the truth's frame."""
+    before_aligned_rms_m: float
+    """Of the recorded poses, after the rigid motion that fits best."""
+    after_aligned_rms_m: float
+    """Of the refined poses, after the rigid motion that fits best."""
+
+
+@dataclass(frozen=True)
+class KeyFigure:
+    """One number before and after."""
+
+    name: str
+    meaning: str
+    """What it says, in plain words."""
+    before: float
+    after: float
+    unit: str
+    """m, or share."""
+    is_worse: bool = False
+
+    @property
+    def is_improved(self) -> bool:
+        """Better by more than a hundredth: of the number, or of all points where it is a share."""
+        if self.unit == "share":
+            return self.after > self.before + 0.01
+        return self.after < 0.99 * self.before
+
+
+_CHECKS = {
+    "m": (
+        "Places seen twice",
+        "median distance between two sightings of one point; these pairs took no part in the "
+        "adjustment",
+    ),
+    "share": (
+        "Wall points on the plan",
+        f"share of scanned wall points within {checks.NEAR_FACE_M:.2f} m of a drawn wall",
+    ),
+}
+
+
+def key_figures(
+    result: RefineResult, both: BeforeAfter, truth: TruthErrors | None
+) -> list[KeyFigure]:
+    """All that could be measured, the checks first."""
+    figures = [
+        KeyFigure(*_words(check), check.before, check.after, check.unit, check.is_worse)
+        for check in result.checks
+    ]
+    pairs: list[tuple[str, str, float | None, float | None]] = []
+    if both.has_walls:
+        pairs.append(
+            (
+                "Distance to the plan (NSD)",
+                "mean distance of scanned wall points to the nearest drawn wall",
+                both.before.nsd,
+                both.after.nsd,
+            )
+        )
+    pairs += [
+        (
+            "Floor, half of the points",
+            "lie within this height of the floor plane",
+            both.before.floor_median,
+            both.after.floor_median,
+        ),
+        (
+            "Floor, all points",
+            "RMS height about their mean; counts things that lie on the floor too",
+            both.before.floor_rms,
+            both.after.floor_rms,
+        ),
+    ]
+    if truth:
+        pairs += [
+            (
+                "Position error",
+                "RMS distance of camera positions to the true ones",
+                truth.before_rms_m,
+                truth.after_rms_m,
+            ),
+            (
+                "Position error, shape only",
+                "the same after the best rigid fit to the true positions",
+                truth.before_aligned_rms_m,
+                truth.after_aligned_rms_m,
+            ),
+        ]
+    figures += [
+        KeyFigure(name, meaning, before, after, "m", after > 1.02 * before + 1e-4)
+        for name, meaning, before, after in pairs
+        if before is not None and after is not None
+    ]
+    return figures
+
+
+def verdict(
+    result: RefineResult, figures: Sequence[KeyFigure], truth: TruthErrors | None = None
+) -> str:
+    """In plain words: what was improved and by how much, or why it could not be."""
+    words = _verdict_of_checks(result, figures[: len(result.checks)])
+    if truth:
+        before, after = (amounts.length(v) for v in (truth.before_rms_m, truth.after_rms_m))
+        words += f" Against the true positions, the error went from {before} to {after} RMS."
+    return words
+
+
+def _verdict_of_checks(result: RefineResult, judged: Sequence[KeyFigure]) -> str:
+    if result.alignment is None:
+        return (
+            "The scan could not be placed on the plan, because no flat piece of wall was seen in "
+            "it; the poses were only made to agree with each other."
+        )
+    if not result.is_better:
+        worse = "; ".join(_told(f) for f in judged if f.is_worse)
+        return f"The result is worse than the input; do not use it without a look: {worse}."
+    if not judged:
+        return (
+            "The scan was placed on the plan, but too few matches and walls were seen to check "
+            "whether the poses became better."
+        )
+    improved = [f for f in judged if f.is_improved]
+    if not improved:
+        told = "; ".join(_told(f) for f in judged)
+        return f"The poses fitted already, and nothing got better or worse: {told}."
+    return f"The poses now fit better: {'; '.join(_told(f) for f in improved)}."
+
+
+def _told(figure: KeyFigure) -> str:
+    before, after = (amounts.amount(v, figure.unit) for v in (figure.before, figure.after))
+    if figure.unit == "share":
+        return (
+            f"{after} of the scanned wall points lie within {checks.NEAR_FACE_M:.2f}"
+            f"{amounts.SPACE}m of a drawn wall ({before} before)"
+        )
+    if figure.unit == "m":
+        return f"points seen twice agree to {after} ({before} before)"
+    return f"{figure.name} went from {before} to {after}"
+
+
+def _words(check: checks.Check) -> tuple[str, str]:
+    return _CHECKS.get(check.unit, (check.name, ""))

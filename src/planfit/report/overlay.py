@@ -1,0 +1,165 @@
+"""Wall points over the plan, before and after: the whole scan, and places in it."""
+
+from typing import Literal
+
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from planfit import checks
+from planfit.floorplan import Floorplan
+from planfit.pipeline import RefineResult
+from planfit.report import amounts
+from planfit.report.drawing import (
+    AFTER,
+    BEFORE,
+    FONT_PT,
+    INK,
+    PANEL_IN,
+    PATH,
+    Picture,
+    add_axes,
+    new_figure,
+    to_picture,
+)
+from planfit.report.measures import BeforeAfter, Measures, measure
+from planfit.report.top_view import (
+    Crop,
+    Mark,
+    crop_to_scan,
+    draw_faces,
+    draw_mark,
+    draw_path,
+    draw_points,
+    draw_scale,
+    set_up_view,
+)
+
+LEFT_IN, RIGHT_IN, BOTTOM_IN, LEGEND_IN = 0.5, 0.08, 0.42, 0.28
+_TITLE_IN = 0.3
+WIDE_IN = 1.9 * PANEL_IN
+"""Width of a picture that takes the whole page."""
+_WIDE = 0.55
+"""A scan with less height per width than this is drawn over the whole page."""
+
+
+Entry = tuple[str, str, Literal["s", "-", "--", ":"]]
+"""Words, colour, and what stands before them: a square or a line."""
+
+
+def is_wide(crop: Crop) -> bool:
+    """Whether before and after belong one above the other."""
+    return crop.height_per_width < _WIDE
+
+
+def draw_overlay(floorplan: Floorplan, result: RefineResult) -> bytes:
+    """PNG: the scan's wall points over the plan's faces, before and after, cropped to the scan.
+
+    Args:
+        floorplan: plan frame, m.
+        result: of `planfit.refine` with that plan.
+    """
+    both = measure(floorplan, result)
+    crop = crop_to_scan(both)
+    columns, rows = (1, 2) if is_wide(crop) else (2, 1)
+    width = WIDE_IN if is_wide(crop) else 1.3 * PANEL_IN
+    axes_width = width - LEFT_IN - RIGHT_IN
+    axes_height = axes_width * crop.height_per_width
+    height = BOTTOM_IN + axes_height + LEGEND_IN + _TITLE_IN
+    figure = new_figure(width * columns, height * rows)
+    for k, side in enumerate((both.before, both.after)):
+        left, bottom = width * (k % columns), height * (rows - 1 - k // columns)
+        axes = add_axes(figure, left + LEFT_IN, bottom + BOTTOM_IN, axes_width, axes_height)
+        draw_side(axes, floorplan, both, side, crop)
+        axes.text(
+            0.0,
+            1.0 + (LEGEND_IN + 0.06) / axes_height,
+            f"{'after' if k else 'before'}: {fit_in_words(both, side)}",
+            transform=axes.transAxes,
+            fontsize=FONT_PT,
+            fontweight="bold",
+            color=AFTER if k else BEFORE,
+            va="bottom",
+        )
+    return to_picture(figure).png
+
+
+def fit_in_words(both: BeforeAfter, side: Measures) -> str:
+    """The numbers that matter of one side."""
+    if not both.is_placed:
+        return "not placed on the plan"
+    if not both.has_walls:
+        return "no wall was seen"
+    return (
+        f"{amounts.share(side.near_share)} of wall points within {checks.NEAR_FACE_M:.2f}"
+        f"{amounts.SPACE}m of the plan, NSD {amounts.length(side.nsd)}"
+    )
+
+
+def side_picture(
+    floorplan: Floorplan,
+    both: BeforeAfter,
+    side: Measures,
+    crop: Crop,
+    marks: tuple[Mark, ...] = (),
+    width_in: float = PANEL_IN,
+) -> Picture:
+    """One side alone, for a page that puts its own words beside it."""
+    axes_width = width_in - LEFT_IN - RIGHT_IN
+    axes_height = axes_width * crop.height_per_width
+    figure = new_figure(width_in, BOTTOM_IN + axes_height + LEGEND_IN)
+    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
+    draw_side(axes, floorplan, both, side, crop)
+    for mark in marks:
+        draw_mark(axes, mark)
+    return to_picture(figure)
+
+
+def draw_side(
+    axes: Axes, floorplan: Floorplan, both: BeforeAfter, side: Measures, crop: Crop
+) -> None:
+    """Wall points, plan, path, scale and legend of one side, on axes of the crop's shape."""
+    is_after = side is both.after
+    color = AFTER if is_after else BEFORE
+    set_up_view(axes, crop, both.is_placed)
+    draw_points(axes, crop, side.wall_xy, color)
+    entries: list[Entry] = []
+    if len(side.wall_xy):
+        entries.append((f"wall points {'after' if is_after else 'before'}", color, "s"))
+    if both.is_placed:
+        draw_faces(axes, crop, floorplan.ends)
+        entries.append(("plan", INK, "-"))
+    draw_path(axes, side.trajectory[:, :2])
+    entries.append(("camera path (ring: start)", PATH, "-"))
+    draw_scale(axes, crop)
+    add_legend(axes, entries)
+
+
+def add_legend(axes: Axes, entries: list[Entry]) -> None:
+    """A row above the axes."""
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=color,
+            marker="s" if kind == "s" else "",
+            linestyle="none" if kind == "s" else kind,
+            markersize=5,
+            linewidth=1.3,
+            label=words,
+        )
+        for words, color, kind in entries
+    ]
+    axes.legend(
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        borderaxespad=0.15,
+        borderpad=0.2,
+        ncols=len(handles),
+        frameon=False,
+        fontsize=FONT_PT,
+        labelcolor=INK,
+        handlelength=1.5,
+        handletextpad=0.4,
+        columnspacing=1.0,
+    )

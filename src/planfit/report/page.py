@@ -1,0 +1,111 @@
+"""The report: one HTML file that needs nothing else, for a screen, a phone or paper."""
+
+from collections.abc import Sequence
+from html import escape
+from importlib import resources
+from pathlib import PurePath
+
+import numpy as np
+
+from planfit import __version__
+from planfit.floorplan import Floorplan
+from planfit.pipeline import RefineResult
+from planfit.report import sections, tables
+from planfit.report.key_figures import KeyFigure, TruthErrors, key_figures, verdict
+from planfit.report.measures import measure
+from planfit.report.top_view import crop_to_scan
+
+
+def make_report(
+    scan_name: str,
+    floorplan: Floorplan,
+    result: RefineResult,
+    options_text: str,
+    truth: TruthErrors | None = None,
+) -> str:
+    """The report of a run as one self-contained HTML page: no scripts, no links, pictures inside.
+
+    Args:
+        scan_name: as its folder is called; of a path, the last part is shown.
+        floorplan: that the scan was fitted to.
+        result: of `planfit.refine`.
+        options_text: the options of the run, shown as they are.
+        truth: position errors against true poses, where these are known.
+    """
+    both = measure(floorplan, result)
+    crop = crop_to_scan(both)
+    numbers = key_figures(result, both, truth)
+    plan_name, scan_name = _last_part(floorplan.name), _last_part(scan_name)
+    body = [
+        _top(scan_name, plan_name, result, numbers, truth),
+        sections.overview(floorplan, both, crop),
+        sections.fit_and_correction(both),
+        sections.floor(floorplan, both, crop),
+        sections.walls(floorplan, result, crop),
+        _costs_and_time(result),
+        _facts(result, options_text),
+        f"<footer>Made by planfit {escape(__version__)}. x and y as in the plan, heights above the "
+        "floor.</footer>",
+    ]
+    style = resources.files("planfit.report").joinpath("style.css").read_text("utf-8")
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(scan_name)} on {escape(plan_name)}: planfit report</title>\n"
+        f"<style>\n{style}</style>\n</head>\n<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
+    )
+
+
+def _top(
+    scan_name: str,
+    plan_name: str,
+    result: RefineResult,
+    numbers: Sequence[KeyFigure],
+    truth: TruthErrors | None,
+) -> str:
+    """Title, verdict, doubts, key figures."""
+    doubts = "".join(f"<li>{escape(doubt)}</li>" for doubt in result.doubts)
+    parts = [
+        f"<h1>{escape(scan_name)}</h1>",
+        f'<p class="under">fitted to the floorplan {escape(plan_name)} by planfit '
+        f"{escape(__version__)}</p>",
+        f'<p class="verdict {"good" if result.is_better else "bad"}">'
+        f"{escape(verdict(result, numbers, truth))}</p>",
+    ]
+    if doubts:
+        parts.append(
+            f'<div class="doubts"><h2>Before you use this result</h2><ul>{doubts}</ul></div>'
+        )
+    parts.append("<h2>Key figures</h2>")
+    if numbers:
+        parts.append(tables.key_figure_table(numbers))
+    else:
+        parts.append("<p>Too little was seen of walls, floor and matches to measure anything.</p>")
+    return "\n".join(parts)
+
+
+def _costs_and_time(result: RefineResult) -> str:
+    return (
+        '<h2>How it was solved</h2><div class="columns">'
+        "<div><h3>Cost of each kind of evidence</h3>"
+        "<p>Misfit, weighted by how sure each observation is; it has no unit, and less is better. "
+        "The recorded motion fits itself perfectly before; its cost after is what was given up of "
+        "it for the rest.</p>"
+        f"{tables.cost_table(result)}</div>"
+        "<div><h3>Time</h3><p>Stages that were found in the cache take almost none.</p>"
+        f"{tables.time_table(result)}</div></div>"
+    )
+
+
+def _facts(result: RefineResult, options_text: str) -> str:
+    centres = result.initial_plan_from_cams[:, :3, 3]
+    path_length = float(np.linalg.norm(np.diff(centres, axis=0), axis=1).sum())
+    return (
+        f"<h2>Facts of the scan</h2>{tables.fact_table(result, path_length)}"
+        "<details><summary>Options of this run</summary>"
+        f"<pre>{escape(options_text)}</pre></details>"
+    )
+
+
+def _last_part(path: str) -> str:
+    return PurePath(path).name or path

@@ -1,0 +1,188 @@
+"""Tables of the report as HTML. All text is escaped here."""
+
+from collections.abc import Sequence
+from html import escape
+
+from planfit.pipeline import RefineResult
+from planfit.report import amounts
+from planfit.report.key_figures import KeyFigure
+from planfit.report.walls import SeenFace
+
+LOOP_MIN_FRAMES = 4
+"""Pairs of frames further apart than this are revisits: loops."""
+_TERMS = {
+    "points": "matched points",
+    "floor": "floor",
+    "walls": "walls",
+    "trajectory": "recorded motion",
+}
+_ROWS = 20
+
+
+def table(
+    heads: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    kinds: str,
+    row_classes: Sequence[str] | None = None,
+) -> str:
+    """An HTML table.
+
+    Args:
+        heads: column titles, plain text.
+        rows: cells, HTML.
+        kinds: for each column w (words) or n (numbers, aligned to the right).
+        row_classes: CSS class of each row.
+    """
+    styles = [' class="num"' if kind == "n" else "" for kind in kinds]
+    head = "".join(
+        f'<th scope="col"{style}>{escape(h)}</th>' for h, style in zip(heads, styles, strict=True)
+    )
+    body = []
+    for i, row in enumerate(rows):
+        of_row = f' class="{row_classes[i]}"' if row_classes and row_classes[i] else ""
+        cells = "".join(f"<td{style}>{cell}</td>" for cell, style in zip(row, styles, strict=True))
+        body.append(f"<tr{of_row}>{cells}</tr>")
+    top = f"<thead><tr>{head}</tr></thead>" if any(heads) else ""
+    return f'<div class="scroll"><table>{top}<tbody>{"".join(body)}</tbody></table></div>'
+
+
+def key_figure_table(figures: Sequence[KeyFigure]) -> str:
+    """Before, after and change of the numbers that matter."""
+    rows = []
+    for figure in figures:
+        state = "worse" if figure.is_worse else "better" if figure.is_improved else ""
+        rows.append(
+            (
+                f"<strong>{escape(figure.name)}</strong><br><small>{escape(figure.meaning)}</small>",
+                f'<span class="before">{amounts.amount(figure.before, figure.unit)}</span>',
+                f'<span class="after">{amounts.amount(figure.after, figure.unit)}</span>',
+                f'<span class="{state}">'
+                f"{amounts.change(figure.before, figure.after, figure.unit)}</span>"
+                + (f"<br><small>{state}</small>" if state else ""),
+            )
+        )
+    return f'<div class="keys">{table(("", "before", "after", "change"), rows, "wnnn")}</div>'
+
+
+def wall_table(faces: Sequence[SeenFace]) -> str:
+    """Plan walls that were seen, most pieces first; the long tail is folded away."""
+    heads = ("No.", "verdict", "offset", "spread", "pieces", "length", "middle x, y (m)")
+    rows, styles = [], []
+    for face in faces:
+        x, y = face.middle_xy
+        rows.append(
+            (
+                str(face.number),
+                escape(face.verdict),
+                amounts.centimetres(face.offset, signed=True),
+                amounts.centimetres(face.spread),
+                str(face.n_pieces),
+                f"{face.length:.2f}{amounts.SPACE}m",
+                f"{x:.1f}, {y:.1f}".replace("-", amounts.MINUS),
+            )
+        )
+        styles.append("shifted" if face.is_shifted else "")
+    html = table(heads, rows[:_ROWS], "nwnnnnn", styles[:_ROWS])
+    if len(rows) > _ROWS:
+        rest = table(heads, rows[_ROWS:], "nwnnnnn", styles[_ROWS:])
+        html += f"<details><summary>{len(rows) - _ROWS} more walls</summary>{rest}</details>"
+    return f'<div class="walls">{html}</div>'
+
+
+def cost_table(result: RefineResult) -> str:
+    """Robust cost of each term."""
+    rows = [
+        (
+            escape(_TERMS.get(name, name)),
+            f'<span class="before">{_cost(before)}</span>',
+            f'<span class="after">{_cost(after)}</span>',
+            amounts.change(before, after, ""),
+        )
+        for name, (before, after) in result.cost_by_term.items()
+    ]
+    total = [sum(cost[k] for cost in result.cost_by_term.values()) for k in (0, 1)]
+    rows.append(
+        (
+            "<strong>sum</strong>",
+            _cost(total[0]),
+            _cost(total[1]),
+            amounts.change(total[0], total[1], ""),
+        )
+    )
+    return table(("evidence", "before", "after", "change"), rows, "wnnn")
+
+
+def time_table(result: RefineResult) -> str:
+    """Seconds of each stage."""
+    by_stage = result.seconds_by_stage
+    rows = [(escape(stage), amounts.seconds(value)) for stage, value in by_stage.items()]
+    rows.append(("<strong>sum</strong>", amounts.seconds(sum(by_stage.values()))))
+    return table(("stage", "time"), rows, "wn")
+
+
+def fact_table(result: RefineResult, path_length: float) -> str:
+    """What was seen, and what was made of it.
+
+    Args:
+        result: the run.
+        path_length: m, of the recorded path.
+    """
+    matches, structure, walls = result.matches, result.structure, result.walls
+    n_wall = len(structure.wall_points_cam) + len(structure.loose_points_cam)
+    facts = [
+        ("frames", amounts.count(len(result.plan_from_cams))),
+        ("path length, as recorded", f"{path_length:.0f}{amounts.SPACE}m"),
+        ("keypoints with depth", amounts.count(matches.n_keypoints)),
+        ("pairs of frames tried", amounts.count(matches.n_tried)),
+        ("pairs verified", amounts.count(len(matches.pairs))),
+        (
+            f"of these, loops (more than {LOOP_MIN_FRAMES} frames apart)",
+            amounts.count(matches.n_loops(LOOP_MIN_FRAMES)),
+        ),
+        ("matched points", amounts.count(matches.n_matches)),
+        ("wall points", amounts.count(n_wall)),
+        ("flat pieces of wall", amounts.count(structure.n_patches)),
+        (
+            "of these, found on the plan",
+            amounts.count(walls.association.n_associated)
+            + (
+                f" ({amounts.share(walls.association.n_associated / structure.n_patches)})"
+                if structure.n_patches
+                else ""
+            ),
+        ),
+        ("floor points", amounts.count(len(structure.floor_points_cam))),
+        ("floor and walls labelled by", escape(structure.back_end)),
+        ("direction of gravity", escape(result.gravity.source)),
+        *_alignment_facts(result),
+        (
+            "rounds of walls",
+            f"{walls.rounds}, {'settled' if walls.settled else 'not settled'}",
+        ),
+        ("last solve ended because", escape(walls.solution.stop.value)),
+    ]
+    return table(("", ""), facts, "ww")
+
+
+def _alignment_facts(result: RefineResult) -> list[tuple[str, str]]:
+    alignment = result.alignment
+    if alignment is None:
+        return [("place on the plan", "not found: no flat piece of wall was seen")]
+    other = alignment.runner_up
+    facts = [
+        ("place on the plan: scanned wall that fits", amounts.share(alignment.score)),
+        ("second-best place elsewhere", amounts.share(other.score) if other else "none"),
+        (
+            "margin between the two",
+            f"{100 * alignment.margin:.0f}{amounts.SPACE}percentage points",
+        ),
+    ]
+    if alignment.is_as_recorded:
+        facts.append(("place recorded by the scan's format", "agrees with the one found"))
+    return facts
+
+
+def _cost(value: float) -> str:
+    if abs(value) < 1e-9:
+        return "0"
+    return amounts.count(round(value)) if abs(value) >= 100 else f"{value:.3g}"

@@ -1,0 +1,207 @@
+"""The scan from above on the plan: crop, wall points as a density, faces, path, scale."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
+
+from planfit.report.drawing import DPI, FONT_PT, GREY, INK, PATH
+from planfit.report.measures import BeforeAfter
+
+_MARGIN_M = 1.0
+_GAP_M = 2.0
+"""A step from frame to frame above this, and above five usual ones, is a gap in the recording."""
+
+
+@dataclass(frozen=True)
+class Crop:
+    """A rectangle of the plan, m."""
+
+    low: np.ndarray  # (2,)
+    high: np.ndarray  # (2,)
+
+    @property
+    def size(self) -> np.ndarray:
+        """(2,) m."""
+        return self.high - self.low
+
+    @property
+    def height_per_width(self) -> float:
+        """Shape."""
+        return float(self.size[1] / self.size[0])
+
+    def contains(self, xy: np.ndarray) -> np.ndarray:
+        """(n,) bool of points (n, 2)."""
+        return np.all((xy >= self.low) & (xy <= self.high), axis=1)
+
+    def touches(self, ends: np.ndarray) -> np.ndarray:
+        """(n,) bool of segments (n, 2, 2): whether their bounding boxes meet this."""
+        above, below = ends.max(axis=1) >= self.low, ends.min(axis=1) <= self.high
+        return np.all(above & below, axis=1)
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A lettered place on a picture."""
+
+    letter: str
+    crop: Crop
+
+
+def crop_to_scan(both: BeforeAfter, shapes: tuple[float, float] = (0.2, 1.6)) -> Crop:
+    """What the scan covers before and after, plus a margin; stray points are left out.
+
+    Args:
+        both: the scan.
+        shapes: least and largest height per width; a longer crop is widened.
+    """
+    parts = []
+    for side in (both.before, both.after):
+        for points in (side.sample_xy, side.floor_xy):
+            if len(points) > 20:
+                parts.append(np.percentile(points, [0.3, 99.7], axis=0))
+            elif len(points):
+                parts.append(points)
+        parts.append(side.trajectory[:, :2])
+    points = np.concatenate(parts)
+    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+    size, middle = high - low, (low + high) / 2
+    size = np.array([max(size[0], size[1] / shapes[1]), max(size[1], size[0] * shapes[0])])
+    return Crop(middle - size / 2, middle + size / 2)
+
+
+def set_up_view(axes: Axes, crop: Crop, is_placed: bool = True) -> None:
+    """Metre axes of a crop, true to scale."""
+    axes.set_xlim(crop.low[0], crop.high[0])
+    axes.set_ylim(crop.low[1], crop.high[1])
+    axes.set_aspect("equal")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10], min_n_ticks=2))
+    where = " in the plan" if is_placed else ""
+    axes.set_xlabel(f"x{where} (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
+    axes.set_ylabel(f"y{where} (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
+
+
+def draw_points(axes: Axes, crop: Crop, xy: np.ndarray, color: str) -> None:
+    """Points (n, 2) as a density image: every point counts, and none hides another."""
+    width_px = axes.get_window_extent().width
+    # In an overview of a building single pixels would not be seen.
+    columns = max(1, int(width_px / (3.0 if crop.size.max() > 20.0 else 2.0)))
+    cell_m = crop.size[0] / columns
+    rows = max(1, round(crop.size[1] / cell_m))
+    inside = xy[crop.contains(xy)]
+    if len(inside) == 0:
+        return
+    at = ((inside - crop.low) / crop.size * [columns, rows]).astype(int)
+    at = np.minimum(at, [columns - 1, rows - 1])
+    counts = np.bincount(at[:, 1] * columns + at[:, 0], minlength=rows * columns)
+    full = max(float(np.percentile(counts[counts > 0], 90)), 1.0)
+    image = np.ones((rows * columns, 4))
+    image[:, :3] = to_rgb(color)
+    image[:, 3] = np.where(counts > 0, 0.35 + 0.65 * np.minimum(counts / full, 1.0), 0.0)
+    axes.imshow(
+        image.reshape(rows, columns, 4),
+        extent=(crop.low[0], crop.high[0], crop.low[1], crop.high[1]),
+        origin="lower",
+        interpolation="nearest",
+        zorder=4,
+    )
+
+
+def draw_faces(
+    axes: Axes,
+    crop: Crop,
+    ends: np.ndarray,
+    color: str = INK,
+    width_pt: float = 0.7,
+    zorder: float = 3,
+) -> None:
+    """Segments (n, 2, 2) m that meet the crop."""
+    lines = LineCollection(
+        list(ends[crop.touches(ends)]), colors=color, linewidths=width_pt, zorder=zorder
+    )
+    axes.add_collection(lines, autolim=False)
+
+
+def draw_path(axes: Axes, xy: np.ndarray, width_pt: float = 0.9) -> None:
+    """The way of the camera (n, 2) m, and where it began; dotted where the recording has a gap."""
+    gaps = find_gaps(xy)
+    walked = np.insert(xy, gaps + 1, np.nan, axis=0)
+    axes.plot(walked[:, 0], walked[:, 1], color=PATH, linewidth=width_pt, zorder=5)
+    for gap in gaps:
+        x, y = xy[gap : gap + 2].T
+        axes.plot(x, y, color=PATH, linewidth=width_pt, linestyle=(0, (1, 2)), zorder=5)
+    axes.plot(xy[:1, 0], xy[:1, 1], "o", color="white", mec=PATH, markersize=4.5, mew=1.2, zorder=6)
+
+
+def find_gaps(positions: np.ndarray) -> np.ndarray:
+    """Frames (g,) after which the camera (n, d) m is far off at once: frames are missing there."""
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    if len(steps) == 0:
+        return np.zeros(0, dtype=int)
+    return np.flatnonzero(steps > max(_GAP_M, 5.0 * float(np.median(steps))))
+
+
+def draw_mark(axes: Axes, mark: Mark) -> None:
+    """A lettered frame around a place."""
+    axes.add_patch(
+        Rectangle(
+            (float(mark.crop.low[0]), float(mark.crop.low[1])),
+            *(float(v) for v in mark.crop.size),
+            fill=False,
+            edgecolor=INK,
+            linewidth=1.0,
+            linestyle=(0, (4, 2)),
+            zorder=6,
+        )
+    )
+    axes.annotate(
+        mark.letter,
+        (float(mark.crop.low[0]), float(mark.crop.high[1])),
+        xytext=(3, -3),
+        textcoords="offset points",
+        va="top",
+        fontsize=FONT_PT + 1,
+        fontweight="bold",
+        color="white",
+        bbox={"boxstyle": "round,pad=0.2", "facecolor": INK, "edgecolor": "none"},
+        zorder=7,
+    )
+
+
+def draw_scale(axes: Axes, crop: Crop) -> None:
+    """A bar of a round number of metres, below the picture on the right."""
+    wanted = 0.28 * float(crop.size[0])
+    power = 10.0 ** np.floor(np.log10(wanted))
+    bar_m = max(m * power for m in (1, 2, 5) if m * power <= wanted)
+    right, bottom = float(crop.high[0]), -0.30 / _height_in(axes)
+    below = axes.get_xaxis_transform()  # x in metres, y in heights of the axes
+    axes.plot(
+        [right - bar_m, right],
+        [bottom, bottom],
+        color=INK,
+        linewidth=2.0,
+        solid_capstyle="butt",
+        transform=below,
+        clip_on=False,
+    )
+    axes.annotate(
+        f"{bar_m:g} m",
+        (right - bar_m, bottom),
+        xycoords=below,
+        xytext=(-4, 0),
+        textcoords="offset points",
+        ha="right",
+        va="center",
+        fontsize=FONT_PT,
+        color=INK,
+        annotation_clip=False,
+    )
+
+
+def _height_in(axes: Axes) -> float:
+    return axes.get_window_extent().height / DPI

@@ -1,0 +1,79 @@
+"""Plan walls that the scan saw: how far each drawn face is from where it was scanned."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planfit.adjust.association import Association
+from planfit.floorplan import Floorplan
+from planfit.report import amounts
+
+AGREES_WITHIN_M = 0.05
+FEW_PIECES = 3
+"""With fewer pieces of wall a face's offset may be an accident."""
+
+
+@dataclass(frozen=True)
+class SeenFace:
+    """A face of the plan with the pieces of scanned wall that belong to it."""
+
+    number: int
+    """1 for the face with most pieces."""
+    face_idx: int
+    middle_xy: tuple[float, float]
+    """Plan frame, m."""
+    length: float
+    """m"""
+    n_pieces: int
+    offset: float
+    """Median of the pieces' offsets, m; positive towards the face's normal."""
+    spread: float
+    """Median absolute deviation from it, m."""
+    is_oriented: bool
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the scanned wall lies where it is drawn."""
+        return abs(self.offset) <= AGREES_WITHIN_M
+
+    @property
+    def is_shifted(self) -> bool:
+        """Whether enough pieces say that it does not."""
+        return not self.agrees and self.n_pieces >= FEW_PIECES
+
+    @property
+    def verdict(self) -> str:
+        """In words."""
+        if self.agrees:
+            words = f"agrees within {100 * AGREES_WITHIN_M:.0f}{amounts.SPACE}cm"
+        else:
+            words = f"shifted by {amounts.centimetres(abs(self.offset))}"
+            if self.is_oriented:
+                words += " into the room" if self.offset > 0 else " into the wall"
+        if self.n_pieces < FEW_PIECES:
+            words += f" (only {self.n_pieces} piece{'s' if self.n_pieces > 1 else ''})"
+        return words
+
+
+def seen_faces(floorplan: Floorplan, association: Association) -> list[SeenFace]:
+    """Faces with pieces of wall, most pieces first."""
+    seen, counts = np.unique(association.face_idx[association.face_idx >= 0], return_counts=True)
+    faces = []
+    for number, k in enumerate(np.lexsort((seen, -counts)), start=1):
+        face = int(seen[k])
+        offsets = association.distance_m[association.face_idx == face]
+        x, y = floorplan.ends[face].mean(axis=0)
+        median = float(np.median(offsets))
+        faces.append(
+            SeenFace(
+                number=number,
+                face_idx=face,
+                middle_xy=(float(x), float(y)),
+                length=float(floorplan.lengths[face]),
+                n_pieces=int(counts[k]),
+                offset=median,
+                spread=float(np.median(np.abs(offsets - median))),
+                is_oriented=bool(floorplan.is_oriented[face]),
+            )
+        )
+    return faces

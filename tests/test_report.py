@@ -1,0 +1,477 @@
+"""The report: right numbers, nothing from elsewhere, no nonsense where little was seen."""
+
+import io
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from planfit import checks
+from planfit.adjust import WallsPulled
+from planfit.adjust.association import Association
+from planfit.adjust.solver import Cost, Solution, Stop
+from planfit.align import Alignment
+from planfit.align.refine import Fit
+from planfit.checks import Check
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3, segments
+from planfit.matching import Matches
+from planfit.pipeline import RefineResult
+from planfit.report import TruthErrors, amounts, draw_overlay, make_report
+from planfit.report.close_ups import choose_close_ups
+from planfit.report.drawing import Picture
+from planfit.report.key_figures import key_figures, verdict
+from planfit.report.measures import measure
+from planfit.report.top_view import crop_to_scan, find_gaps
+from planfit.report.walls import seen_faces
+from planfit.structure import Gravity, Structure
+
+WIDTH, DEPTH = 8.0, 6.0  # m, of the room
+SHIFT = np.array([0.3, 0.0, 0.0])  # m, recorded poses against true ones
+PER_PATCH = 60
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture
+def floorplan():
+    # Counter-clockwise, so that normals to the left look into the room.
+    corners = np.array([[0.0, 0.0], [WIDTH, 0.0], [WIDTH, DEPTH], [0.0, DEPTH]])
+    ends = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+    return Floorplan("plans/<room>.npy", ends, segments.left_normals(ends), np.full(4, True))
+
+
+def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True):
+    """A walk through the room; frame i sees wall i % 4 and the floor.
+
+    Recorded poses are off by `SHIFT`, refined ones are true. Scanned walls lie `wall_offsets` m in
+    front of the drawn ones; the floor is 2 cm above and below z = 0 in equal parts.
+    """
+    rng = np.random.default_rng(0)
+    turn = 2 * np.pi * np.arange(n_frames) / n_frames
+    positions = np.stack([4 + 2 * np.cos(turn), 3 + 1.5 * np.sin(turn), 1.5 + 0 * turn], axis=1)
+    rotations = se3.exp_so3(rng.normal(0, 0.5, (n_frames, 3)))
+    plan_from_cams = se3.make_transform(rotations, positions)
+    initial = plan_from_cams.copy()
+    initial[:, :3, 3] += SHIFT
+    wall_idx = np.arange(n_frames) % 4
+    patches, ends, normals = [], [], []
+    for i, wall in enumerate(wall_idx):
+        cam_from_plan = se3.inverse(plan_from_cams[i])
+        along = np.linspace(2.0, 4.0, PER_PATCH)
+        d = wall_offsets[wall]
+        x = {0: along, 1: WIDTH - d + 0 * along, 2: along, 3: d + 0 * along}[wall]
+        y = {0: d + 0 * along, 1: along, 2: DEPTH - d + 0 * along, 3: along}[wall]
+        points = np.stack([x, y, rng.uniform(0.5, 2.5, PER_PATCH)], axis=1)
+        patches.append(se3.transform(cam_from_plan, points))
+        ends.append(
+            se3.transform(cam_from_plan, np.array([[x[0], y[0], 1.5], [x[-1], y[-1], 1.5]]))
+        )
+        normal = [(0, 1, 0), (-1, 0, 0), (0, -1, 0), (1, 0, 0)][wall]
+        normals.append(cam_from_plan[:3, :3] @ normal)
+    floor = []
+    for i in range(n_frames):
+        xy = rng.uniform([1, 1], [WIDTH - 1, DEPTH - 1], (40, 2))
+        z = np.tile([0.02, -0.02], 20)
+        floor.append(se3.transform(se3.inverse(plan_from_cams[i]), np.column_stack([xy, z])))
+    structure = Structure(
+        floor_points_cam=np.concatenate(floor),
+        floor_start=40 * np.arange(n_frames + 1),
+        wall_points_cam=np.concatenate(patches),
+        loose_points_cam=np.zeros((0, 3)),
+        loose_frame_idx=np.zeros(0, dtype=int),
+        patch_start=PER_PATCH * np.arange(n_frames + 1),
+        patch_frame_idx=np.arange(n_frames),
+        patch_normals_cam=np.array(normals),
+        patch_ends_cam=np.array(ends),
+        back_end="masks",
+        floor_height_m=0.0,
+    )
+    pairs = np.array([[0, 1], [0, 5]])
+    solution = Solution(plan_from_cams, Stop.COST, 3, {"walls": Cost(10.0, 1.0)})
+    association = Association(wall_idx.copy(), np.array(wall_offsets)[wall_idx])
+    judged = (
+        Check("held-out matches, median distance", 0.08, 0.02, "m", False),
+        Check("wall points within 0.1 m of the plan", 0.5, 1.0, "share", False),
+    )
+    return RefineResult(
+        plan_from_cams=plan_from_cams,
+        initial_plan_from_cams=initial,
+        world_from_plan=np.eye(4),
+        gravity=Gravity(np.array([0.0, 0.0, 1.0]), 1.0, "the <most> common normal"),
+        structure=structure,
+        matches=Matches(
+            pairs, np.array([0, 2, 3]), np.zeros((3, 3)), np.zeros((3, 3)), np.ones(3), 7, 1234
+        ),
+        alignment=Alignment(np.eye(4), 0.8, Fit(0.1, np.zeros(2), 0.3), True),
+        walls=WallsPulled(solution, association, 4, True),
+        cost_by_term={"points": (200.0, 50.0), "trajectory": (0.0, 3.0)},
+        checks=judged if is_checked else (),
+        doubts=(),
+        seconds_by_stage={"level": 0.01, "pull walls": 2.5},
+    )
+
+
+def without_walls(result):
+    bare = replace(
+        result.structure,
+        wall_points_cam=np.zeros((0, 3)),
+        patch_start=np.zeros(1, dtype=int),
+        patch_frame_idx=np.zeros(0, dtype=int),
+        patch_normals_cam=np.zeros((0, 3)),
+        patch_ends_cam=np.zeros((0, 2, 3)),
+    )
+    none = Association(np.zeros(0, dtype=int), np.zeros(0))
+    return replace(
+        result,
+        structure=bare,
+        alignment=None,
+        walls=replace(result.walls, association=none),
+        checks=(),
+    )
+
+
+def without_floor(result):
+    structure = result.structure
+    bare = replace(
+        structure,
+        floor_points_cam=np.zeros((0, 3)),
+        floor_start=np.zeros_like(structure.floor_start),
+        floor_height_m=float("nan"),
+    )
+    return replace(result, structure=bare)
+
+
+def without_matches(result):
+    none = np.zeros((0, 3))
+    empty = Matches(
+        np.zeros((0, 2), dtype=int), np.zeros(1, dtype=int), none, none, none[:, 0], 7, 0
+    )
+    return replace(result, matches=empty)
+
+
+def without_association(result):
+    n = result.structure.n_patches
+    none = Association(np.full(n, -1), np.full(n, np.nan))
+    return replace(result, walls=replace(result.walls, association=none))
+
+
+def alone(result):
+    """Nothing was seen at all."""
+    return without_matches(without_floor(without_walls(result)))
+
+
+class Page(HTMLParser):
+    """Collects what a browser would fetch, visible text and unbalanced tags."""
+
+    VOID = ("meta", "img", "br")
+
+    def __init__(self, html):
+        super().__init__()
+        self.sources, self.tags, self.text, self._open = [], [], [], []
+        self.feed(html)
+        assert not self._open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.sources += [value for name, value in attrs if name in ("src", "href", "srcset")]
+        if tag not in self.VOID:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self._open:
+            self.text.append(data)
+
+    @property
+    def words(self):
+        return re.sub(r"\s+", " ", "".join(self.text))
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Figures are made but not rendered, for tests of words."""
+    blank = Picture(b"", 1, 1)
+    monkeypatch.setattr("planfit.report.overlay.to_picture", lambda _: blank)
+    monkeypatch.setattr("planfit.report.figures.to_picture", lambda _: blank)
+
+
+def read(floorplan, result, options="", truth=None):
+    return Page(make_report("scan", floorplan, result, options, truth))
+
+
+def test_report_is_self_contained(floorplan):
+    html = make_report("scan", floorplan, make_result(), "")
+    page = Page(html)
+    assert page.sources
+    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    assert not {"script", "link", "iframe", "object"} & set(page.tags)
+    assert not re.search(r"https?://|url\(|@import", html)
+    assert "Before you use this result" not in page.words  # there are no doubts
+    assert len(html) < 4e6
+    assert html == make_report("scan", floorplan, make_result(), "")
+
+
+def test_text_is_escaped(floorplan, no_pictures):
+    result = replace(make_result(), doubts=("wall <b>7</b> & others are unsure",))
+    html = make_report("<scan> & co", floorplan, result, "[a]\nname = '<script>'\n")
+    for raw in ("<b>", "<scan>", "<script>", "<room>", "<most>"):
+        assert raw not in html
+    words = Page(html).words
+    for text in ("wall <b>7</b> & others are unsure", "<scan> & co", "<script>", "<room>.npy"):
+        assert text in words
+
+
+def test_doubts_are_shown_before_the_numbers(floorplan, no_pictures):
+    result = replace(make_result(), doubts=("no loop", "few frames"))
+    words = read(floorplan, result).words
+    assert "Before you use this result" in words
+    assert words.index("no loop") < words.index("few frames") < words.index("Key figures")
+
+
+def test_measures_equal_those_computed_by_hand(floorplan):
+    result = make_result()
+    both = measure(floorplan, result)
+    # Half of the walls are moved along themselves, half across.
+    assert both.before.nsd == pytest.approx(0.15)
+    assert both.after.nsd == pytest.approx(0.0, abs=1e-12)
+    assert both.before.near_share == pytest.approx(0.5)
+    assert both.after.near_share == 1.0
+    assert both.after.floor_rms == pytest.approx(0.02)
+    assert both.after.floor_median == pytest.approx(0.02)
+    np.testing.assert_allclose(both.correction[:, 3:], np.tile(-SHIFT, (12, 1)), atol=1e-12)
+    np.testing.assert_allclose(both.correction[:, :3], 0.0, atol=1e-9)
+
+
+def test_measures_equal_those_of_the_checks(floorplan):
+    result = make_result()
+    loose = np.random.default_rng(1).normal(size=(70_000, 3))  # enough to be thinned
+    structure = replace(
+        result.structure, loose_points_cam=loose, loose_frame_idx=np.full(len(loose), 3)
+    )
+    both = measure(floorplan, replace(result, structure=structure))
+    expected = checks.wall_distances(structure, floorplan, result.initial_plan_from_cams)
+    np.testing.assert_array_equal(both.before.sample_distances, expected)
+
+
+def test_key_figures_appear_with_units_and_change(floorplan, no_pictures):
+    words = read(floorplan, make_result(), truth=TruthErrors(1.0, 0.25, 0.5, 0.1)).words
+    figures = words[words.index("Key figures") : words.index("The scan on the plan")]
+    assert "0.080 m0.020 m−75 %" in figures
+    assert "50 %100 %+50 percentage points" in figures
+    assert "0.150 m0.000 m−100 %" in figures
+    assert "1.00 m0.250 m−75 %" in figures
+    assert "0.500 m0.100 m−80 %" in figures
+    assert "from 1.00 m to 0.250 m" in words[: words.index("Key figures")]
+
+
+def test_verdict_tells_what_improved(floorplan):
+    result = make_result()
+    figures = key_figures(result, measure(floorplan, result), None)
+    words = verdict(result, figures)
+    assert words.startswith("The poses now fit better")
+    assert f"100{amounts.SPACE}%" in words
+    assert f"0.020{amounts.SPACE}m" in words
+
+
+def test_verdict_tells_what_got_worse(floorplan, no_pictures):
+    worse = Check("wall points within 0.1 m of the plan", 0.9, 0.4, "share", True)
+    result = replace(make_result(), checks=(make_result().checks[0], worse))
+    page = read(floorplan, result)
+    top = page.words[: page.words.index("Key figures")]
+    assert "worse than the input" in top
+    assert "40 % of the scanned wall points" in top
+    assert "0.020 m" not in top
+
+
+def test_verdict_does_not_call_the_same_better(floorplan, no_pictures):
+    same = Check("held-out matches, median distance", 0.02, 0.02, "m", False)
+    result = replace(make_result(), checks=(same,))
+    assert "nothing got better or worse" in read(floorplan, result).words
+
+
+@pytest.mark.parametrize(
+    ("strip", "expected"),
+    [
+        (without_walls, "could not be placed on the plan"),
+        (without_floor, "No floor was seen"),
+        (without_matches, "matched points0"),
+        (without_association, "No wall of the plan was recognised"),
+        (alone, "Too little was seen"),
+        (lambda result: replace(result, checks=()), "too few matches and walls were seen"),
+        (lambda result: replace(result, cost_by_term={}, seconds_by_stage={}), "sum00"),
+    ],
+)
+def test_report_says_what_is_missing(floorplan, strip, expected):
+    result = strip(make_result())
+    words = read(floorplan, result).words
+    assert expected in words
+    assert not re.search(r"\bnan\b|\binf\b|\bNone\b", words)
+
+
+@pytest.mark.parametrize("n_frames", [1, 10])
+def test_short_scans(floorplan, n_frames):
+    result = make_result(n_frames)
+    if n_frames < 6:
+        result = without_matches(result)
+    assert f"frames{n_frames}" in read(floorplan, result).words
+
+
+@pytest.mark.parametrize("strip", [without_walls, alone])
+def test_overlay_where_little_was_seen(floorplan, strip):
+    assert draw_overlay(floorplan, strip(make_result(1))).startswith(PNG_MAGIC)
+
+
+def test_not_placed_shows_no_distances_to_the_plan(floorplan, no_pictures):
+    result = without_walls(make_result())
+    loose = replace(
+        result.structure, loose_points_cam=np.ones((50, 3)), loose_frame_idx=np.zeros(50, dtype=int)
+    )
+    words = read(floorplan, replace(result, structure=loose)).words
+    assert "NSD" not in words
+    assert "within 0.10 m" not in words
+
+
+def test_overlay_is_a_png_with_two_panels(floorplan):
+    image = Image.open(io.BytesIO(draw_overlay(floorplan, make_result())))
+    assert image.format == "PNG"
+    assert image.width > 1.5 * image.height > 600  # the room is about square: side by side
+    colors = {color for _, color in image.convert("RGB").getcolors(100_000)}
+    for wanted in ((213, 94, 0), (0, 114, 178)):
+        assert min(np.abs(np.array(wanted) - color).max() for color in colors) < 4
+
+
+def test_overlay_stacks_wide_scans(floorplan):
+    result = make_result()
+    far = result.plan_from_cams.copy()
+    far[0, 0, 3] += 60.0
+    image = Image.open(io.BytesIO(draw_overlay(floorplan, replace(result, plan_from_cams=far))))
+    assert image.height > 0.4 * image.width
+    assert image.width < 2000
+
+
+def test_overlay_is_cropped_to_the_scan(floorplan):
+    result = make_result()
+    outside = np.array([[[500.0, 500.0], [600.0, 500.0]]])
+    larger = replace(
+        floorplan,
+        ends=np.concatenate([floorplan.ends, outside]),
+        normals=np.concatenate([floorplan.normals, segments.left_normals(outside)]),
+        is_oriented=np.full(5, True),
+    )
+    assert draw_overlay(larger, result) == draw_overlay(floorplan, result)
+    crop = crop_to_scan(measure(larger, result))
+    assert (crop.low < [0.0, 0.0]).all()
+    assert (crop.low > [-2.5, -2.5]).all()
+    assert (crop.high > [WIDTH, DEPTH]).all()
+    assert (crop.high < [WIDTH + 2.5, DEPTH + 2.5]).all()
+
+
+def test_close_ups_show_where_it_changed_and_do_not_overlap(floorplan):
+    rng = np.random.default_rng(2)
+    both = measure(floorplan, make_result())
+    xy = rng.uniform([0, 0], [60, 20], (20_000, 2))
+    changed = (np.abs(xy - [50, 10]) < 2).all(axis=1) | (np.abs(xy - [20, 5]) < 2).all(axis=1)
+    before = replace(both.before, sample_xy=xy, sample_distances=0.5 * changed)
+    after = replace(both.after, sample_xy=xy, sample_distances=0.0 * changed)
+    both = replace(both, before=before, after=after)
+    marks = choose_close_ups(both, crop_to_scan(both))
+    assert [mark.letter for mark in marks] == ["A", "B"]
+    middles = sorted(tuple((m.crop.low + m.crop.high) / 2) for m in marks)
+    np.testing.assert_allclose(middles, [(20, 5), (50, 10)], atol=1.0)
+    assert all(np.allclose(mark.crop.size, 8.0) for mark in marks)
+
+
+def test_close_ups_are_left_out_of_small_scans(floorplan):
+    both = measure(floorplan, make_result())
+    assert choose_close_ups(both, crop_to_scan(both)) == ()
+
+
+def test_walls_are_listed_by_support_with_their_offset(floorplan, no_pictures):
+    result = make_result(n_frames=14, wall_offsets=(0.01, 0.07, -0.12, 0.0))
+    faces = seen_faces(floorplan, result.walls.association)
+    assert [(face.face_idx, face.n_pieces) for face in faces] == [(0, 4), (1, 4), (2, 3), (3, 3)]
+    assert [face.number for face in faces] == [1, 2, 3, 4]
+    assert faces[0].agrees
+    assert faces[1].verdict == f"shifted by 7.0{amounts.SPACE}cm into the room"
+    assert faces[2].verdict == f"shifted by 12.0{amounts.SPACE}cm into the wall"
+    assert faces[0].length == WIDTH
+    words = read(floorplan, result).words
+    assert "Of 4 walls of the plan that were seen, 2 agree with the scan within 5 cm." in words
+    assert "2 lie elsewhere: No. 3 (shifted by 12.0 cm into the wall), No. 2" in words
+    assert "3shifted by 12.0 cm into the wall−12.0 cm0.0 cm36.00" not in words
+    assert "3shifted by 12.0 cm into the wall−12.0 cm0.0 cm38.00 m4.0, 6.0" in words
+
+
+def test_spread_is_the_median_deviation(floorplan):
+    association = Association(np.zeros(5, dtype=int), np.array([0.0, 0.01, 0.02, 0.03, 0.50]))
+    (face,) = seen_faces(floorplan, association)
+    assert face.offset == pytest.approx(0.02)
+    assert face.spread == pytest.approx(0.01)
+
+
+def test_few_pieces_are_no_evidence_of_a_shift(floorplan):
+    (face,) = seen_faces(floorplan, Association(np.array([1]), np.array([0.2])))
+    assert not face.agrees
+    assert not face.is_shifted
+    assert "only 1 piece" in face.verdict
+
+
+def test_a_face_with_unknown_side_has_no_direction(floorplan):
+    plan = replace(floorplan, is_oriented=np.full(4, False))
+    (face,) = seen_faces(plan, Association(np.zeros(3, dtype=int), np.full(3, 0.2)))
+    assert face.verdict == f"shifted by 20.0{amounts.SPACE}cm"
+
+
+def test_facts_costs_and_times_are_listed(floorplan, no_pictures):
+    words = read(floorplan, make_result(), options="[walls]\nsigma_m = 0.05\n").words
+    for fact in (
+        "frames12",
+        "keypoints with depth1 234",
+        "pairs of frames tried7",
+        "pairs verified2",
+        "loops (more than 4 frames apart)1",
+        "matched points3",
+        "found on the plan12 (100 %)",
+        "floor points480",
+        "labelled bymasks",
+        "that fits80 %",
+        "elsewhere30 %",
+        "margin between the two50 percentage points",
+        "matched points20050−75 %",
+        "recorded motion03from zero",
+        "pull walls2.5 s",
+        "sum2.5 s",
+        "sigma_m = 0.05",
+    ):
+        assert fact in words, fact
+
+
+def test_gaps_are_steps_far_above_the_usual():
+    x = np.cumsum([0.0, 0.5, 0.5, 5.0, 0.5, 1.5, 0.5])
+    np.testing.assert_array_equal(find_gaps(np.stack([x, 0 * x], axis=1)), [2])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (amounts.length(0.0726), "0.073 m"),
+        (amounts.length(1.114), "1.11 m"),
+        (amounts.length(None), "n/a"),
+        (amounts.share(0.9971), "99.7 %"),
+        (amounts.share(1.0), "100 %"),
+        (amounts.share(0.004), "0.4 %"),
+        (amounts.centimetres(-0.0004, signed=True), "0.0 cm"),
+        (amounts.centimetres(0.123, signed=True), "+12.3 cm"),
+        (amounts.change(0.2, 0.3, "m"), "+50 %"),
+        (amounts.change(0.0, 0.3, "m"), "from zero"),
+        (amounts.change(0.3, 0.3, "share"), "unchanged"),
+        (amounts.count(276002), "276 002"),
+    ],
+)
+def test_amounts(text, expected):
+    assert re.sub(r"\s", " ", text) == expected
