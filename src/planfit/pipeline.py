@@ -106,7 +106,7 @@ def refine(
         gravity = find_gravity(scan, options.structure.gravity, work)
     with clock.stage("floor and walls"):
         structure = extract_structure(scan, gravity, options.structure, work)
-    with clock.stage("matches"):
+    with clock.stage("matching"):
         odometry = make_odometry(scan.world_from_cams, options.odometry)
         matches = find_matches(scan, odometry, options.matching, work)
 

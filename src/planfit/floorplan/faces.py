@@ -27,12 +27,8 @@ def orient_faces(
     gap_right, overlap_right = _nearest_partner(ends, -normals, max_thickness_m, min_thickness_m)
     # The wall is on the side where most of the line has a partner; where both sides have one
     # (a thin cavity between two walls), the nearer partner is the wall.
-    wall_is_left = (overlap_left > 0.3) & (
-        (overlap_right <= 0.3) | (gap_left < 0.7 * gap_right)
-    )
-    wall_is_right = (overlap_right > 0.3) & (
-        (overlap_left <= 0.3) | (gap_right < 0.7 * gap_left)
-    )
+    wall_is_left = (overlap_left > 0.3) & ((overlap_right <= 0.3) | (gap_left < 0.7 * gap_right))
+    wall_is_right = (overlap_right > 0.3) & ((overlap_left <= 0.3) | (gap_right < 0.7 * gap_left))
     is_oriented = wall_is_left ^ wall_is_right
     return np.where(wall_is_left[:, None], -normals, normals), is_oriented
 
@@ -66,6 +62,6 @@ def _covered(low: np.ndarray, high: np.ndarray) -> float:
     """Length of the union of intervals."""
     total, reached = 0.0, -np.inf
     for i in np.argsort(low):
-        total += max(0.0, high[i] - max(low[i], reached))
-        reached = max(reached, high[i])
+        total += max(0.0, float(high[i] - max(low[i], reached)))
+        reached = max(reached, float(high[i]))
     return total

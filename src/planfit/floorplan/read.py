@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -65,9 +66,12 @@ def make_floorplan(name: str, ends: np.ndarray, fingerprint: str = "") -> Floorp
 def _read_npy(path: Path) -> Floorplan:
     """FACaP's (n, 4) array of (u1, v1, u2, v2) m in world (x, z): plan points are (u, -v)."""
     try:
-        values = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
+        with path.open("rb") as file:  # numpy leaves it open where it is no array
+            values = np.load(file, allow_pickle=False)
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise FloorplanError(f"{path}: expected a NumPy array, found {error}") from error
+    if not isinstance(values, np.ndarray):
+        raise FloorplanError(f"{path}: expected one NumPy array, found an archive of several")
     if values.ndim != 2 or values.shape[1] != 4:
         raise FloorplanError(
             f"{path}: expected an array of shape (n, 4), u1 v1 u2 v2 a segment, "
@@ -86,20 +90,35 @@ def _read_json(path: Path) -> Floorplan:
         ends = np.array([face["ends"] for face in faces], dtype=float).reshape(-1, 2, 2)
         has_normal = np.array([face.get("normal") is not None for face in faces], dtype=bool)
         given = [face["normal"] for face in faces if face.get("normal") is not None]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        given = np.array(given, dtype=float).reshape(-1, 2)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise FloorplanError(
             f"{path}: expected planfit's plan JSON (unit, faces with ends and normal), "
             f"found {type(error).__name__}: {error}; see docs/formats.md"
         ) from error
     if unit != "m":
         raise FloorplanError(f"{path}: expected unit 'm', found {unit!r}")
+    if not np.isfinite(ends).all():
+        raise FloorplanError(f"{path}: expected finite coordinates, found NaN or infinity")
     if len(ends) == 0 or (segments.lengths(ends) < 1e-6).any():
         raise FloorplanError(f"{path}: expected faces with length, found {len(ends)} faces"
                              + (" and one without" if len(ends) else ""))  # fmt: skip
     normals = segments.left_normals(ends)
-    if given:
-        normals[has_normal] = np.array(given, dtype=float).reshape(-1, 2)
+    if len(given) != has_normal.sum() or not _are_normals(given, normals[has_normal]):
+        raise FloorplanError(
+            f"{path}: expected a normal of length 1 at right angles to its face, or null, "
+            "found another; see docs/formats.md"
+        )
+    normals[has_normal] = given
     return Floorplan(str(path), ends, normals, has_normal, _fingerprint(path))
+
+
+def _are_normals(given: np.ndarray, left_normals: np.ndarray) -> bool:
+    """Whether each (n, 2) is the left normal or its opposite, up to rounding."""
+    if not np.isfinite(given).all():
+        return False
+    side = np.where(np.sum(given * left_normals, axis=1, keepdims=True) < 0, -1.0, 1.0)
+    return bool((np.abs(given - side * left_normals) < 1e-3).all())
 
 
 def _fingerprint(path: Path) -> str:

@@ -78,9 +78,7 @@ def retract(target_from_source: np.ndarray, delta: np.ndarray) -> np.ndarray:
 def difference(to_target: np.ndarray, from_target: np.ndarray) -> np.ndarray:
     """Tangent vectors (..., 6) with `retract(from_target, difference) == to_target`."""
     turn = to_target[..., :3, :3] @ np.swapaxes(from_target[..., :3, :3], -1, -2)
-    return np.concatenate(
-        [log_so3(turn), to_target[..., :3, 3] - from_target[..., :3, 3]], axis=-1
-    )
+    return np.concatenate([log_so3(turn), to_target[..., :3, 3] - from_target[..., :3, 3]], axis=-1)
 
 
 def project_to_so3(matrices: np.ndarray) -> np.ndarray:
@@ -101,18 +99,21 @@ def rotation_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     axis, cosine = np.cross(a, b), float(a @ b)
     sine = float(np.linalg.norm(axis))
-    if sine < 1e-12:
-        if cosine > 0:
-            return np.eye(3)
-        # Half a turn: any axis across `a` will do; take the one furthest from it.
+    if cosine < 0 and sine < 1e-8:
+        # Half a turn: any axis across `a` will do; take the one furthest from it. What the cross
+        # product holds of the axis is rounding; what is left to `b` is a small turn, well defined.
         across = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-        return exp_so3(np.pi * across / np.linalg.norm(across))
+        return rotation_between(-a, b) @ exp_so3(np.pi * across / np.linalg.norm(across))
+    if sine < 1e-12:
+        return np.eye(3)
     return exp_so3(axis / sine * np.arctan2(sine, cosine))
 
 
 def yaw_transform(yaw: float, shift: np.ndarray | None = None) -> np.ndarray:
     """Transform (4, 4) that turns about +z by `yaw` (rad), then shifts by (3,) m."""
-    return make_transform(exp_so3(np.array([0.0, 0.0, yaw])), np.zeros(3) if shift is None else shift)
+    return make_transform(
+        exp_so3(np.array([0.0, 0.0, yaw])), np.zeros(3) if shift is None else shift
+    )
 
 
 def fit_rigid(

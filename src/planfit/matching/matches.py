@@ -63,13 +63,15 @@ class Matches:
 def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work: Work) -> Matches:
     """Detect, match and verify; see the options for each step."""
     key = cache_key("keypoints", scan.fingerprint, options.keypoints)
-    items = work.map("keypoints", key, len(scan), partial(_detect_frame, scan, options))
+    items = work.map(
+        "keypoints", key, len(scan), partial(_detect_frame, scan, options), chunk_size=16
+    )
     keypoints = [Keypoints(**item) for item in items]
     pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs)
     spreads = (odometry.sigma_turn.tobytes(), odometry.sigma_shift.tobytes())
     key = cache_key("matches", key, options, scan.world_from_cams.tobytes(), spreads)
     compute = partial(_match_pair, scan, keypoints, pairs, odometry, options)
-    found = work.map("matches", key, len(pairs), compute, chunk_size=64)
+    found = work.map("pairs", key, len(pairs), compute, chunk_size=64)
     sizes = np.array([len(item["points_a"]) for item in found], dtype=int)
     some = np.flatnonzero(sizes)
     points = {

@@ -54,9 +54,7 @@ def read_facap(path: Path, use_masks: bool = True) -> Scan:
         ScanError: files are missing, unreadable, or contradict each other.
     """
     folder = path / "arcore"
-    color_paths = {m[1]: p for p in sorted(folder.iterdir()) if (m := _FRAME.match(p.name))}
-    if not color_paths:
-        raise ScanError(f"{folder}: expected colour images named frame-NNNN.jpg, found none")
+    color_paths = _color_paths(folder)
     frame_ids = sorted(color_paths, key=int)
     _check_counts(folder, frame_ids)
     files = FacapFiles(
@@ -70,7 +68,7 @@ def read_facap(path: Path, use_masks: bool = True) -> Scan:
         _check_size(color, camera)
         _check_size(depth, camera)
     mask_paths = files.mask_paths() if use_masks else []
-    _check_masks(mask_paths, frame_ids, cameras, files.mask_folder)
+    _check_masks(mask_paths, files.color_paths, cameras, files.mask_folder)
     plan = path / "floorplan.npy"
     return Scan(
         name=str(path),
@@ -124,9 +122,7 @@ class FacapFiles:
 
     def mask_paths(self) -> list[Path]:
         """The masks that exist."""
-        every = (
-            self._mask_path(i, name) for i in range(len(self.color_paths)) for name in MASKS
-        )
+        every = (self._mask_path(i, name) for i in range(len(self.color_paths)) for name in MASKS)
         return [path for path in every if path.exists()]
 
     def _mask_path(self, frame_idx: int, name: str) -> Path:
@@ -136,6 +132,22 @@ class FacapFiles:
 def write_pose(path: Path, world_from_cam: np.ndarray) -> None:
     """Write one 4x4 pose as text."""
     path.write_text("\n".join(" ".join(f"{v:.9f}" for v in row) for row in world_from_cam) + "\n")
+
+
+def _color_paths(folder: Path) -> dict[str, Path]:
+    found: dict[int, tuple[str, Path]] = {}
+    for path in sorted(folder.iterdir()):
+        if match := _FRAME.match(path.name):
+            number = int(match[1])
+            if number in found:
+                raise ScanError(
+                    f"{path}: expected one colour image a frame, found {found[number][1].name} "
+                    "of the same number beside it; delete one of them"
+                )
+            found[number] = (match[1], path)
+    if not found:
+        raise ScanError(f"{folder}: expected colour images named frame-NNNN.jpg, found none")
+    return dict(found.values())
 
 
 def _check_counts(folder: Path, frame_ids: list[str]) -> None:
@@ -162,7 +174,11 @@ def _read_numbers(path: Path, expected: str) -> np.ndarray:
     try:
         return np.array([[float(v) for v in line.split()] for line in path.read_text().splitlines()
                          if line.strip()])  # fmt: skip
-    except (ValueError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise ScanError(
+            f"{path}: expected {expected}, cannot be read ({error.strerror})"
+        ) from error
+    except ValueError as error:
         raise ScanError(f"{path}: expected {expected}, found text that is not ({error})") from error
 
 
@@ -195,9 +211,9 @@ def _check_size(path: Path, camera: Camera) -> None:
 
 
 def _check_masks(
-    mask_paths: list[Path], frame_ids: list[str], cameras: tuple[Camera, ...], folder: Path
+    mask_paths: list[Path], color_paths: tuple[Path, ...], cameras: tuple[Camera, ...], folder: Path
 ) -> None:
-    camera_by_stem = dict(zip((f"frame-{i}" for i in frame_ids), cameras, strict=True))
+    camera_by_stem = dict(zip((path.stem for path in color_paths), cameras, strict=True))
     seen = set()
     for path in mask_paths:
         stem = path.stem.rsplit("_", 1)[0]
@@ -208,11 +224,11 @@ def _check_masks(
             raise ScanError(
                 _mask_size_message(path, (width, height), (camera.width, camera.height))
             )
-    if mask_paths and len(seen) < len(frame_ids):
-        absent = next(i for i in frame_ids if f"frame-{i}" not in seen)
+    if mask_paths and len(seen) < len(color_paths):
+        absent = next(path.stem for path in color_paths if path.stem not in seen)
         raise ScanError(
-            f"{folder}: expected masks for each of {len(frame_ids)} frames, found {len(seen)} "
-            f"(frame {absent} has none); add them, or leave masks out with "
+            f"{folder}: expected masks for each of {len(color_paths)} frames, found {len(seen)} "
+            f"({absent} has none); add them, or leave masks out with "
             "--structure.back-end geometry"
         )
 

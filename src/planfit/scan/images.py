@@ -18,7 +18,7 @@ def image_size(path: Path) -> tuple[int, int]:
     try:
         with Image.open(path) as image:
             return image.size
-    except (UnidentifiedImageError, OSError) as error:
+    except (UnidentifiedImageError, Image.DecompressionBombError, OSError) as error:
         raise ScanError(
             f"{path}: expected an image, found a file that cannot be read as one ({error}); "
             "copy it again from the source"

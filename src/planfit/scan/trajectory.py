@@ -17,8 +17,12 @@ def read_tum(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """
     if not path.exists():
         raise ScanError(f"{path}: expected a TUM trajectory, found nothing; check the path")
+    try:
+        lines = path.read_text().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScanError(f"{path}: expected a TUM trajectory as text, found {error}") from error
     rows = []
-    for number, line in enumerate(path.read_text().splitlines(), start=1):
+    for number, line in enumerate(lines, start=1):
         text = line.split("#")[0].split()
         if not text:
             continue
@@ -44,7 +48,8 @@ def write_tum(path: Path, timestamps: np.ndarray, target_from_cams: np.ndarray) 
     quaternions_xyzw = Rotation.from_matrix(target_from_cams[:, :3, :3]).as_quat(canonical=True)
     rows = np.concatenate([target_from_cams[:, :3, 3], quaternions_xyzw], axis=1)
     lines = [
-        f"{time:.9g} " + " ".join(f"{v:.9f}" for v in row)
+        # As many digits as the time has: seconds since 1970 with microseconds have sixteen.
+        np.format_float_positional(time, trim="-") + " " + " ".join(f"{v:.9f}" for v in row)
         for time, row in zip(timestamps, rows, strict=True)
     ]
     path.write_text("\n".join(lines) + "\n")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit.adjust.normal_equations import NormalBlocks
+from planfit.adjust.normal_equations import NormalBlocks, sum_by_pose
 from planfit.geometry import se3
 
 
@@ -30,8 +30,7 @@ class AnchorTerm:
         """Gauss-Newton blocks; the derivative of log is taken as one, exact at the anchor."""
         departure = se3.difference(target_from_cams[self.pose_idx], self.target_from_anchors)
         information = 1.0 / self.sigma**2
-        n = len(target_from_cams)
-        gradient = np.zeros((n, 6))
-        gradient[self.pose_idx] = departure * information
+        # A sum, not an assignment: one pose may have several anchors.
+        gradient = sum_by_pose(self.pose_idx, departure * information, len(target_from_cams))
         blocks = np.tile(np.diag(information), (len(self.pose_idx), 1, 1))
         return NormalBlocks(self.pose_idx, self.pose_idx, blocks, gradient)

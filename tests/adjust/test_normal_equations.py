@@ -1,0 +1,77 @@
+"""Blocks into one sparse matrix, and its damped solution against a dense one."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from builders import make_world, nudged
+from planfit.adjust import AdjustOptions
+from planfit.adjust.normal_equations import NormalBlocks, NormalEquations, sum_by_pose
+
+
+def test_sum_by_pose_is_add_at(rng):
+    idx, values = rng.integers(5, size=30), rng.normal(size=(30, 2, 3))
+    expected = np.zeros((6, 2, 3))
+    np.add.at(expected, idx, values)
+    assert_allclose(sum_by_pose(idx, values, 6), expected)
+
+
+def test_sum_by_pose_of_nothing_is_zero():
+    assert_array_equal(sum_by_pose(np.zeros(0, dtype=int), np.zeros((0, 6, 6)), 3), 0.0)
+
+
+def test_blocks_off_the_diagonal_stand_for_their_transpose(rng):
+    block = rng.normal(size=(1, 6, 6))
+    parts = [NormalBlocks(np.array([0]), np.array([2]), block, np.zeros((3, 6)))]
+    matrix = NormalEquations(parts, 3).matrix.toarray()
+    assert_array_equal(matrix[:6, 12:], block[0])
+    assert_array_equal(matrix[12:, :6], block[0].T)
+
+
+def test_parts_add_up(rng):
+    blocks = rng.normal(size=(2, 6, 6))
+    one = NormalBlocks(np.array([1]), np.array([1]), blocks[:1], np.ones((2, 6)))
+    two = NormalBlocks(np.array([1]), np.array([1]), blocks[1:], np.full((2, 6), 2.0))
+    equations = NormalEquations([one, two], 2)
+    assert_allclose(equations.matrix.toarray()[6:, 6:], blocks.sum(axis=0))
+    assert_array_equal(equations.gradient, 3.0)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-6, 1e-2, 1.0, 1e3])
+def test_sparse_step_equals_the_dense_solve(rng, damping):
+    world = make_world(rng)
+    poses = nudged(rng, world.plan_from_cams, 2.0, 0.1)
+    quadratics = [t.reweight(poses)[0] for t in world.evidence.terms(AdjustOptions())]
+    equations = NormalEquations([q.normal_blocks(poses) for q in quadratics], len(poses))
+    dense = equations.matrix.toarray()
+    assert_allclose(dense, dense.T, atol=1e-9 * np.abs(dense).max())
+    assert np.linalg.eigvalsh(dense).min() > -1e-9 * np.abs(dense).max()
+    floor = 1e-9 * np.diag(dense).max()
+    damped = dense + np.diag(damping * np.maximum(np.diag(dense), floor) + floor)
+    expected = np.linalg.solve(damped, -equations.gradient.ravel()).reshape(-1, 6)
+    scale = np.abs(expected).max()
+    assert_allclose(equations.step(damping), expected, atol=1e-5 * scale)
+
+
+def test_predicted_decrease_is_that_of_the_linear_model(rng):
+    jacobian, residual = rng.normal(size=(30, 12)), rng.normal(size=30)
+    hessian = jacobian.T @ jacobian
+    blocks = np.stack([hessian[:6, :6], hessian[:6, 6:], hessian[6:, 6:]])
+    gradient = (jacobian.T @ residual).reshape(2, 6)
+    part = NormalBlocks(np.array([0, 0, 1]), np.array([0, 1, 1]), blocks, gradient)
+    delta = rng.normal(size=(2, 6))
+    after = residual + jacobian @ delta.ravel()
+    expected = 0.5 * (residual @ residual - after @ after)
+    assert_allclose(NormalEquations([part], 2).predicted_decrease(delta), expected)
+
+
+def test_a_pose_that_nothing_measures_stays():
+    part = NormalBlocks(np.array([0]), np.array([0]), np.eye(6)[None], np.eye(12)[0].reshape(2, 6))
+    step = NormalEquations([part], 2).step(1e-4)
+    assert step[0, 0] < -0.9
+    assert_array_equal(step[1], 0.0)
+
+
+def test_nothing_measured_at_all_is_no_step():
+    part = NormalBlocks(np.array([0]), np.array([0]), np.zeros((1, 6, 6)), np.zeros((1, 6)))
+    assert_array_equal(NormalEquations([part], 1).step(1e-4), 0.0)

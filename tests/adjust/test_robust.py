@@ -1,0 +1,67 @@
+"""Losses: the weight is the slope of the cost, and weighted squares lie above it."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from planfit.adjust.robust import Loss, LossKind, loss_value
+
+LOSSES = [Loss(kind, scale) for kind in LossKind for scale in (0.5, 2.0)]
+SQUARES = np.concatenate([[0.0], np.geomspace(1e-6, 1e4, 60)])
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_weight_is_the_derivative_of_the_cost(loss):
+    s = SQUARES[1:]
+    s = s[np.abs(s - loss.scale**2) > 1e-3]  # Huber's knee has no second derivative
+    high, low = loss_value(s * (1 + 1e-6), loss)[0], loss_value(s * (1 - 1e-6), loss)[0]
+    assert_allclose((high - low) / (2e-6 * s), loss_value(s, loss)[1], rtol=1e-4, atol=1e-8)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_begins_as_the_square(loss):
+    rho, weight = loss_value(np.array([0.0, 1e-8]), loss)
+    assert_allclose(rho, [0.0, 1e-8], rtol=1e-6)
+    assert_allclose(weight, 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_weighted_squares_lie_above_the_cost_and_touch_it(loss):
+    rho, weight = loss_value(SQUARES, loss)
+    for at in range(len(SQUARES)):
+        above = rho[at] + weight[at] * (SQUARES - SQUARES[at])
+        assert np.all(above >= rho - 1e-9 * (1 + rho))
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_weights_fall_and_costs_rise(loss):
+    rho, weight = loss_value(SQUARES, loss)
+    assert np.all(np.diff(rho) > 0)
+    assert np.all(np.diff(weight) <= 0)
+    assert np.all(weight > 0)
+
+
+def test_squared_weighs_all_alike():
+    rho, weight = loss_value(SQUARES, Loss(LossKind.SQUARED))
+    assert_array_equal(rho, SQUARES)
+    assert_array_equal(weight, 1.0)
+
+
+def test_huber_is_continuous_at_its_scale_and_linear_beyond():
+    loss = Loss(LossKind.HUBER, 2.0)
+    rho, weight = loss_value(np.array([4.0, 4.0 + 1e-9, 100.0]), loss)
+    assert_allclose(rho, [4.0, 4.0, 2 * 2.0 * 10 - 4.0])
+    assert_allclose(weight, [1.0, 1.0, 0.2])
+
+
+def test_geman_mcclure_levels_off_at_the_square_of_its_scale():
+    rho, weight = loss_value(np.array([1e12]), Loss(LossKind.GEMAN_MCCLURE, 3.0))
+    assert_allclose(rho, 9.0, rtol=1e-9)
+    assert weight[0] < 1e-20
+
+
+def test_outliers_pull_in_the_order_of_the_losses():
+    s = np.array([400.0])
+    pull = [loss_value(s, Loss(kind, 2.0))[1][0] for kind in LossKind]
+    assert pull == sorted(pull, reverse=True)
+    assert len(set(pull)) == 4

@@ -1,0 +1,269 @@
+"""Each term: zero at truth, gradients by differences, rigid invariance, and every option."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from builders import (
+    gradient_by_differences,
+    jacobian_by_differences,
+    make_world,
+    moved_plan,
+    nudged,
+    random_transforms,
+)
+from planfit.adjust.association import Association, AssociationOptions, associate
+from planfit.adjust.normal_equations import NormalEquations
+from planfit.adjust.robust import Loss, LossKind
+from planfit.adjust.terms.anchor import AnchorTerm
+from planfit.adjust.terms.base import Weighting
+from planfit.adjust.terms.floor import FloorOptions, FloorTerm
+from planfit.adjust.terms.points import PointOptions, PointTerm
+from planfit.adjust.terms.trajectory import (
+    TrajectoryOptions,
+    TrajectoryTerm,
+    step_departure,
+    step_jacobians,
+)
+from planfit.adjust.terms.walls import WallOptions, WallTerm
+from planfit.geometry import se3
+from planfit.scan.odometry import OdometryOptions, make_odometry
+
+NAMES = ["points", "floor", "walls", "trajectory", "anchor"]
+SQUARED = Loss(LossKind.SQUARED)
+
+
+@pytest.fixture
+def world(rng):
+    return make_world(rng)
+
+
+@pytest.fixture
+def terms(world):
+    association = associate(
+        world.structure, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
+    )
+    assert association.n_associated == world.structure.n_patches
+    made = [
+        PointTerm(world.matches, PointOptions()),
+        FloorTerm(world.structure, FloorOptions()),
+        WallTerm(world.structure, world.floorplan, association, WallOptions()),
+        TrajectoryTerm(world.odometry, TrajectoryOptions()),
+        AnchorTerm(np.array([0, 3]), world.plan_from_cams[[0, 3]], np.full(6, 0.1)),
+    ]
+    return {term.name: term for term in made}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_zero_at_truth(name, terms, world):
+    quadratic, cost = terms[name].reweight(world.plan_from_cams)
+    assert_allclose(cost, 0.0, atol=1e-12)
+    assert_allclose(quadratic.cost(world.plan_from_cams), 0.0, atol=1e-9)
+    assert_allclose(quadratic.normal_blocks(world.plan_from_cams).gradient, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_costs_more_away_from_truth(name, terms, world, rng):
+    assert terms[name].reweight(nudged(rng, world.plan_from_cams, 1.0, 0.05))[1] > 0.1
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_gradient_is_that_of_the_robust_cost_where_the_weights_were_taken(name, terms, world, rng):
+    # rho'(s) are the weights, so the frozen squares and the robust cost share their slope.
+    turn_deg = 0.1 if name in ("trajectory", "anchor") else 2.0  # their log is taken as linear
+    poses = nudged(rng, world.plan_from_cams, turn_deg, 0.08)
+    quadratic, _ = terms[name].reweight(poses)
+    gradient = quadratic.normal_blocks(poses).gradient
+    robust = gradient_by_differences(lambda at: terms[name].reweight(at)[1], poses)
+    frozen = gradient_by_differences(quadratic.cost, poses)
+    scale = np.abs(robust).max()
+    assert scale > 0.1
+    assert_allclose(gradient, robust, atol=2e-3 * scale)
+    assert_allclose(gradient, frozen, atol=2e-3 * scale)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_frozen_squares_bound_the_robust_cost(name, terms, world, rng):
+    poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
+    quadratic, cost = terms[name].reweight(poses)
+    for _ in range(5):
+        other = nudged(rng, poses, 1.0, 0.05)
+        bound = cost + quadratic.cost(other) - quadratic.cost(poses)
+        assert terms[name].reweight(other)[1] <= bound + 1e-9 * bound
+
+
+@pytest.mark.parametrize("name", ["points", "trajectory"])
+def test_moving_the_world_changes_nothing(name, terms, world, rng):
+    poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
+    moved = random_transforms(rng, 1)[0] @ poses
+    assert_allclose(terms[name].reweight(moved)[1], terms[name].reweight(poses)[1], rtol=1e-9)
+
+
+def test_floor_cost_does_not_change_with_yaw_and_level_shifts(terms, world, rng):
+    poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
+    moved = se3.yaw_transform(1.2, np.array([7.0, -3.0, 0.0])) @ poses
+    expected = terms["floor"].reweight(poses)[1]
+    assert_allclose(terms["floor"].reweight(moved)[1], expected, rtol=1e-9)
+    raised = se3.yaw_transform(0.0, np.array([0.0, 0.0, 0.1])) @ poses
+    assert abs(terms["floor"].reweight(raised)[1] - expected) > 1.0
+
+
+def test_moving_world_and_plan_together_changes_no_wall_cost(terms, world, rng):
+    poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
+    move = se3.yaw_transform(2.1, np.array([30.0, -12.0, 0.0]))
+    moved = replace(terms["walls"], floorplan=moved_plan(world.floorplan, move))
+    expected = terms["walls"].reweight(poses)[1]
+    assert_allclose(moved.reweight(move @ poses)[1], expected, rtol=1e-9)
+
+
+def test_moving_poses_and_anchors_together_changes_no_cost(terms, world, rng):
+    poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
+    move = random_transforms(rng, 1)[0]
+    anchor = terms["anchor"]
+    moved = replace(anchor, target_from_anchors=move @ anchor.target_from_anchors)
+    assert_allclose(moved.reweight(move @ poses)[1], anchor.reweight(poses)[1], rtol=1e-9)
+
+
+def rebuilt(term, **options):
+    return replace(term, options=replace(term.options, **options))
+
+
+@pytest.mark.parametrize("name", ["points", "floor", "walls", "trajectory"])
+def test_weight_multiplies_the_term(name, terms, world, rng):
+    poses = nudged(rng, world.plan_from_cams, 0.5, 0.02)
+    one, cost = terms[name].reweight(poses)
+    three, triple = rebuilt(terms[name], weight=3.0).reweight(poses)
+    assert_allclose(triple, 3 * cost)
+    blocks = one.normal_blocks(poses).blocks
+    rounding = 1e-12 * np.abs(blocks).max()
+    assert_allclose(three.normal_blocks(poses).blocks, 3 * blocks, atol=rounding)
+    assert_allclose(three.normal_blocks(poses).gradient, 3 * one.normal_blocks(poses).gradient)
+
+
+@pytest.mark.parametrize("name", ["floor", "walls"])
+def test_sigma_divides_the_residual(name, terms, world, rng):
+    poses = nudged(rng, world.plan_from_cams, 0.5, 0.02)
+    term = rebuilt(terms[name], loss=SQUARED)
+    wide = rebuilt(term, sigma_m=2 * term.options.sigma_m)
+    assert_allclose(wide.reweight(poses)[1], term.reweight(poses)[1] / 4)
+
+
+@pytest.mark.parametrize("name", ["points", "floor", "walls", "trajectory"])
+def test_loss_is_the_one_chosen(name, terms, world, rng):
+    poses = nudged(rng, world.plan_from_cams, 5.0, 0.5)
+    costs = [rebuilt(terms[name], loss=Loss(kind, 2.0)).reweight(poses)[1] for kind in LossKind]
+    assert costs == sorted(costs, reverse=True)
+    assert costs[0] > 2 * costs[-1]
+    wider = rebuilt(terms[name], loss=Loss(LossKind.CAUCHY, 4.0)).reweight(poses)[1]
+    assert wider > costs[LossKind.CAUCHY]
+
+
+@pytest.mark.parametrize("name", ["points", "floor", "walls"])
+def test_max_readings_bounds_what_a_bundle_of_points_is_worth(name, terms, world, rng):
+    poses = nudged(rng, world.plan_from_cams, 0.5, 0.02)
+    one = rebuilt(terms[name], max_readings=1.0).reweight(poses)[1]
+    half = rebuilt(terms[name], max_readings=0.5).reweight(poses)[1]
+    assert_allclose(half, one / 2)
+
+
+@pytest.mark.parametrize("name", ["floor", "walls"])
+def test_points_per_reading_thins_small_bundles(name, terms, world, rng):
+    poses = nudged(rng, world.plan_from_cams, 0.5, 0.02)
+    # 80 points a bundle: one reading, and two.
+    one = rebuilt(terms[name], points_per_reading=80.0).reweight(poses)[1]
+    two = rebuilt(terms[name], points_per_reading=40.0).reweight(poses)[1]
+    assert_allclose(two, 2 * one)
+
+
+def test_weighting_counts_readings():
+    points = np.array([0, 1, 10, 100])
+    readings = points * Weighting(4.0, 10.0).information(points)
+    assert_allclose(readings, [0.0, 0.1, 1.0, 4.0])
+
+
+def test_wall_patches_without_a_face_do_not_pull(terms, world, rng):
+    poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
+    n = world.structure.n_patches
+    nothing = replace(terms["walls"], association=Association(np.full(n, -1), np.full(n, np.nan)))
+    quadratic, cost = nothing.reweight(poses)
+    assert cost == 0.0
+    assert not np.any(quadratic.normal_blocks(poses).blocks)
+
+
+def test_walls_are_pulled_towards_the_plan_and_not_away(terms, world):
+    # One camera shifted by +x: the gradient step must go back by -x.
+    poses = world.plan_from_cams.copy()
+    poses[:, 0, 3] += 0.03
+    quadratic, _ = terms["walls"].reweight(poses)
+    step = NormalEquations([quadratic.normal_blocks(poses)], len(poses)).step(1e-6)
+    assert_allclose(step[:, 3], -0.03, atol=0.005)
+
+
+def test_trajectory_jacobians_meet_finite_differences(world, rng):
+    poses = nudged(rng, world.plan_from_cams, 2.0, 0.1)
+    n = len(poses)
+    first, second = step_jacobians(poses, step_departure(world.odometry, poses))
+    expected = np.zeros((n - 1, 6, 6 * n))
+    for k in range(n - 1):
+        expected[k, :, 6 * k : 6 * k + 6] = first[k]
+        expected[k, :, 6 * k + 6 : 6 * k + 12] = second[k]
+    by_differences = jacobian_by_differences(lambda at: step_departure(world.odometry, at), poses)
+    assert_allclose(expected.reshape(-1, 6 * n), by_differences, atol=1e-5)
+
+
+def test_trajectory_blocks_are_those_of_the_residuals(world, terms, rng):
+    poses = nudged(rng, world.plan_from_cams, 0.5, 0.05)
+    quadratic, _ = terms["trajectory"].reweight(poses)
+    weight = np.sqrt(quadratic.information)
+    jacobian = jacobian_by_differences(
+        lambda at: (weight * step_departure(world.odometry, at)).ravel(), poses
+    )
+    residual = (weight * step_departure(world.odometry, poses)).ravel()
+    blocks = quadratic.normal_blocks(poses)
+    dense = NormalEquations([blocks], len(poses)).matrix.toarray()
+    assert_allclose(dense, jacobian.T @ jacobian, rtol=1e-4, atol=1e-4 * np.abs(dense).max())
+    assert_allclose(
+        blocks.gradient.ravel(), jacobian.T @ residual, atol=1e-4 * np.abs(blocks.gradient).max()
+    )
+
+
+def test_a_recorded_jump_is_not_spread_over_the_path(world):
+    # With the robust loss the one wrong step has next to no weight.
+    poses = world.plan_from_cams.copy()
+    poses[4:, 0, 3] += 3.0
+    term = TrajectoryTerm(make_odometry(poses, OdometryOptions()), TrajectoryOptions())
+    quadratic, _ = term.reweight(world.plan_from_cams)
+    sure = quadratic.information[:, 3] * term.odometry.sigma_shift**2
+    assert sure[3] < 0.05
+    assert_allclose(np.delete(sure, 3), 1.0)
+
+
+def test_an_infinite_spread_leaves_a_direction_free(world):
+    sigma = np.array([np.inf, np.inf, 0.1, 0.1, 0.1, np.inf])
+    term = AnchorTerm(np.array([2]), world.plan_from_cams[2:3], sigma)
+    for axis, costs in enumerate([False, False, True, True, True, False]):
+        delta = np.zeros((len(world.plan_from_cams), 6))
+        delta[2, axis] = 0.3
+        cost = term.cost(se3.retract(world.plan_from_cams, delta))
+        assert_allclose(cost, 0.5 * 9.0 if costs else 0.0, atol=1e-12)
+
+
+def test_an_anchor_acts_on_its_own_pose_only(world):
+    term = AnchorTerm(np.array([2]), world.plan_from_cams[2:3], np.full(6, 0.1))
+    poses = world.plan_from_cams.copy()
+    poses[:, 0, 3] += 0.1
+    gradient = term.normal_blocks(poses).gradient
+    assert_allclose(gradient[2], [0, 0, 0, 10.0, 0, 0], atol=1e-9)
+    assert_array_equal(np.delete(gradient, 2, axis=0), 0.0)
+
+
+def test_two_anchors_of_one_pose_both_pull(world):
+    there = world.plan_from_cams[[2, 2]].copy()
+    there[0, 0, 3] += 0.1
+    there[1, 0, 3] += 0.3
+    term = AnchorTerm(np.array([2, 2]), there, np.full(6, 0.1))
+    expected = gradient_by_differences(term.cost, world.plan_from_cams)
+    gradient = term.normal_blocks(world.plan_from_cams).gradient
+    assert_allclose(gradient, expected, atol=1e-4)

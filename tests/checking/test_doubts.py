@@ -1,0 +1,102 @@
+"""Each doubt is raised by what it names, and by nothing else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from builders import make_matches, make_structure, make_world, room_scan
+from planfit.adjust import Solution, WallsPulled
+from planfit.adjust.association import Association
+from planfit.adjust.solver import Stop
+from planfit.align import Alignment
+from planfit.checks import Check
+from planfit.doubts import MAX_TENSION, MIN_NEAR_SHARE, fit_doubts, scan_doubts
+from planfit.structure import Gravity
+
+GRAVITY = Gravity(np.array([0, 0, 1.0]), 0.8, "the most common normal")
+
+
+@pytest.fixture
+def world(rng):
+    return make_world(rng, n=24)
+
+
+def doubts_of_scan(world, **changes):
+    given = {
+        "scan": room_scan(world.plan_from_cams),
+        "gravity": GRAVITY,
+        "structure": world.structure,
+        "matches": world.matches,
+        "neighbours": 4,
+    }
+    return scan_doubts(**(given | changes))
+
+
+def test_a_good_scan_raises_none(world):
+    assert doubts_of_scan(world) == ()
+
+
+def test_doubts_about_the_scan(world, rng):
+    poses = world.plan_from_cams
+    points = rng.normal(size=(20, 3))
+    walls = replace(world.structure, floor_points_cam=np.zeros((0, 3)))
+    cases = {
+        "only 5 frames": {"scan": room_scan(poses[:5])},
+        "gravity is unsure": {"gravity": replace(GRAVITY, confidence=0.01)},
+        "no floor was seen": {"structure": walls},
+        "no two frames could be matched": {"matches": make_matches(poses, [], points[:0])},
+        "no loop": {"matches": make_matches(poses, [(0, 1), (3, 7)], points)},
+    }
+    for words, change in cases.items():
+        (doubt,) = doubts_of_scan(world, **change)
+        assert words in doubt
+    blind = doubts_of_scan(world, structure=make_structure(poses))
+    assert len(blind) == 2
+    assert "no wall was seen" in blind[1]
+
+
+def pulled(world, n_associated, settled=True):
+    n = world.structure.n_patches
+    face_idx = np.where(np.arange(n) < n_associated, 0, -1)
+    solution = Solution(world.plan_from_cams, Stop.COST, 3, {})
+    return WallsPulled(solution, Association(face_idx, np.zeros(n)), 5, settled)
+
+
+def doubts_of_fit(world, **changes):
+    given = {
+        "alignment": Alignment(np.eye(4), 0.9, None),
+        "is_place_claimed": False,
+        "pulled": pulled(world, world.structure.n_patches),
+        "structure": world.structure,
+        "checks": (
+            Check("held-out matches", 0.1, 0.05, "m", False),
+            Check("wall points near the plan", 0.5, 0.9, "share", False),
+        ),
+        "tension": 1.05,
+    }
+    return fit_doubts(**(given | changes))
+
+
+def test_a_good_fit_raises_none(world):
+    assert doubts_of_fit(world) == ()
+    assert doubts_of_fit(world, alignment=None, is_place_claimed=True) == ()
+    assert doubts_of_fit(world, checks=()) == ()
+
+
+def test_doubts_about_the_fit(world):
+    few = Check("wall points near the plan", 0.1, MIN_NEAR_SHARE - 0.01, "share", False)
+    bad = Check("held-out matches", 0.05, 0.1, "m", True)
+    cases = {
+        "not placed": {"alignment": None},
+        "so and so": {"alignment": Alignment(np.eye(4), 0.9, None, warnings=("so and so",))},
+        "lie near the plan": {"checks": (few,)},
+        "pull apart": {"tension": MAX_TENSION + 0.1},
+        "raise adjust.max-alternations": {
+            "pulled": pulled(world, world.structure.n_patches, settled=False)
+        },
+        "worse than before: held-out matches went from 0.05 to 0.1 m": {"checks": (bad,)},
+    }
+    for words, change in cases.items():
+        (doubt,) = doubts_of_fit(world, **change)
+        assert words in doubt

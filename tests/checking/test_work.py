@@ -1,0 +1,278 @@
+"""Work over many items: order, cache, damage, interruption, progress, a full disk."""
+
+import errno
+import itertools
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from threadpoolctl import threadpool_info
+
+from planfit.errors import OutputError
+from planfit.work import Work, cache_key
+
+
+class Counter:
+    """Computes squares, and remembers which."""
+
+    def __init__(self):
+        self.asked = []
+        self._lock = threading.Lock()
+
+    def __call__(self, i):
+        with self._lock:
+            self.asked.append(i)
+        return {"square": np.array([i * i]), "name": np.array(f"item {i}")}
+
+
+def squares(items):
+    return [int(item["square"][0]) for item in items]
+
+
+@pytest.mark.parametrize("workers", [1, 2, 7])
+@pytest.mark.parametrize("chunk_size", [1, 4, 100])
+def test_results_are_in_order_whatever_the_threads_do(workers, chunk_size):
+    def slow_first(i):
+        time.sleep(0.002 if i < 5 else 0)
+        return {"square": np.array([i * i])}
+
+    items = Work(workers).map("squares", "key", 23, slow_first, chunk_size)
+    assert squares(items) == [i * i for i in range(23)]
+
+
+def test_threads_are_used():
+    barrier = threading.Barrier(2, timeout=5)
+
+    def meet(i):
+        barrier.wait()
+        return {"i": np.array(i)}
+
+    Work(2).map("meet", "key", 2, meet, chunk_size=1)
+
+
+def blas_threads():
+    return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+
+def test_blas_threads_are_one_inside_and_as_before_afterwards():
+    before, inside = blas_threads(), []
+    both, first_done = threading.Barrier(2, timeout=5), threading.Event()
+
+    def overlap(i):
+        both.wait()
+        if i == 1:  # ends well after the other, which began with it
+            first_done.wait(0.1)
+        inside.append(blas_threads())
+        return {"i": np.array(i)}
+
+    Work(2).map("overlap", "key", 2, overlap, chunk_size=1)
+    assert all(n == 1 for threads in inside for n in threads)
+    assert blas_threads() == before
+
+
+def test_nothing_to_do():
+    assert Work().map("none", "key", 0, Counter()) == []
+
+
+def test_without_a_folder_nothing_is_kept(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    count = Counter()
+    for _ in range(2):
+        Work().map("squares", "key", 3, count)
+    assert len(count.asked) == 6
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_run_takes_everything_from_the_cache(tmp_path):
+    work = Work(2, tmp_path / "cache")
+    first = work.map("squares", "key", 10, Counter(), 4)
+    count = Counter()
+    second = work.map("squares", "key", 10, count, 4)
+    assert count.asked == []
+    assert squares(second) == squares(first)
+    for one, two in zip(first, second, strict=True):
+        assert one.keys() == two.keys()
+        assert all(one[name].dtype == two[name].dtype for name in one)
+
+
+def test_arrays_come_back_as_they_were(tmp_path):
+    arrays = {
+        "empty": np.zeros((0, 3), np.float32),
+        "bytes": np.arange(5, dtype=np.uint8),
+        "nan": np.array([[np.nan, np.inf]]),
+        "n_items": np.array(7),
+        "a/b": np.array([1.0]),
+    }
+    work = Work(1, tmp_path)
+    work.map("kept", "key", 1, lambda _: arrays)
+    back = work.map("kept", "key", 1, Counter())[0]
+    assert back.keys() == arrays.keys()
+    for name, value in arrays.items():
+        assert_array_equal(back[name], value)
+        assert back[name].dtype == value.dtype
+
+
+@pytest.mark.parametrize("other", [("squares", "another"), ("cubes", "key")])
+def test_another_key_or_stage_is_computed(tmp_path, other):
+    work = Work(1, tmp_path)
+    work.map("squares", "key", 3, Counter())
+    count = Counter()
+    work.map(*other, 3, count)
+    assert sorted(count.asked) == [0, 1, 2]
+
+
+def test_keys_change_with_any_part():
+    keys = {
+        cache_key(),
+        cache_key("a"),
+        cache_key("a", 1),
+        cache_key("a", 1.0),
+        cache_key("a", np.array([1.0])),
+        cache_key("a", np.array([1.0]).tobytes()),
+    }
+    assert len(keys) == 6
+    assert cache_key("a", 1) == cache_key("a", 1)
+
+
+DAMAGE = {
+    "cut in half": lambda data: data[: len(data) // 2],
+    "empty": lambda _: b"",
+    "no archive": lambda _: b"garbage" * 50,
+    "starts like one": lambda _: b"PK\x03\x04garbage",
+    "bits flipped": lambda data: data[:100] + bytes(b ^ 0xFF for b in data[100:140]) + data[140:],
+    "nothing but zeros": lambda data: bytes(len(data)),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_chunk_is_made_again_and_the_others_are_not(tmp_path, damage):
+    work = Work(1, tmp_path)
+    work.map("squares", "key", 12, Counter(), 4)
+    chunk = sorted(tmp_path.rglob("*.npz"))[1]
+    chunk.write_bytes(DAMAGE[damage](chunk.read_bytes()))
+    count = Counter()
+    items = work.map("squares", "key", 12, count, 4)
+    assert squares(items) == [i * i for i in range(12)]
+    assert sorted(count.asked) == [4, 5, 6, 7]
+    again = Counter()
+    work.map("squares", "key", 12, again, 4)
+    assert again.asked == []
+
+
+def test_a_chunk_that_holds_a_bare_array_is_made_again(tmp_path):
+    work = Work(1, tmp_path)
+    work.map("squares", "key", 3, Counter())
+    chunk = next(tmp_path.rglob("*.npz"))
+    with chunk.open("wb") as file:
+        np.save(file, np.zeros(3))
+    count = Counter()
+    work.map("squares", "key", 3, count)
+    assert len(count.asked) == 3
+
+
+def test_a_chunk_of_another_length_is_made_again(tmp_path):
+    # The same key with other chunks: the first file holds 4 items where 8 are asked for.
+    work = Work(1, tmp_path)
+    work.map("squares", "key", 8, Counter(), 4)
+    items = work.map("squares", "key", 8, Counter(), 8)
+    assert squares(items) == [i * i for i in range(8)]
+
+
+def test_an_error_inside_comes_out_as_it_is(tmp_path):
+    def fails(i):
+        if i == 5:
+            raise KeyError("item five")
+        return {"square": np.array([i])}
+
+    with pytest.raises(KeyError, match="item five"):
+        Work(2, tmp_path).map("squares", "key", 10, fails, 2)
+
+
+def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
+    def stops(i):
+        if i == 6:
+            raise KeyboardInterrupt
+        return {"square": np.array([i * i])}
+
+    with pytest.raises(KeyboardInterrupt):
+        Work(1, tmp_path).map("squares", "key", 10, stops, 2)
+    count = Counter()
+    items = Work(1, tmp_path).map("squares", "key", 10, count, 2)
+    assert squares(items) == [i * i for i in range(10)]
+    assert sorted(count.asked)[:2] == [6, 7]  # 8 and 9 may have ended before the stop was seen
+
+
+def test_a_chunk_that_ends_while_another_fails_is_kept(tmp_path):
+    both = threading.Barrier(2, timeout=5)
+
+    def one_fails(i):
+        both.wait()
+        if i == 0:
+            raise ValueError("first")
+        time.sleep(0.05)
+        return {"square": np.array([i * i])}
+
+    with pytest.raises(ValueError, match="first"):
+        Work(2, tmp_path).map("squares", "key", 2, one_fails, 1)
+    count = Counter()
+    Work(1, tmp_path).map("squares", "key", 2, count, 1)
+    assert count.asked == [0]
+
+
+def test_after_an_error_chunks_not_begun_are_dropped():
+    count = Counter()
+
+    def fails(i):
+        count(i)
+        raise ValueError("all do")
+
+    with pytest.raises(ValueError, match="all do"):
+        Work(1).map("squares", "key", 200, fails, 1)
+    assert len(count.asked) < 100
+
+
+def test_progress_rises_to_the_total(tmp_path):
+    told = []
+
+    def listen(stage, done, total):
+        told.append((stage, done, total))
+
+    work = Work(2, tmp_path, listen)
+    work.map("squares", "key", 10, Counter(), 3)
+    assert {(stage, total) for stage, _, total in told} == {("squares", 10)}
+    done = [d for _, d, _ in told]
+    assert done[0] == 0
+    assert done[-1] == 10
+    assert all(b - a in (1, 3) for a, b in itertools.pairwise(done))
+    told.clear()
+    work.map("squares", "key", 10, Counter(), 3)
+    assert told == [("squares", 10, 10)]
+
+
+def full_disk(*args, **options):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("step", ["open", "replace"])
+def test_a_full_disk_is_an_output_error_and_leaves_no_partial_file(tmp_path, monkeypatch, step):
+    monkeypatch.setattr(Path, step, full_disk)
+    with pytest.raises(OutputError, match=r"squares-key.*No space left.*free disk space"):
+        Work(2, tmp_path).map("squares", "key", 3, Counter())
+    monkeypatch.undo()
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+
+
+def test_a_disk_that_fills_while_writing(tmp_path, monkeypatch):
+    monkeypatch.setattr(np, "savez", full_disk)
+    with pytest.raises(OutputError, match="No space left"):
+        Work(1, tmp_path).map("squares", "key", 3, Counter())
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+
+
+def test_a_cache_that_cannot_be_made(tmp_path):
+    (tmp_path / "cache").write_text("a file is in the way")
+    with pytest.raises(OutputError, match="cannot be made"):
+        Work(1, tmp_path / "cache").map("squares", "key", 3, Counter())

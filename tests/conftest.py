@@ -1,0 +1,15 @@
+"""Numerical accidents are errors; seeded randomness; builders live in `builders.py`."""
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def no_silent_numerics():
+    with np.errstate(divide="raise", invalid="raise", over="raise"):
+        yield
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20240607)

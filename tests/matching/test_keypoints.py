@@ -1,0 +1,115 @@
+"""Keypoints and their depth: interpolation, holes, edges, and the options."""
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from builders import CAMERA, look, room_scan
+from planfit.matching.keypoints import KeypointOptions, detect, sample_depth
+
+
+def ramp(slope_u=0.004, slope_v=0.003):
+    v, u = np.mgrid[:60, :80]
+    return (3.0 + slope_u * u + slope_v * v).astype(np.float32)
+
+
+def test_depth_is_interpolated_between_pixels(rng):
+    uv = rng.uniform([3, 3], [76, 56], (200, 2))
+    expected = 3.0 + 0.004 * uv[:, 0] + 0.003 * uv[:, 1]
+    assert_allclose(sample_depth(ramp(), uv, 0.05), expected, atol=1e-5)
+
+
+def test_whole_pixels_are_read_as_they_are():
+    depth = ramp()
+    found = sample_depth(depth, np.array([[10.0, 20.0], [33.0, 7.0]]), 0.05)
+    assert_allclose(found, [depth[20, 10], depth[7, 33]], rtol=1e-6)
+
+
+def test_a_border_of_the_image_has_no_depth():
+    u, v = np.meshgrid(np.arange(-3, 84, 0.5), np.arange(-3, 64, 0.5))
+    found = sample_depth(ramp(), np.stack([u.ravel(), v.ravel()], axis=1), 0.05)
+    inside = (u >= 2) & (v >= 2) & (u < 77) & (v < 57)
+    assert np.array_equal(np.isfinite(found), inside.ravel())
+
+
+def test_holes_spoil_what_is_within_two_pixels_and_nothing_else():
+    depth = ramp()
+    depth[30, 40] = np.nan
+    u, v = (grid.ravel() for grid in np.meshgrid(np.arange(30.0, 50.0), np.arange(20.0, 40.0)))
+    found = sample_depth(depth, np.stack([u, v], axis=1) + 0.25, 0.05)
+    # The patch of a pixel reaches 2 px to the left and 3 px to the right of its floor.
+    near = (u >= 37) & (u <= 42) & (v >= 27) & (v <= 32)
+    assert np.array_equal(np.isnan(found), near)
+
+
+def test_depth_edges_have_no_depth_and_edge_step_says_what_one_is():
+    depth = np.full((60, 80), 2.0, np.float32)
+    depth[:, 40:] = 2.2
+    uv = np.array([[20.0, 30.0], [38.0, 30.0], [40.0, 30.0], [60.0, 30.0]])
+    assert np.array_equal(np.isnan(sample_depth(depth, uv, 0.05)), [False, True, True, False])
+    assert np.isfinite(sample_depth(depth, uv, 0.11)).all()
+
+
+def test_no_points():
+    assert sample_depth(ramp(), np.zeros((0, 2)), 0.05).shape == (0,)
+
+
+@pytest.fixture(scope="module")
+def view():
+    scan = room_scan([look([1.0, 2.0, 1.3], 0, 5)])
+    return scan.files.color(0), scan.files.depth(0)
+
+
+def test_keypoints_are_lifted_to_where_they_are_seen(view):
+    found = detect(*view, CAMERA, KeypointOptions())
+    assert len(found) > 50
+    assert_allclose(CAMERA.project(found.points_cam.astype(float)), found.uv, atol=1e-3)
+    at = np.round(found.uv).astype(int)
+    assert_allclose(found.points_cam[:, 2], view[1][at[:, 1], at[:, 0]], rtol=0.02)
+    assert found.descriptors.shape == (len(found), 128)
+    assert found.descriptors.dtype == np.uint8
+
+
+def test_descriptors_are_root_sift(view):
+    # Square roots of shares of one: the squares add up to 512^2, up to rounding down.
+    squares = np.sum((detect(*view, CAMERA, KeypointOptions()).descriptors / 512.0) ** 2, axis=1)
+    assert np.all((squares > 0.9) & (squares <= 1.0))
+
+
+def test_a_blank_image_has_none(view):
+    blank = np.full_like(view[0], 128)
+    found = detect(blank, view[1], CAMERA, KeypointOptions())
+    assert len(found) == 0
+    assert found.points_cam.shape == (0, 3)
+    assert found.descriptors.shape == (0, 128)
+
+
+def test_no_depth_no_keypoints(view):
+    assert len(detect(view[0], np.full_like(view[1], np.nan), CAMERA, KeypointOptions())) == 0
+
+
+def test_max_per_frame(view):
+    few = detect(*view, CAMERA, KeypointOptions(max_per_frame=20))
+    assert 0 < len(few) <= 21  # OpenCV keeps ties
+
+
+def test_contrast_threshold(view):
+    faint = cv2.addWeighted(view[0], 0.15, np.full_like(view[0], 128), 0.85, 0)
+    many = detect(faint, view[1], CAMERA, KeypointOptions(contrast_threshold=0.005))
+    none = detect(faint, view[1], CAMERA, KeypointOptions(contrast_threshold=0.2))
+    assert len(many) > len(none)
+
+
+def test_max_depth_m(view):
+    everything = detect(*view, CAMERA, KeypointOptions()).points_cam[:, 2]
+    limit = float(np.median(everything))
+    near = detect(*view, CAMERA, KeypointOptions(max_depth_m=limit)).points_cam[:, 2]
+    assert near.max() < limit
+    assert len(near) == np.sum(everything < limit)
+
+
+def test_edge_step(view):
+    strict = detect(*view, CAMERA, KeypointOptions(edge_step=0.005))
+    loose = detect(*view, CAMERA, KeypointOptions(edge_step=0.5))
+    assert len(strict) < len(detect(*view, CAMERA, KeypointOptions())) < len(loose)

@@ -1,0 +1,153 @@
+"""Matches over a small scan: true ones found, look-alikes refused, and the options."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from builders import look, make_matches, random_transforms, room_scan
+from planfit.checks import match_distances
+from planfit.geometry import se3
+from planfit.matching import MatchingOptions, find_matches
+from planfit.matching.matches import match_descriptors
+from planfit.matching.pairs import PairOptions
+from planfit.matching.verify import VerifyOptions, point_sigma
+from planfit.scan.odometry import OdometryOptions, make_odometry
+from planfit.work import Work
+
+POSES = np.stack([look([1.0 + 0.15 * i, 2.0, 1.3], 4.0 * i, 5) for i in range(6)])
+
+
+def found(scan, options=None, drift=None, work=None):
+    odometry = make_odometry(scan.world_from_cams, drift or OdometryOptions())
+    return find_matches(scan, odometry, options or MatchingOptions(), work or Work(2))
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return room_scan(POSES)
+
+
+@pytest.fixture(scope="module")
+def matches(scan):
+    return found(scan)
+
+
+def test_matched_points_coincide_at_the_true_poses(scan, matches):
+    assert matches.n_matches > 200
+    assert np.median(match_distances(matches, POSES)) < 0.02
+    assert len(matches.sigma) == matches.n_matches == matches.start[-1]
+    assert matches.n_keypoints > 300
+    assert matches.n_tried == 15  # four neighbours each, and the first with the last
+    assert np.all(matches.pairs[:, 0] < matches.pairs[:, 1])
+    assert np.all(np.diff(matches.start) >= VerifyOptions().min_inliers)
+
+
+def test_sigma_is_that_of_both_ends(matches):
+    spread = [point_sigma(p[:, 2], VerifyOptions()) for p in (matches.points_a, matches.points_b)]
+    assert_allclose(matches.sigma, np.hypot(*spread))
+
+
+def test_threads_and_cache_do_not_change_the_result(scan, matches, tmp_path):
+    for _ in range(2):
+        again = found(scan, work=Work(1, tmp_path))
+        assert_array_equal(again.points_a, matches.points_a)
+        assert_array_equal(again.pairs, matches.pairs)
+
+
+def test_a_look_alike_beyond_drift_is_refused():
+    # Two frames of one view, which the tracker says were taken three metres apart.
+    scan = room_scan([POSES[0], POSES[0]])
+    assert found(scan).n_matches > 50
+    apart = POSES[[0, 0]].copy()
+    apart[1, 1, 3] += 3.0
+    moved = replace(scan, world_from_cams=apart)
+    assert found(moved).n_matches == 0
+    assert found(moved, drift=OdometryOptions(sigma_base_m=1.0)).n_matches > 50
+    turned = POSES[[0, 0]].copy()
+    turned[1] = turned[1] @ se3.make_transform(se3.exp_so3(np.array([0, 0.2, 0])), np.zeros(3))
+    turned = replace(scan, world_from_cams=turned)
+    assert found(turned).n_matches == 0
+    assert found(turned, drift=OdometryOptions(sigma_base_deg=3.0)).n_matches > 50
+
+
+def test_slack_and_sigmas_set_how_far_a_motion_may_depart():
+    scan = room_scan([POSES[0], POSES[0]])
+    apart = POSES[[0, 0]].copy()
+    apart[1, 1, 3] += 0.5
+    scan = replace(scan, world_from_cams=apart)
+    sure = OdometryOptions(0.05, 0.0, 0.1, 0.0)
+    assert found(scan, MatchingOptions(max_motion_sigmas=3.0), sure).n_matches == 0
+    assert found(scan, MatchingOptions(max_motion_sigmas=12.0), sure).n_matches > 50
+    slack = MatchingOptions(max_motion_sigmas=0.0, motion_slack_m=0.6)
+    assert found(scan, slack, sure).n_matches > 50
+    turned = POSES[[0, 0]].copy()
+    turned[1] = turned[1] @ se3.make_transform(se3.exp_so3(np.array([0, 0.1, 0])), np.zeros(3))
+    turned = replace(scan, world_from_cams=turned)
+    assert found(turned, MatchingOptions(max_motion_sigmas=0.0), sure).n_matches == 0
+    slack = MatchingOptions(max_motion_sigmas=0.0, motion_slack_deg=7.0)
+    assert found(turned, slack, sure).n_matches > 50
+
+
+def test_no_texture_no_matches(scan):
+    class Blank:
+        def color(self, _):
+            return np.full((120, 160, 3), 128, np.uint8)
+
+        def depth(self, i):
+            return scan.files.depth(i)
+
+    nothing = found(replace(scan, files=Blank()))
+    assert nothing.n_matches == 0
+    assert nothing.pairs.shape == (0, 2)
+    assert nothing.points_a.shape == (0, 3)
+    assert_array_equal(nothing.start, [0])
+    assert nothing.n_loops(4) == 0
+
+
+def test_one_frame_has_no_matches():
+    nothing = found(room_scan(POSES[:1]))
+    assert nothing.n_matches == 0
+    assert nothing.n_tried == 0
+
+
+def test_pair_options_reach_the_choice_of_pairs(scan):
+    options = MatchingOptions(pairs=PairOptions(neighbours=1, loops_per_frame=0))
+    assert found(scan, options).n_tried == 5
+
+
+def test_loops_are_pairs_beyond_the_neighbours(rng):
+    poses = random_transforms(rng, 12)
+    matches = make_matches(poses, [(0, 1), (0, 4), (0, 5), (2, 11)], rng.normal(size=(5, 3)))
+    assert matches.n_loops(4) == 2
+    assert matches.n_loops(1) == 3
+
+
+def test_mutual_nearest_neighbours_against_a_loop(rng):
+    a = rng.integers(0, 256, (60, 128)).astype(np.uint8)
+    b = np.concatenate([a[:30], rng.integers(0, 256, (40, 128)).astype(np.uint8)])
+    b = np.clip(b.astype(int) + rng.integers(-20, 21, b.shape), 0, 255).astype(np.uint8)
+    expected = []
+    distance = np.linalg.norm(a[:, None].astype(float) - b[None], axis=2)
+    for i in range(60):
+        best, second = np.argsort(distance[i])[:2]
+        if distance[:, best].argmin() == i and distance[i, best] < 0.85 * distance[i, second]:
+            expected.append((i, best))
+    assert_array_equal(match_descriptors(a, b, 0.85), expected)
+    assert len(expected) >= 30
+
+
+def test_max_ratio_refuses_ambiguous_matches():
+    a = np.zeros((2, 128), np.uint8)
+    a[1] = 200
+    b = np.zeros((3, 128), np.uint8)
+    b[0, 0], b[1, 0], b[2] = 8, 10, 200
+    assert_array_equal(match_descriptors(a, b, 0.7), [[1, 2]])
+    assert_array_equal(match_descriptors(a, b, 0.9), [[0, 0], [1, 2]])
+
+
+@pytest.mark.parametrize("sizes", [(0, 5), (5, 0), (1, 5), (5, 1)])
+def test_too_few_descriptors_to_compare(rng, sizes):
+    a, b = (rng.integers(0, 256, (n, 128)).astype(np.uint8) for n in sizes)
+    assert match_descriptors(a, b, 0.85).shape == (0, 2)

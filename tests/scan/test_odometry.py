@@ -1,0 +1,86 @@
+"""The spread of recorded motion: per step, and between frames far apart."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from builders import random_transforms
+from planfit.geometry import se3
+from planfit.scan.odometry import OdometryOptions, make_odometry
+
+
+def straight(n, step_m=0.5, turn=0.0):
+    step = se3.make_transform(se3.exp_so3(np.array([0, 0, turn])), np.array([step_m, 0, 0]))
+    poses = [np.eye(4)]
+    for _ in range(n - 1):
+        poses.append(poses[-1] @ step)
+    return np.stack(poses)
+
+
+def test_steps_chain_to_the_recorded_poses(rng):
+    poses = random_transforms(rng, 6)
+    pose = poses[0]
+    for i, step in enumerate(make_odometry(poses, OdometryOptions()).cam_from_next):
+        pose = pose @ step
+        assert_allclose(pose, poses[i + 1], atol=1e-9)
+
+
+def test_options_set_the_spread_of_a_step():
+    poses = straight(3, step_m=0.5, turn=np.deg2rad(10))
+    odometry = make_odometry(poses, OdometryOptions(0.01, 0.02, 0.1, 0.01))
+    assert_allclose(odometry.sigma_shift, 0.01 + 0.02 * 0.5)
+    assert_allclose(odometry.sigma_turn, np.deg2rad(0.1 + 0.01 * 10))
+    odometry = make_odometry(poses, OdometryOptions(0.03, 0.0, 0.5, 0.0))
+    assert_allclose(odometry.sigma_shift, 0.03)
+    assert_allclose(odometry.sigma_turn, np.deg2rad(0.5))
+
+
+def test_walked_is_the_length_of_the_path():
+    odometry = make_odometry(straight(5, step_m=0.5), OdometryOptions())
+    assert_allclose(odometry.walked_m, [0, 0.5, 1, 1.5, 2])
+
+
+def test_spread_between_neighbours_is_that_of_the_step_and_a_little_swing():
+    odometry = make_odometry(straight(5), OdometryOptions())
+    turn, shift = odometry.spread_between(np.array([1]), np.array([2]))
+    assert_allclose(turn, odometry.sigma_turn[1])
+    swing = odometry.sigma_turn[1] * 0.5 / np.sqrt(3)
+    assert_allclose(shift, np.hypot(odometry.sigma_shift[1], swing))
+
+
+def test_spread_grows_with_distance_and_does_not_depend_on_the_order():
+    odometry = make_odometry(straight(50), OdometryOptions())
+    last = np.arange(50)
+    turn, shift = odometry.spread_between(np.zeros(50, dtype=int), last)
+    assert turn[0] == shift[0] == 0
+    assert np.all(np.diff(turn) > 0)
+    assert np.all(np.diff(shift) > 0)
+    back_turn, back_shift = odometry.spread_between(last, np.zeros(50, dtype=int))
+    assert_allclose(back_turn, turn)
+    assert_allclose(back_shift, shift)
+
+
+def test_spread_covers_simulated_drift(rng):
+    n = 40
+    poses = straight(n)
+    options = OdometryOptions(0.02, 0.0, 0.3, 0.0)
+    odometry = make_odometry(poses, options)
+    ends = []
+    for _ in range(300):
+        delta = rng.normal(size=(n - 1, 6)) * ([np.deg2rad(0.3)] * 3 + [0.02] * 3)
+        pose = np.eye(4)
+        for step in se3.retract(odometry.cam_from_next, delta):
+            pose = pose @ step
+        ends.append(pose)
+    ends = np.stack(ends)
+    turn, shift = odometry.spread_between(np.array([0]), np.array([n - 1]))
+    off = ends[:, :3, 3] - poses[-1, :3, 3]
+    assert np.sqrt(np.mean(off[:, 1:] ** 2)) == pytest.approx(shift[0], rel=0.15)
+    angle = se3.log_so3(ends[:, :3, :3])
+    assert np.sqrt(np.mean(angle**2)) == pytest.approx(turn[0], rel=0.15)
+
+
+def test_one_frame_has_no_steps():
+    odometry = make_odometry(np.eye(4)[None], OdometryOptions())
+    assert odometry.cam_from_next.shape == (0, 4, 4)
+    assert_allclose(odometry.walked_m, [0.0])
