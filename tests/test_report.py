@@ -193,6 +193,13 @@ class Page(HTMLParser):
 
 
 @pytest.fixture
+def small_pictures(monkeypatch):
+    """Rendering is most of the time that a report takes."""
+    monkeypatch.setattr("planfit.report.drawing.DPI", 40)
+    monkeypatch.setattr("planfit.report.top_view.DPI", 40)
+
+
+@pytest.fixture
 def no_pictures(monkeypatch):
     """Figures are made but not rendered, for tests of words."""
     blank = Picture(b"", 1, 1)
@@ -306,7 +313,7 @@ def test_verdict_does_not_call_the_same_better(floorplan, no_pictures):
         (lambda result: replace(result, cost_by_term={}, seconds_by_stage={}), "sum00"),
     ],
 )
-def test_report_says_what_is_missing(floorplan, strip, expected):
+def test_report_says_what_is_missing(small_pictures, floorplan, strip, expected):
     result = strip(make_result())
     words = read(floorplan, result).words
     assert expected in words
@@ -314,7 +321,7 @@ def test_report_says_what_is_missing(floorplan, strip, expected):
 
 
 @pytest.mark.parametrize("n_frames", [1, 10])
-def test_short_scans(floorplan, n_frames):
+def test_short_scans(small_pictures, floorplan, n_frames):
     result = make_result(n_frames)
     if n_frames < 6:
         result = without_matches(result)
@@ -322,7 +329,7 @@ def test_short_scans(floorplan, n_frames):
 
 
 @pytest.mark.parametrize("strip", [without_walls, alone])
-def test_overlay_where_little_was_seen(floorplan, strip):
+def test_overlay_where_little_was_seen(small_pictures, floorplan, strip):
     assert draw_overlay(floorplan, strip(make_result(1))).startswith(PNG_MAGIC)
 
 
@@ -354,7 +361,7 @@ def test_overlay_stacks_wide_scans(floorplan):
     assert image.width < 2000
 
 
-def test_overlay_is_cropped_to_the_scan(floorplan):
+def test_overlay_is_cropped_to_the_scan(small_pictures, floorplan):
     result = make_result()
     outside = np.array([[[500.0, 500.0], [600.0, 500.0]]])
     larger = replace(

@@ -14,7 +14,6 @@ import pytest
 from planfit.cli import run
 
 
-
 def replace_file(path: Path, content: bytes) -> None:
     """Replace a linked file without touching the original."""
     path.unlink()

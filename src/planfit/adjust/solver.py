@@ -71,7 +71,7 @@ def solve(
     iterations = 0
     # OpenBLAS threads spin between the many small products and slow them down.
     with threadpool_limits(1, user_api="blas"):
-        for iterations in range(1, options.max_iterations + 1):  # noqa: B007 - reported below
+        for iterations in range(1, options.max_iterations + 1):
             quadratics = [quadratic for quadratic, _ in reweighted]
             moved = False
             for _ in range(options.steps_per_reweighting):
