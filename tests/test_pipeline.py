@@ -205,15 +205,13 @@ def test_no_floor_seen_is_refined_by_the_rest(synthetic):
     assert rms(result.world_from_cams, truth) < 0.5 * rms(synthetic.scan.world_from_cams, truth)
 
 
-def test_plan_of_another_building_is_doubted(synthetic, work):
-    other = make_scan(dataclasses.replace(BASE, seed=79)).floorplan
+@pytest.mark.parametrize("seed", [78, 79, 80])
+def test_plan_of_another_building_is_doubted(seed, synthetic, work):
+    other = make_scan(dataclasses.replace(BASE, seed=seed)).floorplan
     scan = dataclasses.replace(synthetic.scan, plan_from_world_axes=None)
     result = planfit.refine(scan, other, work=work)
     assert result.doubts
-    # The scan may land anywhere on it, but must not be torn apart.
-    truth = synthetic.true_world_from_cams
-    torn = position_errors(result.world_from_cams, truth).aligned_rms_m
-    assert torn < 1.5 * position_errors(synthetic.scan.world_from_cams, truth).aligned_rms_m
+    assert not result.is_better
 
 
 def test_mask_back_end_without_masks_is_an_error(synthetic):

@@ -7,10 +7,6 @@ from planfit.matching import Matches
 from planfit.scan import Scan
 from planfit.structure import Gravity, Structure
 
-MAX_TENSION = 1.25
-"""Cost of matches, floor and trajectory with the walls' pull over that without. Measured on synthetic
-scans and ConSLAM: right plans 1.00 to 1.05, plans of other buildings mostly 1.1 to 1.9."""
-
 MIN_NEAR_SHARE = 0.75
 """Share of wall points that should lie near the plan in the end; right plans leave 0.85 to 1.00."""
 
@@ -58,12 +54,8 @@ def fit_doubts(
     pulled: WallsPulled,
     structure: Structure,
     checks: tuple[Check, ...],
-    tension: float,
 ) -> tuple[str, ...]:
-    """Doubts about how scan and plan came together.
-
-    `tension` is the cost of the terms that need no plan, with the walls' pull over without.
-    """
+    """Doubts about how scan and plan came together."""
     doubts = list(alignment.warnings) if alignment else []
     if alignment is None and not is_place_claimed:
         doubts.append("the scan is not placed on the plan: its own axes were kept, levelled")
@@ -75,12 +67,6 @@ def fit_doubts(
             f"{n_patches} pieces of wall found a face): parts of the plan may be missing, moved or "
             "out of date, or it is the plan of another place; look at the overlay"
         )
-    if tension > MAX_TENSION:
-        doubts.append(
-            f"plan and scan pull apart: with the walls' pull, matches and trajectory fit {tension:.1f} "
-            "times worse than without; the plan may differ from the building where the report shows "
-            "large distances"
-        )
     if not pulled.settled:
         doubts.append(
             "walls and faces were still changing partners when the rounds ran out; "
@@ -88,7 +74,7 @@ def fit_doubts(
         )
     doubts += [
         f"worse than before: {check.name} went from {check.before:.3g} to {check.after:.3g} "
-        f"{check.unit}; do not use these poses without looking at the report"
+        f"{check.unit}; {check.advice}"
         for check in checks
         if check.is_worse
     ]

@@ -26,3 +26,21 @@ class OptionError(PlanfitError):
 
 class OutputError(PlanfitError):
     """Results cannot be written where they were asked for."""
+
+
+def require_positive(options: object, *names: str) -> None:
+    """Raise `OptionError` unless the named fields of an options object are above 0."""
+    for name in names:
+        value = getattr(options, name)
+        if not value > 0:
+            raise OptionError(
+                f"{type(options).__name__}.{name}: expected a number above 0, found {value}"
+            )
+
+
+def require_share(options: object, *names: str) -> None:
+    """Raise `OptionError` unless the named fields of an options object are within 0 to 1."""
+    for name in names:
+        value = getattr(options, name)
+        if not 0 <= value <= 1:
+            raise OptionError(f"{type(options).__name__}.{name}: expected 0 to 1, found {value}")

@@ -1,5 +1,6 @@
 """The method on one screen: from a posed scan and a floorplan to poses that fit the plan."""
 
+import dataclasses
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ from planfit.adjust import AdjustOptions, Evidence, WallsPulled, close_loops, pu
 from planfit.adjust.association import patches_in_plan
 from planfit.align import Alignment, AlignOptions, align, find_unit, sample_walls
 from planfit.doubts import fit_doubts, scan_doubts
-from planfit.errors import FloorplanError
+from planfit.errors import FloorplanError, require_share
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches, MatchingOptions, find_matches
@@ -47,6 +48,9 @@ class RefineOptions:
     """Share of matches kept out of the solve, to check that it did not make things worse."""
     seed: int = 0
     """Seed of that choice."""
+
+    def __post_init__(self) -> None:
+        require_share(self, "held_out_share")
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,8 @@ def refine(
         FloorplanError: the plan is not in metres.
     """
     options, work = options or RefineOptions(), work or Work()
+    if not scan.fingerprint:
+        work = dataclasses.replace(work, cache_dir=None)  # nothing tells one such scan from another
     clock = _Clock(work)
 
     with clock.stage("level"):
@@ -132,10 +138,14 @@ def refine(
         found = (
             checks.match_check(held_out, before, after),
             checks.wall_check(structure, floorplan, before, after),
+            checks.tension_check(
+                _total_cost(evidence, level_from_cams, options.adjust),
+                _total_cost(evidence, after, options.adjust),
+                len(scan),
+            ),
         )
         agreed = (floorplan, pulled.association)
         costs = [evidence.costs(poses, options.adjust, agreed) for poses in (before, after)]
-        tension = _tension(evidence, level_from_cams, after, options.adjust)
     judged = tuple(check for check in found if check)
     return RefineResult(
         plan_from_cams=after,
@@ -150,7 +160,7 @@ def refine(
         checks=judged,
         doubts=(
             *scan_doubts(scan, gravity, structure, matches, options.matching.pairs.neighbours),
-            *fit_doubts(alignment, claimed is not None, pulled, structure, judged, tension),
+            *fit_doubts(alignment, claimed is not None, pulled, structure, judged),
         ),
         seconds_by_stage=clock.seconds,
     )
@@ -191,16 +201,9 @@ def _place(
     return alignment
 
 
-def _tension(
-    evidence: Evidence, closed: np.ndarray, pulled: np.ndarray, options: AdjustOptions
-) -> float:
-    """Cost of the terms that need no plan: with the walls' pull over without.
-
-    At least three a frame are allowed for without: what correcting drift by walls costs a trajectory
-    that nothing else corrects.
-    """
-    without, with_pull = (sum(evidence.costs(p, options).values()) for p in (closed, pulled))
-    return with_pull / max(without, 3.0 * len(closed))
+def _total_cost(evidence: Evidence, poses: np.ndarray, options: AdjustOptions) -> float:
+    """Robust cost of the terms that need no plan."""
+    return sum(evidence.costs(poses, options).values())
 
 
 def _world_from_plan(

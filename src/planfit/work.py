@@ -6,12 +6,13 @@ import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from planfit.errors import OutputError
+from planfit.errors import OutputError, require_positive
 
 Arrays = dict[str, np.ndarray]
 Progress = Callable[[str, int, int], None]
@@ -19,8 +20,8 @@ Progress = Callable[[str, int, int], None]
 
 
 def cache_key(*parts: object) -> str:
-    """Short name for a stage's result: changes when any part's `repr` does."""
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+    """Short name for a stage's result: changes when any part's `repr` or planfit's version does."""
+    return hashlib.sha256(repr((version("planfit"), *parts)).encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,9 @@ class Work:
     """Folder that keeps finished chunks, so that a run that was stopped goes on where it was."""
     on_progress: Progress | None = None
     """Told how far each stage is."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "workers")
 
     def map(
         self,

@@ -12,6 +12,7 @@ from planfit.checks import (
     hold_out,
     match_check,
     match_distances,
+    tension_check,
     wall_check,
     wall_distances,
     wall_points_plan,
@@ -108,3 +109,16 @@ def test_floor_heights(world):
     raised[4, 2, 3] += 0.2
     expected = np.where(world.structure.floor_frame_idx == 4, 0.2, 0.0)
     assert_allclose(floor_heights(world.structure, raised), expected, atol=1e-9)
+
+
+def test_tension_is_quiet_until_the_walls_pull_costs_a_quarter():
+    assert tension_check(1000.0, 1200.0, n_frames=10) is None
+    found = tension_check(1000.0, 1300.0, n_frames=10)
+    assert found is not None
+    assert found.is_worse
+    assert found.after == pytest.approx(1.3)
+
+
+def test_drift_that_only_walls_correct_is_no_tension():
+    assert tension_check(0.0, 300.0, n_frames=100) is None
+    assert tension_check(0.0, 400.0, n_frames=100) is not None

@@ -11,7 +11,7 @@ from planfit.adjust.association import Association
 from planfit.adjust.solver import Stop
 from planfit.align import Alignment
 from planfit.checks import Check
-from planfit.doubts import MAX_TENSION, MIN_NEAR_SHARE, fit_doubts, scan_doubts
+from planfit.doubts import MIN_NEAR_SHARE, fit_doubts, scan_doubts
 from planfit.structure import Gravity
 
 GRAVITY = Gravity(np.array([0, 0, 1.0]), 0.8, "the most common normal")
@@ -73,7 +73,6 @@ def doubts_of_fit(world, **changes):
             Check("held-out matches", 0.1, 0.05, "m", False),
             Check("wall points near the plan", 0.5, 0.9, "share", False),
         ),
-        "tension": 1.05,
     }
     return fit_doubts(**(given | changes))
 
@@ -91,7 +90,6 @@ def test_doubts_about_the_fit(world):
         "not placed": {"alignment": None},
         "so and so": {"alignment": Alignment(np.eye(4), 0.9, None, warnings=("so and so",))},
         "lie near the plan": {"checks": (few,)},
-        "pull apart": {"tension": MAX_TENSION + 0.1},
         "raise adjust.max-alternations": {
             "pulled": pulled(world, world.structure.n_patches, settled=False)
         },

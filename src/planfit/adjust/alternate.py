@@ -72,7 +72,6 @@ class Evidence:
             terms.append(TrajectoryTerm(self.odometry, options.trajectory))
         return terms
 
-
     def costs(
         self,
         target_from_cams: np.ndarray,

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planfit.errors import require_positive, require_share
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.structure import Structure
@@ -19,6 +20,10 @@ class AssociationOptions:
     """Share of the piece that must lie beside the face."""
     end_margin_m: float = 0.3
     """A piece may reach beyond the end of its face by this much and still count as beside it."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_angle_deg")
+        require_share(self, "min_overlap")
 
 
 @dataclass(frozen=True)
@@ -83,9 +88,10 @@ def patches_in_plan(
 def _share_beside(ends: np.ndarray, floorplan: Floorplan, margin_m: float) -> np.ndarray:
     """Share (k, n) of each patch (k, 2, 2) that lies beside each face, ends widened by a margin."""
     along = (floorplan.ends[:, 1] - floorplan.ends[:, 0]) / floorplan.lengths[:, None]
-    at = np.einsum("kei,ni->kne", ends, along) - np.einsum(
-        "ni,ni->n", floorplan.ends[:, 0], along
-    )[:, None]
+    at = (
+        np.einsum("kei,ni->kne", ends, along)
+        - np.einsum("ni,ni->n", floorplan.ends[:, 0], along)[:, None]
+    )
     low, high = at.min(axis=2), at.max(axis=2)
     shared = np.minimum(high, floorplan.lengths + margin_m) - np.maximum(low, -margin_m)
     return shared / np.maximum(high - low, 1e-9)

@@ -199,7 +199,9 @@ def _lever_block(
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"})
-def _sum_plane_moments(points, start, planes, factor, inv_sigma_sq, kind, scale):  # pragma: no cover
+def _sum_plane_moments(
+    points, start, planes, factor, inv_sigma_sq, kind, scale
+):  # pragma: no cover
     moments = np.zeros((len(planes), 4, 4))
     cost = 0.0
     for k in range(len(planes)):

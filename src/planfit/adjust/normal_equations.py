@@ -14,7 +14,9 @@ class NormalBlocks:
 
     rows: np.ndarray  # (b,) pose of each block's rows
     columns: np.ndarray  # (b,) pose of each block's columns; rows <= columns
-    blocks: np.ndarray  # (b, 6, 6); blocks off the diagonal stand for themselves and their transpose
+    blocks: (
+        np.ndarray
+    )  # (b, 6, 6); blocks off the diagonal stand for themselves and their transpose
     gradient: np.ndarray  # (n, 6)
 
 

@@ -11,6 +11,8 @@ from enum import IntEnum
 import numba
 import numpy as np
 
+from planfit.errors import require_positive
+
 
 class LossKind(IntEnum):
     """Shape of a loss beyond its scale."""
@@ -30,6 +32,9 @@ class Loss:
 
     kind: LossKind = LossKind.CAUCHY
     scale: float = 2.0
+
+    def __post_init__(self) -> None:
+        require_positive(self, "scale")
 
 
 @numba.njit(cache=True, inline="always")

@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from planfit.adjust.normal_equations import NormalEquations
 from planfit.adjust.terms.base import Quadratic, Term
+from planfit.errors import require_positive
 from planfit.geometry import se3
 
 log = logging.getLogger(__name__)
@@ -35,6 +36,9 @@ class SolverOptions:
     """Ends when a round lowers the robust cost by less than this share of itself."""
     initial_damping: float = 1e-4
     """Damping of the first step, relative to the diagonal of the normal equations."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_iterations", "steps_per_reweighting", "initial_damping")
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from planfit.align.fields import FaceFields, ShiftSearch, make_face_fields
 from planfit.align.refine import Fit, refine_fit
+from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
 
@@ -41,6 +42,9 @@ class AlignOptions:
     near_recorded_deg: float = 20.0
     """See `near_recorded_m`. Without it, a building that fits when turned about its middle would count
     as being where the format says."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "cell_m", "reach_m", "max_turns", "max_candidates")
 
 
 @dataclass(frozen=True)
@@ -148,7 +152,9 @@ def candidate_turns(walls: WallSamples, floorplan: Floorplan, max_turns: int) ->
     of_scan = _direction_histogram(walls.normals, np.ones(len(walls.normals)))
     weight = floorplan.lengths * np.where(floorplan.is_oriented, 1.0, 0.5)
     of_plan = _direction_histogram(floorplan.normals, weight)
-    of_plan += _direction_histogram(-floorplan.normals, np.where(floorplan.is_oriented, 0.0, weight))
+    of_plan += _direction_histogram(
+        -floorplan.normals, np.where(floorplan.is_oriented, 0.0, weight)
+    )
     agreement = np.fft.irfft(np.fft.rfft(of_plan) * np.conj(np.fft.rfft(of_scan)), 360)
     turns: list[int] = []
     for degree in np.argsort(-agreement):
@@ -189,9 +195,7 @@ def _coarse_places(
     return [(yaw, shift) for _, yaw, shift in places[: options.max_candidates]]
 
 
-def _is_near(
-    fit: Fit, recorded: np.ndarray, walls: WallSamples, options: AlignOptions
-) -> bool:
+def _is_near(fit: Fit, recorded: np.ndarray, walls: WallSamples, options: AlignOptions) -> bool:
     turn = abs(np.rad2deg(_angle(fit.yaw - _yaw(recorded))))
     gap_m = _distance_m(fit, recorded, walls)
     return bool(turn < options.near_recorded_deg and gap_m < options.near_recorded_m)

@@ -56,6 +56,10 @@ def run(argv: Sequence[str]) -> int:
     except PlanfitError as error:
         print(f"planfit: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
+    except OSError as error:
+        print(f"planfit: {error.filename}: {error.strerror}; check the path, the rights and the disk",
+              file=sys.stderr)  # fmt: skip
+        return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print("planfit: stopped; finished stages are kept, the same command goes on from there",
               file=sys.stderr)  # fmt: skip

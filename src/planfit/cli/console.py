@@ -44,7 +44,9 @@ class StageBars:
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     """A plain table: the first column to the left, numbers to the right."""
-    result = Table(title=title, title_justify="left", box=None, pad_edge=False, title_style="bold")
+    result = Table(
+        title=title or None, title_justify="left", box=None, pad_edge=False, title_style="bold"
+    )
     for i, column in enumerate(columns):
         result.add_column(column, justify="left" if i == 0 else "right")
     for row in rows:

@@ -110,6 +110,7 @@ def _table(arguments: EvaluateArguments, report: dict[str, Any]) -> Any:
             )
     for name, words in (
         ("nsd_m", "wall points to the plan (NSD), mean"),
+        ("floor_median_m", "floor points off the plane, median"),
         ("floor_rms_m", "floor points about their height, RMS"),
     ):
         if name in report:

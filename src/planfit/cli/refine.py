@@ -102,7 +102,8 @@ def summarise(
     for check in result.checks:
         rows.append([check.name, *(_amount(v, check.unit) for v in (check.before, check.after))])
     out.print()
-    out.print(table(f"{scan.name} on {floorplan.name}", ["", "before", "after"], rows))
+    out.print(f"scan {scan.name}\nplan {floorplan.name}\n", soft_wrap=True)
+    out.print(table("", ["", "before", "after"], rows))
     matches, walls = result.matches, result.walls
     out.print(
         f"\n{len(scan)} frames, {matches.n_matches} matches in {len(matches.pairs)} pairs, "
@@ -114,10 +115,10 @@ def summarise(
     for doubt in result.doubts:
         out.print(f"[yellow]note:[/] {doubt}")
     verdict = "refined" if result.is_better else "[red]not better than before[/]"
-    out.print(f"{verdict}: {folder / 'report.html'}")
+    out.print(f"{verdict}: {folder / 'report.html'}", soft_wrap=True)
     if not result.is_better:
         err.print("planfit: the result did not pass its checks; see the report")
 
 
 def _amount(value: float, unit: str) -> str:
-    return f"{value:.0%}" if unit == "share" else f"{value:.3f} {unit}"
+    return f"{value:.0%}" if unit == "share" else f"{value:.3g} {unit}"

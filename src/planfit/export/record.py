@@ -4,8 +4,6 @@ import dataclasses
 from enum import Enum
 from typing import Any
 
-import numpy as np
-
 from planfit import checks
 from planfit.floorplan import Floorplan
 from planfit.pipeline import RefineOptions, RefineResult
@@ -70,24 +68,12 @@ def make_record(
 
 
 def surface_metrics(floorplan: Floorplan, result: RefineResult) -> dict[str, dict[str, float]]:
-    """How well walls and floor agree with the plan, before and after; None where none was seen.
-
-    NSD: mean distance of wall points to the nearest plan segment (paper, Sec. IV-B). Floor RMS: of
-    the heights of floor points about their median.
-    """
-    both = {"before": result.initial_plan_from_cams, "after": result.plan_from_cams}
-    structure, metrics = result.structure, {}
-    if len(structure.wall_points_cam) + len(structure.loose_points_cam):
-        far = {k: checks.wall_distances(structure, floorplan, poses) for k, poses in both.items()}
-        metrics["nsd_m"] = {k: float(d.mean()) for k, d in far.items()}
-        metrics["near_plan_share"] = {
-            k: float(np.mean(d < checks.NEAR_FACE_M)) for k, d in far.items()
-        }
-    if len(structure.floor_points_cam):
-        metrics["floor_rms_m"] = {
-            k: float(np.std(checks.floor_heights(structure, poses))) for k, poses in both.items()
-        }
-    return metrics
+    """`planfit.checks.surface_metrics` before and after, by figure."""
+    before, after = (
+        checks.surface_metrics(result.structure, floorplan, poses)
+        for poses in (result.initial_plan_from_cams, result.plan_from_cams)
+    )
+    return {name: {"before": before[name], "after": after[name]} for name in before}
 
 
 def plain(value: Any) -> Any:

@@ -41,6 +41,14 @@ class Floorplan:
             )
         if not np.isfinite(self.ends).all():
             raise FloorplanError(f"{self.name}: expected finite coordinates, found NaN or infinity")
+        along = segments.directions(self.ends)
+        slant = np.abs(np.einsum("ni,ni->n", along, self.normals)).max()
+        length = np.linalg.norm(self.normals, axis=1)
+        if not (slant < 1e-3 and np.abs(length - 1.0).max() < 1e-3):
+            raise FloorplanError(
+                f"{self.name}: expected unit normals across their faces, found one of length "
+                f"{length[np.argmax(np.abs(length - 1.0))]:.3g}, or slanted by {slant:.3g}"
+            )
 
     def __len__(self) -> int:
         return len(self.ends)

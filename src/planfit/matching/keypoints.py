@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from planfit.errors import require_positive
 from planfit.geometry.camera import Camera
 
 
@@ -21,6 +22,9 @@ class KeypointOptions:
     edge_step: float = 0.04
     """Depth may change by this share of itself within 2 px of a keypoint; more is a depth edge, where
     the reading may belong to either side."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_per_frame", "contrast_threshold", "max_depth_m", "edge_step")
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 
+from planfit.errors import require_share
 from planfit.geometry import se3
 from planfit.matching.keypoints import KeypointOptions, Keypoints, detect
 from planfit.matching.pairs import PairOptions, choose_pairs
@@ -34,6 +35,9 @@ class MatchingOptions:
     """Departure in shift that is always allowed."""
     seed: int = 0
     """Seed of the random choices."""
+
+    def __post_init__(self) -> None:
+        require_share(self, "max_ratio")
 
 
 @dataclass(frozen=True)
@@ -125,7 +129,10 @@ def _match_pair(
     idx = match_descriptors(a.descriptors, b.descriptors, options.max_ratio)
     if len(idx) < options.verify.min_inliers:
         return none
-    points_a, points_b = a.points_cam[idx[:, 0]].astype(float), b.points_cam[idx[:, 1]].astype(float)
+    points_a, points_b = (
+        a.points_cam[idx[:, 0]].astype(float),
+        b.points_cam[idx[:, 1]].astype(float),
+    )
     motion = verify(
         points_a,
         points_b,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from planfit.errors import require_positive
 from planfit.scan.odometry import Odometry
 
 
@@ -25,6 +26,9 @@ class PairOptions:
     view_distance_m: float = 4.0
     """Views are compared at this distance in front of the camera: two cameras that look at one spot
     from different places are nearer than two that stand together and look apart."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "neighbours", "max_distance_m", "max_angle_deg")
 
 
 def choose_pairs(

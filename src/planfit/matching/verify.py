@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 
@@ -26,6 +27,10 @@ class VerifyOptions:
     """Share of the tentative matches that must agree."""
     rounds: int = 300
     """Random triples tried."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_sigmas", "max_reprojection_px", "rounds")
+        require_share(self, "min_inlier_ratio")
 
 
 @dataclass(frozen=True)

@@ -129,6 +129,11 @@ def _verdict_of_checks(result: RefineResult, judged: Sequence[KeyFigure]) -> str
             "The scan could not be placed on the plan, because no flat piece of wall was seen in "
             "it; the poses were only made to agree with each other."
         )
+    if not result.alignment.is_sure:
+        return (
+            "The scan's place on the plan is not certain, so these poses may be wrong as a whole; "
+            "read the notes below before using them."
+        )
     if not result.is_better:
         worse = "; ".join(_told(f) for f in judged if f.is_worse)
         return f"The result is worse than the input; do not use it without a look: {worse}."

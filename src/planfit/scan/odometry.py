@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planfit.errors import require_positive
 from planfit.geometry import se3
 
 
@@ -22,6 +23,9 @@ class OdometryOptions:
     """Spread of a step's turn, each axis, however small the turn."""
     sigma_per_deg: float = 0.01
     """Growth of that spread with the turn."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "sigma_base_m", "sigma_base_deg")
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ class Scan:
     frame_ids: tuple[str, ...]
     """What the format calls each frame."""
     timestamps: np.ndarray
-    """(n,) s, or the frame number where the format has no time; increasing."""
+    """(n,) s, or the frame number where the format has no time."""
     cameras: tuple[Camera, ...]
     """Intrinsics of each frame, shared by colour and depth."""
     world_from_cams: np.ndarray
@@ -74,7 +74,8 @@ class Scan:
     floorplan_path: Path | None = None
     """The plan that lies inside the layout, if there is one."""
     fingerprint: str = ""
-    """Changes when any input file does (names, sizes, times); the cache is keyed by it."""
+    """Changes when any input file does (names, sizes, times); the cache is keyed by it.
+    Without one, nothing about the scan is kept in a cache."""
 
     def __post_init__(self) -> None:
         n = len(self.frame_ids)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planfit.errors import require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.scan import Label
@@ -24,6 +25,9 @@ class GeometryLabelOptions:
     """Level surfaces within this of the floor's height are floor; leaves room for drift in height."""
     min_wall_top_m: float = 1.5
     """Upright surfaces count as wall where they reach this high above the floor; furniture rarely does."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "normal_radius_px", "step_px", "max_tilt_deg", "floor_band_m")
 
 
 def label_by_geometry(

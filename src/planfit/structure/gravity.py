@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planfit.errors import require_positive
 from planfit.scan import Scan
 from planfit.structure.normals import depth_normals
 from planfit.work import Work, cache_key
@@ -19,6 +20,9 @@ class GravityOptions:
     """The camera is held upright within this on average; it tells floor and ceiling from walls."""
     cluster_deg: float = 5.0
     """Normals within this of the most common one are averaged."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_frames", "max_tilt_deg", "cluster_deg")
 
 
 @dataclass(frozen=True)

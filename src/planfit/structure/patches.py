@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planfit.errors import require_positive
+
 
 @dataclass(frozen=True)
 class PatchOptions:
@@ -21,6 +23,11 @@ class PatchOptions:
     """Pieces looked for in a frame, largest first."""
     rounds: int = 200
     """Random pairs of points tried for each piece."""
+
+    def __post_init__(self) -> None:
+        require_positive(
+            self, "tolerance_m", "min_points", "min_length_m", "max_per_frame", "rounds"
+        )
 
 
 @dataclass(frozen=True)

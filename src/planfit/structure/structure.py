@@ -7,7 +7,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from planfit.errors import ScanError
+from planfit.errors import ScanError, require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.scan import Label, Scan
@@ -47,6 +47,9 @@ class StructureOptions:
     """How wall points form flat pieces."""
     seed: int = 0
     """Seed of the random choices."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_depth_m", "stride_px", "edge_step", "max_points_per_frame")
 
 
 @dataclass(frozen=True)
@@ -148,9 +151,7 @@ def _frame_structure(
     if use_masks:
         labels = scan.files.labels(i)
     else:
-        labels = label_by_geometry(
-            depth, camera, upright_from_cam, floor_height, options.geometry
-        )
+        labels = label_by_geometry(depth, camera, upright_from_cam, floor_height, options.geometry)
     with np.errstate(invalid="ignore"):
         usable = np.isfinite(depth) & (depth < options.max_depth_m)
     usable &= ~depth_edges(depth, options.edge_step)

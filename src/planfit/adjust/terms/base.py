@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from planfit.adjust.normal_equations import NormalBlocks
+from planfit.errors import require_positive
 
 
 class Quadratic(Protocol):
@@ -46,6 +47,9 @@ class Weighting:
     """Readings that a bundle of points is worth at most, however many points it has."""
     points_per_reading: float = 1.0
     """Points that make one reading while there are few of them."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_readings", "points_per_reading")
 
     def information(self, n_points: np.ndarray) -> np.ndarray:
         """Readings per point (k,) of bundles of n_points (k,)."""

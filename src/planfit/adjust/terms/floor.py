@@ -7,6 +7,7 @@ import numpy as np
 from planfit.adjust.moments import PlaneMoments, plane_moments
 from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.base import Weighting
+from planfit.errors import require_positive
 from planfit.structure import Structure
 
 FLOOR_PLANE = np.array([0.0, 0.0, 1.0, 0.0])
@@ -27,6 +28,9 @@ class FloorOptions:
     """Independent readings that a frame's floor points are worth at most."""
     points_per_reading: float = 30.0
     """Floor points that make one reading."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "sigma_m", "max_readings", "points_per_reading")
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import numpy as np
 from planfit.adjust.moments import PairMoments, pair_moments
 from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.base import Weighting
+from planfit.errors import require_positive
 from planfit.matching import Matches
 
 
@@ -21,6 +22,9 @@ class PointOptions:
     max_readings: float = 20.0
     """Independent readings that a pair's matches are worth at most: they share depth calibration and
     the interpolation of the depth image."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_readings")
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from planfit.adjust.association import Association
 from planfit.adjust.moments import PlaneMoments, plane_moments
 from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.base import Weighting
+from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
 from planfit.structure import Structure
 
@@ -31,6 +32,9 @@ class WallOptions:
     """Independent readings that a piece of wall is worth at most."""
     points_per_reading: float = 60.0
     """Wall points that make one reading."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "sigma_m", "max_readings", "points_per_reading")
 
 
 @dataclass(frozen=True)

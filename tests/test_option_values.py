@@ -1,0 +1,42 @@
+"""Options that cannot work are refused when they are made, by name."""
+
+import pytest
+
+from planfit.adjust.robust import Loss
+from planfit.adjust.solver import SolverOptions
+from planfit.adjust.terms.base import Weighting
+from planfit.adjust.terms.floor import FloorOptions
+from planfit.adjust.terms.walls import WallOptions
+from planfit.align import AlignOptions
+from planfit.errors import OptionError
+from planfit.matching import MatchingOptions
+from planfit.pipeline import RefineOptions
+from planfit.scan.odometry import OdometryOptions
+from planfit.structure import StructureOptions
+from planfit.work import Work
+
+
+@pytest.mark.parametrize(
+    ("options", "name", "value"),
+    [
+        (Loss, "scale", 0.0),
+        (SolverOptions, "max_iterations", 0),
+        (FloorOptions, "sigma_m", 0.0),
+        (WallOptions, "sigma_m", -0.1),
+        (WallOptions, "points_per_reading", 0.0),
+        (AlignOptions, "cell_m", 0.0),
+        (MatchingOptions, "max_ratio", 1.2),
+        (RefineOptions, "held_out_share", -0.1),
+        (OdometryOptions, "sigma_base_m", float("nan")),
+        (StructureOptions, "stride_px", 0),
+        (Work, "workers", 0),
+    ],
+)
+def test_value_is_refused_by_name(options, name, value):
+    with pytest.raises(OptionError, match=name):
+        options(**{name: value})
+
+
+def test_weighting_is_refused_too():
+    with pytest.raises(OptionError, match="max_readings"):
+        Weighting(0.0)
