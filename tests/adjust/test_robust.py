@@ -14,11 +14,12 @@ SQUARES = np.concatenate([[0.0], np.geomspace(1e-6, 1e4, 60)])
 def test_weight_is_the_derivative_of_the_cost(loss):
     s = SQUARES[1:]
     s = s[np.abs(s - loss.scale**2) > 1e-3]  # Huber's knee has no second derivative
+    s = s[s > 1e-4]  # below, the difference of costs is rounding
     high, low = loss_value(s * (1 + 1e-6), loss)[0], loss_value(s * (1 - 1e-6), loss)[0]
     assert_allclose((high - low) / (2e-6 * s), loss_value(s, loss)[1], rtol=1e-4, atol=1e-8)
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("loss", [loss for loss in LOSSES if loss.kind != LossKind.NORM])
 def test_begins_as_the_square(loss):
     rho, weight = loss_value(np.array([0.0, 1e-8]), loss)
     assert_allclose(rho, [0.0, 1e-8], rtol=1e-6)
@@ -62,6 +63,14 @@ def test_geman_mcclure_levels_off_at_the_square_of_its_scale():
 
 def test_outliers_pull_in_the_order_of_the_losses():
     s = np.array([400.0])
-    pull = [loss_value(s, Loss(kind, 2.0))[1][0] for kind in LossKind]
+    kinds = [kind for kind in LossKind if kind != LossKind.NORM]
+    pull = [loss_value(s, Loss(kind, 2.0))[1][0] for kind in kinds]
     assert pull == sorted(pull, reverse=True)
     assert len(set(pull)) == 4
+
+
+def test_norm_costs_twice_the_distance_beyond_its_rounding():
+    rho, weight = loss_value(np.array([0.0, 4.0, 100.0]), Loss(LossKind.NORM, 1e-6))
+    assert_allclose(rho, [0.0, 4.0, 20.0], atol=1e-5)
+    assert_allclose(weight[1:], [0.5, 0.1], rtol=1e-9)
+    assert np.isfinite(weight[0])
