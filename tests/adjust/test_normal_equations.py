@@ -75,3 +75,56 @@ def test_a_pose_that_nothing_measures_stays():
 def test_nothing_measured_at_all_is_no_step():
     part = NormalBlocks(np.array([0]), np.array([0]), np.zeros((1, 6, 6)), np.zeros((1, 6)))
     assert_array_equal(NormalEquations([part], 1).step(1e-4), 0.0)
+
+
+def chain_with_loops(rng, n, loops):
+    """Normal equations of a chain of poses, each tied to the next three, and some loops."""
+    rows = np.concatenate([np.arange(n - k) for k in (1, 2, 3)] + [loops[:, 0]])
+    columns = np.concatenate([np.arange(k, n) for k in (1, 2, 3)] + [loops[:, 1]])
+    first, second = rng.normal(size=(2, len(rows), 6, 6))
+    poses = np.arange(n)
+    blocks = [np.tile(1e-3 * np.eye(6), (n, 1, 1))]
+    places = [(poses, poses)]
+    for a, b, i, j in ((first, first, rows, rows), (second, second, columns, columns),
+                       (first, second, rows, columns)):  # fmt: skip
+        blocks.append(np.swapaxes(a, 1, 2) @ b)
+        places.append((i, j))
+    return NormalBlocks(
+        np.concatenate([p[0] for p in places]),
+        np.concatenate([p[1] for p in places]),
+        np.concatenate(blocks),
+        rng.normal(size=(n, 6)),
+    )
+
+
+@pytest.mark.parametrize("damping", [1e-8, 1e-2])
+def test_conjugate_gradients_agree_with_the_factorisation(rng, damping, monkeypatch):
+    loops = np.sort(rng.choice(80, size=(15, 2)), axis=1)
+    loops = loops[loops[:, 0] != loops[:, 1]]
+    part = chain_with_loops(rng, 80, loops)
+    direct = NormalEquations([part], 80).step(damping)
+    monkeypatch.setattr("planfit.adjust.normal_equations.MAX_DIRECT_POSES", 0)
+    iterated = NormalEquations([part], 80).step(damping)
+    assert_allclose(iterated, direct, atol=1e-4 * np.abs(direct).max())
+
+
+def test_band_is_the_whole_matrix_where_there_are_no_loops(rng):
+    part = chain_with_loops(rng, 30, np.zeros((0, 2), dtype=int))
+    equations = NormalEquations([part], 30)
+    dense = equations.matrix.toarray()
+    band = equations.pattern.banded(equations._upper)
+    rebuilt = np.zeros_like(dense)
+    for below in range(len(band)):
+        for column in range(len(dense) - below):
+            rebuilt[column + below, column] = band[below, column]
+    assert_allclose(np.tril(rebuilt), np.tril(dense))
+
+
+def test_pattern_is_used_again_only_where_it_fits(rng):
+    part = chain_with_loops(rng, 20, np.array([[0, 15]]))
+    first = NormalEquations([part], 20)
+    assert NormalEquations([part], 20, first.pattern).pattern is first.pattern
+    other = chain_with_loops(rng, 20, np.array([[1, 15]]))
+    again = NormalEquations([other], 20, first.pattern)
+    assert again.pattern is not first.pattern
+    assert_allclose(again.matrix.toarray(), NormalEquations([other], 20).matrix.toarray())

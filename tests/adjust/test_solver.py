@@ -102,11 +102,27 @@ def test_stop_limit(points_and_anchor, world, rng):
     )
 
 
-def test_stop_stuck_where_no_step_helps(world):
+def test_nothing_to_gain_is_a_settled_cost(world):
     anchor = first_anchor(world.plan_from_cams)
     solution = solve([anchor], world.plan_from_cams, SolverOptions())
-    assert solution.stop is Stop.STUCK
+    assert solution.stop is Stop.COST
     assert_array_equal(solution.target_from_cams, world.plan_from_cams)
+
+
+class Uphill(AnchorTerm):
+    """A term whose gradient points the wrong way."""
+
+    def normal_blocks(self, target_from_cams):
+        right = super().normal_blocks(target_from_cams)
+        return replace(right, gradient=-right.gradient)
+
+
+def test_stop_stuck_where_no_step_helps(world, rng):
+    start = nudged(rng, world.plan_from_cams, 5.0, 0.5)
+    wrong = Uphill(np.arange(len(start)), world.plan_from_cams, np.ones(6))
+    solution = solve([wrong], start, SolverOptions())
+    assert solution.stop is Stop.STUCK
+    assert_array_equal(solution.target_from_cams, start)
 
 
 def test_a_looser_cost_tolerance_ends_sooner(points_and_anchor, world, rng):

@@ -5,7 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
+
+from planfit.adjust.block_pattern import BlockPattern
+from planfit.adjust.linear_solvers import solve_banded_cg, solve_direct
+
+MAX_DIRECT_POSES = 2500
+"""Up to here a direct factorisation takes under a second whatever the loops; beyond, its fill may
+explode (25,000 poses with 20 % revisits: over a minute), and conjugate gradients take over."""
 
 
 @dataclass(frozen=True)
@@ -14,9 +20,7 @@ class NormalBlocks:
 
     rows: np.ndarray  # (b,) pose of each block's rows
     columns: np.ndarray  # (b,) pose of each block's columns; rows <= columns
-    blocks: (
-        np.ndarray
-    )  # (b, 6, 6); blocks off the diagonal stand for themselves and their transpose
+    blocks: np.ndarray  # (b, 6, 6); blocks off the diagonal also stand for their transpose
     gradient: np.ndarray  # (n, 6)
 
 
@@ -30,24 +34,21 @@ def sum_by_pose(idx: np.ndarray, values: np.ndarray, n_poses: int) -> np.ndarray
 
 
 class NormalEquations:
-    """Sum of all terms' blocks, solved by sparse Cholesky-like LU with a fixed minimum-degree order."""
+    """Sum of all terms' blocks, and its damped solution."""
 
-    def __init__(self, parts: Sequence[NormalBlocks], n_poses: int) -> None:
-        """Sum `parts`; poses without any block get a zero row."""
+    def __init__(
+        self, parts: Sequence[NormalBlocks], n_poses: int, earlier: BlockPattern | None = None
+    ) -> None:
+        """Sum `parts`; the pattern of an `earlier` step is used again where it fits."""
         rows = np.concatenate([p.rows for p in parts])
         columns = np.concatenate([p.columns for p in parts])
-        blocks = np.concatenate([p.blocks for p in parts])
+        if earlier is None or not earlier.fits(rows, columns, n_poses):
+            earlier = BlockPattern(rows, columns, n_poses)
+        self.pattern = earlier
         self.gradient = np.sum([p.gradient for p in parts], axis=0)
-        off = rows != columns
-        every_row = np.concatenate([rows, columns[off]])
-        every_column = np.concatenate([columns, rows[off]])
-        every_block = np.concatenate([blocks, np.swapaxes(blocks[off], 1, 2)])
-        inner = np.arange(6)
-        r = np.repeat(every_row[:, None] * 6 + inner, 6, axis=1).ravel()
-        c = np.tile(every_column[:, None] * 6 + inner, 6).ravel()
-        size = 6 * n_poses
-        self.matrix = sparse.coo_array((every_block.ravel(), (r, c)), shape=(size, size)).tocsc()
-        self.diagonal = self.matrix.diagonal()
+        self._upper = self.pattern.sum_blocks(np.concatenate([p.blocks for p in parts]))
+        self.matrix = self.pattern.symmetric(self._upper)
+        self.diagonal = np.diagonal(self._upper[self.pattern.diagonal], axis1=1, axis2=2).ravel()
 
     def step(self, damping: float) -> np.ndarray:
         """Damped step (n, 6): (H + damping * D) delta = -gradient, D the diagonal of H (Marquardt).
@@ -55,17 +56,12 @@ class NormalEquations:
         Directions that nothing measures have a zero diagonal; a floor on D keeps them still.
         """
         floor = 1e-9 * max(float(self.diagonal.max()), 1e-12)
-        damped = self.matrix + sparse.diags_array(
-            damping * np.maximum(self.diagonal, floor) + floor, format="csc"
-        )
-        # Symmetric mode: the matrix is positive definite, so pivots stay on the diagonal.
-        factors = splu(
-            damped.tocsc(),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-        return factors.solve(-self.gradient.ravel()).reshape(-1, 6)
+        added = damping * np.maximum(self.diagonal, floor) + floor
+        right = -self.gradient.ravel()
+        if self.pattern.n_poses <= MAX_DIRECT_POSES:
+            return solve_direct(self.matrix, added, right).reshape(-1, 6)
+        band = self.pattern.banded(self._upper)
+        return solve_banded_cg(self.matrix, band, added, right).reshape(-1, 6)
 
     def predicted_decrease(self, delta: np.ndarray) -> float:
         """How much half the squared residuals fall by a step, if they are linear."""

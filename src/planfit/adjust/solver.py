@@ -8,6 +8,7 @@ from enum import Enum
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from planfit.adjust.block_pattern import BlockPattern
 from planfit.adjust.normal_equations import NormalEquations
 from planfit.adjust.terms.base import Quadratic, Term
 from planfit.errors import require_positive
@@ -73,16 +74,24 @@ def solve(
     before = [cost for _, cost in reweighted]
     total, stop, damping = sum(before), Stop.LIMIT, options.initial_damping
     iterations = 0
+    rounding = 1e-12 * total  # below, actual over predicted decrease is noise
     # OpenBLAS threads spin between the many small products and slow them down.
     with threadpool_limits(1, user_api="blas"):
+        pattern: BlockPattern | None = None
         for iterations in range(1, options.max_iterations + 1):
             quadratics = [quadratic for quadratic, _ in reweighted]
-            moved = False
+            outcomes = []
             for _ in range(options.steps_per_reweighting):
-                poses, damping, accepted = _damped_step(quadratics, poses, damping)
-                moved |= accepted
-            if not moved:
-                stop = Stop.STUCK
+                equations = _equations(quadratics, poses, pattern)
+                pattern = equations.pattern
+                poses, damping, outcome = _damped_step(
+                    equations, quadratics, poses, damping, rounding
+                )
+                outcomes.append(outcome)
+                if outcome is not _Outcome.MOVED:
+                    break
+            if outcomes[0] is not _Outcome.MOVED:
+                stop = Stop.COST if outcomes[0] is _Outcome.SETTLED else Stop.STUCK
                 break
             reweighted = [term.reweight(poses) for term in terms]
             previous, total = total, sum(cost for _, cost in reweighted)
@@ -97,22 +106,39 @@ def solve(
     return Solution(poses, stop, iterations, costs)
 
 
+class _Outcome(Enum):
+    """What became of a step."""
+
+    MOVED = "the cost fell"
+    SETTLED = "the cost can fall by no more than rounding"
+    STUCK = "no damping made the cost fall"
+
+
+def _equations(
+    quadratics: Sequence[Quadratic], poses: np.ndarray, pattern: BlockPattern | None
+) -> NormalEquations:
+    return NormalEquations([q.normal_blocks(poses) for q in quadratics], len(poses), pattern)
+
+
 def _damped_step(
-    quadratics: Sequence[Quadratic], poses: np.ndarray, damping: float, max_tries: int = 8
-) -> tuple[np.ndarray, float, bool]:
+    equations: NormalEquations,
+    quadratics: Sequence[Quadratic],
+    poses: np.ndarray,
+    damping: float,
+    rounding: float,
+    max_tries: int = 8,
+) -> tuple[np.ndarray, float, _Outcome]:
     """One accepted step, or the same poses where none of `max_tries` dampings lowers the cost."""
-    equations = NormalEquations([q.normal_blocks(poses) for q in quadratics], len(poses))
     cost = sum(q.cost(poses) for q in quadratics)
     growth = 2.0
     for _ in range(max_tries):
         delta = equations.step(damping)
         candidate = se3.retract(poses, delta)
         predicted = equations.predicted_decrease(delta)
-        # Below rounding of the cost itself, actual over predicted is noise.
-        if predicted <= 1e-12 * cost:
-            return poses, damping, False
+        if predicted <= rounding:
+            return poses, damping, _Outcome.SETTLED
         gain = (cost - sum(q.cost(candidate) for q in quadratics)) / predicted
         if gain > 0:
-            return candidate, damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), True
+            return candidate, damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), _Outcome.MOVED
         damping, growth = damping * growth, growth * 2
-    return poses, damping, False
+    return poses, damping, _Outcome.STUCK
