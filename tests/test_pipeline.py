@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import planfit
-from planfit.adjust import AdjustOptions
+from planfit.adjust import AdjustOptions, KeyframeOptions
 from planfit.adjust.terms.floor import FloorOptions
 from planfit.adjust.terms.points import PointOptions
 from planfit.adjust.terms.trajectory import TrajectoryOptions
@@ -152,6 +152,15 @@ def test_a_term_of_no_weight_is_left_out(name, adjust, synthetic, work):
     assert name not in result.cost_by_term
     truth = synthetic.true_world_from_cams
     assert rms(result.world_from_cams, truth) < 0.06
+
+
+def test_keyframes_alone_are_nearly_as_good(synthetic, work):
+    keyframes = KeyframeOptions(min_frames=0, max_step_m=1.0, max_turn_deg=50.0)
+    options = planfit.RefineOptions(adjust=AdjustOptions(keyframes=keyframes))
+    result = planfit.refine(synthetic.scan, synthetic.floorplan, options, work)
+    solved = result.walls.solution.target_from_cams
+    assert len(solved) < 0.8 * len(synthetic.scan)
+    assert rms(result.world_from_cams, synthetic.true_world_from_cams) < 0.05
 
 
 def test_scan_in_axes_of_its_own_is_found_on_the_plan():

@@ -9,7 +9,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planfit import checks
-from planfit.adjust import AdjustOptions, Evidence, WallsPulled, close_loops, pull_walls
+from planfit.adjust import (
+    AdjustOptions,
+    Evidence,
+    WallsPulled,
+    choose_keyframes,
+    close_loops,
+    follow_keyframes,
+    pull_walls,
+    reduce_evidence,
+)
 from planfit.adjust.association import patches_in_plan
 from planfit.align import Alignment, AlignOptions, align, find_unit, sample_walls
 from planfit.doubts import fit_doubts, scan_doubts
@@ -118,34 +127,41 @@ def refine(
 
     rng = np.random.default_rng(options.seed)
     solving, held_out = checks.hold_out(matches, options.held_out_share, rng)
-    evidence = Evidence(solving, structure, odometry)
+    keyframes = choose_keyframes(scan.world_from_cams, options.adjust.keyframes)
+    evidence = reduce_evidence(Evidence(solving, structure, odometry), keyframes)
     level = level_from_world(gravity, structure.floor_height_m)
     recorded = level @ scan.world_from_cams
     with clock.stage("close loops"):
-        level_from_cams = close_loops(evidence, recorded, options.adjust).target_from_cams
+        level_from_keys = close_loops(
+            evidence, recorded[keyframes.frame_idx], options.adjust
+        ).target_from_cams
     with clock.stage("place on the plan"):
         claimed = _claimed_place(scan, level)
-        alignment = _place(structure, level_from_cams, floorplan, options.align, claimed)
+        alignment = _place(evidence.structure, level_from_keys, floorplan, options.align, claimed)
         plan_from_level = alignment.plan_from_level if alignment else claimed
     with clock.stage("pull walls"):
         start = np.eye(4) if plan_from_level is None else plan_from_level
-        pulled = pull_walls(evidence, floorplan, start @ level_from_cams, options.adjust)
+        pulled = pull_walls(evidence, floorplan, start @ level_from_keys, options.adjust)
 
     if claimed is not None and (alignment is None or alignment.is_as_recorded):
         start = claimed
-    before, after = start @ recorded, pulled.solution.target_from_cams
+    plan_from_keys = pulled.solution.target_from_cams
+    before, after = start @ recorded, follow_keyframes(plan_from_keys, keyframes)
     with clock.stage("check"):
         found = (
             checks.match_check(held_out, before, after),
             checks.wall_check(structure, floorplan, before, after),
             checks.tension_check(
-                _total_cost(evidence, level_from_cams, options.adjust),
-                _total_cost(evidence, after, options.adjust),
+                _total_cost(evidence, level_from_keys, options.adjust),
+                _total_cost(evidence, plan_from_keys, options.adjust),
                 len(scan),
             ),
         )
         agreed = (floorplan, pulled.association)
-        costs = [evidence.costs(poses, options.adjust, agreed) for poses in (before, after)]
+        costs = [
+            evidence.costs(poses, options.adjust, agreed)
+            for poses in (before[keyframes.frame_idx], plan_from_keys)
+        ]
     judged = tuple(check for check in found if check)
     return RefineResult(
         plan_from_cams=after,

@@ -6,83 +6,23 @@ association distance lets go of the pieces that still belong elsewhere.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planfit.adjust.association import Association, AssociationOptions, associate
-from planfit.adjust.solver import Solution, SolverOptions, solve
+from planfit.adjust.association import Association, associate
+from planfit.adjust.evidence import Evidence
+from planfit.adjust.options import AdjustOptions
+from planfit.adjust.solver import Solution, solve
 from planfit.adjust.terms.anchor import AnchorTerm
-from planfit.adjust.terms.base import Term
-from planfit.adjust.terms.floor import FloorOptions, FloorTerm
-from planfit.adjust.terms.points import PointOptions, PointTerm
-from planfit.adjust.terms.trajectory import TrajectoryOptions, TrajectoryTerm
-from planfit.adjust.terms.walls import WallOptions, WallTerm
-from planfit.errors import OptionError
+from planfit.adjust.terms.wall_offsets import (
+    OffsetWallTerm,
+    offset_prior,
+    read_offsets,
+    with_offsets,
+)
+from planfit.adjust.terms.walls import WallTerm
 from planfit.floorplan import Floorplan
-from planfit.matching import Matches
-from planfit.scan.odometry import Odometry
-from planfit.structure import Structure
-
-
-@dataclass(frozen=True)
-class AdjustOptions:
-    """Terms, solver and schedule of the bundle adjustment."""
-
-    points: PointOptions = field(default_factory=PointOptions)
-    """3D point error."""
-    floor: FloorOptions = field(default_factory=FloorOptions)
-    """Floor term."""
-    walls: WallOptions = field(default_factory=WallOptions)
-    """Walls term."""
-    trajectory: TrajectoryOptions = field(default_factory=TrajectoryOptions)
-    """Trajectory prior."""
-    association: AssociationOptions = field(default_factory=AssociationOptions)
-    """Which face a piece of wall may belong to."""
-    solver: SolverOptions = field(default_factory=SolverOptions)
-    """When a solve ends."""
-    wall_distances_m: tuple[float, ...] = (1.2, 0.8, 0.6, 0.45, 0.35)
-    """Association distances, one after the other."""
-    max_alternations: int = 5
-    """Rounds of association and solve at one distance; ends earlier when no association changes."""
-
-    def __post_init__(self) -> None:
-        if not self.wall_distances_m or min(self.wall_distances_m) <= 0:
-            raise OptionError(
-                f"wall_distances_m: expected positive distances, found {self.wall_distances_m}"
-            )
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What the scan says about its own poses."""
-
-    matches: Matches
-    structure: Structure
-    odometry: Odometry
-
-    def terms(self, options: AdjustOptions) -> list[Term]:
-        """Terms that need no plan; those without data or weight are left out."""
-        terms: list[Term] = []
-        if options.points.weight > 0 and self.matches.n_matches:
-            terms.append(PointTerm(self.matches, options.points))
-        if options.floor.weight > 0 and len(self.structure.floor_points_cam):
-            terms.append(FloorTerm(self.structure, options.floor))
-        if options.trajectory.weight > 0 and len(self.odometry.cam_from_next):
-            terms.append(TrajectoryTerm(self.odometry, options.trajectory))
-        return terms
-
-    def costs(
-        self,
-        target_from_cams: np.ndarray,
-        options: AdjustOptions,
-        walls: tuple[Floorplan, Association] | None = None,
-    ) -> dict[str, float]:
-        """Robust cost of each term at poses (n, 4, 4), for reports."""
-        terms = self.terms(options)
-        if walls is not None and options.walls.weight > 0:
-            terms.append(WallTerm(self.structure, *walls, options.walls))
-        return {term.name: term.reweight(target_from_cams)[1] for term in terms}
 
 
 def close_loops(
@@ -105,6 +45,9 @@ class WallsPulled:
 
     solution: Solution
     association: Association
+    offsets_m: np.ndarray
+    """(f,) how far each face of the plan was found to stand off where it is drawn, along its normal;
+    zero where no wall was seen, or where offsets were not asked for."""
     rounds: int
     """Associations made."""
     settled: bool
@@ -127,10 +70,10 @@ def pull_walls(
         options: see there.
         on_round: told the number of each round.
     """
-    base = evidence.terms(options)
     structure, rounds, settled = evidence.structure, 0, False
     solution: Solution | None = None
     association = Association(np.zeros(0, dtype=int), np.zeros(0))
+    offsets_m = np.zeros(len(floorplan))
     for max_distance_m in options.wall_distances_m:
         association = associate(
             structure, floorplan, plan_from_cams, max_distance_m, options.association
@@ -139,14 +82,9 @@ def pull_walls(
             rounds += 1
             if on_round:
                 on_round(rounds)
-            terms = list(base)
-            if association.n_associated and options.walls.weight > 0:
-                terms.append(WallTerm(structure, floorplan, association, options.walls))
-            else:
-                # Nothing ties the scan to the plan: the place that was found holds it.
-                sigma = np.full(6, 1e-3)
-                terms.append(AnchorTerm(np.array([0]), plan_from_cams[:1], sigma))
-            solution = solve(terms, plan_from_cams, options.solver)
+            solution, offsets_m = _solve_on_plan(
+                evidence, floorplan, association, plan_from_cams, options
+            )
             plan_from_cams = solution.target_from_cams
             again = associate(
                 structure, floorplan, plan_from_cams, max_distance_m, options.association
@@ -156,4 +94,29 @@ def pull_walls(
             if settled:
                 break
     assert solution is not None  # wall_distances_m is never empty
-    return WallsPulled(solution, association, rounds, settled)
+    return WallsPulled(solution, association, offsets_m, rounds, settled)
+
+
+def _solve_on_plan(
+    evidence: Evidence,
+    floorplan: Floorplan,
+    association: Association,
+    plan_from_cams: np.ndarray,
+    options: AdjustOptions,
+) -> tuple[Solution, np.ndarray]:
+    """One solve with the walls held to their faces; also the faces' offsets (f,) m."""
+    terms = evidence.terms(options)
+    n, none = len(plan_from_cams), np.zeros(len(floorplan))
+    if association.n_associated == 0 or options.walls.weight == 0:
+        # Nothing ties the scan to the plan: the place that was found holds it.
+        anchor = AnchorTerm(np.array([0]), plan_from_cams[:1], np.full(6, 1e-3))
+        return solve([*terms, anchor], plan_from_cams, options.solver), none
+    if options.walls.offset_sigma_m == 0:
+        walls = WallTerm(evidence.structure, floorplan, association, options.walls)
+        return solve([*terms, walls], plan_from_cams, options.solver), none
+    walls = OffsetWallTerm(evidence.structure, floorplan, association, options.walls, n)
+    terms += [offset_prior(n, floorplan, options.walls.offset_sigma_m)]
+    unknowns = with_offsets(plan_from_cams, floorplan)
+    solution = solve([*terms, walls], unknowns, options.solver)
+    found = solution.target_from_cams
+    return replace(solution, target_from_cams=found[:n]), read_offsets(found, n, floorplan)

@@ -62,7 +62,7 @@ class TrajectoryQuadratic:
         first_t = np.swapaxes(first * self.information[:, :, None], 1, 2)
         second_t = np.swapaxes(second * self.information[:, :, None], 1, 2)
         n = len(target_from_cams)
-        i = np.arange(n - 1)
+        i = np.arange(len(departure))
         gradient = sum_by_pose(i, np.einsum("kab,kb->ka", first_t, departure), n)
         gradient += sum_by_pose(i + 1, np.einsum("kab,kb->ka", second_t, departure), n)
         diagonal = sum_by_pose(i, first_t @ first, n) + sum_by_pose(i + 1, second_t @ second, n)
@@ -76,12 +76,13 @@ class TrajectoryQuadratic:
 
 
 def step_departure(odometry: Odometry, target_from_cams: np.ndarray) -> np.ndarray:
-    """Departure (n - 1, 6) [rad, m] of each step from the recorded one.
+    """Departure (n - 1, 6) [rad, m] of each step from the recorded one, of the first n poses given.
 
     Turn: log of recorded^T current, in the axes of the second frame. Shift: in those of the first.
     """
-    now = se3.inverse(target_from_cams[:-1]) @ target_from_cams[1:]
     recorded = odometry.cam_from_next
+    cams = target_from_cams[: len(recorded) + 1]  # other unknowns may stand behind the cameras
+    now = se3.inverse(cams[:-1]) @ cams[1:]
     turn = np.swapaxes(recorded[:, :3, :3], 1, 2) @ now[:, :3, :3]
     return np.concatenate([se3.log_so3(turn), now[:, :3, 3] - recorded[:, :3, 3]], axis=1)
 
@@ -90,9 +91,10 @@ def step_jacobians(
     target_from_cams: np.ndarray, departure: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Jacobians (n - 1, 6, 6) of the departures by the first and by the second pose's tangent."""
-    first_t = np.swapaxes(target_from_cams[:-1, :3, :3], 1, 2)
-    second_t = np.swapaxes(target_from_cams[1:, :3, :3], 1, 2)
-    between = target_from_cams[1:, :3, 3] - target_from_cams[:-1, :3, 3]
+    cams = target_from_cams[: len(departure) + 1]
+    first_t = np.swapaxes(cams[:-1, :3, :3], 1, 2)
+    second_t = np.swapaxes(cams[1:, :3, :3], 1, 2)
+    between = cams[1:, :3, 3] - cams[:-1, :3, 3]
     k = se3.skew(departure[:, :3])
     # Inverse right Jacobian of SO(3) to second order: departures are small (below 0.3 rad the next
     # term is under 1e-4).

@@ -32,6 +32,8 @@ class WallOptions:
     """Independent readings that a piece of wall is worth at most."""
     points_per_reading: float = 60.0
     """Wall points that make one reading."""
+    offset_sigma_m: float = 0.0
+    """Spread of faces about where they are drawn, one unknown offset a face; 0: faces are as drawn."""
 
     def __post_init__(self) -> None:
         require_positive(self, "sigma_m", "max_readings", "points_per_reading")
@@ -46,13 +48,15 @@ class WallTerm:
     association: Association
     options: WallOptions
     name: str = "walls"
+    offsets_m: np.ndarray | None = None
+    """(f,) shift of each face along its normal from where it is drawn; None: as drawn."""
 
     def reweight(self, target_from_cams: np.ndarray) -> tuple[PlaneMoments, float]:
         """One pass over the wall points; see `planfit.adjust.moments`."""
         structure, face = self.structure, self.association.face_idx
-        planes = np.zeros((structure.n_patches, 4))
-        planes[:, :2] = self.floorplan.normals[face]
-        planes[:, 3] = -self.floorplan.offsets[face]
+        planes = face_planes(self.floorplan, face)
+        if self.offsets_m is not None:
+            planes[:, 3] -= self.offsets_m[face]
         weighting = Weighting(self.options.max_readings, self.options.points_per_reading)
         information = weighting.information(np.diff(structure.patch_start))
         return plane_moments(
@@ -65,3 +69,11 @@ class WallTerm:
             self.options.sigma_m,
             self.options.loss,
         )
+
+
+def face_planes(floorplan: Floorplan, face_idx: np.ndarray) -> np.ndarray:
+    """Planes (k, 4), (normal, -offset) in the plan frame, of faces (k,); of -1, any plane."""
+    planes = np.zeros((len(face_idx), 4))
+    planes[:, :2] = floorplan.normals[face_idx]
+    planes[:, 3] = -floorplan.offsets[face_idx]
+    return planes

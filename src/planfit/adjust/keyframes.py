@@ -1,0 +1,153 @@
+"""Keyframes: solve for some frames, let the others follow.
+
+A frame between keyframes is held to its nearest keyframe by the recorded motion, which over a few
+decimetres is better than anything else that is known of it. Its matches, floor and wall points stay in
+the problem, moved into the keyframe's axes. After the solve, each frame follows its two keyframes.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from planfit.adjust.evidence import Evidence
+from planfit.adjust.options import KeyframeOptions
+from planfit.geometry import se3
+from planfit.matching import Matches
+from planfit.scan.odometry import Odometry
+from planfit.structure import Structure
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """Which frames are keyframes, and which keyframe each frame is held to."""
+
+    frame_idx: np.ndarray  # (k,) increasing; the first and the last frame are among them
+    nearest: np.ndarray  # (n,) position in frame_idx of the keyframe that a frame is held to
+    key_from_cam: np.ndarray  # (n, 4, 4) recorded motion from each frame to that keyframe
+    first_from_keys: np.ndarray  # (k, 4, 4) recorded poses of keyframes in the axes of the first
+
+
+def choose_keyframes(world_from_cams: np.ndarray, options: KeyframeOptions) -> Keyframes:
+    """Keyframes of a recorded trajectory (n, 4, 4), by distance walked and turned."""
+    n = len(world_from_cams)
+    steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
+    moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps[:, :3, 3], axis=1))])
+    turned = np.concatenate([[0.0], np.cumsum(se3.rotation_angle(steps[:, :3, :3]))])
+    max_turn = np.deg2rad(options.max_turn_deg)
+    chosen = [0]
+    if n < options.min_frames:
+        chosen = list(range(n))
+    else:
+        for i in range(1, n - 1):
+            last = chosen[-1]
+            # The next frame would go beyond: this one is the last that is near enough.
+            if (
+                moved[i + 1] - moved[last] > options.max_step_m
+                or turned[i + 1] - turned[last] > max_turn
+            ):
+                chosen.append(i)
+        chosen.append(n - 1)
+    frame_idx = np.unique(chosen)
+    borders = 0.5 * (moved[frame_idx[:-1]] + moved[frame_idx[1:]])
+    nearest = np.searchsorted(borders, moved, side="right").clip(0, len(frame_idx) - 1)
+    nearest[frame_idx] = np.arange(len(frame_idx))
+    nearest = np.maximum.accumulate(nearest)
+    key_from_cam = se3.inverse(world_from_cams[frame_idx[nearest]]) @ world_from_cams
+    recorded = world_from_cams[frame_idx]
+    return Keyframes(frame_idx, nearest, key_from_cam, se3.inverse(recorded[0]) @ recorded)
+
+
+def reduce_evidence(evidence: Evidence, keyframes: Keyframes) -> Evidence:
+    """The same evidence with keyframes as its only frames."""
+    if len(keyframes.frame_idx) == len(keyframes.nearest):
+        return evidence
+    return Evidence(
+        _reduce_matches(evidence.matches, keyframes),
+        _reduce_structure(evidence.structure, keyframes),
+        _reduce_odometry(evidence.odometry, keyframes),
+    )
+
+
+def follow_keyframes(target_from_keys: np.ndarray, keyframes: Keyframes) -> np.ndarray:
+    """Poses (n, 4, 4) of all frames from those of the keyframes (k, 4, 4).
+
+    A frame between two keyframes is carried along by each, by the recorded motion; the two answers
+    are blended on SO(3) x R^3 by how far along it is, so that nothing jumps between keyframes.
+    """
+    n, key = len(keyframes.nearest), keyframes.frame_idx
+    before = np.searchsorted(key, np.arange(n), side="right") - 1
+    after = np.minimum(before + 1, len(key) - 1)
+    from_before, from_after = (_carried(target_from_keys, keyframes, k) for k in (before, after))
+    span = np.maximum(key[after] - key[before], 1)
+    share = ((np.arange(n) - key[before]) / span)[:, None]
+    blended = se3.retract(from_before, share * se3.difference(from_after, from_before))
+    blended[key] = target_from_keys
+    return blended
+
+
+def _carried(target_from_keys: np.ndarray, keyframes: Keyframes, which: np.ndarray) -> np.ndarray:
+    """Poses (n, 4, 4) of frames as the keyframes `which` (n,) carry them by the recorded motion."""
+    recorded = keyframes.first_from_keys
+    which_from_nearest = se3.inverse(recorded[which]) @ recorded[keyframes.nearest]
+    return target_from_keys[which] @ which_from_nearest @ keyframes.key_from_cam
+
+
+def _reduce_matches(matches: Matches, keyframes: Keyframes) -> Matches:
+    pairs = keyframes.nearest[matches.pairs]
+    sizes = np.diff(matches.start)
+    keep = pairs[:, 0] != pairs[:, 1]
+    keep_match = np.repeat(keep, sizes)
+    moved = {}
+    for side, name in enumerate(("points_a", "points_b")):
+        frame = np.repeat(matches.pairs[keep, side], sizes[keep])
+        points = getattr(matches, name)[keep_match]
+        moved[name] = _move(keyframes.key_from_cam, frame, points)
+    return replace(
+        matches,
+        pairs=pairs[keep],
+        start=np.cumsum([0, *sizes[keep]]),
+        sigma=matches.sigma[keep_match],
+        **moved,
+    )
+
+
+def _reduce_structure(structure: Structure, keyframes: Keyframes) -> Structure:
+    k, nearest, move = len(keyframes.frame_idx), keyframes.nearest, keyframes.key_from_cam
+    patch_frame = structure.patch_frame_idx
+    ends = structure.patch_ends_cam.reshape(-1, 3)
+    return replace(
+        structure,
+        floor_points_cam=_move(move, structure.floor_frame_idx, structure.floor_points_cam),
+        floor_start=structure.floor_start[
+            np.searchsorted(nearest, np.arange(k + 1)).clip(0, len(nearest))
+        ],
+        wall_points_cam=_move(move, structure.wall_frame_idx, structure.wall_points_cam),
+        patch_frame_idx=nearest[patch_frame],
+        patch_normals_cam=np.einsum(
+            "kij,kj->ki", move[patch_frame, :3, :3], structure.patch_normals_cam
+        ),
+        patch_ends_cam=_move(move, np.repeat(patch_frame, 2), ends).reshape(-1, 2, 3),
+        loose_points_cam=_move(move, structure.loose_frame_idx, structure.loose_points_cam),
+        loose_frame_idx=nearest[structure.loose_frame_idx],
+    )
+
+
+def _reduce_odometry(odometry: Odometry, keyframes: Keyframes) -> Odometry:
+    key = keyframes.frame_idx
+    turn, shift = odometry.spread_between(key[:-1], key[1:])
+    recorded = keyframes.first_from_keys
+    return Odometry(se3.inverse(recorded[:-1]) @ recorded[1:], turn, shift)
+
+
+def _move(transforms: np.ndarray, idx: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points (m, 3), sorted by idx (m,), each moved by its own transform; keeps their dtype.
+
+    Runs of one index go through together: a transform a point would be 128 bytes a point.
+    """
+    moved = np.zeros_like(points)
+    borders = np.concatenate([[0], np.flatnonzero(np.diff(idx)) + 1, [len(idx)]])
+    for first, last in pairwise(borders):
+        if last > first:
+            moved[first:last] = se3.transform(transforms[idx[first]], points[first:last])
+    return moved

@@ -1,0 +1,73 @@
+"""Covariances against the dense inverse, and against the scatter of repeated solves."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from builders import make_world
+from planfit.adjust import AdjustOptions
+from planfit.adjust.association import AssociationOptions, associate
+from planfit.adjust.covariance import covariances, offset_spreads
+from planfit.adjust.normal_equations import NormalEquations
+from planfit.adjust.solver import SolverOptions, solve
+from planfit.adjust.terms.anchor import AnchorTerm
+from planfit.adjust.terms.wall_offsets import OffsetWallTerm, offset_prior, with_offsets
+from planfit.adjust.terms.walls import WallOptions
+from planfit.errors import OptionError
+from planfit.geometry import se3
+
+
+@pytest.fixture
+def world(rng):
+    return make_world(rng)
+
+
+def test_blocks_are_those_of_the_dense_inverse(world):
+    poses = world.plan_from_cams
+    terms = [
+        *world.evidence.terms(AdjustOptions()),
+        AnchorTerm(np.array([0]), poses[:1], np.full(6, 0.01)),
+    ]
+    quadratics = [t.reweight(poses)[0] for t in terms]
+    equations = NormalEquations([q.normal_blocks(poses) for q in quadratics], len(poses))
+    inverse = np.linalg.inv(equations.matrix.toarray())
+    found = covariances(terms, poses, np.array([0, 5]))
+    for k, i in enumerate((0, 5)):
+        expected = inverse[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
+        assert_allclose(found[k], expected, rtol=1e-5, atol=1e-12)
+
+
+def test_scatter_of_anchored_poses_is_what_covariances_say(rng):
+    """Two anchors that disagree at random: the pose between them scatters as predicted."""
+    truth = np.eye(4)[None]
+    sigma = np.array([0.01, 0.02, 0.03, 0.1, 0.2, 0.3])
+    ends = []
+    for _ in range(300):
+        anchors = se3.retract(np.tile(np.eye(4), (2, 1, 1)), rng.normal(size=(2, 6)) * sigma)
+        terms = [AnchorTerm(np.zeros(2, dtype=int), anchors, sigma)]
+        solution = solve(terms, truth, SolverOptions(cost_tolerance=1e-12))
+        ends.append(se3.difference(solution.target_from_cams[0], truth[0]))
+    predicted = covariances([AnchorTerm(np.zeros(2, dtype=int), np.tile(truth, (2, 1, 1)), sigma)],
+                            truth, np.array([0]))[0]  # fmt: skip
+    assert_allclose(np.std(ends, axis=0), np.sqrt(np.diagonal(predicted)), rtol=0.15)
+
+
+def test_a_pose_that_nothing_holds_is_named(world):
+    poses = world.plan_from_cams
+    anchor = AnchorTerm(np.array([1]), poses[1:2], np.full(6, 0.01))
+    with pytest.raises(OptionError, match="unknown 3"):
+        covariances([anchor], poses, np.array([3]))
+
+
+def test_offsets_that_are_seen_are_surer_than_their_prior(world):
+    n, floorplan = len(world.plan_from_cams), world.floorplan
+    association = associate(
+        world.structure, floorplan, world.plan_from_cams, 0.5, AssociationOptions()
+    )
+    term = OffsetWallTerm(world.structure, floorplan, association, WallOptions(), n)
+    terms = [*world.evidence.terms(AdjustOptions()), term, offset_prior(n, floorplan, 0.05)]
+    unknowns = with_offsets(world.plan_from_cams, floorplan)
+    spreads = offset_spreads(terms, unknowns, n, floorplan.normals)
+    seen = np.isin(np.arange(len(floorplan)), association.face_idx)
+    assert np.all(spreads[seen] < 0.05)
+    assert_allclose(spreads[~seen], 0.05, rtol=1e-6)

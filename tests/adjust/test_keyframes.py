@@ -1,0 +1,96 @@
+"""Keyframes: chosen by motion, evidence kept, the rest carried along."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from builders import make_world, nudged
+from planfit.adjust import AdjustOptions, KeyframeOptions, close_loops
+from planfit.adjust.keyframes import (
+    choose_keyframes,
+    follow_keyframes,
+    reduce_evidence,
+)
+from planfit.geometry import se3
+from planfit.synth import DriftOptions, drift_poses
+
+
+def straight_walk(n, step_m=0.1, turn_deg=0.0):
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, :3, :3] = se3.exp_so3(np.outer(np.arange(n), [0, 0, np.deg2rad(turn_deg)]))
+    poses[:, 0, 3] = step_m * np.arange(n)
+    return poses
+
+
+def test_short_scans_keep_every_frame():
+    found = choose_keyframes(straight_walk(10), KeyframeOptions(min_frames=11))
+    assert_array_equal(found.frame_idx, np.arange(10))
+    assert_array_equal(found.nearest, np.arange(10))
+    assert_allclose(found.key_from_cam, np.tile(np.eye(4), (10, 1, 1)), atol=1e-12)
+
+
+def test_steps_between_keyframes_are_bounded_and_no_shorter_than_needed():
+    options = KeyframeOptions(min_frames=0, max_step_m=0.35)
+    found = choose_keyframes(straight_walk(50), options)
+    assert found.frame_idx[0] == 0
+    assert found.frame_idx[-1] == 49
+    assert set(np.diff(found.frame_idx)[:-1]) == {3}
+
+
+def test_turning_on_the_spot_makes_keyframes():
+    options = KeyframeOptions(min_frames=0, max_turn_deg=10.5)
+    found = choose_keyframes(straight_walk(40, step_m=0.0, turn_deg=2.0), options)
+    assert set(np.diff(found.frame_idx)[:-1]) == {5}
+
+
+def test_frames_follow_a_rigid_motion_of_their_keyframes_exactly(rng):
+    poses = nudged(rng, straight_walk(40, turn_deg=1.0), 0.5, 0.01)
+    found = choose_keyframes(poses, KeyframeOptions(min_frames=0))
+    assert len(found.frame_idx) < 25
+    motion = se3.make_transform(se3.exp_so3(np.array([0.3, -0.2, 1.0])), np.array([5.0, 1, 2]))
+    assert_allclose(
+        follow_keyframes(motion @ poses[found.frame_idx], found), motion @ poses, atol=1e-9
+    )
+
+
+def test_frames_between_two_keyframes_share_their_correction():
+    poses = straight_walk(9)
+    found = choose_keyframes(poses, KeyframeOptions(min_frames=0, max_step_m=0.85))
+    assert_array_equal(found.frame_idx, [0, 8])
+    moved = poses[found.frame_idx].copy()
+    moved[1, 1, 3] = 0.8
+    assert_allclose(follow_keyframes(moved, found)[:, 1, 3], 0.1 * np.arange(9), atol=1e-12)
+
+
+def test_evidence_costs_the_same_at_poses_that_keep_to_the_record(rng):
+    world = make_world(rng)
+    recorded = world.plan_from_cams
+    found = choose_keyframes(
+        recorded, KeyframeOptions(min_frames=0, max_step_m=4.0, max_turn_deg=150)
+    )
+    assert len(found.frame_idx) < len(recorded)
+    reduced = reduce_evidence(world.evidence, found)
+    motion = se3.yaw_transform(0.01, np.array([0.02, 0.03, 0.01]))
+    full = world.evidence.costs(motion @ recorded, AdjustOptions())
+    few = reduced.costs(motion @ recorded[found.frame_idx], AdjustOptions())
+    assert few["trajectory"] == pytest.approx(0.0, abs=1e-12)
+    assert few["points"] <= full["points"] + 1e-9
+    assert reduced.structure.n_patches == world.structure.n_patches
+    assert len(reduced.structure.floor_points_cam) == len(world.structure.floor_points_cam)
+
+
+def test_solving_for_keyframes_is_nearly_as_good(rng):
+    world = make_world(rng)
+    up = np.array([0.0, 0, 1.0])
+    recorded = drift_poses(world.plan_from_cams, DriftOptions(yaw_deg=0.3, shift_m=0.01), rng, up)
+    found = choose_keyframes(
+        recorded, KeyframeOptions(min_frames=0, max_step_m=4.0, max_turn_deg=150)
+    )
+    reduced = reduce_evidence(world.evidence, found)
+    solved = close_loops(reduced, recorded[found.frame_idx], AdjustOptions())
+    after = follow_keyframes(solved.target_from_cams, found)
+
+    def error(poses):
+        return np.linalg.norm(poses[:, :3, 3] - world.plan_from_cams[:, :3, 3], axis=1).mean()
+
+    assert error(after) < 0.7 * error(recorded)

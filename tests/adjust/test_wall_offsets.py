@@ -1,0 +1,117 @@
+"""Wall offsets: gradients and blocks against differences, and plans that are a little wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from builders import gradient_by_differences, make_world, nudged
+from planfit.adjust import AdjustOptions, pull_walls
+from planfit.adjust.association import AssociationOptions, associate
+from planfit.adjust.normal_equations import NormalEquations
+from planfit.adjust.terms.wall_offsets import (
+    OffsetWallTerm,
+    offset_prior,
+    read_offsets,
+    with_offsets,
+)
+from planfit.adjust.terms.walls import WallOptions, WallTerm
+from planfit.geometry import se3
+
+
+@pytest.fixture
+def world(rng):
+    return make_world(rng)
+
+
+@pytest.fixture
+def case(world, rng):
+    """A term, and unknowns at which faces have shifted in every direction."""
+    association = associate(
+        world.structure, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
+    )
+    n = len(world.plan_from_cams)
+    term = OffsetWallTerm(world.structure, world.floorplan, association, WallOptions(), n)
+    unknowns = with_offsets(nudged(rng, world.plan_from_cams, 1.0, 0.05), world.floorplan)
+    unknowns[n:, :3, 3] = rng.normal(size=(len(world.floorplan), 3)) * 0.05
+    return term, unknowns
+
+
+def test_gradient_is_that_of_the_cost(case):
+    term, unknowns = case
+    quadratic, cost = term.reweight(unknowns)
+    found = quadratic.normal_blocks(unknowns).gradient
+    scale = np.abs(found).max()
+    assert_allclose(found, gradient_by_differences(quadratic.cost, unknowns), atol=1e-5 * scale)
+    robust = gradient_by_differences(lambda u: term.reweight(u)[1], unknowns)
+    assert_allclose(found, robust, atol=1e-5 * scale)
+    assert cost > 0
+
+
+def test_blocks_are_the_second_derivative_where_distances_are_zero(world, case):
+    term, _ = case
+    at_truth = with_offsets(world.plan_from_cams, world.floorplan)
+    quadratic, _ = term.reweight(at_truth)
+    equations = NormalEquations([quadratic.normal_blocks(at_truth)], len(at_truth))
+    size = 6 * len(at_truth)
+    expected = np.zeros((size, size))
+    for column in range(size):
+        delta = np.zeros(size)
+        delta[column] = 1e-5
+        ahead, behind = (
+            quadratic.normal_blocks(se3.retract(at_truth, sign * delta.reshape(-1, 6))).gradient
+            for sign in (1, -1)
+        )
+        expected[:, column] = ((ahead - behind) / 2e-5).ravel()
+    found = equations.matrix.toarray()
+    assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_faces_as_drawn_cost_what_the_plain_term_costs(world, case, rng):
+    term, _ = case
+    poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
+    plain = WallTerm(world.structure, world.floorplan, term.association, term.options)
+    shifting = term.reweight(with_offsets(poses, world.floorplan))[1]
+    assert shifting == pytest.approx(plain.reweight(poses)[1], rel=1e-12)
+
+
+def moved_plan(floorplan, face, by_m):
+    """The plan with one face drawn off by so much along its normal."""
+    ends = floorplan.ends.copy()
+    ends[face] += by_m * floorplan.normals[face]
+    return replace(floorplan, ends=ends)
+
+
+def test_a_face_drawn_off_is_found_and_does_not_bend_the_scan(world):
+    wrong = moved_plan(world.floorplan, 1, -0.08)
+    strain = {}
+    for sigma_m in (0.0, 0.05):
+        options = AdjustOptions(walls=WallOptions(offset_sigma_m=sigma_m))
+        pulled = pull_walls(world.evidence, wrong, world.plan_from_cams, options)
+        costs = pulled.solution.cost_by_term
+        strain[sigma_m] = costs["points"].after + costs["trajectory"].after
+        if sigma_m:
+            # Which of two opposite walls is off, the scan cannot tell: they share it.
+            assert pulled.offsets_m[1] + pulled.offsets_m[3] > 0.055
+            assert_allclose(pulled.offsets_m[[0, 2]], 0.0, atol=0.005)
+        else:
+            assert_allclose(pulled.offsets_m, 0.0)
+    assert strain[0.05] < 0.5 * strain[0.0]
+
+
+def test_a_tight_prior_keeps_faces_where_they_are_drawn(world):
+    wrong = moved_plan(world.floorplan, 1, -0.08)
+    options = AdjustOptions(walls=WallOptions(offset_sigma_m=1e-4))
+    pulled = pull_walls(world.evidence, wrong, world.plan_from_cams, options)
+    assert np.abs(pulled.offsets_m).max() < 1e-3
+
+
+def test_offsets_are_read_along_the_normals(world):
+    n = len(world.plan_from_cams)
+    unknowns = with_offsets(world.plan_from_cams, world.floorplan)
+    unknowns[n:, :2, 3] = 0.07 * world.floorplan.normals
+    assert_allclose(read_offsets(unknowns, n, world.floorplan), 0.07)
+    assert offset_prior(n, world.floorplan, 0.07).cost(unknowns) == pytest.approx(
+        0.5 * len(world.floorplan)
+    )
