@@ -43,12 +43,13 @@ def make_problem(
     matches_per_pair: int = 100,
     points_per_frame: int = 2000,
     drift: DriftOptions | None = None,
+    piece_m: float | None = None,
 ) -> Problem:
     """A problem of `n_frames`; each frame is matched with twice `neighbours` + `revisits` others."""
     rng = np.random.default_rng(seed)
     frames_per_lap = min(frames_per_lap, n_frames)
     side_m = frames_per_lap * STEP_M / 4
-    floorplan = _ring_corridor(side_m)
+    floorplan = _ring_corridor(side_m, piece_m or side_m)
     true = _walk(n_frames, frames_per_lap, side_m, rng)
     up = np.array([0.0, 0.0, 1.0])
     drift = drift or DriftOptions(yaw_deg=0.02, shift_m=0.004)
@@ -64,14 +65,17 @@ def make_problem(
     )
 
 
-def _ring_corridor(side_m: float) -> Floorplan:
-    """A square corridor 3 m wide about the walk, walls 0.2 m thick."""
-    loops = []
+def _ring_corridor(side_m: float, piece_m: float) -> Floorplan:
+    """A square corridor 3 m wide about the walk, walls 0.2 m thick, drawn in pieces."""
+    pieces = []
     for out in (-1.7, -1.5, 1.5, 1.7):
         low, high = -out, side_m + out
         corners = np.array([[low, low], [high, low], [high, high], [low, high]])
-        loops.append(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
-    return make_floorplan("ring corridor", np.concatenate(loops))
+        for first, last in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            share = np.linspace(0, 1, max(1, round(side_m / piece_m)) + 1)[:, None]
+            cuts = first * (1 - share) + last * share
+            pieces.append(np.stack([cuts[:-1], cuts[1:]], axis=1))
+    return make_floorplan("ring corridor", np.concatenate(pieces))
 
 
 def _walk(n: int, frames_per_lap: int, side_m: float, rng: np.random.Generator) -> np.ndarray:
@@ -145,8 +149,9 @@ def _structure(
     offset = rng.uniform(-1.0, 1.0, (n, 2, quarter))
     spot = (middle[..., None] + offset)[..., None] * along[faces][:, :, None]
     spot = spot + floorplan.ends[faces, 0][:, :, None]
-    spot = spot + NOISE_M * rng.standard_normal((n, 2, quarter, 1)) * (
-        floorplan.normals[faces][:, :, None]
+    spot = (
+        spot
+        + NOISE_M * rng.standard_normal((n, 2, quarter, 1)) * (floorplan.normals[faces][:, :, None])
     )
     height = rng.uniform(0.2, 2.5, (n, 2, quarter, 1))
     wall = np.concatenate([spot, height], axis=-1)

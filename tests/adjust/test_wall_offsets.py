@@ -10,6 +10,7 @@ from builders import gradient_by_differences, make_world, nudged
 from planfit.adjust import AdjustOptions, pull_walls
 from planfit.adjust.association import AssociationOptions, associate
 from planfit.adjust.normal_equations import NormalEquations
+from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
     offset_prior,
@@ -87,8 +88,11 @@ def test_a_face_drawn_off_is_found_and_does_not_bend_the_scan(world):
     wrong = moved_plan(world.floorplan, 1, -0.08)
     strain = {}
     for sigma_m in (0.0, 0.05):
-        options = AdjustOptions(walls=WallOptions(offset_sigma_m=sigma_m))
-        pulled = pull_walls(world.evidence, wrong, world.plan_from_cams, options)
+        # A loss that does not reject the wall outright, so that it has to go somewhere.
+        walls = WallOptions(offset_sigma_m=sigma_m, loss=Loss(LossKind.CAUCHY, 2.0))
+        pulled = pull_walls(
+            world.evidence, wrong, world.plan_from_cams, AdjustOptions(walls=walls)
+        )
         costs = pulled.solution.cost_by_term
         strain[sigma_m] = costs["points"].after + costs["trajectory"].after
         if sigma_m:

@@ -30,13 +30,28 @@ def close_loops(
 ) -> Solution:
     """Make the scan agree with itself: matches, floor and trajectory, the first frame held.
 
-    The floor, where seen, gives height and tilt; of the first frame only the rest is held.
+    The loss of the matches narrows by `options.graduation` (graduated non-convexity: Blake and
+    Zisserman 1987; Yang et al. 2020). The floor, where seen, gives height and tilt; of the first
+    frame only the rest is held.
     """
     has_floor = bool(options.floor.weight > 0 and len(evidence.structure.floor_points_cam))
     free = np.inf if has_floor else 1e-3
     sigma = np.array([free, free, 1e-3, 1e-3, 1e-3, free])
     anchor = AnchorTerm(np.array([0]), level_from_cams[:1], sigma)
-    return solve([*evidence.terms(options), anchor], level_from_cams, options.solver)
+    solution: Solution | None = None
+    for factor in options.graduation:
+        terms = evidence.terms(_with_wider_loss(options, factor))
+        solution = solve([*terms, anchor], level_from_cams, options.solver)
+        level_from_cams = solution.target_from_cams
+    assert solution is not None  # graduation is never empty
+    return solution
+
+
+def _with_wider_loss(options: AdjustOptions, factor: float) -> AdjustOptions:
+    """The same options with the scale of the matches' loss times a factor."""
+    loss = options.points.loss
+    wider = replace(options.points, loss=replace(loss, scale=factor * loss.scale))
+    return replace(options, points=wider)
 
 
 @dataclass(frozen=True)

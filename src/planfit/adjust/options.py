@@ -44,12 +44,17 @@ class AdjustOptions:
     """Which frames are solved for."""
     solver: SolverOptions = field(default_factory=SolverOptions)
     """When a solve ends."""
+    graduation: tuple[float, ...] = (4.0, 2.0, 1.0)
+    """Factors on the scale of the matches' loss while loops close, one after the other: wide at first,
+    so that matches which are far apart only because of drift still pull, then as it stands."""
     wall_distances_m: tuple[float, ...] = (1.2, 0.8, 0.6, 0.45, 0.35)
     """Association distances, one after the other."""
     max_alternations: int = 5
     """Rounds of association and solve at one distance; ends earlier when no association changes."""
 
     def __post_init__(self) -> None:
+        if not self.graduation or min(self.graduation) <= 0:
+            raise OptionError(f"graduation: expected factors above 0, found {self.graduation}")
         if not self.wall_distances_m or min(self.wall_distances_m) <= 0:
             raise OptionError(
                 f"wall_distances_m: expected positive distances, found {self.wall_distances_m}"

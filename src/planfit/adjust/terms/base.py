@@ -12,11 +12,11 @@ from planfit.errors import require_positive
 class Quadratic(Protocol):
     """A term with its robust weights frozen: weighted squares of residuals."""
 
-    def cost(self, target_from_cams: np.ndarray) -> float:
+    def cost(self, target_from_cams: np.ndarray, /) -> float:
         """Half the weighted sum of squares at poses (n, 4, 4)."""
         ...
 
-    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: np.ndarray, /) -> NormalBlocks:
         """Gauss-Newton blocks at poses (n, 4, 4)."""
         ...
 
@@ -29,7 +29,7 @@ class Term(Protocol):
         """Name in reports."""
         ...
 
-    def reweight(self, target_from_cams: np.ndarray) -> tuple[Quadratic, float]:
+    def reweight(self, target_from_cams: np.ndarray, /) -> tuple[Quadratic, float]:
         """Freeze the weights at poses (n, 4, 4); also the robust cost there."""
         ...
 

@@ -1,0 +1,159 @@
+"""How much drift, how many wrong matches and how wrong a plan the adjustment stands: two tables.
+
+    python benchmarks/robustness.py [--seeds 20] [--json FILE]
+
+Problems are made without images (`problems.py`): a walk of 50 m round a ring corridor, two laps, 500
+frames, drift as a random walk. `loops first` closes loops before walls pull; `walls at once` does not.
+A run succeeds if its final error is within twice the median error at the smallest drift.
+"""
+
+import argparse
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from problems import Problem, make_problem
+
+from planfit.adjust import AdjustOptions, close_loops, pull_walls
+from planfit.evaluate import position_errors
+from planfit.floorplan import Floorplan
+from planfit.matching import Matches
+from planfit.synth import DriftOptions
+
+N_FRAMES, PER_LAP, WALKED_M = 500, 250, 50.0
+DRIFTS = ((0.5, 0.5), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0))  # per cent of distance, deg at the end
+
+
+@dataclass(frozen=True)
+class Way:
+    name: str
+    options: AdjustOptions
+    loops_first: bool = True
+
+
+WAYS = (
+    Way("default", AdjustOptions()),
+    Way("no graduation", AdjustOptions(graduation=(1.0,))),
+    Way("walls at once", AdjustOptions(), loops_first=False),
+)
+
+
+def drifted(seed: int, percent: float, turn_deg: float) -> Problem:
+    drift = DriftOptions(
+        yaw_deg=turn_deg / np.sqrt(N_FRAMES),
+        shift_m=percent / 100 * WALKED_M / np.sqrt(2 * N_FRAMES),
+    )
+    return make_problem(
+        N_FRAMES, seed, PER_LAP, matches_per_pair=30, points_per_frame=200, drift=drift, piece_m=3.0
+    )
+
+
+def final_error(problem: Problem, way: Way) -> float:
+    poses = problem.initial_plan_from_cams
+    if way.loops_first:
+        poses = close_loops(problem.evidence, poses, way.options).target_from_cams
+    pulled = pull_walls(problem.evidence, problem.floorplan, poses, way.options)
+    return position_errors(pulled.solution.target_from_cams, problem.true_plan_from_cams).rms_m
+
+
+def convergence(seeds: int) -> list[dict]:
+    rows = []
+    base: dict[str, float] = {}
+    for percent, turn_deg in DRIFTS:
+        problems = [drifted(seed, percent, turn_deg) for seed in range(seeds)]
+        before = [
+            position_errors(p.initial_plan_from_cams, p.true_plan_from_cams).rms_m for p in problems
+        ]
+        for way in WAYS:
+            errors = np.array([final_error(problem, way) for problem in problems])
+            base.setdefault(way.name, float(np.median(errors)))
+            limit = 2 * min(base.values())
+            rows.append(
+                {
+                    "drift_percent": percent,
+                    "drift_deg": turn_deg,
+                    "way": way.name,
+                    "before_m": float(np.median(before)),
+                    "median_m": float(np.median(errors)),
+                    "worst_m": float(errors.max()),
+                    "success": float(np.mean(errors <= limit)),
+                }
+            )
+            print(rows[-1], flush=True)
+    return rows
+
+
+def with_wrong_matches(problem: Problem, share: float, rng: np.random.Generator) -> Problem:
+    """A share of matches led astray by up to 2 m each way, as look-alike texture does."""
+    matches: Matches = problem.evidence.matches
+    wrong = rng.random(matches.n_matches) < share
+    points = matches.points_a.copy()
+    points[wrong] += rng.uniform(-2, 2, (int(wrong.sum()), 3)).astype(points.dtype)
+    evidence = replace(problem.evidence, matches=replace(matches, points_a=points))
+    return replace(problem, evidence=evidence)
+
+
+def _with_faces(problem: Problem, keep: np.ndarray, ends: np.ndarray) -> Problem:
+    plan = problem.floorplan
+    changed = Floorplan(plan.name, ends[keep], plan.normals[keep], plan.is_oriented[keep])
+    return replace(problem, floorplan=changed)
+
+
+def with_missing_walls(problem: Problem, share: float, rng: np.random.Generator) -> Problem:
+    plan = problem.floorplan
+    return _with_faces(problem, rng.random(len(plan)) >= share, plan.ends)
+
+
+def with_moved_walls(problem: Problem, share: float, rng: np.random.Generator) -> Problem:
+    """A share of faces drawn 0.1 to 0.5 m off, to either side."""
+    plan = problem.floorplan
+    shift = rng.uniform(0.1, 0.5, len(plan)) * rng.choice([-1, 1], len(plan))
+    shift *= rng.random(len(plan)) < share
+    ends = plan.ends + (shift[:, None] * plan.normals)[:, None]
+    return _with_faces(problem, np.ones(len(plan), dtype=bool), ends)
+
+
+def robustness(seeds: int) -> list[dict]:
+    rows = []
+    spoilers = {
+        "wrong matches": (with_wrong_matches, (0.0, 0.15, 0.3, 0.45, 0.6)),
+        "walls missing": (with_missing_walls, (0.0, 0.15, 0.3)),
+        "walls moved": (with_moved_walls, (0.0, 0.15, 0.3)),
+    }
+    problems = [drifted(seed, 1.0, 2.0) for seed in range(seeds)]
+    for name, (spoil, shares) in spoilers.items():
+        for share in shares:
+            errors = np.array(
+                [
+                    final_error(spoil(p, share, np.random.default_rng(100 + k)), WAYS[0])
+                    for k, p in enumerate(problems)
+                ]
+            )
+            rows.append(
+                {
+                    "spoiled": name,
+                    "share": share,
+                    "median_m": float(np.median(errors)),
+                    "worst_m": float(errors.max()),
+                }
+            )
+            print(rows[-1], flush=True)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    tables = {
+        "convergence": convergence(arguments.seeds),
+        "robustness": robustness(arguments.seeds),
+    }
+    if arguments.json:
+        arguments.json.write_text(json.dumps(tables, indent=1))
+
+
+if __name__ == "__main__":
+    main()

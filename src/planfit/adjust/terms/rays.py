@@ -1,0 +1,129 @@
+"""Least distance of viewing rays (paper, Sec. V-B, ablation; Schinstock 2009; Hess-Flores 2011).
+
+The lines through the two camera centres along the rays of a match, a and e (unit vectors), are
+|s . n| / |n| apart, with n = a x e and s from one centre to the other. Where the rays are parallel,
+n vanishes and the expression has no limit: its value depends on how they got there. We take
+
+    r = s . n / sqrt(|n|^2 + sin(parallel)^2),
+
+the distance times a factor that is 1 for rays which meet at an angle and fades to 0 for parallel ones.
+It is zero wherever the rays meet, smooth for all directions, opposite ones included, and |r| never
+exceeds the distance. The limit that suggests itself, the distance of one centre to the other ray, would
+pull cameras together that truly are a short step apart.
+
+Depth enters only through the ray's direction, so nothing here holds the scale: centres that all
+coincide have no distance at all, and along a straight walk each step's length is free. Walls, floor, a
+trajectory prior or anchors must hold it, the more so where there are wrong matches: these cost
+least where the centres meet, and with a tenth of them wrong, rows of free cameras collapsed.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from planfit.adjust.match_kernels import ray_distances, sum_ray_distances
+from planfit.adjust.normal_equations import NormalBlocks
+from planfit.adjust.relative import blocks_of_pairs, relative_poses
+from planfit.adjust.robust import Loss, LossKind, loss_value
+from planfit.adjust.terms.base import Weighting
+from planfit.errors import require_positive
+from planfit.matching import Matches
+
+
+@dataclass(frozen=True)
+class RayOptions:
+    """Weight and loss of the ray distance."""
+
+    weight: float = 1.0
+    """Factor on the term; 0 switches it off."""
+    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
+    """Robust loss of the distance in spreads, those of the lifted match (`Matches.sigma`)."""
+    max_readings: float = 20.0
+    """Independent readings that a pair's matches are worth at most."""
+    parallel_deg: float = 0.3
+    """Angle between rays at which half the squared distance counts; well above it all, below it
+    nothing: directions are known to about a pixel, 0.1 deg."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_readings", "parallel_deg")
+
+
+@dataclass(frozen=True)
+class RayPairs:
+    """Viewing rays of matches."""
+
+    pairs: np.ndarray  # (k, 2) frames
+    start: np.ndarray  # (k + 1,): matches of pair k are start[k]:start[k + 1]
+    rays_first: np.ndarray  # (m, 3) unit, camera frame of the first of the pair
+    rays_second: np.ndarray  # (m, 3) unit, camera frame of the second
+    parallel_sq: float
+    """Squared sine of the angle at which rays begin to count."""
+
+    def distances(self, target_from_cams: np.ndarray) -> np.ndarray:
+        """Signed, faded distances (m,) m at poses (n, 4, 4)."""
+        distance = np.zeros(len(self.rays_first))
+        ray_distances(*self._arguments(target_from_cams), distance)
+        return distance
+
+    def normal_blocks(self, weight: np.ndarray, target_from_cams: np.ndarray) -> NormalBlocks:
+        """Gauss-Newton blocks of distances with weights (m,) 1/m^2 at poses (n, 4, 4)."""
+        k = len(self.pairs)
+        hessians, gradients = np.zeros((k, 6, 6)), np.zeros((k, 6))
+        sum_ray_distances(*self._arguments(target_from_cams), weight, hessians, gradients)
+        return blocks_of_pairs(self.pairs, hessians, gradients, target_from_cams)
+
+    def _arguments(
+        self, target_from_cams: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+        relative = relative_poses(target_from_cams, self.pairs)
+        return self.rays_first, self.rays_second, self.start, relative, self.parallel_sq
+
+
+@dataclass(frozen=True)
+class RayTerm:
+    """Sum over matches of rho(faded distance of the two rays / sigma)."""
+
+    matches: Matches
+    options: RayOptions
+    name: str = "rays"
+
+    @cached_property
+    def ray_pairs(self) -> RayPairs:
+        """Directions of the matches."""
+        m = self.matches
+        rays = [_unit(points) for points in (m.points_a, m.points_b)]
+        parallel_sq = float(np.sin(np.deg2rad(self.options.parallel_deg)) ** 2)
+        return RayPairs(m.pairs, m.start, rays[0], rays[1], parallel_sq)
+
+    def reweight(self, target_from_cams: np.ndarray) -> tuple["RayQuadratic", float]:
+        """Weights of the matches at poses (n, 4, 4)."""
+        distance, sigma_sq = self.ray_pairs.distances(target_from_cams), self.matches.sigma**2
+        rho, weight = loss_value(distance**2 / sigma_sq, self.options.loss)
+        counts = np.diff(self.matches.start)
+        readings = Weighting(self.options.max_readings).information(counts)
+        information = np.repeat(self.options.weight * readings, counts)
+        quadratic = RayQuadratic(self.ray_pairs, information * weight / sigma_sq)
+        return quadratic, 0.5 * float(information @ rho)
+
+
+@dataclass(frozen=True)
+class RayQuadratic:
+    """Ray distance with frozen weights."""
+
+    ray_pairs: RayPairs
+    weight: np.ndarray  # (m,) 1/m^2
+
+    def cost(self, target_from_cams: np.ndarray) -> float:
+        """Half the weighted sum of squares."""
+        return 0.5 * float(self.weight @ self.ray_pairs.distances(target_from_cams) ** 2)
+
+    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
+        """Gauss-Newton blocks of the distances."""
+        return self.ray_pairs.normal_blocks(self.weight, target_from_cams)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Unit vectors (m, 3), float64; a zero vector stays zero and its distance is zero."""
+    vectors = np.asarray(vectors, dtype=float)
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)

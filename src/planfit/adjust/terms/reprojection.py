@@ -1,0 +1,136 @@
+"""Reprojection error (paper, Sec. V-B, ablation): keypoints, lifted, are seen where they matched.
+
+Both ways: the first camera's point in the second image, and the second's in the first. The keypoint
+itself is not stored: a match was lifted along its own pixel's ray, so projecting it by its own camera
+gives that pixel back exactly, and the principal point drops out of the difference.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from planfit.adjust.match_kernels import reproject, sum_reprojections
+from planfit.adjust.normal_equations import NormalBlocks
+from planfit.adjust.relative import blocks_of_pairs, relative_poses
+from planfit.adjust.robust import Loss, LossKind, loss_value
+from planfit.adjust.terms.base import Weighting
+from planfit.errors import require_positive
+from planfit.geometry.camera import Camera
+from planfit.matching import Matches
+
+
+@dataclass(frozen=True)
+class ReprojectionOptions:
+    """Weight, spread and loss of the reprojection error."""
+
+    weight: float = 1.0
+    """Factor on the term; 0 switches it off."""
+    sigma_px: float = 2.0
+    """Spread of a reprojected keypoint, each axis: detection, and depth seen from the side."""
+    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
+    """Robust loss of the error in spreads, of each way on its own."""
+    max_readings: float = 20.0
+    """Independent readings that a pair's matches are worth at most; the two ways share one."""
+    min_depth_m: float = 0.1
+    """A point nearer to the other image's plane, or behind it, has no weight until weights are renewed:
+    its projection is meaningless. It costs as much as one that is off by the image's diagonal, so that
+    nothing is gained by turning away."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "sigma_px", "max_readings", "min_depth_m")
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """Matches both ways: the second camera of each pair lifts, the first one sees."""
+
+    pairs: np.ndarray  # (k, 2) frames
+    start: np.ndarray  # (k + 1,): sightings of pair k are start[k]:start[k + 1]
+    points_first: np.ndarray  # (m, 3) m, camera frame of the one that sees; gives the pixel
+    points_second: np.ndarray  # (m, 3) m, camera frame of the one that lifts
+    focals: np.ndarray  # (k, 2) px, fx and fy of the one that sees
+    diagonals: np.ndarray  # (k,) px, of the one that sees
+    min_depth_m: float
+
+    def squared(self, target_from_cams: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squared errors (m,) px^2 at poses (n, 4, 4), and which (m,) lie before the camera.
+
+        For the others the depth is taken as the least one, so that no step gains by bringing a point
+        behind a camera.
+        """
+        squared = np.zeros(len(self.points_first))
+        is_on = np.zeros(len(squared), dtype=bool)
+        reproject(*self._arguments(target_from_cams), squared, is_on)
+        return squared, is_on
+
+    def normal_blocks(self, weight: np.ndarray, target_from_cams: np.ndarray) -> NormalBlocks:
+        """Gauss-Newton blocks of errors with weights (m,) 1/px^2 at poses (n, 4, 4)."""
+        k = len(self.pairs)
+        hessians, gradients = np.zeros((k, 6, 6)), np.zeros((k, 6))
+        sum_reprojections(*self._arguments(target_from_cams), weight, hessians, gradients)
+        return blocks_of_pairs(self.pairs, hessians, gradients, target_from_cams)
+
+    def _arguments(
+        self, target_from_cams: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+        relative = relative_poses(target_from_cams, self.pairs)
+        points = (self.points_second, self.points_first)
+        return (*points, self.start, relative, self.focals, float(self.min_depth_m))
+
+
+@dataclass(frozen=True)
+class ReprojectionTerm:
+    """Sum over matches, both ways, of rho(|project(T_i^-1 T_j p') - uv| / sigma) / 2."""
+
+    matches: Matches
+    cameras: tuple[Camera, ...]
+    """Camera of each frame, the one that its matches were lifted with."""
+    options: ReprojectionOptions
+    name: str = "reprojection"
+
+    @cached_property
+    def sightings(self) -> Sightings:
+        """The matches, each way."""
+        m = self.matches
+        pairs = np.concatenate([m.pairs, m.pairs[:, ::-1]])
+        seeing = [self.cameras[i] for i in pairs[:, 0]]
+        focals = [(camera.fx, camera.fy) for camera in seeing]
+        diagonals = [np.hypot(camera.width, camera.height) for camera in seeing]
+        return Sightings(
+            pairs,
+            np.concatenate([m.start, m.start[-1] + m.start[1:]]),
+            np.concatenate([m.points_a, m.points_b]),
+            np.concatenate([m.points_b, m.points_a]),
+            np.array(focals, dtype=float).reshape(-1, 2),
+            np.array(diagonals, dtype=float),
+            self.options.min_depth_m,
+        )
+
+    def reweight(self, target_from_cams: np.ndarray) -> tuple["ReprojectionQuadratic", float]:
+        """Weights of the sightings at poses (n, 4, 4); those behind the camera have none."""
+        o, sightings = self.options, self.sightings
+        squared, is_on = sightings.squared(target_from_cams)
+        counts = np.diff(sightings.start)
+        squared = np.where(is_on, squared, np.repeat(sightings.diagonals**2, counts))
+        rho, weight = loss_value(squared / o.sigma_px**2, o.loss)
+        readings = Weighting(o.max_readings).information(counts)
+        information = np.repeat(0.5 * o.weight * readings, counts)
+        quadratic = ReprojectionQuadratic(sightings, information * weight * is_on / o.sigma_px**2)
+        return quadratic, 0.5 * float(information @ rho)
+
+
+@dataclass(frozen=True)
+class ReprojectionQuadratic:
+    """Reprojection error with frozen weights."""
+
+    sightings: Sightings
+    weight: np.ndarray  # (m,) 1/px^2
+
+    def cost(self, target_from_cams: np.ndarray) -> float:
+        """Half the weighted sum of squares."""
+        return 0.5 * float(self.weight @ self.sightings.squared(target_from_cams)[0])
+
+    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
+        """Gauss-Newton blocks of the errors."""
+        return self.sightings.normal_blocks(self.weight, target_from_cams)

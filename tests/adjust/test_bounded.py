@@ -1,0 +1,227 @@
+"""IBA: geometry never beyond its bound, at any iterate, whatever the other terms want."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from builders import gradient_by_differences, make_world, nudged, room_plan
+from facing import drifted, facing_cameras, facing_matches, facing_poses, with_noise, with_outliers
+from planfit.adjust import bounded
+from planfit.adjust.association import AssociationOptions, associate
+from planfit.adjust.bounded import BarrierTerm, BoundedOptions, robust_cost, solve_bounded
+from planfit.adjust.normal_equations import NormalEquations
+from planfit.adjust.robust import Loss, LossKind
+from planfit.adjust.solver import SolverOptions, Stop, solve
+from planfit.adjust.terms.anchor import AnchorTerm
+from planfit.adjust.terms.floor import FloorOptions, FloorTerm
+from planfit.adjust.terms.points import PointOptions, PointTerm
+from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
+from planfit.adjust.terms.walls import WallOptions, WallTerm
+from planfit.errors import OptionError
+
+QUICK = SolverOptions(max_iterations=30)
+
+
+def disagreeing(world, weight=1.0):
+    """Floor and walls of a plan that is 0.4 m wider and 0.2 m deeper than the room is."""
+    poses, structure = world.plan_from_cams, world.structure
+    association = associate(structure, world.floorplan, poses, 0.5, AssociationOptions())
+    options = WallOptions(
+        weight=weight, sigma_m=0.05, loss=Loss(LossKind.CAUCHY, 2.0), max_readings=4.0
+    )
+    walls = WallTerm(structure, room_plan(6.4, 4.2), association, options)
+    return [FloorTerm(structure, FloorOptions()), walls]
+
+
+def noisy_points(world, rng, loss=None, outliers=0.1):
+    matches = with_outliers(rng, with_noise(rng, world.matches), outliers)
+    return PointTerm(matches, PointOptions(loss=loss) if loss else PointOptions())
+
+
+@pytest.fixture
+def accepted(monkeypatch):
+    """Poses that the second round's solver accepted, one round at a time."""
+    path = []
+
+    def solve_and_record(terms, poses, options):
+        if not any(isinstance(term, BarrierTerm) for term in terms):
+            return solve(terms, poses, options)
+        # One step a round, one round a solve: every accepted iterate comes by.
+        one = SolverOptions(1, 1, options.cost_tolerance, options.initial_damping)
+        for _ in range(2 * options.max_iterations):
+            path.append(poses)
+            poses = solve(terms, poses, one).target_from_cams
+        path.append(poses)
+        return solve(terms, poses, one)
+
+    monkeypatch.setattr(bounded, "solve", solve_and_record)
+    return path
+
+
+LOSSES = [Loss(LossKind.SQUARED), Loss(LossKind.CAUCHY, 2.0), Loss(LossKind.GEMAN_MCCLURE, 2.0)]
+
+
+@pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: loss.kind.name)
+@pytest.mark.parametrize(("weight", "share"), [(1.0, 0.1), (30.0, 1e-3), (1000.0, 1e-6)])
+def test_point_error_never_exceeds_the_bound_at_any_iterate(accepted, loss, weight, share, rng):
+    world = make_world(rng)
+    points = noisy_points(world, rng, loss)
+    start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
+    options = BoundedOptions(barrier_share=share)
+    result = solve_bounded([points], disagreeing(world, weight), start, options, QUICK)
+    costs = [robust_cost([points], poses) for poses in accepted]
+    assert len(costs) > 10
+    assert max(costs) < result.bound
+    assert max(costs) > costs[0]  # the others do use the room there is
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_reprojection_never_exceeds_the_bound_at_any_iterate(accepted, seed):
+    rng = np.random.default_rng(seed)
+    poses = facing_poses()
+    matches = with_outliers(rng, with_noise(rng, facing_matches(rng, poses), 0.005), 0.1)
+    term = ReprojectionTerm(matches, facing_cameras(len(poses)), ReprojectionOptions())
+    # Anchors where the poses are not.
+    wrong = AnchorTerm(np.arange(len(poses)), nudged(rng, poses, 3.0, 0.2), np.full(6, 0.02))
+    start = drifted(rng, poses)
+    result = solve_bounded([term], [wrong], start, BoundedOptions(), QUICK)
+    costs = [robust_cost([term], at) for at in accepted]
+    assert max(costs) < result.bound
+    assert result.geometric_cost.after > result.geometric_cost.before
+    assert wrong.cost(accepted[-1]) < wrong.cost(accepted[0])
+
+
+def test_without_the_bound_the_same_terms_exceed_it(rng):
+    world = make_world(rng)
+    points, others = noisy_points(world, rng), disagreeing(world, 30.0)
+    start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
+    result = solve_bounded([points], others, start, BoundedOptions(), QUICK)
+    free = solve([points, *others], start, QUICK)
+    assert free.cost_by_term["points"].after > 1.5 * result.bound
+
+
+def test_reports_bound_and_both_rounds(rng):
+    world = make_world(rng)
+    points, others = noisy_points(world, rng), disagreeing(world)
+    start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
+    options = BoundedOptions(error_factor=1.1, slack=0.5)
+    result = solve_bounded([points], others, start, options, QUICK)
+    alone = solve([points], start, QUICK)
+    assert_array_equal(result.geometric.target_from_cams, alone.target_from_cams)
+    least = alone.cost_by_term["points"].after
+    assert_allclose(result.geometric_cost.before, least)
+    assert_allclose(result.bound, 1.1**2 * least + 0.5)
+    assert set(result.solution.cost_by_term) == {"floor", "walls", "barrier"}
+    after = robust_cost([points], result.solution.target_from_cams)
+    assert_allclose(result.geometric_cost.after, after)
+    assert result.solution.stop is Stop.COST
+    total = [
+        sum(getattr(c, at) for c in result.solution.cost_by_term.values())
+        for at in ("before", "after")
+    ]
+    assert total[1] < total[0]
+
+
+def test_exact_matches_leave_the_slack_to_reach_the_plan(rng):
+    # The true plan: geometry and plan agree, so the gauge is found without any geometric error.
+    world = make_world(rng)
+    association = associate(
+        world.structure, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
+    )
+    walls = WallTerm(world.structure, world.floorplan, association, WallOptions())
+    others = [FloorTerm(world.structure, FloorOptions()), walls]
+    points = PointTerm(world.matches, PointOptions())
+    start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
+    tight = SolverOptions(max_iterations=200, cost_tolerance=1e-10)
+    result = solve_bounded([points], others, start, BoundedOptions(barrier_share=1e-3), tight)
+    assert result.geometric_cost.after < result.bound < 2e-3
+    assert_allclose(result.solution.target_from_cams, world.plan_from_cams, atol=5e-3)
+
+
+def test_a_larger_factor_gives_the_others_more(rng):
+    world = make_world(rng)
+    points, others = noisy_points(world, rng), disagreeing(world, 30.0)
+    start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
+    results = [
+        solve_bounded([points], others, start, BoundedOptions(error_factor=factor), QUICK)
+        for factor in (1.01, 1.05, 1.3)
+    ]
+    walls = [r.solution.cost_by_term["walls"].after for r in results]
+    assert walls == sorted(walls, reverse=True)
+    assert walls[0] > 1.1 * walls[-1]
+
+
+def test_a_smaller_barrier_comes_closer_to_the_bound(rng):
+    world = make_world(rng)
+    points, others = noisy_points(world, rng), disagreeing(world, 30.0)
+    start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
+    used = []
+    for share in (1.0, 0.1, 0.01):
+        result = solve_bounded([points], others, start, BoundedOptions(barrier_share=share), QUICK)
+        cost = result.geometric_cost
+        used.append((cost.after - cost.before) / (result.bound - cost.before))
+    assert used == sorted(used)
+    assert used[-1] > 0.5
+
+
+def make_barrier(points, poses, room):
+    least = robust_cost([points], poses)
+    return BarrierTerm((points,), least, least + room, 3.0)
+
+
+def test_barrier_gradient_meets_finite_differences(rng):
+    world = make_world(rng)
+    points = noisy_points(world, rng)
+    at = nudged(rng, world.plan_from_cams, 0.2, 0.01)
+    barrier = make_barrier(points, at, 20.0)
+    expected = gradient_by_differences(barrier.cost, at)
+    gradient = barrier.normal_blocks(at).gradient
+    assert_allclose(gradient, expected, atol=1e-4 * np.abs(expected).max())
+
+
+def test_barrier_hessian_bounds_the_curvature_from_above(rng):
+    # Squares, so that geometry is nearly a parabola, and from its minimum.
+    world = make_world(rng)
+    points = noisy_points(world, rng, LOSSES[0], outliers=0.0)
+    least = solve([points], world.plan_from_cams, SolverOptions(200, cost_tolerance=1e-12))
+    barrier = make_barrier(points, least.target_from_cams, 10.0)
+    at = nudged(rng, least.target_from_cams, 0.02, 0.001)
+    assert robust_cost([points], at) - barrier.least > 1.0
+    blocks = barrier.normal_blocks(at)
+    hessian = NormalEquations([blocks], len(at)).matrix.toarray()
+    quadratic, cost = points.reweight(at)
+    room = barrier.bound - cost
+    inner = quadratic.normal_blocks(at)
+    gradient = inner.gradient.ravel()
+    plain = 3.0 / room**2 * NormalEquations([inner], len(at)).matrix.toarray()
+    exact = plain + 6.0 / room**3 * np.outer(gradient, gradient)
+    rounding = 2e-4 * np.abs(hessian).max()  # points turn: not quite a parabola
+    assert np.linalg.eigvalsh(hessian - exact).min() > -rounding
+    assert np.linalg.eigvalsh(plain - exact).min() < -100 * rounding
+    assert np.linalg.eigvalsh(hessian).min() > -1e-9 * np.abs(hessian).max()
+
+
+def test_barrier_is_infinite_at_and_beyond_the_bound(rng):
+    world = make_world(rng)
+    points = noisy_points(world, rng)
+    barrier = make_barrier(points, world.plan_from_cams, 5.0)
+    assert_allclose(barrier.cost(world.plan_from_cams), 3.0 / 5.0)
+    assert barrier.cost(nudged(rng, world.plan_from_cams, 5.0, 0.5)) == np.inf
+    assert make_barrier(points, world.plan_from_cams, 0.0).cost(world.plan_from_cams) == np.inf
+
+
+def test_others_that_cost_nothing_change_nothing_much(rng):
+    world = make_world(rng)
+    points = noisy_points(world, rng)
+    weightless = FloorTerm(world.structure, FloorOptions(weight=0.0))
+    start = nudged(rng, world.plan_from_cams, 0.5, 0.05)
+    result = solve_bounded([points], [weightless], start, BoundedOptions(), QUICK)
+    assert result.geometric_cost.after <= result.geometric_cost.before * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("error_factor", 0.9), ("slack", 0.0), ("barrier_share", 0.0)]
+)
+def test_refuses_options_that_cannot_work(name, value):
+    with pytest.raises(OptionError, match=name):
+        BoundedOptions(**{name: value})
