@@ -106,7 +106,7 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
             pairs, np.array([0, 2, 3]), np.zeros((3, 3)), np.zeros((3, 3)), np.ones(3), 7, 1234
         ),
         alignment=Alignment(np.eye(4), 0.8, Fit(0.1, np.zeros(2), 0.3), True),
-        walls=WallsPulled(solution, association, 4, True),
+        walls=WallsPulled(solution, association, np.zeros(0), 4, True),
         cost_by_term={"points": (200.0, 50.0), "trajectory": (0.0, 3.0)},
         checks=judged if is_checked else (),
         doubts=(),

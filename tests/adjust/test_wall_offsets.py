@@ -90,9 +90,7 @@ def test_a_face_drawn_off_is_found_and_does_not_bend_the_scan(world):
     for sigma_m in (0.0, 0.05):
         # A loss that does not reject the wall outright, so that it has to go somewhere.
         walls = WallOptions(offset_sigma_m=sigma_m, loss=Loss(LossKind.CAUCHY, 2.0))
-        pulled = pull_walls(
-            world.evidence, wrong, world.plan_from_cams, AdjustOptions(walls=walls)
-        )
+        pulled = pull_walls(world.evidence, wrong, world.plan_from_cams, AdjustOptions(walls=walls))
         costs = pulled.solution.cost_by_term
         strain[sigma_m] = costs["points"].after + costs["trajectory"].after
         if sigma_m:

@@ -1,0 +1,184 @@
+"""The same adjustment solved by GTSAM's Levenberg-Marquardt, to compare time, cost and poses.
+
+What is compared: squared losses; 3D point error, floor, walls with a given association, trajectory
+prior; the same information on every point. GTSAM gets
+
+- one `BetweenFactorPose3` (C++) for each step of the trajectory. Its shift error is the logarithm's,
+  ours is the plain difference: they differ in second order, by less than 1e-3 of that term here;
+- one `CustomFactor` for each pair of frames (3 residuals a match) and each frame and plane (1 residual
+  a point), with analytic Jacobians, each evaluated by a handful of numpy calls on all its points.
+
+Why not native factors: the Python wheel (4.3.0) has none for this. There is no pose-to-point nor
+point-to-plane factor; `KnownLandmarkFactorPose3` weighs errors along the camera's axes, not the plane's;
+`OrientedPlane3Factor` compares a plane with a plane, `ReferenceFrameFactor` needs a landmark on each
+side of a match. A factor for each point would call Python a million times a step, which would be unfair
+to GTSAM; for a pair at a time, the calls do not dominate. The time that remains when all time inside
+our Python functions is taken off is reported too: no native factor can be faster than a factor whose
+residuals and Jacobians cost nothing. It is a lower bound for GTSAM with residuals point by point.
+
+Not compared: robust losses (GTSAM's are per factor, so would be per pair here), and GTSAM fed with our
+moments, which would be our method with another linear solver.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X
+from problems import Problem
+
+from planfit.adjust.robust import Loss, LossKind
+from planfit.adjust.terms.base import Term, Weighting
+from planfit.adjust.terms.floor import FLOOR_PLANE, FloorOptions, FloorTerm
+from planfit.adjust.terms.points import PointOptions, PointTerm
+from planfit.adjust.terms.trajectory import TrajectoryOptions, TrajectoryTerm
+from planfit.adjust.terms.walls import WallOptions, WallTerm, face_planes
+from planfit.geometry import se3
+
+SQUARED = Loss(LossKind.SQUARED)
+POINTS, FLOOR, WALLS = (
+    PointOptions(loss=SQUARED),
+    FloorOptions(loss=SQUARED),
+    WallOptions(loss=SQUARED),
+)
+
+
+@dataclass
+class Stopwatch:
+    """CPU time spent inside our Python functions."""
+
+    cpu_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What GTSAM found."""
+
+    plan_from_cams: np.ndarray  # (n, 4, 4)
+    iterations: int
+    seconds: float
+    cpu_s: float
+    python_cpu_s: float
+    """Part of that inside our residual functions."""
+
+
+def squared_terms(problem: Problem) -> list[Term]:
+    """planfit's terms of the same cost."""
+    evidence = problem.evidence
+    return [
+        PointTerm(evidence.matches, POINTS),
+        FloorTerm(evidence.structure, FLOOR),
+        WallTerm(evidence.structure, problem.floorplan, problem.association, WALLS),
+        TrajectoryTerm(evidence.odometry, TrajectoryOptions(loss=SQUARED)),
+    ]
+
+
+def make_graph(problem: Problem, watch: Stopwatch) -> gtsam.NonlinearFactorGraph:
+    """The factors; not counted in any time."""
+    graph = gtsam.NonlinearFactorGraph()
+    matches, structure = problem.evidence.matches, problem.evidence.structure
+    information = Weighting(POINTS.max_readings).information(np.diff(matches.start))
+    for k, (i, j) in enumerate(matches.pairs):
+        part = slice(matches.start[k], matches.start[k + 1])
+        root = np.sqrt(information[k]) / matches.sigma[part].astype(float)
+        points = matches.points_a[part].astype(float), matches.points_b[part].astype(float)
+        graph.push_back(_pair_factor(int(i), int(j), *points, root, watch))
+    n = len(structure.floor_start) - 1
+    floor = Weighting(FLOOR.max_readings, FLOOR.points_per_reading)
+    walls = Weighting(WALLS.max_readings, WALLS.points_per_reading)
+    groups = [
+        (structure.floor_points_cam, structure.floor_start, np.arange(n),
+         np.tile(FLOOR_PLANE, (n, 1)), floor, FLOOR.sigma_m),
+        (structure.wall_points_cam, structure.patch_start, structure.patch_frame_idx,
+         face_planes(problem.floorplan, problem.association.face_idx), walls, WALLS.sigma_m),
+    ]  # fmt: skip
+    for points, start, frames, planes, weighting, sigma_m in groups:
+        root = np.sqrt(weighting.information(np.diff(start))) / sigma_m
+        for k, frame in enumerate(frames):
+            part = points[start[k] : start[k + 1]].astype(float)
+            graph.push_back(_plane_factor(int(frame), part, planes[k], root[k], watch))
+    odometry = problem.evidence.odometry
+    for k, step in enumerate(odometry.cam_from_next):
+        sigmas = np.repeat([odometry.sigma_turn[k], odometry.sigma_shift[k]], 3)
+        noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+        graph.push_back(gtsam.BetweenFactorPose3(X(k), X(k + 1), gtsam.Pose3(step), noise))
+    return graph
+
+
+def solve_with_gtsam(
+    problem: Problem, graph: gtsam.NonlinearFactorGraph, watch: Stopwatch, relative_tolerance: float
+) -> Reference:
+    """GTSAM's Levenberg-Marquardt with its defaults but for the tolerance."""
+    initial = gtsam.Values()
+    for k, pose in enumerate(problem.initial_plan_from_cams):
+        initial.insert(X(k), gtsam.Pose3(pose))
+    params = gtsam.LevenbergMarquardtParams()
+    params.setRelativeErrorTol(relative_tolerance)
+    params.setAbsoluteErrorTol(0.0)
+    watch.cpu_s = 0.0
+    begin, cpu = time.perf_counter(), time.process_time()
+    optimiser = gtsam.LevenbergMarquardtOptimizer(graph, initial, params)
+    result = optimiser.optimize()
+    seconds, cpu_s = time.perf_counter() - begin, time.process_time() - cpu
+    poses = np.stack(
+        [result.atPose3(X(k)).matrix() for k in range(len(problem.initial_plan_from_cams))]
+    )
+    return Reference(poses, optimiser.iterations(), seconds, cpu_s, watch.cpu_s)
+
+
+def cost(terms: Sequence[Term], plan_from_cams: np.ndarray) -> float:
+    """The common yardstick: planfit's cost of all terms."""
+    return sum(term.reweight(plan_from_cams)[1] for term in terms)
+
+
+def _pair_factor(
+    i: int, j: int, points_a: np.ndarray, points_b: np.ndarray, root: np.ndarray, watch: Stopwatch
+) -> gtsam.CustomFactor:
+    """Residuals p - T_i^-1 T_j q, axes of camera i; tangents on the right, (turn, shift), as GTSAM's."""
+    n = len(points_a)
+    by_turn_b = -se3.skew(points_b) * root[:, None, None]
+    first, second = np.zeros((n, 3, 6)), np.zeros((n, 3, 6))
+    first[:, :, 3:] = np.eye(3) * root[:, None, None]
+
+    def error(this, values, jacobians):  # noqa: ARG001
+        begin = time.thread_time()
+        a_from_b = values.atPose3(X(i)).between(values.atPose3(X(j))).matrix()
+        rotation = a_from_b[:3, :3]
+        moved = points_b @ rotation.T + a_from_b[:3, 3]
+        if jacobians is not None:
+            x, y, z = (moved * root[:, None]).T
+            first[:, 0, 1], first[:, 0, 2], first[:, 1, 2] = z, -y, x
+            first[:, 1, 0], first[:, 2, 0], first[:, 2, 1] = -z, y, -x
+            second[:, :, :3] = -rotation @ by_turn_b
+            second[:, :, 3:] = -rotation * root[:, None, None]
+            jacobians[0] = first.reshape(-1, 6)
+            jacobians[1] = second.reshape(-1, 6)
+        residual = ((points_a - moved) * root[:, None]).ravel()
+        watch.cpu_s += time.thread_time() - begin
+        return residual
+
+    noise = gtsam.noiseModel.Unit.Create(3 * n)
+    return gtsam.CustomFactor(noise, [X(i), X(j)], error)
+
+
+def _plane_factor(
+    i: int, points: np.ndarray, plane: np.ndarray, root: float, watch: Stopwatch
+) -> gtsam.CustomFactor:
+    """Residuals: distances of points to a plane of the plan, in spreads."""
+
+    def error(this, values, jacobians):  # noqa: ARG001
+        begin = time.thread_time()
+        plane_cam = values.atPose3(X(i)).matrix().T @ plane * root
+        normal = plane_cam[:3]
+        if jacobians is not None:
+            jacobian = np.zeros((len(points), 6), order="F")
+            jacobian[:, :3] = points @ se3.skew(normal).T * -1.0
+            jacobian[:, 3:] = normal
+            jacobians[0] = jacobian
+        residual = points @ normal + plane_cam[3]
+        watch.cpu_s += time.thread_time() - begin
+        return residual
+
+    return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(len(points)), [X(i)], error)

@@ -1,0 +1,124 @@
+"""Measure planfit and write the figures down.
+
+    python benchmarks/run.py [--only PART ...] [--fresh] [--out FILE]
+
+Parts: step, reweight, gtsam, scaling, descent (the paper's solver), real_scan, plots. A part replaces its own
+records in FILE and leaves the others; a part whose library or data is absent says so and is left out.
+Descents are kept between runs: `--fresh` makes them again (a few minutes each).
+"""
+
+import argparse
+import dataclasses
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from records import Record
+
+RESULTS = Path(__file__).parent / "results"
+
+
+def descent_part(fresh: bool) -> list[Record]:
+    import descent
+
+    return descent.records(fresh)
+
+
+def gtsam_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import against_gtsam
+
+    return against_gtsam.records()
+
+
+def step_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import speed
+
+    return speed.step_time_ratio()
+
+
+def reweight_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import speed
+
+    return speed.reweighting()
+
+
+def scaling_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import scaling
+
+    return scaling.records()
+
+
+def real_scan_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import real_scan
+
+    if not real_scan.DEFAULT.exists():
+        print(f"real_scan: left out, {real_scan.DEFAULT} is absent (set PLANFIT_SHARED)")
+        return []
+    with tempfile.TemporaryDirectory() as folder:
+        rows_path = Path(folder) / "rows.json"
+        command = [sys.executable, real_scan.__file__, "--json", str(rows_path)]
+        subprocess.run(command, check=True)
+        shipped, *own = json.loads(rows_path.read_text())
+    errors = sorted(row["after_m"] for row in own)
+    conditions = "ConSLAM scan, position RMS in the plan's frame, no alignment; "
+    drifts = f"{len(own)} drifts of our own of the same size"
+    return [
+        Record(
+            "real_scan_shipped_m",
+            shipped["after_m"],
+            "m",
+            f"{conditions}as shipped, {shipped['before_m']:.3f} m before",
+        ),
+        Record("real_scan_worst_m", errors[-1], "m", f"{conditions}worst of {drifts}"),
+        Record("real_scan_median_m", errors[len(errors) // 2], "m", f"{conditions}of {drifts}"),
+    ]
+
+
+PARTS: dict[str, Callable[[bool], list[Record]]] = {
+    "step": step_part,
+    "reweight": reweight_part,
+    "gtsam": gtsam_part,
+    "scaling": scaling_part,
+    "descent": descent_part,
+    "real_scan": real_scan_part,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", nargs="+", choices=[*PARTS, "plots"])
+    parser.add_argument("--fresh", action="store_true")
+    parser.add_argument("--out", type=Path, default=RESULTS / "latest.json")
+    arguments = parser.parse_args()
+    chosen = arguments.only or [*PARTS, "plots"]
+    for part in (name for name in PARTS if name in chosen):
+        try:
+            found = PARTS[part](arguments.fresh)
+        except ImportError as error:
+            print(f"{part}: left out, {error} (pip install -e '.[bench]')")
+            continue
+        today = time.strftime("%Y-%m-%d")
+        rows = [{"part": part, **dataclasses.asdict(r), "date": today} for r in found]
+        kept = [row for row in _read(arguments.out) if row["part"] != part] + rows
+        arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        arguments.out.write_text(json.dumps(kept, indent=1) + "\n")
+        for record in found:
+            print(f"{record.name}: {record.value:.4g} {record.unit}\n    {record.conditions}")
+    if "plots" in chosen:
+        import plots
+
+        plots.plot_all(_read(arguments.out), arguments.out.parent)
+
+
+def _read(path: Path) -> list[dict]:
+    return json.loads(path.read_text()) if path.exists() else []
+
+
+if __name__ == "__main__":
+    main()
