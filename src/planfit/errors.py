@@ -7,6 +7,9 @@ PlanfitError
 └── OutputError     results cannot be written
 """
 
+import dataclasses
+import math
+
 
 class PlanfitError(Exception):
     """Base of every error that is the input's and not the program's; the message is one line."""
@@ -28,6 +31,12 @@ class OutputError(PlanfitError):
     """Results cannot be written where they were asked for."""
 
 
+def require(is_met: bool, message: str) -> None:
+    """Raise `OptionError` with `message` unless the condition holds."""
+    if not is_met:
+        raise OptionError(message)
+
+
 def require_positive(options: object, *names: str) -> None:
     """Raise `OptionError` unless the named fields of an options object are above 0."""
     for name in names:
@@ -44,3 +53,17 @@ def require_share(options: object, *names: str) -> None:
         value = getattr(options, name)
         if not 0 <= value <= 1:
             raise OptionError(f"{type(options).__name__}.{name}: expected 0 to 1, found {value}")
+
+
+def require_plain_numbers(options: object) -> None:
+    """Raise `OptionError` unless every number in nested options is finite and not below 0."""
+    for field in dataclasses.fields(options):  # type: ignore[arg-type]
+        value = getattr(options, field.name)
+        if dataclasses.is_dataclass(value):
+            require_plain_numbers(value)
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, int | float) and not 0 <= number < math.inf:
+                raise OptionError(
+                    f"{type(options).__name__}.{field.name}: expected a finite number, 0 or more, "
+                    f"found {number}"
+                )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit.errors import ScanError
+from planfit.errors import ScanError, require
 from planfit.geometry import se3
 
 
@@ -28,8 +28,8 @@ class PositionErrors:
 class StepErrors:
     """Relative pose error over a path length: error of the motion from a frame to a later one."""
 
-    delta_m: float
-    """Path length between the two frames."""
+    delta_m: float | None
+    """Path length between the two frames; None: each frame and the next."""
     n_pairs: int
     shift_rms_m: float
     turn_rms_deg: float
@@ -59,15 +59,19 @@ def position_errors(target_from_cams: np.ndarray, true_from_cams: np.ndarray) ->
 
 
 def step_errors(
-    target_from_cams: np.ndarray, true_from_cams: np.ndarray, delta_m: float
+    target_from_cams: np.ndarray, true_from_cams: np.ndarray, delta_m: float | None = None
 ) -> StepErrors | None:
-    """Error of motions over `delta_m` of true path; None where the path is shorter.
+    """Error of motions over `delta_m` of true path, or to the next frame; None where there are none.
 
     Needs no alignment: relative motion does not depend on the frame.
     """
     steps = np.linalg.norm(np.diff(true_from_cams[:, :3, 3], axis=0), axis=1)
     walked = np.concatenate([[0.0], np.cumsum(steps)])
-    last = np.searchsorted(walked, walked + delta_m)
+    if delta_m is None:
+        last = np.arange(1, len(walked) + 1)
+    else:
+        require(delta_m > 0, f"delta_m: expected a length above 0, found {delta_m}")
+        last = np.searchsorted(walked, walked + delta_m)
     first = np.flatnonzero(last < len(walked))
     if len(first) == 0:
         return None

@@ -22,7 +22,7 @@ from planfit.adjust import (
 from planfit.adjust.association import patches_in_plan
 from planfit.align import Alignment, AlignOptions, align, find_unit, sample_walls
 from planfit.doubts import fit_doubts, scan_doubts
-from planfit.errors import FloorplanError, require_share
+from planfit.errors import FloorplanError, OptionError, require_plain_numbers
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches, MatchingOptions, find_matches
@@ -59,7 +59,11 @@ class RefineOptions:
     """Seed of that choice."""
 
     def __post_init__(self) -> None:
-        require_share(self, "held_out_share")
+        if not 0 <= self.held_out_share <= 0.5:
+            raise OptionError(
+                f"held_out_share: expected 0 to 0.5, found {self.held_out_share}; what is held out "
+                "takes no part in the solve"
+            )
 
 
 @dataclass(frozen=True)
@@ -111,8 +115,10 @@ def refine(
     Raises:
         ScanError: a file of the scan cannot be used.
         FloorplanError: the plan is not in metres.
+        OptionError: an option has a value that cannot work.
     """
     options, work = options or RefineOptions(), work or Work()
+    require_plain_numbers(options)
     if not scan.fingerprint:
         work = dataclasses.replace(work, cache_dir=None)  # nothing tells one such scan from another
     clock = _Clock(work)

@@ -171,3 +171,87 @@ def test_missing_plan_says_how_to_give_one(
     assert run(["refine", str(spoiled_scan), "-o", out]) == 2
     assert "--plan FILE" in capsys.readouterr().err
     assert run(["refine", str(spoiled_scan), "-o", out, "--plan", str(tmp_path / "plan.npy")]) == 0
+
+
+def test_overwrite_never_touches_files_that_are_no_runs(
+    small_scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "poses").mkdir()
+    (tmp_path / "poses" / "mine.txt").write_text("mine")
+    assert run(["refine", str(small_scan), "-o", str(tmp_path), "--overwrite"]) == 2
+    assert "found other files" in capsys.readouterr().err
+    assert (tmp_path / "poses" / "mine.txt").read_text() == "mine"
+
+
+def test_folder_of_a_run_that_never_finished_is_free(small_scan: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (out / "cache").mkdir(parents=True)
+    (out / "cache" / "inputs.json").write_text(json.dumps({"scan": "s", "plan": "another plan"}))
+    assert run(["refine", str(small_scan), "-o", str(out)]) == 0
+
+
+def test_poses_in_millimetres_are_refused(
+    spoiled_scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for path in (spoiled_scan / "arcore").glob("pose-*.txt"):
+        pose = np.loadtxt(path)
+        pose[:3, 3] *= 1000
+        _lines(path, "\n".join(" ".join(str(v) for v in row) for row in pose))
+    assert run(["refine", str(spoiled_scan), "-o", str(tmp_path / "out")]) == 2
+    assert "divide translations by 1000" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ["--adjust.max-alternations", "0"],
+        ["--structure.erode-px", "-1"],
+        ["--seed", "-1"],
+        ["--structure.max-depth-m", "inf"],
+        ["--matching.max-motion-sigmas", "nan"],
+        ["--align.min-score", "nan"],
+        ["--adjust.walls.weight", "-1"],
+        ["--held-out-share", "1.0"],
+        ["--structure.back-end", "geometry", "--structure.geometry.normal-radius-px", "500"],
+        ["--workers", "0"],
+    ],
+    ids=lambda flags: flags[-2],
+)
+def test_options_that_cannot_work_are_one_line(
+    flags: list[str], small_scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["refine", str(small_scan), "-o", str(tmp_path / "out"), *flags]) == 2
+    assert "expected" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "run.json").exists()
+
+
+def test_toml_choices_are_checked(
+    small_scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "options.toml"
+    config.write_text('[structure]\nback_end = "foo"\n')
+    words = ["refine", str(small_scan), "-o", str(tmp_path / "out"), "--config", str(config)]
+    assert run(words) == 2
+    assert "auto, masks or geometry" in capsys.readouterr().err
+
+
+def test_damaged_record_is_one_line(
+    small_scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for text in ("{", "{}", "[]"):
+        (tmp_path / "run.json").write_text(text)
+        truth = str(small_scan / "groundtruth.tum")
+        assert run(["evaluate", str(tmp_path), "--truth", truth]) == 2
+        assert "damaged" in capsys.readouterr().err
+
+
+def test_stopped_synth_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("planfit.synth.facap._write_frame", interrupted)
+    assert run(["synth", str(tmp_path / "scan"), "--walk.n-frames", "20"]) == 130
+    assert "nothing of it is kept" in capsys.readouterr().err
+    assert not (tmp_path / "scan").exists()

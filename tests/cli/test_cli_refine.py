@@ -51,7 +51,7 @@ def test_trajectory_is_in_the_plan_frame_and_poses_in_the_scans(finished: Path) 
 def test_record_tells_what_was_done(finished: Path, small_scan: Path) -> None:
     record = json.loads((finished / "run.json").read_text())
     assert record["frames"] == 60
-    assert record["inputs"]["scan"] == str(small_scan)
+    assert record["inputs"]["scan"] == str(small_scan.resolve())
     assert record["options"]["matching"]["verify"]["min_inliers"] == 15
     assert record["is_better"] is True
     assert set(record["cost_by_term"]) == {"points", "floor", "trajectory", "walls"}

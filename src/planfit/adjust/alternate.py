@@ -5,7 +5,6 @@ have closed the loops and the whole is placed on the plan, what is left is small
 association distance lets go of the pieces that still belong elsewhere.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,7 +73,6 @@ def pull_walls(
     floorplan: Floorplan,
     plan_from_cams: np.ndarray,
     options: AdjustOptions,
-    on_round: Callable[[int], None] | None = None,
 ) -> WallsPulled:
     """Alternate association and solve (paper, Sec. III-D), with association distances that shrink.
 
@@ -83,7 +81,6 @@ def pull_walls(
         floorplan: the plan.
         plan_from_cams: (n, 4, 4) poses placed on the plan, loops closed.
         options: see there.
-        on_round: told the number of each round.
     """
     structure, rounds, settled = evidence.structure, 0, False
     solution: Solution | None = None
@@ -95,8 +92,6 @@ def pull_walls(
         )
         for _ in range(options.max_alternations):
             rounds += 1
-            if on_round:
-                on_round(rounds)
             solution, offsets_m = _solve_on_plan(
                 evidence, floorplan, association, plan_from_cams, options
             )

@@ -53,6 +53,7 @@ class AdjustOptions:
     """Rounds of association and solve at one distance; ends earlier when no association changes."""
 
     def __post_init__(self) -> None:
+        require_positive(self, "max_alternations")
         if not self.graduation or min(self.graduation) <= 0:
             raise OptionError(f"graduation: expected factors above 0, found {self.graduation}")
         if not self.wall_distances_m or min(self.wall_distances_m) <= 0:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planfit.align.fields import FaceFields, ShiftSearch, make_face_fields
-from planfit.align.refine import Fit, refine_fit
+from planfit.align.refine import Fit, refine_fit, rotation_2d
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
@@ -97,7 +97,10 @@ def align(
         options: see there.
         recorded: plan_from_level (4, 4) that the scan's format claims, if it does.
     """
-    fields = make_face_fields(floorplan, options.cell_m, options.reach_m, margin_m=2.0)
+    extent_m = float(np.linalg.norm(np.ptp(walls.xy, axis=0)))
+    fields = make_face_fields(
+        floorplan, options.cell_m, options.reach_m, margin_m=2.0, beyond_m=extent_m
+    )
     turns = candidate_turns(walls, floorplan, options.max_turns)
     coarse = _coarse_places(walls, fields, turns, options)
     if recorded is not None:
@@ -180,7 +183,7 @@ def _coarse_places(
     search = ShiftSearch(fields, extent_m)
     places: list[tuple[float, float, np.ndarray]] = []
     for yaw in turns:
-        turn = _rotation(yaw)
+        turn = rotation_2d(yaw)
         table, first = search.scores(walls.xy @ turn.T, walls.normals @ turn.T)
         radius = int(np.ceil(options.distinct_m / fields.cell_m))
         for _ in range(4):
@@ -214,11 +217,6 @@ def _gap_m(a: Fit, b: Fit, walls: WallSamples) -> float:
 def _distance_m(fit: Fit, plan_from_level: np.ndarray, walls: WallSamples) -> float:
     middle = np.array([*walls.xy.mean(axis=0), 0.0, 1.0])
     return float(np.linalg.norm((fit.transform - plan_from_level) @ middle))
-
-
-def _rotation(yaw: float) -> np.ndarray:
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([[c, -s], [s, c]])
 
 
 def _yaw(transform: np.ndarray) -> float:

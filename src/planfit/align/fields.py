@@ -26,13 +26,14 @@ class FaceFields:
 
 
 def make_face_fields(
-    floorplan: Floorplan, cell_m: float, reach_m: float, margin_m: float
+    floorplan: Floorplan, cell_m: float, reach_m: float, margin_m: float, beyond_m: float = 0.0
 ) -> FaceFields:
     """Fields exp(-d^2 / 2 reach^2) of the distance d to the faces of each sector.
 
-    Cells grow on plans so large that they would be more than `MAX_CELLS`.
+    Cells grow where plan and `beyond_m` on each side, which a search pads with, would make more than
+    `MAX_CELLS` of them.
     """
-    extent = np.array(floorplan.size) + 2 * margin_m
+    extent = np.array(floorplan.size) + 2 * (margin_m + beyond_m)
     cell_m = max(cell_m, float(np.sqrt(extent.prod() / MAX_CELLS)))
     reach_m = max(reach_m, 1.5 * cell_m)
     xy, face = segments.sample(floorplan.ends, cell_m / 2)

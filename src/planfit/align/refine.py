@@ -41,7 +41,7 @@ def refine_fit(
     xy, normals = xy[pick], normals[pick]
     centre = xy.mean(axis=0)
     for max_distance_m in (1.5, 1.0, 0.7, 0.5, 0.35, 0.35, 0.35):
-        turn = _rotation(yaw)
+        turn = rotation_2d(yaw)
         lever = (xy - centre) @ turn.T
         at = lever + turn @ centre + shift
         distance, face = nearest_faces(at, normals @ turn.T, floorplan, max_distance_m)
@@ -57,8 +57,8 @@ def refine_fit(
         step = np.linalg.solve(hessian, -jacobian.T @ (weight * distance[ok]))
         middle = turn @ centre + shift + step[1:]
         yaw = float(yaw + step[0])
-        shift = middle - _rotation(yaw) @ centre
-    turn = _rotation(yaw)
+        shift = middle - rotation_2d(yaw) @ centre
+    turn = rotation_2d(yaw)
     distance, face = nearest_faces(xy @ turn.T + shift, normals @ turn.T, floorplan, 1.0)
     closeness = np.where(face >= 0, np.exp(-0.5 * (distance / SCORE_SIGMA_M) ** 2), 0.0)
     return Fit(yaw, shift, float(closeness.mean()))
@@ -81,6 +81,7 @@ def nearest_faces(
     return distance[rows, face], np.where(np.isfinite(size[rows, face]), face, -1)
 
 
-def _rotation(yaw: float) -> np.ndarray:
+def rotation_2d(yaw: float) -> np.ndarray:
+    """Turn (2, 2) by `yaw` rad, counter-clockwise seen from above."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s], [s, c]])

@@ -61,7 +61,8 @@ def run(argv: Sequence[str]) -> int:
               file=sys.stderr)  # fmt: skip
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        print("planfit: stopped; finished stages are kept, the same command goes on from there",
+        kept = "finished stages are kept, the same command goes on from there"
+        print(f"planfit: stopped; {kept if name == 'refine' else 'nothing of it is kept'}",
               file=sys.stderr)  # fmt: skip
         return EXIT_INTERRUPTED
 

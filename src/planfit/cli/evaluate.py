@@ -63,15 +63,22 @@ def evaluate_run(arguments: EvaluateArguments) -> dict[str, Any]:
             f"{record_path}: expected the record of a run, found nothing; "
             "give the output folder of 'planfit refine'"
         )
-    record = json.loads(record_path.read_text())
+    try:
+        record = json.loads(record_path.read_text())
+        world_from_plan, metrics = np.array(record["world_from_plan"]), record["metrics"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise ScanError(
+            f"{record_path}: expected the record of a run, found a damaged file; "
+            "run 'planfit refine' again"
+        ) from error
     times, poses = read_tum(arguments.out / "trajectory.tum")
     if arguments.truth_frame == "world":
-        poses = np.array(record["world_from_plan"]) @ poses
+        poses = world_from_plan @ poses
     true_times, true_poses = read_tum(arguments.truth)
     mine, theirs = associate_times(times, true_times, arguments.max_difference_s)
     poses, true_poses = poses[mine], true_poses[theirs]
     steps = {
-        "rpe_next": _next_steps(poses, true_poses),
+        "rpe_next": step_errors(poses, true_poses),
         "rpe": step_errors(poses, true_poses, arguments.delta_m),
     }
     return {
@@ -80,13 +87,8 @@ def evaluate_run(arguments: EvaluateArguments) -> dict[str, Any]:
         "truth_frame": arguments.truth_frame,
         "ate": dataclasses.asdict(position_errors(poses, true_poses)),
         **{name: dataclasses.asdict(found) if found else None for name, found in steps.items()},
-        **record["metrics"],
+        **metrics,
     }
-
-
-def _next_steps(poses: np.ndarray, true_poses: np.ndarray) -> Any:
-    """Relative errors from each frame to the next: a path length too short to skip one."""
-    return step_errors(poses, true_poses, 1e-9)
 
 
 def _table(arguments: EvaluateArguments, report: dict[str, Any]) -> Any:

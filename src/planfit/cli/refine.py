@@ -72,9 +72,9 @@ def refine_into(
     `truth_of` gives the errors of a result against true poses, where they are known, for the report.
     """
     inputs = {
-        "scan": scan.name,
+        "scan": str(Path(scan.name).resolve()),
         "scan_fingerprint": scan.fingerprint,
-        "plan": floorplan.name,
+        "plan": str(Path(floorplan.name).resolve()),
         "plan_fingerprint": floorplan.fingerprint,
     }
     run = RunFolder.claim(folder, inputs, overwrite)

@@ -1,5 +1,6 @@
 """`planfit synth`: a synthetic scan, written in the FACaP layout with its plan and its truth."""
 
+import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -26,9 +27,13 @@ def synth_command(arguments: SynthArguments) -> int:
         raise OutputError(f"{arguments.out}: expected no such folder, found files; choose another")
     with StageBars() as bars:
         synthetic = make_scan(arguments.options)
-        write_facap(
-            arguments.out, synthetic, lambda done, total: bars.update("render", done, total)
-        )
+        try:
+            write_facap(
+                arguments.out, synthetic, lambda done, total: bars.update("render", done, total)
+            )
+        except BaseException:
+            shutil.rmtree(arguments.out, ignore_errors=True)  # half a scan is of no use
+            raise
     out.print(f"{len(synthetic.scan)} frames and their plan: {arguments.out}")
     out.print(f"next: planfit refine {arguments.out} -o {arguments.out}-refined")
     return 0

@@ -33,7 +33,7 @@ class RunFolder:
             path: the folder.
             inputs: what the run reads, by name and fingerprint. The same inputs may come back, with
                 other options too: finished stages are then reused.
-            overwrite: whether another run's results may be replaced.
+            overwrite: whether another run's results may be replaced; files that are no run's never.
 
         Raises:
             OutputError: the folder holds another run or other files, or cannot be written.
@@ -43,19 +43,8 @@ class RunFolder:
             raise OutputError(
                 f"{path}: expected a folder for results, found a file; choose another"
             )
-        if path.is_dir() and any(path.iterdir()) and not overwrite:
-            owner = folder._owner()
-            if owner is None:
-                raise OutputError(
-                    f"{path}: expected an empty folder or an earlier run of planfit, found other "
-                    "files; choose another folder with -o"
-                )
-            if owner != inputs:
-                raise OutputError(
-                    f"{path}: expected an empty folder, found the results of another run "
-                    f"({owner.get('scan', 'unknown scan')} with {owner.get('plan', 'unknown plan')})"
-                    "; choose another folder with -o, or pass --overwrite"
-                )
+        if path.is_dir():
+            folder._check_owner(inputs, overwrite)
         try:
             folder.cache_dir.mkdir(parents=True, exist_ok=True)
             (folder.cache_dir / _INPUTS).write_text(json.dumps(inputs, indent=1))
@@ -93,13 +82,25 @@ class RunFolder:
         finally:
             shutil.rmtree(staging, ignore_errors=True)
 
-    def _owner(self) -> dict[str, str] | None:
-        """The inputs of the run that the folder belongs to; None where it is no run's."""
+    def _check_owner(self, inputs: dict[str, str], overwrite: bool) -> None:
+        """Raise `OutputError` where the folder holds something that is not to be replaced.
+
+        A run is told by the paths of its scan and plan: the same files may have changed since.
+        """
+        names = {item.name for item in self.path.iterdir()} - {_STAGING}
+        if not names or (names == {"cache"} and (self.cache_dir / _INPUTS).exists()):
+            return  # nothing yet, or a run that never finished
         try:
-            return json.loads((self.cache_dir / _INPUTS).read_text())
-        except (OSError, ValueError):
-            pass
-        try:
-            return json.loads((self.path / RECORD).read_text())["inputs"]
-        except (OSError, ValueError, KeyError):
-            return None
+            owner = json.loads((self.path / RECORD).read_text())["inputs"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise OutputError(
+                f"{self.path}: expected an empty folder or an earlier run of planfit, found other "
+                "files; choose another folder with -o"
+            ) from error
+        same = all(owner.get(name) == inputs.get(name) for name in ("scan", "plan"))
+        if not same and not overwrite:
+            raise OutputError(
+                f"{self.path}: expected an empty folder, found the results of another run "
+                f"({owner.get('scan', 'unknown scan')} with {owner.get('plan', 'unknown plan')})"
+                "; choose another folder with -o, or pass --overwrite"
+            )

@@ -69,7 +69,9 @@ def _read_npy(path: Path) -> Floorplan:
         with path.open("rb") as file:  # numpy leaves it open where it is no array
             values = np.load(file, allow_pickle=False)
     except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise FloorplanError(f"{path}: expected a NumPy array, found {error}") from error
+        raise FloorplanError(
+            f"{path}: expected a NumPy array of numbers saved by numpy.save, found something else"
+        ) from error
     if not isinstance(values, np.ndarray):
         raise FloorplanError(f"{path}: expected one NumPy array, found an archive of several")
     if values.ndim != 2 or values.shape[1] != 4:

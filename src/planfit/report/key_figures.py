@@ -47,7 +47,7 @@ class KeyFigure:
 _CHECKS = {
     "m": (
         "Places seen twice",
-        "median distance between two sightings of one point; these pairs took no part in the "
+        "median distance between two sightings of one point; these points took no part in the "
         "adjustment",
     ),
     "share": (

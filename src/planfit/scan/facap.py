@@ -112,7 +112,7 @@ class FacapFiles:
                 mask = np.rot90(read_image(path, 0))
                 if mask.shape != labels.shape:
                     raise ScanError(_mask_size_message(path, mask.shape[::-1], (width, height)))
-                labels[mask > 127] = label
+                labels[mask > mask.max() // 2] = label  # stored as 0/255, or as 0/1
         return labels
 
     def write_poses(self, directory: Path, world_from_cams: np.ndarray) -> None:

@@ -11,6 +11,10 @@ from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 
+MAX_STEP_M = 20.0
+"""Half of the steps between frames are shorter: nobody scans a building at strides of 20 m, but poses in
+millimetres look like it."""
+
 MAX_ROTATION_DEFECT = 0.02
 """Largest entry of R^T R - I that is taken for rounding. Recorded poses with four decimals are off
 by 1e-4; a matrix that is off by more than this was not a rotation when it was written."""
@@ -87,6 +91,12 @@ class Scan:
                 f"found {self.world_from_cams.shape}"
             )
         object.__setattr__(self, "world_from_cams", self._checked_poses())
+        steps_m = np.linalg.norm(np.diff(self.world_from_cams[:, :3, 3], axis=0), axis=1)
+        if n > 1 and np.median(steps_m) > MAX_STEP_M:
+            raise ScanError(
+                f"{self.name}: expected poses in metres, found {np.median(steps_m):.4g} m between "
+                "frames; divide translations by 1000 if they are millimetres"
+            )
         if len(self.cameras) != n or len(self.timestamps) != n:
             raise ScanError(
                 f"{self.name}: expected {n} cameras and timestamps, "

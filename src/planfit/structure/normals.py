@@ -3,6 +3,8 @@
 import cv2
 import numpy as np
 
+from planfit.errors import OptionError
+
 
 def depth_normals(points: np.ndarray, radius_px: int, step_px: int = 1) -> np.ndarray:
     """Unit normals of lifted depth (h, w, 3) at every `step_px`-th pixel each way, towards the camera.
@@ -10,7 +12,15 @@ def depth_normals(points: np.ndarray, radius_px: int, step_px: int = 1) -> np.nd
     Returns (h', w', 3), the shape of `points[::step_px, ::step_px]`; NaN where unsure. Central
     differences over `radius_px` of box-smoothed points: the noise of a normal falls with the baseline.
     A window that is mostly hole, or over a border, gives NaN.
+
+    Raises:
+        OptionError: the window does not fit the image.
     """
+    if 4 * radius_px > min(points.shape[:2]):
+        raise OptionError(
+            f"normal_radius_px: expected at most a quarter of the image "
+            f"({min(points.shape[:2])} px), found {radius_px}"
+        )
     smooth = _smoothed(points, radius_px)
     height, width = points.shape[:2]
     rows, columns = np.arange(0, height, step_px), np.arange(0, width, step_px)

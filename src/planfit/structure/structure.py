@@ -7,7 +7,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from planfit.errors import ScanError, require_positive
+from planfit.errors import OptionError, ScanError, require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.scan import Label, Scan
@@ -49,6 +49,10 @@ class StructureOptions:
     """Seed of the random choices."""
 
     def __post_init__(self) -> None:
+        if self.back_end not in ("auto", "masks", "geometry"):
+            raise OptionError(
+                f"structure.back_end: expected auto, masks or geometry, found {self.back_end!r}"
+            )
         require_positive(self, "max_depth_m", "stride_px", "edge_step", "max_points_per_frame")
 
 

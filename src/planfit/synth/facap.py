@@ -50,12 +50,16 @@ def write_facap(
             masks.mkdir()
         np.save(path / "floorplan.npy", facap_segments(synthetic.floorplan))
         write_tum(path / "groundtruth.tum", scan.timestamps, synthetic.true_world_from_cams)
-        with ThreadPoolExecutor(n_threads) as pool:
+        pool = ThreadPoolExecutor(n_threads)
+        try:
             jobs = [pool.submit(_write_frame, path, synthetic, i) for i in range(len(scan))]
             for done, job in enumerate(as_completed(jobs), start=1):
                 job.result()
                 if on_progress is not None:
                     on_progress(done, len(scan))
+        finally:
+            # On Ctrl-C, frames not yet begun are dropped.
+            pool.shutdown(wait=True, cancel_futures=True)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}); "
                           "check rights and space") from error  # fmt: skip

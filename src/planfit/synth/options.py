@@ -4,15 +4,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from planfit.errors import OptionError
+from planfit.errors import require
 
 MAX_ROOMS = 12
-
-
-def require(is_met: bool, message: str) -> None:
-    """Raise `OptionError` with `message` unless the condition holds."""
-    if not is_met:
-        raise OptionError(message)
 
 
 def require_range(name: str, low_high: tuple[float, float]) -> None:
