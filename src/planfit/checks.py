@@ -1,4 +1,4 @@
-"""Never make it worse: evidence that took no part in the solve, before and after."""
+"""Never make it worse: held-out matches, wall on the plan, and misfit, before and after the solve."""
 
 from dataclasses import dataclass, replace
 
