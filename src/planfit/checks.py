@@ -121,9 +121,16 @@ def floor_heights(
     structure: Structure, target_from_cams: np.ndarray, max_points: int = 200_000
 ) -> np.ndarray:
     """Heights (m,) m of floor points above the floor plane; evenly thinned."""
+    return floor_points(structure, target_from_cams, max_points)[:, 2]
+
+
+def floor_points(
+    structure: Structure, target_from_cams: np.ndarray, max_points: int | None = None
+) -> np.ndarray:
+    """Floor points (n, 3) m of the scan, the paper's P_F, in the target frame; evenly thinned."""
     keep = _thinned(len(structure.floor_points_cam), max_points)
     poses = target_from_cams[structure.floor_frame_idx[keep]]
-    return _transform_each(poses, structure.floor_points_cam[keep])[:, 2]
+    return _transform_each(poses, structure.floor_points_cam[keep])
 
 
 def surface_metrics(

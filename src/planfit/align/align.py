@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit.align.fields import FaceFields, ShiftSearch, make_face_fields
+from planfit.align.fields import FaceFields, ShiftSearch, make_face_fields, wrap_angle
 from planfit.align.refine import Fit, refine_fit, rotation_2d
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
@@ -118,7 +118,7 @@ def align(
             warnings.append(
                 "the scan's format says its poses are in the plan's axes, but the walls fit "
                 f"{_distance_m(best, recorded, walls):.1f} m and "
-                f"{abs(np.rad2deg(_angle(best.yaw - _yaw(recorded)))):.0f} deg away from there; "
+                f"{abs(np.rad2deg(wrap_angle(best.yaw - _yaw(recorded)))):.0f} deg away from there; "
                 "that place was taken"
             )
     runner_up = next((f for f in fits if _is_distinct(f, best, walls, options)), None)
@@ -134,7 +134,7 @@ def align(
         warnings.append(
             f"ambiguous: two places on the plan fit almost equally well ({best.score:.0%} and "
             f"{runner_up.score:.0%} of the wall), {_gap_m(best, runner_up, walls):.1f} m and "
-            f"{abs(np.rad2deg(_angle(best.yaw - runner_up.yaw))):.0f} deg apart"
+            f"{abs(np.rad2deg(wrap_angle(best.yaw - runner_up.yaw))):.0f} deg apart"
         )
     return Alignment(
         best.transform,
@@ -199,13 +199,13 @@ def _coarse_places(
 
 
 def _is_near(fit: Fit, recorded: np.ndarray, walls: WallSamples, options: AlignOptions) -> bool:
-    turn = abs(np.rad2deg(_angle(fit.yaw - _yaw(recorded))))
+    turn = abs(np.rad2deg(wrap_angle(fit.yaw - _yaw(recorded))))
     gap_m = _distance_m(fit, recorded, walls)
     return bool(turn < options.near_recorded_deg and gap_m < options.near_recorded_m)
 
 
 def _is_distinct(a: Fit, b: Fit, walls: WallSamples, options: AlignOptions) -> bool:
-    turn = abs(np.rad2deg(_angle(a.yaw - b.yaw)))
+    turn = abs(np.rad2deg(wrap_angle(a.yaw - b.yaw)))
     return bool(turn > options.distinct_deg or _gap_m(a, b, walls) > options.distinct_m)
 
 
@@ -221,7 +221,3 @@ def _distance_m(fit: Fit, plan_from_level: np.ndarray, walls: WallSamples) -> fl
 
 def _yaw(transform: np.ndarray) -> float:
     return float(np.arctan2(transform[1, 0], transform[0, 0]))
-
-
-def _angle(angle: float) -> float:
-    return float((angle + np.pi) % (2 * np.pi) - np.pi)

@@ -43,7 +43,7 @@ def make_face_fields(
     angle = np.arctan2(floorplan.normals[:, 1], floorplan.normals[:, 0])[face]
     fields = np.zeros((N_SECTORS, shape[1], shape[0]), dtype=np.float32)
     for sector in range(N_SECTORS):
-        off = np.abs(_wrap(angle - sector_angle(sector)))
+        off = np.abs(wrap_angle(angle - sector_angle(sector)))
         off = np.where(floorplan.is_oriented[face], off, np.minimum(off, np.pi - off))
         # Sectors overlap by half: a face at a border belongs to both.
         chosen = off < np.pi / N_SECTORS * 1.5
@@ -99,6 +99,6 @@ def sector_angle(sector: int) -> float:
     return sector * 2 * np.pi / N_SECTORS
 
 
-def _wrap(angle: np.ndarray) -> np.ndarray:
-    """To [-pi, pi)."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
+def wrap_angle(angle: np.ndarray | float) -> np.ndarray:
+    """Angles (...,) rad, wrapped to [-pi, pi)."""
+    return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi

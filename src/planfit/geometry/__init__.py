@@ -1,1 +1,1 @@
-"""Pure array functions: rigid transforms, the camera model, planes, 2D segments."""
+"""Pure array functions: rigid transforms, the camera model, 2D segments."""

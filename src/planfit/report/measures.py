@@ -83,13 +83,9 @@ def measure(floorplan: Floorplan, result: RefineResult) -> BeforeAfter:
 
 def _measure_at(floorplan: Floorplan, result: RefineResult, plan_from_cams: np.ndarray) -> Measures:
     structure = result.structure
-    # Walls as in checks.wall_points_plan, but thinned before they are placed.
-    wall_cam = np.concatenate([structure.wall_points_cam, structure.loose_points_cam])
-    wall_frame_idx = np.concatenate([structure.wall_frame_idx, structure.loose_frame_idx])
-    wall = _place(plan_from_cams, wall_cam, wall_frame_idx, _MAX_DRAWN)
-    sample = _place(plan_from_cams, wall_cam, wall_frame_idx, _MAX_DISTANCES)
-    floor_cam, floor_frame_idx = structure.floor_points_cam, structure.floor_frame_idx
-    floor = _place(plan_from_cams, floor_cam, floor_frame_idx, _MAX_DRAWN)
+    wall = checks.wall_points_plan(structure, plan_from_cams, _MAX_DRAWN)
+    sample = checks.wall_points_plan(structure, plan_from_cams, _MAX_DISTANCES)
+    floor = checks.floor_points(structure, plan_from_cams, _MAX_DRAWN)
     return Measures(
         trajectory=plan_from_cams[:, :3, 3],
         wall_xy=wall[:, :2],
@@ -98,12 +94,3 @@ def _measure_at(floorplan: Floorplan, result: RefineResult, plan_from_cams: np.n
         floor_xy=floor[:, :2],
         floor_heights=floor[:, 2],
     )
-
-
-def _place(
-    plan_from_cams: np.ndarray, points_cam: np.ndarray, frame_idx: np.ndarray, most: int
-) -> np.ndarray:
-    """About `most` points (m, 3) m, plan frame, of points (n, 3) m seen by cameras (n,)."""
-    step = max(1, len(points_cam) // most)
-    poses = plan_from_cams[frame_idx[::step]]
-    return se3.transform(poses, points_cam[::step, None])[:, 0]
