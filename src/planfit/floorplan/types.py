@@ -1,6 +1,6 @@
 """A floorplan as wall faces: what every plan reader gives."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,8 +10,34 @@ from planfit.geometry import segments
 
 
 @dataclass(frozen=True)
+class PlanSource:
+    """Where a plan came from, and what was made of it: for `planfit plan` and for reports."""
+
+    kind: str = ""
+    """Kind of file, in words: "raster picture", "DXF drawing"."""
+    unit: str = "m"
+    """Unit of the file's coordinates; "unknown" where nothing tells."""
+    unit_from: str = ""
+    """What told the unit: "the file's header", "--unit", "the dimension text '8.20 m'"."""
+    storey: str = ""
+    """Storey that was read, of `storeys`."""
+    storeys: tuple[str, ...] = ()
+    layers: tuple[str, ...] = ()
+    """Layers that were read as walls."""
+    dropped: tuple[str, ...] = ()
+    """What was left out and why, a sentence each."""
+    warnings: tuple[str, ...] = ()
+    """What a user should look at before trusting the plan."""
+    file_from_plan: np.ndarray | None = None
+    """(3, 3) from homogeneous plan x-y to the file's own coordinates (pixels for a picture, integer =
+    pixel centre), to draw faces over the drawing; None where the file has no such coordinates."""
+
+
+@dataclass(frozen=True)
 class Floorplan:
-    """Wall faces in the plan frame: x-y in the drawing, seen from above, metres.
+    """Wall faces in the plan frame: x-y in the drawing, seen from above.
+
+    Lengths are metres where `is_metric`, else units of the drawing whose size is left to the alignment.
 
     A wall with thickness has two faces, each with the normal towards the free space it looks into.
     A stroke without thickness, whose free side is unknown, is a face that is not oriented.
@@ -27,6 +53,14 @@ class Floorplan:
     """(n,) bool, whether the free side is known."""
     fingerprint: str = ""
     """Changes when the file does."""
+    thickness: np.ndarray | None = None
+    """(n,) of the wall behind each face, NaN where it is not known; None where no face has any."""
+    openings: np.ndarray | None = None
+    """(k, 2, 2) ends of doors and windows along the faces they interrupt; None where they are not known."""
+    is_metric: bool = True
+    """Whether lengths are metres."""
+    source: PlanSource = field(default_factory=PlanSource)
+    """Where it came from."""
 
     def __post_init__(self) -> None:
         n = len(self.ends)
@@ -38,6 +72,11 @@ class Floorplan:
             raise FloorplanError(
                 f"{self.name}: expected ends (n, 2, 2) and normals (n, 2), "
                 f"found {self.ends.shape} and {self.normals.shape}"
+            )
+        if self.thickness is not None and self.thickness.shape != (n,):
+            raise FloorplanError(
+                f"{self.name}: expected a thickness for each of {n} faces, "
+                f"found {self.thickness.shape}"
             )
         if not np.isfinite(self.ends).all():
             raise FloorplanError(f"{self.name}: expected finite coordinates, found NaN or infinity")
@@ -55,16 +94,31 @@ class Floorplan:
 
     @cached_property
     def lengths(self) -> np.ndarray:
-        """(n,) m."""
+        """(n,) of each face."""
         return segments.lengths(self.ends)
 
     @cached_property
     def offsets(self) -> np.ndarray:
-        """(n,) m: the line of a face is `normal @ xy == offset`."""
+        """(n,): the line of a face is `normal @ xy == offset`."""
         return np.einsum("ni,ni->n", self.normals, self.ends[:, 0])
+
+    def scaled(self, metres_per_unit: float) -> "Floorplan":
+        """The same plan in metres, one unit of this one being `metres_per_unit` long."""
+        source = self.source
+        if source.file_from_plan is not None:
+            unscale = np.diag([1 / metres_per_unit, 1 / metres_per_unit, 1.0])
+            source = replace(source, file_from_plan=source.file_from_plan @ unscale)
+        return replace(
+            self,
+            ends=self.ends * metres_per_unit,
+            thickness=None if self.thickness is None else self.thickness * metres_per_unit,
+            openings=None if self.openings is None else self.openings * metres_per_unit,
+            is_metric=True,
+            source=source,
+        )
 
     @property
     def size(self) -> tuple[float, float]:
-        """Extent in x and y, m."""
+        """Extent in x and y."""
         width, depth = np.ptp(self.ends.reshape(-1, 2), axis=0)
         return float(width), float(depth)

@@ -1,0 +1,41 @@
+"""Everything that can be chosen about the reading of a plan."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from planfit.errors import OptionError, require_positive
+
+Unit = Literal["auto", "m", "cm", "mm", "in", "ft", "unknown"]
+
+METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+"""Units that a plan may be drawn in."""
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """What the reader of a plan cannot know, or shall not guess."""
+
+    unit: Unit = "auto"
+    """Unit of the coordinates in the file; `auto` takes what the file says, `unknown` leaves the scale
+    to the alignment."""
+    metres_per_unit: float | None = None
+    """Metres of one unit of the file (a pixel, a point); overrides `unit`."""
+    storey: str = ""
+    """Name or number (from 0, lowest or first) of the storey to read where a file holds several."""
+    layers: tuple[str, ...] = ()
+    """Layers that hold the walls (`*` stands for anything); empty: a guess from names and line work."""
+    page: int = 1
+    """Page of a PDF."""
+    cut_height_m: float = 1.2
+    """Height above the storey's floor at which models (IFC, meshes) are cut."""
+    wall_mask: Path | None = None
+    """Picture of the size of the plan, white where there is wall, from a segmentation of your own; it
+    takes the place of planfit's reading of the picture."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "page", "cut_height_m")
+        if self.metres_per_unit is not None and not self.metres_per_unit > 0:
+            raise OptionError(
+                f"metres_per_unit: expected a number above 0, found {self.metres_per_unit}"
+            )
