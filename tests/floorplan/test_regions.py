@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import shapely
+
 from planfit.floorplan.regions import faces_of_regions
 
 
