@@ -120,8 +120,13 @@ def sum_planes(
 def sum_pairs(
     points_a, points_b, sigma, start, a_from_b, information, kind, scale, first, last, aa, ab, bb
 ):  # pragma: no cover
-    """Moments of the matches of pairs first..last - 1; returns the cost."""
-    s, weight = np.zeros(BLOCK), np.zeros(BLOCK)
+    """Moments of the matches of pairs first..last - 1; returns the cost.
+
+    A block is first copied into rows of x, y and z, so that the sums run over neighbours in memory
+    (measured: half the time).
+    """
+    s, weight, inverse = np.zeros(BLOCK), np.zeros(BLOCK), np.zeros(BLOCK)
+    p, q = np.zeros((3, BLOCK)), np.zeros((3, BLOCK))
     cost = 0.0
     for k in range(first, last):
         if information[k] == 0.0:
@@ -131,30 +136,75 @@ def sum_pairs(
         for begin in range(start[k], start[k + 1], BLOCK):
             n = min(BLOCK, start[k + 1] - begin)
             for m in range(n):
-                qx, qy, qz = points_b[begin + m, 0], points_b[begin + m, 1], points_b[begin + m, 2]
-                ex = points_a[begin + m, 0] - (t[0, 0] * qx + t[0, 1] * qy + t[0, 2] * qz + t[0, 3])
-                ey = points_a[begin + m, 1] - (t[1, 0] * qx + t[1, 1] * qy + t[1, 2] * qz + t[1, 3])
-                ez = points_a[begin + m, 2] - (t[2, 0] * qx + t[2, 1] * qy + t[2, 2] * qz + t[2, 3])
-                s[m] = (ex * ex + ey * ey + ez * ez) / (sigma[begin + m] * sigma[begin + m])
+                p[0, m], p[1, m], p[2, m] = (
+                    points_a[begin + m, 0],
+                    points_a[begin + m, 1],
+                    points_a[begin + m, 2],
+                )
+                q[0, m], q[1, m], q[2, m] = (
+                    points_b[begin + m, 0],
+                    points_b[begin + m, 1],
+                    points_b[begin + m, 2],
+                )
+            for m in range(n):
+                ex = p[0, m] - (t[0, 0] * q[0, m] + t[0, 1] * q[1, m] + t[0, 2] * q[2, m] + t[0, 3])
+                ey = p[1, m] - (t[1, 0] * q[0, m] + t[1, 1] * q[1, m] + t[1, 2] * q[2, m] + t[1, 3])
+                ez = p[2, m] - (t[2, 0] * q[0, m] + t[2, 1] * q[1, m] + t[2, 2] * q[2, m] + t[2, 3])
+                inverse[m] = 1.0 / (sigma[begin + m] * sigma[begin + m])
+                s[m] = (ex * ex + ey * ey + ez * ez) * inverse[m]
             group_cost += weigh(s, n, kind, scale, weight)
             for m in range(n):
-                weight[m] *= information[k] / (sigma[begin + m] * sigma[begin + m])
-            _add_second_moments(points_a, points_a, weight, begin, n, aa[k])
-            _add_second_moments(points_a, points_b, weight, begin, n, ab[k])
-            _add_second_moments(points_b, points_b, weight, begin, n, bb[k])
+                weight[m] *= information[k] * inverse[m]
+            _add_own_moments(p, weight, n, aa[k])
+            _add_own_moments(q, weight, n, bb[k])
+            _add_cross_moments(p, q, weight, n, aa[k], bb[k], ab[k])
         cost += 0.5 * information[k] * group_cost
     return cost
 
 
 @numba.njit(cache=True, nogil=True, fastmath=True)
-def _add_second_moments(p, q, weight, begin, n, out):  # pragma: no cover
-    """Add the sum of w p~ q~^T over n points to `out` (4, 4)."""
+def _add_own_moments(p, weight, n, out):  # pragma: no cover
+    """Add the sum of w p~ p~^T over n points (3, n) to `out` (4, 4)."""
+    xx = xy = xz = yy = yz = zz = sx = sy = sz = total = 0.0
+    for m in range(n):
+        w, x, y, z = weight[m], p[0, m], p[1, m], p[2, m]
+        wx, wy, wz = w * x, w * y, w * z
+        xx += wx * x
+        xy += wx * y
+        xz += wx * z
+        yy += wy * y
+        yz += wy * z
+        zz += wz * z
+        sx += wx
+        sy += wy
+        sz += wz
+        total += w
+    out[0, 0] += xx
+    out[1, 1] += yy
+    out[2, 2] += zz
+    out[3, 3] += total
+    out[0, 1] += xy
+    out[1, 0] += xy
+    out[0, 2] += xz
+    out[2, 0] += xz
+    out[1, 2] += yz
+    out[2, 1] += yz
+    out[0, 3] += sx
+    out[3, 0] += sx
+    out[1, 3] += sy
+    out[3, 1] += sy
+    out[2, 3] += sz
+    out[3, 2] += sz
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True)
+def _add_cross_moments(p, q, weight, n, aa, bb, out):  # pragma: no cover
+    """Add the sum of w p~ q~^T over n points to `out` (4, 4), whose border is that of `aa` and `bb`."""
     xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
-    px = py = pz = qx = qy = qz = total = 0.0
     for m in range(n):
         w = weight[m]
-        ax, ay, az = w * p[begin + m, 0], w * p[begin + m, 1], w * p[begin + m, 2]
-        bx, by, bz = q[begin + m, 0], q[begin + m, 1], q[begin + m, 2]
+        ax, ay, az = w * p[0, m], w * p[1, m], w * p[2, m]
+        bx, by, bz = q[0, m], q[1, m], q[2, m]
         xx += ax * bx
         xy += ax * by
         xz += ax * bz
@@ -164,13 +214,6 @@ def _add_second_moments(p, q, weight, begin, n, out):  # pragma: no cover
         zx += az * bx
         zy += az * by
         zz += az * bz
-        px += ax
-        py += ay
-        pz += az
-        qx += w * bx
-        qy += w * by
-        qz += w * bz
-        total += w
     out[0, 0] += xx
     out[0, 1] += xy
     out[0, 2] += xz
@@ -180,10 +223,6 @@ def _add_second_moments(p, q, weight, begin, n, out):  # pragma: no cover
     out[2, 0] += zx
     out[2, 1] += zy
     out[2, 2] += zz
-    out[0, 3] += px
-    out[1, 3] += py
-    out[2, 3] += pz
-    out[3, 0] += qx
-    out[3, 1] += qy
-    out[3, 2] += qz
-    out[3, 3] += total
+    for i in range(4):
+        out[i, 3] = aa[i, 3]
+        out[3, i] = bb[3, i]
