@@ -28,7 +28,7 @@ def records(n_frames: int = 500) -> list[Record]:
     costs = cost(terms, ours.target_from_cams), cost(terms, theirs.plan_from_cams)
     apart_m, apart_rad = largest_difference(ours.target_from_cams, theirs.plan_from_cams)
     evidence = problem.evidence
-    n_points = len(evidence.structure.floor_points_cam) + len(evidence.structure.wall_points_cam)
+    n_points = len(evidence.structure.floor.points_cam) + len(evidence.structure.walls.points_cam)
     conditions = (
         f"{n_frames} frames, {len(evidence.matches.pairs)} pairs, {evidence.matches.n_matches} matches, "
         f"{n_points} floor and wall points, squared losses, given association; both stop at a relative "

@@ -14,9 +14,9 @@ import numpy as np
 from inputs import CACHE, Case, position_rms_m, real_case, synthetic_case
 from records import Record, median_times
 
-from planfit.adjust.sgd import DescentOptions, descend
+from planfit.adjust.paper import paper_terms
+from planfit.adjust.sgd import DescentOptions, PaperWeights, descend
 from planfit.adjust.solver import Solution, SolverOptions, solve
-from planfit.adjust.terms.paper import PaperWeights, paper_terms
 
 TOLERANCE_M = 1e-5
 LONGEST = DescentOptions(tolerance=0.0, record_every_steps=1, dtype="float32")
@@ -46,7 +46,7 @@ def cases() -> list[Case]:
 def run_descent(case: Case, fresh: bool = False) -> Run:
     """The whole descent, from the cache where it is there."""
     key = hashlib.sha256(case.initial_plan_from_cams.tobytes() + repr(LONGEST).encode())
-    for part in (case.matches.points_a, case.structure.floor_points_cam, case.association.face_idx):
+    for part in (case.matches.points_a, case.structure.floor.points_cam, case.association.face_idx):
         key.update(np.ascontiguousarray(part).tobytes())
     path = CACHE / f"descent-{key.hexdigest()[:16]}.npz"
     if fresh or not path.exists():
@@ -54,7 +54,7 @@ def run_descent(case: Case, fresh: bool = False) -> Run:
 
         torch.set_num_threads(1)
         begin = time.process_time()
-        found = descend(*case.paper_inputs, case.initial_plan_from_cams, LONGEST)
+        found = descend(*case.paper_inputs, case.initial_plan_from_cams, PaperWeights(), LONGEST)
         cpu_s = time.process_time() - begin
         path.parent.mkdir(parents=True, exist_ok=True)
         np.savez(

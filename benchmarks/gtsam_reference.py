@@ -31,7 +31,7 @@ from problems import Problem
 
 from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.base import Term, Weighting
-from planfit.adjust.terms.floor import FLOOR_PLANE, FloorOptions, FloorTerm
+from planfit.adjust.terms.levels import FLOOR_PLANE, LevelOptions, floor_term
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.trajectory import TrajectoryOptions, TrajectoryTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm, face_planes
@@ -40,7 +40,7 @@ from planfit.geometry import se3
 SQUARED = Loss(LossKind.SQUARED)
 POINTS, FLOOR, WALLS = (
     PointOptions(loss=SQUARED),
-    FloorOptions(loss=SQUARED),
+    LevelOptions(loss=SQUARED),
     WallOptions(loss=SQUARED),
 )
 
@@ -69,8 +69,8 @@ def squared_terms(problem: Problem) -> list[Term]:
     evidence = problem.evidence
     return [
         PointTerm(evidence.matches, POINTS),
-        FloorTerm(evidence.structure, FLOOR),
-        WallTerm(evidence.structure, problem.floorplan, problem.association, WALLS),
+        floor_term(evidence.structure, FLOOR),
+        WallTerm(evidence.structure.walls, problem.floorplan, problem.association, WALLS),
         TrajectoryTerm(evidence.odometry, TrajectoryOptions(loss=SQUARED)),
     ]
 
@@ -85,13 +85,13 @@ def make_graph(problem: Problem, watch: Stopwatch) -> gtsam.NonlinearFactorGraph
         root = np.sqrt(information[k]) / matches.sigma[part].astype(float)
         points = matches.points_a[part].astype(float), matches.points_b[part].astype(float)
         graph.push_back(_pair_factor(int(i), int(j), *points, root, watch))
-    n = len(structure.floor_start) - 1
+    n = len(structure.floor.start) - 1
     floor = Weighting(FLOOR.max_readings, FLOOR.points_per_reading)
     walls = Weighting(WALLS.max_readings, WALLS.points_per_reading)
     groups = [
-        (structure.floor_points_cam, structure.floor_start, np.arange(n),
+        (structure.floor.points_cam, structure.floor.start, np.arange(n),
          np.tile(FLOOR_PLANE, (n, 1)), floor, FLOOR.sigma_m),
-        (structure.wall_points_cam, structure.patch_start, structure.patch_frame_idx,
+        (structure.walls.points_cam, structure.walls.start, structure.walls.frame_idx,
          face_planes(problem.floorplan, problem.association.face_idx), walls, WALLS.sigma_m),
     ]  # fmt: skip
     for points, start, frames, planes, weighting, sigma_m in groups:

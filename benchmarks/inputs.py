@@ -16,7 +16,7 @@ from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.scan import read_tum
 from planfit.scan.facap import PLAN_FROM_WORLD
-from planfit.structure import Structure
+from planfit.structure import LevelPoints, Structure
 from planfit.synth import DriftOptions
 from planfit.work import Work
 
@@ -47,10 +47,10 @@ class Case:
     @property
     def size(self) -> str:
         """Frames and points, for a record's conditions."""
-        on_face = np.diff(self.structure.patch_start)[self.association.face_idx >= 0].sum()
+        on_face = np.diff(self.structure.walls.start)[self.association.face_idx >= 0].sum()
         return (
             f"{self.name}: {len(self.initial_plan_from_cams)} frames, {self.matches.n_matches} matches, "
-            f"{on_face} wall and {len(self.structure.floor_points_cam)} floor points"
+            f"{on_face} wall and {len(self.structure.floor.points_cam)} floor points"
         )
 
 
@@ -69,7 +69,9 @@ def real_case() -> Case | None:
         run.matches,
         structure,
         floorplan,
-        associate(structure, floorplan, run.initial_plan_from_cams, 1.2, AssociationOptions()),
+        associate(
+            structure.walls, floorplan, run.initial_plan_from_cams, 1.2, AssociationOptions()
+        ),
         run.initial_plan_from_cams,
         PLAN_FROM_WORLD @ true_world_from_cams,
     )
@@ -99,15 +101,13 @@ def synthetic_case(n_frames: int = 250, seed: int = 0) -> Case:
 
 def thinned(structure: Structure, n_floor: int, n_wall: int) -> Structure:
     """The same with about this many floor and wall points, evenly left out."""
-    floor, floor_start = _every(structure.floor_start, n_floor)
-    wall, patch_start = _every(structure.patch_start, n_wall)
-    return dataclasses.replace(
-        structure,
-        floor_points_cam=structure.floor_points_cam[floor],
-        floor_start=floor_start,
-        wall_points_cam=structure.wall_points_cam[wall],
-        patch_start=patch_start,
+    floor, floor_start = _every(structure.floor.start, n_floor)
+    wall, wall_start = _every(structure.walls.start, n_wall)
+    walls = dataclasses.replace(
+        structure.walls, points_cam=structure.walls.points_cam[wall], start=wall_start
     )
+    kept = LevelPoints(structure.floor.points_cam[floor], floor_start)
+    return dataclasses.replace(structure, floor=kept, walls=walls)
 
 
 def _every(start: np.ndarray, n_kept: int) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from planfit.floorplan import Floorplan, make_floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.structure import Structure
+from planfit.structure import LevelPoints, Pieces, Structure, no_level_points, no_pieces
 from planfit.synth import DriftOptions, drift_poses
 
 STEP_M = 0.1
@@ -159,15 +159,19 @@ def _structure(
     normals = np.concatenate([floorplan.normals[faces], np.zeros((n, 2, 1))], axis=-1)
     edge = np.stack([wall[:, :, 0], wall[:, :, 1]], axis=2)
     structure = Structure(
-        floor_points_cam=_to_cam(cams_from_plan, floor),
-        floor_start=np.arange(n + 1) * half,
-        wall_points_cam=_to_cam(cams_from_plan, wall.reshape(n, 2 * quarter, 3)),
+        floor=LevelPoints(_to_cam(cams_from_plan, floor), np.arange(n + 1) * half),
+        floor_heights_m=np.zeros(n),
+        walls=Pieces(
+            points_cam=_to_cam(cams_from_plan, wall.reshape(n, 2 * quarter, 3)),
+            start=np.arange(2 * n + 1) * quarter,
+            frame_idx=np.repeat(np.arange(n), 2),
+            normals_cam=(turn @ normals[..., None])[..., 0].reshape(2 * n, 3),
+            ends_cam=_to_cam(cams_from_plan, edge.reshape(n, 4, 3)).reshape(2 * n, 2, 3),
+        ),
         loose_points_cam=np.zeros((0, 3)),
         loose_frame_idx=np.zeros(0, dtype=int),
-        patch_start=np.arange(2 * n + 1) * quarter,
-        patch_frame_idx=np.repeat(np.arange(n), 2),
-        patch_normals_cam=(turn @ normals[..., None])[..., 0].reshape(2 * n, 3),
-        patch_ends_cam=_to_cam(cams_from_plan, edge.reshape(n, 4, 3)).reshape(2 * n, 2, 3),
+        ceiling=no_level_points(n),
+        columns=no_pieces(),
         back_end="masks",
         floor_height_m=0.0,
     )

@@ -36,8 +36,8 @@ def main() -> None:
         "held_before_gb": before_gb,
         "whole_process_peak_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
         "n_matches": problem.evidence.matches.n_matches,
-        "n_points": len(problem.evidence.structure.floor_points_cam)
-        + len(problem.evidence.structure.wall_points_cam),
+        "n_points": len(problem.evidence.structure.floor.points_cam)
+        + len(problem.evidence.structure.walls.points_cam),
         "n_pairs": len(problem.evidence.matches.pairs),
         "before_m": _rms_m(problem, problem.initial_plan_from_cams),
         "after_m": _rms_m(problem, solution.target_from_cams),
@@ -48,7 +48,9 @@ def main() -> None:
 def solve_problem(problem):
     options = AdjustOptions()
     evidence = problem.evidence
-    walls = WallTerm(evidence.structure, problem.floorplan, problem.association, options.walls)
+    walls = WallTerm(
+        evidence.structure.walls, problem.floorplan, problem.association, options.walls
+    )
     terms = [*evidence.terms(options), walls]
     return solve(terms, problem.initial_plan_from_cams, options.solver)
 

@@ -12,7 +12,7 @@ from planfit.adjust.moments import pair_moments, plane_moments
 from planfit.adjust.normal_equations import NormalEquations
 from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.base import Quadratic
-from planfit.adjust.terms.floor import FLOOR_PLANE
+from planfit.adjust.terms.levels import FLOOR_PLANE
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
 
@@ -84,7 +84,9 @@ def reweighting() -> list[Record]:
 def _frozen(problem: Problem) -> list[Quadratic]:
     options = AdjustOptions()
     evidence = problem.evidence
-    walls = WallTerm(evidence.structure, problem.floorplan, problem.association, options.walls)
+    walls = WallTerm(
+        evidence.structure.walls, problem.floorplan, problem.association, options.walls
+    )
     terms = [*evidence.terms(options), walls]
     return [term.reweight(problem.initial_plan_from_cams)[0] for term in terms]
 

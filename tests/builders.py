@@ -5,14 +5,15 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from planfit.adjust import Evidence
+from planfit.adjust import Evidence, Ties
+from planfit.adjust.association import Association
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.geometry.camera import Camera
 from planfit.matching import Matches
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry, OdometryOptions, make_odometry
-from planfit.structure import Structure
+from planfit.structure import LevelPoints, Pieces, Structure, no_level_points, no_pieces
 
 CAMERA = Camera(160, 120, 130.0, 130.0, 79.5, 59.5)
 
@@ -90,15 +91,19 @@ def make_structure(plan_from_cams, floor=(), patches=()):
         both[:, 2] = on_wall[:, 2].mean()
         ends.append(se3.transform(cams_from_plan[i], both))
     return Structure(
-        floor_points_cam=np.concatenate(floors),
-        floor_start=np.cumsum([0, *(len(f) for f in floors)]),
-        wall_points_cam=np.concatenate(points),
+        floor=LevelPoints(np.concatenate(floors), np.cumsum([0, *(len(f) for f in floors)])),
+        floor_heights_m=np.zeros(n),
+        walls=Pieces(
+            points_cam=np.concatenate(points),
+            start=np.cumsum([0, *(len(p) for p in points[1:])]),
+            frame_idx=np.array([i for i, _, _ in patches], dtype=int),
+            normals_cam=np.array(normals).reshape(-1, 3),
+            ends_cam=np.array(ends).reshape(-1, 2, 3),
+        ),
         loose_points_cam=np.zeros((0, 3)),
         loose_frame_idx=np.zeros(0, dtype=int),
-        patch_start=np.cumsum([0, *(len(p) for p in points[1:])]),
-        patch_frame_idx=np.array([i for i, _, _ in patches], dtype=int),
-        patch_normals_cam=np.array(normals).reshape(-1, 3),
-        patch_ends_cam=np.array(ends).reshape(-1, 2, 3),
+        ceiling=no_level_points(n),
+        columns=no_pieces(),
         back_end="masks",
         floor_height_m=0.0,
     )
@@ -120,6 +125,12 @@ def make_matches(plan_from_cams, pairs, points_plan, sigma_m=0.03):
         n_tried=len(pairs),
         n_keypoints=n * len(plan_from_cams),
     )
+
+
+def make_ties(floorplan, association, n_frames):
+    """What walls alone hold a scan to."""
+    columns = Association(np.zeros(0, dtype=int), np.zeros(0))
+    return Ties(floorplan, association, columns, np.full(n_frames, np.nan), 0.5)
 
 
 @dataclass(frozen=True)

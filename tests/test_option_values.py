@@ -5,7 +5,7 @@ import pytest
 from planfit.adjust.robust import Loss
 from planfit.adjust.solver import SolverOptions
 from planfit.adjust.terms.base import Weighting
-from planfit.adjust.terms.floor import FloorOptions
+from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.align import AlignOptions
 from planfit.errors import OptionError
@@ -21,7 +21,7 @@ from planfit.work import Work
     [
         (Loss, "scale", 0.0),
         (SolverOptions, "max_iterations", 0),
-        (FloorOptions, "sigma_m", 0.0),
+        (LevelOptions, "sigma_m", 0.0),
         (WallOptions, "sigma_m", -0.1),
         (WallOptions, "points_per_reading", 0.0),
         (AlignOptions, "cell_m", 0.0),

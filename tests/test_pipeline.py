@@ -8,7 +8,7 @@ import pytest
 
 import planfit
 from planfit.adjust import AdjustOptions, KeyframeOptions
-from planfit.adjust.terms.floor import FloorOptions
+from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.points import PointOptions
 from planfit.adjust.terms.trajectory import TrajectoryOptions
 from planfit.adjust.terms.walls import WallOptions
@@ -142,7 +142,7 @@ def test_plan_places_the_scan_better_than_loops_alone(synthetic, refined, work):
     ("name", "adjust"),
     [
         ("points", AdjustOptions(points=PointOptions(weight=0.0))),
-        ("floor", AdjustOptions(floor=FloorOptions(weight=0.0))),
+        ("floor", AdjustOptions(floor=LevelOptions(weight=0.0))),
         ("trajectory", AdjustOptions(trajectory=TrajectoryOptions(weight=0.0))),
     ],
 )

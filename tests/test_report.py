@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from builders import make_ties, room_plan
 from planfit import checks
 from planfit.adjust import WallsPulled
 from planfit.adjust.association import Association
@@ -27,7 +28,7 @@ from planfit.report.key_figures import key_figures, verdict
 from planfit.report.measures import measure
 from planfit.report.top_view import crop_to_scan, find_gaps
 from planfit.report.walls import seen_faces
-from planfit.structure import Gravity, Structure
+from planfit.structure import Gravity, LevelPoints, Pieces, Structure, no_level_points, no_pieces
 
 WIDTH, DEPTH = 8.0, 6.0  # m, of the room
 SHIFT = np.array([0.3, 0.0, 0.0])  # m, recorded poses against true ones
@@ -77,15 +78,19 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
         z = np.tile([0.02, -0.02], 20)
         floor.append(se3.transform(se3.inverse(plan_from_cams[i]), np.column_stack([xy, z])))
     structure = Structure(
-        floor_points_cam=np.concatenate(floor),
-        floor_start=40 * np.arange(n_frames + 1),
-        wall_points_cam=np.concatenate(patches),
+        floor=LevelPoints(np.concatenate(floor), 40 * np.arange(n_frames + 1)),
+        floor_heights_m=np.zeros(n_frames),
+        walls=Pieces(
+            points_cam=np.concatenate(patches),
+            start=PER_PATCH * np.arange(n_frames + 1),
+            frame_idx=np.arange(n_frames),
+            normals_cam=np.array(normals),
+            ends_cam=np.array(ends),
+        ),
         loose_points_cam=np.zeros((0, 3)),
         loose_frame_idx=np.zeros(0, dtype=int),
-        patch_start=PER_PATCH * np.arange(n_frames + 1),
-        patch_frame_idx=np.arange(n_frames),
-        patch_normals_cam=np.array(normals),
-        patch_ends_cam=np.array(ends),
+        ceiling=no_level_points(n_frames),
+        columns=no_pieces(),
         back_end="masks",
         floor_height_m=0.0,
     )
@@ -106,7 +111,14 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
             pairs, np.array([0, 2, 3]), np.zeros((3, 3)), np.zeros((3, 3)), np.ones(3), 7, 1234
         ),
         alignment=Alignment(np.eye(4), 0.8, Fit(0.1, np.zeros(2), 0.3), True),
-        walls=WallsPulled(solution, association, np.zeros(0), 4, True),
+        walls=WallsPulled(
+            solution,
+            make_ties(room_plan(), association, n_frames),
+            np.zeros(0),
+            np.zeros(0),
+            4,
+            True,
+        ),
         cost_by_term={"points": (200.0, 50.0), "trajectory": (0.0, 3.0)},
         checks=judged if is_checked else (),
         doubts=(),
@@ -115,20 +127,13 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
 
 
 def without_walls(result):
-    bare = replace(
-        result.structure,
-        wall_points_cam=np.zeros((0, 3)),
-        patch_start=np.zeros(1, dtype=int),
-        patch_frame_idx=np.zeros(0, dtype=int),
-        patch_normals_cam=np.zeros((0, 3)),
-        patch_ends_cam=np.zeros((0, 2, 3)),
-    )
+    bare = replace(result.structure, walls=no_pieces())
     none = Association(np.zeros(0, dtype=int), np.zeros(0))
     return replace(
         result,
         structure=bare,
         alignment=None,
-        walls=replace(result.walls, association=none),
+        walls=replace(result.walls, ties=replace(result.walls.ties, walls=none)),
         checks=(),
     )
 
@@ -137,8 +142,7 @@ def without_floor(result):
     structure = result.structure
     bare = replace(
         structure,
-        floor_points_cam=np.zeros((0, 3)),
-        floor_start=np.zeros_like(structure.floor_start),
+        floor=no_level_points(len(structure.floor.start) - 1),
         floor_height_m=float("nan"),
     )
     return replace(result, structure=bare)
@@ -153,9 +157,9 @@ def without_matches(result):
 
 
 def without_association(result):
-    n = result.structure.n_patches
+    n = len(result.structure.walls)
     none = Association(np.full(n, -1), np.full(n, np.nan))
-    return replace(result, walls=replace(result.walls, association=none))
+    return replace(result, walls=replace(result.walls, ties=replace(result.walls.ties, walls=none)))
 
 
 def alone(result):

@@ -57,7 +57,7 @@ def wall_check(
     after_from_cams: np.ndarray,
 ) -> Check | None:
     """Share of wall points near a face of the plan; None where no wall was seen."""
-    if structure.n_patches == 0:
+    if not structure.has_walls:
         return None
     first, last = (
         float(np.mean(wall_distances(structure, floorplan, poses) < NEAR_FACE_M))
@@ -103,8 +103,8 @@ def wall_points_plan(
     structure: Structure, plan_from_cams: np.ndarray, max_points: int | None = None
 ) -> np.ndarray:
     """Wall points (n, 3) m of the scan, the paper's P_W, in the plan frame; evenly thinned."""
-    frame_idx = np.concatenate([structure.wall_frame_idx, structure.loose_frame_idx])
-    points_cam = np.concatenate([structure.wall_points_cam, structure.loose_points_cam])
+    frame_idx = np.concatenate([structure.walls.point_frame_idx, structure.loose_frame_idx])
+    points_cam = np.concatenate([structure.walls.points_cam, structure.loose_points_cam])
     keep = _thinned(len(points_cam), max_points)
     return _transform_each(plan_from_cams[frame_idx[keep]], points_cam[keep])
 
@@ -128,9 +128,9 @@ def floor_points(
     structure: Structure, target_from_cams: np.ndarray, max_points: int | None = None
 ) -> np.ndarray:
     """Floor points (n, 3) m of the scan, the paper's P_F, in the target frame; evenly thinned."""
-    keep = _thinned(len(structure.floor_points_cam), max_points)
-    poses = target_from_cams[structure.floor_frame_idx[keep]]
-    return _transform_each(poses, structure.floor_points_cam[keep])
+    keep = _thinned(len(structure.floor.points_cam), max_points)
+    poses = target_from_cams[structure.floor.frame_idx[keep]]
+    return _transform_each(poses, structure.floor.points_cam[keep])
 
 
 def surface_metrics(
@@ -144,11 +144,11 @@ def surface_metrics(
     which what merely lies on the floor moves less.
     """
     metrics = {}
-    if len(structure.wall_points_cam) + len(structure.loose_points_cam):
+    if structure.n_wall_points:
         distances = wall_distances(structure, floorplan, plan_from_cams)
         metrics["nsd_m"] = float(distances.mean())
         metrics["near_plan_share"] = float(np.mean(distances < NEAR_FACE_M))
-    if len(structure.floor_points_cam):
+    if structure.has_floor:
         heights = floor_heights(structure, plan_from_cams)
         metrics["floor_rms_m"] = float(np.std(heights))
         metrics["floor_median_m"] = float(np.median(np.abs(heights)))

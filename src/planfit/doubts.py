@@ -26,12 +26,12 @@ def scan_doubts(
         doubts.append(
             f"gravity is unsure (from {gravity.source}); check that the floor is level in the report"
         )
-    if len(structure.floor_points_cam) == 0:
+    if not structure.has_floor:
         doubts.append(
             "no floor was seen: height and tilt follow the recorded poses; "
             "tilt the camera down while scanning, or give floor masks"
         )
-    if structure.n_patches == 0:
+    if not structure.has_walls:
         doubts.append(
             "no wall was seen: the scan cannot be placed on the plan by its walls, and only the "
             "matches and the floor were used; give wall masks, or scan more of the walls"
@@ -62,12 +62,13 @@ def fit_doubts(
         doubts.append("the scan is not placed on the plan: its own axes were kept, levelled")
     near = next((check.after for check in checks if check.unit == "share"), 1.0)
     if near < MIN_NEAR_SHARE[structure.back_end]:
-        n_patches, n_associated = structure.n_patches, pulled.association.n_associated
+        n_patches, n_associated = len(structure.walls), pulled.association.n_associated
         doubts.append(
             f"only {near:.0%} of the wall points lie near the plan in the end ({n_associated} of "
             f"{n_patches} pieces of wall found a face): parts of the plan may be missing, moved or "
             "out of date, or it is the plan of another place; look at the overlay"
         )
+    doubts += pulled.weakly_held
     if not pulled.settled:
         doubts.append(
             "walls and faces were still changing partners when the rounds ran out; "

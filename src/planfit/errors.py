@@ -55,6 +55,16 @@ def require_share(options: object, *names: str) -> None:
             raise OptionError(f"{type(options).__name__}.{name}: expected 0 to 1, found {value}")
 
 
+def require_choice(options: object, name: str, *choices: str) -> None:
+    """Raise `OptionError` unless the named field of an options object is one of `choices`."""
+    value = getattr(options, name)
+    if value not in choices:
+        raise OptionError(
+            f"{type(options).__name__}.{name}: expected {', '.join(choices[:-1])} or {choices[-1]}, "
+            f"found {value!r}"
+        )
+
+
 def require_plain_numbers(options: object) -> None:
     """Raise `OptionError` unless every number in nested options is finite and not below 0."""
     for field in dataclasses.fields(options):  # type: ignore[arg-type]

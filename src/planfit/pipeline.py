@@ -15,11 +15,12 @@ from planfit.adjust import (
     WallsPulled,
     choose_keyframes,
     close_loops,
+    costs,
     follow_keyframes,
     pull_walls,
     reduce_evidence,
 )
-from planfit.adjust.association import patches_in_plan
+from planfit.adjust.association import pieces_in_plan
 from planfit.align import Alignment, AlignOptions, align, find_unit, sample_walls
 from planfit.doubts import fit_doubts, scan_doubts
 from planfit.errors import FloorplanError, OptionError, require_plain_numbers
@@ -134,13 +135,15 @@ def refine(
     rng = np.random.default_rng(options.seed)
     solving, held_out = checks.hold_out(matches, options.held_out_share, rng)
     keyframes = choose_keyframes(scan.world_from_cams, options.adjust.keyframes)
-    evidence = reduce_evidence(Evidence(solving, structure, odometry), keyframes)
+    evidence = reduce_evidence(Evidence(solving, structure, odometry, scan.cameras), keyframes)
     level = level_from_world(gravity, structure.floor_height_m)
     recorded = level @ scan.world_from_cams
     with clock.stage("close loops"):
-        level_from_keys = close_loops(
-            evidence, recorded[keyframes.frame_idx], options.adjust
-        ).target_from_cams
+        level_from_keys = recorded[keyframes.frame_idx]
+        if options.adjust.loops_first:
+            level_from_keys = close_loops(
+                evidence, level_from_keys, options.adjust
+            ).target_from_cams
     with clock.stage("place on the plan"):
         claimed = _claimed_place(scan, level)
         alignment = _place(evidence.structure, level_from_keys, floorplan, options.align, claimed)
@@ -163,11 +166,10 @@ def refine(
                 len(scan),
             ),
         )
-        agreed = (floorplan, pulled.association)
-        costs = [
-            evidence.costs(poses, options.adjust, agreed)
+        cost_before, cost_after = (
+            costs(evidence, poses, options.adjust, pulled.ties)
             for poses in (before[keyframes.frame_idx], plan_from_keys)
-        ]
+        )
     judged = tuple(check for check in found if check)
     return RefineResult(
         plan_from_cams=after,
@@ -178,7 +180,7 @@ def refine(
         matches=matches,
         alignment=alignment,
         walls=pulled,
-        cost_by_term={name: (costs[0][name], costs[1][name]) for name in costs[0]},
+        cost_by_term={name: (cost_before[name], cost_after[name]) for name in cost_before},
         checks=judged,
         doubts=(
             *scan_doubts(scan, gravity, structure, matches, options.matching.pairs.neighbours),
@@ -209,9 +211,9 @@ def _place(
     Raises:
         FloorplanError: the plan fits in another unit than metres.
     """
-    if structure.n_patches == 0:
+    if not structure.has_walls:
         return None
-    walls = sample_walls(*patches_in_plan(structure, level_from_cams))
+    walls = sample_walls(*pieces_in_plan(structure.walls, level_from_cams))
     alignment = align(walls, floorplan, options, claimed)
     found = find_unit(walls, floorplan, alignment, options)
     if found is not None:
@@ -225,7 +227,7 @@ def _place(
 
 def _total_cost(evidence: Evidence, poses: np.ndarray, options: AdjustOptions) -> float:
     """Robust cost of the terms that need no plan."""
-    return sum(evidence.costs(poses, options).values())
+    return sum(costs(evidence, poses, options).values())
 
 
 def _world_from_plan(

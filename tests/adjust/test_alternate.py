@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import make_matches, make_structure, make_world, position_rms_m, room_plan
-from planfit.adjust import AdjustOptions, Evidence, close_loops, pull_walls
-from planfit.adjust.terms.floor import FloorOptions
+from planfit.adjust import AdjustOptions, Evidence, close_loops, costs, pull_walls
+from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.points import PointOptions
 from planfit.adjust.terms.trajectory import TrajectoryOptions
 from planfit.adjust.terms.walls import WallOptions
@@ -55,7 +55,7 @@ def test_the_floor_sets_height_and_tilt_of_the_first_frame(world, drifted):
 
 def test_without_floor_the_whole_first_frame_is_held(world, drifted):
     poses, evidence = drifted
-    options = AdjustOptions(floor=FloorOptions(weight=0.0))
+    options = AdjustOptions(floor=LevelOptions(weight=0.0))
     poses = se3.make_transform(np.eye(3), np.array([0, 0, 0.2])) @ poses
     solution = close_loops(evidence, poses, options)
     assert "floor" not in solution.cost_by_term
@@ -68,7 +68,7 @@ def test_walls_bring_the_scan_onto_the_plan(world, drifted):
     pulled = pull_walls(evidence, world.floorplan, shift @ poses, AdjustOptions())
     assert position_rms_m(pulled.solution.target_from_cams, world.plan_from_cams) < 0.01
     assert pulled.settled
-    assert pulled.association.n_associated == world.structure.n_patches
+    assert pulled.association.n_associated == len(world.structure.walls)
     assert_allclose(pulled.association.distance_m, 0.0, atol=0.01)
 
 
@@ -85,7 +85,7 @@ def test_each_weight_of_zero_switches_its_term_off(world, drifted):
     poses, evidence = drifted
     off = {
         "points": AdjustOptions(points=PointOptions(weight=0.0)),
-        "floor": AdjustOptions(floor=FloorOptions(weight=0.0)),
+        "floor": AdjustOptions(floor=LevelOptions(weight=0.0)),
         "trajectory": AdjustOptions(trajectory=TrajectoryOptions(weight=0.0)),
         "walls": AdjustOptions(walls=WallOptions(weight=0.0)),
     }
@@ -109,7 +109,7 @@ def test_the_walls_alone_are_enough_for_a_frame(world, rng):
     # No matches, no floor, no trajectory: two walls at right angles fix x, y and yaw.
     empty = make_matches(world.plan_from_cams, [], np.zeros((0, 3)))
     options = AdjustOptions(
-        trajectory=TrajectoryOptions(weight=0.0), floor=FloorOptions(weight=0.0)
+        trajectory=TrajectoryOptions(weight=0.0), floor=LevelOptions(weight=0.0)
     )
     delta = np.zeros((8, 6))
     delta[:, 2], delta[:, 3:5] = 0.03, rng.uniform(-0.1, 0.1, (8, 2))
@@ -173,8 +173,8 @@ def test_costs_for_reports_are_those_of_the_terms(world, drifted):
     poses, evidence = drifted
     pulled = pull_walls(evidence, world.floorplan, poses, AdjustOptions())
     final = pulled.solution.target_from_cams
-    costs = evidence.costs(final, AdjustOptions(), (world.floorplan, pulled.association))
-    assert set(costs) == {"points", "floor", "trajectory", "walls"}
-    for name, cost in costs.items():
+    found = costs(evidence, final, AdjustOptions(), pulled.ties)
+    assert set(found) == {"points", "floor", "trajectory", "walls"}
+    for name, cost in found.items():
         assert_allclose(cost, pulled.solution.cost_by_term[name].after, rtol=1e-6)
-    assert set(evidence.costs(final, AdjustOptions())) == {"points", "floor", "trajectory"}
+    assert set(costs(evidence, final, AdjustOptions())) == {"points", "floor", "trajectory"}

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import faces_plan, look, make_structure, make_world, moved_plan, room_plan
-from planfit.adjust.association import AssociationOptions, associate, patches_in_plan
+from planfit.adjust.association import AssociationOptions, associate, pieces_in_plan
 from planfit.floorplan import Floorplan, make_floorplan
 from planfit.geometry import se3
 
@@ -24,7 +24,7 @@ def matched(floorplan, first, last, normal, max_distance_m=0.5, **options):
         CAMERA_POSE, patches=[(0, line(first, last), np.array(normal, dtype=float))]
     )
     found = associate(
-        structure, floorplan, CAMERA_POSE, max_distance_m, AssociationOptions(**options)
+        structure.walls, floorplan, CAMERA_POSE, max_distance_m, AssociationOptions(**options)
     )
     return int(found.face_idx[0]), float(found.distance_m[0])
 
@@ -32,7 +32,7 @@ def matched(floorplan, first, last, normal, max_distance_m=0.5, **options):
 def test_every_wall_finds_its_face(rng):
     world = make_world(rng)
     found = associate(
-        world.structure, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
+        world.structure.walls, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
     frame = np.arange(8).repeat(2)
     expected = np.stack([frame[::2] % 4, (frame[::2] + 1) % 4], axis=1).ravel()
@@ -112,9 +112,13 @@ def test_moving_scan_and_plan_together_changes_nothing(rng):
     world = make_world(rng)
     move = se3.yaw_transform(0.7, np.array([12.0, -40.0, 0.0]))
     poses = se3.retract(world.plan_from_cams, rng.normal(0, 0.05, (8, 6)))
-    here = associate(world.structure, world.floorplan, poses, 0.5, AssociationOptions())
+    here = associate(world.structure.walls, world.floorplan, poses, 0.5, AssociationOptions())
     there = associate(
-        world.structure, moved_plan(world.floorplan, move), move @ poses, 0.5, AssociationOptions()
+        world.structure.walls,
+        moved_plan(world.floorplan, move),
+        move @ poses,
+        0.5,
+        AssociationOptions(),
     )
     assert_array_equal(here.face_idx, there.face_idx)
     assert_allclose(here.distance_m, there.distance_m, atol=1e-9)
@@ -122,7 +126,7 @@ def test_moving_scan_and_plan_together_changes_nothing(rng):
 
 def test_no_patches_no_association():
     found = associate(
-        make_structure(CAMERA_POSE), room_plan(), CAMERA_POSE, 0.5, AssociationOptions()
+        make_structure(CAMERA_POSE).walls, room_plan(), CAMERA_POSE, 0.5, AssociationOptions()
     )
     assert found.n_associated == 0
     assert found.face_idx.shape == (0,)
@@ -133,18 +137,18 @@ def test_many_patches_are_done_in_parts_with_the_same_answer(rng):
         (0, line([1, y], [3, y], n=3), np.array([0.0, 1.0])) for y in rng.uniform(-1, 1, 2100)
     ]
     structure = make_structure(CAMERA_POSE, patches=patches)
-    found = associate(structure, room_plan(), CAMERA_POSE, 0.5, AssociationOptions())
+    found = associate(structure.walls, room_plan(), CAMERA_POSE, 0.5, AssociationOptions())
     y = np.array([points[0, 1] for _, points, _ in patches])
     assert_array_equal(found.face_idx, np.where(np.abs(y) < 0.5, 0, -1))
     assert_allclose(found.distance_m[np.abs(y) < 0.5], y[np.abs(y) < 0.5], atol=1e-9)
 
 
-def test_patches_in_plan_are_unit_normals_and_true_ends(rng):
+def test_pieces_in_plan_are_unit_normals_and_true_ends(rng):
     world = make_world(rng)
     tilted = se3.retract(world.plan_from_cams, np.tile([0.1, -0.1, 0, 0, 0, 0], (8, 1)))
-    normals, _ = patches_in_plan(world.structure, tilted)
+    normals, _ = pieces_in_plan(world.structure.walls, tilted)
     assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-    normals, ends = patches_in_plan(world.structure, world.plan_from_cams)
+    normals, ends = pieces_in_plan(world.structure.walls, world.plan_from_cams)
     faces = np.stack([np.arange(8) % 4, (np.arange(8) + 1) % 4], axis=1).ravel()
     assert_allclose(normals, world.floorplan.normals[faces], atol=1e-9)
     gap = np.einsum("kei,ki->ke", ends, world.floorplan.normals[faces])

@@ -13,7 +13,7 @@ from planfit.adjust.normal_equations import NormalEquations
 from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.solver import SolverOptions, Stop, solve
 from planfit.adjust.terms.anchor import AnchorTerm
-from planfit.adjust.terms.floor import FloorOptions, FloorTerm
+from planfit.adjust.terms.levels import LevelOptions, floor_term
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
@@ -25,12 +25,12 @@ QUICK = SolverOptions(max_iterations=30)
 def disagreeing(world, weight=1.0):
     """Floor and walls of a plan that is 0.4 m wider and 0.2 m deeper than the room is."""
     poses, structure = world.plan_from_cams, world.structure
-    association = associate(structure, world.floorplan, poses, 0.5, AssociationOptions())
+    association = associate(structure.walls, world.floorplan, poses, 0.5, AssociationOptions())
     options = WallOptions(
         weight=weight, sigma_m=0.05, loss=Loss(LossKind.CAUCHY, 2.0), max_readings=4.0
     )
-    walls = WallTerm(structure, room_plan(6.4, 4.2), association, options)
-    return [FloorTerm(structure, FloorOptions()), walls]
+    walls = WallTerm(structure.walls, room_plan(6.4, 4.2), association, options)
+    return [floor_term(structure, LevelOptions()), walls]
 
 
 def noisy_points(world, rng, loss=None, outliers=0.1):
@@ -126,10 +126,10 @@ def test_exact_matches_leave_the_slack_to_reach_the_plan(rng):
     # The true plan: geometry and plan agree, so the gauge is found without any geometric error.
     world = make_world(rng)
     association = associate(
-        world.structure, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
+        world.structure.walls, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
-    walls = WallTerm(world.structure, world.floorplan, association, WallOptions())
-    others = [FloorTerm(world.structure, FloorOptions()), walls]
+    walls = WallTerm(world.structure.walls, world.floorplan, association, WallOptions())
+    others = [floor_term(world.structure, LevelOptions()), walls]
     points = PointTerm(world.matches, PointOptions())
     start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     tight = SolverOptions(max_iterations=200, cost_tolerance=1e-10)
@@ -213,7 +213,7 @@ def test_barrier_is_infinite_at_and_beyond_the_bound(rng):
 def test_others_that_cost_nothing_change_nothing_much(rng):
     world = make_world(rng)
     points = noisy_points(world, rng)
-    weightless = FloorTerm(world.structure, FloorOptions(weight=0.0))
+    weightless = floor_term(world.structure, LevelOptions(weight=0.0))
     start = nudged(rng, world.plan_from_cams, 0.5, 0.05)
     result = solve_bounded([points], [weightless], start, BoundedOptions(), QUICK)
     assert result.geometric_cost.after <= result.geometric_cost.before * (1 + 1e-9)

@@ -62,12 +62,13 @@ def test_a_pose_that_nothing_holds_is_named(world):
 def test_offsets_that_are_seen_are_surer_than_their_prior(world):
     n, floorplan = len(world.plan_from_cams), world.floorplan
     association = associate(
-        world.structure, floorplan, world.plan_from_cams, 0.5, AssociationOptions()
+        world.structure.walls, floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
-    term = OffsetWallTerm(world.structure, floorplan, association, WallOptions(), n)
+    term = OffsetWallTerm(world.structure.walls, floorplan, association, WallOptions(), n)
     terms = [*world.evidence.terms(AdjustOptions()), term, offset_prior(n, floorplan, 0.05)]
     unknowns = with_offsets(world.plan_from_cams, floorplan)
-    spreads = offset_spreads(terms, unknowns, n, floorplan.normals)
+    faces = n + np.arange(len(floorplan))
+    spreads = offset_spreads(terms, unknowns, faces, floorplan.normals)
     seen = np.isin(np.arange(len(floorplan)), association.face_idx)
     assert np.all(spreads[seen] < 0.05)
     assert_allclose(spreads[~seen], 0.05, rtol=1e-6)

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import make_world, nudged
-from planfit.adjust import AdjustOptions, KeyframeOptions, close_loops
+from planfit.adjust import AdjustOptions, KeyframeOptions, close_loops, costs
 from planfit.adjust.keyframes import (
     choose_keyframes,
     follow_keyframes,
@@ -71,12 +71,12 @@ def test_evidence_costs_the_same_at_poses_that_keep_to_the_record(rng):
     assert len(found.frame_idx) < len(recorded)
     reduced = reduce_evidence(world.evidence, found)
     motion = se3.yaw_transform(0.01, np.array([0.02, 0.03, 0.01]))
-    full = world.evidence.costs(motion @ recorded, AdjustOptions())
-    few = reduced.costs(motion @ recorded[found.frame_idx], AdjustOptions())
+    full = costs(world.evidence, motion @ recorded, AdjustOptions())
+    few = costs(reduced, motion @ recorded[found.frame_idx], AdjustOptions())
     assert few["trajectory"] == pytest.approx(0.0, abs=1e-12)
     assert few["points"] <= full["points"] + 1e-9
-    assert reduced.structure.n_patches == world.structure.n_patches
-    assert len(reduced.structure.floor_points_cam) == len(world.structure.floor_points_cam)
+    assert len(reduced.structure.walls) == len(world.structure.walls)
+    assert len(reduced.structure.floor.points_cam) == len(world.structure.floor.points_cam)
 
 
 def test_solving_for_keyframes_is_nearly_as_good(rng):

@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from builders import gradient_by_differences, make_world, nudged
 from planfit.adjust import sgd
 from planfit.adjust.association import Association, AssociationOptions, associate
-from planfit.adjust.sgd import DescentOptions, DescentStop
+from planfit.adjust.paper import paper_terms
+from planfit.adjust.sgd import DescentOptions, DescentStop, PaperWeights
 from planfit.adjust.solver import SolverOptions, solve
-from planfit.adjust.terms.paper import PaperWeights, paper_terms
 from planfit.errors import OptionError
 
 QUICK = DescentOptions(max_steps=300, record_every_steps=50, tolerance=0.0)
@@ -30,7 +30,7 @@ def world(rng):
 @pytest.fixture
 def inputs(world):
     association = associate(
-        world.structure, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
+        world.structure.walls, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
     face_idx = association.face_idx.copy()
     face_idx[::3] = -1  # some pieces of wall have no face
@@ -57,11 +57,11 @@ def test_paper_terms_are_means_of_distances(inputs, world, start):
         a = matches.points_a[part] @ start[i, :3, :3].T + start[i, :3, 3]
         b = matches.points_b[part] @ start[j, :3, :3].T + start[j, :3, 3]
         apart.append(np.linalg.norm(a - b, axis=1))
-    poses = start[structure.floor_frame_idx]
-    floor = np.einsum("ka,ka->k", poses[:, 2, :3], structure.floor_points_cam) + poses[:, 2, 3]
-    poses = start[structure.wall_frame_idx]
-    wall = np.einsum("kab,kb->ka", poses[:, :3, :3], structure.wall_points_cam) + poses[:, :3, 3]
-    face = np.repeat(association.face_idx, np.diff(structure.patch_start))
+    poses = start[structure.floor.frame_idx]
+    floor = np.einsum("ka,ka->k", poses[:, 2, :3], structure.floor.points_cam) + poses[:, 2, 3]
+    poses = start[structure.walls.point_frame_idx]
+    wall = np.einsum("kab,kb->ka", poses[:, :3, :3], structure.walls.points_cam) + poses[:, :3, 3]
+    face = np.repeat(association.face_idx, np.diff(structure.walls.start))
     off = np.einsum("ka,ka->k", wall[:, :2], floorplan.normals[face]) - floorplan.offsets[face]
     assert_allclose(costs["points"], np.concatenate(apart).mean(), rtol=1e-4)
     assert_allclose(costs["floor"], 10.0 * np.abs(floor).mean(), rtol=1e-4)
@@ -95,7 +95,7 @@ def test_slope_is_finite_at_zero_distance_and_zero_turn(inputs, world):
 
 def test_descent_lowers_the_loss_to_that_of_its_poses(inputs, start):
     needs_torch()
-    found = sgd.descend(*inputs, start, QUICK)
+    found = sgd.descend(*inputs, start, PaperWeights(), QUICK)
     assert found.stop is DescentStop.LIMIT
     assert_array_equal(found.steps, np.arange(0, 301, 50))
     assert_allclose(
@@ -103,29 +103,31 @@ def test_descent_lowers_the_loss_to_that_of_its_poses(inputs, start):
     )
     assert found.loss_m[-1] < 0.5 * found.loss_m[0]
     assert (np.diff(found.elapsed_s) > 0).all()
-    again = sgd.descend(*inputs, start, QUICK)
+    again = sgd.descend(*inputs, start, PaperWeights(), QUICK)
     assert_array_equal(again.target_from_cams, found.target_from_cams)
 
 
 def test_levenberg_marquardt_gets_lower(inputs, start):
     needs_torch()
-    found = sgd.descend(*inputs, start, QUICK)
+    found = sgd.descend(*inputs, start, PaperWeights(), QUICK)
     solution = solve(paper_terms(*inputs, PaperWeights()), start, SolverOptions())
     assert paper_cost(inputs, solution.target_from_cams) < found.loss_m[-1]
 
 
 def test_tolerance_stops_it(inputs, start):
     needs_torch()
-    found = sgd.descend(*inputs, start, replace(QUICK, tolerance=10.0))
+    found = sgd.descend(*inputs, start, PaperWeights(), replace(QUICK, tolerance=10.0))
     assert (found.stop, found.steps[-1]) == (DescentStop.TOLERANCE, 1)
-    later = sgd.descend(*inputs, start, replace(QUICK, tolerance=10.0, check_every_steps=20))
+    later = sgd.descend(
+        *inputs, start, PaperWeights(), replace(QUICK, tolerance=10.0, check_every_steps=20)
+    )
     assert later.steps[-1] == 20
 
 
 def test_first_frame_may_be_held(inputs, start):
     needs_torch()
-    free = sgd.descend(*inputs, start, QUICK)
-    held = sgd.descend(*inputs, start, replace(QUICK, is_first_frame_fixed=True))
+    free = sgd.descend(*inputs, start, PaperWeights(), QUICK)
+    held = sgd.descend(*inputs, start, PaperWeights(), replace(QUICK, is_first_frame_fixed=True))
     assert_array_equal(held.target_from_cams[0], start[0])
     assert np.abs(free.target_from_cams[0] - start[0]).max() > 1e-4
     assert np.abs(held.target_from_cams[1:] - start[1:]).max() > 1e-4
@@ -136,7 +138,7 @@ def test_learning_rate_drops_after_its_steps(inputs, start):
     slow = replace(QUICK, max_steps=1, learning_rate=1e-4)
     dropped = replace(QUICK, max_steps=1, learning_rate=1e-3, drop_after_steps=0)
     one, other, fast = (
-        sgd.descend(*inputs, start, options).target_from_cams
+        sgd.descend(*inputs, start, PaperWeights(), options).target_from_cams
         for options in (slow, dropped, replace(QUICK, max_steps=1))
     )
     assert_array_equal(one, other)
@@ -145,9 +147,11 @@ def test_learning_rate_drops_after_its_steps(inputs, start):
 
 def test_momentum_and_precision_count(inputs, start):
     needs_torch()
-    plain = sgd.descend(*inputs, start, replace(QUICK, momentum=0.0, max_steps=20))
-    heavy = sgd.descend(*inputs, start, replace(QUICK, max_steps=20))
-    single = sgd.descend(*inputs, start, replace(QUICK, max_steps=20, dtype="float32"))
+    plain = sgd.descend(*inputs, start, PaperWeights(), replace(QUICK, momentum=0.0, max_steps=20))
+    heavy = sgd.descend(*inputs, start, PaperWeights(), replace(QUICK, max_steps=20))
+    single = sgd.descend(
+        *inputs, start, PaperWeights(), replace(QUICK, max_steps=20, dtype="float32")
+    )
     assert heavy.loss_m[-1] < plain.loss_m[-1]
     assert_allclose(single.target_from_cams, heavy.target_from_cams, atol=1e-4)
     assert np.abs(single.target_from_cams - heavy.target_from_cams).max() > 0
@@ -156,7 +160,7 @@ def test_momentum_and_precision_count(inputs, start):
 def test_says_that_it_diverged(inputs, start):
     needs_torch()
     wild = replace(QUICK, learning_rate=1e200, max_steps=20)
-    found = sgd.descend(*inputs, start, wild)
+    found = sgd.descend(*inputs, start, PaperWeights(), wild)
     assert found.stop is DescentStop.DIVERGED
     assert_array_equal(found.target_from_cams, start)
 
@@ -164,4 +168,4 @@ def test_says_that_it_diverged(inputs, start):
 def test_says_how_to_get_torch(inputs, start, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(OptionError, match=r"planfit\[torch\]"):
-        sgd.descend(*inputs, start, QUICK)
+        sgd.descend(*inputs, start, PaperWeights(), QUICK)

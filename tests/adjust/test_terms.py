@@ -19,7 +19,7 @@ from planfit.adjust.normal_equations import NormalEquations
 from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.anchor import AnchorTerm
 from planfit.adjust.terms.base import Weighting
-from planfit.adjust.terms.floor import FloorOptions, FloorTerm
+from planfit.adjust.terms.levels import LevelOptions, floor_term
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.trajectory import (
     TrajectoryOptions,
@@ -43,13 +43,13 @@ def world(rng):
 @pytest.fixture
 def terms(world):
     association = associate(
-        world.structure, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
+        world.structure.walls, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
-    assert association.n_associated == world.structure.n_patches
+    assert association.n_associated == len(world.structure.walls)
     made = [
         PointTerm(world.matches, PointOptions()),
-        FloorTerm(world.structure, FloorOptions()),
-        WallTerm(world.structure, world.floorplan, association, WallOptions()),
+        floor_term(world.structure, LevelOptions()),
+        WallTerm(world.structure.walls, world.floorplan, association, WallOptions()),
         TrajectoryTerm(world.odometry, TrajectoryOptions()),
         AnchorTerm(np.array([0, 3]), world.plan_from_cams[[0, 3]], np.full(6, 0.1)),
     ]
@@ -186,7 +186,7 @@ def test_weighting_counts_readings():
 
 def test_wall_patches_without_a_face_do_not_pull(terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
-    n = world.structure.n_patches
+    n = len(world.structure.walls)
     nothing = replace(terms["walls"], association=Association(np.full(n, -1), np.full(n, np.nan)))
     quadratic, cost = nothing.reweight(poses)
     assert cost == 0.0

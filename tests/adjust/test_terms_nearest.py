@@ -23,8 +23,9 @@ from planfit.adjust.face_grid import make_face_grid
 from planfit.adjust.normal_equations import NormalEquations
 from planfit.adjust.robust import Loss, LossKind, loss_value
 from planfit.adjust.solver import SolverOptions, solve
-from planfit.adjust.terms.nearest import NearestOptions, NearestTerm
+from planfit.adjust.terms.nearest import NearestTerm, Pull
 from planfit.adjust.terms.points import PointOptions, PointTerm
+from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
@@ -39,7 +40,12 @@ def world(rng):
 
 
 def make_term(world, **options):
-    return NearestTerm(world.structure, world.floorplan, NearestOptions(**options))
+    return nearest_term(world.structure.walls, world.floorplan, **options)
+
+
+def nearest_term(pieces, floorplan, pull_to="line", max_distance_m=1.0, oriented=True, **options):
+    chosen = WallOptions(**{"loss": Loss(LossKind.CAUCHY, 2.0), **options})
+    return NearestTerm(pieces, floorplan, chosen, Pull(pull_to, max_distance_m, oriented))
 
 
 def twin_nearest(xy, floorplan, is_allowed):
@@ -111,13 +117,13 @@ def test_blocks_are_those_of_the_residuals(pull_to, world, rng):
     at = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     options = {"sigma_m": 0.1, "loss": SQUARED, "max_readings": 1e9, "points_per_reading": 1.0}
     quadratic, cost = make_term(world, pull_to=pull_to, **options).reweight(at)
-    frame = world.structure.wall_frame_idx
-    towards = np.repeat(world.structure.patch_normals_cam, np.diff(world.structure.patch_start), 0)
+    frame = world.structure.walls.point_frame_idx
+    towards = np.repeat(world.structure.walls.normals_cam, np.diff(world.structure.walls.start), 0)
     towards = np.einsum("mab,mb->ma", at[frame, :2, :3], towards)
     front = towards @ world.floorplan.normals.T > 0
 
     def xy(here):
-        return se3.transform(here[frame], world.structure.wall_points_cam[:, None])[:, 0, :2]
+        return se3.transform(here[frame], world.structure.walls.points_cam[:, None])[:, 0, :2]
 
     face, feet, _ = twin_nearest(xy(at), world.floorplan, front)
 
@@ -161,7 +167,7 @@ def one_point(xy, floorplan, normal=(0.0, 1.0), at=(3.0, 2.0, 1.5), **options):
     poses = look(at, -90.0)[None]
     structure = make_structure(poses, patches=[(0, np.array([[*xy, 1.0]]), normal)])
     chosen = {"loss": SQUARED, "sigma_m": 1.0, "points_per_reading": 1.0, **options}
-    return poses, NearestTerm(structure, floorplan, NearestOptions(**chosen))
+    return poses, nearest_term(structure.walls, floorplan, **chosen)
 
 
 def test_beyond_the_end_a_point_is_pulled_to_the_end():
@@ -273,7 +279,7 @@ def test_sigma_and_readings_and_loss_are_those_given(pull_to, world, rng):
 
 def test_no_wall_points_cost_nothing(world):
     structure = make_structure(world.plan_from_cams)
-    term = NearestTerm(structure, world.floorplan, NearestOptions())
+    term = nearest_term(structure.walls, world.floorplan)
     quadratic, cost = term.reweight(world.plan_from_cams)
     assert cost == quadratic.cost(world.plan_from_cams) == 0.0
     assert not quadratic.normal_blocks(world.plan_from_cams).blocks.any()
@@ -294,17 +300,14 @@ def test_pulls_a_drifted_walk_back(pull_to, world, rng):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("sigma_m", 0.0),
-        ("max_readings", -1.0),
-        ("points_per_reading", 0.0),
         ("max_distance_m", np.inf),
         ("max_distance_m", 0.0),
-        ("pull_to", "plane"),
+        ("to", "plane"),
     ],
 )
 def test_refuses_options_that_cannot_work(name, value):
     with pytest.raises(OptionError, match=name):
-        NearestOptions(**{name: value})
+        Pull(**{name: value})
 
 
 def test_a_plan_of_any_size_fits_the_grid():

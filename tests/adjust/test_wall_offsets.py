@@ -30,10 +30,10 @@ def world(rng):
 def case(world, rng):
     """A term, and unknowns at which faces have shifted in every direction."""
     association = associate(
-        world.structure, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
+        world.structure.walls, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
     n = len(world.plan_from_cams)
-    term = OffsetWallTerm(world.structure, world.floorplan, association, WallOptions(), n)
+    term = OffsetWallTerm(world.structure.walls, world.floorplan, association, WallOptions(), n)
     unknowns = with_offsets(nudged(rng, world.plan_from_cams, 1.0, 0.05), world.floorplan)
     unknowns[n:, :3, 3] = rng.normal(size=(len(world.floorplan), 3)) * 0.05
     return term, unknowns
@@ -72,7 +72,7 @@ def test_blocks_are_the_second_derivative_where_distances_are_zero(world, case):
 def test_faces_as_drawn_cost_what_the_plain_term_costs(world, case, rng):
     term, _ = case
     poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
-    plain = WallTerm(world.structure, world.floorplan, term.association, term.options)
+    plain = WallTerm(world.structure.walls, world.floorplan, term.association, term.options)
     shifting = term.reweight(with_offsets(poses, world.floorplan))[1]
     assert shifting == pytest.approx(plain.reweight(poses)[1], rel=1e-12)
 

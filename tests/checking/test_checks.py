@@ -91,7 +91,7 @@ def test_no_walls_no_check(world):
 
 def test_wall_points_are_all_there_and_on_the_plan(world):
     points = wall_points_plan(world.structure, world.plan_from_cams)
-    assert len(points) == len(world.structure.wall_points_cam)
+    assert len(points) == len(world.structure.walls.points_cam)
     distances = wall_distances(world.structure, world.floorplan, world.plan_from_cams)
     assert_allclose(distances, 0, atol=1e-9)
     loose = replace(
@@ -107,7 +107,7 @@ def test_floor_heights(world):
     assert_allclose(floor_heights(world.structure, world.plan_from_cams), 0, atol=1e-9)
     raised = world.plan_from_cams.copy()
     raised[4, 2, 3] += 0.2
-    expected = np.where(world.structure.floor_frame_idx == 4, 0.2, 0.0)
+    expected = np.where(world.structure.floor.frame_idx == 4, 0.2, 0.0)
     assert_allclose(floor_heights(world.structure, raised), expected, atol=1e-9)
 
 

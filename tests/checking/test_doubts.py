@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from builders import make_matches, make_structure, make_world, room_scan
+from builders import make_matches, make_structure, make_ties, make_world, room_scan
 from planfit.adjust import Solution, WallsPulled
 from planfit.adjust.association import Association
 from planfit.adjust.solver import Stop
 from planfit.align import Alignment
 from planfit.checks import Check
 from planfit.doubts import MIN_NEAR_SHARE, fit_doubts, scan_doubts
-from planfit.structure import Gravity
+from planfit.structure import Gravity, no_level_points
 
 GRAVITY = Gravity(np.array([0, 0, 1.0]), 0.8, "the most common normal")
 
@@ -40,7 +40,7 @@ def test_a_good_scan_raises_none(world):
 def test_doubts_about_the_scan(world, rng):
     poses = world.plan_from_cams
     points = rng.normal(size=(20, 3))
-    walls = replace(world.structure, floor_points_cam=np.zeros((0, 3)))
+    walls = replace(world.structure, floor=no_level_points(len(world.plan_from_cams)))
     cases = {
         "only 5 frames": {"scan": room_scan(poses[:5])},
         "gravity is unsure": {"gravity": replace(GRAVITY, confidence=0.01)},
@@ -57,17 +57,18 @@ def test_doubts_about_the_scan(world, rng):
 
 
 def pulled(world, n_associated, settled=True):
-    n = world.structure.n_patches
+    n = len(world.structure.walls)
     face_idx = np.where(np.arange(n) < n_associated, 0, -1)
     solution = Solution(world.plan_from_cams, Stop.COST, 3, {})
-    return WallsPulled(solution, Association(face_idx, np.zeros(n)), np.zeros(4), 5, settled)
+    ties = make_ties(world.floorplan, Association(face_idx, np.zeros(n)), len(world.plan_from_cams))
+    return WallsPulled(solution, ties, np.zeros(4), np.full(4, np.nan), 5, settled)
 
 
 def doubts_of_fit(world, **changes):
     given = {
         "alignment": Alignment(np.eye(4), 0.9, None),
         "is_place_claimed": False,
-        "pulled": pulled(world, world.structure.n_patches),
+        "pulled": pulled(world, len(world.structure.walls)),
         "structure": world.structure,
         "checks": (
             Check("held-out matches", 0.1, 0.05, "m", False),
@@ -91,7 +92,7 @@ def test_doubts_about_the_fit(world):
         "so and so": {"alignment": Alignment(np.eye(4), 0.9, None, warnings=("so and so",))},
         "lie near the plan": {"checks": (few,)},
         "raise adjust.max-alternations": {
-            "pulled": pulled(world, world.structure.n_patches, settled=False)
+            "pulled": pulled(world, len(world.structure.walls), settled=False)
         },
         "worse than before: held-out matches went from 0.05 to 0.1 m": {"checks": (bad,)},
     }

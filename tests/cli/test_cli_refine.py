@@ -54,7 +54,7 @@ def test_record_tells_what_was_done(finished: Path, small_scan: Path) -> None:
     assert record["inputs"]["scan"] == str(small_scan.resolve())
     assert record["options"]["matching"]["verify"]["min_inliers"] == 15
     assert record["is_better"] is True
-    assert set(record["cost_by_term"]) == {"points", "floor", "trajectory", "walls"}
+    assert set(record["cost_by_term"]) == {"points", "floor", "trajectory", "ceiling", "walls"}
     assert record["metrics"]["nsd_m"]["after"] < record["metrics"]["nsd_m"]["before"]
     assert record["stop"]
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import look, make_matches, room_plan, room_scan
-from planfit.adjust.association import patches_in_plan
+from planfit.adjust.association import pieces_in_plan
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan import Label
@@ -58,12 +58,12 @@ def masked(scan):
 def test_points_are_where_the_floor_and_the_walls_are(scan, masked, back_end):
     found = extracted(masked if back_end == "masks" else scan)
     assert found.back_end == back_end
-    poses = VIEWS[found.floor_frame_idx]
-    floor = se3.transform(poses, found.floor_points_cam[:, None])[:, 0]
+    poses = VIEWS[found.floor.frame_idx]
+    floor = se3.transform(poses, found.floor.points_cam[:, None])[:, 0]
     assert len(floor) > 500
     assert np.median(np.abs(floor[:, 2])) < 0.005
     assert found.floor_height_m == pytest.approx(0.0, abs=0.01)
-    wall = se3.transform(VIEWS[found.wall_frame_idx], found.wall_points_cam[:, None])[:, 0]
+    wall = se3.transform(VIEWS[found.walls.point_frame_idx], found.walls.points_cam[:, None])[:, 0]
     assert len(wall) > 500
     plan = room_plan()
     distance = np.abs(wall[:, :2] @ plan.normals.T - plan.offsets).min(axis=1)
@@ -73,8 +73,8 @@ def test_points_are_where_the_floor_and_the_walls_are(scan, masked, back_end):
 @pytest.mark.parametrize("back_end", ["masks", "geometry"])
 def test_patches_are_pieces_of_the_walls_seen_from_inside(scan, masked, back_end):
     found = extracted(masked if back_end == "masks" else scan)
-    assert found.n_patches >= 6
-    normals, ends = patches_in_plan(found, VIEWS)
+    assert len(found.walls) >= 6
+    normals, ends = pieces_in_plan(found.walls, VIEWS)
     plan = room_plan()
     cosine = normals @ plan.normals.T
     face = cosine.argmax(axis=1)
@@ -86,24 +86,24 @@ def test_patches_are_pieces_of_the_walls_seen_from_inside(scan, masked, back_end
 
 def test_the_index_arrays_fit_together(scan):
     found = extracted(scan)
-    assert found.floor_start[-1] == len(found.floor_points_cam) == len(found.floor_frame_idx)
-    assert found.patch_start[-1] == len(found.wall_points_cam) == len(found.wall_frame_idx)
-    assert len(found.patch_start) == found.n_patches + 1
-    assert found.patch_normals_cam.shape == (found.n_patches, 3)
-    assert found.patch_ends_cam.shape == (found.n_patches, 2, 3)
-    assert len(found.floor_start) == len(scan) + 1
+    assert found.floor.start[-1] == len(found.floor.points_cam) == len(found.floor.frame_idx)
+    assert found.walls.start[-1] == len(found.walls.points_cam) == len(found.walls.point_frame_idx)
+    assert len(found.walls.start) == len(found.walls) + 1
+    assert found.walls.normals_cam.shape == (len(found.walls), 3)
+    assert found.walls.ends_cam.shape == (len(found.walls), 2, 3)
+    assert len(found.floor.start) == len(scan) + 1
     assert len(found.loose_points_cam) == len(found.loose_frame_idx)
-    assert np.all(np.diff(found.patch_frame_idx) >= 0)
-    assert_allclose(np.linalg.norm(found.patch_normals_cam, axis=1), 1.0)
+    assert np.all(np.diff(found.walls.frame_idx) >= 0)
+    assert_allclose(np.linalg.norm(found.walls.normals_cam, axis=1), 1.0)
 
 
 def test_threads_and_cache_do_not_change_the_result(scan, tmp_path):
     one = extracted(scan)
     for _ in range(2):
         two = extracted(scan, work=Work(1, tmp_path))
-        assert_array_equal(one.floor_points_cam, two.floor_points_cam)
-        assert_array_equal(one.wall_points_cam, two.wall_points_cam)
-        assert_array_equal(one.patch_ends_cam, two.patch_ends_cam)
+        assert_array_equal(one.floor.points_cam, two.floor.points_cam)
+        assert_array_equal(one.walls.points_cam, two.walls.points_cam)
+        assert_array_equal(one.walls.ends_cam, two.walls.ends_cam)
 
 
 def test_a_world_with_another_up_and_origin(scan):
@@ -114,17 +114,17 @@ def test_a_world_with_another_up_and_origin(scan):
     gravity = Gravity(room_from_world[2, :3], 1.0, "known")
     found = extract_structure(moved, gravity, SMALL, Work(2))
     assert found.floor_height_m == pytest.approx(-5.0, abs=0.01)
-    assert found.n_patches == extracted(scan).n_patches
+    assert len(found.walls) == len(extracted(scan).walls)
 
 
 def test_a_view_without_floor_and_walls_is_empty():
     up = np.stack([look([3, 2, 1.4], 0, -89.0)] * 2)
     found = extracted(room_scan(up))
-    assert found.n_patches == 0
-    assert len(found.floor_points_cam) == 0
+    assert len(found.walls) == 0
+    assert len(found.floor.points_cam) == 0
     assert np.isnan(found.floor_height_m)
-    assert found.patch_ends_cam.shape == (0, 2, 3)
-    assert found.wall_points_cam.shape == (0, 3)
+    assert found.walls.ends_cam.shape == (0, 2, 3)
+    assert found.walls.points_cam.shape == (0, 3)
 
 
 def test_masks_where_there_are_none_are_an_error_and_not_a_silent_change(scan):
@@ -139,8 +139,8 @@ def test_geometry_is_used_where_asked_for_in_spite_of_masks(masked):
 
 def test_max_points_per_frame(scan):
     found = extracted(scan, StructureOptions(max_points_per_frame=50))
-    assert np.diff(found.floor_start).max() <= 50
-    per_frame = np.bincount(found.wall_frame_idx, minlength=6) + np.bincount(
+    assert np.diff(found.floor.start).max() <= 50
+    per_frame = np.bincount(found.walls.point_frame_idx, minlength=6) + np.bincount(
         found.loose_frame_idx, minlength=6
     )
     assert per_frame.max() <= 50
@@ -148,15 +148,15 @@ def test_max_points_per_frame(scan):
 
 def test_max_depth_m(scan):
     near, far = extracted(scan, replace(SMALL, max_depth_m=2.5)), extracted(scan)
-    for points in (near.floor_points_cam, near.wall_points_cam):
+    for points in (near.floor.points_cam, near.walls.points_cam):
         assert 2.3 < points[:, 2].max() < 2.5
-    assert far.floor_points_cam[:, 2].max() > 2.5
-    assert far.wall_points_cam[:, 2].max() > 2.5
+    assert far.floor.points_cam[:, 2].max() > 2.5
+    assert far.walls.points_cam[:, 2].max() > 2.5
 
 
 def n_points(scan, **options):
     found = extracted(scan, StructureOptions(**({"max_points_per_frame": 10**6} | options)))
-    return len(found.floor_points_cam) + len(found.wall_points_cam) + len(found.loose_points_cam)
+    return len(found.floor.points_cam) + len(found.walls.points_cam) + len(found.loose_points_cam)
 
 
 def test_stride_px(scan):
@@ -176,16 +176,16 @@ def test_edge_step():
 def test_seed_chooses_other_points(scan):
     few = replace(SMALL, max_points_per_frame=60)
     one = extracted(scan, few)
-    assert_array_equal(one.floor_points_cam, extracted(scan, few).floor_points_cam)
+    assert_array_equal(one.floor.points_cam, extracted(scan, few).floor.points_cam)
     other = extracted(scan, replace(few, seed=1))
-    assert not np.array_equal(one.floor_points_cam, other.floor_points_cam)
+    assert not np.array_equal(one.floor.points_cam, other.floor.points_cam)
 
 
 def test_options_of_the_parts_reach_them(scan):
     few = extracted(scan, replace(SMALL, patches=PatchOptions(max_per_frame=1)))
-    assert np.bincount(few.patch_frame_idx).max() == 1
+    assert np.bincount(few.walls.frame_idx).max() == 1
     strict = GeometryLabelOptions(min_wall_top_m=9.0)
-    assert extracted(scan, replace(SMALL, geometry=strict)).n_patches == 0
+    assert len(extracted(scan, replace(SMALL, geometry=strict)).walls) == 0
 
 
 def test_unmatched_builders_agree(rng):

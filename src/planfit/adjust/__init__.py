@@ -9,4 +9,7 @@ from planfit.adjust.keyframes import follow_keyframes as follow_keyframes
 from planfit.adjust.keyframes import reduce_evidence as reduce_evidence
 from planfit.adjust.options import AdjustOptions as AdjustOptions
 from planfit.adjust.options import KeyframeOptions as KeyframeOptions
+from planfit.adjust.paper import paper_options as paper_options
 from planfit.adjust.solver import Solution as Solution
+from planfit.adjust.ties import Ties as Ties
+from planfit.adjust.ties import costs as costs

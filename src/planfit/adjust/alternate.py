@@ -9,18 +9,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planfit.adjust.association import Association, associate
+from planfit.adjust.association import Association
+from planfit.adjust.ceilings import find_ceilings
+from planfit.adjust.covariance import covariances
 from planfit.adjust.evidence import Evidence
 from planfit.adjust.options import AdjustOptions
+from planfit.adjust.plan_problem import PlanProblem, make_problem, solve_problem
 from planfit.adjust.solver import Solution, solve
+from planfit.adjust.support import describe_support
 from planfit.adjust.terms.anchor import AnchorTerm
-from planfit.adjust.terms.wall_offsets import (
-    OffsetWallTerm,
-    offset_prior,
-    read_offsets,
-    with_offsets,
-)
-from planfit.adjust.terms.walls import WallTerm
+from planfit.adjust.ties import Ties, tie
 from planfit.floorplan import Floorplan
 
 
@@ -33,7 +31,7 @@ def close_loops(
     Zisserman 1987; Yang et al. 2020). The floor, where seen, gives height and tilt; of the first
     frame only the rest is held.
     """
-    has_floor = bool(options.floor.weight > 0 and len(evidence.structure.floor_points_cam))
+    has_floor = options.floor.weight > 0 and evidence.structure.has_floor
     free = np.inf if has_floor else 1e-3
     sigma = np.array([free, free, 1e-3, 1e-3, 1e-3, free])
     anchor = AnchorTerm(np.array([0]), level_from_cams[:1], sigma)
@@ -48,9 +46,9 @@ def close_loops(
 
 def _with_wider_loss(options: AdjustOptions, factor: float) -> AdjustOptions:
     """The same options with the scale of the matches' loss times a factor."""
-    loss = options.points.loss
-    wider = replace(options.points, loss=replace(loss, scale=factor * loss.scale))
-    return replace(options, points=wider)
+    chosen = getattr(options, options.geometric)
+    wider = replace(chosen, loss=replace(chosen.loss, scale=factor * chosen.loss.scale))
+    return replace(options, **{options.geometric: wider})
 
 
 @dataclass(frozen=True)
@@ -58,14 +56,26 @@ class WallsPulled:
     """Poses on the plan, and what the walls were associated with in the end."""
 
     solution: Solution
-    association: Association
+    ties: Ties
+    """What the poses were held to in the plan, at the end."""
     offsets_m: np.ndarray
     """(f,) how far each face of the plan was found to stand off where it is drawn, along its normal;
     zero where no wall was seen, or where offsets were not asked for."""
+    offset_sigmas_m: np.ndarray
+    """(f,) standard deviation of that; NaN where the face has no offset of its own."""
     rounds: int
     """Associations made."""
     settled: bool
     """Whether the last association did not change any more."""
+    weakly_held: tuple[str, ...] = ()
+    """What nothing but the recorded motion, or nothing at all, holds: a sentence each."""
+    covariances: np.ndarray | None = None
+    """(n, 6, 6) of the poses (rad, m; plan axes), where asked for."""
+
+    @property
+    def association(self) -> Association:
+        """The face of each piece of wall."""
+        return self.ties.walls
 
 
 def pull_walls(
@@ -82,51 +92,38 @@ def pull_walls(
         plan_from_cams: (n, 4, 4) poses placed on the plan, loops closed.
         options: see there.
     """
-    structure, rounds, settled = evidence.structure, 0, False
+    n = len(plan_from_cams)
+    rounds, settled = 0, False
+    problem: PlanProblem | None = None
     solution: Solution | None = None
-    association = Association(np.zeros(0, dtype=int), np.zeros(0))
-    offsets_m = np.zeros(len(floorplan))
-    for max_distance_m in options.wall_distances_m:
-        association = associate(
-            structure, floorplan, plan_from_cams, max_distance_m, options.association
-        )
+    ties: Ties | None = None
+    # Ceilings are found once, like the paper's floor: what is sought is not moved by what it pulls.
+    ceilings_m = find_ceilings(evidence.structure, plan_from_cams, options.ceiling_heights)
+    for distance_m in options.wall_distances_m:
+        ties = tie(evidence, floorplan, plan_from_cams, distance_m, options, ceilings_m)
         for _ in range(options.max_alternations):
             rounds += 1
-            solution, offsets_m = _solve_on_plan(
-                evidence, floorplan, association, plan_from_cams, options
-            )
-            plan_from_cams = solution.target_from_cams
-            again = associate(
-                structure, floorplan, plan_from_cams, max_distance_m, options.association
-            )
-            settled = bool(np.array_equal(again.face_idx, association.face_idx))
-            association = again
+            problem = make_problem(evidence, ties, plan_from_cams, options)
+            solution = solve_problem(problem, options)
+            plan_from_cams = solution.target_from_cams[:n]
+            again = tie(evidence, floorplan, plan_from_cams, distance_m, options, ceilings_m)
+            settled = again.is_same(ties)
+            ties = again
             if settled:
                 break
-    assert solution is not None  # wall_distances_m is never empty
-    return WallsPulled(solution, association, offsets_m, rounds, settled)
-
-
-def _solve_on_plan(
-    evidence: Evidence,
-    floorplan: Floorplan,
-    association: Association,
-    plan_from_cams: np.ndarray,
-    options: AdjustOptions,
-) -> tuple[Solution, np.ndarray]:
-    """One solve with the walls held to their faces; also the faces' offsets (f,) m."""
-    terms = evidence.terms(options)
-    n, none = len(plan_from_cams), np.zeros(len(floorplan))
-    if association.n_associated == 0 or options.walls.weight == 0:
-        # Nothing ties the scan to the plan: the place that was found holds it.
-        anchor = AnchorTerm(np.array([0]), plan_from_cams[:1], np.full(6, 1e-3))
-        return solve([*terms, anchor], plan_from_cams, options.solver), none
-    if options.walls.offset_sigma_m == 0:
-        walls = WallTerm(evidence.structure, floorplan, association, options.walls)
-        return solve([*terms, walls], plan_from_cams, options.solver), none
-    walls = OffsetWallTerm(evidence.structure, floorplan, association, options.walls, n)
-    terms += [offset_prior(n, floorplan, options.walls.offset_sigma_m)]
-    unknowns = with_offsets(plan_from_cams, floorplan)
-    solution = solve([*terms, walls], unknowns, options.solver)
-    found = solution.target_from_cams
-    return replace(solution, target_from_cams=found[:n]), read_offsets(found, n, floorplan)
+    assert problem is not None  # wall_distances_m is never empty
+    assert solution is not None
+    assert ties is not None
+    unknowns = solution.target_from_cams
+    offsets_m, offset_sigmas_m = problem.offsets(unknowns)
+    every = np.arange(n)
+    return WallsPulled(
+        replace(solution, target_from_cams=plan_from_cams),
+        ties,
+        offsets_m,
+        offset_sigmas_m,
+        rounds,
+        settled,
+        describe_support(evidence, ties, plan_from_cams, options),
+        covariances(problem.terms, unknowns, every) if options.covariances else None,
+    )

@@ -7,7 +7,7 @@ import numpy as np
 from planfit.errors import require_positive, require_share
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.structure import Structure
+from planfit.structure import Pieces
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,9 @@ class AssociationOptions:
     """Share of the piece that must lie beside the face."""
     end_margin_m: float = 0.3
     """A piece may reach beyond the end of its face by this much and still count as beside it."""
+    oriented: bool = True
+    """Match a piece only to faces that look to the side it was seen from, where the plan knows that side.
+    The paper does not ask."""
 
     def __post_init__(self) -> None:
         require_positive(self, "max_angle_deg")
@@ -28,38 +31,39 @@ class AssociationOptions:
 
 @dataclass(frozen=True)
 class Association:
-    """For each wall patch its face, or -1."""
+    """For each piece its face, or -1."""
 
     face_idx: np.ndarray  # (k,)
     distance_m: np.ndarray  # (k,) signed, along the face's normal; NaN where there is no face
 
     @property
     def n_associated(self) -> int:
-        """Patches that have a face."""
+        """Pieces that have a face."""
         return int(np.sum(self.face_idx >= 0))
 
 
 def associate(
-    structure: Structure,
+    pieces: Pieces,
     floorplan: Floorplan,
     plan_from_cams: np.ndarray,
     max_distance_m: float,
     options: AssociationOptions,
 ) -> Association:
-    """Nearest face of each patch that looks the same way and lies beside it, within a distance.
+    """Nearest face of each piece that looks the same way and lies beside it, within a distance.
 
     A face that looks into a room is matched only by wall seen from inside that room: normals must
     agree in sign. Faces whose free side is unknown are matched from either side.
     """
-    normals, ends = patches_in_plan(structure, plan_from_cams)
-    k = structure.n_patches
+    normals, ends = pieces_in_plan(pieces, plan_from_cams)
+    k = len(pieces)
     face_idx, best = np.full(k, -1), np.full(k, np.inf)
     signed = np.full(k, np.nan)
+    one_sided = floorplan.is_oriented & options.oriented
     cosine_limit = np.cos(np.deg2rad(options.max_angle_deg))
-    for begin in range(0, k, 2048):  # bounds the (patches x faces) tables
+    for begin in range(0, k, 2048):  # bounds the (pieces x faces) tables
         part = slice(begin, min(begin + 2048, k))
         cosine = normals[part] @ floorplan.normals.T
-        looks_alike = np.where(floorplan.is_oriented, cosine, np.abs(cosine)) > cosine_limit
+        looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > cosine_limit
         middle = ends[part].mean(axis=1)
         distance = middle @ floorplan.normals.T - floorplan.offsets
         beside = _share_beside(ends[part], floorplan, options.end_margin_m)
@@ -74,19 +78,17 @@ def associate(
     return Association(face_idx, signed)
 
 
-def patches_in_plan(
-    structure: Structure, plan_from_cams: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Normals (k, 2), unit, and ends (k, 2, 2) m of wall patches, plan frame, seen from above."""
-    poses = plan_from_cams[structure.patch_frame_idx]
-    normals = np.einsum("kab,kb->ka", poses[:, :2, :3], structure.patch_normals_cam)
+def pieces_in_plan(pieces: Pieces, plan_from_cams: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normals (k, 2), unit, and ends (k, 2, 2) m of upright pieces, plan frame, seen from above."""
+    poses = plan_from_cams[pieces.frame_idx]
+    normals = np.einsum("kab,kb->ka", poses[:, :2, :3], pieces.normals_cam)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    ends = se3.transform(poses, structure.patch_ends_cam)[..., :2]
+    ends = se3.transform(poses, pieces.ends_cam)[..., :2]
     return normals, ends
 
 
 def _share_beside(ends: np.ndarray, floorplan: Floorplan, margin_m: float) -> np.ndarray:
-    """Share (k, n) of each patch (k, 2, 2) that lies beside each face, ends widened by a margin."""
+    """Share (k, n) of each piece (k, 2, 2) that lies beside each face, ends widened by a margin."""
     along = (floorplan.ends[:, 1] - floorplan.ends[:, 0]) / floorplan.lengths[:, None]
     at = (
         np.einsum("kei,ni->kne", ends, along)

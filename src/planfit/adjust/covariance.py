@@ -59,9 +59,8 @@ def covariances(terms: Sequence[Term], unknowns: np.ndarray, idx: np.ndarray) ->
 
 
 def offset_spreads(
-    terms: Sequence[Term], unknowns: np.ndarray, n_cams: int, normals: np.ndarray
+    terms: Sequence[Term], unknowns: np.ndarray, idx: np.ndarray, normals: np.ndarray
 ) -> np.ndarray:
-    """Standard deviations (f,) m of the offsets of faces with normals (f, 2)."""
-    faces = n_cams + np.arange(len(normals))
-    shift = covariances(terms, unknowns, faces)[:, 3:5, 3:5]
+    """Standard deviations (k,) m of the offsets of the faces that are unknowns `idx` (k,), normals (k, 2)."""
+    shift = covariances(terms, unknowns, idx)[:, 3:5, 3:5]
     return np.sqrt(np.einsum("fi,fij,fj->f", normals, shift, normals))

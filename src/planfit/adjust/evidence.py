@@ -1,49 +1,86 @@
 """What the scan says about its own poses, as terms of the adjustment."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
-from planfit.adjust.association import Association
 from planfit.adjust.options import AdjustOptions
-from planfit.adjust.terms.base import Term
-from planfit.adjust.terms.floor import FloorTerm
+from planfit.adjust.terms.base import Term, as_mean
+from planfit.adjust.terms.levels import floor_term
 from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.rays import RayTerm
+from planfit.adjust.terms.reprojection import ReprojectionTerm
 from planfit.adjust.terms.trajectory import TrajectoryTerm
-from planfit.adjust.terms.walls import WallTerm
-from planfit.floorplan import Floorplan
+from planfit.errors import ScanError
+from planfit.geometry.camera import Camera
 from planfit.matching import Matches
 from planfit.scan.odometry import Odometry
 from planfit.structure import Structure
 
+Chosen = TypeVar("Chosen")
+
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the scan says about its own poses."""
+    """What the scan says about its own poses.
+
+    Raises:
+        ScanError: a point or a recorded step is not finite.
+    """
 
     matches: Matches
     structure: Structure
     odometry: Odometry
+    cameras: tuple[Camera, ...] = ()
+    """Camera of each frame; only the reprojection error asks for them."""
+    frame_idx: np.ndarray | None = None
+    """(n,) the scan's number of each frame, where only some are solved for."""
+
+    def __post_init__(self) -> None:
+        named = {
+            "matched point": (self.matches.points_a, self.matches.points_b, self.matches.sigma),
+            "floor point": (self.structure.floor.points_cam,),
+            "wall point": (self.structure.walls.points_cam,),
+            "ceiling point": (self.structure.ceiling.points_cam,),
+            "point of a column": (self.structure.columns.points_cam,),
+            "recorded step": (self.odometry.cam_from_next,),
+        }
+        for name, arrays in named.items():
+            for array in arrays:
+                # The sum is not finite where an entry is not, and needs no array of its own.
+                if not np.isfinite(array.sum()) and not np.isfinite(array).all():
+                    bad = int((~np.isfinite(array)).reshape(len(array), -1).any(axis=1).sum())
+                    raise ScanError(
+                        f"adjustment: expected finite numbers, found {bad} {name}(s) with NaN or "
+                        "infinity; drop them before refining"
+                    )
 
     def terms(self, options: AdjustOptions) -> list[Term]:
         """Terms that need no plan; those without data or weight are left out."""
-        terms: list[Term] = []
-        if options.points.weight > 0 and self.matches.n_matches:
-            terms.append(PointTerm(self.matches, options.points))
-        if options.floor.weight > 0 and len(self.structure.floor_points_cam):
-            terms.append(FloorTerm(self.structure, options.floor))
+        terms = self.geometric_terms(options)
+        if options.floor.weight > 0 and self.structure.has_floor:
+            floor = options.floor
+            if options.averaging == "mean":
+                floor = as_mean(floor, len(self.structure.floor))
+            terms.append(floor_term(self.structure, floor))
         if options.trajectory.weight > 0 and len(self.odometry.cam_from_next):
             terms.append(TrajectoryTerm(self.odometry, options.trajectory))
         return terms
 
-    def costs(
-        self,
-        target_from_cams: np.ndarray,
-        options: AdjustOptions,
-        walls: tuple[Floorplan, Association] | None = None,
-    ) -> dict[str, float]:
-        """Robust cost of each term at poses (n, 4, 4), for reports."""
-        terms = self.terms(options)
-        if walls is not None and options.walls.weight > 0:
-            terms.append(WallTerm(self.structure, *walls, options.walls))
-        return {term.name: term.reweight(target_from_cams)[1] for term in terms}
+    def geometric_terms(self, options: AdjustOptions) -> list[Term]:
+        """What the matches are held to; nothing without matches or weight."""
+        matches = self.matches
+        if matches.n_matches == 0 or getattr(options, options.geometric).weight == 0:
+            return []
+        if options.averaging == "mean":
+            matches = replace(matches, sigma=np.ones_like(matches.sigma))
+        if options.geometric == "points":
+            return [PointTerm(matches, self._averaged(options.points, options))]
+        if options.geometric == "rays":
+            return [RayTerm(matches, self._averaged(options.rays, options))]
+        chosen = self._averaged(options.reprojection, options)
+        return [ReprojectionTerm(matches, self.cameras, chosen)]
+
+    def _averaged(self, chosen: Chosen, options: AdjustOptions) -> Chosen:
+        return as_mean(chosen, self.matches.n_matches) if options.averaging == "mean" else chosen

@@ -15,7 +15,7 @@ from planfit.adjust.options import KeyframeOptions
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.scan.odometry import Odometry
-from planfit.structure import Structure
+from planfit.structure import LevelPoints, Pieces, Structure
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,8 @@ def reduce_evidence(evidence: Evidence, keyframes: Keyframes) -> Evidence:
         _reduce_matches(evidence.matches, keyframes),
         _reduce_structure(evidence.structure, keyframes),
         _reduce_odometry(evidence.odometry, keyframes),
+        tuple(evidence.cameras[i] for i in keyframes.frame_idx) if evidence.cameras else (),
+        keyframes.frame_idx,
     )
 
 
@@ -113,23 +115,35 @@ def _reduce_matches(matches: Matches, keyframes: Keyframes) -> Matches:
 
 
 def _reduce_structure(structure: Structure, keyframes: Keyframes) -> Structure:
-    k, nearest, move = len(keyframes.frame_idx), keyframes.nearest, keyframes.key_from_cam
-    patch_frame = structure.patch_frame_idx
-    ends = structure.patch_ends_cam.reshape(-1, 3)
+    nearest, move = keyframes.nearest, keyframes.key_from_cam
     return replace(
         structure,
-        floor_points_cam=_move(move, structure.floor_frame_idx, structure.floor_points_cam),
-        floor_start=structure.floor_start[
-            np.searchsorted(nearest, np.arange(k + 1)).clip(0, len(nearest))
-        ],
-        wall_points_cam=_move(move, structure.wall_frame_idx, structure.wall_points_cam),
-        patch_frame_idx=nearest[patch_frame],
-        patch_normals_cam=np.einsum(
-            "kij,kj->ki", move[patch_frame, :3, :3], structure.patch_normals_cam
-        ),
-        patch_ends_cam=_move(move, np.repeat(patch_frame, 2), ends).reshape(-1, 2, 3),
+        floor=_reduce_level(structure.floor, keyframes),
+        floor_heights_m=structure.floor_heights_m[keyframes.frame_idx],
+        walls=_reduce_pieces(structure.walls, keyframes),
         loose_points_cam=_move(move, structure.loose_frame_idx, structure.loose_points_cam),
         loose_frame_idx=nearest[structure.loose_frame_idx],
+        ceiling=_reduce_level(structure.ceiling, keyframes),
+        columns=_reduce_pieces(structure.columns, keyframes),
+    )
+
+
+def _reduce_level(level: LevelPoints, keyframes: Keyframes) -> LevelPoints:
+    k, nearest = len(keyframes.frame_idx), keyframes.nearest
+    first_frame = np.searchsorted(nearest, np.arange(k + 1)).clip(0, len(nearest))
+    moved = _move(keyframes.key_from_cam, level.frame_idx, level.points_cam)
+    return LevelPoints(moved, level.start[first_frame])
+
+
+def _reduce_pieces(pieces: Pieces, keyframes: Keyframes) -> Pieces:
+    move, frame = keyframes.key_from_cam, pieces.frame_idx
+    ends = _move(move, np.repeat(frame, 2), pieces.ends_cam.reshape(-1, 3))
+    return replace(
+        pieces,
+        points_cam=_move(move, pieces.point_frame_idx, pieces.points_cam),
+        frame_idx=keyframes.nearest[frame],
+        normals_cam=np.einsum("kij,kj->ki", move[frame, :3, :3], pieces.normals_cam),
+        ends_cam=ends.reshape(-1, 2, 3),
     )
 
 

@@ -1,14 +1,20 @@
 """Everything that can be chosen about the bundle adjustment."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from planfit.adjust.association import AssociationOptions
+from planfit.adjust.bounded import BoundedOptions
+from planfit.adjust.ceilings import CeilingOptions
+from planfit.adjust.sgd import DescentOptions
 from planfit.adjust.solver import SolverOptions
-from planfit.adjust.terms.floor import FloorOptions
+from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.points import PointOptions
+from planfit.adjust.terms.rays import RayOptions
+from planfit.adjust.terms.reprojection import ReprojectionOptions
 from planfit.adjust.terms.trajectory import TrajectoryOptions
 from planfit.adjust.terms.walls import WallOptions
-from planfit.errors import OptionError, require_positive
+from planfit.errors import OptionError, require, require_choice, require_positive
 
 
 @dataclass(frozen=True)
@@ -30,20 +36,49 @@ class KeyframeOptions:
 class AdjustOptions:
     """Terms, solver and schedule of the bundle adjustment."""
 
+    geometric: Literal["points", "reprojection", "rays"] = "points"
+    """What matches are held to: 3D point error, reprojection error, or least distance of viewing rays."""
     points: PointOptions = field(default_factory=PointOptions)
     """3D point error."""
-    floor: FloorOptions = field(default_factory=FloorOptions)
+    reprojection: ReprojectionOptions = field(default_factory=ReprojectionOptions)
+    """Reprojection error."""
+    rays: RayOptions = field(default_factory=RayOptions)
+    """Least distance of viewing rays."""
+    floor: LevelOptions = field(default_factory=LevelOptions)
     """Floor term."""
+    ceiling: LevelOptions = field(default_factory=lambda: LevelOptions(max_readings=3.0))
+    """Ceiling term, where masks name the ceiling."""
+    ceiling_heights: CeilingOptions = field(default_factory=CeilingOptions)
+    """How ceilings of several heights are told apart."""
     walls: WallOptions = field(default_factory=WallOptions)
     """Walls term."""
+    wall_strategy: Literal["fixed", "iterative", "nearest-point"] = "fixed"
+    """What wall points are pulled to: the plane of a face chosen for the whole piece (fixed nearest wall),
+    that of the face nearest to each point at each round (iterative nearest wall), or its nearest point."""
+    columns: WallOptions = field(default_factory=lambda: WallOptions(max_readings=2.0))
+    """The same for the sides of columns, where masks name columns."""
     trajectory: TrajectoryOptions = field(default_factory=TrajectoryOptions)
     """Trajectory prior."""
+    averaging: Literal["readings", "mean"] = "readings"
+    """What a term adds up: independent readings in spreads, or, as in the paper, the mean over its points,
+    a spread of matches being 1 m."""
+    is_bounded: bool = False
+    """Bundle adjustment with an inequality constraint (IBA): geometry may pay for the other terms only up
+    to a bound."""
+    bounded: BoundedOptions = field(default_factory=BoundedOptions)
+    """That bound."""
     association: AssociationOptions = field(default_factory=AssociationOptions)
     """Which face a piece of wall may belong to."""
     keyframes: KeyframeOptions = field(default_factory=KeyframeOptions)
     """Which frames are solved for."""
+    method: Literal["lm", "sgd"] = "lm"
+    """`lm`: Levenberg-Marquardt; `sgd`: the paper's gradient descent (PyTorch), for the paper's cost only."""
     solver: SolverOptions = field(default_factory=SolverOptions)
-    """When a solve ends."""
+    """When a solve ends, and where it runs."""
+    descent: DescentOptions = field(default_factory=DescentOptions)
+    """Schedule of the gradient descent."""
+    loops_first: bool = True
+    """Close loops by matches before the scan is placed and walls pull."""
     graduation: tuple[float, ...] = (4.0, 2.0, 1.0)
     """Factors on the scale of the matches' loss while loops close, one after the other: wide at first,
     so that matches which are far apart only because of drift still pull, then as it stands."""
@@ -51,12 +86,38 @@ class AdjustOptions:
     """Association distances, one after the other."""
     max_alternations: int = 5
     """Rounds of association and solve at one distance; ends earlier when no association changes."""
+    covariances: bool = False
+    """Also give the covariance of every pose; takes six solves a frame."""
 
     def __post_init__(self) -> None:
         require_positive(self, "max_alternations")
+        require_choice(self, "geometric", "points", "reprojection", "rays")
+        require_choice(self, "wall_strategy", "fixed", "iterative", "nearest-point")
+        require_choice(self, "averaging", "readings", "mean")
+        require_choice(self, "method", "lm", "sgd")
         if not self.graduation or min(self.graduation) <= 0:
             raise OptionError(f"graduation: expected factors above 0, found {self.graduation}")
         if not self.wall_distances_m or min(self.wall_distances_m) <= 0:
             raise OptionError(
                 f"wall_distances_m: expected positive distances, found {self.wall_distances_m}"
             )
+        require(
+            any(weight > 0 for weight in self._weights()),
+            "adjust: expected at least one term with a weight above 0, found none",
+        )
+        if self.method == "sgd":
+            is_papers = (
+                (self.geometric, self.wall_strategy, self.averaging) == ("points", "fixed", "mean")
+                and not self.is_bounded
+                and self.trajectory.weight == self.ceiling.weight == self.columns.weight == 0
+            )
+            require(
+                is_papers,
+                "adjust.method: gradient descent minimises the paper's cost only (3D points, floor, "
+                "fixed nearest walls); use --preset paper, or lm",
+            )
+
+    def _weights(self) -> tuple[float, ...]:
+        geometric = getattr(self, self.geometric).weight
+        others = (self.floor, self.ceiling, self.walls, self.columns, self.trajectory)
+        return geometric, *(options.weight for options in others)

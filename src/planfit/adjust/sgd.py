@@ -1,22 +1,21 @@
 """The paper's solver: gradient descent with momentum, gradients by automatic differentiation (PyTorch).
 
 Here to compare with: `planfit.adjust.solver` finds lower costs in a small share of the time. PyTorch is
-an optional extra (`pip install planfit[torch]`). The cost is that of `planfit.adjust.terms.paper`;
+an optional extra (`pip install planfit[torch]`). The cost is that of `planfit.adjust.paper`;
 its variables are one tangent vector a frame, in the chart of `planfit.geometry.se3.retract` about the
 initial poses.
 """
 
 import importlib
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal
 
 import numpy as np
 
 from planfit.adjust.association import Association
-from planfit.adjust.terms.floor import FLOOR_PLANE
-from planfit.adjust.terms.paper import PaperWeights
+from planfit.adjust.terms.levels import level_planes
 from planfit.adjust.terms.walls import face_planes
 from planfit.errors import OptionError, require_positive
 from planfit.floorplan import Floorplan
@@ -29,11 +28,24 @@ _BLOCK = 16
 
 
 @dataclass(frozen=True)
+class PaperWeights:
+    """Weights of the paper's terms; the 3D point error has weight 1."""
+
+    lambda_floor: float = 10.0
+    """Factor on the mean distance to the floor; 0 switches the term off."""
+    lambda_walls: float = 0.5
+    """Factor on the mean distance to the walls: 0.5 for phone scans, 0.6 for Redwood; 0: off."""
+    rounding_m: float = 1e-6
+    """Norms are rounded off below this: sqrt(d^2 + r^2) - r, which has a slope everywhere."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "rounding_m")
+
+
+@dataclass(frozen=True)
 class DescentOptions:
     """The paper's schedule. Momentum and the longest run are from its authors' code."""
 
-    weights: PaperWeights = field(default_factory=PaperWeights)
-    """Weights of the terms."""
     learning_rate: float = 1e-3
     """Metres or radians a step for a slope of one."""
     late_learning_rate: float = 1e-4
@@ -85,6 +97,7 @@ def descend(
     floorplan: Floorplan,
     association: Association,
     initial_target_from_cams: np.ndarray,
+    weights: PaperWeights,
     options: DescentOptions,
 ) -> Descent:
     """Minimise the paper's cost as the paper does, association kept.
@@ -95,6 +108,7 @@ def descend(
         floorplan: the plan.
         association: the face of each wall patch.
         initial_target_from_cams: (n, 4, 4); the target is the plan.
+        weights: of the terms.
         options: see there.
 
     Raises:
@@ -106,7 +120,7 @@ def descend(
         torch,
         (matches, structure, floorplan, association),
         initial_target_from_cams,
-        options.weights,
+        weights,
         options.dtype,
     )
     n = len(initial_target_from_cams)
@@ -186,16 +200,16 @@ class _PaperCost:
         self._translation = self._real(initial_target_from_cams[:, :3, 3])
         self._planes = [
             self._on_planes(
-                structure.floor_points_cam,
-                structure.floor_start,
-                np.arange(len(structure.floor_start) - 1),
-                np.tile(FLOOR_PLANE, (len(structure.floor_start) - 1, 1)),
-                np.full(len(structure.floor_start) - 1, weights.lambda_floor),
+                structure.floor.points_cam,
+                structure.floor.start,
+                np.arange(len(structure.floor.start) - 1),
+                level_planes(structure.floor_heights_m),
+                np.where(np.isfinite(structure.floor_heights_m), weights.lambda_floor, 0.0),
             ),
             self._on_planes(
-                structure.wall_points_cam,
-                structure.patch_start,
-                structure.patch_frame_idx,
+                structure.walls.points_cam,
+                structure.walls.start,
+                structure.walls.frame_idx,
                 face_planes(floorplan, association.face_idx),
                 np.where(association.face_idx >= 0, weights.lambda_walls, 0.0),
             ),

@@ -55,8 +55,10 @@ class Solution:
     """Poses that a solve ended with, and how it got there."""
 
     target_from_cams: np.ndarray  # (n, 4, 4)
-    stop: Stop
+    stop: Enum
+    """Why it ended: a `Stop`, or that of another solver; its value is a sentence."""
     iterations: int
+    """Rounds of reweighting, or steps of a descent."""
     cost_by_term: dict[str, Cost]
 
 

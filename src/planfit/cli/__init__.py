@@ -68,32 +68,37 @@ def run(argv: Sequence[str]) -> int:
 
 
 def _parse(arguments_type: type, name: str, argv: list[str]) -> Any:
-    """Arguments of a command; a TOML file named by --config comes before the other flags."""
+    """Arguments of a command; those of --preset and of the TOML file of --config come before the flags."""
     import tyro
 
     from planfit.cli.config import read_options
 
     default = None
     fields = {field.name: field for field in dataclasses.fields(arguments_type)}
-    if "config" in fields and (path := _config_path(argv)) is not None:
-        options = fields["options"].default_factory()  # type: ignore[misc]
+    preset_name, config = _value_of(argv, "--preset"), _value_of(argv, "--config")
+    if "config" in fields and (preset_name or config):
+        from planfit.presets import preset
+
+        options = preset(preset_name or "default")
+        if config:
+            options = read_options(Path(config), options)
         required = {
             key: tyro.MISSING
             for key, field in fields.items()
             if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
         }
-        default = arguments_type(**required, options=read_options(path, options))
+        default = arguments_type(**required, options=options)
     return tyro.cli(
         arguments_type, prog=f"planfit {name}", args=argv, default=default, use_underscores=False
     )
 
 
-def _config_path(argv: list[str]) -> Path | None:
+def _value_of(argv: list[str], flag: str) -> str | None:
     for i, word in enumerate(argv):
-        if word == "--config" and i + 1 < len(argv):
-            return Path(argv[i + 1])
-        if word.startswith("--config="):
-            return Path(word.removeprefix("--config="))
+        if word == flag and i + 1 < len(argv):
+            return argv[i + 1]
+        if word.startswith(f"{flag}="):
+            return word.removeprefix(f"{flag}=")
     return None
 
 

@@ -31,8 +31,10 @@ class RefineArguments:
     """Folder for the results."""
     plan: Path | None = None
     """Floorplan; by default the one inside the scan's folder."""
+    preset: str = "default"
+    """Options to begin with: `default`, what works best, or `paper`, the published method to the letter."""
     config: Path | None = None
-    """TOML file of options, overruled by the flags below."""
+    """TOML file of options, on top of the preset and overruled by the flags below."""
     overwrite: bool = False
     """Replace the results of another run in the output folder."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
@@ -107,7 +109,7 @@ def summarise(
     matches, walls = result.matches, result.walls
     out.print(
         f"\n{len(scan)} frames, {matches.n_matches} matches in {len(matches.pairs)} pairs, "
-        f"{walls.association.n_associated} of {result.structure.n_patches} pieces of wall on the "
+        f"{walls.association.n_associated} of {len(result.structure.walls)} pieces of wall on the "
         f"plan, labels from {result.structure.back_end}"
     )
     stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)

@@ -49,7 +49,7 @@ def make_record(
         if scan.plan_from_world_axes is None
         else scan.plan_from_world_axes.tolist(),
         "walls": {
-            "pieces": result.structure.n_patches,
+            "pieces": len(result.structure.walls),
             "associated": result.walls.association.n_associated,
             "rounds": result.walls.rounds,
             "settled": result.walls.settled,

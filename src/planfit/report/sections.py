@@ -108,7 +108,7 @@ def floor(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
 
 def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
     """Which walls of the plan were seen, and how far each is from where it is drawn."""
-    n_pieces = result.structure.n_patches
+    n_pieces = len(result.structure.walls)
     if n_pieces == 0:
         return "<h2>Walls of the plan</h2><p>No flat piece of wall was seen in this scan.</p>"
     faces = seen_faces(floorplan, result.walls.association)

@@ -128,7 +128,7 @@ def fact_table(result: RefineResult, path_length: float) -> str:
         path_length: m, of the recorded path.
     """
     matches, structure, walls = result.matches, result.structure, result.walls
-    n_wall = len(structure.wall_points_cam) + len(structure.loose_points_cam)
+    n_wall = structure.n_wall_points
     facts = [
         ("frames", amounts.count(len(result.plan_from_cams))),
         ("path length, as recorded", f"{path_length:.0f}{amounts.SPACE}m"),
@@ -141,17 +141,17 @@ def fact_table(result: RefineResult, path_length: float) -> str:
         ),
         ("matched points", amounts.count(matches.n_matches)),
         ("wall points", amounts.count(n_wall)),
-        ("flat pieces of wall", amounts.count(structure.n_patches)),
+        ("flat pieces of wall", amounts.count(len(structure.walls))),
         (
             "of these, found on the plan",
             amounts.count(walls.association.n_associated)
             + (
-                f" ({amounts.share(walls.association.n_associated / structure.n_patches)})"
-                if structure.n_patches
+                f" ({amounts.share(walls.association.n_associated / len(structure.walls))})"
+                if len(structure.walls)
                 else ""
             ),
         ),
-        ("floor points", amounts.count(len(structure.floor_points_cam))),
+        ("floor points", amounts.count(len(structure.floor.points_cam))),
         ("floor and walls labelled by", escape(structure.back_end)),
         ("direction of gravity", escape(result.gravity.source)),
         *_alignment_facts(result),

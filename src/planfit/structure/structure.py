@@ -19,6 +19,8 @@ from planfit.structure.geometry_labels import (
 from planfit.structure.gravity import Gravity, GravityOptions
 from planfit.structure.normals import depth_edges, depth_normals
 from planfit.structure.patches import PatchOptions, find_patches
+from planfit.structure.storeys import StoreyOptions, find_storeys
+from planfit.structure.types import LevelPoints, Pieces, Structure
 from planfit.work import Arrays, Work, cache_key
 
 
@@ -45,6 +47,12 @@ class StructureOptions:
     """The geometry back end."""
     patches: PatchOptions = field(default_factory=PatchOptions)
     """How wall points form flat pieces."""
+    columns: PatchOptions = field(
+        default_factory=lambda: PatchOptions(min_points=30, min_length_m=0.15)
+    )
+    """How points of columns form flat pieces: a column's side is short."""
+    storeys: StoreyOptions = field(default_factory=StoreyOptions)
+    """How floors of several storeys are told apart."""
     seed: int = 0
     """Seed of the random choices."""
 
@@ -54,40 +62,6 @@ class StructureOptions:
                 f"structure.back_end: expected auto, masks or geometry, found {self.back_end!r}"
             )
         require_positive(self, "max_depth_m", "stride_px", "edge_step", "max_points_per_frame")
-
-
-@dataclass(frozen=True)
-class Structure:
-    """Floor points and wall patches, in camera frames, sorted by frame."""
-
-    floor_points_cam: np.ndarray  # (f, 3) m
-    floor_start: np.ndarray  # (n_frames + 1,): points of frame i are start[i]:start[i + 1]
-    wall_points_cam: np.ndarray  # (w, 3) m
-    loose_points_cam: np.ndarray  # (l, 3) m, wall points that lie on no flat piece
-    loose_frame_idx: np.ndarray  # (l,)
-    patch_start: np.ndarray  # (k + 1,): wall points of patch j are start[j]:start[j + 1]
-    patch_frame_idx: np.ndarray  # (k,)
-    patch_normals_cam: np.ndarray  # (k, 3) unit, level, towards the camera
-    patch_ends_cam: np.ndarray  # (k, 2, 3) m, both ends of the piece at its mean height
-    back_end: str
-    """Which back end labelled the pixels: masks or geometry."""
-    floor_height_m: float
-    """The floor's height in the world turned level, as recorded; NaN where none was seen."""
-
-    @property
-    def n_patches(self) -> int:
-        """Number of wall patches."""
-        return len(self.patch_frame_idx)
-
-    @property
-    def floor_frame_idx(self) -> np.ndarray:
-        """(f,) frame of each floor point."""
-        return np.repeat(np.arange(len(self.floor_start) - 1), np.diff(self.floor_start))
-
-    @property
-    def wall_frame_idx(self) -> np.ndarray:
-        """(w,) frame of each wall point on a patch."""
-        return np.repeat(self.patch_frame_idx, np.diff(self.patch_start))
 
 
 def level_from_world(gravity: Gravity, floor_height_m: float) -> np.ndarray:
@@ -123,7 +97,8 @@ def extract_structure(
     compute = partial(_frame_structure, scan, upright_from_cams, options, use_masks, floor_height)
     key = cache_key("structure", *key_parts, use_masks)
     items = work.map("floor and walls", key, len(scan), compute)
-    return _gather(items, upright_from_cams, "masks" if use_masks else "geometry")
+    back_end = "masks" if use_masks else "geometry"
+    return _gather(items, upright_from_cams, back_end, options.storeys)
 
 
 def _level_heights(
@@ -159,25 +134,44 @@ def _frame_structure(
     with np.errstate(invalid="ignore"):
         usable = np.isfinite(depth) & (depth < options.max_depth_m)
     usable &= ~depth_edges(depth, options.edge_step)
-    floor = _sample(labels == Label.FLOOR, usable, depth, camera, options, rng)
-    wall = _sample(labels == Label.WALL, usable, depth, camera, options, rng)
+    sampled = {
+        label: _sample(labels == label, usable, depth, camera, options, rng)
+        for label in (Label.FLOOR, Label.WALL, Label.CEILING, Label.COLUMN)
+    }
     turn = upright_from_cam[:3, :3]
-    wall_level = wall @ turn.T
-    patches = find_patches(wall_level[:, :2], options.patches, rng)
-    mean_z = [wall_level[p.point_idx, 2].mean() for p in patches]
+    walls, loose = _pieces(sampled[Label.WALL], turn, options.patches, rng)
+    columns, _ = _pieces(sampled[Label.COLUMN], turn, options.columns, rng)
+    return {
+        "floor": sampled[Label.FLOOR],
+        "ceiling": sampled[Label.CEILING],
+        "loose": loose,
+        **{f"walls_{name}": values for name, values in walls.items()},
+        **{f"columns_{name}": values for name, values in columns.items()},
+    }
+
+
+def _pieces(
+    points: np.ndarray, turn: np.ndarray, options: PatchOptions, rng: np.random.Generator
+) -> tuple[Arrays, np.ndarray]:
+    """Flat upright pieces among points (n, 3) m of a frame, and the points (l, 3) on none.
+
+    `turn` (3, 3) makes the frame level.
+    """
+    points_level = points @ turn.T
+    patches = find_patches(points_level[:, :2], options, rng)
+    mean_z = [points_level[p.point_idx, 2].mean() for p in patches]
     normals = np.array([[*p.normal, 0.0] for p in patches]).reshape(-1, 3)
     ends = np.array(
         [[[*end, z] for end in p.ends] for p, z in zip(patches, mean_z, strict=True)]
     ).reshape(-1, 2, 3)
     kept = np.concatenate([p.point_idx for p in patches]) if patches else np.zeros(0, dtype=int)
-    return {
-        "floor": floor,
-        "wall": wall[kept],
-        "loose": np.delete(wall, kept, axis=0),
-        "patch_size": np.array([len(p.point_idx) for p in patches], dtype=int),
+    pieces = {
+        "points": points[kept],
+        "sizes": np.array([len(p.point_idx) for p in patches], dtype=int),
         "normals": normals @ turn,
         "ends": ends @ turn,
     }
+    return pieces, np.delete(points, kept, axis=0)
 
 
 def _sample(
@@ -200,29 +194,38 @@ def _sample(
     return camera.lift(uv.astype(float), depth[uv[:, 1], uv[:, 0]])
 
 
-def _gather(items: list[Arrays], upright_from_cams: np.ndarray, back_end: str) -> Structure:
-    floor_start = np.cumsum([0, *(len(item["floor"]) for item in items)])
-    patch_sizes = np.concatenate([item["patch_size"] for item in items]).astype(int)
-    floor = np.concatenate([item["floor"] for item in items])
-    frame_of_point = np.repeat(np.arange(len(items)), np.diff(floor_start))
-    height = (
-        np.einsum("ni,ni->n", upright_from_cams[frame_of_point, 2, :3], floor)
-        + upright_from_cams[frame_of_point, 2, 3]
-    )
+def _gather(
+    items: list[Arrays], upright_from_cams: np.ndarray, back_end: str, storeys: StoreyOptions
+) -> Structure:
+    floor = _gather_level(items, "floor")
+    # One transform a point would be 128 bytes a point; the height needs four numbers of it.
+    of_frame = upright_from_cams[floor.frame_idx, 2]
+    height = np.einsum("ni,ni->n", of_frame[:, :3], floor.points_cam) + of_frame[:, 3]
+    main_m, above_main_m = find_storeys(height, floor.start, storeys)
     return Structure(
-        floor_points_cam=floor,
-        floor_start=floor_start,
-        wall_points_cam=np.concatenate([item["wall"] for item in items]),
+        floor=floor,
+        floor_heights_m=above_main_m,
+        walls=_gather_pieces(items, "walls"),
         loose_points_cam=np.concatenate([item["loose"] for item in items]),
         loose_frame_idx=np.repeat(np.arange(len(items)), [len(item["loose"]) for item in items]),
-        patch_start=np.cumsum([0, *patch_sizes]),
-        patch_frame_idx=np.repeat(
-            np.arange(len(items)), [len(item["patch_size"]) for item in items]
-        ),
-        patch_normals_cam=np.concatenate([item["normals"] for item in items]),
-        patch_ends_cam=np.concatenate([item["ends"] for item in items]),
+        ceiling=_gather_level(items, "ceiling"),
+        columns=_gather_pieces(items, "columns"),
         back_end=back_end,
-        # Paper: the plane is fitted once. With up known, only its height is free, and the median
-        # height is the fit that wrong labels move least.
-        floor_height_m=float(np.median(height)) if len(height) else float("nan"),
+        floor_height_m=main_m,
+    )
+
+
+def _gather_level(items: list[Arrays], name: str) -> LevelPoints:
+    start = np.cumsum([0, *(len(item[name]) for item in items)])
+    return LevelPoints(np.concatenate([item[name] for item in items]), start)
+
+
+def _gather_pieces(items: list[Arrays], name: str) -> Pieces:
+    sizes = [item[f"{name}_sizes"] for item in items]
+    return Pieces(
+        points_cam=np.concatenate([item[f"{name}_points"] for item in items]),
+        start=np.cumsum([0, *np.concatenate(sizes).astype(int)]),
+        frame_idx=np.repeat(np.arange(len(items)), [len(size) for size in sizes]),
+        normals_cam=np.concatenate([item[f"{name}_normals"] for item in items]),
+        ends_cam=np.concatenate([item[f"{name}_ends"] for item in items]),
     )

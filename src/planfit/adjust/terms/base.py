@@ -1,7 +1,7 @@
 """What a term of the cost function is to the solver."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,18 @@ class Term(Protocol):
     def reweight(self, target_from_cams: np.ndarray, /) -> tuple[Quadratic, float]:
         """Freeze the weights at poses (n, 4, 4); also the robust cost there."""
         ...
+
+
+Options = TypeVar("Options")
+
+
+def as_mean(options: Options, n_points: int) -> Options:
+    """The same options of a term, for the mean over its `n_points` instead of a sum over readings."""
+    given: Any = options  # any of the terms' options
+    changes = {"weight": given.weight / max(n_points, 1), "max_readings": np.inf}
+    if hasattr(options, "points_per_reading"):
+        changes["points_per_reading"] = 1.0
+    return replace(given, **changes)
 
 
 @dataclass(frozen=True)

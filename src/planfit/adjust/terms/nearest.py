@@ -11,39 +11,30 @@ The nearest point found anew is never further than the old one, so nearest-point
 cost. The line of a new face may be further, so iterative nearest wall has no such promise.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
-from planfit.adjust.association import patches_in_plan
+from planfit.adjust.association import pieces_in_plan
 from planfit.adjust.face_grid import FaceGrid, make_face_grid
 from planfit.adjust.nearest_kernels import aim_pulls, pull_cost, square_gaps, sum_pulls
 from planfit.adjust.normal_equations import NormalBlocks
-from planfit.adjust.robust import Loss, LossKind, loss_value
+from planfit.adjust.robust import loss_value
 from planfit.adjust.terms.base import Weighting
+from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError, require_positive
 from planfit.floorplan import Floorplan
-from planfit.structure import Structure
+from planfit.structure import Pieces
 
 
 @dataclass(frozen=True)
-class NearestOptions:
-    """Weight, spread and loss of the walls term, and what pulls."""
+class Pull:
+    """What pulls a wall point, and from how far."""
 
-    pull_to: Literal["point", "line"] = "line"
+    to: Literal["point", "line"] = "line"
     """`point`: nearest point; `line`: iterative nearest wall."""
-    weight: float = 1.0
-    """Factor on the term; 0 switches it off."""
-    sigma_m: float = 0.05
-    """Spread of wall points about the drawn wall: as drawn, as built, as measured."""
-    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
-    """Robust loss of the distance in spreads."""
-    max_readings: float = 4.0
-    """Independent readings that a piece of wall is worth at most."""
-    points_per_reading: float = 60.0
-    """Wall points that make one reading."""
     max_distance_m: float = 1.0
     """A point further than this from every face is not pulled, and costs as much as at this distance.
     The paper knows no limit: give one longer than the plan."""
@@ -52,40 +43,39 @@ class NearestOptions:
     The paper does not ask; a thick wall then pulls from both faces."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "sigma_m", "max_readings", "points_per_reading", "max_distance_m")
+        require_positive(self, "max_distance_m")
         if not np.isfinite(self.max_distance_m):
             raise OptionError(
-                f"NearestOptions.max_distance_m: expected a finite number, found {self.max_distance_m}"
+                f"Pull.max_distance_m: expected a finite number, found {self.max_distance_m}"
             )
-        if self.pull_to not in ("point", "line"):
-            raise OptionError(
-                f"NearestOptions.pull_to: expected 'point' or 'line', found {self.pull_to!r}"
-            )
+        if self.to not in ("point", "line"):
+            raise OptionError(f"Pull.to: expected 'point' or 'line', found {self.to!r}")
 
 
 @dataclass(frozen=True)
 class NearestTerm:
     """Sum over wall points of rho(distance to the nearest face's nearest point, or its line / sigma)."""
 
-    structure: Structure
+    pieces: Pieces
     floorplan: Floorplan
-    options: NearestOptions
+    options: WallOptions
+    pull: Pull
     name: str = "walls"
 
     @cached_property
     def grid(self) -> FaceGrid:
         """The faces, sorted for the search."""
-        return make_face_grid(self.floorplan, self.options.max_distance_m, self.options.oriented)
+        return make_face_grid(self.floorplan, self.pull.max_distance_m, self.pull.oriented)
 
     def reweight(self, target_from_cams: np.ndarray) -> tuple["Pulls", float]:
         """Nearest faces and weights at plan_from_cams (n, 4, 4)."""
-        o, structure = self.options, self.structure
-        points, start = structure.wall_points_cam, structure.patch_start
-        poses = target_from_cams[structure.patch_frame_idx]
-        patch_normals, _ = patches_in_plan(structure, target_from_cams)
+        o, pieces = self.options, self.pieces
+        points, start = pieces.points_cam, pieces.start
+        poses = target_from_cams[pieces.frame_idx]
+        patch_normals, _ = pieces_in_plan(pieces, target_from_cams)
         face_idx, feet, gaps = self.grid.nearest(points, start, poses, patch_normals)
-        normals, to_line = np.ascontiguousarray(self.floorplan.normals), o.pull_to == "line"
-        squared = square_gaps(face_idx, gaps, normals, to_line, o.max_distance_m)
+        normals, to_line = np.ascontiguousarray(self.floorplan.normals), self.pull.to == "line"
+        squared = square_gaps(face_idx, gaps, normals, to_line, self.pull.max_distance_m)
         squared /= o.sigma_m**2
         rho, weight = loss_value(squared, o.loss)
         counts = np.diff(start)
@@ -94,31 +84,29 @@ class NearestTerm:
         per_m2 = information / o.sigma_m**2
         matrices = aim_pulls(face_idx, normals, to_line, start, per_m2, weight)
         cost = 0.5 * float(np.repeat(information, counts) @ rho)
-        return Pulls(structure, feet, matrices), cost
+        return Pulls(pieces, feet, matrices), cost
 
 
 @dataclass(frozen=True)
 class Pulls:
     """Wall points with the points of the plan they are pulled to, weights frozen."""
 
-    structure: Structure
+    pieces: Pieces
     feet: np.ndarray  # (m, 2) m, plan frame
     information: np.ndarray  # (m, 3) 1/m^2: xx, xy and yy of the pull of each point
 
     def cost(self, target_from_cams: np.ndarray) -> float:
         """Half the weighted sum of squares."""
-        s = self.structure
-        poses = target_from_cams[s.patch_frame_idx]
-        return float(
-            pull_cost(s.wall_points_cam, s.patch_start, poses, self.feet, self.information)
-        )
+        s = self.pieces
+        poses = target_from_cams[s.frame_idx]
+        return float(pull_cost(s.points_cam, s.start, poses, self.feet, self.information))
 
     def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
         """Gauss-Newton blocks of each frame."""
-        s, n = self.structure, len(target_from_cams)
-        poses = target_from_cams[s.patch_frame_idx]
+        s, n = self.pieces, len(target_from_cams)
+        poses = target_from_cams[s.frame_idx]
         blocks, gradient = np.zeros((n, 6, 6)), np.zeros((n, 6))
-        args = (s.wall_points_cam, s.patch_start, s.patch_frame_idx, poses)
+        args = (s.points_cam, s.start, s.frame_idx, poses)
         sum_pulls(*args, self.feet, self.information, blocks, gradient)
         idx = np.arange(n)
         return NormalBlocks(idx, idx, blocks, gradient)

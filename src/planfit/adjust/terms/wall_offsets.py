@@ -17,7 +17,7 @@ from planfit.adjust.terms.anchor import AnchorTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.structure import Structure
+from planfit.structure import Pieces
 
 _FREE_TURN = 1.0  # rad: no wall point says anything of a face's turn; any finite spread holds it
 
@@ -26,7 +26,7 @@ _FREE_TURN = 1.0  # rad: no wall point says anything of a face's turn; any finit
 class OffsetWallTerm:
     """Sum over wall points of rho((dist(T_i p, face) - offset of the face) / sigma)."""
 
-    structure: Structure
+    pieces: Pieces
     floorplan: Floorplan
     association: Association
     options: WallOptions
@@ -39,7 +39,7 @@ class OffsetWallTerm:
         shifts = unknowns[self.n_cams :, :3, 3]
         offsets_m = np.einsum("ni,ni->n", self.floorplan.normals, shifts[:, :2])
         term = WallTerm(
-            self.structure, self.floorplan, self.association, self.options, offsets_m=offsets_m
+            self.pieces, self.floorplan, self.association, self.options, offsets_m=offsets_m
         )
         quadratic, cost = term.reweight(unknowns[: self.n_cams])
         associated = self.association.face_idx >= 0

@@ -15,7 +15,7 @@ from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.base import Weighting
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
-from planfit.structure import Structure
+from planfit.structure import Pieces
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class WallOptions:
 class WallTerm:
     """Sum over associated wall points of rho(dist(T_i p, face) / sigma)."""
 
-    structure: Structure
+    pieces: Pieces
     floorplan: Floorplan
     association: Association
     options: WallOptions
@@ -55,16 +55,16 @@ class WallTerm:
 
     def reweight(self, target_from_cams: np.ndarray) -> tuple[PlaneMoments, float]:
         """One pass over the wall points; see `planfit.adjust.moments`."""
-        structure, face = self.structure, self.association.face_idx
+        pieces, face = self.pieces, self.association.face_idx
         planes = face_planes(self.floorplan, face)
         if self.offsets_m is not None:
             planes[:, 3] -= self.offsets_m[face]
         weighting = Weighting(self.options.max_readings, self.options.points_per_reading)
-        information = weighting.information(np.diff(structure.patch_start))
+        information = weighting.information(np.diff(pieces.start))
         return plane_moments(
-            structure.wall_points_cam,
-            structure.patch_start,
-            structure.patch_frame_idx,
+            pieces.points_cam,
+            pieces.start,
+            pieces.frame_idx,
             planes,
             self.options.weight * np.where(face >= 0, information, 0.0),
             target_from_cams,

@@ -1,0 +1,78 @@
+"""Floor term (paper, Eq. L_floor), and the same for ceilings: points lie on level planes that are fixed.
+
+The paper fits one plane to the whole floor. Here each storey has its own, and so has each height of
+ceiling: the ceiling term is that of the method's successor for building models, which names floor,
+ceiling, walls and columns alike.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planfit.adjust.moments import PlaneMoments, plane_moments
+from planfit.adjust.robust import Loss, LossKind
+from planfit.adjust.terms.base import Weighting
+from planfit.errors import require_positive
+from planfit.structure import LevelPoints, Structure
+
+FLOOR_PLANE = np.array([0.0, 0.0, 1.0, 0.0])
+"""z = 0 of the level and the plan frame."""
+
+
+@dataclass(frozen=True)
+class LevelOptions:
+    """Weight, spread and loss of a term for level surfaces."""
+
+    weight: float = 1.0
+    """Factor on the term; 0 switches it off."""
+    sigma_m: float = 0.03
+    """Spread of points about the plane: depth noise and an uneven surface."""
+    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
+    """Robust loss of the distance in spreads."""
+    max_readings: float = 6.0
+    """Independent readings that a frame's points are worth at most."""
+    points_per_reading: float = 30.0
+    """Points that make one reading."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "sigma_m", "max_readings", "points_per_reading")
+
+
+@dataclass(frozen=True)
+class LevelTerm:
+    """Sum over points of rho((z of T_i p - height of the frame's plane) / sigma)."""
+
+    points: LevelPoints
+    heights_m: np.ndarray
+    """(n,) height of the plane that each frame's points belong on, target frame; NaN: on none."""
+    options: LevelOptions
+    name: str
+
+    def reweight(self, target_from_cams: np.ndarray) -> tuple[PlaneMoments, float]:
+        """One pass over the points; see `planfit.adjust.moments`."""
+        start = self.points.start
+        weighting = Weighting(self.options.max_readings, self.options.points_per_reading)
+        is_on = np.isfinite(self.heights_m)
+        information = self.options.weight * weighting.information(np.diff(start))
+        return plane_moments(
+            self.points.points_cam,
+            start,
+            np.arange(len(start) - 1),
+            level_planes(self.heights_m),
+            np.where(is_on, information, 0.0),
+            target_from_cams,
+            self.options.sigma_m,
+            self.options.loss,
+        )
+
+
+def floor_term(structure: Structure, options: LevelOptions) -> LevelTerm:
+    """The floor: z = 0, or the height of the storey that a frame stands on."""
+    return LevelTerm(structure.floor, structure.floor_heights_m, options, "floor")
+
+
+def level_planes(heights_m: np.ndarray) -> np.ndarray:
+    """Planes (n, 4), (normal, -offset), at heights (n,) m; at z = 0 where there is no height."""
+    planes = np.tile(FLOOR_PLANE, (len(heights_m), 1))
+    planes[:, 3] = -np.nan_to_num(heights_m)
+    return planes

@@ -1,0 +1,77 @@
+"""Which storey each frame stands on, by the heights of the floor it sees."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planfit.errors import require_positive, require_share
+
+_BIN_M = 0.1
+
+
+@dataclass(frozen=True)
+class StoreyOptions:
+    """When floors at different heights are storeys of their own."""
+
+    min_storey_m: float = 2.0
+    """Storeys are at least this far apart; a smaller spread of heights is drift, or steps within one."""
+    max_drift_m: float = 0.7
+    """A frame belongs to a storey whose floor is within this of the floor that it sees."""
+    min_share: float = 0.05
+    """Share of the frames with floor that a storey needs; fewer are a landing."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "min_storey_m", "max_drift_m")
+        require_share(self, "min_share")
+
+
+def find_storeys(
+    height_m: np.ndarray, start: np.ndarray, options: StoreyOptions
+) -> tuple[float, np.ndarray]:
+    """Height of the main storey's floor, and that (n_frames,) of each frame's storey above it, m.
+
+    The paper fits one plane to all floor points, once. With up known only its height is free, and the
+    median is the fit that wrong labels move least. Here it is fitted to each storey. The main one is
+    that with most floor points. Without floor: NaN, and zeros.
+
+    Args:
+        height_m: (m,) heights of floor points in the levelled world; frame i has
+            start[i]:start[i + 1].
+        start: (n_frames + 1,).
+        options: see there.
+    """
+    n = len(start) - 1
+    counts = np.diff(start)
+    if len(height_m) == 0:
+        return float("nan"), np.zeros(n)
+    seen = np.flatnonzero(counts)
+    of_frame = np.array([np.median(height_m[start[i] : start[i + 1]]) for i in seen])
+    levels = _peaks(of_frame, options)
+    if len(levels) < 2:
+        return float(np.median(height_m)), np.zeros(n)
+    # A frame that sees no floor stands where the last one stood.
+    known = np.interp(np.arange(n), seen, np.arange(len(seen))).astype(int)
+    nearest = np.argmin(np.abs(of_frame[:, None] - levels), axis=1)
+    is_on = np.abs(of_frame - levels[nearest]) < options.max_drift_m
+    point_level = np.full(n, -1)
+    point_level[seen] = np.where(is_on, nearest, -1)
+    per_point = np.repeat(point_level, counts)
+    fitted = np.array([np.median(height_m[per_point == k]) for k in range(len(levels))])
+    main = int(np.argmax(np.bincount(per_point[per_point >= 0], minlength=len(levels))))
+    above = np.where(is_on, fitted[nearest] - fitted[main], np.nan)
+    return float(fitted[main]), above[known]
+
+
+def _peaks(of_frame: np.ndarray, options: StoreyOptions) -> np.ndarray:
+    """Heights (k,) m at which many frames see their floor, at least a storey apart, highest count first."""
+    low = of_frame.min() - _BIN_M
+    edges = np.arange(low, of_frame.max() + 2 * _BIN_M, _BIN_M)
+    counts, _ = np.histogram(of_frame, edges)
+    wide = np.convolve(counts, np.ones(7))[3:-3]
+    centres = 0.5 * (edges[:-1] + edges[1:])
+    peaks: list[float] = []
+    while wide.max() >= max(options.min_share * len(of_frame), 1):
+        k = int(np.argmax(wide))
+        peaks.append(float(centres[k]))
+        wide[np.abs(centres - centres[k]) < options.min_storey_m] = 0
+    return np.array(peaks)
