@@ -1,0 +1,155 @@
+"""A vector drawing as readers of DXF, SVG and PDF hand it on: lines, fills and texts, file units."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from planfit.geometry import segments
+
+ABSURD = 1e9
+"""No national grid reaches this far, in any unit: such coordinates are faults of the file."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Straight pieces of line work, x right and y up in the drawing."""
+
+    ends: np.ndarray  # (n, 2, 2)
+    layer: np.ndarray  # (n,) index into `Drawing.layers`
+    path: np.ndarray  # (n,) which path of the file a piece belongs to
+    style: np.ndarray  # (n,) equal where colour and stroke width are
+    is_curved: np.ndarray  # (n,) bool, piece of an arc, a circle or a spline
+
+    def __len__(self) -> int:
+        return len(self.ends)
+
+    def take(self, keep: np.ndarray) -> "Lines":
+        """Those of a mask or an index."""
+        return Lines(
+            self.ends[keep],
+            self.layer[keep],
+            self.path[keep],
+            self.style[keep],
+            self.is_curved[keep],
+        )
+
+
+@dataclass(frozen=True)
+class Fill:
+    """A filled area."""
+
+    polygon: BaseGeometry
+    layer: int
+    colour: tuple[int, int, int] | None
+    """RGB from 0 to 255; None where the file does not tell."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """A line of text."""
+
+    text: str
+    xy: np.ndarray  # (2,) about its middle
+    height: float
+    layer: int = 0
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Everything of a drawing that tells about walls; coordinates in the file's unit, y up."""
+
+    lines: Lines
+    fills: tuple[Fill, ...]
+    texts: tuple[Text, ...]
+    layers: tuple[str, ...]
+    metres_per_unit: float | None = None
+    """None where the file does not tell, or tells the size on paper only."""
+    unit: str = "unknown"
+    """Name of the file's unit."""
+    hidden_layers: tuple[str, ...] = ()
+    """Layers that are off or frozen, and so were not read."""
+
+
+class DrawingBuilder:
+    """Collects what a reader meets, path by path."""
+
+    def __init__(self) -> None:
+        self._ends: list[np.ndarray] = []
+        self._numbers: list[np.ndarray] = []
+        self._styles: dict[object, int] = {}
+        self._layers: dict[str, int] = {}
+        self.fills: list[Fill] = []
+        self.texts: list[Text] = []
+
+    def layer(self, name: str) -> int:
+        """Index of a layer, made when first met."""
+        return self._layers.setdefault(name, len(self._layers))
+
+    def add_polyline(
+        self, points: np.ndarray, is_curved: np.ndarray, layer: str, style: object
+    ) -> None:
+        """A path through `points` (k, 2); `is_curved` (k - 1,) of each piece."""
+        n = len(points) - 1
+        if n < 1:
+            return
+        style_number = self._styles.setdefault(style, len(self._styles))
+        numbers = np.array([self.layer(layer), len(self._ends), style_number, 0])
+        numbers = np.tile(numbers, (n, 1))
+        numbers[:, 3] = is_curved
+        self._ends.append(np.stack([points[:-1], points[1:]], axis=1))
+        self._numbers.append(numbers)
+
+    def add_fill(
+        self, rings: list[np.ndarray], layer: str, colour: tuple[int, int, int] | None
+    ) -> None:
+        """An area inside an odd number of `rings`, each (k, 2)."""
+        area: BaseGeometry = shapely.Polygon()
+        for ring in rings:
+            if len(ring) >= 3 and np.isfinite(ring).all() and np.abs(ring).max() < ABSURD:
+                area = shapely.symmetric_difference(area, shapely.make_valid(shapely.Polygon(ring)))
+        if area.area > 0:
+            self.fills.append(Fill(area, self.layer(layer), colour))
+
+    def build(self) -> tuple[Lines, tuple[Fill, ...], tuple[Text, ...], tuple[str, ...]]:
+        """The parts of a `Drawing`."""
+        numbers = np.concatenate([*self._numbers, np.zeros((0, 4), dtype=int)])
+        ends = np.concatenate([*self._ends, np.zeros((0, 2, 2))])
+        lines = Lines(
+            ends, numbers[:, 0], numbers[:, 1], numbers[:, 2], numbers[:, 3].astype(bool)
+        )
+        return lines, tuple(self.fills), tuple(self.texts), tuple(self._layers)
+
+
+def cleaned(drawing: Drawing) -> tuple[Drawing, tuple[str, ...]]:
+    """The drawing without pieces that no plan has, and a sentence on each kind left out."""
+    lines, notes = drawing.lines, []
+    with np.errstate(invalid="ignore"):
+        is_absurd = ~(np.abs(lines.ends) < ABSURD).all(axis=(1, 2))
+    if is_absurd.any():
+        notes.append(
+            f"{_count(is_absurd.sum(), 'line')} with coordinates that are no numbers or beyond 1e9"
+        )
+        lines = lines.take(~is_absurd)
+    if len(lines):
+        extent = float(np.ptp(lines.ends.reshape(-1, 2), axis=0).max())
+        is_point = segments.lengths(lines.ends) <= 1e-7 * extent
+        if is_point.any():
+            notes.append(f"{_count(is_point.sum(), 'line')} without length")
+            lines = lines.take(~is_point)
+        unit = max(1e-6 * extent, 1e-12)
+        keys = np.round(lines.ends / unit).astype(np.int64).reshape(-1, 4)
+        is_turned = (keys[:, 0] > keys[:, 2]) | (
+            (keys[:, 0] == keys[:, 2]) & (keys[:, 1] > keys[:, 3])
+        )
+        keys[is_turned] = keys[is_turned][:, [2, 3, 0, 1]]
+        _, first = np.unique(np.column_stack([keys, lines.layer]), axis=0, return_index=True)
+        if len(first) < len(lines):
+            notes.append(f"{_count(len(lines) - len(first), 'line')} drawn twice")
+            lines = lines.take(np.sort(first))
+    return replace(drawing, lines=lines), tuple(notes)
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}" + ("" if n == 1 else "s")

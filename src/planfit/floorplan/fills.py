@@ -1,0 +1,127 @@
+"""What filled areas mean: solid wall, or the floors of rooms with the walls left white between."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.drawing import Fill
+from planfit.floorplan.layer_names import Role
+
+
+@dataclass(frozen=True)
+class Areas:
+    """Areas by meaning."""
+
+    walls: list[BaseGeometry]
+    rooms: list[BaseGeometry]
+
+
+def sort_fills(fills: tuple[Fill, ...], roles: list[Role], extent: float) -> Areas:
+    """Sort fills by what their colour and shape say; white ones and specks say nothing.
+
+    Fills of one layer and colour mean one thing. Walls are dark or grey (or on a layer of that name),
+    slim, and cover little of the ground they enclose. Rooms are wide and cover most of it.
+    """
+    groups: dict[object, list[BaseGeometry]] = {}
+    for fill in fills:
+        role = roles[fill.layer]
+        is_white = fill.colour is not None and min(fill.colour) > 245
+        if role in (Role.NO_WALL, Role.OPENING) or (is_white and role != Role.WALL):
+            continue
+        groups.setdefault((fill.layer, fill.colour), []).append(fill.polygon)
+    walls: list[BaseGeometry] = []
+    rooms: list[BaseGeometry] = []
+    for key, polygons in groups.items():
+        layer, colour = key  # type: ignore[misc]
+        # As one area: a wall is often filled piece by piece, triangle by triangle.
+        area = shapely.union_all([p.buffer(1e-6 * extent) for p in polygons])
+        parts = shapely.get_parts(area)
+        sizes = shapely.area(parts)
+        perimeters = np.array([_outline_length(p) for p in parts])
+        parts = parts[sizes > (1e-3 * extent) ** 2]
+        if len(parts) == 0:
+            continue
+        slim = _weighted_median(perimeters**2 / (16 * np.maximum(sizes, 1e-300)), sizes)
+        coverage = sizes.sum() / max(shapely.convex_hull(area).area, 1e-300)
+        is_called_wall = roles[layer] == Role.WALL
+        looks_like_wall = slim > 2.5 and coverage < 0.45
+        # Text drawn as outlines is dark and slim too, but small.
+        reach = max(np.ptp(np.array(area.bounds).reshape(2, 2), axis=0))
+        if is_called_wall or (looks_like_wall and _is_dark(colour) and _is_large(parts, extent)):
+            walls.extend(parts)
+        elif reach > 0.02 * extent and not looks_like_wall:
+            rooms.extend(parts)
+        elif looks_like_wall and not _is_dark(colour):
+            rooms.extend(parts)  # corridors
+    return Areas(walls, _main_cluster(rooms, extent))
+
+
+def _is_large(parts: np.ndarray, extent: float) -> bool:
+    reach = np.ptp(shapely.bounds(parts).reshape(-1, 2, 2), axis=1).max()
+    return bool(reach > 0.1 * extent)
+
+
+def _outline_length(polygon: BaseGeometry) -> float:
+    return float(shapely.length(polygon))
+
+
+def _is_dark(colour: tuple[int, int, int] | None) -> bool:
+    """Black to light grey, or unknown: colours are for rooms."""
+    return colour is None or (max(colour) - min(colour) < 40 and max(colour) < 230)
+
+
+def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    order = np.argsort(values)
+    share = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(share, 0.5 * share[-1])])
+
+
+def _main_cluster(rooms: list[BaseGeometry], extent: float) -> list[BaseGeometry]:
+    """Rooms of the largest group of near neighbours: the samples of a legend stand apart."""
+    if len(rooms) < 3:
+        return []
+    a, b = shapely.STRtree(rooms).query(rooms, predicate="dwithin", distance=0.012 * extent)
+    n = len(rooms)
+    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
+    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    size = np.bincount(group, shapely.area(np.array(rooms)), minlength=count)
+    chosen = [room for room, g in zip(rooms, group, strict=True) if g == size.argmax()]
+    return chosen if len(chosen) >= 3 else []
+
+
+def hatched_areas(
+    ends: np.ndarray, path: np.ndarray, is_hatch: np.ndarray, extent: float
+) -> list[BaseGeometry]:
+    """Areas whose outline is a closed path and whose inside is covered by hatch lines.
+
+    Args:
+        ends: (n, 2, 2) all lines, in the order of the file.
+        path: (n,) the path of each.
+        is_hatch: (n,) bool.
+        extent: of the drawing, to tell what counts as closed.
+    """
+    middles = shapely.points(ends[is_hatch].mean(axis=1))
+    if len(middles) == 0:
+        return []
+    tree = shapely.STRtree(middles)
+    hatch_length = np.linalg.norm(ends[is_hatch, 1] - ends[is_hatch, 0], axis=1)
+    areas: list[BaseGeometry] = []
+    starts = np.flatnonzero(np.diff(path, prepend=-1, append=-1) != 0)
+    for begin, end in zip(starts[:-1], starts[1:], strict=True):
+        if end - begin < 3:
+            continue
+        ring = np.concatenate([ends[begin:end, 0], ends[end - 1 : end, 1]])
+        if np.linalg.norm(ring[0] - ring[-1]) > 1e-4 * extent:
+            continue
+        area = shapely.make_valid(shapely.Polygon(ring))
+        if area.area < (5e-3 * extent) ** 2:
+            continue
+        inside = tree.query(area, predicate="contains")
+        width, height = np.ptp(np.array(area.bounds).reshape(2, 2), axis=0)
+        # Hatch covers all: in total it is longer than the outline's box is wide and high.
+        if len(inside) >= 3 and hatch_length[inside].sum() > 0.5 * (width + height):
+            areas.append(area)
+    return areas

@@ -1,0 +1,12 @@
+"""Readers of vector drawings and models, by suffix."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from planfit.floorplan.dxf import read_dxf
+from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.types import Floorplan
+
+VECTOR_READERS: dict[str, Callable[[Path, PlanOptions], Floorplan]] = {
+    ".dxf": read_dxf,
+}
