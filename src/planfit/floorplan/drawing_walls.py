@@ -57,7 +57,9 @@ def walls_of_drawing(
 
     areas = sort_fills(drawing.fills, roles, extent)
     reach = extent / 25 if metres_per_unit is None else 1.0 / metres_per_unit
-    is_row = rows_of_lines(lines.ends, lines.style, reach) & ~lines.is_curved
+    is_row = np.zeros(len(lines), dtype=bool)
+    straight = np.flatnonzero(~lines.is_curved & (segments.lengths(lines.ends) > 2e-3 * extent))
+    is_row[straight] = rows_of_lines(lines.ends[straight], lines.style[straight], reach)
     hatched = hatched_areas(lines.ends, lines.path, is_row, extent)
     wall_areas, rooms = areas.walls, areas.rooms
     if hatched:

@@ -140,9 +140,11 @@ def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten:
         else:
             piece = ezpath.Path(at)
             piece.append_path(_single(at, command))
-            flat = _xy(piece.flattening(flatten))[1:]
+            flat = _xy(piece.flattening(flatten, segments=4))[1:]
+            is_bent = _is_bent(np.array([np.array(at)[:2], *flat]))
+            flat = flat if is_bent else flat[-1:]
             points.extend(flat)
-            is_curved.extend([_is_bent(np.array([np.array(at)[:2], *flat]))] * len(flat))
+            is_curved.extend([is_bent] * len(flat))
         at = command.end
     builder.add_polyline(np.array(points), np.array(is_curved), layer, style)
 

@@ -65,9 +65,9 @@ def estimate_thickness(
 
 
 def rows_of_lines(ends: np.ndarray, style: np.ndarray, max_gap: float) -> np.ndarray:
-    """Which lines (n,) belong to a row of five or more alike at equal distance: hatches, treads.
+    """Which lines (n,) belong to a row of six or more alike at equal distance: hatches, treads.
 
-    Two neighbours at equal distance on its two sides make a line regular; three regular ones that
+    Two neighbours at equal distance on its two sides make a line regular; four regular ones that
     follow each other make a row. The panes of a window are fewer.
     """
     n = len(ends)
@@ -99,7 +99,7 @@ def rows_of_lines(ends: np.ndarray, style: np.ndarray, max_gap: float) -> np.nda
     )
     count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
     regular = np.bincount(group, is_regular, minlength=count)
-    return regular[group] >= 3
+    return regular[group] >= 4
 
 
 def faces_of_lines(
@@ -232,6 +232,8 @@ def _faces(
         order = np.argsort(gap)
         depth = float(gap[order][np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())])
         for low, high in _joined(pairs.low[mine], pairs.high[mine], thickness.most):
+            if high - low < 1.5 * min(depth, thickness.usual):
+                continue  # ends of walls and jambs: too short to hold a scan to
             low = 0.0 if low <= thickness.most else low
             high = length[i] if high >= length[i] - thickness.most else high
             new_ends.append(ends[i, 0] + np.outer([low, high], along[i]))
