@@ -80,6 +80,9 @@ class DrawingBuilder:
         self._numbers: list[np.ndarray] = []
         self._styles: dict[object, int] = {}
         self._layers: dict[str, int] = {}
+        self._clips: list[BaseGeometry | None] = []
+        self.clip: BaseGeometry | None = None
+        """What is added next shows inside this area only."""
         self.fills: list[Fill] = []
         self.texts: list[Text] = []
 
@@ -100,6 +103,7 @@ class DrawingBuilder:
         numbers[:, 3] = is_curved
         self._ends.append(np.stack([points[:-1], points[1:]], axis=1))
         self._numbers.append(numbers)
+        self._clips.append(self.clip)
 
     def add_fill(
         self, rings: list[np.ndarray], layer: str, colour: tuple[int, int, int] | None
@@ -109,6 +113,8 @@ class DrawingBuilder:
         for ring in rings:
             if len(ring) >= 3 and np.isfinite(ring).all() and np.abs(ring).max() < ABSURD:
                 area = shapely.symmetric_difference(area, shapely.make_valid(shapely.Polygon(ring)))
+        if self.clip is not None:
+            area = shapely.intersection(area, self.clip)
         if area.area > 0:
             self.fills.append(Fill(area, self.layer(layer), colour))
 
@@ -119,6 +125,7 @@ class DrawingBuilder:
         lines = Lines(
             ends, numbers[:, 0], numbers[:, 1], numbers[:, 2], numbers[:, 3].astype(bool)
         )
+        lines = _clipped(lines, self._clips)
         return lines, tuple(self.fills), tuple(self.texts), tuple(self._layers)
 
 
@@ -152,6 +159,36 @@ def cleaned(drawing: Drawing) -> tuple[Drawing, tuple[str, ...]]:
     lines = lines.take(segments.lengths(lines.ends) > 0)
     lines = replace(lines, is_curved=lines.is_curved | bent_pieces(lines))
     return replace(drawing, lines=lines), tuple(notes)
+
+
+def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:
+    """Lines cut to the clip of their path: hatches are often drawn far beyond what shows."""
+    by_clip: dict[int, list[int]] = {}
+    for path, clip in enumerate(clips):
+        if clip is not None:
+            by_clip.setdefault(id(clip), []).append(path)
+    ends, source = [lines.ends], [np.arange(len(lines))]
+    is_whole = np.ones(len(lines), dtype=bool)
+    starts = np.searchsorted(lines.path, np.arange(len(clips) + 1))
+    for paths in by_clip.values():
+        clip = clips[paths[0]]
+        at = np.concatenate([np.arange(starts[p], starts[p + 1]) for p in paths])
+        at = at[np.isfinite(lines.ends[at]).all(axis=(1, 2))]
+        drawn = shapely.linestrings(lines.ends[at])
+        shapely.prepare(clip)
+        outside = at[~shapely.covers(clip, drawn)]
+        is_whole[outside] = False
+        pieces, of = shapely.get_parts(
+            shapely.intersection(shapely.linestrings(lines.ends[outside]), clip), return_index=True
+        )
+        is_line = shapely.length(pieces) > 0
+        ends.append(shapely.get_coordinates(pieces[is_line]).reshape(-1, 2, 2))
+        source.append(outside[of[is_line]])
+    order = np.concatenate(source)
+    keep = np.concatenate([is_whole, np.ones(len(order) - len(lines), dtype=bool)])
+    ends, order = np.concatenate(ends)[keep], order[keep]
+    in_order = np.argsort(order, kind="stable")
+    return replace(lines.take(order[in_order]), ends=ends[in_order])
 
 
 def _simplified(lines: Lines) -> Lines:

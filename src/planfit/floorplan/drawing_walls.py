@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.collinear import merge_collinear
 from planfit.floorplan.drawing import Drawing
-from planfit.floorplan.fills import hatched_areas, sort_fills
+from planfit.floorplan.fills import hatched_areas, main_rooms, sort_fills
 from planfit.floorplan.layer_names import Role
 from planfit.floorplan.line_walls import (
     LineFaces,
@@ -69,6 +70,7 @@ def walls_of_drawing(
             rooms = [*rooms, *hatched]
         else:
             wall_areas = [*wall_areas, *thin]
+    rooms = main_rooms(rooms, extent)
     if is_row.any():
         dropped.append(f"{is_row.sum()} lines in rows at equal distance (hatches, stairs)")
     if lines.is_curved.any():
@@ -112,10 +114,13 @@ def walls_of_drawing(
         if len(found[-1].ends):
             used = np.unique(layer_of[found[-1].line])
             warnings.append("walls are drawn as single lines: which side of them is free is unknown")
+    faces, n_apart = _main_part(_together(found), extent)
+    if n_apart:
+        dropped.append(f"{n_apart} faces apart from the building (legend, title block, details)")
     names = [drawing.layers[i] for i in used if i >= 0]
     names += sorted({drawing.layers[f.layer] for f in drawing.fills} if wall_areas or rooms else [])
     return DrawnWalls(
-        _together(found), tuple(dict.fromkeys(names)), tuple(dropped), tuple(warnings), thickness
+        faces, tuple(dict.fromkeys(names)), tuple(dropped), tuple(warnings), thickness
     )
 
 
@@ -167,6 +172,25 @@ def _together(parts: list[LineFaces]) -> LineFaces:
         np.concatenate([p.thickness for p in parts] or [np.zeros(0)]),
         np.concatenate([p.line for p in parts] or [np.zeros(0, dtype=int)]),
     )
+
+
+def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, int]:
+    """Faces without groups that stand apart by a twentieth of the drawing and hold less than a
+    twentieth of the largest group's length."""
+    if len(faces.ends) == 0:
+        return faces, 0
+    lines = shapely.linestrings(faces.ends)
+    a, b = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=0.05 * extent)
+    n = len(lines)
+    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
+    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    total = np.bincount(group, segments.lengths(faces.ends), minlength=count)
+    keep = (total > 0.05 * total.max())[group]
+    kept = LineFaces(
+        faces.ends[keep], faces.normals[keep], faces.is_oriented[keep], faces.thickness[keep],
+        faces.line[keep],
+    )  # fmt: skip
+    return kept, int((~keep).sum())
 
 
 def _listed(names: list[str]) -> str:

@@ -56,7 +56,7 @@ def sort_fills(fills: tuple[Fill, ...], roles: list[Role], extent: float) -> Are
             rooms.extend(parts)
         elif looks_like_wall and not _is_dark(colour):
             rooms.extend(parts)  # corridors
-    return Areas(walls, _main_cluster(rooms, extent))
+    return Areas(walls, rooms)
 
 
 def _is_large(parts: np.ndarray, extent: float) -> bool:
@@ -79,10 +79,14 @@ def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
     return float(values[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
-def _main_cluster(rooms: list[BaseGeometry], extent: float) -> list[BaseGeometry]:
-    """Rooms of the largest group of near neighbours: the samples of a legend stand apart."""
+def main_rooms(rooms: list[BaseGeometry], extent: float) -> list[BaseGeometry]:
+    """Rooms of the largest group of near neighbours, each once: the samples of a legend stand apart.
+
+    None where there are fewer than three: one or two filled areas are no plan of rooms.
+    """
     if len(rooms) < 3:
         return []
+    rooms = _each_once(rooms)
     a, b = shapely.STRtree(rooms).query(rooms, predicate="dwithin", distance=0.012 * extent)
     n = len(rooms)
     graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
@@ -90,6 +94,18 @@ def _main_cluster(rooms: list[BaseGeometry], extent: float) -> list[BaseGeometry
     size = np.bincount(group, shapely.area(np.array(rooms)), minlength=count)
     chosen = [room for room, g in zip(rooms, group, strict=True) if g == size.argmax()]
     return chosen if len(chosen) >= 3 else []
+
+
+def _each_once(rooms: list[BaseGeometry]) -> list[BaseGeometry]:
+    """Without those that lie half or more in a smaller one kept before: fill and hatch of one room."""
+    tree = shapely.STRtree(rooms)
+    area = shapely.area(np.array(rooms))
+    is_kept = np.zeros(len(rooms), dtype=bool)
+    for i in np.argsort(area, kind="stable"):
+        others = [j for j in tree.query(rooms[i], "intersects") if is_kept[j]]
+        shared = sum(rooms[i].intersection(rooms[j]).area for j in others)
+        is_kept[i] = shared < 0.5 * area[i]
+    return [room for room, keep in zip(rooms, is_kept, strict=True) if keep]
 
 
 def hatched_areas(
@@ -114,7 +130,8 @@ def hatched_areas(
         if end - begin < 3:
             continue
         ring = np.concatenate([ends[begin:end, 0], ends[end - 1 : end, 1]])
-        if np.linalg.norm(ring[0] - ring[-1]) > 1e-4 * extent:
+        steps = np.linalg.norm(ends[begin + 1 : end, 0] - ends[begin : end - 1, 1], axis=1)
+        if max(np.linalg.norm(ring[0] - ring[-1]), steps.max()) > 1e-4 * extent:
             continue
         area = shapely.make_valid(shapely.Polygon(ring))
         if area.area < (5e-3 * extent) ** 2:

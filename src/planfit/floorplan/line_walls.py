@@ -99,7 +99,18 @@ def rows_of_lines(ends: np.ndarray, style: np.ndarray, max_gap: float) -> np.nda
     )
     count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
     regular = np.bincount(group, is_regular, minlength=count)
-    return regular[group] >= 4
+    return _families(ends, style, regular[group] >= 4)
+
+
+def _families(ends: np.ndarray, style: np.ndarray, is_row: np.ndarray) -> np.ndarray:
+    """Rows, and what else is drawn in the same style and direction where nearly all such lines are in
+    rows: the few hatch lines of a small area."""
+    along = segments.directions(ends)
+    angle = np.round(np.rad2deg(np.arctan2(along[:, 1], along[:, 0])) % 180.0).astype(int) % 180
+    _, family = np.unique(np.stack([style, angle], axis=1), axis=0, return_inverse=True)
+    family = family.ravel()
+    total, in_row = np.bincount(family), np.bincount(family, is_row)
+    return is_row | ((in_row > 20) & (in_row > 0.6 * total))[family]
 
 
 def faces_of_lines(

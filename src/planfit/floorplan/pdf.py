@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pypdfium2 as pdfium
 import pypdfium2.raw as raw
+import shapely
+from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.curves import flatten_cubic
@@ -82,6 +84,7 @@ def _drawing(page: pdfium.PdfPage) -> tuple[Drawing, bool]:
     builder = DrawingBuilder()
     shown_from_page = _shown_from_page(page)
     has_picture = False
+    clips = _Clips()
     stack = [(page.raw, None, shown_from_page, 0)]
     while stack:
         owner, form, transform, depth = stack.pop()
@@ -91,6 +94,7 @@ def _drawing(page: pdfium.PdfPage) -> tuple[Drawing, bool]:
             kind = raw.FPDFPageObj_GetType(item)
             shown_from_item = transform @ _matrix(item)
             if kind == raw.FPDF_PAGEOBJ_PATH:
+                builder.clip = clips.of(item, transform)
                 _add_path(builder, item, shown_from_item, _layer(item))
             elif kind == raw.FPDF_PAGEOBJ_IMAGE:
                 has_picture = True
@@ -131,6 +135,43 @@ def _layer(item) -> str:  # noqa: ANN001
             continue
         return name.raw[: max(size.value - 2, 0)].decode("utf-16-le", errors="replace")
     return ""
+
+
+class _Clips:
+    """Clip areas by their corners, each made once: thousands of objects share a few."""
+
+    def __init__(self) -> None:
+        self._made: dict[bytes, BaseGeometry] = {}
+
+    def of(self, item, transform: np.ndarray) -> BaseGeometry | None:  # noqa: ANN001
+        """Area that an object shows in, as shown; None where nothing clips it."""
+        clip = raw.FPDFPageObj_GetClipPath(item)
+        count = raw.FPDFClipPath_CountPaths(clip) if clip else 0
+        rings = [_clip_corners(clip, i) for i in range(max(count, 0))]
+        rings = [ring for ring in rings if len(ring) >= 3]
+        if not rings:
+            return None
+        key = b"|".join(ring.tobytes() for ring in rings) + transform.tobytes()
+        if key not in self._made:
+            area: BaseGeometry | None = None
+            for ring in rings:
+                shown = ring @ transform[:2, :2].T + transform[:2, 2]
+                polygon = shapely.make_valid(shapely.Polygon(shown))
+                area = polygon if area is None else shapely.intersection(area, polygon)
+            assert area is not None
+            self._made[key] = area
+        return self._made[key]
+
+
+def _clip_corners(clip, path_index: int) -> np.ndarray:  # noqa: ANN001
+    """Corners (k, 2) of one clip path; control points of its curves count as corners."""
+    x, y = ctypes.c_float(), ctypes.c_float()
+    corners = []
+    for i in range(max(raw.FPDFClipPath_CountPathSegments(clip, path_index), 0)):
+        segment = raw.FPDFClipPath_GetPathSegment(clip, path_index, i)
+        raw.FPDFPathSegment_GetPoint(segment, x, y)
+        corners.append((x.value, y.value))
+    return np.array(corners, dtype=float).reshape(-1, 2)
 
 
 def _add_path(builder: DrawingBuilder, item, transform: np.ndarray, layer: str) -> None:  # noqa: ANN001
