@@ -152,9 +152,10 @@ def cleaned(drawing: Drawing) -> tuple[Drawing, tuple[str, ...]]:
         )
         keys[is_turned] = keys[is_turned][:, [2, 3, 0, 1]]
         _, first = np.unique(np.column_stack([keys, lines.layer]), axis=0, return_index=True)
+        # They stay: outlines of neighbours share sides, and each is needed whole to be closed. Lines on
+        # one another are one wall in `merge_collinear`.
         if len(first) < len(lines):
             notes.append(f"{_count(len(lines) - len(first), 'line')} drawn twice")
-            lines = lines.take(np.sort(first))
     lines = _simplified(lines)
     lines = lines.take(segments.lengths(lines.ends) > 0)
     lines = replace(lines, is_curved=lines.is_curved | bent_pieces(lines))
@@ -182,7 +183,9 @@ def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:
             shapely.intersection(shapely.linestrings(lines.ends[outside]), clip), return_index=True
         )
         is_line = shapely.length(pieces) > 0
-        ends.append(shapely.get_coordinates(pieces[is_line]).reshape(-1, 2, 2))
+        first, last = (shapely.get_point(pieces[is_line], i) for i in (0, -1))
+        corners = [shapely.get_coordinates(first), shapely.get_coordinates(last)]
+        ends.append(np.stack(corners, axis=1))
         source.append(outside[of[is_line]])
     order = np.concatenate(source)
     keep = np.concatenate([is_whole, np.ones(len(order) - len(lines), dtype=bool)])

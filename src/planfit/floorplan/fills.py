@@ -37,7 +37,7 @@ def sort_fills(fills: tuple[Fill, ...], roles: list[Role], extent: float) -> Are
     for key, polygons in groups.items():
         layer, colour = key  # type: ignore[misc]
         # As one area: a wall is often filled piece by piece, triangle by triangle.
-        area = shapely.union_all([p.buffer(1e-6 * extent) for p in polygons])
+        area = shapely.union_all([p.buffer(1e-6 * extent, join_style="mitre") for p in polygons])
         parts = shapely.get_parts(area)
         sizes = shapely.area(parts)
         perimeters = np.array([_outline_length(p) for p in parts])

@@ -147,31 +147,38 @@ class _Clips:
         """Area that an object shows in, as shown; None where nothing clips it."""
         clip = raw.FPDFPageObj_GetClipPath(item)
         count = raw.FPDFClipPath_CountPaths(clip) if clip else 0
-        rings = [_clip_corners(clip, i) for i in range(max(count, 0))]
-        rings = [ring for ring in rings if len(ring) >= 3]
-        if not rings:
+        paths = [_clip_rings(clip, i) for i in range(max(count, 0))]
+        paths = [rings for rings in paths if rings]
+        if not paths:
             return None
-        key = b"|".join(ring.tobytes() for ring in rings) + transform.tobytes()
+        key = b"|".join(ring.tobytes() for rings in paths for ring in rings) + transform.tobytes()
         if key not in self._made:
-            area: BaseGeometry | None = None
-            for ring in rings:
-                shown = ring @ transform[:2, :2].T + transform[:2, 2]
-                polygon = shapely.make_valid(shapely.Polygon(shown))
-                area = polygon if area is None else shapely.intersection(area, polygon)
-            assert area is not None
-            self._made[key] = area
+            self._made[key] = shapely.intersection_all(
+                [_area(rings, transform) for rings in paths]
+            )
         return self._made[key]
 
 
-def _clip_corners(clip, path_index: int) -> np.ndarray:  # noqa: ANN001
-    """Corners (k, 2) of one clip path; control points of its curves count as corners."""
+def _area(rings: list[np.ndarray], transform: np.ndarray) -> BaseGeometry:
+    """Inside of an odd number of rings."""
+    area: BaseGeometry = shapely.Polygon()
+    for ring in rings:
+        shown = ring @ transform[:2, :2].T + transform[:2, 2]
+        area = shapely.symmetric_difference(area, shapely.make_valid(shapely.Polygon(shown)))
+    return area
+
+
+def _clip_rings(clip, path_index: int) -> list[np.ndarray]:  # noqa: ANN001
+    """Corners (k, 2) of each ring of one clip path; control points of its curves count as corners."""
     x, y = ctypes.c_float(), ctypes.c_float()
-    corners = []
+    rings: list[list[tuple[float, float]]] = []
     for i in range(max(raw.FPDFClipPath_CountPathSegments(clip, path_index), 0)):
         segment = raw.FPDFClipPath_GetPathSegment(clip, path_index, i)
         raw.FPDFPathSegment_GetPoint(segment, x, y)
-        corners.append((x.value, y.value))
-    return np.array(corners, dtype=float).reshape(-1, 2)
+        if raw.FPDFPathSegment_GetType(segment) == raw.FPDF_SEGMENT_MOVETO or not rings:
+            rings.append([])
+        rings[-1].append((x.value, y.value))
+    return [np.array(ring) for ring in rings if len(ring) >= 3]
 
 
 def _add_path(builder: DrawingBuilder, item, transform: np.ndarray, layer: str) -> None:  # noqa: ANN001

@@ -33,6 +33,13 @@ def outside_rooms(
     return _cut(ends, area, 3 * tolerance)
 
 
+def ends_of(lines: np.ndarray) -> np.ndarray:
+    """First and last point (n, 2, 2) of line strings, which overlays may give points in between."""
+    first, last = shapely.get_point(lines, 0), shapely.get_point(lines, -1)
+    both = np.stack([shapely.get_coordinates(first), shapely.get_coordinates(last)], axis=1)
+    return both.reshape(-1, 2, 2)
+
+
 def _cut(
     ends: np.ndarray, area: BaseGeometry, min_length: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -45,7 +52,6 @@ def _cut(
     rest = np.flatnonzero(meets & ~shapely.contains(area, lines))
     pieces, of = shapely.get_parts(shapely.difference(lines[rest], area), return_index=True)
     long = shapely.length(pieces) > min_length
-    coordinates, of = shapely.get_coordinates(pieces[long]), of[long]
-    cut = coordinates.reshape(-1, 2, 2)
+    cut, of = ends_of(pieces[long]), of[long]
     apart = np.flatnonzero(~meets)
     return np.concatenate([ends[apart], cut]), np.concatenate([apart, rest[of]])
