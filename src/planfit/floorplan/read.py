@@ -43,10 +43,10 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
 
 
 def _reader(path: Path) -> Reader:
-    reader = readers().get(path.suffix.lower())
-    if reader is None:
+    reader = readers().get("" if path.is_dir() else path.suffix.lower())
+    if reader is None or (not path.suffix and not path.is_dir()):
         raise FloorplanError(
-            f"{path}: expected a plan as {', '.join(readers())}, found "
+            f"{path}: expected a plan as {', '.join(suffix for suffix in readers() if suffix)}, found "
             f"{path.suffix or 'no suffix'}; trace its walls into one of these (docs/formats.md)"
         )
     return reader
