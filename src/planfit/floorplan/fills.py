@@ -87,7 +87,7 @@ def main_rooms(rooms: list[BaseGeometry], extent: float) -> list[BaseGeometry]:
     if len(rooms) < 3:
         return []
     rooms = _each_once(rooms)
-    a, b = shapely.STRtree(rooms).query(rooms, predicate="dwithin", distance=0.012 * extent)
+    a, b = shapely.STRtree(rooms).query(rooms, predicate="dwithin", distance=0.03 * extent)
     n = len(rooms)
     graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
     count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
@@ -123,7 +123,7 @@ def hatched_areas(
     if len(middles) == 0:
         return []
     tree = shapely.STRtree(middles)
-    hatch_length = np.linalg.norm(ends[is_hatch, 1] - ends[is_hatch, 0], axis=1)
+    hatches = ends[is_hatch]
     areas: list[BaseGeometry] = []
     starts = np.flatnonzero(np.diff(path, prepend=-1, append=-1) != 0)
     for begin, end in zip(starts[:-1], starts[1:], strict=True):
@@ -137,8 +137,21 @@ def hatched_areas(
         if area.area < (5e-3 * extent) ** 2:
             continue
         inside = tree.query(area, predicate="contains")
-        width, height = np.ptp(np.array(area.bounds).reshape(2, 2), axis=0)
-        # Hatch covers all: in total it is longer than the outline's box is wide and high.
-        if len(inside) >= 3 and hatch_length[inside].sum() > 0.5 * (width + height):
+        if len(inside) >= 3 and _covers(hatches[inside], area):
             areas.append(area)
     return areas
+
+
+def _covers(hatches: np.ndarray, area: BaseGeometry) -> bool:
+    """Whether lines (n, 2, 2), each as wide as they are apart, cover most of an area: a flight of stairs
+    in a room does not."""
+    along = hatches[:, 1] - hatches[:, 0]
+    longest = along[np.argmax(np.linalg.norm(along, axis=1))]
+    across = np.array([-longest[1], longest[0]]) / np.linalg.norm(longest)
+    steps = np.diff(np.sort(hatches.mean(axis=1) @ across))
+    # Lines in one row, and pieces of one line, are no step.
+    steps = steps[steps > 0.2 * steps.max()] if len(steps) else steps
+    if len(steps) == 0:
+        return False
+    bands = shapely.buffer(shapely.linestrings(hatches), 0.6 * np.percentile(steps, 75), cap_style="square")
+    return shapely.intersection(shapely.union_all(bands), area).area > 0.6 * area.area
