@@ -61,7 +61,9 @@ def _path_data(rings, scale, offset):
     )  # fmt: skip
 
 
-def write_svg(path, area, units_per_metre=20.0, fill="none", stroke="black", extra="", group="", root=""):
+def write_svg(
+    path, area, units_per_metre=20.0, fill="none", stroke="black", extra="", group="", root=""
+):
     body = "".join(
         f'<path d="{_path_data(rings_of(p), units_per_metre, 100)}" fill="{fill}" '
         f'fill-rule="evenodd" stroke="{stroke}"/>'
@@ -80,7 +82,10 @@ def write_pdf(path, area, points_per_metre=20.0, fill=None, rotate=0, extra=""):
     commands = ["0.5 w"]
     for part in shapely.get_parts(area):
         for ring in rings_of(part):
-            points = [f"{x * points_per_metre + 100:.5f} {y * points_per_metre + 100:.5f}" for x, y in ring]
+            points = [
+                f"{x * points_per_metre + 100:.5f} {y * points_per_metre + 100:.5f}"
+                for x, y in ring
+            ]
             commands += [f"{points[0]} m", *(f"{p} l" for p in points[1:-1]), "h"]
         commands.append("S" if fill is None else f"{fill} rg f*")
     return write_pdf_stream(path, "\n".join([*commands, extra]), rotate)
@@ -134,8 +139,10 @@ def write_ifc(path, area, unit_prefix=None, height_m=2.6, storeys=(("Ground", 0.
         walls = []
         for part in shapely.get_parts(area):
             curves = [make("IfcPolyline", [point(*xy) for xy in ring]) for ring in rings_of(part)]
-            profile = make("IfcArbitraryProfileDefWithVoids", "AREA", None, curves[0], curves[1:]) \
-                if len(curves) > 1 else make("IfcArbitraryClosedProfileDef", "AREA", None, curves[0])  # fmt: skip
+            kind = (
+                "IfcArbitraryProfileDefWithVoids" if curves[1:] else "IfcArbitraryClosedProfileDef"
+            )
+            profile = make(kind, "AREA", None, curves[0], *([curves[1:]] if curves[1:] else []))
             solid = make("IfcExtrudedAreaSolid", profile, origin,
                          make("IfcDirection", (0.0, 0.0, 1.0)), height_m * scale)  # fmt: skip
             shape = make("IfcShapeRepresentation", context, "Body", "SweptSolid", [solid])

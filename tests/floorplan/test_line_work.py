@@ -5,8 +5,18 @@ import pytest
 import scipy.spatial
 import shapely
 import trimesh
+from test_vector_formats import on_faces
 
-from plan_files import make_plan, rings_of, write_dxf, write_geojson, write_ifc, write_pdf_stream, write_svg
+from plan_files import (
+    make_plan,
+    rings_of,
+    write_dxf,
+    write_geojson,
+    write_ifc,
+    write_pdf_stream,
+    write_svg,
+)
+from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, read_floorplan
 from planfit.floorplan.collinear import merge_collinear
 from planfit.floorplan.dimension_texts import length_of_text
@@ -15,7 +25,6 @@ from planfit.floorplan.layer_names import Role, role_of
 from planfit.floorplan.line_walls import rows_of_lines
 from planfit.floorplan.regions import faces_of_regions
 from planfit.floorplan.section import section_area
-from test_vector_formats import on_faces
 
 WALLS, BUILDING = make_plan(n_rooms=6)
 TRUTH = faces_of_regions(WALLS, 1e-6, 0.5)
@@ -179,9 +188,14 @@ def test_walls_in_blocks_turned_and_scaled(tmp_path):
 def clutter():
     """Treads, a door's arc, chairs, a window's panes, a legend, text: SVG, 20 px a metre."""
     treads = "".join(f'<path d="M {130 + 5 * i},40 v 25" stroke="black"/>' for i in range(10))
-    chairs = "".join(f'<circle cx="{130 + 12 * i}" cy="80" r="4" stroke="black" fill="none"/>' for i in range(4))
+    chairs = "".join(
+        f'<circle cx="{130 + 12 * i}" cy="80" r="4" stroke="black" fill="none"/>' for i in range(4)
+    )
     arc = '<path d="M 150,60 a 18,18 0 0 1 18,18" stroke="black" fill="none"/>'
-    legend = "".join(f'<rect x="600" y="{400 + 20 * i}" width="20" height="8" stroke="black" fill="none"/>' for i in range(4))
+    legend = "".join(
+        f'<rect x="600" y="{400 + 20 * i}" width="20" height="8" stroke="black" fill="none"/>'
+        for i in range(4)
+    )
     text = '<text x="140" y="60" font-size="6">KITCHEN</text>'
     return treads + chairs + arc + legend + text
 
@@ -199,7 +213,7 @@ def test_panes_of_a_window_are_no_faces(tmp_path):
             document.modelspace().add_line((1, y), (3, y), dxfattribs={"layer": "W"})
 
     room = shapely.box(-0.24, -0.24, 5, 4).difference(shapely.box(0, 0, 4.76, 3.76))
-    room = shapely.transform(room, lambda xy: xy + (0.0, 0.24))
+    room = shapely.transform(room, lambda xy: xy + np.array([0.0, 0.24]))
     plan = read_floorplan(write_dxf(tmp_path / "a.dxf", room, layer="W", extra=panes))
     assert not (np.isin(np.round(plan.ends[:, 0, 1], 3), [0.08, 0.12, 0.16])).any()
     assert len(plan) == 8
@@ -303,6 +317,25 @@ def test_svg_transforms_and_layers(tmp_path):
     assert shapely.distance(shapely.points(TRUTH.ends.mean(axis=1)), lines).max() < 0.01
 
 
+def test_clips_within_nested_groups_cut_what_is_drawn_beyond(tmp_path):
+    hatch = "".join(f'<path d="M {x},0 l 400,400" stroke="blue"/>' for x in range(-400, 400, 12))
+    room = '<path id="room" d="M 0,0 h 160 v 120 h -160 z"/>'
+    path = tmp_path / "a.svg"
+    path.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 400 300" width="800" height="600">'
+        f'<defs><clipPath id="c">{room}</clipPath></defs>'
+        '<g transform="translate(20,20)"><g transform="scale(2)">'
+        f'<g clip-path="url(#c)"><g transform="translate(1,1)">{hatch}</g></g>'
+        '<path d="M 0,0 h 160 v 120 h -160 z M -4,-4 h 168 v 128 h -168 z" fill="none" stroke="red"/>'
+        "</g></g></svg>"
+    )
+    plan = read_floorplan(path)
+    # Twice by the group, twice by the view box: the room is 640 x 480 from (40, 40).
+    assert len(plan) == 8
+    np.testing.assert_allclose(plan.ends.reshape(-1, 2).min(axis=0), [24, -536])
+    np.testing.assert_allclose(plan.ends.reshape(-1, 2).max(axis=0), [696, -24])
+
+
 def test_storeys_by_name_and_number(tmp_path):
     path = write_ifc(tmp_path / "a.ifc", WALLS, storeys=(("Ground", 0.0), ("First", 3.0)))
     assert read_floorplan(path).source.storey == "Ground"
@@ -313,7 +346,7 @@ def test_storeys_by_name_and_number(tmp_path):
 def test_the_height_of_the_cut(tmp_path):
     path = write_ifc(tmp_path / "a.ifc", WALLS, height_m=1.0)
     assert len(read_floorplan(path, PlanOptions(cut_height_m=0.9)))
-    with pytest.raises(Exception, match="1.2 m above the floor of 'Ground', found none"):
+    with pytest.raises(FloorplanError, match=r"1\.2 m above the floor of 'Ground', found none"):
         read_floorplan(path)
 
 
@@ -343,6 +376,7 @@ def test_an_opening_of_imdf_is_a_gap(tmp_path):
 
 def tube(outer, inner, height):
     """Upright walls between two rectangles (x0, y0, x1, y1), from z = 0."""
+
     def upright(x0, y0, x1, y1):
         box = trimesh.creation.box((x1 - x0, y1 - y0, height))
         box.apply_translation(((x0 + x1) / 2, (y0 + y1) / 2, height / 2))
@@ -366,7 +400,9 @@ def test_the_section_of_a_box_with_a_hole(height):
 def test_a_mesh_becomes_its_walls(tmp_path, up):
     walls = shapely.box(-0.3, -0.3, 6.3, 4.3).difference(shapely.box(0, 0, 6, 4))
     solid = tube((-0.3, -0.3, 6.3, 4.3), (0, 0, 6, 4), 2.5)
-    floor = trimesh.creation.box((6.6, 4.6, 0.1), trimesh.transformations.translation_matrix((3, 2, -0.05)))
+    floor = trimesh.creation.box(
+        (6.6, 4.6, 0.1), trimesh.transformations.translation_matrix((3, 2, -0.05))
+    )
     mesh = trimesh.util.concatenate([solid, floor])
     if up == "y":
         mesh.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, (1, 0, 0)))

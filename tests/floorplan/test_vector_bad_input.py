@@ -84,7 +84,12 @@ def test_references_to_other_files_are_not_followed(tmp_path, monkeypatch):
     opened = []
     extra = f'<use xlink:href="{other}#x"/><image href="http://example.com/a.png" width="9" height="9"/>'
     path = write_svg(tmp_path / "a.svg", WALLS, extra=extra)
-    sys.addaudithook(lambda event, args: opened.append(str(args)) if event in ("open", "socket.connect") else None)
+
+    def note(event, args):
+        if event in ("open", "socket.connect"):
+            opened.append(str(args))
+
+    sys.addaudithook(note)
     plan = read_floorplan(path)
     assert not [name for name in opened if "other.svg" in name or "example.com" in name]
     assert plan.source.warnings == ("2 references to other files were not followed",)
@@ -104,7 +109,9 @@ def test_svg_that_is_no_xml(tmp_path):
 
 
 def test_svg_without_lines(tmp_path):
-    path = wrote(tmp_path / "a.svg", '<svg xmlns="http://www.w3.org/2000/svg"><text>hello</text></svg>')
+    path = wrote(
+        tmp_path / "a.svg", '<svg xmlns="http://www.w3.org/2000/svg"><text>hello</text></svg>'
+    )
     assert refusal(path) == (
         "expected a drawing of walls, found no lines or areas in it; check that it is the right file"
     )
@@ -122,7 +129,9 @@ def test_encrypted_pdf(tmp_path):
     path = write_pdf(tmp_path / "a.pdf", WALLS)
     secret = "<" + "5a" * 32 + ">"
     data = path.read_bytes().decode("latin-1")
-    encrypt = f"/Encrypt << /Filter /Standard /V 1 /R 2 /P -4 /O {secret} /U {secret} >> /ID [<00> <00>]"
+    encrypt = (
+        f"/Encrypt << /Filter /Standard /V 1 /R 2 /P -4 /O {secret} /U {secret} >> /ID [<00> <00>]"
+    )
     path.write_bytes(data.replace("/Root 1 0 R", f"/Root 1 0 R {encrypt}").encode("latin-1"))
     assert refusal(path) == (
         "expected a PDF that opens without a password, found an encrypted one; "
@@ -260,12 +269,15 @@ def test_absurd_coordinates_and_repeated_lines_are_left_out_and_said_so(tmp_path
 
 
 def test_a_national_grid_keeps_its_precision(tmp_path):
-    far = shapely.transform(WALLS, lambda xy: xy + (4468500.0, 5333100.0))
+    far = shapely.transform(WALLS, lambda xy: xy + np.array([4468500.0, 5333100.0]))
     here, there = (
-        read_floorplan(write_dxf(tmp_path / f"{i}.dxf", area)) for i, area in enumerate((WALLS, far))
+        read_floorplan(write_dxf(tmp_path / f"{i}.dxf", area))
+        for i, area in enumerate((WALLS, far))
     )
     assert np.abs(there.ends).max() < 200
-    on_grid = there.ends @ there.source.file_from_plan[:2, :2].T + there.source.file_from_plan[:2, 2]
+    on_grid = (
+        there.ends @ there.source.file_from_plan[:2, :2].T + there.source.file_from_plan[:2, 2]
+    )
     np.testing.assert_allclose(on_grid - (4468500.0, 5333100.0), here.ends, atol=1e-6)
 
 

@@ -50,7 +50,8 @@ def test_the_truth_is_that_of_the_building():
 
 @pytest.mark.parametrize("hatch", [False, True])
 @pytest.mark.parametrize(
-    ("insunits", "unit", "scale"), [(6, "m", 1.0), (4, "mm", 0.001), (5, "cm", 0.01), (2, "ft", 0.3048)]
+    ("insunits", "unit", "scale"),
+    [(6, "m", 1.0), (4, "mm", 0.001), (5, "cm", 0.01), (2, "ft", 0.3048)],
 )
 def test_dxf(tmp_path, hatch, insunits, unit, scale):
     plan = read_floorplan(write_dxf(tmp_path / "a.dxf", WALLS, scale, insunits, hatch=hatch))
@@ -67,7 +68,9 @@ def test_svg(tmp_path, fill):
     assert not plan.is_metric
     assert plan.source.unit == "unknown"
     assert_same(plan, 20.0, (5.0, -5.0))
-    in_file = plan.ends[0] @ plan.source.file_from_plan[:2, :2].T + plan.source.file_from_plan[:2, 2]
+    in_file = (
+        plan.ends[0] @ plan.source.file_from_plan[:2, :2].T + plan.source.file_from_plan[:2, 2]
+    )
     np.testing.assert_allclose(in_file, plan.ends[0] * (1, -1))
 
 

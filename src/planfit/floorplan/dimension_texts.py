@@ -81,4 +81,6 @@ def scale_of_dimensions(ends: np.ndarray, texts: tuple[Text, ...]) -> DimensionS
     if n_values < MIN_AGREEING or n_texts < 0.6 * n_with_line:
         return None
     ratio = float(np.median([c[0] for c in chosen]))
-    return DimensionScale(ratio, all(c[2] for c in chosen), texts[chosen[0][3]].text.strip(), n_texts)
+    return DimensionScale(
+        ratio, all(c[2] for c in chosen), texts[chosen[0][3]].text.strip(), n_texts
+    )

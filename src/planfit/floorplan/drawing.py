@@ -122,9 +122,7 @@ class DrawingBuilder:
         """The parts of a `Drawing`."""
         numbers = np.concatenate([*self._numbers, np.zeros((0, 4), dtype=int)])
         ends = np.concatenate([*self._ends, np.zeros((0, 2, 2))])
-        lines = Lines(
-            ends, numbers[:, 0], numbers[:, 1], numbers[:, 2], numbers[:, 3].astype(bool)
-        )
+        lines = Lines(ends, numbers[:, 0], numbers[:, 1], numbers[:, 2], numbers[:, 3].astype(bool))
         lines = _clipped(lines, self._clips)
         return lines, tuple(self.fills), tuple(self.texts), tuple(self._layers)
 
@@ -237,9 +235,13 @@ def bent_pieces(lines: Lines) -> np.ndarray:
     )
     length = segments.lengths(lines.ends)
     gap = np.linalg.norm(lines.ends[1:, 0] - lines.ends[:-1, 1], axis=1)
-    joined = (lines.path[:-1] == lines.path[1:]) & (gap < 1e-3 * np.minimum(length[:-1], length[1:]))
+    joined = (lines.path[:-1] == lines.path[1:]) & (
+        gap < 1e-3 * np.minimum(length[:-1], length[1:])
+    )
     bend = np.where(
-        joined & (np.abs(turn) > np.deg2rad(2)) & (np.abs(turn) < np.deg2rad(40)), np.sign(turn), 0.0
+        joined & (np.abs(turn) > np.deg2rad(2)) & (np.abs(turn) < np.deg2rad(40)),
+        np.sign(turn),
+        0.0,
     )
     before, after = np.concatenate([[0.0], bend]), np.concatenate([bend, [0.0]])
     is_curved = before * after > 0

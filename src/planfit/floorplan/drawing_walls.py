@@ -74,7 +74,9 @@ def walls_of_drawing(
     if is_row.any():
         dropped.append(f"{is_row.sum()} lines in rows at equal distance (hatches, stairs)")
     if lines.is_curved.any():
-        dropped.append(f"{lines.is_curved.sum()} pieces of curves (door arcs, symbols, round walls)")
+        dropped.append(
+            f"{lines.is_curved.sum()} pieces of curves (door arcs, symbols, round walls)"
+        )
     keep = ~is_row & ~lines.is_curved
     lines, role = lines.take(keep), role[keep]
 
@@ -113,7 +115,9 @@ def walls_of_drawing(
         found.append(_single_lines(ends, is_called_wall, extent))
         if len(found[-1].ends):
             used = np.unique(layer_of[found[-1].line])
-            warnings.append("walls are drawn as single lines: which side of them is free is unknown")
+            warnings.append(
+                "walls are drawn as single lines: which side of them is free is unknown"
+            )
     faces, n_apart = _main_part(_together(found), extent)
     if n_apart:
         dropped.append(f"{n_apart} faces apart from the building (legend, title block, details)")

@@ -9,7 +9,8 @@ from pathlib import Path
 import ezdxf
 import ezdxf.recover
 import numpy as np
-from ezdxf import colors, path as ezpath
+from ezdxf import colors
+from ezdxf import path as ezpath
 from ezdxf.disassemble import recursive_decompose
 from ezdxf.document import Drawing as Document
 from ezdxf.entities import DXFGraphic
@@ -51,10 +52,20 @@ def read_dxf(path: Path, options: PlanOptions) -> Floorplan:
 def _open(path: Path) -> tuple[Document, bool]:
     data = path.read_bytes()
     if not data.strip():
-        raise FloorplanError(f"{path}: expected a DXF drawing, found an empty file; export it again")
+        raise FloorplanError(
+            f"{path}: expected a DXF drawing, found an empty file; export it again"
+        )
     try:
         document, auditor = ezdxf.recover.read(io.BytesIO(data))
-    except (ezdxf.DXFError, OSError, ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
+    except (
+        ezdxf.DXFError,
+        OSError,
+        ValueError,
+        KeyError,
+        IndexError,
+        TypeError,
+        AttributeError,
+    ) as error:
         raise FloorplanError(
             f"{path}: expected a DXF drawing, found a file that is damaged or of another kind "
             f"({type(error).__name__}); export it again as DXF"
@@ -70,9 +81,7 @@ def _open(path: Path) -> tuple[Document, bool]:
 
 def _drawing(document: Document) -> Drawing:
     builder = DrawingBuilder()
-    hidden = {
-        layer.dxf.name for layer in document.layers if layer.is_off() or layer.is_frozen()
-    }
+    hidden = {layer.dxf.name for layer in document.layers if layer.is_off() or layer.is_frozen()}
     # Layer 0 stands for the layer of the block's insertion; on its own it may be frozen too.
     space = document.modelspace()
     flatten = _flattening_distance(space)
@@ -86,12 +95,10 @@ def _drawing(document: Document) -> Drawing:
             _add(builder, entity, layer, flatten)
     lines, fills, texts, layers = builder.build()
     unit, metres = _UNITS.get(document.header.get("$INSUNITS", 0), ("unknown", None))
-    return Drawing(
-        lines, fills, texts, layers, metres, unit, tuple(sorted(seen_hidden))
-    )
+    return Drawing(lines, fills, texts, layers, metres, unit, tuple(sorted(seen_hidden)))
 
 
-def _entities(space) -> Iterator[tuple[DXFGraphic, str]]:  # noqa: ANN001 - any layout
+def _entities(space) -> Iterator[tuple[DXFGraphic, str]]:
     """Entities with blocks exploded, and the layer that decides on each: that of the entity, or of the
     block it came in where the entity is on layer 0."""
     for entity in space:
@@ -127,7 +134,7 @@ def _add(builder: DrawingBuilder, entity: DXFGraphic, layer: str, flatten: float
         _add_text(builder, entity, layer)
 
 
-def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten: float) -> None:  # noqa: ANN001
+def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten: float) -> None:
     """Straight and curved pieces of a path apart: an arc between two walls is a door."""
     if len(made) == 0:
         return
@@ -149,7 +156,7 @@ def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten:
     builder.add_polyline(np.array(points), np.array(is_curved), layer, style)
 
 
-def _single(start, command):  # noqa: ANN001, ANN202
+def _single(start, command):
     piece = ezpath.Path(start)
     if command.type == ezpath.Command.CURVE4_TO:
         piece.curve4_to(command.end, command.ctrl1, command.ctrl2)
@@ -198,11 +205,11 @@ def _colour(entity: DXFGraphic) -> tuple[int, int, int] | None:
     return (red, green, blue)
 
 
-def _xy(points) -> np.ndarray:  # noqa: ANN001 - vectors of ezdxf
+def _xy(points) -> np.ndarray:
     return np.array([(p[0], p[1]) for p in points], dtype=float).reshape(-1, 2)
 
 
-def _flattening_distance(space) -> float:  # noqa: ANN001
+def _flattening_distance(space) -> float:
     """A thousandth of a likely extent: curves of walls keep their course, circles stay small."""
     points = [e.dxf.start for e in space.query("LINE")]
     points += [p for e in space.query("LWPOLYLINE") for p in e.get_points("xy")]

@@ -153,5 +153,7 @@ def _covers(hatches: np.ndarray, area: BaseGeometry) -> bool:
     steps = steps[steps > 0.2 * steps.max()] if len(steps) else steps
     if len(steps) == 0:
         return False
-    bands = shapely.buffer(shapely.linestrings(hatches), 0.6 * np.percentile(steps, 75), cap_style="square")
+    bands = shapely.buffer(
+        shapely.linestrings(hatches), 0.6 * np.percentile(steps, 75), cap_style="square"
+    )
     return shapely.intersection(shapely.union_all(bands), area).area > 0.6 * area.area

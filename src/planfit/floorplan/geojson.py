@@ -24,9 +24,7 @@ from planfit.geometry import segments
 
 _NAMING = ("category", "feature_type", "indoor", "type", "class", "layer", "kind", "building:part")
 """Properties that say what a feature is, in the order they are asked."""
-_ROOMS = set("""room unit corridor walkway office area space zone hall lobby foyer kitchen bathroom
-    restroom bedroom livingroom classroom conferenceroom auditorium laboratory storage elevator
-    stairs stairwell escalator nonpublic unspecified""".split())  # fmt: skip
+_ROOMS = set(["room", "unit", "corridor", "walkway", "office", "area", "space", "zone", "hall", "lobby", "foyer", "kitchen", "bathroom", "restroom", "bedroom", "livingroom", "classroom", "conferenceroom", "auditorium", "laboratory", "storage", "elevator", "stairs", "stairwell", "escalator", "nonpublic", "unspecified"])  # fmt: skip
 _IMDF_PARTS = ("unit", "opening", "level", "fixture")
 MAX_ARCHIVE_BYTES = 200_000_000
 MAX_DEGREES = 0.1
@@ -141,7 +139,9 @@ def _load(path: Path) -> tuple[list[tuple[str, Any]], str]:
             f"{path}: expected an IMDF archive, found a damaged one ({error}); download it again"
         ) from error
     if not loaded:
-        raise FloorplanError(f"{path}: expected an IMDF archive with unit.geojson, found none in it")
+        raise FloorplanError(
+            f"{path}: expected an IMDF archive with unit.geojson, found none in it"
+        )
     return loaded, fingerprint_of(path)
 
 
@@ -172,7 +172,9 @@ def _features(path: Path, kind: str, data: Any) -> list[_Feature]:
             named = "opening"
         elif part == "unit" and role_of(named) != Role.WALL and named != "structure":
             named = named if named in _ROOMS else "room"
-        level = next((str(properties[k]) for k in ("level_id", "level") if properties.get(k) is not None), "")
+        level = next(
+            (str(properties[k]) for k in ("level_id", "level") if properties.get(k) is not None), ""
+        )
         found.append(_Feature(shapely.force_2d(shapely.make_valid(area)), named, level))
     return found
 

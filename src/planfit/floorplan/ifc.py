@@ -130,7 +130,9 @@ def _choose(
             return lower.index(wanted.lower())
         if wanted.lstrip("-").isdigit() and 0 <= int(wanted) < len(names):
             return int(wanted)
-        raise FloorplanError(f"{path}: expected a storey {wanted!r}, found {listed}; pass one of them")
+        raise FloorplanError(
+            f"{path}: expected a storey {wanted!r}, found {listed}; pass one of them"
+        )
     kinds = [{e.is_a() for e in by_storey.get(storey.id(), [])} for storey in storeys]
     with_doors = [i for i, kind in enumerate(kinds) if "IfcDoor" in kind]
     with_walls = [i for i, kind in enumerate(kinds) if kind - {"IfcDoor", "IfcColumn"}]

@@ -135,7 +135,7 @@ def faces_of_lines(
     keep = (overlap > 0.8 * gap) & (free_side[pairs.line] != side)
     keep &= free_side[pairs.partner] != _side_seen_from_partner(ends, pairs)
     pairs = _taken(pairs, keep)
-    is_inner = _inner_lines(ends, pairs, thickness) & (free_side == 0) 
+    is_inner = _inner_lines(ends, pairs, thickness) & (free_side == 0)
     keep = ~is_inner[pairs.line] & ~is_inner[pairs.partner]
     pairs = _taken(pairs, keep)
     wall_side = _wall_sides(ends, pairs, free_side)

@@ -48,7 +48,11 @@ def read_model(path: Path, options: PlanOptions) -> Floorplan:
             f"{path}: expected upright surfaces {options.cut_height_m:g} m above the floor, found "
             f"none with {'xyz'[axis]} up; choose another height of the cut, or turn the model"
         )
-    up = "the standard of the format" if is_glb else "found from the floor's surface, positive end up"
+    up = (
+        "the standard of the format"
+        if is_glb
+        else "found from the floor's surface, positive end up"
+    )
     rows = np.zeros((3, 3))
     rows[:2, :2] = np.diag(flip / scale)
     rows[2, 2] = 1.0
@@ -86,7 +90,9 @@ def _surface(path: Path) -> tuple[np.ndarray, np.ndarray, bool]:
     vertices = np.asarray(getattr(loaded, "vertices", np.zeros((0, 3))), dtype=float)
     vertices = vertices[np.isfinite(vertices).all(axis=1)]
     if len(vertices) < 100:
-        raise FloorplanError(f"{path}: expected a mesh or a point cloud, found {len(vertices)} points")
+        raise FloorplanError(
+            f"{path}: expected a mesh or a point cloud, found {len(vertices)} points"
+        )
     if len(vertices) > N_SAMPLES:
         chosen = np.random.default_rng(0).choice(len(vertices), N_SAMPLES, replace=False)
         vertices = vertices[np.sort(chosen)]

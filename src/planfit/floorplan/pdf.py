@@ -44,9 +44,7 @@ def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
             return _read_as_picture(page, path, options)
     finally:
         document.close()
-    return plan_of_drawing(
-        drawing, path, fingerprint_of(path), options, "PDF drawing", np.eye(3)
-    )
+    return plan_of_drawing(drawing, path, fingerprint_of(path), options, "PDF drawing", np.eye(3))
 
 
 def _open(path: Path) -> pdfium.PdfDocument:
@@ -88,9 +86,15 @@ def _drawing(page: pdfium.PdfPage) -> tuple[Drawing, bool]:
     stack = [(page.raw, None, shown_from_page, 0)]
     while stack:
         owner, form, transform, depth = stack.pop()
-        count = raw.FPDFPage_CountObjects(owner) if form is None else raw.FPDFFormObj_CountObjects(form)
+        count = (
+            raw.FPDFPage_CountObjects(owner) if form is None else raw.FPDFFormObj_CountObjects(form)
+        )
         for i in range(count):
-            item = raw.FPDFPage_GetObject(owner, i) if form is None else raw.FPDFFormObj_GetObject(form, i)
+            item = (
+                raw.FPDFPage_GetObject(owner, i)
+                if form is None
+                else raw.FPDFFormObj_GetObject(form, i)
+            )
             kind = raw.FPDFPageObj_GetType(item)
             shown_from_item = transform @ _matrix(item)
             if kind == raw.FPDF_PAGEOBJ_PATH:
@@ -119,13 +123,13 @@ def _shown_from_page(page: pdfium.PdfPage) -> np.ndarray:
     return turns[page.get_rotation() % 360] @ to_corner
 
 
-def _matrix(item) -> np.ndarray:  # noqa: ANN001 - a raw handle
+def _matrix(item) -> np.ndarray:
     m = raw.FS_MATRIX()
     raw.FPDFPageObj_GetMatrix(item, m)
     return np.array([[m.a, m.c, m.e], [m.b, m.d, m.f], [0.0, 0.0, 1.0]])
 
 
-def _layer(item) -> str:  # noqa: ANN001
+def _layer(item) -> str:
     """Name of the optional content group that an object is marked with, where there is one."""
     for i in range(raw.FPDFPageObj_CountMarks(item)):
         mark = raw.FPDFPageObj_GetMark(item, i)
@@ -143,7 +147,7 @@ class _Clips:
     def __init__(self) -> None:
         self._made: dict[bytes, BaseGeometry] = {}
 
-    def of(self, item, transform: np.ndarray) -> BaseGeometry | None:  # noqa: ANN001
+    def of(self, item, transform: np.ndarray) -> BaseGeometry | None:
         """Area that an object shows in, as shown; None where nothing clips it."""
         clip = raw.FPDFPageObj_GetClipPath(item)
         count = raw.FPDFClipPath_CountPaths(clip) if clip else 0
@@ -153,9 +157,7 @@ class _Clips:
             return None
         key = b"|".join(ring.tobytes() for rings in paths for ring in rings) + transform.tobytes()
         if key not in self._made:
-            self._made[key] = shapely.intersection_all(
-                [_area(rings, transform) for rings in paths]
-            )
+            self._made[key] = shapely.intersection_all([_area(rings, transform) for rings in paths])
         return self._made[key]
 
 
@@ -168,7 +170,7 @@ def _area(rings: list[np.ndarray], transform: np.ndarray) -> BaseGeometry:
     return area
 
 
-def _clip_rings(clip, path_index: int) -> list[np.ndarray]:  # noqa: ANN001
+def _clip_rings(clip, path_index: int) -> list[np.ndarray]:
     """Corners (k, 2) of each ring of one clip path; control points of its curves count as corners."""
     x, y = ctypes.c_float(), ctypes.c_float()
     rings: list[list[tuple[float, float]]] = []
@@ -181,7 +183,7 @@ def _clip_rings(clip, path_index: int) -> list[np.ndarray]:  # noqa: ANN001
     return [np.array(ring) for ring in rings if len(ring) >= 3]
 
 
-def _add_path(builder: DrawingBuilder, item, transform: np.ndarray, layer: str) -> None:  # noqa: ANN001
+def _add_path(builder: DrawingBuilder, item, transform: np.ndarray, layer: str) -> None:
     fill_mode, has_stroke = ctypes.c_int(), ctypes.c_int()
     raw.FPDFPath_GetDrawMode(item, fill_mode, has_stroke)
     if not (fill_mode.value or has_stroke.value):
@@ -198,13 +200,13 @@ def _add_path(builder: DrawingBuilder, item, transform: np.ndarray, layer: str) 
         builder.add_fill([points for points, _ in pieces], layer, colour)
 
 
-def _colour(item, getter) -> tuple[int, int, int]:  # noqa: ANN001
+def _colour(item, getter) -> tuple[int, int, int]:
     red, green, blue, alpha = (ctypes.c_uint() for _ in range(4))
     getter(item, red, green, blue, alpha)
     return (red.value, green.value, blue.value)
 
 
-def _pieces(item, transform: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:  # noqa: ANN001
+def _pieces(item, transform: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Each sub-path as points (k, 2) and which of its pieces (k - 1,) are curved, as shown."""
     result: list[tuple[np.ndarray, np.ndarray]] = []
     points: list[np.ndarray] = []

@@ -40,9 +40,7 @@ def ends_of(lines: np.ndarray) -> np.ndarray:
     return both.reshape(-1, 2, 2)
 
 
-def _cut(
-    ends: np.ndarray, area: BaseGeometry, min_length: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _cut(ends: np.ndarray, area: BaseGeometry, min_length: float) -> tuple[np.ndarray, np.ndarray]:
     """Pieces of segments outside `area`, kept as they are where they do not meet it."""
     if area.is_empty or len(ends) == 0:
         return ends, np.arange(len(ends))

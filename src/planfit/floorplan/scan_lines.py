@@ -52,9 +52,7 @@ def wall_lines(xy: np.ndarray, normals: np.ndarray, is_oriented: bool) -> WallLi
                 ends.append(offset * normal + np.outer([low, high], along))
                 chosen.append(normal)
         free = free[~on]
-    return WallLines(
-        np.array(ends).reshape(-1, 2, 2), np.array(chosen).reshape(-1, 2), len(free)
-    )
+    return WallLines(np.array(ends).reshape(-1, 2, 2), np.array(chosen).reshape(-1, 2), len(free))
 
 
 def _strongest(xy: np.ndarray, normals: np.ndarray, turn: float) -> tuple[np.ndarray, float, float]:

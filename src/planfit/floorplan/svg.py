@@ -30,6 +30,7 @@ from planfit.floorplan.drawing import Drawing, DrawingBuilder, Text
 from planfit.floorplan.drawing_plan import plan_of_drawing
 from planfit.floorplan.file import fingerprint_of
 from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.svg_transforms import GROUP_TRANSFORM, with_flat_transforms
 from planfit.floorplan.types import Floorplan
 
 PIXELS_PER_INCH = 96.0
@@ -49,7 +50,7 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     """
     data, references = _checked(path)
     try:
-        svg = SVG.parse(io.BytesIO(data), reify=True, ppi=PIXELS_PER_INCH)
+        svg = SVG.parse(io.BytesIO(with_flat_transforms(data)), reify=True, ppi=PIXELS_PER_INCH)
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as error:
         raise FloorplanError(
             f"{path}: expected an SVG, found one that cannot be read ({type(error).__name__}: "
@@ -148,10 +149,14 @@ def _add_group(
 
 def _telling_id(name: str) -> str:
     """Ids that programs number (`g12`, `layer1`, `path4`) say nothing."""
-    return "" if re.fullmatch(r"(?i)(svg|g|group|layer|path|rect|use|surface|page)?[-_:]?\d*", name) else name
+    return (
+        ""
+        if re.fullmatch(r"(?i)(svg|g|group|layer|path|rect|use|surface|page)?[-_:]?\d*", name)
+        else name
+    )
 
 
-def _narrowed(svg: SVG, element, clip: BaseGeometry | None) -> BaseGeometry | None:  # noqa: ANN001
+def _narrowed(svg: SVG, element, clip: BaseGeometry | None) -> BaseGeometry | None:
     own = element.values.get("attributes") or {}
     found = _URL.match(own.get("clip-path") or "")
     area = None if found is None else _clip_area(svg, found.group(1), element)
@@ -160,12 +165,13 @@ def _narrowed(svg: SVG, element, clip: BaseGeometry | None) -> BaseGeometry | No
     return area if clip is None else shapely.intersection(clip, area)
 
 
-def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:  # noqa: ANN001
+def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
     """Area of a clipPath in the user space of the element that names it."""
     shapes = svg.get_element_by_id(name)
     if shapes is None:
         return None
-    transform = Matrix(element.values.get("transform") or "")
+    own = (element.values.get("attributes") or {}).get(GROUP_TRANSFORM) or ""
+    transform = Matrix(own) * Matrix(element.values.get("transform") or "")
     area: BaseGeometry = shapely.Polygon()
     for shape in shapes if isinstance(shapes, list) else []:
         if isinstance(shape, Shape):
@@ -189,7 +195,7 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str) -> None:
         builder.add_fill([points for points, _ in pieces], layer, colour)
 
 
-def _is_drawn(paint) -> bool:  # noqa: ANN001
+def _is_drawn(paint) -> bool:
     return paint is not None and paint.value is not None and paint.alpha > 0
 
 
@@ -246,7 +252,7 @@ def _extend(points: list[np.ndarray], curved: list[bool], controls: np.ndarray) 
     curved.extend([is_bent] * len(flat))
 
 
-def _xy(point) -> np.ndarray:  # noqa: ANN001
+def _xy(point) -> np.ndarray:
     return np.array([point.x, -point.y], dtype=float)
 
 
