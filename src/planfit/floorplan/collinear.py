@@ -4,6 +4,7 @@ import numpy as np
 import scipy.sparse
 import shapely
 
+from planfit.floorplan.faces import line_strings
 from planfit.geometry import segments
 
 
@@ -15,7 +16,7 @@ def merge_collinear(ends: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.
     """
     if len(ends) == 0:
         return ends, np.zeros(0, dtype=int)
-    lines = shapely.linestrings(ends)
+    lines = line_strings(ends)
     a, b = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=tolerance)
     length = segments.lengths(ends)
     shorter = (length[b] < length[a]) | ((length[b] == length[a]) & (a < b))

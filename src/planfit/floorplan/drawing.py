@@ -175,7 +175,7 @@ def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:
         at = at[np.isfinite(lines.ends[at]).all(axis=(1, 2))]
         drawn = shapely.linestrings(lines.ends[at])
         shapely.prepare(clip)
-        outside = at[~shapely.covers(clip, drawn)]
+        outside = at[~np.asarray(shapely.covers(clip, drawn))]
         is_whole[outside] = False
         pieces, of = shapely.get_parts(
             shapely.intersection(shapely.linestrings(lines.ends[outside]), clip), return_index=True

@@ -9,6 +9,7 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.collinear import merge_collinear
 from planfit.floorplan.drawing import Drawing
+from planfit.floorplan.faces import line_strings
 from planfit.floorplan.fills import hatched_areas, main_rooms, sort_fills
 from planfit.floorplan.layer_names import Role
 from planfit.floorplan.line_walls import (
@@ -89,7 +90,7 @@ def walls_of_drawing(
     if wall_areas:
         solid = shapely.union_all(wall_areas)
         found.append(_faces_of_solid(solid, extent))
-        near = shapely.contains(shapely.buffer(solid, 1e-3 * extent), shapely.linestrings(ends))
+        near = shapely.contains(shapely.buffer(solid, 1e-3 * extent), line_strings(ends))
         ends, is_called_wall, layer_of = ends[~near], is_called_wall[~near], layer_of[~near]
     free_side = np.zeros(len(ends), dtype=int)
     if rooms:
@@ -137,7 +138,7 @@ def _extent(drawing: Drawing, role: np.ndarray) -> float:
 
 
 def _is_slim(area: BaseGeometry) -> bool:
-    return shapely.length(area) ** 2 / (16 * area.area) > 2.5
+    return bool(shapely.length(area) ** 2 / (16 * area.area) > 2.5)
 
 
 def _faces_of_solid(solid: BaseGeometry, extent: float) -> LineFaces:
@@ -183,7 +184,7 @@ def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, int]:
     twentieth of the largest group's length."""
     if len(faces.ends) == 0:
         return faces, 0
-    lines = shapely.linestrings(faces.ends)
+    lines = line_strings(faces.ends)
     a, b = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=0.05 * extent)
     n = len(lines)
     graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))

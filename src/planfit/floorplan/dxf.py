@@ -13,7 +13,8 @@ from ezdxf import colors
 from ezdxf import path as ezpath
 from ezdxf.disassemble import recursive_decompose
 from ezdxf.document import Drawing as Document
-from ezdxf.entities import DXFGraphic
+from ezdxf.entities.dxfgfx import DXFGraphic
+from ezdxf.lldxf.const import DXFError
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.drawing import Drawing, DrawingBuilder, Text
@@ -58,7 +59,7 @@ def _open(path: Path) -> tuple[Document, bool]:
     try:
         document, auditor = ezdxf.recover.read(io.BytesIO(data))
     except (
-        ezdxf.DXFError,
+        DXFError,
         OSError,
         ValueError,
         KeyError,
@@ -124,7 +125,7 @@ def _add(builder: DrawingBuilder, entity: DXFGraphic, layer: str, flatten: float
         _add_path(builder, made, layer, style, flatten)
     elif kind in ("HATCH", "MPOLYGON"):
         rings = []
-        for boundary in ezpath.from_hatch(entity):
+        for boundary in ezpath.from_hatch(entity):  # type: ignore[arg-type]
             rings.append(_xy(boundary.flattening(flatten)))
         builder.add_fill(rings, layer, _colour(entity))
     elif kind in ("SOLID", "TRACE", "3DFACE"):

@@ -31,6 +31,11 @@ class Partners:
     high: np.ndarray  # (p,) where it ends
 
 
+def line_strings(ends: np.ndarray) -> np.ndarray:
+    """Segments (n, 2, 2) as shapely's line strings (n,)."""
+    return np.asarray(shapely.linestrings(ends), dtype=object)
+
+
 def find_partners(
     ends: np.ndarray,
     max_gap: float,
@@ -40,7 +45,7 @@ def find_partners(
 ) -> Partners:
     """All pairs of lines (n, 2, 2) whose whole length is within `max_gap`, and beyond `min_gap`, of
     the other line, with more than `min_overlap` beside it."""
-    lines = shapely.linestrings(ends)
+    lines = line_strings(ends)
     # Two lines that overlap at a gap are nowhere further apart than the gap, so this misses none.
     line, partner = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=max_gap)
     along, left = segments.directions(ends), segments.left_normals(ends)

@@ -1,5 +1,6 @@
 """What filled areas mean: solid wall, or the floors of rooms with the walls left white between."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,7 +127,7 @@ def hatched_areas(
     hatches = ends[is_hatch]
     areas: list[BaseGeometry] = []
     starts = np.flatnonzero(np.diff(path, prepend=-1, append=-1) != 0)
-    for begin, end in zip(starts[:-1], starts[1:], strict=True):
+    for begin, end in itertools.pairwise(starts):
         if end - begin < 3:
             continue
         ring = np.concatenate([ends[begin:end, 0], ends[end - 1 : end, 1]])
@@ -153,7 +154,7 @@ def _covers(hatches: np.ndarray, area: BaseGeometry) -> bool:
     steps = steps[steps > 0.2 * steps.max()] if len(steps) else steps
     if len(steps) == 0:
         return False
-    bands = shapely.buffer(
-        shapely.linestrings(hatches), 0.6 * np.percentile(steps, 75), cap_style="square"
-    )
+    # Hatches of two strokes have two distances: the wider one counts.
+    reach = 0.6 * float(np.percentile(np.asarray(steps, dtype=float), 75))
+    bands = shapely.buffer(shapely.linestrings(hatches), reach, cap_style="square")
     return shapely.intersection(shapely.union_all(bands), area).area > 0.6 * area.area

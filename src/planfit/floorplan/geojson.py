@@ -24,7 +24,12 @@ from planfit.geometry import segments
 
 _NAMING = ("category", "feature_type", "indoor", "type", "class", "layer", "kind", "building:part")
 """Properties that say what a feature is, in the order they are asked."""
-_ROOMS = set(["room", "unit", "corridor", "walkway", "office", "area", "space", "zone", "hall", "lobby", "foyer", "kitchen", "bathroom", "restroom", "bedroom", "livingroom", "classroom", "conferenceroom", "auditorium", "laboratory", "storage", "elevator", "stairs", "stairwell", "escalator", "nonpublic", "unspecified"])  # fmt: skip
+_ROOM_NAMES = """
+    room unit corridor walkway office area space zone hall lobby foyer kitchen bathroom restroom
+    bedroom livingroom classroom conferenceroom auditorium laboratory storage elevator stairs
+    stairwell escalator nonpublic unspecified
+"""
+_ROOMS = frozenset(_ROOM_NAMES.split())
 _IMDF_PARTS = ("unit", "opening", "level", "fixture")
 MAX_ARCHIVE_BYTES = 200_000_000
 MAX_DEGREES = 0.1
@@ -101,7 +106,9 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
         faces = faces_of_regions(shapely.union_all(solid), 0.005, 0.03)
         ends, normals, thickness = faces.ends, faces.normals, faces.thickness
     else:
-        gaps = [_local(f.area, frame).buffer(OPENING_MARGIN_M) for f in openings]
+        gaps: list[BaseGeometry] = [
+            _local(f.area, frame).buffer(OPENING_MARGIN_M) for f in openings
+        ]
         ends = _edges([_local(f.area, frame) for f in rooms], gaps)
         normals, thickness = segments.left_normals(ends), np.full(len(ends), np.nan)
     return Floorplan(

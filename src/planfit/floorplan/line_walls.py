@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse
 import shapely
 
-from planfit.floorplan.faces import Partners, covered_lengths, find_partners
+from planfit.floorplan.faces import Partners, covered_lengths, find_partners, line_strings
 from planfit.geometry import segments
 
 MIN_THICKNESS_M, MAX_THICKNESS_M = 0.03, 0.62
@@ -142,7 +142,6 @@ def faces_of_lines(
     keep = (wall_side[pairs.line] == np.sign(pairs.gap)) & (
         wall_side[pairs.partner] == _side_seen_from_partner(ends, pairs)
     )
-    # A line that cannot tell its wall's side follows the partners that can.
     pairs = _taken(pairs, keep)
     in_wall = _standing(ends, pairs, thickness, is_surely_wall | (free_side != 0))
     pairs = _taken(pairs, in_wall[pairs.line])
@@ -208,7 +207,7 @@ def _standing(
     and in all as much as a wall beside a door; what the layer calls wall, and columns there, need not.
     """
     n = len(ends)
-    lines = shapely.linestrings(ends)
+    lines = line_strings(ends)
     in_pair = np.zeros(n, dtype=bool)
     in_pair[pairs.line] = True
     at = np.flatnonzero(in_pair)

@@ -83,7 +83,8 @@ def _surface(path: Path) -> tuple[np.ndarray, np.ndarray, bool]:
             f"({type(error).__name__}); export it again"
         ) from error
     if isinstance(loaded, trimesh.Trimesh) and len(loaded.faces):
-        points, face = trimesh.sample.sample_surface(loaded, N_SAMPLES, seed=0)
+        sampled = trimesh.sample.sample_surface(loaded, N_SAMPLES, seed=0)
+        points, face = sampled[0], sampled[1]
         normals = np.asarray(loaded.face_normals)[face]
         # Open surfaces are scans, seen from the free side; of solids the outside is free.
         return np.asarray(points), normals, True

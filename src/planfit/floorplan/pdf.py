@@ -68,11 +68,12 @@ def _open(path: Path) -> pdfium.PdfDocument:
 
 def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> Floorplan:
     # Here, not above: drawings need no OpenCV.
-    from planfit.floorplan.raster import read_picture
+    from planfit.floorplan.raster import read_picture  # type: ignore[import-not-found]
 
     longer = max(page.get_size())
     scale = min(PICTURE_DPI / 72.0, MAX_PICTURE_PX / longer)
-    picture = page.render(scale=scale, rev_byteorder=False).to_numpy()[..., :3]
+    bitmap = page.render(scale=scale, rev_byteorder=False)  # type: ignore[arg-type] - any number
+    picture = bitmap.to_numpy()[..., :3]
     return read_picture(
         np.ascontiguousarray(picture), str(path), fingerprint_of(path), options, "picture in a PDF"
     )
@@ -111,7 +112,7 @@ def _drawing(page: pdfium.PdfPage) -> tuple[Drawing, bool]:
 
 def _shown_from_page(page: pdfium.PdfPage) -> np.ndarray:
     """(3, 3) undoing the page's own turn and the corner of its box."""
-    left, bottom, right, top = page.get_cropbox() or page.get_mediabox()
+    left, bottom, right, top = page.get_cropbox()
     width, height = right - left, top - bottom
     to_corner = np.array([[1, 0, -left], [0, 1, -bottom], [0, 0, 1]], dtype=float)
     turns = {

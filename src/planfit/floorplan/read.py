@@ -77,7 +77,7 @@ def make_floorplan(name: str, ends: np.ndarray, fingerprint: str = "") -> Floorp
     return Floorplan(name, ends, normals, is_oriented, fingerprint)
 
 
-def _read_npy(path: Path, options: PlanOptions) -> Floorplan:
+def _read_npy(path: Path, options: PlanOptions) -> Floorplan:  # noqa: ARG001 - as all readers
     """FACaP's (n, 4) array of (u1, v1, u2, v2) m in world (x, z): plan points are (u, -v)."""
     try:
         with path.open("rb") as file:  # numpy leaves it open where it is no array
@@ -99,7 +99,7 @@ def _read_npy(path: Path, options: PlanOptions) -> Floorplan:
     return make_floorplan(str(path), ends, _fingerprint(path))
 
 
-def _read_json(path: Path, options: PlanOptions) -> Floorplan:
+def _read_json(path: Path, options: PlanOptions) -> Floorplan:  # noqa: ARG001
     try:
         data = json.loads(path.read_text())
         faces, unit = data["faces"], data["unit"]

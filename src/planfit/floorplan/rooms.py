@@ -5,6 +5,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
+from planfit.floorplan.faces import line_strings
+
 
 def edges_of_rooms(rooms: list[BaseGeometry], tolerance: float) -> np.ndarray:
     """Edges (n, 2, 2) of rooms with the room on the left; where two rooms meet without a wall
@@ -45,7 +47,7 @@ def _cut(ends: np.ndarray, area: BaseGeometry, min_length: float) -> tuple[np.nd
     if area.is_empty or len(ends) == 0:
         return ends, np.arange(len(ends))
     shapely.prepare(area)
-    lines = shapely.linestrings(ends)
+    lines = line_strings(ends)
     meets = shapely.intersects(area, lines)
     rest = np.flatnonzero(meets & ~shapely.contains(area, lines))
     pieces, of = shapely.get_parts(shapely.difference(lines[rest], area), return_index=True)

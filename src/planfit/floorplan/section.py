@@ -4,6 +4,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.faces import line_strings
+
 
 def section_segments(corners: np.ndarray, triangles: np.ndarray, height: float) -> np.ndarray:
     """Segments (n, 2, 2), x-y, where a level plane meets triangles (m, 3) over corners (k, 3).
@@ -39,7 +41,7 @@ def section_area(corners: np.ndarray, triangles: np.ndarray, height: float) -> B
     segments = segments[np.abs(segments[:, 0] - segments[:, 1]).max(axis=1) > 0]
     if len(segments) == 0:
         return shapely.Polygon()
-    lines = shapely.node(shapely.multilinestrings(shapely.linestrings(segments)))
+    lines = shapely.node(shapely.multilinestrings(line_strings(segments)))
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
     if len(cells) == 0:
         return shapely.Polygon()

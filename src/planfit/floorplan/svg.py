@@ -101,7 +101,7 @@ def _checked(path: Path) -> tuple[bytes, int]:
 
     parser = expat.ParserCreate()
     parser.EntityDeclHandler = refuse_entity
-    parser.ExternalEntityRefHandler = refuse_entity
+    parser.ExternalEntityRefHandler = refuse_entity  # type: ignore[assignment] - it never returns
     parser.StartElementHandler = count_references
     try:
         parser.Parse(data, True)
@@ -132,7 +132,7 @@ def _add_group(
     builder: DrawingBuilder, svg: SVG, group: Group, layer: str, clip: BaseGeometry | None
 ) -> None:
     """Shapes of a group and those within; `layer` is the innermost name given by a person."""
-    own = group.values.get("attributes") or {}
+    own = (group.values or {}).get("attributes") or {}
     layer = own.get(_LABEL) or _telling_id(own.get("id", "")) or layer
     clip = _narrowed(svg, group, clip)
     for element in group:
@@ -191,7 +191,8 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str) -> None:
         for points, is_curved in pieces:
             builder.add_polyline(points, is_curved, layer, style)
     if _is_drawn(shape.fill):
-        colour = (int(shape.fill.red), int(shape.fill.green), int(shape.fill.blue))
+        fill = shape.fill
+        colour = (int(fill.red or 0), int(fill.green or 0), int(fill.blue or 0))
         builder.add_fill([points for points, _ in pieces], layer, colour)
 
 
@@ -260,8 +261,8 @@ def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:
     text = (element.text or "").strip()
     if not text:
         return
-    matrix = element.transform
-    height = float(element.font_size or 16.0)
+    matrix = Matrix(element.transform)
+    height = float(element.font_size or 16.0)  # type: ignore[arg-type]
     width = 0.6 * height * len(text)
     shift = {"middle": 0.0, "end": -0.5}.get(str(element.anchor), 0.5) * width
     at = matrix.point_in_matrix_space((element.x + shift, element.y - 0.35 * height))
