@@ -268,6 +268,16 @@ def test_absurd_coordinates_and_repeated_lines_are_left_out_and_said_so(tmp_path
     )
 
 
+def test_one_stray_line_a_world_away_changes_nothing(tmp_path):
+    def stray(document):
+        line = ((8e8, 8e8), (8e8 + 3, 8e8))
+        document.modelspace().add_line(*line, dxfattribs={"layer": "A-WALL"})
+
+    clean = read_floorplan(write_dxf(tmp_path / "a.dxf", WALLS))
+    plan = read_floorplan(write_dxf(tmp_path / "b.dxf", WALLS, extra=stray))
+    np.testing.assert_allclose(plan.ends, clean.ends)
+
+
 def test_a_national_grid_keeps_its_precision(tmp_path):
     far = shapely.transform(WALLS, lambda xy: xy + np.array([4468500.0, 5333100.0]))
     here, there = (

@@ -131,14 +131,14 @@ def cleaned(drawing: Drawing) -> tuple[Drawing, tuple[str, ...]]:
     """The drawing without pieces that no plan has, and a sentence on each kind left out."""
     lines, notes = drawing.lines, []
     with np.errstate(invalid="ignore"):
-        is_absurd = ~(np.abs(lines.ends) < ABSURD).all(axis=(1, 2))
+        is_absurd = np.asarray(~(np.abs(lines.ends) < ABSURD).all(axis=(1, 2)))
     if is_absurd.any():
         notes.append(
             f"{_count(is_absurd.sum(), 'line')} with coordinates that are no numbers or beyond 1e9"
         )
         lines = lines.take(~is_absurd)
     if len(lines):
-        extent = float(np.ptp(lines.ends.reshape(-1, 2), axis=0).max())
+        extent = usual_extent(lines.ends.reshape(-1, 2))
         is_point = segments.lengths(lines.ends) <= 1e-7 * extent
         if is_point.any():
             notes.append(f"{_count(is_point.sum(), 'line')} without length")
@@ -198,7 +198,7 @@ def _simplified(lines: Lines) -> Lines:
     n = len(lines)
     if n < 4:
         return lines
-    extent = float(np.ptp(lines.ends.reshape(-1, 2), axis=0).max())
+    extent = usual_extent(lines.ends.reshape(-1, 2))
     joined = (
         (lines.path[:-1] == lines.path[1:])
         & (lines.is_curved[:-1] == lines.is_curved[1:])
@@ -248,6 +248,16 @@ def bent_pieces(lines: Lines) -> np.ndarray:
     follows = (before != 0) & np.concatenate([[False], is_curved[:-1]])
     leads = (after != 0) & np.concatenate([is_curved[1:], [False]])
     return is_curved | follows | leads
+
+
+def usual_extent(points: np.ndarray) -> float:
+    """Larger side of the box around points (n, 2), without those further from the middle than twenty times
+    the median: one stray line a world away must not make the rest specks."""
+    away = np.abs(points - np.median(points, axis=0))
+    usual = float(np.median(away, axis=0).max())
+    near = away.max(axis=1) <= 20 * usual
+    extent = float(np.ptp(points[near], axis=0).max()) if near.any() else 0.0
+    return extent if extent > 0 else float(np.ptp(points, axis=0).max())
 
 
 def _count(n: int, noun: str) -> str:

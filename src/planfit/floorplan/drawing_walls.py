@@ -8,7 +8,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.collinear import merge_collinear
-from planfit.floorplan.drawing import Drawing
+from planfit.floorplan.drawing import Drawing, usual_extent
 from planfit.floorplan.faces import line_strings
 from planfit.floorplan.fills import hatched_areas, main_rooms, sort_fills
 from planfit.floorplan.layer_names import Role
@@ -130,11 +130,10 @@ def walls_of_drawing(
 
 
 def _extent(drawing: Drawing, role: np.ndarray) -> float:
-    """Larger side of the box around all but the outermost 0.5 % of the line work and fills."""
+    """Larger side of the box around the line work and fills."""
     points = [drawing.lines.ends[role != Role.NO_WALL].reshape(-1, 2)]
     points += [np.array(f.polygon.bounds).reshape(2, 2) for f in drawing.fills]
-    low, high = np.percentile(np.concatenate(points), [0.5, 99.5], axis=0)
-    return float(max(high - low))
+    return usual_extent(np.concatenate(points))
 
 
 def _is_slim(area: BaseGeometry) -> bool:

@@ -5,6 +5,7 @@ import logging
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import ezdxf
 import ezdxf.recover
@@ -99,7 +100,7 @@ def _drawing(document: Document) -> Drawing:
     return Drawing(lines, fills, texts, layers, metres, unit, tuple(sorted(seen_hidden)))
 
 
-def _entities(space) -> Iterator[tuple[DXFGraphic, str]]:
+def _entities(space) -> Iterator[tuple[Any, str]]:
     """Entities with blocks exploded, and the layer that decides on each: that of the entity, or of the
     block it came in where the entity is on layer 0."""
     for entity in space:

@@ -112,7 +112,7 @@ def _drawing(page: pdfium.PdfPage) -> tuple[Drawing, bool]:
 
 def _shown_from_page(page: pdfium.PdfPage) -> np.ndarray:
     """(3, 3) undoing the page's own turn and the corner of its box."""
-    left, bottom, right, top = page.get_cropbox()
+    left, bottom, right, top = page.get_bbox()
     width, height = right - left, top - bottom
     to_corner = np.array([[1, 0, -left], [0, 1, -bottom], [0, 0, 1]], dtype=float)
     turns = {
