@@ -207,6 +207,24 @@ def test_clutter_is_left_out_of_line_work(tmp_path):
     assert any("in rows at equal distance" in note for note in plan.source.dropped)
 
 
+@pytest.mark.parametrize("turn_deg", [0, 70, 200])
+@pytest.mark.parametrize("flip", [1, -1])
+def test_an_open_door_is_no_wall(tmp_path, turn_deg, flip):
+    def door(document):
+        leaf = [(0, 0), (0.9, 0), (0.9, 0.04), (0, 0.04)]
+        turn = np.deg2rad(turn_deg)
+        turned = np.array(leaf) @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]
+        space = document.modelspace()
+        space.add_lwpolyline(turned + 2.0, close=True, dxfattribs={"layer": "A-WALL"})
+        span = (turn_deg, turn_deg + 90) if flip > 0 else (turn_deg - 90, turn_deg)
+        space.add_arc((2, 2), 0.9, *span, dxfattribs={"layer": "A-WALL"})
+
+    plan = read_floorplan(write_dxf(tmp_path / "a.dxf", WALLS, extra=door))
+    assert precision(plan) > 0.999
+    assert recall(plan) > 0.999
+    assert "2 lines of open doors" in plan.source.dropped
+
+
 def test_panes_of_a_window_are_no_faces(tmp_path):
     def panes(document):
         for y in (0.08, 0.12, 0.16):

@@ -8,6 +8,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.collinear import merge_collinear
+from planfit.floorplan.doors import arcs_of_lines, is_door_leaf
 from planfit.floorplan.drawing import Drawing, usual_extent
 from planfit.floorplan.faces import line_strings
 from planfit.floorplan.fills import hatched_areas, main_rooms, sort_fills
@@ -78,7 +79,10 @@ def walls_of_drawing(
         dropped.append(
             f"{lines.is_curved.sum()} pieces of curves (door arcs, symbols, round walls)"
         )
-    keep = ~is_row & ~lines.is_curved
+    is_leaf = ~lines.is_curved & is_door_leaf(lines.ends, arcs_of_lines(lines))
+    if is_leaf.any():
+        dropped.append(f"{is_leaf.sum()} lines of open doors")
+    keep = ~is_row & ~lines.is_curved & ~is_leaf
     lines, role = lines.take(keep), role[keep]
 
     found: list[LineFaces] = []
