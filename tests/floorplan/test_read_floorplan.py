@@ -62,7 +62,7 @@ def test_missing(tmp_path):
 @pytest.mark.parametrize("name", ["plan.dwg", "plan", "plan.png"])
 def test_another_suffix(tmp_path, name):
     (tmp_path / name).write_bytes(b"x")
-    refused(tmp_path / name, ".npy or .json")
+    refused(tmp_path / name, ".npy, .json")
 
 
 @pytest.mark.parametrize("values", [np.zeros((0, 4)), np.tile([1.0, 2, 1, 2], (3, 1))])

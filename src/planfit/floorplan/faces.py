@@ -5,11 +5,64 @@ the one away from its partner: the nearest parallel line that overlaps it within
 A line that has partners on both sides equally near, or none, stays unoriented.
 """
 
+from dataclasses import dataclass
+
+import numba
 import numpy as np
+import shapely
 
 from planfit.geometry import segments
 
 _PARALLEL_SINE = np.sin(np.deg2rad(5.0))
+_MIN_OVERLAP_M = 0.05
+
+
+@dataclass(frozen=True)
+class Partners:
+    """Pairs of parallel lines with one beside the other; `line` ascends.
+
+    Gaps and places along are in the unit of the lines. A pair is listed once for each of its lines.
+    """
+
+    line: np.ndarray  # (p,)
+    partner: np.ndarray  # (p,)
+    gap: np.ndarray  # (p,) least distance across, > 0 left of `line`, < 0 right of it
+    low: np.ndarray  # (p,) where along `line` the partner's shadow begins, 0 = its first end
+    high: np.ndarray  # (p,) where it ends
+
+
+def line_strings(ends: np.ndarray) -> np.ndarray:
+    """Segments (n, 2, 2) as shapely's line strings (n,)."""
+    return np.asarray(shapely.linestrings(ends), dtype=object)
+
+
+def find_partners(
+    ends: np.ndarray,
+    max_gap: float,
+    min_gap: float,
+    min_overlap: float = _MIN_OVERLAP_M,
+    parallel_sine: float = _PARALLEL_SINE,
+) -> Partners:
+    """All pairs of lines (n, 2, 2) whose whole length is within `max_gap`, and beyond `min_gap`, of
+    the other line, with more than `min_overlap` beside it."""
+    lines = line_strings(ends)
+    # Two lines that overlap at a gap are nowhere further apart than the gap, so this misses none.
+    line, partner = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=max_gap)
+    along, left = segments.directions(ends), segments.left_normals(ends)
+    is_parallel = np.abs(np.einsum("pi,pi->p", along[partner], left[line])) < parallel_sine
+    line, partner = line[is_parallel], partner[is_parallel]
+    relative = ends[partner] - ends[line, :1]
+    gap = np.einsum("pei,pi->pe", relative, left[line])
+    at = np.einsum("pei,pi->pe", relative, along[line])
+    length = segments.lengths(ends)[line]
+    low = np.clip(at.min(axis=1), 0.0, length)
+    high = np.clip(at.max(axis=1), 0.0, length)
+    is_left = (gap.min(axis=1) > min_gap) & (gap.max(axis=1) < max_gap)
+    is_right = (gap.max(axis=1) < -min_gap) & (gap.min(axis=1) > -max_gap)
+    keep = np.flatnonzero((is_left | is_right) & (high - low > min_overlap))
+    nearest = np.where(is_left, gap.min(axis=1), gap.max(axis=1))
+    keep = keep[np.argsort(line[keep], kind="stable")]
+    return Partners(line[keep], partner[keep], nearest[keep], low[keep], high[keep])
 
 
 def orient_faces(
@@ -23,8 +76,10 @@ def orient_faces(
         min_thickness_m: lines nearer than this are the same line drawn twice.
     """
     normals = segments.left_normals(ends)
-    gap_left, overlap_left = _nearest_partner(ends, normals, max_thickness_m, min_thickness_m)
-    gap_right, overlap_right = _nearest_partner(ends, -normals, max_thickness_m, min_thickness_m)
+    pairs = find_partners(ends, max_thickness_m, min_thickness_m)
+    length = segments.lengths(ends)
+    gap_left, overlap_left = _nearest_partner(pairs, pairs.gap > 0, length)
+    gap_right, overlap_right = _nearest_partner(pairs, pairs.gap < 0, length)
     # The wall is on the side where most of the line has a partner; where both sides have one
     # (a thin cavity between two walls), the nearer partner is the wall.
     wall_is_left = (overlap_left > 0.3) & ((overlap_right <= 0.3) | (gap_left < 0.7 * gap_right))
@@ -34,34 +89,29 @@ def orient_faces(
 
 
 def _nearest_partner(
-    ends: np.ndarray, sides: np.ndarray, max_thickness_m: float, min_thickness_m: float
+    pairs: Partners, is_on_side: np.ndarray, length: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gap (n,) m to the nearest partner on the side that `sides` (n, 2) points to, and the share of
-    each line (n,) that has any partner there."""
-    along = segments.directions(ends)
-    length = segments.lengths(ends)
-    gaps, shares = np.full(len(ends), np.inf), np.zeros(len(ends))
-    for i in range(len(ends)):
-        relative = ends - ends[i, 0]
-        gap = relative @ sides[i]
-        at = relative @ along[i]
-        low, high = np.clip(np.sort(at, axis=1), 0.0, length[i]).T
-        is_partner = (
-            (np.abs(along @ sides[i]) < _PARALLEL_SINE)
-            & (gap.min(axis=1) > min_thickness_m)
-            & (gap.max(axis=1) < max_thickness_m)
-            & (high - low > 0.05)
-        )
-        if is_partner.any():
-            gaps[i] = gap[is_partner].min()
-            shares[i] = _covered(low[is_partner], high[is_partner]) / length[i]
-    return gaps, shares
+    """Gap (n,) to the nearest partner on one side, and the share of each line (n,) that has any."""
+    gaps = np.full(len(length), np.inf)
+    line = pairs.line[is_on_side]
+    np.minimum.at(gaps, line, np.abs(pairs.gap[is_on_side]))
+    covered = covered_lengths(line, pairs.low[is_on_side], pairs.high[is_on_side], len(length))
+    return gaps, covered / length
 
 
-def _covered(low: np.ndarray, high: np.ndarray) -> float:
-    """Length of the union of intervals."""
-    total, reached = 0.0, -np.inf
-    for i in np.argsort(low):
-        total += max(0.0, float(high[i] - max(low[i], reached)))
-        reached = max(reached, float(high[i]))
+def covered_lengths(line: np.ndarray, low: np.ndarray, high: np.ndarray, n: int) -> np.ndarray:
+    """Length (n,) of the union of the intervals of each line."""
+    order = np.lexsort((low, line))
+    return _covered_lengths(line[order], low[order], high[order], n)
+
+
+@numba.njit(cache=True, nogil=True)
+def _covered_lengths(line, low, high, n):  # pragma: no cover - compiled; has a twin in the tests
+    total = np.zeros(n)
+    reached, current = -np.inf, -1
+    for i in range(len(line)):
+        if line[i] != current:
+            current, reached = line[i], -np.inf
+        total[current] += max(0.0, high[i] - max(low[i], reached))
+        reached = max(reached, high[i])
     return total

@@ -3,21 +3,26 @@
 import hashlib
 import json
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.faces import orient_faces
+from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
+from planfit.floorplan.vector_readers import VECTOR_READERS
 from planfit.geometry import segments
+
+Reader = Callable[[Path, PlanOptions], Floorplan]
 
 MIN_SIZE_M, MAX_SIZE_M = 1.5, 2000.0
 """A building is larger than a cupboard and smaller than a town: outside, the unit is not metres."""
 
 
-def read_floorplan(path: str | Path) -> Floorplan:
-    """Read a plan in metres: `floorplan.npy` of the FACaP layout, or planfit's own JSON.
+def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floorplan:
+    """Read a plan; the suffix tells the format (docs/formats.md).
 
     Raises:
         FloorplanError: the file is missing, of another kind, without walls, or not in metres.
@@ -25,22 +30,31 @@ def read_floorplan(path: str | Path) -> Floorplan:
     path = Path(path)
     if not path.exists():
         raise FloorplanError(f"{path}: expected a floorplan, found nothing; check the path")
-    readers = {".npy": _read_npy, ".json": _read_json}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise FloorplanError(
-            f"{path}: expected a plan as {' or '.join(readers)}, found {path.suffix or 'no suffix'}; "
-            "trace its walls into one of these (docs/formats.md)"
-        )
-    floorplan = reader(path)
+    reader = _reader(path)
+    floorplan = reader(path, options or PlanOptions())
     extent = max(floorplan.size)
-    if not MIN_SIZE_M <= extent <= MAX_SIZE_M:
+    if floorplan.is_metric and not MIN_SIZE_M <= extent <= MAX_SIZE_M:
         raise FloorplanError(
             f"{path}: expected a building in metres ({MIN_SIZE_M:g} to {MAX_SIZE_M:g} m across), "
             f"found {floorplan.size[0]:.4g} x {floorplan.size[1]:.4g}; "
             "convert it from its own unit to metres"
         )
     return floorplan
+
+
+def _reader(path: Path) -> Reader:
+    reader = readers().get("" if path.is_dir() else path.suffix.lower())
+    if reader is None or (not path.suffix and not path.is_dir()):
+        raise FloorplanError(
+            f"{path}: expected a plan as {', '.join(suffix for suffix in readers() if suffix)}, found "
+            f"{path.suffix or 'no suffix'}; trace its walls into one of these (docs/formats.md)"
+        )
+    return reader
+
+
+def readers() -> dict[str, Reader]:
+    """Suffix to reader."""
+    return {".npy": _read_npy, ".json": _read_json, **VECTOR_READERS}
 
 
 def write_floorplan_json(path: Path, floorplan: Floorplan) -> None:
@@ -63,7 +77,7 @@ def make_floorplan(name: str, ends: np.ndarray, fingerprint: str = "") -> Floorp
     return Floorplan(name, ends, normals, is_oriented, fingerprint)
 
 
-def _read_npy(path: Path) -> Floorplan:
+def _read_npy(path: Path, options: PlanOptions) -> Floorplan:  # noqa: ARG001 - as all readers
     """FACaP's (n, 4) array of (u1, v1, u2, v2) m in world (x, z): plan points are (u, -v)."""
     try:
         with path.open("rb") as file:  # numpy leaves it open where it is no array
@@ -85,7 +99,7 @@ def _read_npy(path: Path) -> Floorplan:
     return make_floorplan(str(path), ends, _fingerprint(path))
 
 
-def _read_json(path: Path) -> Floorplan:
+def _read_json(path: Path, options: PlanOptions) -> Floorplan:  # noqa: ARG001
     try:
         data = json.loads(path.read_text())
         faces, unit = data["faces"], data["unit"]

@@ -117,6 +117,11 @@ class Floorplan:
             source=source,
         )
 
+    def with_warning(self, warning: str) -> "Floorplan":
+        """The same plan with one more thing to look at."""
+        source = replace(self.source, warnings=(*self.source.warnings, warning))
+        return replace(self, source=source)
+
     @property
     def size(self) -> tuple[float, float]:
         """Extent in x and y."""

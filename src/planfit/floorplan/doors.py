@@ -1,0 +1,51 @@
+"""Leaves of doors: drawn open, as a line or a thin box from the hinge to the tip of a quarter circle."""
+
+import numpy as np
+import scipy.spatial
+
+from planfit.floorplan.drawing import Lines
+from planfit.geometry import segments
+
+TOLERANCE = 0.12
+"""Of a leaf's length: leaves are up to 6 cm thick, and arcs are drawn to either edge."""
+
+
+def arcs_of_lines(lines: Lines) -> np.ndarray:
+    """The two ends (n, 2, 2) of each run of pieces of a curve, in the order of the file."""
+    if not lines.is_curved.any():
+        return np.zeros((0, 2, 2))
+    at = np.flatnonzero(lines.is_curved)
+    joined = (
+        (np.diff(at) == 1)
+        & (lines.path[at[1:]] == lines.path[at[:-1]])
+        & (np.abs(lines.ends[at[1:], 0] - lines.ends[at[:-1], 1]).max(axis=1) == 0)
+    )
+    first = at[np.concatenate([[True], ~joined])]
+    last = at[np.concatenate([~joined, [True]])]
+    return np.stack([lines.ends[first, 0], lines.ends[last, 1]], axis=1)
+
+
+def is_door_leaf(ends: np.ndarray, arcs: np.ndarray) -> np.ndarray:
+    """Which lines (n, 2, 2) reach from the centre of a quarter circle to one of its ends.
+
+    Args:
+        ends: (n, 2, 2).
+        arcs: (k, 2, 2) ends of curves of any kind.
+    """
+    found = np.zeros(len(ends), dtype=bool)
+    if len(ends) == 0:
+        return found
+    length = segments.lengths(ends)
+    # Ends of all lines, the first ends first: a drawing has thousands of arcs and of lines.
+    tree = scipy.spatial.cKDTree(np.concatenate([ends[:, 0], ends[:, 1]]))
+    for tip, latch in np.concatenate([arcs, arcs[:, ::-1]]):
+        radius = np.linalg.norm(latch - tip) / np.sqrt(2)
+        if radius == 0:
+            continue
+        near = TOLERANCE * radius
+        at_tip = np.array(tree.query_ball_point(tip, near), dtype=int)
+        line, other = at_tip % len(ends), 1 - at_tip // len(ends)
+        from_latch = np.linalg.norm(ends[line, other] - latch, axis=1)
+        is_leaf = (np.abs(length[line] - radius) < near) & (np.abs(from_latch - radius) < near)
+        found[line[is_leaf]] = True
+    return found

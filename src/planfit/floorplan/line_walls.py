@@ -1,0 +1,270 @@
+"""Walls drawn as two parallel lines: which lines are the faces of walls, and which way they look.
+
+Nothing else in a plan is so thin for so long. What comes near is told apart by how it stands:
+treads and hatches in rows at equal distance, panes of windows between two other lines, furniture
+in small pieces that touch nothing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+import shapely
+
+from planfit.floorplan.faces import Partners, covered_lengths, find_partners, line_strings
+from planfit.geometry import segments
+
+MIN_THICKNESS_M, MAX_THICKNESS_M = 0.03, 0.62
+_PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
+
+
+@dataclass(frozen=True)
+class Thickness:
+    """How thick walls are in this drawing, in its own unit."""
+
+    usual: float
+    least: float
+    most: float
+
+
+@dataclass(frozen=True)
+class LineFaces:
+    """Faces among lines; all in the unit of the drawing."""
+
+    ends: np.ndarray  # (m, 2, 2)
+    normals: np.ndarray  # (m, 2)
+    is_oriented: np.ndarray  # (m,)
+    thickness: np.ndarray  # (m,) NaN where unknown
+    line: np.ndarray  # (m,) the line that each lies on
+
+
+def estimate_thickness(
+    ends: np.ndarray, metres_per_unit: float | None, extent: float
+) -> Thickness | None:
+    """Thickness of most of the walls: of the gaps from each line to the nearest beside it, the one in
+    the middle of all the length that has one. None where no lines lie side by side."""
+    scale = None if metres_per_unit is None else 1 / metres_per_unit
+    least = extent / 3000 if scale is None else MIN_THICKNESS_M * scale
+    most = extent / 25 if scale is None else MAX_THICKNESS_M * scale
+    pairs = find_partners(ends, most, least, 0.0, _PARALLEL_SINE)
+    gap, overlap = np.abs(pairs.gap), pairs.high - pairs.low
+    is_long = overlap > 3 * gap
+    if not is_long.any():
+        return None
+    line, gap, overlap = pairs.line[is_long], gap[is_long], overlap[is_long]
+    order = np.lexsort((gap, line))
+    _, first = np.unique(line[order], return_index=True)
+    nearest = order[first]
+    gap, weight = gap[nearest], overlap[nearest]
+    order = np.argsort(gap)
+    share = np.cumsum(weight[order]) / weight.sum()
+    usual = float(gap[order][np.searchsorted(share, 0.5)])
+    if scale is None:
+        return Thickness(usual, 0.2 * usual, min(4 * usual, most))
+    return Thickness(usual, least, most)
+
+
+def rows_of_lines(ends: np.ndarray, style: np.ndarray, max_gap: float) -> np.ndarray:
+    """Which lines (n,) belong to a row of six or more alike at equal distance: hatches, treads.
+
+    Two neighbours at equal distance on its two sides make a line regular; four regular ones that
+    follow each other make a row. The panes of a window are fewer.
+    """
+    n = len(ends)
+    is_row = np.zeros(n, dtype=bool)
+    if n == 0:
+        return is_row
+    pairs = find_partners(ends, max_gap, 1e-6 * max_gap, 0.0, _PARALLEL_SINE)
+    length = segments.lengths(ends)
+    alike = (style[pairs.line] == style[pairs.partner]) & (
+        pairs.high - pairs.low > 0.4 * np.minimum(length[pairs.line], length[pairs.partner])
+    )
+    nearest = []
+    for side in (1, -1):
+        chosen = np.flatnonzero(alike & (pairs.gap * side > 0))
+        order = chosen[np.lexsort((np.abs(pairs.gap[chosen]), pairs.line[chosen]))]
+        lines, first = np.unique(pairs.line[order], return_index=True)
+        partner, gap = np.full(n, -1), np.full(n, np.nan)
+        partner[lines] = pairs.partner[order[first]]
+        gap[lines] = np.abs(pairs.gap[order[first]])
+        nearest.append((partner, gap))
+    (left, gap_left), (right, gap_right) = nearest
+    both = (left >= 0) & (right >= 0)
+    with np.errstate(invalid="ignore"):
+        is_regular = both & (np.abs(gap_left - gap_right) < 0.1 * (gap_left + gap_right) / 2)
+    at = np.flatnonzero(is_regular)
+    graph = scipy.sparse.coo_matrix(
+        (np.ones(2 * len(at)), (np.tile(at, 2), np.concatenate([left[at], right[at]]))),
+        shape=(n, n),
+    )
+    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    regular = np.bincount(group, is_regular, minlength=count)
+    return _families(ends, style, regular[group] >= 4)
+
+
+def _families(ends: np.ndarray, style: np.ndarray, is_row: np.ndarray) -> np.ndarray:
+    """Rows, and what else is drawn in the same style and direction where nearly all such lines are in
+    rows: the few hatch lines of a small area."""
+    along = segments.directions(ends)
+    angle = np.round(np.rad2deg(np.arctan2(along[:, 1], along[:, 0])) % 180.0).astype(int) % 180
+    _, family = np.unique(np.stack([style, angle], axis=1), axis=0, return_inverse=True)
+    family = family.ravel()
+    total, in_row = np.bincount(family), np.bincount(family, is_row)
+    return is_row | ((in_row > 20) & (in_row > 0.6 * total))[family]
+
+
+def faces_of_lines(
+    ends: np.ndarray,
+    thickness: Thickness,
+    is_surely_wall: np.ndarray,
+    free_side: np.ndarray,
+) -> tuple[LineFaces, np.ndarray]:
+    """Faces of walls drawn as two lines, and the lines (n,) that lie between two faces (windows).
+
+    Args:
+        ends: (n, 2, 2), merged: no two on one another.
+        thickness: of the walls to look for.
+        is_surely_wall: (n,) lines that something else (the name of their layer) calls wall.
+        free_side: (n,) 1 where the left side is known to be free, -1 the right, 0 unknown.
+    """
+    pairs = find_partners(
+        ends, thickness.most, thickness.least, 0.5 * thickness.least, _PARALLEL_SINE
+    )
+    gap, overlap = np.abs(pairs.gap), pairs.high - pairs.low
+    side = np.sign(pairs.gap)
+    keep = (overlap > 0.8 * gap) & (free_side[pairs.line] != side)
+    keep &= free_side[pairs.partner] != _side_seen_from_partner(ends, pairs)
+    pairs = _taken(pairs, keep)
+    is_inner = _inner_lines(ends, pairs, thickness) & (free_side == 0)
+    keep = ~is_inner[pairs.line] & ~is_inner[pairs.partner]
+    pairs = _taken(pairs, keep)
+    wall_side = _wall_sides(ends, pairs, free_side)
+    keep = (wall_side[pairs.line] == np.sign(pairs.gap)) & (
+        wall_side[pairs.partner] == _side_seen_from_partner(ends, pairs)
+    )
+    pairs = _taken(pairs, keep)
+    in_wall = _standing(ends, pairs, thickness, is_surely_wall | (free_side != 0))
+    pairs = _taken(pairs, in_wall[pairs.line])
+    return _faces(ends, pairs, wall_side, thickness), is_inner
+
+
+def _taken(pairs: Partners, keep: np.ndarray) -> Partners:
+    return Partners(
+        pairs.line[keep], pairs.partner[keep], pairs.gap[keep], pairs.low[keep], pairs.high[keep]
+    )
+
+
+def _side_seen_from_partner(ends: np.ndarray, pairs: Partners) -> np.ndarray:
+    """(p,) 1 where `line` is left of `partner`, -1 right."""
+    along = segments.directions(ends)
+    same_way = np.sign(np.einsum("pi,pi->p", along[pairs.line], along[pairs.partner]))
+    return -np.sign(pairs.gap) * same_way
+
+
+def _inner_lines(ends: np.ndarray, pairs: Partners, thickness: Thickness) -> np.ndarray:
+    """(n,) lines with others on both sides all along, all within one wall's thickness: panes of
+    windows, cavities, leaves of sliding doors."""
+    n, length = len(ends), segments.lengths(ends)
+    far = np.zeros((2, n))
+    covered = np.zeros((2, n))
+    for i, side in enumerate((1, -1)):
+        on_side = np.sign(pairs.gap) == side
+        line = pairs.line[on_side]
+        covered[i] = covered_lengths(line, pairs.low[on_side], pairs.high[on_side], n)
+        nearest = np.full(n, np.inf)
+        np.minimum.at(nearest, line, np.abs(pairs.gap[on_side]))
+        far[i] = nearest
+    return (covered.min(axis=0) > 0.9 * length) & (far.sum(axis=0) < thickness.most)
+
+
+def _wall_sides(ends: np.ndarray, pairs: Partners, free_side: np.ndarray) -> np.ndarray:
+    """(n,) 1 where the wall is left of a line, -1 right, 0 where nothing tells."""
+    n, length = len(ends), segments.lengths(ends)
+    gaps, shares = np.full((2, n), np.inf), np.zeros((2, n))
+    for i, side in enumerate((1, -1)):
+        on_side = np.sign(pairs.gap) == side
+        line = pairs.line[on_side]
+        # Weighed by what lies beside it, so that a jamb or a short stroke decides nothing.
+        share = covered_lengths(line, pairs.low[on_side], pairs.high[on_side], n) / length
+        weight = pairs.high[on_side] - pairs.low[on_side]
+        total = np.bincount(line, weight, minlength=n)
+        mean = np.bincount(line, weight * np.abs(pairs.gap[on_side]), minlength=n)
+        has = total > 0
+        gaps[i, has] = mean[has] / total[has]
+        shares[i] = share
+    left = (shares[0] > 0.1) & ((shares[1] < 0.4 * shares[0]) | (gaps[0] < 0.75 * gaps[1]))
+    right = (shares[1] > 0.1) & ((shares[0] < 0.4 * shares[1]) | (gaps[1] < 0.75 * gaps[0]))
+    found = np.where(left ^ right, np.where(left, 1, -1), 0)
+    return np.where(free_side != 0, -free_side, found)
+
+
+def _standing(
+    ends: np.ndarray, pairs: Partners, thickness: Thickness, is_surely_wall: np.ndarray
+) -> np.ndarray:
+    """(n,) lines that belong to a piece of wall long enough to be one.
+
+    Pieces are lines that are partners or touch. A piece needs a stretch four times as long as thick,
+    and in all as much as a wall beside a door; what the layer calls wall, and columns there, need not.
+    """
+    n = len(ends)
+    lines = line_strings(ends)
+    in_pair = np.zeros(n, dtype=bool)
+    in_pair[pairs.line] = True
+    at = np.flatnonzero(in_pair)
+    a, b = shapely.STRtree(lines[at]).query(
+        lines[at], predicate="dwithin", distance=0.05 * thickness.usual
+    )
+    a, b = np.concatenate([at[a], pairs.line]), np.concatenate([at[b], pairs.partner])
+    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
+    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    overlap = pairs.high - pairs.low
+    total = np.bincount(group[pairs.line], overlap, minlength=count) / 2
+    slim = np.zeros(count)
+    np.maximum.at(slim, group[pairs.line], overlap / np.abs(pairs.gap))
+    sure = np.bincount(group, is_surely_wall, minlength=count) > 0
+    is_wall = (total > 6 * thickness.usual) & (slim > 4)
+    return in_pair & (is_wall | (sure & (total > thickness.usual)))[group]
+
+
+def _faces(
+    ends: np.ndarray, pairs: Partners, wall_side: np.ndarray, thickness: Thickness
+) -> LineFaces:
+    """Cut each line to where its wall is; corners and T-junctions, where a partner ends a wall's
+    thickness early, belong to the face."""
+    along, left = segments.directions(ends), segments.left_normals(ends)
+    length = segments.lengths(ends)
+    starts = np.searchsorted(pairs.line, np.arange(len(ends) + 1))
+    new_ends, normals, depths, of_line = [], [], [], []
+    for i in np.flatnonzero(np.diff(starts)):
+        mine = slice(starts[i], starts[i + 1])
+        gap = np.abs(pairs.gap[mine])
+        weight = pairs.high[mine] - pairs.low[mine]
+        order = np.argsort(gap)
+        depth = float(gap[order][np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())])
+        for low, high in _joined(pairs.low[mine], pairs.high[mine], thickness.most):
+            if high - low < 1.5 * min(depth, thickness.usual):
+                continue  # ends of walls and jambs: too short to hold a scan to
+            low = 0.0 if low <= thickness.most else low
+            high = length[i] if high >= length[i] - thickness.most else high
+            new_ends.append(ends[i, 0] + np.outer([low, high], along[i]))
+            normals.append(-wall_side[i] * left[i])
+            depths.append(depth)
+            of_line.append(i)
+    return LineFaces(
+        np.array(new_ends).reshape(-1, 2, 2),
+        np.array(normals).reshape(-1, 2),
+        np.ones(len(new_ends), dtype=bool),
+        np.array(depths),
+        np.array(of_line, dtype=int),
+    )
+
+
+def _joined(low: np.ndarray, high: np.ndarray, bridge: float) -> list[tuple[float, float]]:
+    """Union of intervals, with gaps up to `bridge` closed."""
+    result: list[tuple[float, float]] = []
+    for i in np.argsort(low):
+        if result and low[i] <= result[-1][1] + bridge:
+            result[-1] = (result[-1][0], max(result[-1][1], float(high[i])))
+        else:
+            result.append((float(low[i]), float(high[i])))
+    return result

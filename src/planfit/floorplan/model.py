@@ -1,0 +1,135 @@
+"""A plan from a scan that is true: a mesh or a point cloud, projected to the horizontal plane."""
+
+from pathlib import Path
+
+import numpy as np
+import scipy.spatial
+import trimesh
+
+from planfit.errors import FloorplanError
+from planfit.floorplan.file import fingerprint_of
+from planfit.floorplan.options import METRES_PER_UNIT, PlanOptions
+from planfit.floorplan.scan_lines import wall_lines
+from planfit.floorplan.types import Floorplan, PlanSource
+
+N_SAMPLES = 400_000
+HALF_BAND_M = 0.35
+"""Walls are taken from this far below and above the height of the cut: over tables, under lintels."""
+MAX_RISE = 0.26
+"""Of a wall's normal, out of the horizontal: 15 degrees."""
+_NEIGHBOURS = 16
+
+
+def read_model(path: Path, options: PlanOptions) -> Floorplan:
+    """Wall faces of a mesh or point cloud (PLY, OBJ, GLB, STL, OFF), about the height of the cut.
+
+    The vertical axis is the one along which most of the surface lies in a thin layer: the floor. GLB
+    has y up by its standard. Up is assumed to be the positive end of the axis; the source says so.
+
+    Raises:
+        FloorplanError: it cannot be read, holds no surface, or no upright one at the cut.
+    """
+    points, normals, is_oriented = _surface(path)
+    scale = options.metres_per_unit or METRES_PER_UNIT.get(options.unit, 1.0)
+    points = points * scale
+    is_glb = path.suffix.lower() in (".glb", ".gltf")
+    axis = 1 if is_glb else _vertical_axis(points, normals)
+    horizontal = {0: (1, 2), 1: (0, 2), 2: (0, 1)}[axis]
+    # Seen from above, not mirrored: for y up, (x, -z).
+    flip = np.array([1.0, -1.0]) if axis == 1 else np.ones(2)
+    height = points[:, axis]
+    floor = _floor(height, np.abs(normals[:, axis]))
+    near = np.abs(height - floor - options.cut_height_m) < HALF_BAND_M
+    near &= np.abs(normals[:, axis]) < MAX_RISE
+    xy, across = points[near][:, horizontal] * flip, normals[near][:, horizontal] * flip
+    lines = wall_lines(xy, across, is_oriented)
+    if len(lines.ends) == 0:
+        raise FloorplanError(
+            f"{path}: expected upright surfaces {options.cut_height_m:g} m above the floor, found "
+            f"none with {'xyz'[axis]} up; choose another height of the cut, or turn the model"
+        )
+    up = (
+        "the standard of the format"
+        if is_glb
+        else "found from the floor's surface, positive end up"
+    )
+    rows = np.zeros((3, 3))
+    rows[:2, :2] = np.diag(flip / scale)
+    rows[2, 2] = 1.0
+    return Floorplan(
+        str(path), lines.ends, lines.normals, np.full(len(lines.ends), is_oriented),
+        fingerprint_of(path), is_metric=options.unit != "unknown",
+        source=PlanSource(
+            kind="mesh or point cloud",
+            unit="m" if options.unit == "auto" else options.unit,
+            unit_from="assumed" if options.unit == "auto" else "the unit given",
+            warnings=(f"up is {'xyz'[axis]} ({up}); the floor is at {floor:.2f} m",),
+            dropped=(f"{lines.n_left} of {len(xy)} points on no straight wall",),
+            file_from_plan=rows,
+        ),
+    )  # fmt: skip
+
+
+def _surface(path: Path) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Points (n, 3), unit normals (n, 3), and whether those tell the free side."""
+    if path.stat().st_size == 0:
+        raise FloorplanError(f"{path}: expected a mesh or a point cloud, found an empty file")
+    try:
+        scene = trimesh.load(path, process=False)
+        loaded = scene.to_geometry() if isinstance(scene, trimesh.Scene) else scene
+    except Exception as error:  # trimesh's readers raise whatever their parsing meets
+        raise FloorplanError(
+            f"{path}: expected a mesh or a point cloud, found a file that cannot be read "
+            f"({type(error).__name__}); export it again"
+        ) from error
+    if isinstance(loaded, trimesh.Trimesh) and len(loaded.faces):
+        sampled = trimesh.sample.sample_surface(loaded, N_SAMPLES, seed=0)
+        points, face = sampled[0], sampled[1]
+        normals = np.asarray(loaded.face_normals)[face]
+        # Open surfaces are scans, seen from the free side; of solids the outside is free.
+        return np.asarray(points), normals, True
+    vertices = np.asarray(getattr(loaded, "vertices", np.zeros((0, 3))), dtype=float)
+    vertices = vertices[np.isfinite(vertices).all(axis=1)]
+    if len(vertices) < 100:
+        raise FloorplanError(
+            f"{path}: expected a mesh or a point cloud, found {len(vertices)} points"
+        )
+    if len(vertices) > N_SAMPLES:
+        chosen = np.random.default_rng(0).choice(len(vertices), N_SAMPLES, replace=False)
+        vertices = vertices[np.sort(chosen)]
+    return vertices, _normals(vertices), False
+
+
+def _normals(points: np.ndarray) -> np.ndarray:
+    """Unit normals (n, 3) of the planes through each point's neighbours; the sign says nothing."""
+    _, idx = scipy.spatial.cKDTree(points).query(points, k=min(_NEIGHBOURS, len(points)))
+    offset = points[idx] - points[idx].mean(axis=1, keepdims=True)
+    _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))
+    return vectors[:, :, 0]
+
+
+def _vertical_axis(points: np.ndarray, normals: np.ndarray) -> int:
+    """Axis with the most surface across it at one height."""
+    share = [_peak(points[:, axis], np.abs(normals[:, axis]))[1] for axis in range(3)]
+    # Floors are wider than walls are long and high; where they are not, z before y before x.
+    return int(np.argmax(np.array(share) * (0.98, 0.99, 1.0)))
+
+
+def _floor(height: np.ndarray, level: np.ndarray) -> float:
+    """Lowest height with much level surface; the ceiling, where scanned, has as much."""
+    low, peak = _peak(height, level)
+    counts, start, step = _histogram(height, level)
+    strong = np.flatnonzero(counts > 0.5 * peak)
+    at = start + (strong[0] + 0.5) * step if len(strong) else low
+    return float(np.median(height[(np.abs(height - at) < 2 * step) & (level > 0.95)]))
+
+
+def _peak(height: np.ndarray, level: np.ndarray) -> tuple[float, float]:
+    counts, start, step = _histogram(height, level)
+    return start + (int(counts.argmax()) + 0.5) * step, float(counts.max())
+
+
+def _histogram(height: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, float, float]:
+    step, start = 0.05, float(height.min())
+    index = np.minimum(((height - start) / step).astype(int), 20_000)
+    return np.bincount(index[level > 0.95], minlength=1).astype(float), start, step

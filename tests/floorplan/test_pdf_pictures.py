@@ -1,0 +1,44 @@
+"""A page that is a picture goes to the reader of pictures, rendered."""
+
+import sys
+import types
+
+import numpy as np
+
+from builders import room_plan
+from plan_files import write_pdf_stream
+from planfit.floorplan import PlanOptions, read_floorplan
+
+
+def test_a_page_that_is_a_picture_is_rendered_and_read_as_one(tmp_path, monkeypatch):
+    pixels = bytes([0, 0, 255, 255, 255, 255, 255, 255, 255, 0, 0, 0]).hex()
+    image = (
+        "<< /Type /XObject /Subtype /Image /Width 2 /Height 2 /ColorSpace /DeviceRGB "
+        f"/BitsPerComponent 8 /Filter /ASCIIHexDecode /Length {len(pixels) + 1} >>\n"
+        f"stream\n{pixels}>\nendstream"
+    )
+    path = write_pdf_stream(
+        tmp_path / "a.pdf", "q 1200 0 0 900 0 0 cm /Im Do Q", extra_objects=(image,),
+        resources="/XObject << /Im 6 0 R >>",
+    )  # fmt: skip
+    seen = []
+
+    def read_picture(image_bgr, name, fingerprint, options, kind):
+        seen.append((image_bgr, name, fingerprint, options, kind))
+        return room_plan()
+
+    stand_in = types.ModuleType("planfit.floorplan.raster")
+    stand_in.read_picture = read_picture
+    monkeypatch.setitem(sys.modules, "planfit.floorplan.raster", stand_in)
+    options = PlanOptions(unit="m")
+    read_floorplan(path, options)
+    [(picture, name, fingerprint, passed, kind)] = seen
+    assert picture.shape[1:] == (5000, 3)  # 300 dpi
+    assert picture.dtype == np.uint8
+    # Blue at the upper left and black at the lower right, in the order blue, green, red.
+    np.testing.assert_allclose(picture[100, 100], [255, 0, 0], atol=3)
+    np.testing.assert_allclose(picture[-100, -100], [0, 0, 0], atol=3)
+    assert name == str(path)
+    assert len(fingerprint) == 16
+    assert passed is options
+    assert kind == "picture in a PDF"

@@ -1,0 +1,80 @@
+"""Real drawings and models: what can be known of them without their truth."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from planfit.errors import FloorplanError
+from planfit.floorplan import PlanOptions, read_floorplan
+
+DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
+PLANS = DATA / "floorplans"
+
+pytestmark = [
+    pytest.mark.shared,
+    pytest.mark.skipif(
+        not PLANS.is_dir(), reason="no real plans: set PLANFIT_SHARED to their folder"
+    ),
+]
+
+
+def test_the_same_floor_as_pdf_and_as_svg_gives_the_same_faces():
+    pdf = read_floorplan(PLANS / "pdf" / "NSH2012_GIS-1.pdf")
+    svg = read_floorplan(PLANS / "svg" / "NSH2012_GIS-1.svg")
+    points = svg.ends / 1.25 + (0, 612)  # 1.25 px a point; y down from the top
+    lines = shapely.multilinestrings(shapely.linestrings(pdf.ends))
+    apart = shapely.distance(shapely.points(points.reshape(-1, 2)), lines)
+    assert np.mean(apart < 0.05) > 0.99
+    assert svg.lengths.sum() / 1.25 == pytest.approx(pdf.lengths.sum(), rel=0.01)
+    assert not pdf.is_metric
+
+
+def test_faces_of_the_university_floor_follow_its_two_directions():
+    plan = read_floorplan(PLANS / "pdf" / "NSH2012_GIS-1.pdf")
+    angle = np.rad2deg(np.arctan2(plan.normals[:, 1], plan.normals[:, 0])) % 90
+    is_along = np.minimum(angle, 90 - angle) < 3
+    # Hatches run at 45 degrees; some rooms are askew.
+    assert plan.lengths[is_along].sum() > 0.9 * plan.lengths.sum()
+    assert not (plan.ends[..., 0] < 150).any()  # the legend
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "size"),
+    [
+        ("office_metres", "m", (34, 27)),
+        ("room_centimetres", "cm", (7, 4)),
+        ("two_rooms_metres", "m", (8, 5.5)),
+    ],
+)
+def test_drawings(name, unit, size):
+    plan = read_floorplan(PLANS / "dxf" / f"{name}.dxf")
+    assert plan.source.unit == unit
+    np.testing.assert_allclose(plan.size, size, rtol=0.15)
+    assert not any("urniture" in layer for layer in plan.source.layers)
+
+
+@pytest.mark.parametrize(
+    ("name", "storey", "size"),
+    [("AC20-FZK-Haus", "Erdgeschoss", (12, 10)), ("duplex", "Level 1", (8.8, 17.8))],
+)
+def test_models(name, storey, size):
+    plan = read_floorplan(PLANS / "ifc" / f"{name}.ifc")
+    assert plan.source.storey == storey
+    np.testing.assert_allclose(plan.size, size, atol=0.05)
+    upper = read_floorplan(
+        PLANS / "ifc" / f"{name}.ifc", PlanOptions(storey=plan.source.storeys[-1], cut_height_m=0.5)
+    )
+    assert upper.fingerprint == plan.fingerprint
+
+
+def test_a_model_without_walls():
+    path = PLANS / "ifc" / "no_walls.ifc"
+    with pytest.raises(FloorplanError) as caught:
+        read_floorplan(path)
+    assert str(caught.value) == (
+        f"{path}: expected walls (IfcWall), found none in 3687 elements; export the architect's model, "
+        "not that of the structure or the services"
+    )
