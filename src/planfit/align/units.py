@@ -1,6 +1,8 @@
 """Plans whose unit is not what they claim: which other unit would make them fit the scan."""
 
-from planfit.align.align import Alignment, AlignOptions, WallSamples, align
+from planfit.align.align import Alignment, align
+from planfit.align.options import AlignOptions
+from planfit.align.walls import WallSamples
 from planfit.floorplan import Floorplan, make_floorplan
 
 METRES_PER_UNIT = {
