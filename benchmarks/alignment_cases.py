@@ -259,7 +259,7 @@ def _close_loops(poses: np.ndarray, drifted: np.ndarray, rng: np.random.Generato
     """Drifted poses (n, 3) after a pose graph over steps and revisits (sparse Gauss-Newton)."""
     n = len(poses)
     first, second = np.triu_indices(n, 15)
-    near = np.linalg.norm(poses[first, :2] - poses[second, :2], axis=1) < 1.0
+    near = np.linalg.norm(poses[first, :2] - poses[second, :2], axis=1) < 1.5
     alike = np.cos(poses[first, 2] - poses[second, 2]) > 0.5
     loops = np.column_stack([first, second])[near & alike]
     if len(loops) == 0:

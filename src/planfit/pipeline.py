@@ -13,14 +13,26 @@ from planfit.adjust import (
     AdjustOptions,
     Evidence,
     WallsPulled,
+    Keyframes,
     choose_keyframes,
     close_loops,
     follow_keyframes,
     pull_walls,
     reduce_evidence,
+    refit_scale,
 )
 from planfit.adjust.association import patches_in_plan
-from planfit.align import Alignment, AlignOptions, align, find_unit, sample_walls
+from planfit.align import (
+    Alignment,
+    AlignOptions,
+    WallSamples,
+    align,
+    align_paper,
+    find_unit,
+    metric_plan,
+    place_pins,
+    sample_walls,
+)
 from planfit.doubts import fit_doubts, scan_doubts
 from planfit.errors import FloorplanError, OptionError, require_plain_numbers
 from planfit.floorplan import Floorplan
@@ -70,6 +82,8 @@ class RefineOptions:
 class RefineResult:
     """Refined poses, and all that is needed to judge them."""
 
+    floorplan: Floorplan
+    """The plan in metres, at the scale that was found where it had no unit."""
     plan_from_cams: np.ndarray  # (n, 4, 4) refined
     initial_plan_from_cams: np.ndarray  # (n, 4, 4) recorded poses, placed on the plan as a whole
     world_from_plan: np.ndarray  # (4, 4) back to the scan's own axes and height
@@ -98,6 +112,22 @@ class RefineResult:
         return is_placed and not any(check.is_worse for check in self.checks)
 
 
+@dataclass(frozen=True)
+class Prepared:
+    """What a scan says before a plan is looked at: levelled, matched, loops closed."""
+
+    gravity: Gravity
+    structure: Structure
+    matches: Matches
+    held_out: Matches
+    """Matches kept out of the solve."""
+    keyframes: Keyframes
+    evidence: Evidence
+    """Of the keyframes."""
+    level_from_world: np.ndarray  # (4, 4)
+    level_from_keys: np.ndarray  # (k, 4, 4) keyframes, loops closed
+
+
 def refine(
     scan: Scan,
     floorplan: Floorplan,
@@ -108,43 +138,39 @@ def refine(
 
     Args:
         scan: posed RGB-D frames.
-        floorplan: wall faces in metres.
+        floorplan: wall faces, in metres or in a unit that is found here.
         options: defaults to what works best.
         work: threads, cache and progress; by default nothing is kept and nothing is said.
 
     Raises:
         ScanError: a file of the scan cannot be used.
-        FloorplanError: the plan is not in metres.
+        FloorplanError: the plan is not in the unit that it claims, or its unit cannot be found.
         OptionError: an option has a value that cannot work.
     """
     options, work = options or RefineOptions(), work or Work()
     require_plain_numbers(options)
     if not scan.fingerprint:
         work = dataclasses.replace(work, cache_dir=None)  # nothing tells one such scan from another
-    clock = _Clock(work)
+    clock = Clock(work)
 
-    with clock.stage("level"):
-        gravity = find_gravity(scan, options.structure.gravity, work)
-    with clock.stage("floor and walls"):
-        structure = extract_structure(scan, gravity, options.structure, work)
-    with clock.stage("matching"):
-        odometry = make_odometry(scan.world_from_cams, options.odometry)
-        matches = find_matches(scan, odometry, options.matching, work)
-
-    rng = np.random.default_rng(options.seed)
-    solving, held_out = checks.hold_out(matches, options.held_out_share, rng)
-    keyframes = choose_keyframes(scan.world_from_cams, options.adjust.keyframes)
-    evidence = reduce_evidence(Evidence(solving, structure, odometry), keyframes)
-    level = level_from_world(gravity, structure.floor_height_m)
+    prepared = prepare(scan, options, work, clock)
+    gravity, structure, matches = prepared.gravity, prepared.structure, prepared.matches
+    held_out, keyframes, evidence = prepared.held_out, prepared.keyframes, prepared.evidence
+    level, level_from_keys = prepared.level_from_world, prepared.level_from_keys
     recorded = level @ scan.world_from_cams
-    with clock.stage("close loops"):
-        level_from_keys = close_loops(
-            evidence, recorded[keyframes.frame_idx], options.adjust
-        ).target_from_cams
     with clock.stage("place on the plan"):
-        claimed = _claimed_place(scan, level)
-        alignment = _place(evidence.structure, level_from_keys, floorplan, options.align, claimed)
+        claimed = _claimed_place(scan, level) if floorplan.is_metric else None
+        alignment = place(prepared, floorplan, options.align, claimed)
         plan_from_level = alignment.plan_from_level if alignment else claimed
+        if not floorplan.is_metric and alignment:
+            floorplan = metric_plan(floorplan, alignment.scale_xy)
+    if alignment is not None and alignment.is_sure and alignment.scale_spread > 0:
+        with clock.stage("refit scale"):
+            on_plan = alignment.plan_from_level @ level_from_keys
+            refit = refit_scale(evidence, floorplan, on_plan, options.adjust)
+            floorplan = floorplan.scaled(refit.factor)
+            alignment = alignment.rescaled(refit.factor, refit.spread, on_plan[:, :2, 3].mean(axis=0))
+            plan_from_level = alignment.plan_from_level
     with clock.stage("pull walls"):
         start = np.eye(4) if plan_from_level is None else plan_from_level
         pulled = pull_walls(evidence, floorplan, start @ level_from_keys, options.adjust)
@@ -170,6 +196,7 @@ def refine(
         ]
     judged = tuple(check for check in found if check)
     return RefineResult(
+        floorplan=floorplan,
         plan_from_cams=after,
         initial_plan_from_cams=before,
         world_from_plan=_world_from_plan(start @ level, before, after),
@@ -188,6 +215,31 @@ def refine(
     )
 
 
+def prepare(scan: Scan, options: RefineOptions, work: Work, clock: "Clock") -> Prepared:
+    """Everything that needs no plan: gravity, floor and walls, matches, closed loops."""
+    with clock.stage("level"):
+        gravity = find_gravity(scan, options.structure.gravity, work)
+    with clock.stage("floor and walls"):
+        structure = extract_structure(scan, gravity, options.structure, work)
+    with clock.stage("matching"):
+        odometry = make_odometry(scan.world_from_cams, options.odometry)
+        matches = find_matches(scan, odometry, options.matching, work)
+
+    rng = np.random.default_rng(options.seed)
+    solving, held_out = checks.hold_out(matches, options.held_out_share, rng)
+    keyframes = choose_keyframes(scan.world_from_cams, options.adjust.keyframes)
+    evidence = reduce_evidence(Evidence(solving, structure, odometry), keyframes)
+    level = level_from_world(gravity, structure.floor_height_m)
+    recorded = level @ scan.world_from_cams
+    with clock.stage("close loops"):
+        level_from_keys = close_loops(
+            evidence, recorded[keyframes.frame_idx], options.adjust
+        ).target_from_cams
+    return Prepared(
+        gravity, structure, matches, held_out, keyframes, evidence, level, level_from_keys
+    )
+
+
 def _claimed_place(scan: Scan, level_from_world: np.ndarray) -> np.ndarray | None:
     """plan_from_level (4, 4) where the scan's format records poses in the plan's axes."""
     if scan.plan_from_world_axes is None:
@@ -197,22 +249,53 @@ def _claimed_place(scan: Scan, level_from_world: np.ndarray) -> np.ndarray | Non
     return claimed
 
 
-def _place(
-    structure: Structure,
-    level_from_cams: np.ndarray,
+def wall_samples(structure: Structure, level_from_cams: np.ndarray) -> WallSamples:
+    """What the alignment is given: pieces of wall, seen from above, and from where."""
+    normals, ends = patches_in_plan(structure, level_from_cams)
+    eyes = level_from_cams[structure.patch_frame_idx][:, :2, 3]
+    return sample_walls(normals, ends, seen_from=eyes)
+
+
+def scan_points(structure: Structure, level_from_cams: np.ndarray) -> np.ndarray:
+    """All points (n, 3) m of floor and walls, level frame, for the paper's alignment."""
+    parts = (
+        (structure.floor_points_cam, structure.floor_frame_idx),
+        (structure.wall_points_cam, structure.wall_frame_idx),
+        (structure.loose_points_cam, structure.loose_frame_idx),
+    )
+    return np.concatenate(
+        [
+            np.einsum("nab,nb->na", level_from_cams[frame][:, :3, :3], points)
+            + level_from_cams[frame][:, :3, 3]
+            for points, frame in parts
+        ]
+    )
+
+
+def place(
+    prepared: Prepared,
     floorplan: Floorplan,
     options: AlignOptions,
-    claimed: np.ndarray | None,
+    claimed: np.ndarray | None = None,
 ) -> Alignment | None:
-    """The scan's place on the plan, by its walls; None where it shows none.
+    """The scan's place on the plan, by its walls; None where it shows none and the plan is in metres.
 
     Raises:
-        FloorplanError: the plan fits in another unit than metres.
+        FloorplanError: the plan fits in another unit than it claims, or its unit cannot be found.
     """
-    if structure.n_patches == 0:
+    walls = wall_samples(prepared.evidence.structure, prepared.level_from_keys)
+    if len(walls.xy) == 0:
+        if not floorplan.is_metric:
+            raise FloorplanError(
+                f"{floorplan.name}: expected a plan with a unit, as the scan shows no wall to find it "
+                "by; give --plan-options.unit or --plan-options.metres-per-unit"
+            )
         return None
-    walls = sample_walls(*patches_in_plan(structure, level_from_cams))
-    alignment = align(walls, floorplan, options, claimed)
+    if options.method == "paper":
+        points = scan_points(prepared.evidence.structure, prepared.level_from_keys)
+        return align_paper(points, walls, floorplan, options, np.random.default_rng(0))
+    pins = place_pins(options.pins, prepared.level_from_world, floorplan)
+    alignment = align(walls, floorplan, options, claimed, pins)
     found = find_unit(walls, floorplan, alignment, options)
     if found is not None:
         raise FloorplanError(
@@ -237,7 +320,7 @@ def _world_from_plan(
     return se3.inverse(plan_from_world) @ se3.make_transform(np.eye(3), lift)
 
 
-class _Clock:
+class Clock:
     """Times stages and reports that they began."""
 
     def __init__(self, work: Work) -> None:

@@ -8,14 +8,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from planfit.align.bend import refine_bent
 from planfit.align.fields import wrap_angle
 from planfit.align.options import AlignOptions
 from planfit.align.pins import Pin, fit_pins, parse_start
-from planfit.align.refine import Fit, RefineSteps, refine_fit, rotation_2d
+from planfit.align.refine import (
+    Fit,
+    RefineSteps,
+    explained,
+    part_covariance,
+    refine_fit,
+    rotation_2d,
+    stretch_scores,
+)
 from planfit.align.scales import scale_range
 from planfit.align.search import Region, search_places
 from planfit.align.turns import candidate_turns
-from planfit.align.verdict import Verdict, is_distinct, judge
+from planfit.align.verdict import Verdict, is_distinct, judge, with_stretches
 from planfit.align.walls import WallSamples, thin
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
@@ -24,8 +33,11 @@ COARSE_SAMPLES, QUICK_SAMPLES, FULL_SAMPLES = 4000, 400, 2500
 """Samples of wall that the three stages look at."""
 FULL_PLACES = 10
 """Places that are refined with all samples."""
-MIRROR_BELOW = 0.9
-"""The mirrored scan is tried where less than this share of wall is explained as drawn."""
+FULL_DISTANCES_M = (1.0, 0.7, 0.5, 0.5, 0.5)
+"""Distances of the last refinement. Narrower ones keep to the part of a bent scan that fits best, wider
+ones take in walls that the plan has elsewhere (0.35 and 1.0 m were tried: more of the battery is off)."""
+CLEAR_SCORE, CLEAR_MARGIN = 0.55, 0.25
+"""From these on, a place is so clear that the mirrored scan cannot be clearly better, and is not tried."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +79,22 @@ class Alignment:
         """Standard deviation of the scale, as a share of it; 0 where it was known."""
         return 0.0 if self.covariance is None else float(np.sqrt(max(self.covariance[3, 3], 0.0)))
 
+    def rescaled(self, factor: float, spread: float, middle_plan: np.ndarray) -> "Alignment":
+        """The same place at a scale times `factor`, now known within `spread` (share) where finite.
+
+        `middle_plan` (2,) m stays at its spot of the drawing.
+        """
+        moved = self.plan_from_level.copy()
+        moved[:2, 3] += (factor - 1.0) * middle_plan
+        covariance = self.covariance
+        if covariance is not None and np.isfinite(spread):
+            # What turn and shift shared with the old error of the scale is gone.
+            covariance = covariance.copy()
+            covariance[3, :] = covariance[:, 3] = 0.0
+            covariance[3, 3] = spread**2
+        scale_xy = (self.scale_xy[0] * factor, self.scale_xy[1] * factor)
+        return replace(self, plan_from_level=moved, scale_xy=scale_xy, covariance=covariance)
+
 
 def align(
     walls: WallSamples,
@@ -95,12 +123,30 @@ def align(
     starts = [] if recorded is None else [Fit(_yaw(recorded), recorded[:2, 3], 0.0)]
     fits = _fits(walls, floorplan, scales, turns, regions, starts, options)
     mirrored = None
-    if fits[0].score < MIRROR_BELOW and not (regions or options.start):
+    if not _is_clear(fits, walls, options) and not regions:
         flipped = walls.mirrored()
         flipped_turns = candidate_turns(flipped, floorplan, options.max_turns)
         mirrored = _fits(flipped, floorplan, scales, flipped_turns, (), [], options)[0]
-    verdict = judge(walls, floorplan, fits, recorded, mirrored, options)
-    return _alignment(verdict)
+    verdict = judge(walls, fits, recorded, mirrored, floorplan.is_metric, options)
+    return _alignment(_settled(verdict, walls, floorplan, _n_scales(floorplan, scales, options)))
+
+
+def _settled(
+    verdict: Verdict, walls: WallSamples, floorplan: Floorplan, n_scales: int
+) -> Verdict:
+    """The verdict with the place that was taken fitted as a bent scan, and judged by stretches of the walk."""
+    samples, weights = thin(walls, FULL_SAMPLES)
+    fit = verdict.taken
+    yaw, shift, scale_xy = refine_bent(samples, weights, floorplan, fit, n_scales)
+    bent = replace(fit, yaw=yaw, shift=shift, scale_xy=scale_xy)
+    score, crossed_share = explained(samples, weights, floorplan, bent)
+    bent = replace(bent, score=score, crossed_share=crossed_share)
+    spread = part_covariance(
+        samples, weights, floorplan, fit, RefineSteps(FULL_DISTANCES_M, n_scales)
+    )
+    return with_stretches(
+        verdict, bent, spread, stretch_scores(samples, weights, floorplan, bent)
+    )
 
 
 def require_walls(walls: WallSamples, floorplan: Floorplan) -> None:
@@ -177,10 +223,10 @@ def _fits(
     """Refined places, best first; the given starts are refined beside those found."""
     coarse, _ = thin(walls, COARSE_SAMPLES)
     places = search_places(coarse, floorplan, scales, turns, options, regions) + starts
-    n_scales = 2 if options.two_scales and not floorplan.is_metric else int(scales[0] < scales[1])
+    n_scales = _n_scales(floorplan, scales, options)
     # The first look holds a scale common to both axes: few samples do not tell two.
     quick = RefineSteps((1.5, 1.0, 0.7, 0.5), min(n_scales, 1))
-    full = RefineSteps((0.7, 0.5, 0.35, 0.35, 0.25, 0.25), n_scales)
+    full = RefineSteps(FULL_DISTANCES_M, n_scales)
     samples, weights = thin(walls, QUICK_SAMPLES)
     fits = [refine_fit(samples, weights, floorplan, place, quick) for place in places]
     fits = [fit for fit in fits if _is_allowed(fit, scales, regions)] or fits[-1:]
@@ -189,6 +235,19 @@ def _fits(
     best = _distinct(fits, samples, options)[:FULL_PLACES]
     refined = [refine_fit(samples, weights, floorplan, fit, full) for fit in best]
     return sorted(refined, key=lambda fit: -fit.score)
+
+
+def _n_scales(floorplan: Floorplan, scales: tuple[float, float], options: AlignOptions) -> int:
+    """Scales to refine: none where it is known exactly."""
+    if options.two_scales and not floorplan.is_metric:
+        return 2
+    return int(scales[0] < scales[1])
+
+
+def _is_clear(fits: list[Fit], walls: WallSamples, options: AlignOptions) -> bool:
+    """Whether the best place stands alone."""
+    rivals = (f.score for f in fits if is_distinct(f, fits[0], walls, options))
+    return fits[0].score >= CLEAR_SCORE and fits[0].score - max(rivals, default=0.0) >= CLEAR_MARGIN
 
 
 def _is_allowed(fit: Fit, scales: tuple[float, float], regions: tuple[Region, ...]) -> bool:

@@ -18,6 +18,9 @@ partitions that do not hide what is behind, so that a crossing is a doubt and no
 READING_M = 1.0
 """Wall of this length counts as one reading in the covariance: errors along a wall are shared (ADR 3)."""
 
+N_STRETCHES = 5
+"""Parts that a walk is cut into, to see whether they agree."""
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -98,12 +101,12 @@ def refine_fit(
         jacobian = np.column_stack(
             [np.sum(across * normal, axis=1), normal, -normal * on_face]
         )
-        jacobian = jacobian @ _free_columns(steps.n_scales)
+        jacobian = jacobian @ free_columns(steps.n_scales)
         weight = weights[ok] / (1.0 + (residual / (0.3 * max_distance_m)) ** 2)
         hessian = jacobian.T @ (jacobian * weight[:, None])
         damping = 1e-6 * weight.sum() * np.eye(len(hessian))
         step = np.linalg.solve(hessian + damping, -jacobian.T @ (weight * residual))
-        spread = float(np.sqrt(weight @ residual**2 / weight.sum()))
+        spread = 1.4826 * float(np.median(np.abs(residual)))
         yaw = float(yaw + step[0])
         factor = np.ones(2)
         if steps.n_scales:
@@ -115,6 +118,58 @@ def refine_fit(
     score, crossed_share = explained(walls, weights, floorplan, place)
     covariance = _covariance(hessian, spread, weights, walls.xy)
     return Fit(yaw, shift, score, place.scale_xy, crossed_share, covariance)
+
+
+def part_covariance(
+    walls: WallSamples,
+    weights: np.ndarray,
+    floorplan: Floorplan,
+    fit: Fit,
+    steps: RefineSteps,
+) -> np.ndarray:
+    """(4, 4) as `Fit.covariance`, from how the fit changes when parts of the walk are left out.
+
+    What the walls leave unsure by their noise is small; what drift bends is not, and is shared along the
+    walk. Leaving out one of `N_STRETCHES` stretches of it at a time shows both (delete-a-group jackknife:
+    Shao and Wu 1989).
+    """
+    part = _stretches(len(walls.xy))
+    middle = weights @ walls.xy / weights.sum()
+    found = []
+    for k in range(N_STRETCHES):
+        kept = np.flatnonzero(part != k)
+        if len(kept) < 3:
+            return np.zeros((4, 4))
+        other = refine_fit(walls.picked(kept), weights[kept], floorplan, fit, steps)
+        found.append(_apart(other, fit, middle))
+    apart = np.array(found) - np.mean(found, axis=0)
+    return (N_STRETCHES - 1) / N_STRETCHES * apart.T @ apart
+
+
+def stretch_scores(
+    walls: WallSamples, weights: np.ndarray, floorplan: Floorplan, place: Fit
+) -> np.ndarray:
+    """Score (N_STRETCHES,) of each stretch of the walk by itself."""
+    part = _stretches(len(walls.xy))
+    scores = [
+        explained(walls.picked(kept), weights[kept], floorplan, place)[0]
+        for kept in (np.flatnonzero(part == k) for k in range(N_STRETCHES))
+        if len(kept)
+    ]
+    return np.array(scores)
+
+
+def _stretches(n: int) -> np.ndarray:
+    """Number (n,) of the stretch that each sample belongs to."""
+    return np.arange(n) * N_STRETCHES // max(n, 1)
+
+
+def _apart(a: Fit, b: Fit, middle: np.ndarray) -> np.ndarray:
+    """Turn (rad), shift (2,) m of the scan's middle on the drawing, and log scale from b to a."""
+    places = [(rotation_2d(f.yaw) @ middle + f.shift) / np.array(f.scale_xy) for f in (a, b)]
+    turn = (a.yaw - b.yaw + np.pi) % (2 * np.pi) - np.pi
+    shift = (places[0] - places[1]) * np.array(b.scale_xy)
+    return np.array([turn, *shift, np.log(a.metres_per_unit / b.metres_per_unit)])
 
 
 def explained(
@@ -152,7 +207,7 @@ def rotation_2d(yaw: float) -> np.ndarray:
     return np.array([[c, -s], [s, c]])
 
 
-def _free_columns(n_scales: int) -> np.ndarray:
+def free_columns(n_scales: int) -> np.ndarray:
     """From (turn, x, y, scale x, scale y) to what is refined: (5, 3 + n_scales)."""
     columns = np.eye(5)
     if n_scales == 2:

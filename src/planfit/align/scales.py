@@ -1,7 +1,10 @@
 """Which scales a plan without unit may have, from what buildings and scans are like."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from planfit.align.refine import scaled_faces
 from planfit.align.walls import WallSamples
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
@@ -27,6 +30,21 @@ def scale_range(walls: WallSamples, floorplan: Floorplan) -> tuple[float, float]
         if by_walls[0] < high and by_walls[1] > low:
             low, high = max(low, by_walls[0]), min(high, by_walls[1])
     return low, max(high, low)
+
+
+def metric_plan(floorplan: Floorplan, scale_xy: tuple[float, float]) -> Floorplan:
+    """The plan in metres, one unit being `scale_xy` long along its x and its y."""
+    x, y = scale_xy
+    even = floorplan.scaled(float(np.sqrt(x * y)))
+    if x == y:
+        return even
+    ends, normals = scaled_faces(floorplan, np.array(scale_xy))
+    openings = None if floorplan.openings is None else floorplan.openings * np.array(scale_xy)
+    source = floorplan.source
+    if source.file_from_plan is not None:
+        unscale = np.diag([1 / x, 1 / y, 1.0])
+        source = replace(source, file_from_plan=source.file_from_plan @ unscale)
+    return replace(even, ends=ends, normals=normals, openings=openings, source=source)
 
 
 def wall_thickness(floorplan: Floorplan) -> np.ndarray:

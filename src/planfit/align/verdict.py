@@ -1,6 +1,6 @@
 """From refined places to an answer: which is taken, how sure it is, and what a user must know."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,12 +9,17 @@ from planfit.align.options import AlignOptions
 from planfit.align.refine import Fit
 from planfit.align.walls import WallSamples
 from planfit.errors import OptionError
-from planfit.floorplan import Floorplan
 
 MAX_PLACES = 4
 """Distinct places that are named."""
 OPEN_M = 0.5
 """A shift that the walls leave this unsure (one standard deviation) is not determined by them."""
+
+BEND_DEG, BEND_M, BEND_SCALE = 0.7, 0.3, 0.01
+"""Parts of the walk that disagree by more (one standard deviation) leave the place weak."""
+MIN_STRETCH = 0.35
+"""A fifth of the walk that the plan explains less of leaves the place weak: half of what right places of
+scans without bends have."""
 
 
 @dataclass(frozen=True)
@@ -32,20 +37,20 @@ class Verdict:
 
 def judge(
     walls: WallSamples,
-    floorplan: Floorplan,
     fits: list[Fit],
     recorded: np.ndarray | None,
     mirrored: Fit | None,
+    is_metric: bool,
     options: AlignOptions,
 ) -> Verdict:
     """Choose among refined places, best first.
 
     Args:
         walls: the samples that were placed.
-        floorplan: the plan, for its name and unit.
         fits: at least one, best first.
         recorded: plan_from_level (4, 4) that the scan's format claims, if it does.
         mirrored: best place of the scan with left and right swapped, if that was tried.
+        is_metric: whether the plan claims metres.
         options: see there.
 
     Raises:
@@ -85,7 +90,7 @@ def judge(
             f"right swapped, {taken.score:.0%} as drawn; mirror the drawing and run again"
         )
     elif is_weak:
-        unit = ", in metres" if floorplan.is_metric else ""
+        unit = ", in metres" if is_metric else ""
         warnings.append(
             f"only {taken.score:.0%} of the scanned wall lies on the plan's faces (at least "
             f"{options.min_score:.0%} expected); is it the plan of this building{unit}?"
@@ -102,6 +107,43 @@ def judge(
         is_mirrored,
         is_sure=not (is_weak or is_ambiguous or is_mirrored or open_words),
         warnings=tuple(warnings),
+    )
+
+
+def with_stretches(
+    verdict: Verdict, taken: Fit, spread: np.ndarray, scores: np.ndarray
+) -> Verdict:
+    """The verdict with the place fitted last, weak where stretches of the walk do not agree with it.
+
+    Args:
+        verdict: so far.
+        taken: the place that was taken, fitted again.
+        spread: (4, 4) as `Fit.covariance`, of leaving out stretches.
+        scores: of each stretch.
+    """
+    larger = np.trace(spread) > np.trace(taken.covariance)
+    taken = replace(taken, covariance=spread if larger else taken.covariance)
+    turn, x, y, scale = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    shift_m = float(np.hypot(x, y))
+    words = []
+    if np.rad2deg(turn) > BEND_DEG or shift_m > BEND_M or scale > BEND_SCALE:
+        words.append(
+            f"weak: parts of the scan fit the plan at places that differ by {np.rad2deg(turn):.1f} deg, "
+            f"{shift_m:.2f} m and {scale:.1%} of scale; the scan is bent, or shows too little wall"
+        )
+    if len(scores) and scores.min() < MIN_STRETCH and not verdict.is_mirrored:
+        k, n = int(np.argmin(scores)), len(scores)
+        words.append(
+            f"weak: of the walk from {k / n:.0%} to {(k + 1) / n:.0%} only {scores[k]:.0%} of the wall "
+            "lies on the plan; the scan is bent there, or the plan shows other walls"
+        )
+    candidates = tuple(taken if fit is verdict.taken else fit for fit in verdict.candidates)
+    return replace(
+        verdict,
+        taken=taken,
+        candidates=candidates,
+        is_sure=verdict.is_sure and not words,
+        warnings=(*verdict.warnings, *words),
     )
 
 

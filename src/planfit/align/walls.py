@@ -11,7 +11,7 @@ from planfit.geometry import segments
 class WallSamples:
     """Scanned wall, seen from above, level frame."""
 
-    xy: np.ndarray  # (m, 2) m, evenly along the pieces of wall
+    xy: np.ndarray  # (m, 2) m, evenly along the pieces of wall, in the order they were seen
     normals: np.ndarray  # (m, 2) unit, towards where it was seen from
     seen_from: np.ndarray | None = None  # (m, 2) m, the camera; None where it is not known
 
@@ -51,7 +51,8 @@ def thin(walls: WallSamples, max_samples: int) -> tuple[WallSamples, np.ndarray]
     """At most about `max_samples`, evenly over the wall, and how much each counts (k,).
 
     Walls that a slow camera saw fifty times would outvote those that it passed once: samples are
-    gathered in cells by place and direction, and a cell counts the square root of its samples.
+    gathered in cells by place and direction, and a cell counts the square root of its samples. The order
+    in time stays.
     """
     cell_m = 0.05
     direction = np.round(np.arctan2(walls.normals[:, 1], walls.normals[:, 0]) / (np.pi / 8))
@@ -61,5 +62,6 @@ def thin(walls: WallSamples, max_samples: int) -> tuple[WallSamples, np.ndarray]
         keys = np.column_stack([place, direction])
         _, first, counts = np.unique(keys, axis=0, return_index=True, return_counts=True)
         if len(first) <= max_samples:
-            return walls.picked(first), np.sqrt(counts)
+            in_time = np.argsort(first)
+            return walls.picked(first[in_time]), np.sqrt(counts[in_time])
         cell_m *= max(1.1, len(first) / max_samples)
