@@ -215,6 +215,30 @@ def refine(
     )
 
 
+def align_scan(
+    scan: Scan,
+    floorplan: Floorplan,
+    options: RefineOptions | None = None,
+    work: Work | None = None,
+) -> tuple[Alignment, WallSamples] | None:
+    """The scan's place on the plan and the walls that it was found by; None where no wall was seen.
+
+    The first half of `refine`: arguments and errors are the same.
+    """
+    options, work = options or RefineOptions(), work or Work()
+    require_plain_numbers(options)
+    if not scan.fingerprint:
+        work = dataclasses.replace(work, cache_dir=None)
+    prepared = prepare(scan, options, work, Clock(work))
+    claimed = None
+    if floorplan.is_metric:
+        claimed = _claimed_place(scan, prepared.level_from_world)
+    alignment = place(prepared, floorplan, options.align, claimed)
+    if alignment is None:
+        return None
+    return alignment, wall_samples(prepared.evidence.structure, prepared.level_from_keys)
+
+
 def prepare(scan: Scan, options: RefineOptions, work: Work, clock: "Clock") -> Prepared:
     """Everything that needs no plan: gravity, floor and walls, matches, closed loops."""
     with clock.stage("level"):

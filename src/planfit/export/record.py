@@ -43,6 +43,9 @@ def make_record(
             "score": alignment.score,
             "runner_up_score": alignment.runner_up.score if alignment.runner_up else None,
             "is_as_recorded": alignment.is_as_recorded,
+            "is_sure": alignment.is_sure,
+            "metres_per_unit_xy": list(alignment.scale_xy),
+            "metres_per_unit_spread_share": alignment.scale_spread,
         },
         "world_from_plan": result.world_from_plan.tolist(),
         "plan_from_world_axes": None

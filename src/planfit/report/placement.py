@@ -1,0 +1,55 @@
+"""A place of the scan on the plan, as a picture: scanned wall over the faces."""
+
+import numpy as np
+
+from planfit.align import Fit, WallSamples
+from planfit.floorplan import Floorplan
+from planfit.report.drawing import AFTER, FONT_PT, INK, PATH, add_axes, new_figure, to_picture
+from planfit.report.overlay import add_legend
+from planfit.report.top_view import Crop, draw_faces, draw_points, draw_scale, set_up_view
+
+WIDTH_IN, LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 9.0, 0.6, 0.15, 0.65, 0.55
+MARGIN = 0.04
+"""Free space around the plan, as a share of its extent."""
+
+
+def draw_place(
+    floorplan: Floorplan, walls: WallSamples, place: Fit, words: str
+) -> bytes:
+    """PNG of scanned wall, placed, over the whole plan.
+
+    Args:
+        floorplan: in metres, at the scale of this place.
+        walls: samples, level frame.
+        place: where they go.
+        words: the title.
+    """
+    turn, shift = place.plan_from_level[:2, :2], place.plan_from_level[:2, 3]
+    xy = walls.xy @ turn.T + shift
+    everything = np.concatenate([floorplan.ends.reshape(-1, 2), xy])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    # A strip of a plan is widened, so that axes and legend have room.
+    size = np.maximum(high - low, 0.25 * (high - low).max()) * (1 + 2 * MARGIN)
+    crop = Crop((low + high - size) / 2, (low + high + size) / 2)
+    axes_width = WIDTH_IN - LEFT_IN - RIGHT_IN
+    if crop.height_per_width > 1.2:
+        axes_width /= crop.height_per_width / 1.2
+    axes_width = max(axes_width, 4.5)
+    axes_height = axes_width * crop.height_per_width
+    figure = new_figure(LEFT_IN + axes_width + RIGHT_IN, BOTTOM_IN + axes_height + TOP_IN)
+    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
+    set_up_view(axes, crop)
+    draw_faces(axes, crop, floorplan.ends)
+    draw_points(axes, crop, xy, AFTER)
+    entries = [("plan", INK, "-"), ("scanned wall", AFTER, "s")]
+    if walls.seen_from is not None:
+        eyes = walls.seen_from @ turn.T + shift
+        axes.plot(eyes[:, 0], eyes[:, 1], ".", color=PATH, markersize=2.0, zorder=5)
+        entries.append(("cameras", PATH, "s"))
+    draw_scale(axes, crop)
+    add_legend(axes, entries)
+    axes.text(
+        0.0, 1.0 + 0.28 / axes_height, words, transform=axes.transAxes, fontsize=FONT_PT,
+        fontweight="bold", color=INK, va="bottom",
+    )  # fmt: skip
+    return to_picture(figure).png
