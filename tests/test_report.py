@@ -13,6 +13,7 @@ from planfit import checks
 from planfit.adjust import WallsPulled
 from planfit.adjust.association import Association
 from planfit.adjust.solver import Cost, Solution, Stop
+from builders import room_plan
 from planfit.align import Alignment
 from planfit.align.refine import Fit
 from planfit.checks import Check
@@ -97,6 +98,7 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
         Check("wall points within 0.1 m of the plan", 0.5, 1.0, "share", False),
     )
     return RefineResult(
+        floorplan=room_plan(),
         plan_from_cams=plan_from_cams,
         initial_plan_from_cams=initial,
         world_from_plan=np.eye(4),

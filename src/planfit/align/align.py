@@ -24,7 +24,7 @@ from planfit.align.refine import (
 from planfit.align.scales import scale_range
 from planfit.align.search import Region, search_places
 from planfit.align.turns import candidate_turns
-from planfit.align.verdict import Verdict, is_distinct, judge, with_stretches
+from planfit.align.verdict import Stretches, Verdict, is_distinct, judge, with_stretches
 from planfit.align.walls import WallSamples, thin
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
@@ -137,16 +137,16 @@ def _settled(
     """The verdict with the place that was taken fitted as a bent scan, and judged by stretches of the walk."""
     samples, weights = thin(walls, FULL_SAMPLES)
     fit = verdict.taken
-    yaw, shift, scale_xy = refine_bent(samples, weights, floorplan, fit, n_scales)
-    bent = replace(fit, yaw=yaw, shift=shift, scale_xy=scale_xy)
+    place = refine_bent(samples, weights, floorplan, fit, n_scales)
+    bent = replace(fit, yaw=place.yaw, shift=place.shift, scale_xy=place.scale_xy)
     score, crossed_share = explained(samples, weights, floorplan, bent)
     bent = replace(bent, score=score, crossed_share=crossed_share)
     spread = part_covariance(
         samples, weights, floorplan, fit, RefineSteps(FULL_DISTANCES_M, n_scales)
     )
-    return with_stretches(
-        verdict, bent, spread, stretch_scores(samples, weights, floorplan, bent)
-    )
+    scores = stretch_scores(samples, weights, floorplan, bent)
+    stretches = Stretches(spread, scores, place.bend_m, walls.extent_m)
+    return with_stretches(verdict, bent, stretches)
 
 
 def require_walls(walls: WallSamples, floorplan: Floorplan) -> None:

@@ -5,6 +5,8 @@ shift a little against its neighbours, so that all of its walls find their faces
 rigid motion that is nearest to where they all lie.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from planfit.align.refine import Fit, free_columns, rotation_2d, scaled_faces
@@ -18,13 +20,25 @@ BEND_M, BEND_RAD = 0.2, np.deg2rad(1.0)
 """Spread of the motion from one knot to the next: what closing loops leaves of two per cent drift."""
 SIGMA_M = 0.15
 """Spread of wall about its face."""
-DISTANCES_M = (0.8, 0.7, 0.6, 0.5, 0.5, 0.5)
+DISTANCES_M = (0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.3, 0.3)
+
+
+@dataclass(frozen=True)
+class BentPlace:
+    """The place of a bent scan as a whole."""
+
+    yaw: float  # rad
+    shift: np.ndarray  # (2,) m
+    scale_xy: tuple[float, float]
+    """Metres of one unit of the plan, along its x and its y."""
+    bend_m: float
+    """RMS distance of the scan's walls from where they lie when it may bend."""
 
 
 def refine_bent(
     walls: WallSamples, weights: np.ndarray, floorplan: Floorplan, fit: Fit, n_scales: int
-) -> tuple[float, np.ndarray, tuple[float, float]]:
-    """Turn (rad), shift (2,) m and scales nearest to a scan that was allowed to bend.
+) -> BentPlace:
+    """The place nearest to a scan that was allowed to bend.
 
     Args:
         walls: (m) samples in the order they were seen, level frame.
@@ -79,7 +93,9 @@ def refine_bent(
             scale, middle = scale * factor, middle * factor
     xy, _, _ = _bent(walls.xy, centre, fit.yaw, middle, hats @ knots)
     yaw, shift = _nearest_rigid(walls.xy, xy, weights)
-    return yaw, shift, (float(scale[0]), float(scale[1]))
+    off = np.sum((xy - walls.xy @ rotation_2d(yaw).T - shift) ** 2, axis=1)
+    bend_m = float(np.sqrt(weights @ off / weights.sum()))
+    return BentPlace(yaw, shift, (float(scale[0]), float(scale[1])), bend_m)
 
 
 def _hats(m: int) -> np.ndarray:

@@ -229,5 +229,7 @@ def _covariance(
     cells = np.unique(np.round(xy / READING_M).astype(int), axis=0)
     per_reading = hessian[:n, :n] * (len(cells) / weights.sum())
     sigma_m = max(spread_m, 0.01)
-    covariance[:n, :n] = sigma_m**2 * np.linalg.pinv(per_reading, hermitian=True)
+    # What no wall holds gets a wide spread, not none.
+    per_reading = per_reading + 1e-4 * np.eye(n)
+    covariance[:n, :n] = sigma_m**2 * np.linalg.inv(per_reading)
     return covariance

@@ -17,6 +17,8 @@ OPEN_M = 0.5
 
 BEND_DEG, BEND_M, BEND_SCALE = 0.7, 0.3, 0.01
 """Parts of the walk that disagree by more (one standard deviation) leave the place weak."""
+BEND_SHARE = 0.005
+"""A scan bent by more of its size has no place within a degree: this is a degree over its half."""
 MIN_STRETCH = 0.35
 """A fifth of the walk that the plan explains less of leaves the place weak: half of what right places of
 scans without bends have."""
@@ -33,6 +35,18 @@ class Verdict:
     is_mirrored: bool
     is_sure: bool
     warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """How far parts of the walk agree with the place of the whole."""
+
+    spread: np.ndarray  # (4, 4) as `Fit.covariance`, of leaving out stretches
+    scores: np.ndarray  # (k,) of each stretch
+    bend_m: float
+    """RMS distance of the walls from where they lie when the scan may bend."""
+    extent_m: float
+    """Size of the scan."""
 
 
 def judge(
@@ -110,17 +124,9 @@ def judge(
     )
 
 
-def with_stretches(
-    verdict: Verdict, taken: Fit, spread: np.ndarray, scores: np.ndarray
-) -> Verdict:
-    """The verdict with the place fitted last, weak where stretches of the walk do not agree with it.
-
-    Args:
-        verdict: so far.
-        taken: the place that was taken, fitted again.
-        spread: (4, 4) as `Fit.covariance`, of leaving out stretches.
-        scores: of each stretch.
-    """
+def with_stretches(verdict: Verdict, taken: Fit, stretches: Stretches) -> Verdict:
+    """The verdict with the place fitted last, weak where stretches of the walk do not agree with it."""
+    spread, scores = stretches.spread, stretches.scores
     larger = np.trace(spread) > np.trace(taken.covariance)
     taken = replace(taken, covariance=spread if larger else taken.covariance)
     turn, x, y, scale = np.sqrt(np.maximum(np.diag(spread), 0.0))
@@ -136,6 +142,11 @@ def with_stretches(
         words.append(
             f"weak: of the walk from {k / n:.0%} to {(k + 1) / n:.0%} only {scores[k]:.0%} of the wall "
             "lies on the plan; the scan is bent there, or the plan shows other walls"
+        )
+    if stretches.bend_m > BEND_SHARE * stretches.extent_m and not words:
+        words.append(
+            f"weak: the walls fit the plan only when the scan is bent by {stretches.bend_m:.2f} m over "
+            f"{stretches.extent_m:.0f} m; drift is left that no loop has closed"
         )
     candidates = tuple(taken if fit is verdict.taken else fit for fit in verdict.candidates)
     return replace(
