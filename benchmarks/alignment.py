@@ -93,7 +93,7 @@ def battery(arguments: argparse.Namespace) -> None:
             )
     print(f"{'':34}search   paper")
     groups = {
-        "all": lambda row: True,
+        "all": lambda _: True,
         "scale known": lambda row: row["is_scale_known"],
         "scale unknown": lambda row: not row["is_scale_known"],
         "coverage 25 to 50 %": lambda row: row["coverage"] < 0.5,

@@ -31,7 +31,9 @@ class Case:
 
     walls: WallSamples
     residual_m: float  # RMS distance of the bent scan from its best rigid place
-    cloud: np.ndarray  # (n, 3) m, level frame: points of wall, furniture and floor, for the paper's method
+    cloud: (
+        np.ndarray
+    )  # (n, 3) m, level frame: points of wall, furniture and floor, for the paper's method
     floorplan: Floorplan  # turned and scaled; in metres or without unit
     plan_from_level: np.ndarray  # (3, 3) true place of the middle of the scan, plan in metres
     metres_per_unit: float
@@ -331,7 +333,7 @@ def _spoilt(building: Building, share: float, rng: np.random.Generator) -> np.nd
         is_partner = (normals @ normals[i] < -0.99) & (behind > 0) & (behind < 0.6)
         along = (ends[i, 1] - ends[i, 0]) / lengths[i]
         at = (ends.mean(axis=1) - ends[i, 0]) @ along
-        wall = np.flatnonzero(is_partner & (at > 0) & (at < lengths[i])).tolist() + [int(i)]
+        wall = [*np.flatnonzero(is_partner & (at > 0) & (at < lengths[i])), i]
         if rng.random() < 0.5:
             gone[wall] = True
         else:

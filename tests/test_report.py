@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from builders import room_plan
 from planfit import checks
 from planfit.adjust import WallsPulled
 from planfit.adjust.association import Association
 from planfit.adjust.solver import Cost, Solution, Stop
-from builders import room_plan
 from planfit.align import Alignment
 from planfit.align.refine import Fit
 from planfit.checks import Check

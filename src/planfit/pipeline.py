@@ -12,8 +12,8 @@ from planfit import checks
 from planfit.adjust import (
     AdjustOptions,
     Evidence,
-    WallsPulled,
     Keyframes,
+    WallsPulled,
     choose_keyframes,
     close_loops,
     follow_keyframes,
@@ -169,7 +169,9 @@ def refine(
             on_plan = alignment.plan_from_level @ level_from_keys
             refit = refit_scale(evidence, floorplan, on_plan, options.adjust)
             floorplan = floorplan.scaled(refit.factor)
-            alignment = alignment.rescaled(refit.factor, refit.spread, on_plan[:, :2, 3].mean(axis=0))
+            alignment = alignment.rescaled(
+                refit.factor, refit.spread, on_plan[:, :2, 3].mean(axis=0)
+            )
             plan_from_level = alignment.plan_from_level
     with clock.stage("pull walls"):
         start = np.eye(4) if plan_from_level is None else plan_from_level
@@ -353,6 +355,7 @@ class Clock:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
+        """Time what is done inside."""
         self._work.report(name, 0, 0)
         begin = time.perf_counter()
         yield

@@ -46,7 +46,7 @@ def test_pins_with_a_known_scale_keep_it():
 
 def test_pins_that_disagree_are_named():
     pins = pins_of(0.5, 1.0, [0, 0], [[0, 0], [9, 1], [5, 5], [0, 9]])
-    wrong = (*pins[:2], Pin(pins[2].level_xy, pins[2].plan_xy + [6.0, 0]), pins[3])
+    wrong = (*pins[:2], Pin(pins[2].level_xy, pins[2].plan_xy + np.array([6.0, 0])), pins[3])
     words = r"^align\.pins: expected pins that agree within 1 m, found number 3 off by \d\.\d\d m; check"
     with pytest.raises(OptionError, match=words):
         fit_pins(wrong, 1.0, 1.0)
@@ -57,7 +57,9 @@ def test_pins_at_one_point_are_refused():
         fit_pins(pins_of(0.0, 1.0, [0, 0], [[1, 1], [1, 1]]), None, 1.0)
 
 
-@pytest.mark.parametrize("text", ["1,2,3", "1,2=3,4", "1,2,3=4,5,6", "a,b,c=d,e", "1,2,nan=3,4", ""])
+@pytest.mark.parametrize(
+    "text", ["1,2,3", "1,2=3,4", "1,2,3=4,5,6", "a,b,c=d,e", "1,2,nan=3,4", ""]
+)
 def test_a_pin_of_another_form_is_refused(text):
     with pytest.raises(OptionError) as error:
         AlignOptions(pins=(text,))
@@ -71,5 +73,7 @@ def test_a_start_is_metres_and_degrees():
     shift, yaw = parse_start("1.5,-2,90")
     assert_allclose(shift, [1.5, -2.0])
     assert yaw == pytest.approx(np.pi / 2)
-    with pytest.raises(OptionError, match=r"^align\.start: expected x,y,turn \(metres, metres, degrees\), "):
+    with pytest.raises(
+        OptionError, match=r"^align\.start: expected x,y,turn \(metres, metres, degrees\), "
+    ):
         AlignOptions(start="1,2")

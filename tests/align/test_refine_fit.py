@@ -63,9 +63,7 @@ def test_nearest_faces_against_one_sample_at_a_time(rng):
     xy = rng.uniform(0, 10, (200, 2))
     angle = rng.uniform(0, 2 * np.pi, 200)
     normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    distance, face = nearest_faces(
-        xy, normals, plan.ends, plan.normals, plan.is_oriented, 1.0
-    )
+    distance, face = nearest_faces(xy, normals, plan.ends, plan.normals, plan.is_oriented, 1.0)
     expected = np.full(200, -1)
     for m in range(200):
         best = 1.0
@@ -100,7 +98,10 @@ def test_two_scales_are_refined_apart(samples):
 
 def test_a_known_scale_stays(samples):
     plan = replace(room_plan(), ends=room_plan().ends * 40.0)
-    assert refined(samples, plan, 0.0, [0, 0], n_scales=0, scale=0.0252).scale_xy == (0.0252, 0.0252)
+    assert refined(samples, plan, 0.0, [0, 0], n_scales=0, scale=0.0252).scale_xy == (
+        0.0252,
+        0.0252,
+    )
 
 
 def test_wall_seen_through_a_face_counts_less(samples):
@@ -149,7 +150,11 @@ def test_leaving_out_stretches_shows_a_bend(samples):
     xy = samples.xy.copy()
     xy[: len(xy) // 3] += [0.0, 0.25]
     bent = part_covariance(
-        replace(samples, xy=xy), np.ones(len(xy)), room_plan(), Fit(0.0, np.zeros(2), 0.0), RefineSteps()
+        replace(samples, xy=xy),
+        np.ones(len(xy)),
+        room_plan(),
+        Fit(0.0, np.zeros(2), 0.0),
+        RefineSteps(),
     )
     assert np.sqrt(np.trace(straight)) < 0.01
     assert np.sqrt(np.trace(bent)) > 0.03
@@ -167,7 +172,8 @@ def test_stretch_scores_point_at_the_stretch_that_does_not_fit(samples):
 def test_thinning_keeps_the_order_and_tempers_what_was_seen_often(samples):
     often = WallSamples(np.tile(samples.xy[:1], (100, 1)), np.tile(samples.normals[:1], (100, 1)))
     both = WallSamples(
-        np.concatenate([samples.xy[5:], often.xy]), np.concatenate([samples.normals[5:], often.normals])
+        np.concatenate([samples.xy[5:], often.xy]),
+        np.concatenate([samples.normals[5:], often.normals]),
     )
     thinned, weights = thin(both, 1000)
     assert_array_equal(thinned.xy[:-1], samples.xy[5:])

@@ -102,7 +102,7 @@ def twins():
     """Two equal L-shaped rooms, one of them with a wall across its middle."""
     shape = np.array([[0, 0], [9, 0], [9, 4], [5, 4], [5, 7], [0, 7]], dtype=float)
     across = [[14.0, 0.6], [14.0, 3.4]], [[14.2, 3.4], [14.2, 0.6]]
-    left, right = faces_plan(shape), faces_plan(shape + [10.0, 0.0])
+    left, right = faces_plan(shape), faces_plan(shape + np.array([10.0, 0.0]))
     ends = np.concatenate([left.ends, right.ends, np.array(across)])
     normals = np.concatenate([left.normals, right.normals, [[-1.0, 0.0], [1.0, 0.0]]])
     return Floorplan("twins", ends, normals, np.ones(len(ends), dtype=bool))
@@ -293,12 +293,16 @@ def test_a_plan_in_metres_is_not_questioned(office, scan):
 
 def test_no_wall_is_refused(office):
     nothing = sample_walls(np.zeros((0, 2)), np.zeros((0, 2, 2)))
-    with pytest.raises(ScanError, match=r"^the scan: expected pieces of wall to place it by, found none; "):
+    with pytest.raises(
+        ScanError, match=r"^the scan: expected pieces of wall to place it by, found none; "
+    ):
         align(nothing, office, AlignOptions())
 
 
 def test_a_plan_with_a_single_wall_is_refused(scan):
-    plan = Floorplan("one.svg", np.array([[[0.0, 0], [5, 0]]]), np.array([[0.0, 1]]), np.array([True]))
+    plan = Floorplan(
+        "one.svg", np.array([[[0.0, 0], [5, 0]]]), np.array([[0.0, 1]]), np.array([True])
+    )
     words = r"^one\.svg: expected at least 3 wall faces to place a scan by, found 1; is it the right layer"
     with pytest.raises(FloorplanError, match=words):
         align(scan, plan, AlignOptions())

@@ -131,10 +131,8 @@ def align(
     return _alignment(_settled(verdict, walls, floorplan, _n_scales(floorplan, scales, options)))
 
 
-def _settled(
-    verdict: Verdict, walls: WallSamples, floorplan: Floorplan, n_scales: int
-) -> Verdict:
-    """The verdict with the place that was taken fitted as a bent scan, and judged by stretches of the walk."""
+def _settled(verdict: Verdict, walls: WallSamples, floorplan: Floorplan, n_scales: int) -> Verdict:
+    """The verdict with the taken place fitted as a bent scan, and judged by stretches of the walk."""
     samples, weights = thin(walls, FULL_SAMPLES)
     fit = verdict.taken
     place = refine_bent(samples, weights, floorplan, fit, n_scales)

@@ -18,7 +18,6 @@ from planfit.align.scales import metric_plan
 from planfit.align.walls import WallSamples, thin
 from planfit.errors import ScanError
 from planfit.floorplan import Floorplan
-from planfit.geometry import segments
 
 FLOOR_BIN_M, FLOOR_CLEAR_M = 0.05, 0.2
 """Bins of the height histogram, and how far above its peak points still count as floor."""
@@ -69,9 +68,7 @@ def align_paper(
     normals = horizontal_normals(boundary)
     main, share = main_direction(normals)
     of_plan = _plan_direction(floorplan)
-    places = [
-        _place(boundary, floorplan, of_plan - main + k * np.pi / 2, rng) for k in range(4)
-    ]
+    places = [_place(boundary, floorplan, of_plan - main + k * np.pi / 2, rng) for k in range(4)]
     places.sort(key=lambda place: place.distance_m)
     warnings = _broken_assumptions(places, boundary, floorplan, share)
     samples, weights = thin(walls, 2500)
@@ -105,13 +102,13 @@ def boundary_scan(points_level: np.ndarray) -> np.ndarray:
     outliers allows us to remove the furniture."
     """
     height = points_level[:, 2]
-    n_bins = max(1, int(np.ceil(np.ptp(height) / FLOOR_BIN_M)))
-    counts, edges = np.histogram(height, n_bins)
-    floor = edges[np.argmax(counts)]
+    levels, counts = np.unique(np.floor(height / FLOOR_BIN_M), return_counts=True)
+    floor = FLOOR_BIN_M * (levels[np.argmax(counts)] + 0.5)
     above = points_level[height > floor + FLOOR_CLEAR_M]
     if len(above) <= N_NEIGHBOURS:
         return above
-    distance = cKDTree(above[:, :2]).query(above[:, :2], N_NEIGHBOURS + 1)[0][:, 1:].mean(axis=1)
+    near = np.asarray(cKDTree(above[:, :2]).query(above[:, :2], N_NEIGHBOURS + 1)[0])
+    distance = near[:, 1:].mean(axis=1)
     return above[distance < distance.mean() + 2 * distance.std()]
 
 
@@ -140,7 +137,7 @@ def main_direction(normals: np.ndarray) -> tuple[float, float]:
     """Angle (rad) of the most frequent pair of orthogonal directions, and the share of normals near it."""
     angle = np.rad2deg(np.arctan2(normals[:, 1], normals[:, 0])) % 90.0
     bins = np.bincount(np.round(angle).astype(int) % 90, minlength=90)
-    smooth = sum(np.roll(bins, k) for k in range(-2, 3))
+    smooth = np.sum([np.roll(bins, k) for k in range(-2, 3)], axis=0)
     peak = int(np.argmax(smooth))
     off = (angle - peak + 45.0) % 90.0 - 45.0
     near = np.abs(off) < 3.0
@@ -174,7 +171,7 @@ def _place(
     heights = float(boundary[:, 2].min()), float(boundary[:, 2].max())
     model = floorplan_3d(metric_plan(floorplan, scale_xy), *heights, rng)
     placed = np.column_stack([xy + shift, boundary[:, 2]])
-    distance = float(cKDTree(model).query(placed)[0].mean())
+    distance = float(np.mean(cKDTree(model).query(placed)[0]))
     return PaperPlace(Fit(yaw, shift, 0.0, scale_xy), distance)
 
 

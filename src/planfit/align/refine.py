@@ -98,9 +98,7 @@ def refine_fit(
         # About the middle of the scan, so that turn, shift and scale barely mix. A scale moves the
         # face away from the middle, which itself stays where it is on the drawing.
         across = np.stack([-lever[ok, 1], lever[ok, 0]], axis=1)
-        jacobian = np.column_stack(
-            [np.sum(across * normal, axis=1), normal, -normal * on_face]
-        )
+        jacobian = np.column_stack([np.sum(across * normal, axis=1), normal, -normal * on_face])
         jacobian = jacobian @ free_columns(steps.n_scales)
         weight = weights[ok] / (1.0 + (residual / (0.3 * max_distance_m)) ** 2)
         hessian = jacobian.T @ (jacobian * weight[:, None])

@@ -6,7 +6,6 @@ import numpy as np
 
 from planfit.align.fields import ShiftSearch, make_face_fields
 from planfit.align.options import AlignOptions
-from planfit.align.pins import Pin
 from planfit.align.refine import Fit, rotation_2d
 from planfit.align.scales import scale_steps
 from planfit.align.walls import WallSamples

@@ -158,9 +158,7 @@ def with_stretches(verdict: Verdict, taken: Fit, stretches: Stretches) -> Verdic
     )
 
 
-def distinct_places(
-    fits: list[Fit], walls: WallSamples, options: AlignOptions
-) -> tuple[Fit, ...]:
+def distinct_places(fits: list[Fit], walls: WallSamples, options: AlignOptions) -> tuple[Fit, ...]:
     """The best fit of each place, best first."""
     kept: list[Fit] = []
     for fit in fits:

@@ -5,7 +5,7 @@ import numpy as np
 from planfit.align import Fit, WallSamples
 from planfit.floorplan import Floorplan
 from planfit.report.drawing import AFTER, FONT_PT, INK, PATH, add_axes, new_figure, to_picture
-from planfit.report.overlay import add_legend
+from planfit.report.overlay import Entry, add_legend
 from planfit.report.top_view import Crop, draw_faces, draw_points, draw_scale, set_up_view
 
 WIDTH_IN, LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 9.0, 0.6, 0.15, 0.65, 0.55
@@ -13,9 +13,7 @@ MARGIN = 0.04
 """Free space around the plan, as a share of its extent."""
 
 
-def draw_place(
-    floorplan: Floorplan, walls: WallSamples, place: Fit, words: str
-) -> bytes:
+def draw_place(floorplan: Floorplan, walls: WallSamples, place: Fit, words: str) -> bytes:
     """PNG of scanned wall, placed, over the whole plan.
 
     Args:
@@ -41,7 +39,7 @@ def draw_place(
     set_up_view(axes, crop)
     draw_faces(axes, crop, floorplan.ends)
     draw_points(axes, crop, xy, AFTER)
-    entries = [("plan", INK, "-"), ("scanned wall", AFTER, "s")]
+    entries: list[Entry] = [("plan", INK, "-"), ("scanned wall", AFTER, "s")]
     if walls.seen_from is not None:
         eyes = walls.seen_from @ turn.T + shift
         axes.plot(eyes[:, 0], eyes[:, 1], ".", color=PATH, markersize=2.0, zorder=5)
