@@ -12,9 +12,9 @@ from planfit.geometry import segments
 N_SECTORS = 8
 """Directions of 45 degrees each: opposite faces of one wall never share a field."""
 
-MAX_CELLS = 500_000
-"""Bounds time and memory: eight fields and their spectra of this many cells take 50 MB, and a search
-of one turn 0.1 s."""
+MAX_CELLS = 300_000
+"""Bounds time and memory: eight fields and their spectra of this many cells take 30 MB, and all
+shifts of one turn 15 ms."""
 
 FREE_WEIGHT = 0.5
 """A face in seen free space costs this much of a wall of its length: more than chance matches gain, and

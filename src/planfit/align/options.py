@@ -20,7 +20,7 @@ class AlignOptions:
     """A wall this far from its face still scores 0.6 in the coarse search; covers leftover drift. At
     least one and a half cells."""
     max_turns: int = 8
-    """Turns that are tried, best agreement of wall directions first."""
+    """Most turns that are tried, best agreement of wall directions first."""
     max_candidates: int = 48
     """Places of the coarse search that are refined."""
     distinct_m: float = 1.0

@@ -5,11 +5,15 @@ import numpy as np
 from planfit.align.walls import WallSamples
 from planfit.floorplan import Floorplan
 
+MIN_AGREEMENT = 0.35
+"""Turns that agree less than this share of the best are not tried: most buildings have four that do, and
+the others only take time."""
+
 
 def candidate_turns(walls: WallSamples, floorplan: Floorplan, max_turns: int) -> np.ndarray:
     """Turns (t,) rad, plan from level, at which wall directions agree, best first.
 
-    Circular correlation of the two length-weighted histograms of normals, one-degree bins. A face
+    Fewer than `max_turns` where the others agree far less. Circular correlation of the two length-weighted histograms of normals, one-degree bins. A face
     whose free side is unknown counts half for either side.
     """
     of_scan = _direction_histogram(walls.normals, np.ones(len(walls.normals)))
@@ -23,7 +27,7 @@ def candidate_turns(walls: WallSamples, floorplan: Floorplan, max_turns: int) ->
     for degree in np.argsort(-agreement):
         if all(min((degree - t) % 360, (t - degree) % 360) >= 8 for t in turns):
             turns.append(int(degree))
-        if len(turns) == max_turns:
+        if len(turns) == max_turns or agreement[degree] < MIN_AGREEMENT * agreement.max():
             break
     return np.deg2rad(turns)
 
