@@ -13,8 +13,9 @@ the others only take time."""
 def candidate_turns(walls: WallSamples, floorplan: Floorplan, max_turns: int) -> np.ndarray:
     """Turns (t,) rad, plan from level, at which wall directions agree, best first.
 
-    Fewer than `max_turns` where the others agree far less. Circular correlation of the two length-weighted histograms of normals, one-degree bins. A face
-    whose free side is unknown counts half for either side.
+    Circular correlation of the two length-weighted histograms of normals, one-degree bins; fewer than
+    `max_turns` where the others agree far less. A face whose free side is unknown counts half for
+    either side.
     """
     of_scan = _direction_histogram(walls.normals, np.ones(len(walls.normals)))
     weight = floorplan.lengths * np.where(floorplan.is_oriented, 1.0, 0.5)

@@ -109,7 +109,7 @@ def judge(
             f"only {taken.score:.0%} of the scanned wall lies on the plan's faces (at least "
             f"{options.min_score:.0%} expected); is it the plan of this building{unit}?"
         )
-    if runner_up is not None and is_close:
+    if runner_up is not None and is_close and not is_mirrored:
         warnings.append(_close_words(taken, runner_up, walls, is_as_recorded, is_ambiguous))
     open_words = _open_words(taken)
     warnings += open_words
