@@ -314,7 +314,7 @@ def place(
         if not floorplan.is_metric:
             raise FloorplanError(
                 f"{floorplan.name}: expected a plan with a unit, as the scan shows no wall to find it "
-                "by; give --plan-options.unit or --plan-options.metres-per-unit"
+                "by; give it with --unit or --scale"
             )
         return None
     if options.method == "paper":
