@@ -10,7 +10,7 @@ from planfit.adjust.terms.walls import WallOptions
 from planfit.align import AlignOptions
 from planfit.errors import OptionError
 from planfit.matching import MatchingOptions
-from planfit.pipeline import RefineOptions
+from planfit.options import RefineOptions
 from planfit.scan.odometry import OdometryOptions
 from planfit.structure import StructureOptions
 from planfit.work import Work

@@ -102,6 +102,7 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
         Check("wall points within 0.1 m of the plan", 0.5, 1.0, "share", False),
     )
     return RefineResult(
+        floorplan=room_plan(),
         plan_from_cams=plan_from_cams,
         initial_plan_from_cams=initial,
         world_from_plan=np.eye(4),

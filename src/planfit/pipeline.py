@@ -1,10 +1,7 @@
 """The method on one screen: from a posed scan and a floorplan to poses that fit the plan."""
 
 import dataclasses
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,64 +10,31 @@ from planfit.adjust import (
     AdjustOptions,
     Evidence,
     WallsPulled,
-    choose_keyframes,
-    close_loops,
     costs,
     follow_keyframes,
     pull_walls,
-    reduce_evidence,
+    refit_scale,
 )
-from planfit.adjust.association import pieces_in_plan
-from planfit.align import Alignment, AlignOptions, align, find_unit, sample_walls
+from planfit.align import Alignment, metric_plan
 from planfit.doubts import fit_doubts, scan_doubts
-from planfit.errors import FloorplanError, OptionError, require_plain_numbers
+from planfit.errors import require_plain_numbers
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.matching import Matches, MatchingOptions, find_matches
+from planfit.matching import Matches
+from planfit.options import RefineOptions
+from planfit.place import claimed_place, place
+from planfit.prepare import Clock, prepare
 from planfit.scan import Scan
-from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.structure import (
-    Gravity,
-    Structure,
-    StructureOptions,
-    extract_structure,
-    find_gravity,
-    level_from_world,
-)
+from planfit.structure import Gravity, Structure
 from planfit.work import Work
-
-
-@dataclass(frozen=True)
-class RefineOptions:
-    """Everything that can be chosen about a run."""
-
-    odometry: OdometryOptions = field(default_factory=OdometryOptions)
-    """How far the recorded motion may be off."""
-    structure: StructureOptions = field(default_factory=StructureOptions)
-    """Gravity, floor and walls in the scan."""
-    matching: MatchingOptions = field(default_factory=MatchingOptions)
-    """Keypoint matches between frames."""
-    align: AlignOptions = field(default_factory=AlignOptions)
-    """The scan's place on the plan."""
-    adjust: AdjustOptions = field(default_factory=AdjustOptions)
-    """The bundle adjustment."""
-    held_out_share: float = 0.1
-    """Share of matches kept out of the solve, to check that it did not make things worse."""
-    seed: int = 0
-    """Seed of that choice."""
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.held_out_share <= 0.5:
-            raise OptionError(
-                f"held_out_share: expected 0 to 0.5, found {self.held_out_share}; what is held out "
-                "takes no part in the solve"
-            )
 
 
 @dataclass(frozen=True)
 class RefineResult:
     """Refined poses, and all that is needed to judge them."""
 
+    floorplan: Floorplan
+    """The plan in metres, at the scale that was found where it had no unit."""
     plan_from_cams: np.ndarray  # (n, 4, 4) refined
     initial_plan_from_cams: np.ndarray  # (n, 4, 4) recorded poses, placed on the plan as a whole
     world_from_plan: np.ndarray  # (4, 4) back to the scan's own axes and height
@@ -109,45 +73,41 @@ def refine(
 
     Args:
         scan: posed RGB-D frames.
-        floorplan: wall faces in metres.
+        floorplan: wall faces, in metres or in a unit that is found here.
         options: defaults to what works best.
         work: threads, cache and progress; by default nothing is kept and nothing is said.
 
     Raises:
         ScanError: a file of the scan cannot be used.
-        FloorplanError: the plan is not in metres.
+        FloorplanError: the plan is not in the unit that it claims, or its unit cannot be found.
         OptionError: an option has a value that cannot work.
     """
     options, work = options or RefineOptions(), work or Work()
     require_plain_numbers(options)
     if not scan.fingerprint:
         work = dataclasses.replace(work, cache_dir=None)  # nothing tells one such scan from another
-    clock = _Clock(work)
+    clock = Clock(work)
 
-    with clock.stage("level"):
-        gravity = find_gravity(scan, options.structure.gravity, work)
-    with clock.stage("floor and walls"):
-        structure = extract_structure(scan, gravity, options.structure, work)
-    with clock.stage("matching"):
-        odometry = make_odometry(scan.world_from_cams, options.odometry)
-        matches = find_matches(scan, odometry, options.matching, work)
-
-    rng = np.random.default_rng(options.seed)
-    solving, held_out = checks.hold_out(matches, options.held_out_share, rng)
-    keyframes = choose_keyframes(scan.world_from_cams, options.adjust.keyframes)
-    evidence = reduce_evidence(Evidence(solving, structure, odometry, scan.cameras), keyframes)
-    level = level_from_world(gravity, structure.floor_height_m)
+    prepared = prepare(scan, options, work, clock)
+    gravity, structure, matches = prepared.gravity, prepared.structure, prepared.matches
+    held_out, keyframes, evidence = prepared.held_out, prepared.keyframes, prepared.evidence
+    level, level_from_keys = prepared.level_from_world, prepared.level_from_keys
     recorded = level @ scan.world_from_cams
-    with clock.stage("close loops"):
-        level_from_keys = recorded[keyframes.frame_idx]
-        if options.adjust.loops_first:
-            level_from_keys = close_loops(
-                evidence, level_from_keys, options.adjust
-            ).target_from_cams
     with clock.stage("place on the plan"):
-        claimed = _claimed_place(scan, level)
-        alignment = _place(evidence.structure, level_from_keys, floorplan, options.align, claimed)
+        claimed = claimed_place(scan, level) if floorplan.is_metric else None
+        alignment = place(prepared, floorplan, options.align, claimed)
         plan_from_level = alignment.plan_from_level if alignment else claimed
+        if not floorplan.is_metric and alignment:
+            floorplan = metric_plan(floorplan, alignment.scale_xy)
+    if alignment is not None and alignment.is_sure and alignment.scale_spread > 0:
+        with clock.stage("refit scale"):
+            on_plan = alignment.plan_from_level @ level_from_keys
+            refit = refit_scale(evidence, floorplan, on_plan, options.adjust)
+            floorplan = floorplan.scaled(refit.factor)
+            alignment = alignment.rescaled(
+                refit.factor, refit.spread, on_plan[:, :2, 3].mean(axis=0)
+            )
+            plan_from_level = alignment.plan_from_level
     with clock.stage("pull walls"):
         start = np.eye(4) if plan_from_level is None else plan_from_level
         pulled = pull_walls(evidence, floorplan, start @ level_from_keys, options.adjust)
@@ -172,6 +132,7 @@ def refine(
         )
     judged = tuple(check for check in found if check)
     return RefineResult(
+        floorplan=floorplan,
         plan_from_cams=after,
         initial_plan_from_cams=before,
         world_from_plan=_world_from_plan(start @ level, before, after),
@@ -190,41 +151,6 @@ def refine(
     )
 
 
-def _claimed_place(scan: Scan, level_from_world: np.ndarray) -> np.ndarray | None:
-    """plan_from_level (4, 4) where the scan's format records poses in the plan's axes."""
-    if scan.plan_from_world_axes is None:
-        return None
-    claimed = scan.plan_from_world_axes @ se3.inverse(level_from_world)
-    claimed[2, 3] = 0.0  # the floor is at z = 0 in both frames
-    return claimed
-
-
-def _place(
-    structure: Structure,
-    level_from_cams: np.ndarray,
-    floorplan: Floorplan,
-    options: AlignOptions,
-    claimed: np.ndarray | None,
-) -> Alignment | None:
-    """The scan's place on the plan, by its walls; None where it shows none.
-
-    Raises:
-        FloorplanError: the plan fits in another unit than metres.
-    """
-    if not structure.has_walls:
-        return None
-    walls = sample_walls(*pieces_in_plan(structure.walls, level_from_cams))
-    alignment = align(walls, floorplan, options, claimed)
-    found = find_unit(walls, floorplan, alignment, options)
-    if found is not None:
-        raise FloorplanError(
-            f"{floorplan.name}: expected metres, found a plan of {floorplan.size[0]:.4g} x "
-            f"{floorplan.size[1]:.4g} that fits the scan in {found[0]}; "
-            f"multiply its coordinates by {found[1]:g}"
-        )
-    return alignment
-
-
 def _total_cost(evidence: Evidence, poses: np.ndarray, options: AdjustOptions) -> float:
     """Robust cost of the terms that need no plan."""
     return sum(costs(evidence, poses, options).values())
@@ -237,19 +163,3 @@ def _world_from_plan(
     drifted, and the plan says nothing of heights."""
     lift = np.array([0.0, 0.0, before[0, 2, 3] - after[0, 2, 3]])
     return se3.inverse(plan_from_world) @ se3.make_transform(np.eye(3), lift)
-
-
-class _Clock:
-    """Times stages and reports that they began."""
-
-    def __init__(self, work: Work) -> None:
-        self.seconds: dict[str, float] = {}
-        self._work = work
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        self._work.report(name, 0, 0)
-        begin = time.perf_counter()
-        yield
-        self.seconds[name] = time.perf_counter() - begin
-        self._work.report(name, 1, 0)

@@ -3,17 +3,18 @@
 from collections.abc import Callable
 
 from planfit.adjust import paper_options
+from planfit.align import AlignOptions
 from planfit.errors import OptionError
-from planfit.pipeline import RefineOptions
+from planfit.options import RefineOptions
 
 
 def paper_preset() -> RefineOptions:
-    """The paper's adjustment: its cost, its order, its weights.
+    """The paper's alignment and adjustment: its cost, its order, its weights.
 
     Solved by Levenberg-Marquardt, which reaches lower costs of the same function in a small share of
     the time; `adjust.method = "sgd"` takes the paper's gradient descent.
     """
-    return RefineOptions(adjust=paper_options())
+    return RefineOptions(align=AlignOptions(method="paper"), adjust=paper_options())
 
 
 PRESETS: dict[str, Callable[[], RefineOptions]] = {

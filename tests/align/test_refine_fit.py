@@ -1,11 +1,24 @@
 """Moving one place until the walls lie on the faces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import room_plan
-from planfit.align.refine import SCORE_SIGMA_M, nearest_faces, refine_fit
+from planfit.align.refine import (
+    CROSSED_WEIGHT,
+    SCORE_SIGMA_M,
+    Fit,
+    RefineSteps,
+    explained,
+    part_covariance,
+    refine_fit,
+    stretch_scores,
+)
+from planfit.align.sight import SIGHT_MARGIN_M, crosses_face, nearest_faces
+from planfit.align.walls import WallSamples, thin
 from planfit.floorplan import make_floorplan
 from planfit.geometry import segments
 
@@ -14,27 +27,32 @@ from planfit.geometry import segments
 def samples():
     plan = room_plan()
     xy, face = segments.sample(plan.ends, 0.1)
-    return xy, plan.normals[face]
+    return WallSamples(xy, plan.normals[face])
+
+
+def refined(walls, plan, yaw, shift, n_scales=0, scale=1.0):
+    start = Fit(yaw, np.array(shift, dtype=float), 0.0, (scale, scale))
+    steps = RefineSteps(n_scales=n_scales)
+    return refine_fit(walls, np.ones(len(walls.xy)), plan, start, steps)
 
 
 def test_a_near_start_ends_at_the_truth(samples):
-    fit = refine_fit(*samples, room_plan(), 0.08, np.array([0.3, -0.25]))
+    fit = refined(samples, room_plan(), 0.08, [0.3, -0.25])
     assert fit.score == pytest.approx(1.0, abs=1e-6)
     assert_allclose(fit.shift, 0.0, atol=1e-3)
     assert fit.yaw == pytest.approx(0.0, abs=1e-4)
-    assert_allclose(fit.transform, np.eye(4), atol=1e-3)
+    assert_allclose(fit.plan_from_level, np.eye(4), atol=1e-3)
 
 
 def test_the_score_is_the_mean_closeness(samples):
-    xy, normals = samples
     # Walls that the plan has 0.15 m further in, all four: no motion mends it.
     plan = room_plan(6.0 - 0.3, 4.0 - 0.3)
-    fit = refine_fit(xy, normals, plan, 0.0, np.array([-0.15, -0.15]))
+    fit = refined(samples, plan, 0.0, [-0.15, -0.15])
     assert fit.score == pytest.approx(np.exp(-0.5 * (0.15 / SCORE_SIGMA_M) ** 2), rel=0.02)
 
 
 def test_a_place_off_the_plan_scores_zero(samples):
-    assert refine_fit(*samples, room_plan(), 0.0, np.array([100.0, 0.0])).score == 0.0
+    assert refined(samples, room_plan(), 0.0, [100.0, 0.0]).score == 0.0
 
 
 def test_nearest_faces_against_one_sample_at_a_time(rng):
@@ -45,7 +63,7 @@ def test_nearest_faces_against_one_sample_at_a_time(rng):
     xy = rng.uniform(0, 10, (200, 2))
     angle = rng.uniform(0, 2 * np.pi, 200)
     normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    distance, face = nearest_faces(xy, normals, plan, 1.0)
+    distance, face = nearest_faces(xy, normals, plan.ends, plan.normals, plan.is_oriented, 1.0)
     expected = np.full(200, -1)
     for m in range(200):
         best = 1.0
@@ -61,3 +79,103 @@ def test_nearest_faces_against_one_sample_at_a_time(rng):
         if expected[m] >= 0:
             assert abs(distance[m]) == pytest.approx(best)
     assert_array_equal(face, expected)
+
+
+def test_one_scale_is_refined_with_turn_and_shift(samples):
+    plan = replace(room_plan(), ends=room_plan().ends * 40.0, is_metric=False)
+    fit = refined(samples, plan, 0.05, [0.2, -0.1], n_scales=1, scale=0.025 * 1.03)
+    assert fit.scale_xy == pytest.approx((0.025, 0.025), rel=1e-5)
+    assert fit.score == pytest.approx(1.0, abs=1e-5)
+    assert_allclose(fit.shift, 0.0, atol=1e-3)
+
+
+def test_two_scales_are_refined_apart(samples):
+    plan = room_plan(6.0 / 0.5, 4.0 / 0.52)
+    fit = refined(samples, plan, 0.0, [0.1, 0.1], n_scales=2, scale=0.51)
+    assert fit.scale_xy == pytest.approx((0.5, 0.52), rel=1e-4)
+    assert refined(samples, plan, 0.0, [0.1, 0.1], n_scales=1, scale=0.51).score < 0.99
+
+
+def test_a_known_scale_stays(samples):
+    plan = replace(room_plan(), ends=room_plan().ends * 40.0)
+    assert refined(samples, plan, 0.0, [0, 0], n_scales=0, scale=0.0252).scale_xy == (
+        0.0252,
+        0.0252,
+    )
+
+
+def test_wall_seen_through_a_face_counts_less(samples):
+    # The camera stands left of a wall that the plan draws across the room.
+    eyes = np.tile([1.0, 2.0], (len(samples.xy), 1))
+    walls = replace(samples, seen_from=eyes)
+    room = room_plan()
+    wall = np.array([[[3.0, 0.5], [3.0, 3.5]]])
+    plan = replace(
+        room,
+        ends=np.concatenate([room.ends, wall]),
+        normals=np.concatenate([room.normals, [[-1.0, 0.0]]]),
+        is_oriented=np.ones(5, dtype=bool),
+    )
+    weights = np.ones(len(walls.xy))
+    place = Fit(0.0, np.zeros(2), 0.0)
+    free, crossed_free = explained(walls, weights, room, place)
+    barred, crossed = explained(walls, weights, plan, place)
+    assert (free, crossed_free) == (pytest.approx(1.0), 0.0)
+    assert 0.2 < crossed < 0.6
+    assert barred == pytest.approx(1.0 - (1.0 - CROSSED_WEIGHT) * crossed)
+
+
+def test_lines_of_sight_against_one_at_a_time(rng):
+    ends = rng.uniform(0, 10, (12, 2, 2))
+    eyes, xy = rng.uniform(0, 10, (300, 2)), rng.uniform(0, 10, (300, 2))
+    expected = np.zeros(300, dtype=bool)
+    for m in range(300):
+        reach = np.linalg.norm(xy[m] - eyes[m])
+        for a, b in ends:
+            matrix = np.column_stack([xy[m] - eyes[m], a - b])
+            t, u = np.linalg.solve(matrix, a - eyes[m])
+            margin = min(0.3, 0.25 * np.linalg.norm(b - a))
+            along, across = t * reach, u * np.linalg.norm(b - a)
+            inside = margin < across < np.linalg.norm(b - a) - margin
+            if SIGHT_MARGIN_M < along < reach - SIGHT_MARGIN_M and inside:
+                expected[m] = True
+    assert 50 < expected.sum() < 290
+    assert_array_equal(crosses_face(eyes, xy, ends), expected)
+
+
+def test_leaving_out_stretches_shows_a_bend(samples):
+    straight = part_covariance(
+        samples, np.ones(len(samples.xy)), room_plan(), Fit(0.0, np.zeros(2), 0.0), RefineSteps()
+    )
+    xy = samples.xy.copy()
+    xy[: len(xy) // 3] += [0.0, 0.25]
+    bent = part_covariance(
+        replace(samples, xy=xy),
+        np.ones(len(xy)),
+        room_plan(),
+        Fit(0.0, np.zeros(2), 0.0),
+        RefineSteps(),
+    )
+    assert np.sqrt(np.trace(straight)) < 0.01
+    assert np.sqrt(np.trace(bent)) > 0.03
+
+
+def test_stretch_scores_point_at_the_stretch_that_does_not_fit(samples):
+    xy = samples.xy.copy()
+    xy[-len(xy) // 5 :] += 50.0
+    scores = stretch_scores(
+        replace(samples, xy=xy), np.ones(len(xy)), room_plan(), Fit(0.0, np.zeros(2), 0.0)
+    )
+    assert_allclose(scores, [1, 1, 1, 1, 0], atol=0.03)
+
+
+def test_thinning_keeps_the_order_and_tempers_what_was_seen_often(samples):
+    often = WallSamples(np.tile(samples.xy[:1], (100, 1)), np.tile(samples.normals[:1], (100, 1)))
+    both = WallSamples(
+        np.concatenate([samples.xy[5:], often.xy]),
+        np.concatenate([samples.normals[5:], often.normals]),
+    )
+    thinned, weights = thin(both, 1000)
+    assert_array_equal(thinned.xy[:-1], samples.xy[5:])
+    assert weights[-1] == pytest.approx(10.0)
+    assert len(thin(both, 50)[0].xy) <= 50

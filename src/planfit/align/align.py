@@ -1,67 +1,52 @@
-"""Where on the plan the scan is: one turn about the vertical and one shift, searched over the whole plan.
+"""Where on the plan the scan is: turn, shift and, where the plan has no unit, scale.
 
-Coarse: turns at which wall directions of scan and plan agree, then for each turn all shifts at once.
-Fine: the best places are refined against the faces, and the best two distinct ones are compared, so
-that a building which fits its plan in two ways is reported and not guessed.
+Every place is searched coarsely, the best are refined against the faces, and distinct ones compete, so
+that a building which fits its plan in two ways is reported and not guessed (ADR 5).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planfit.align.fields import FaceFields, ShiftSearch, make_face_fields, wrap_angle
-from planfit.align.refine import Fit, refine_fit, rotation_2d
-from planfit.errors import require_positive
+from planfit.align.bend import refine_bent
+from planfit.align.fields import wrap_angle
+from planfit.align.options import AlignOptions
+from planfit.align.pins import Pin, fit_pins, parse_start
+from planfit.align.refine import (
+    Fit,
+    RefineSteps,
+    explained,
+    part_covariance,
+    refine_fit,
+    rotation_2d,
+    stretch_scores,
+)
+from planfit.align.scales import scale_range
+from planfit.align.search import Region, search_places
+from planfit.align.turns import candidate_turns
+from planfit.align.verdict import Stretches, Verdict, is_distinct, judge, with_stretches
+from planfit.align.walls import WallSamples, thin
+from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
-from planfit.geometry import segments
 
-
-@dataclass(frozen=True)
-class AlignOptions:
-    """How the plan is searched for the scan."""
-
-    cell_m: float = 0.2
-    """Cell of the coarse search."""
-    reach_m: float = 0.4
-    """A wall this far from its face still scores 0.6 in the coarse search; covers leftover drift."""
-    max_turns: int = 8
-    """Turns that are tried, best agreement of wall directions first."""
-    max_candidates: int = 16
-    """Places that are refined."""
-    distinct_m: float = 1.0
-    """Places nearer than this, with turns within `distinct_deg`, are one."""
-    distinct_deg: float = 5.0
-    """See `distinct_m`."""
-    min_score: float = 0.6
-    """Below this share of wall that lies on faces, the scan is not believed to be on the plan."""
-    min_margin: float = 0.05
-    """The best place must beat the next by this share of wall, else the answer is ambiguous."""
-    near_recorded_m: float = 5.0
-    """Where the scan's format says that poses are in the plan's axes, a place within this of them is
-    preferred as long as it explains 0.8 of what the best place does."""
-    near_recorded_deg: float = 20.0
-    """See `near_recorded_m`. Without it, a building that fits when turned about its middle would count
-    as being where the format says."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "cell_m", "reach_m", "max_turns", "max_candidates")
-
-
-@dataclass(frozen=True)
-class WallSamples:
-    """Scanned wall, seen from above."""
-
-    xy: np.ndarray  # (m, 2) m, evenly along the pieces of wall
-    normals: np.ndarray  # (m, 2) unit, towards where it was seen from
+COARSE_SAMPLES, QUICK_SAMPLES, FULL_SAMPLES = 4000, 400, 2500
+"""Samples of wall that the three stages look at."""
+FULL_PLACES = 10
+"""Places that are refined with all samples."""
+FULL_DISTANCES_M = (1.0, 0.7, 0.5, 0.5, 0.5)
+"""Distances of the last refinement. Narrower ones keep to the part of a bent scan that fits best, wider
+ones take in walls that the plan has elsewhere (0.35 and 1.0 m were tried: more of the battery is off)."""
+CLEAR_SCORE, CLEAR_MARGIN = 0.55, 0.25
+"""From these on, a place is so clear that the mirrored scan cannot be clearly better, and is not tried."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """The best place of the scan on the plan, and how sure it is."""
+    """The place of the scan on the plan that was taken, what else fits, and how sure it is."""
 
-    plan_from_level: np.ndarray  # (4, 4)
+    plan_from_level: np.ndarray  # (4, 4), to the plan in metres
     score: float
-    """Share of scanned wall that lies on faces of the plan."""
+    """Share of seen wall that the plan explains."""
     runner_up: Fit | None
     """The best place elsewhere."""
     is_as_recorded: bool = False
@@ -70,17 +55,45 @@ class Alignment:
     """Whether enough wall lies on the plan, and clearly more than anywhere else."""
     warnings: tuple[str, ...] = ()
     """What a user should know, in words."""
+    scale_xy: tuple[float, float] = (1.0, 1.0)
+    """Metres of one unit of the plan, along its x and its y; 1 for a plan in metres."""
+    covariance: np.ndarray | None = None
+    """(4, 4) of turn (rad), x and y (m) of the scan's middle, and log scale."""
+    candidates: tuple[Fit, ...] = ()
+    """Distinct places, best first, the taken one among them."""
+    is_mirrored: bool = False
+    """Whether the scan fits the plan clearly better when left and right are swapped."""
 
     @property
     def margin(self) -> float:
-        """Score of the best place less that of the runner-up."""
+        """Score of the place taken less that of the best place elsewhere."""
         return self.score - (self.runner_up.score if self.runner_up else 0.0)
 
+    @property
+    def metres_per_unit(self) -> float:
+        """Geometric mean of both scales."""
+        return float(np.sqrt(self.scale_xy[0] * self.scale_xy[1]))
 
-def sample_walls(normals: np.ndarray, ends: np.ndarray, spacing_m: float = 0.1) -> WallSamples:
-    """Points about every `spacing_m` along pieces of wall: normals (k, 2), ends (k, 2, 2) m."""
-    xy, piece = segments.sample(ends, spacing_m)
-    return WallSamples(xy, normals[piece])
+    @property
+    def scale_spread(self) -> float:
+        """Standard deviation of the scale, as a share of it; 0 where it was known."""
+        return 0.0 if self.covariance is None else float(np.sqrt(max(self.covariance[3, 3], 0.0)))
+
+    def rescaled(self, factor: float, spread: float, middle_plan: np.ndarray) -> "Alignment":
+        """The same place at a scale times `factor`, now known within `spread` (share) where finite.
+
+        `middle_plan` (2,) m stays at its spot of the drawing.
+        """
+        moved = self.plan_from_level.copy()
+        moved[:2, 3] += (factor - 1.0) * middle_plan
+        covariance = self.covariance
+        if covariance is not None and np.isfinite(spread):
+            # What turn and shift shared with the old error of the scale is gone.
+            covariance = covariance.copy()
+            covariance[3, :] = covariance[:, 3] = 0.0
+            covariance[3, 3] = spread**2
+        scale_xy = (self.scale_xy[0] * factor, self.scale_xy[1] * factor)
+        return replace(self, plan_from_level=moved, scale_xy=scale_xy, covariance=covariance)
 
 
 def align(
@@ -88,135 +101,173 @@ def align(
     floorplan: Floorplan,
     options: AlignOptions,
     recorded: np.ndarray | None = None,
+    pins: tuple[Pin, ...] = (),
 ) -> Alignment:
-    """Find the turn and shift that bring most scanned wall onto faces that look the same way.
+    """Find the turn, shift and scale that bring most scanned wall onto faces that look the same way.
 
     Args:
-        walls: at least two samples, level frame.
-        floorplan: metric.
+        walls: samples, level frame.
+        floorplan: in metres, or in a unit of its own.
         options: see there.
-        recorded: plan_from_level (4, 4) that the scan's format claims, if it does.
+        recorded: plan_from_level (4, 4) that the scan's format claims, if it does; for plans in metres.
+        pins: points of the scan whose places are known.
+
+    Raises:
+        ScanError: there is no wall.
+        FloorplanError: the plan has too few faces to tell a place.
+        OptionError: pins disagree, or there is no such candidate.
     """
-    extent_m = float(np.linalg.norm(np.ptp(walls.xy, axis=0)))
-    fields = make_face_fields(
-        floorplan, options.cell_m, options.reach_m, margin_m=2.0, beyond_m=extent_m
+    require_walls(walls, floorplan)
+    scales, turns, regions = _narrowed(walls, floorplan, options, pins)
+    recorded = recorded if floorplan.is_metric else None
+    starts = [] if recorded is None else [Fit(_yaw(recorded), recorded[:2, 3], 0.0)]
+    fits = _fits(walls, floorplan, scales, turns, regions, starts, options)
+    mirrored = None
+    if not _is_clear(fits, walls, options) and not regions:
+        flipped = walls.mirrored()
+        flipped_turns = candidate_turns(flipped, floorplan, options.max_turns)
+        mirrored = _fits(flipped, floorplan, scales, flipped_turns, (), [], options)[0]
+    verdict = judge(walls, fits, recorded, mirrored, floorplan.is_metric, options)
+    return _alignment(_settled(verdict, walls, floorplan, _n_scales(floorplan, scales, options)))
+
+
+def _settled(verdict: Verdict, walls: WallSamples, floorplan: Floorplan, n_scales: int) -> Verdict:
+    """The verdict with the taken place fitted as a bent scan, and judged by stretches of the walk."""
+    samples, weights = thin(walls, FULL_SAMPLES)
+    fit = verdict.taken
+    place = refine_bent(samples, weights, floorplan, fit, n_scales)
+    bent = replace(fit, yaw=place.yaw, shift=place.shift, scale_xy=place.scale_xy)
+    score, crossed_share = explained(samples, weights, floorplan, bent)
+    bent = replace(bent, score=score, crossed_share=crossed_share)
+    spread = part_covariance(
+        samples, weights, floorplan, fit, RefineSteps(FULL_DISTANCES_M, n_scales)
     )
-    turns = candidate_turns(walls, floorplan, options.max_turns)
-    coarse = _coarse_places(walls, fields, turns, options)
-    if recorded is not None:
-        coarse.append((_yaw(recorded), recorded[:2, 3]))
-    fits = [refine_fit(walls.xy, walls.normals, floorplan, yaw, xy) for yaw, xy in coarse]
-    fits.sort(key=lambda fit: -fit.score)
-    best = fits[0]
-    warnings: list[str] = []
-    is_as_recorded = False
-    if recorded is not None:
-        near = next((f for f in fits if _is_near(f, recorded, walls, options)), None)
-        if near is not None and near.score >= 0.8 * best.score:
-            best, is_as_recorded = near, True
-        else:
-            warnings.append(
-                "the scan's format says its poses are in the plan's axes, but the walls fit "
-                f"{_distance_m(best, recorded, walls):.1f} m and "
-                f"{abs(np.rad2deg(wrap_angle(best.yaw - _yaw(recorded)))):.0f} deg away from there; "
-                "that place was taken"
-            )
-    runner_up = next((f for f in fits if _is_distinct(f, best, walls, options)), None)
-    margin = best.score - (runner_up.score if runner_up else 0.0)
-    is_weak = best.score < options.min_score
-    is_ambiguous = bool(runner_up and margin < options.min_margin and not is_as_recorded)
-    if is_weak:
-        warnings.append(
-            f"only {best.score:.0%} of the scanned wall lies on the plan's faces (at least "
-            f"{options.min_score:.0%} expected); is it the plan of this building, in metres?"
+    scores = stretch_scores(samples, weights, floorplan, bent)
+    stretches = Stretches(spread, scores, place.bend_m, walls.extent_m)
+    return with_stretches(verdict, bent, stretches)
+
+
+def require_walls(walls: WallSamples, floorplan: Floorplan) -> None:
+    """Raise unless there is wall on both sides to compare."""
+    if len(walls.xy) < 2:
+        raise ScanError(
+            "the scan: expected pieces of wall to place it by, found none; give wall masks, or scan "
+            "more of the walls"
         )
-    if runner_up and is_ambiguous:
-        warnings.append(
-            f"ambiguous: two places on the plan fit almost equally well ({best.score:.0%} and "
-            f"{runner_up.score:.0%} of the wall), {_gap_m(best, runner_up, walls):.1f} m and "
-            f"{abs(np.rad2deg(wrap_angle(best.yaw - runner_up.yaw))):.0f} deg apart"
+    if len(floorplan) < 3:
+        raise FloorplanError(
+            f"{floorplan.name}: expected at least 3 wall faces to place a scan by, "
+            f"found {len(floorplan)}; is it the right layer, storey and page?"
         )
+
+
+def _alignment(verdict: Verdict) -> Alignment:
+    taken = verdict.taken
     return Alignment(
-        best.transform,
-        best.score,
-        runner_up,
-        is_as_recorded,
-        is_sure=not (is_weak or is_ambiguous),
-        warnings=tuple(warnings),
+        plan_from_level=taken.plan_from_level,
+        score=taken.score,
+        runner_up=verdict.runner_up,
+        is_as_recorded=verdict.is_as_recorded,
+        is_sure=verdict.is_sure,
+        warnings=verdict.warnings,
+        scale_xy=taken.scale_xy,
+        covariance=taken.covariance,
+        candidates=verdict.candidates,
+        is_mirrored=verdict.is_mirrored,
     )
 
 
-def candidate_turns(walls: WallSamples, floorplan: Floorplan, max_turns: int) -> np.ndarray:
-    """Turns (t,) rad, plan from level, at which wall directions agree, best first.
+def _narrowed(
+    walls: WallSamples, floorplan: Floorplan, options: AlignOptions, pins: tuple[Pin, ...]
+) -> tuple[tuple[float, float], np.ndarray, tuple[Region, ...]]:
+    """Scales, turns and regions to search, after all that the user knows."""
+    known = 1.0 if floorplan.is_metric else options.metres_per_unit or None
+    if known is None:
+        scales = scale_range(walls, floorplan)
+    else:
+        slack = 0.0 if floorplan.is_metric else options.scale_tolerance
+        scales = (known / (1 + slack), known * (1 + slack))
+    turns = candidate_turns(walls, floorplan, options.max_turns)
+    regions = [Region(pin.level_xy, pin.plan_xy, options.pin_tolerance_m) for pin in pins]
+    if len(pins) > 1:
+        exact = known if scales[0] == scales[1] else None
+        yaw, _, scale = fit_pins(pins, exact, options.pin_tolerance_m)
+        turns = np.array([yaw])
+        scales = scales if exact else (scale / 1.02, scale * 1.02)
+    if options.start:
+        shift, yaw = parse_start(options.start)
+        near = np.abs(np.rad2deg(wrap_angle(turns - yaw))) < options.near_recorded_deg
+        turns = np.append(turns[near], yaw)
+        centre = walls.xy.mean(axis=0)
+        at_m = rotation_2d(yaw) @ centre + shift
+        if scales[0] != scales[1]:
+            raise OptionError(
+                "align.start: expected a plan whose scale is known, found one without unit; "
+                "give align.metres-per-unit too"
+            )
+        regions.append(Region(centre, at_m / scales[0], options.near_recorded_m))
+    return scales, turns, tuple(regions)
 
-    Circular correlation of the two length-weighted histograms of normals, one-degree bins. A face
-    whose free side is unknown counts half for either side.
-    """
-    of_scan = _direction_histogram(walls.normals, np.ones(len(walls.normals)))
-    weight = floorplan.lengths * np.where(floorplan.is_oriented, 1.0, 0.5)
-    of_plan = _direction_histogram(floorplan.normals, weight)
-    of_plan += _direction_histogram(
-        -floorplan.normals, np.where(floorplan.is_oriented, 0.0, weight)
+
+def _fits(
+    walls: WallSamples,
+    floorplan: Floorplan,
+    scales: tuple[float, float],
+    turns: np.ndarray,
+    regions: tuple[Region, ...],
+    starts: list[Fit],
+    options: AlignOptions,
+) -> list[Fit]:
+    """Refined places, best first; the given starts are refined beside those found."""
+    coarse, _ = thin(walls, COARSE_SAMPLES)
+    places = search_places(coarse, floorplan, scales, turns, options, regions) + starts
+    n_scales = _n_scales(floorplan, scales, options)
+    # The first look holds a scale common to both axes: few samples do not tell two.
+    quick = RefineSteps((1.5, 1.0, 0.7, 0.5), min(n_scales, 1))
+    full = RefineSteps(FULL_DISTANCES_M, n_scales)
+    samples, weights = thin(walls, QUICK_SAMPLES)
+    fits = [refine_fit(samples, weights, floorplan, place, quick) for place in places]
+    fits = [fit for fit in fits if _is_allowed(fit, scales, regions)] or fits[-1:]
+    fits.sort(key=lambda fit: -fit.score)
+    samples, weights = thin(walls, FULL_SAMPLES)
+    best = _distinct(fits, samples, options)[:FULL_PLACES]
+    refined = [refine_fit(samples, weights, floorplan, fit, full) for fit in best]
+    return sorted(refined, key=lambda fit: -fit.score)
+
+
+def _n_scales(floorplan: Floorplan, scales: tuple[float, float], options: AlignOptions) -> int:
+    """Scales to refine: none where it is known exactly."""
+    if options.two_scales and not floorplan.is_metric:
+        return 2
+    return int(scales[0] < scales[1])
+
+
+def _is_clear(fits: list[Fit], walls: WallSamples, options: AlignOptions) -> bool:
+    """Whether the best place stands alone."""
+    rivals = (f.score for f in fits if is_distinct(f, fits[0], walls, options))
+    return fits[0].score >= CLEAR_SCORE and fits[0].score - max(rivals, default=0.0) >= CLEAR_MARGIN
+
+
+def _is_allowed(fit: Fit, scales: tuple[float, float], regions: tuple[Region, ...]) -> bool:
+    """Whether refinement left the place within what the user knows, with some slack for drift."""
+    if not 0.97 * scales[0] <= fit.metres_per_unit <= 1.03 * scales[1]:
+        return False
+    turn = rotation_2d(fit.yaw)
+    return all(
+        np.linalg.norm(turn @ r.level_xy + fit.shift - fit.metres_per_unit * r.plan_xy)
+        <= 1.5 * r.radius_m
+        for r in regions
     )
-    agreement = np.fft.irfft(np.fft.rfft(of_plan) * np.conj(np.fft.rfft(of_scan)), 360)
-    turns: list[int] = []
-    for degree in np.argsort(-agreement):
-        if all(min((degree - t) % 360, (t - degree) % 360) >= 8 for t in turns):
-            turns.append(int(degree))
-        if len(turns) == max_turns:
-            break
-    return np.deg2rad(turns)
 
 
-def _direction_histogram(normals: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    degree = np.rad2deg(np.arctan2(normals[:, 1], normals[:, 0])) % 360
-    counts = np.bincount(np.round(degree).astype(int) % 360, weight, minlength=360)
-    kernel = np.exp(-0.5 * (np.arange(-180, 180) / 2.0) ** 2)
-    return np.fft.irfft(np.fft.rfft(counts) * np.fft.rfft(np.fft.ifftshift(kernel)), 360)
-
-
-def _coarse_places(
-    walls: WallSamples, fields: FaceFields, turns: np.ndarray, options: AlignOptions
-) -> list[tuple[float, np.ndarray]]:
-    """Best (turn, shift) pairs of the coarse search; several a turn, apart by `distinct_m`."""
-    extent_m = float(np.linalg.norm(np.ptp(walls.xy, axis=0)))
-    search = ShiftSearch(fields, extent_m)
-    places: list[tuple[float, float, np.ndarray]] = []
-    for yaw in turns:
-        turn = rotation_2d(yaw)
-        table, first = search.scores(walls.xy @ turn.T, walls.normals @ turn.T)
-        radius = int(np.ceil(options.distinct_m / fields.cell_m))
-        for _ in range(4):
-            row, column = np.unravel_index(int(np.argmax(table)), table.shape)
-            shift = first + fields.cell_m * np.array([column, row])
-            places.append((float(table[row, column]), float(yaw), shift))
-            table[
-                max(row - radius, 0) : row + radius + 1,
-                max(column - radius, 0) : column + radius + 1,
-            ] = -1.0
-    places.sort(key=lambda place: -place[0])
-    return [(yaw, shift) for _, yaw, shift in places[: options.max_candidates]]
-
-
-def _is_near(fit: Fit, recorded: np.ndarray, walls: WallSamples, options: AlignOptions) -> bool:
-    turn = abs(np.rad2deg(wrap_angle(fit.yaw - _yaw(recorded))))
-    gap_m = _distance_m(fit, recorded, walls)
-    return bool(turn < options.near_recorded_deg and gap_m < options.near_recorded_m)
-
-
-def _is_distinct(a: Fit, b: Fit, walls: WallSamples, options: AlignOptions) -> bool:
-    turn = abs(np.rad2deg(wrap_angle(a.yaw - b.yaw)))
-    return bool(turn > options.distinct_deg or _gap_m(a, b, walls) > options.distinct_m)
-
-
-def _gap_m(a: Fit, b: Fit, walls: WallSamples) -> float:
-    """How far apart two places put the middle of the scan."""
-    return _distance_m(a, b.transform, walls)
-
-
-def _distance_m(fit: Fit, plan_from_level: np.ndarray, walls: WallSamples) -> float:
-    middle = np.array([*walls.xy.mean(axis=0), 0.0, 1.0])
-    return float(np.linalg.norm((fit.transform - plan_from_level) @ middle))
+def _distinct(fits: list[Fit], walls: WallSamples, options: AlignOptions) -> list[Fit]:
+    """The first of each group of fits that ended at the same place."""
+    slim = replace(options, distinct_m=0.3, distinct_deg=1.0, distinct_scale=0.005)
+    kept: list[Fit] = []
+    for fit in fits:
+        if all(is_distinct(fit, other, walls, slim) for other in kept):
+            kept.append(fit)
+    return kept
 
 
 def _yaw(transform: np.ndarray) -> float:

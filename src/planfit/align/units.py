@@ -1,7 +1,13 @@
 """Plans whose unit is not what they claim: which other unit would make them fit the scan."""
 
-from planfit.align.align import Alignment, AlignOptions, WallSamples, align
-from planfit.floorplan import Floorplan, make_floorplan
+from dataclasses import replace
+
+import numpy as np
+
+from planfit.align.align import Alignment, align
+from planfit.align.options import AlignOptions
+from planfit.align.walls import WallSamples
+from planfit.floorplan import Floorplan
 
 METRES_PER_UNIT = {
     "millimetres": 0.001,
@@ -12,23 +18,27 @@ METRES_PER_UNIT = {
     "metres on paper at 1:100": 100.0,
     "metres on paper at 1:200": 200.0,
 }
+NEAR_UNIT = 0.02
+"""A scale this near to a unit, as a share, is that unit."""
+BETTER_SCORE = 0.2
+"""What another unit must explain beyond what metres do."""
 
 
 def find_unit(
     walls: WallSamples, floorplan: Floorplan, alignment: Alignment, options: AlignOptions
 ) -> tuple[str, float] | None:
-    """The unit, and its metres, in which the plan fits the scan although it does not in metres.
-
-    None where the plan fits as it is, or in no unit clearly better.
+    """The unit, in words, and its metres, in which a plan that claims metres fits although it does not
+    in metres. None where the plan fits as it is, has no unit, or fits in none clearly better.
     """
-    if alignment.score >= options.min_score:
+    if not floorplan.is_metric or alignment.score >= options.min_score:
         return None
-    scores = {}
-    for unit, metres in METRES_PER_UNIT.items():
-        scaled = make_floorplan(floorplan.name, floorplan.ends * metres)
-        if max(scaled.size) > 1.0:
-            scores[unit] = align(walls, scaled, options).score
-    best = max(scores, key=lambda unit: scores[unit], default=None)
-    if best is None or scores[best] < max(options.min_score, alignment.score + 0.2):
+    unknown = replace(floorplan, is_metric=False)
+    free = replace(options, metres_per_unit=0.0, candidate=1, start="", pins=())
+    found = align(walls, unknown, free)
+    if not found.is_sure or found.score < alignment.score + BETTER_SCORE:
         return None
-    return best, METRES_PER_UNIT[best]
+    scale = found.metres_per_unit
+    unit = min(METRES_PER_UNIT, key=lambda name: abs(np.log(scale / METRES_PER_UNIT[name])))
+    if abs(np.log(scale / METRES_PER_UNIT[unit])) < NEAR_UNIT:
+        return unit, METRES_PER_UNIT[unit]
+    return f"units of {scale:.4g} m", float(f"{scale:.4g}")

@@ -17,12 +17,13 @@ usage: planfit COMMAND ...
 
 commands:
   refine SCAN -o OUT [--plan FILE]   refine the camera poses of a scan; OUT/report.html tells how it went
+  align SCAN PLAN -o OUT             find the place of a scan on a plan; a picture of each place that fits
   evaluate OUT --truth FILE          compare refined poses with true ones
   demo [-o OUT]                      make a synthetic scan, drift it, refine it, and compare with the truth
   synth OUT                          write a synthetic scan with its plan and its truth
 
 'planfit COMMAND --help' lists the options of a command.
-exit codes: 0 done; 1 done, but not better than before or not placed on the plan; 2 bad input; 130 stopped
+exit codes: 0 done; 1 done, but not better than before or not surely placed; 2 bad input; 130 stopped
 """
 
 
@@ -42,6 +43,7 @@ def run(argv: Sequence[str]) -> int:
         return EXIT_OK
     loaders: dict[str, Callable[[], tuple[type, Callable[[Any], int]]]] = {
         "refine": _load_refine,
+        "align": _load_align,
         "evaluate": _load_evaluate,
         "demo": _load_demo,
         "synth": _load_synth,
@@ -109,6 +111,12 @@ def _load_refine() -> tuple[type, Callable[[Any], int]]:
     from planfit.cli.refine import RefineArguments, refine_command
 
     return RefineArguments, refine_command
+
+
+def _load_align() -> tuple[type, Callable[[Any], int]]:
+    from planfit.cli.align import AlignArguments, align_command
+
+    return AlignArguments, align_command
 
 
 def _load_evaluate() -> tuple[type, Callable[[Any], int]]:

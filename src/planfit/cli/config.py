@@ -54,7 +54,8 @@ def _converted(default: Any, value: Any, where: str) -> Any:
             raise OptionError(f"{where}expected one of {', '.join(names)}, found {value!r}")
         return names[str(value).lower()]
     if isinstance(default, tuple) and isinstance(value, list):
-        return tuple(_converted(default[0], item, where) for item in value)
+        # An empty default tells no kind; the only such options hold text.
+        return tuple(_converted(default[0] if default else "", item, where) for item in value)
     if isinstance(default, float) and type(value) is int:
         return float(value)
     if type(value) is not type(default):

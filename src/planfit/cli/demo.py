@@ -15,7 +15,8 @@ from planfit.errors import OutputError
 from planfit.evaluate import position_errors
 from planfit.export.record import surface_metrics
 from planfit.floorplan import read_floorplan
-from planfit.pipeline import RefineOptions, RefineResult
+from planfit.options import RefineOptions
+from planfit.pipeline import RefineResult
 from planfit.report import TruthErrors
 from planfit.scan import read_scan, read_tum
 from planfit.synth import CameraOptions, DriftOptions, SynthOptions, make_scan, write_facap

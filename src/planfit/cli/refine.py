@@ -15,7 +15,8 @@ from planfit.cli.console import StageBars, err, out, table
 from planfit.errors import FloorplanError
 from planfit.export import RunFolder, make_record, sample_cloud, write_results
 from planfit.floorplan import Floorplan, read_floorplan
-from planfit.pipeline import RefineOptions, RefineResult, refine
+from planfit.options import RefineOptions
+from planfit.pipeline import RefineResult, refine
 from planfit.report import TruthErrors, draw_overlay, make_report
 from planfit.scan import Scan, read_scan
 from planfit.work import Work
@@ -86,11 +87,11 @@ def refine_into(
         cloud = sample_cloud(scan, work)
         with run.writing() as staging:
             bars.update("write results", 0, 0)
-            record = make_record(__version__, inputs, scan, floorplan, options, result)
+            record = make_record(__version__, inputs, scan, result.floorplan, options, result)
             write_results(staging, scan, result, record, cloud)
-            (staging / "overlay.png").write_bytes(draw_overlay(floorplan, result))
+            (staging / "overlay.png").write_bytes(draw_overlay(result.floorplan, result))
             errors = truth_of(result) if truth_of else None
-            report = make_report(scan.name, floorplan, result, to_toml(options), errors)
+            report = make_report(scan.name, result.floorplan, result, to_toml(options), errors)
             (staging / "report.html").write_text(report, encoding="utf-8")
         bars.update("write results", 1, 0)
     return result
@@ -114,6 +115,12 @@ def summarise(
     )
     stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)
     out.print(f"{seconds:.1f} s: {stages}")
+    alignment = result.alignment
+    if alignment is not None and not floorplan.is_metric:
+        out.print(
+            f"the plan's unit was found to be {alignment.metres_per_unit:.5g} m, within "
+            f"{alignment.scale_spread:.2%} (one standard deviation)"
+        )
     for doubt in result.doubts:
         out.print(f"[yellow]note:[/] {doubt}")
     verdict = "refined" if result.is_better else "[red]not better than before[/]"

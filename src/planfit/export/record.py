@@ -6,7 +6,8 @@ from typing import Any
 
 from planfit import checks
 from planfit.floorplan import Floorplan
-from planfit.pipeline import RefineOptions, RefineResult
+from planfit.options import RefineOptions
+from planfit.pipeline import RefineResult
 from planfit.scan import Scan
 
 
@@ -43,6 +44,9 @@ def make_record(
             "score": alignment.score,
             "runner_up_score": alignment.runner_up.score if alignment.runner_up else None,
             "is_as_recorded": alignment.is_as_recorded,
+            "is_sure": alignment.is_sure,
+            "metres_per_unit_xy": list(alignment.scale_xy),
+            "metres_per_unit_spread_share": alignment.scale_spread,
         },
         "world_from_plan": result.world_from_plan.tolist(),
         "plan_from_world_axes": None

@@ -177,6 +177,11 @@ def _alignment_facts(result: RefineResult) -> list[tuple[str, str]]:
             f"{100 * alignment.margin:.0f}{amounts.SPACE}percentage points",
         ),
     ]
+    if alignment.scale_xy != (1.0, 1.0):
+        spread = f", within {alignment.scale_spread:.2%}" if alignment.scale_spread > 0 else ""
+        facts.append(
+            ("one unit of the plan", f"{alignment.metres_per_unit:.5g}{amounts.SPACE}m{spread}")
+        )
     if alignment.is_as_recorded:
         facts.append(("place recorded by the scan's format", "agrees with the one found"))
     return facts

@@ -1,0 +1,168 @@
+"""Coarse search: every scale, turn and shift of the scan on the plan, by FFT."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planfit.align.fields import ShiftSearch, make_face_fields
+from planfit.align.options import AlignOptions
+from planfit.align.refine import Fit, rotation_2d
+from planfit.align.scales import scale_steps
+from planfit.align.walls import WallSamples
+from planfit.floorplan import Floorplan
+
+CELLS_ACROSS = 100
+"""The scan's extent in cells of the coarse search: more cells cost time, fewer lose rooms."""
+OCTAVE = 1.4
+"""Scales within this factor share the plan's fields, at a cell that fits their middle."""
+PEAKS = 4
+"""Places kept of one scale and turn."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where the search is allowed to look: around a known point."""
+
+    level_xy: np.ndarray  # (2,) m, a point of the scan
+    plan_xy: np.ndarray  # (2,) in the plan's unit, where it must come to lie
+    radius_m: float
+
+
+def search_places(
+    walls: WallSamples,
+    floorplan: Floorplan,
+    scales: tuple[float, float],
+    turns: np.ndarray,
+    options: AlignOptions,
+    regions: tuple[Region, ...] = (),
+) -> list[Fit]:
+    """Best places of the coarse search, best first, with their coarse score; not more than asked for.
+
+    Args:
+        walls: samples, level frame.
+        floorplan: in its own unit.
+        scales: smallest and largest metres per unit; equal where it is known.
+        turns: (t,) rad to try.
+        options: see there.
+        regions: places out of any of these are left out.
+    """
+    cell_m = max(options.cell_m, walls.extent_m / CELLS_ACROSS)
+    free_xy = free_space(walls, cell_m)
+    all_scales = scale_steps(*scales, step=4.0 * cell_m / max(walls.extent_m, 1.0))
+    everything = np.concatenate([walls.xy, free_xy])
+    reach_m = float(np.linalg.norm(np.ptp(everything, axis=0)))
+    found: list[Fit] = []
+    for group in _octaves(all_scales):
+        middle = float(np.sqrt(group[0] * group[-1]))
+        fields = make_face_fields(
+            floorplan.scaled(middle), cell_m, options.reach_m, 2.0, walls.extent_m
+        )
+        search = ShiftSearch(fields, reach_m * middle / group[0])
+        for scale in group:
+            # The plan stays at the middle scale of the group; the scan shrinks or grows instead.
+            ratio = middle / scale
+            for yaw in turns:
+                turn = rotation_2d(yaw)
+                table, first = search.scores(
+                    ratio * walls.xy @ turn.T, walls.normals @ turn.T, ratio * free_xy @ turn.T
+                )
+                grid = _Grid(table, first, fields.cell_m, float(ratio))
+                grid.keep_to(regions, turn, float(scale))
+                found += grid.peaks(float(yaw), float(scale), options.distinct_m)
+    found.sort(key=lambda fit: -fit.score)
+    return _spread(found, walls, options)
+
+
+def free_space(walls: WallSamples, cell_m: float) -> np.ndarray:
+    """Points (k, 2) m, one a cell, that lines of sight passed well before they met a wall."""
+    if walls.seen_from is None:
+        return np.zeros((0, 2))
+    way = walls.xy - walls.seen_from
+    length = np.linalg.norm(way, axis=1)
+    keep_off_m = 1.5 * cell_m + 0.3
+    points = [np.zeros((0, 2))]
+    for begin in range(0, len(way), 4096):  # bounds the table of points along the lines
+        part = slice(begin, begin + 4096)
+        steps = np.arange(0.0, max(float(length[part].max()), cell_m), 0.7 * cell_m)
+        inside = steps < length[part, None] - keep_off_m
+        t = steps / np.maximum(length[part, None], 1e-9)
+        xy = walls.seen_from[part, None] + t[..., None] * way[part, None]
+        cells = np.unique(np.floor(xy[inside] / cell_m).astype(int), axis=0)
+        points.append(cells)
+    cells = np.unique(np.concatenate(points).astype(int), axis=0)
+    # Space near any seen wall says nothing: its own face is there.
+    around = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
+    taken = np.floor(walls.xy / cell_m).astype(int)
+    taken = np.unique((taken[:, None] + around).reshape(-1, 2), axis=0)
+    if len(cells) == 0:
+        return np.zeros((0, 2))
+    low = np.minimum(cells.min(axis=0), taken.min(axis=0))
+    width = int(max(cells[:, 0].max(), taken[:, 0].max()) - low[0]) + 1
+    keys, taken_keys = ((c - low) @ np.array([1, width]) for c in (cells, taken))
+    return (cells[~np.isin(keys, taken_keys)] + 0.5) * cell_m
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Scores of all shifts of one turn and scale."""
+
+    table: np.ndarray  # (rows, columns)
+    first: np.ndarray  # (2,) m at the middle scale, shift of cell (0, 0)
+    cell_m: float
+    ratio: float  # middle scale over this one
+
+    def shift(self, row: int, column: int) -> np.ndarray:
+        """(2,) m at this scale."""
+        return (self.first + self.cell_m * np.array([column, row])) / self.ratio
+
+    def keep_to(self, regions: tuple[Region, ...], turn: np.ndarray, scale: float) -> None:
+        """Mark shifts that leave a region as never to be taken."""
+        for region in regions:
+            wanted = scale * region.plan_xy - turn @ region.level_xy
+            rows, columns = (np.arange(n) for n in self.table.shape)
+            x = (self.first[0] + self.cell_m * columns) / self.ratio - wanted[0]
+            y = (self.first[1] + self.cell_m * rows) / self.ratio - wanted[1]
+            radius = max(region.radius_m, self.cell_m)
+            self.table[np.hypot(x[None, :], y[:, None]) > radius] = -np.inf
+
+    def peaks(self, yaw: float, scale: float, distinct_m: float) -> list[Fit]:
+        """The best shifts, apart by `distinct_m`."""
+        radius = int(np.ceil(distinct_m * self.ratio / self.cell_m))
+        table, fits = self.table.copy(), []
+        for _ in range(PEAKS):
+            row, column = np.unravel_index(int(np.argmax(table)), table.shape)
+            score = float(table[row, column])
+            if not np.isfinite(score):
+                break
+            fits.append(Fit(yaw, self.shift(int(row), int(column)), score, (scale, scale)))
+            rows = slice(max(row - radius, 0), row + radius + 1)
+            columns = slice(max(column - radius, 0), column + radius + 1)
+            table[rows, columns] = -np.inf
+        return fits
+
+
+def _octaves(scales: np.ndarray) -> list[np.ndarray]:
+    """Runs of scales, each within a factor of `OCTAVE`."""
+    number = np.floor(np.log(scales / scales[0]) / np.log(OCTAVE) + 1e-9).astype(int)
+    return [scales[number == k] for k in np.unique(number)]
+
+
+def _spread(fits: list[Fit], walls: WallSamples, options: AlignOptions) -> list[Fit]:
+    """The first of each heap: neighbouring scales find the same place again."""
+    middle = walls.xy.mean(axis=0)
+    kept: list[Fit] = []
+    at: list[np.ndarray] = []
+    for fit in fits:
+        on_plan = (rotation_2d(fit.yaw) @ middle + fit.shift) / fit.metres_per_unit
+        is_new = all(
+            abs(np.angle(np.exp(1j * (fit.yaw - other.yaw)))) > np.deg2rad(4.0)
+            or abs(np.log(fit.metres_per_unit / other.metres_per_unit)) > 0.05
+            or np.linalg.norm(on_plan - place) * fit.metres_per_unit > options.distinct_m
+            for other, place in zip(kept, at, strict=True)
+        )
+        if is_new:
+            kept.append(fit)
+            at.append(on_plan)
+        if len(kept) == options.max_candidates:
+            break
+    return kept

@@ -1,0 +1,67 @@
+"""Scanned wall, seen from above, as the alignment takes it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planfit.geometry import segments
+
+
+@dataclass(frozen=True)
+class WallSamples:
+    """Scanned wall, seen from above, level frame."""
+
+    xy: np.ndarray  # (m, 2) m, evenly along the pieces of wall, in the order they were seen
+    normals: np.ndarray  # (m, 2) unit, towards where it was seen from
+    seen_from: np.ndarray | None = None  # (m, 2) m, the camera; None where it is not known
+
+    @property
+    def extent_m(self) -> float:
+        """Diagonal of the box around the samples; the outermost hundredth each side is left out."""
+        low, high = np.percentile(self.xy, [1, 99], axis=0)
+        return float(np.linalg.norm(high - low))
+
+    def mirrored(self) -> "WallSamples":
+        """Left and right swapped: x becomes -x."""
+        flip = np.array([-1.0, 1.0])
+        eyes = None if self.seen_from is None else self.seen_from * flip
+        return WallSamples(self.xy * flip, self.normals * flip, eyes)
+
+    def picked(self, idx: np.ndarray) -> "WallSamples":
+        """Some of the samples."""
+        eyes = None if self.seen_from is None else self.seen_from[idx]
+        return replace(self, xy=self.xy[idx], normals=self.normals[idx], seen_from=eyes)
+
+
+def sample_walls(
+    normals: np.ndarray,
+    ends: np.ndarray,
+    spacing_m: float = 0.1,
+    seen_from: np.ndarray | None = None,
+) -> WallSamples:
+    """Points about every `spacing_m` along pieces of wall: normals (k, 2), ends (k, 2, 2) m.
+
+    `seen_from` (k, 2) m is where the camera stood that saw each piece.
+    """
+    xy, piece = segments.sample(ends, spacing_m)
+    return WallSamples(xy, normals[piece], None if seen_from is None else seen_from[piece])
+
+
+def thin(walls: WallSamples, max_samples: int) -> tuple[WallSamples, np.ndarray]:
+    """At most about `max_samples`, evenly over the wall, and how much each counts (k,).
+
+    Walls that a slow camera saw fifty times would outvote those that it passed once: samples are
+    gathered in cells by place and direction, and a cell counts the square root of its samples. The order
+    in time stays.
+    """
+    cell_m = 0.05
+    direction = np.round(np.arctan2(walls.normals[:, 1], walls.normals[:, 0]) / (np.pi / 8))
+    direction = direction.astype(int) % 16
+    while True:
+        place = np.floor(walls.xy / cell_m).astype(int)
+        keys = np.column_stack([place, direction])
+        _, first, counts = np.unique(keys, axis=0, return_index=True, return_counts=True)
+        if len(first) <= max_samples:
+            in_time = np.argsort(first)
+            return walls.picked(first[in_time]), np.sqrt(counts[in_time])
+        cell_m *= max(1.1, len(first) / max_samples)

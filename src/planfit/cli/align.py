@@ -1,0 +1,184 @@
+"""`planfit align`: where on the plan a scan is, with a picture of each place that fits."""
+
+import json
+import os
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from planfit.align import Alignment, Fit, WallSamples, metric_plan
+from planfit.cli.console import StageBars, out, table
+from planfit.errors import OutputError, ScanError
+from planfit.floorplan import Floorplan, read_floorplan
+from planfit.options import RefineOptions
+from planfit.place import align_scan
+from planfit.report import draw_place
+from planfit.scan import read_scan
+from planfit.work import Work
+
+
+@dataclass(frozen=True)
+class AlignArguments:
+    """Find the place of a scan on a floorplan: turn, shift and, where the plan has no unit, scale."""
+
+    scan: tyro.conf.Positional[Path]
+    """Folder of the scan."""
+    plan: tyro.conf.Positional[Path]
+    """Floorplan."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder for alignment.json and a picture of each place."""
+    candidate: int = 1
+    """Which of the places found is taken, 1 the best."""
+    pin: tuple[str, ...] = ()
+    """Known pairs "x,y,z=u,v": a point of the scan in its own axes (m) and the same point on the plan."""
+    config: Path | None = None
+    """TOML file of options, overruled by the flags below."""
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Threads."""
+    options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
+
+
+def align_command(arguments: AlignArguments) -> int:
+    """Read, place, draw, tell. Exit code 1 where the place is not sure."""
+    options = arguments.options
+    chosen = replace(
+        options.align,
+        candidate=arguments.candidate if arguments.candidate != 1 else options.align.candidate,
+        pins=options.align.pins + arguments.pin,
+    )
+    options = replace(options, align=chosen)
+    folder = _claim(arguments.out)
+    scan = read_scan(arguments.scan, options.structure.back_end != "geometry")
+    floorplan = read_floorplan(arguments.plan)
+    with StageBars() as bars:
+        work = Work(arguments.workers, folder / "cache", bars.update)
+        found = align_scan(scan, floorplan, options, work)
+    if found is None:
+        raise ScanError(
+            f"{arguments.scan}: expected walls to place the scan by, found none; give wall masks, or "
+            "scan more of the walls"
+        )
+    alignment, walls = found
+    pictures = _write(folder, floorplan, walls, alignment)
+    _tell(floorplan, alignment, pictures)
+    return 0 if alignment.is_sure else 1
+
+
+def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
+    """Everything about a place as plain values; lengths in metres, angles in degrees where it says so."""
+    return {
+        "plan": floorplan.name,
+        "plan_is_metric": floorplan.is_metric,
+        "plan_from_level": alignment.plan_from_level.tolist(),
+        "metres_per_unit": alignment.metres_per_unit,
+        "metres_per_unit_xy": list(alignment.scale_xy),
+        "metres_per_unit_spread_share": alignment.scale_spread,
+        "score": alignment.score,
+        "margin": alignment.margin,
+        "covariance_turn_x_y_log_scale": None
+        if alignment.covariance is None
+        else alignment.covariance.tolist(),
+        "is_sure": alignment.is_sure,
+        "is_mirrored": alignment.is_mirrored,
+        "is_as_recorded": alignment.is_as_recorded,
+        "candidates": [
+            {
+                "turn_deg": float(np.rad2deg(fit.yaw)),
+                "plan_from_level": fit.plan_from_level.tolist(),
+                "metres_per_unit_xy": list(fit.scale_xy),
+                "score": fit.score,
+                "seen_through_faces_share": fit.crossed_share,
+            }
+            for fit in alignment.candidates
+        ],
+        "warnings": list(alignment.warnings),
+    }
+
+
+def _claim(folder: Path) -> Path:
+    """The folder, made; one with files that no `planfit align` wrote is left alone."""
+    ours = {"alignment.json", "cache"}
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: expected a folder, found a file; choose another")
+    if folder.exists():
+        others = [
+            path.name
+            for path in folder.iterdir()
+            if path.name not in ours and not path.match("candidate_*.png")
+        ]
+        if others:
+            raise OutputError(
+                f"{folder}: expected an empty folder or one of planfit align, found {others[0]}; "
+                "choose another"
+            )
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _write(
+    folder: Path, floorplan: Floorplan, walls: WallSamples, alignment: Alignment
+) -> list[Path]:
+    """alignment.json and the pictures; each through a temporary name."""
+    for old in folder.glob("candidate_*.png"):
+        old.unlink()
+    pictures = []
+    for i, fit in enumerate(alignment.candidates, start=1):
+        path = folder / f"candidate_{i}.png"
+        plan = floorplan if floorplan.is_metric else metric_plan(floorplan, fit.scale_xy)
+        _replace(path, draw_place(plan, walls, fit, _title(i, fit, floorplan.is_metric)))
+        pictures.append(path)
+    text = json.dumps(to_record(floorplan, alignment), indent=1)
+    _replace(folder / "alignment.json", text.encode())
+    return pictures
+
+
+def _replace(path: Path, data: bytes) -> None:
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_bytes(data)
+    temporary.replace(path)
+
+
+def _title(number: int, fit: Fit, is_metric: bool) -> str:
+    scale = "" if is_metric else f", {_scale(fit.scale_xy)}"
+    return (
+        f"place {number}: {fit.score:.0%} of the scanned wall explained, turned by "
+        f"{np.rad2deg(fit.yaw):.1f}°{scale}"
+    )
+
+
+def _scale(scale_xy: tuple[float, float]) -> str:
+    if scale_xy[0] == scale_xy[1]:
+        return f"{scale_xy[0]:.4g} m a unit"
+    return f"{scale_xy[0]:.4g} x {scale_xy[1]:.4g} m a unit"
+
+
+def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> None:
+    """One screen: the place that was taken, the others, and what is doubtful."""
+    rows = []
+    for i, fit in enumerate(alignment.candidates, start=1):
+        is_taken = np.allclose(fit.plan_from_level, alignment.plan_from_level)
+        x, y = fit.shift
+        rows.append(
+            [
+                f"{i}{' (taken)' if is_taken else ''}",
+                f"{fit.score:.0%}",
+                f"{np.rad2deg(fit.yaw):.2f} deg",
+                f"{x:.2f}, {y:.2f} m",
+                "as given" if floorplan.is_metric else _scale(fit.scale_xy),
+            ]
+        )
+    out.print(table("", ["place", "wall explained", "turn", "shift", "scale"], rows))
+    if not floorplan.is_metric and alignment.scale_spread > 0:
+        out.print(
+            f"scale: {_scale(alignment.scale_xy)}, known within {alignment.scale_spread:.2%} "
+            "(one standard deviation)"
+        )
+    out.print(f"margin over the next place: {100 * alignment.margin:.0f} percentage points")
+    for warning in alignment.warnings:
+        out.print(f"[yellow]note:[/] {warning}")
+    verdict = "placed" if alignment.is_sure else "[red]not sure[/]"
+    folder = pictures[0].parent if pictures else Path()
+    out.print(f"{verdict}: look at {folder / 'candidate_1.png'}", soft_wrap=True)

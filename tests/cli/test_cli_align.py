@@ -1,0 +1,61 @@
+"""`planfit align`: what it writes, what it says, and its exit codes."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from planfit.cli import run
+
+
+@pytest.fixture(scope="module")
+def aligned(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("align") / "out"
+    assert run(["align", str(small_scan), str(small_scan / "floorplan.npy"), "-o", str(out)]) == 0
+    return out
+
+
+def test_the_place_is_written_with_a_picture_of_each_candidate(aligned: Path) -> None:
+    record = json.loads((aligned / "alignment.json").read_text())
+    assert record["is_sure"]
+    assert record["is_as_recorded"]
+    assert record["metres_per_unit"] == 1.0
+    transform = np.array(record["plan_from_level"])
+    assert transform.shape == (4, 4)
+    np.testing.assert_allclose(transform[:3, :3] @ transform[:3, :3].T, np.eye(3), atol=1e-9)
+    assert len(record["candidates"]) >= 1
+    for i in range(len(record["candidates"])):
+        with Image.open(aligned / f"candidate_{i + 1}.png") as picture:
+            assert picture.width > 400
+            assert picture.height > 200
+
+
+def test_what_it_says(aligned: Path, small_scan: Path, capsys) -> None:
+    plan = str(small_scan / "floorplan.npy")
+    assert run(["align", str(small_scan), plan, "-o", str(aligned)]) == 0
+    said = capsys.readouterr().out
+    assert "1 (taken)" in said
+    assert "margin over the next place" in said
+    assert "placed: look at" in said
+
+
+def test_another_candidate_or_a_bad_pin_is_one_line(
+    aligned: Path, small_scan: Path, capsys
+) -> None:
+    plan = str(small_scan / "floorplan.npy")
+    arguments = ["align", str(small_scan), plan, "-o", str(aligned)]
+    assert run([*arguments, "--candidate", "99"]) == 2
+    assert "align.candidate: expected 1 to" in capsys.readouterr().err
+    assert run([*arguments, "--pin", "1,2=3"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()[-1:]
+    assert "align.pins: expected x,y,z=u,v" in line
+
+
+def test_a_folder_with_other_files_is_left_alone(small_scan: Path, tmp_path: Path, capsys) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    plan = str(small_scan / "floorplan.npy")
+    assert run(["align", str(small_scan), plan, "-o", str(tmp_path)]) == 2
+    assert "found thesis.tex" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
