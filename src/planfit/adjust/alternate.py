@@ -17,7 +17,6 @@ from planfit.adjust.options import AdjustOptions
 from planfit.adjust.plan_problem import PlanProblem, make_problem, solve_problem
 from planfit.adjust.solver import Solution, solve
 from planfit.adjust.support import describe_support
-from planfit.adjust.terms.anchor import AnchorTerm
 from planfit.adjust.ties import Ties, tie
 from planfit.floorplan import Floorplan
 
@@ -31,10 +30,7 @@ def close_loops(
     Zisserman 1987; Yang et al. 2020). The floor, where seen, gives height and tilt; of the first
     frame only the rest is held.
     """
-    has_floor = options.floor.weight > 0 and evidence.structure.has_floor
-    free = np.inf if has_floor else 1e-3
-    sigma = np.array([free, free, 1e-3, 1e-3, 1e-3, free])
-    anchor = AnchorTerm(np.array([0]), level_from_cams[:1], sigma)
+    anchor = evidence.anchor(level_from_cams, options)
     solution: Solution | None = None
     for factor in options.graduation:
         terms = evidence.terms(_with_wider_loss(options, factor))

@@ -6,6 +6,7 @@ from typing import TypeVar
 import numpy as np
 
 from planfit.adjust.options import AdjustOptions
+from planfit.adjust.terms.anchor import AnchorTerm
 from planfit.adjust.terms.base import Term, as_mean
 from planfit.adjust.terms.levels import floor_term
 from planfit.adjust.terms.points import PointTerm
@@ -81,6 +82,13 @@ class Evidence:
             return [RayTerm(matches, self._averaged(options.rays, options))]
         chosen = self._averaged(options.reprojection, options)
         return [ReprojectionTerm(matches, self.cameras, chosen)]
+
+    def anchor(self, target_from_cams: np.ndarray, options: AdjustOptions) -> AnchorTerm:
+        """Holds the first frame where it is, but for what the floor holds: height and tilt."""
+        has_floor = options.floor.weight > 0 and self.structure.has_floor
+        free = np.inf if has_floor else 1e-3
+        sigma = np.array([free, free, 1e-3, 1e-3, 1e-3, free])
+        return AnchorTerm(np.array([0]), target_from_cams[:1], sigma)
 
     def _averaged(self, chosen: Chosen, options: AdjustOptions) -> Chosen:
         return as_mean(chosen, self.matches.n_matches) if options.averaging == "mean" else chosen

@@ -10,7 +10,6 @@ from planfit.adjust.evidence import Evidence
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.sgd import PaperWeights, descend
 from planfit.adjust.solver import Cost, Solution, solve
-from planfit.adjust.terms.anchor import AnchorTerm
 from planfit.adjust.terms.base import Term
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
@@ -68,7 +67,7 @@ def make_problem(
         on_walls += [offset_prior(n, ties.floorplan, options.walls.offset_sigma_m)]
         unknowns = with_offsets(plan_from_cams, ties.floorplan)
     if not on_walls and not ties.columns.n_associated:
-        on_walls = [AnchorTerm(np.array([0]), plan_from_cams[:1], np.full(6, 1e-3))]
+        on_walls = [evidence.anchor(plan_from_cams, options)]
     return PlanProblem(evidence, ties, geometric, [*others, *on_walls], unknowns, n)
 
 

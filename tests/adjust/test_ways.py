@@ -1,0 +1,242 @@
+"""Each way to adjust that an option chooses: it is the one that runs, and it works."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from builders import CAMERA, make_world, nudged, position_rms_m
+from planfit.adjust import AdjustOptions, Evidence, close_loops, costs, paper_options, pull_walls
+from planfit.adjust.association import AssociationOptions
+from planfit.adjust.bounded import BoundedOptions, robust_cost
+from planfit.adjust.robust import Loss, LossKind
+from planfit.adjust.sgd import DescentOptions, DescentStop, PaperWeights
+from planfit.adjust.solver import solve
+from planfit.adjust.terms.levels import LevelOptions
+from planfit.adjust.terms.points import PointOptions
+from planfit.adjust.terms.trajectory import TrajectoryOptions
+from planfit.adjust.terms.walls import WallOptions
+from planfit.errors import OptionError, ScanError
+from planfit.geometry import se3
+
+
+@pytest.fixture
+def world(rng):
+    return make_world(rng)
+
+
+@pytest.fixture
+def evidence(world):
+    cameras = (CAMERA,) * len(world.plan_from_cams)
+    return replace(world.evidence, cameras=cameras)
+
+
+@pytest.fixture
+def start(world, rng):
+    return nudged(rng, world.plan_from_cams, 1.0, 0.05)
+
+
+def name_of_geometry(solution):
+    return set(solution.cost_by_term) & {"points", "reprojection", "rays"}
+
+
+@pytest.mark.parametrize(
+    ("geometric", "atol_m"), [("points", 0.01), ("reprojection", 0.01), ("rays", 0.03)]
+)
+def test_the_geometric_term_is_the_chosen_one(geometric, atol_m, world, evidence, start):
+    options = AdjustOptions(geometric=geometric)
+    pulled = pull_walls(evidence, world.floorplan, start, options)
+    assert name_of_geometry(pulled.solution) == {geometric}
+    assert position_rms_m(pulled.solution.target_from_cams, world.plan_from_cams) < atol_m
+
+
+@pytest.mark.parametrize("geometric", ["points", "reprojection", "rays"])
+def test_loops_close_by_the_chosen_term_and_its_loss_is_graduated(geometric, evidence, start):
+    options = AdjustOptions(geometric=geometric, graduation=(3.0,))
+    closed = close_loops(evidence, start, options)
+    assert name_of_geometry(closed) == {geometric}
+    chosen = getattr(options, geometric)
+    wide = replace(chosen, loss=replace(chosen.loss, scale=3 * chosen.loss.scale))
+    final = closed.target_from_cams
+    expected = costs(evidence, final, replace(options, **{geometric: wide}))[geometric]
+    assert_allclose(closed.cost_by_term[geometric].after, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("strategy", ["fixed", "iterative", "nearest-point"])
+def test_every_wall_strategy_brings_the_scan_onto_the_plan(strategy, world, evidence, start):
+    moved = se3.yaw_transform(0.01, np.array([0.08, -0.06, 0.0])) @ start
+    pulled = pull_walls(evidence, world.floorplan, moved, AdjustOptions(wall_strategy=strategy))
+    assert position_rms_m(pulled.solution.target_from_cams, world.plan_from_cams) < 0.03
+
+
+def test_nearest_point_holds_along_a_wall_and_the_others_do_not(world, evidence):
+    # One wall with ends: only its ends, or nothing, hold the scan along it.
+    first = replace(
+        world.floorplan,
+        ends=world.floorplan.ends[:1],
+        normals=world.floorplan.normals[:1],
+        is_oriented=world.floorplan.is_oriented[:1],
+    )
+    beyond = world.plan_from_cams.copy()
+    beyond[:, 0, 3] += 3.0  # along the wall, half of it beyond its end
+    found = {}
+    for strategy in ("iterative", "nearest-point"):
+        options = AdjustOptions(
+            wall_strategy=strategy,
+            wall_distances_m=(4.0,),
+            walls=WallOptions(loss=Loss(LossKind.SQUARED)),
+        )
+        pulled = pull_walls(evidence, first, beyond, options)
+        found[strategy] = pulled.solution.target_from_cams[:, 0, 3].mean()
+    assert found["nearest-point"] < found["iterative"] - 0.1
+
+
+def test_geometry_never_pays_more_than_the_bound(world, evidence, start):
+    wide = replace(world.floorplan, ends=world.floorplan.ends * 1.04)
+    bound = BoundedOptions()
+    options = AdjustOptions(is_bounded=True, bounded=bound)
+    pulled = pull_walls(evidence, wide, start, options)
+    terms = evidence.geometric_terms(options)
+    least = robust_cost(terms, solve(terms, start, options.solver).target_from_cams)
+    paid = robust_cost(terms, pulled.solution.target_from_cams)
+    assert paid <= bound.error_factor**2 * least + bound.slack
+    free = pull_walls(evidence, wide, start, AdjustOptions())
+    assert robust_cost(terms, free.solution.target_from_cams) > paid
+    assert "barrier" in pulled.solution.cost_by_term
+
+
+def test_terms_of_the_paper_are_means(world, evidence, start):
+    options = paper_options(PaperWeights(10.0, 0.5))
+    pulled = pull_walls(evidence, world.floorplan, start, replace(options, max_alternations=1))
+    found = costs(evidence, start, options, pulled.ties)
+    assert set(found) == {"points", "floor", "walls"}
+    poses = start[world.structure.floor.frame_idx]
+    points = world.structure.floor.points_cam
+    height = np.einsum("ka,ka->k", poses[:, 2, :3], points) + poses[:, 2, 3]
+    assert_allclose(found["floor"], 10.0 * np.abs(height).mean(), rtol=1e-4)
+
+
+@pytest.mark.parametrize("strategy", ["iterative", "nearest-point"])
+def test_the_papers_other_strategies_are_means_too(strategy, world, evidence):
+    options = replace(paper_options(PaperWeights(10.0, 0.5)), wall_strategy=strategy)
+    moved = world.plan_from_cams.copy()
+    moved[:, 0, 3] += 0.05
+    ties = pull_walls(evidence, world.floorplan, moved, options).ties
+    found = costs(evidence, moved, options, ties)["walls"]
+    # Half of the wall points see a wall across x, and stand 5 cm off it; the others slide along.
+    across = np.abs(world.structure.walls.normals_cam[:, None] @ np.eye(3)[None])  # any axes
+    assert len(across) == len(world.structure.walls)
+    assert_allclose(found, 0.5 * 0.05 * 0.5, rtol=0.1)
+
+
+def test_paper_preset_has_no_prior_and_pulls_from_both_sides():
+    options = paper_options()
+    assert options.trajectory.weight == options.ceiling.weight == options.columns.weight == 0
+    assert not options.association.oriented
+    assert not options.loops_first
+    assert options.walls.loss.kind is options.points.loss.kind is LossKind.NORM
+    assert (options.floor.weight, options.walls.weight) == (10.0, 0.5)
+
+
+def test_descent_runs_where_asked_for(world, evidence, start):
+    pytest.importorskip("torch", reason="PyTorch is not installed (pip install planfit[torch])")
+    short = DescentOptions(max_steps=400, tolerance=0.0)
+    options = replace(paper_options(), method="sgd", descent=short, max_alternations=1)
+    pulled = pull_walls(evidence, world.floorplan, start, options)
+    assert pulled.solution.stop is DescentStop.LIMIT
+    assert pulled.solution.iterations == 400
+    before, after = (
+        sum(getattr(cost, when) for cost in pulled.solution.cost_by_term.values())
+        for when in ("before", "after")
+    )
+    assert after < 0.6 * before
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"geometric": "rays"},
+        {"wall_strategy": "iterative"},
+        {"averaging": "readings"},
+        {"is_bounded": True},
+        {"trajectory": TrajectoryOptions()},
+    ],
+)
+def test_descent_refuses_what_it_does_not_minimise(changes):
+    with pytest.raises(OptionError, match="the paper's cost only"):
+        replace(paper_options(), method="sgd", **changes)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("geometric", "lines"),
+        ("wall_strategy", "nearest"),
+        ("averaging", "sum"),
+        ("method", "adam"),
+    ],
+)
+def test_unknown_choices_are_refused(name, value):
+    with pytest.raises(OptionError, match=f"{name}: expected .* found '{value}'"):
+        AdjustOptions(**{name: value})
+
+
+def test_no_term_at_all_is_refused():
+    nothing = LevelOptions(weight=0.0)
+    with pytest.raises(OptionError, match="at least one term"):
+        AdjustOptions(
+            points=PointOptions(weight=0.0),
+            floor=nothing,
+            ceiling=nothing,
+            walls=WallOptions(weight=0.0),
+            columns=WallOptions(weight=0.0),
+            trajectory=TrajectoryOptions(weight=0.0),
+        )
+
+
+def test_faces_may_be_taken_from_either_side(world, evidence):
+    turned = replace(world.floorplan, normals=-world.floorplan.normals)
+    for oriented, expected in ((True, 0), (False, len(world.structure.walls))):
+        options = AdjustOptions(association=AssociationOptions(oriented=oriented))
+        pulled = pull_walls(evidence, turned, world.plan_from_cams, options)
+        assert pulled.association.n_associated == expected
+
+
+def test_offsets_come_with_their_spreads(world, evidence):
+    ends = world.floorplan.ends.copy()
+    ends[2, :, 1] += 0.06  # drawn 6 cm off, away from the room
+    drawn = replace(world.floorplan, ends=ends)
+    options = AdjustOptions(walls=WallOptions(offset_sigma_m=0.05))
+    pulled = pull_walls(evidence, drawn, world.plan_from_cams, options)
+    # Its normal looks into the room: the wall stands 6 cm further in than drawn; the scan gives a little.
+    assert 0.02 < pulled.offsets_m[2] < 0.07
+    assert np.all((pulled.offset_sigmas_m > 0) & (pulled.offset_sigmas_m < 0.05))
+    without = pull_walls(evidence, drawn, world.plan_from_cams, AdjustOptions())
+    assert np.isnan(without.offset_sigmas_m).all()
+
+
+def test_covariances_are_given_where_asked_for(world, evidence):
+    assert (
+        pull_walls(evidence, world.floorplan, world.plan_from_cams, AdjustOptions()).covariances
+        is None
+    )
+    options = AdjustOptions(covariances=True)
+    found = pull_walls(evidence, world.floorplan, world.plan_from_cams, options).covariances
+    assert found.shape == (len(world.plan_from_cams), 6, 6)
+    assert np.all(np.linalg.eigvalsh(found) > 0)
+
+
+@pytest.mark.parametrize("where", ["matches", "floor", "walls"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_points_that_are_not_finite_are_refused(where, bad, world):
+    matches, structure = world.matches, world.structure
+    if where == "matches":
+        matches = replace(matches, points_b=np.where(np.arange(3) == 1, bad, matches.points_b))
+    else:
+        surface = getattr(structure, where)
+        points = surface.points_cam.copy()
+        points[3, 2] = bad
+        structure = replace(structure, **{where: replace(surface, points_cam=points)})
+    with pytest.raises(ScanError, match=r"found \d+ .* with NaN or infinity"):
+        Evidence(matches, structure, world.odometry)
