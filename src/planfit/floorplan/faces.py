@@ -50,7 +50,7 @@ def _nearest_partner(
             (np.abs(along @ sides[i]) < _PARALLEL_SINE)
             & (gap.min(axis=1) > min_thickness_m)
             & (gap.max(axis=1) < max_thickness_m)
-            & (high - low > 0.05)
+            & (high - low > max_thickness_m / 12)
         )
         if is_partner.any():
             gaps[i] = gap[is_partner].min()
@@ -65,3 +65,15 @@ def _covered(low: np.ndarray, high: np.ndarray) -> float:
         total += max(0.0, float(high[i] - max(low[i], reached)))
         reached = max(reached, float(high[i]))
     return total
+
+
+def usual_gap(ends: np.ndarray) -> float:
+    """Gap between a line and its nearest parallel neighbour, of the median length of line; infinite
+    where most have none. Says how thick walls are in a plan whose scale is unknown."""
+    extent = float(np.ptp(ends.reshape(-1, 2), axis=0).max())
+    normals = segments.left_normals(ends)
+    gaps = [_nearest_partner(ends, side, extent, 1e-4 * extent)[0] for side in (normals, -normals)]
+    nearest = np.minimum(*gaps)
+    order = np.argsort(nearest)
+    length = np.cumsum(segments.lengths(ends)[order])
+    return float(nearest[order][np.searchsorted(length, length[-1] / 2)])
