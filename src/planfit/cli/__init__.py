@@ -17,6 +17,7 @@ usage: planfit COMMAND ...
 
 commands:
   refine SCAN -o OUT [--plan FILE]   refine the camera poses of a scan; OUT/report.html tells how it went
+  plan FILE [-o FILE.png|svg|dxf|json]   show what is read of a floorplan
   evaluate OUT --truth FILE          compare refined poses with true ones
   demo [-o OUT]                      make a synthetic scan, drift it, refine it, and compare with the truth
   synth OUT                          write a synthetic scan with its plan and its truth
@@ -42,6 +43,7 @@ def run(argv: Sequence[str]) -> int:
         return EXIT_OK
     loaders: dict[str, Callable[[], tuple[type, Callable[[Any], int]]]] = {
         "refine": _load_refine,
+        "plan": _load_plan,
         "evaluate": _load_evaluate,
         "demo": _load_demo,
         "synth": _load_synth,
@@ -104,6 +106,12 @@ def _load_refine() -> tuple[type, Callable[[Any], int]]:
     from planfit.cli.refine import RefineArguments, refine_command
 
     return RefineArguments, refine_command
+
+
+def _load_plan() -> tuple[type, Callable[[Any], int]]:
+    from planfit.cli.plan import PlanArguments, plan_command
+
+    return PlanArguments, plan_command
 
 
 def _load_evaluate() -> tuple[type, Callable[[Any], int]]:

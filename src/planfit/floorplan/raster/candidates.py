@@ -60,6 +60,11 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     return result
 
 
+def find_extent(darkness: np.ndarray) -> float:
+    """Larger side (px) of what is drawn; 0 where there is nothing."""
+    return _extent((darkness > LINE).astype(np.uint8))
+
+
 def _extent(lines: np.ndarray) -> float:
     rows, columns = np.flatnonzero(lines.any(axis=1)), np.flatnonzero(lines.any(axis=0))
     if len(rows) == 0:

@@ -33,8 +33,8 @@ class Reading:
     """Of the outline of everything traced, what is straight wall."""
 
 
-def trace(candidate: Candidate, extent_px: float) -> Reading:
-    """Trace a candidate and keep what has the form of walls."""
+def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Reading:
+    """Trace a candidate and keep what has the form of walls; all of it where the walls are given."""
     mask = candidate.mask if candidate.bars is None else candidate.mask | candidate.bars
     regions = np.array(trace_regions(mask, candidate.grow_px), dtype=object)
     if len(regions) == 0:
@@ -49,12 +49,15 @@ def trace(candidate: Candidate, extent_px: float) -> Reading:
     share = straight / np.maximum(outline, 1e-6)
     # A wall by itself, of length L and thickness t, has 2 A / P = t L / (L + t), a little less than t.
     is_long = (reach >= _LONG * thickness) & (share >= _STRAIGHT) & (thickness < _FATTEST * extent_px)
-    if not is_long.any():
+    if not (is_given or is_long.any()):
         return Reading(candidate, (), tuple(regions), 0.0, 0.0, 0.0)
-    usual = _weighted_median(thickness[is_long], outline[is_long])
+    usual = _weighted_median(thickness[is_long], outline[is_long]) if is_long.any() else 1.0
     is_wall = is_long & (reach >= 2.5 * usual) & (thickness >= 0.3 * usual)
     is_wall |= _are_columns(regions, outline, usual)
-    is_wall &= ~_are_frames(regions, outline, is_wall, thickness < 0.6 * usual)
+    if is_given:
+        is_long[:] = is_wall[:] = True
+        usual = _weighted_median(thickness, outline)
+    is_wall &= is_given | ~_are_frames(regions, outline, is_wall, thickness < 0.6 * usual)
     if candidate.edge == "stroke":
         is_wall &= _are_part_of_the_building(regions, straight, is_wall, thickness / usual, extent_px)
     good = float(straight[is_wall].sum())
