@@ -158,21 +158,28 @@ def _are_part_of_the_building(
         is_wall: (n,) bool.
         thickness: (n,) of the usual one.
     """
+    # Lines of furniture are nearer to each other than those of walls.
+    is_thick = is_wall & (thickness > 0.35)
     least = min(0.25 * straight[is_wall].max(initial=0.0), 0.5 * extent_px)
-    is_large = is_wall & (straight > least) & (thickness > 0.5)
-    lines = np.concatenate([np.zeros((0, 3)), *(_long_lines(r) for r in regions[is_large])])
-    result = is_large.copy()
-    for i in np.flatnonzero(is_wall & ~is_large & (thickness > 0.4)):
+    is_large = is_thick & (straight > least)
+    outline = shapely.length(regions)
+    has_holes = shapely.get_num_interior_rings(regions) > 0
+    # A bar of length L and thickness t has the outline 2 (L + t) and the area L t.
+    is_bar = outline**2 > 30.0 * shapely.area(regions)
+    result = is_large | (is_thick & ~has_holes & is_bar & (outline > 0.1 * extent_px))
+    lines = np.concatenate([np.zeros((0, 5)), *(_long_lines(r) for r in regions[result])])
+    for i in np.flatnonzero(is_thick & ~result):
         own = _long_lines(regions[i])
-        gap = np.abs(own[:, None] - lines[None])
-        in_line = (gap[..., 0] < 0.1) & (gap[..., 1] < 0.1) & (gap[..., 2] < 2.5)
-        # Both faces in line with faces of the same wall further on, or one of a wall that changes its thickness.
-        result[i] = in_line.any(axis=1).sum() >= 2
+        alike = own[:, :2] @ lines[:, :2].T > 0.99
+        middles = own[:, None, 3:]
+        off = np.abs(np.sum(middles * lines[None, :, :2], axis=2) - lines[None, :, 2])
+        # Both faces in line with faces of a wall further on.
+        result[i] = (alike & (off < 2.5)).any(axis=1).sum() >= 2
     return result
 
 
 def _long_lines(region: BaseGeometry) -> np.ndarray:
-    """Normal and offset (k, 3) of the longer half of a region's edges."""
+    """Normal, offset and middle (k, 5) of a region's longer edges."""
     rows = []
     for ring in (region.exterior, *region.interiors):
         points = np.asarray(ring.coords)
@@ -181,5 +188,6 @@ def _long_lines(region: BaseGeometry) -> np.ndarray:
         kept = length > 8.0
         normal = np.stack([step[kept, 1], -step[kept, 0]], axis=1) / length[kept, None]
         offset = np.sum(normal * points[:-1][kept], axis=1)
-        rows.append(np.column_stack([normal, offset]))
-    return np.concatenate(rows) if rows else np.zeros((0, 3))
+        middle = (points[:-1] + points[1:])[kept] / 2
+        rows.append(np.column_stack([normal, offset, middle]))
+    return np.concatenate(rows) if rows else np.zeros((0, 5))

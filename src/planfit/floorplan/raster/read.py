@@ -145,25 +145,17 @@ def _shrunk(values: np.ndarray, shrink: float) -> np.ndarray:
 def _faces(reading: Reading, upright: Upright, shrink: float) -> _Found:
     """Faces of each storey, where the ink of the full picture has them."""
     walls = np.array(reading.walls, dtype=object)
-    storey_of = find_storeys(walls, reading.thickness_px)
-    ends, normals, thickness, storey = [], [], [], []
-    for k in range(storey_of.max() + 1):
-        part = faces_of_regions(
-            shapely.GeometryCollection(list(walls[storey_of == k])),
-            0.6,
-            max(0.5 * reading.thickness_px, 5.0),
-        )
-        ends.append(part.ends)
-        normals.append(part.normals)
-        thickness.append(part.thickness)
-        storey.append(np.full(len(part.ends), k))
+    least_px = max(0.5 * reading.thickness_px, 5.0)
+    faces = faces_of_regions(shapely.GeometryCollection(list(walls)), 0.6, least_px)
+    openings = find_openings(faces.ends, faces.normals, faces.thickness)
+    storey_of = find_storeys(walls, reading.thickness_px, openings)
+    inside = faces.ends.mean(axis=1) - 0.5 * faces.normals
+    storey = storey_of[shapely.STRtree(walls).nearest(shapely.points(inside))]
     size = np.array(upright.darkness.shape[::-1]) / np.array(
         _shrunk(upright.darkness, shrink).shape[::-1]
     )
     faces = RegionFaces(
-        (np.concatenate(ends) + 0.5) * size - 0.5,
-        np.concatenate(normals),
-        np.concatenate(thickness) * shrink,
+        (faces.ends + 0.5) * size - 0.5, faces.normals, faces.thickness * shrink
     )
     candidate = reading.candidate
     if candidate.edge != "mask" and len(faces.ends):
@@ -174,7 +166,7 @@ def _faces(reading: Reading, upright: Upright, shrink: float) -> _Found:
             candidate.edge == "stroke",
             max(1.5, 1.2 * shrink, 0.75 * abs(candidate.grow_px) * shrink),
         )
-    return _Found(faces, np.concatenate(storey), storey_words(walls, storey_of))
+    return _Found(faces, storey, storey_words(walls, storey_of))
 
 
 def _to_floorplan(

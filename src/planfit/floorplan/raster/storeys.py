@@ -9,10 +9,21 @@ _LEAST_SHARE = 0.12
 """A group of less area than this share of the largest is a part of its neighbour."""
 
 
-def find_storeys(walls: np.ndarray, thickness_px: float) -> np.ndarray:
-    """Number of the storey (n,) of each region of wall (n,) of polygons; numbered as one reads a page."""
+def find_storeys(walls: np.ndarray, thickness_px: float, openings: np.ndarray) -> np.ndarray:
+    """Number of the storey (n,) of each region of wall (n,) of polygons; numbered as one reads a page.
+
+    Args:
+        walls: (n,) polygons.
+        thickness_px: usual thickness of a wall.
+        openings: (k, 2, 2) doors and windows; the walls on their two sides are of one storey.
+    """
     boxes = shapely.bounds(walls) + np.array([-1, -1, 1, 1]) * _APART * thickness_px
     group = np.arange(len(walls))
+    if len(openings):
+        tree = shapely.STRtree(walls)
+        sides = tree.nearest(shapely.points(openings.reshape(-1, 2))).reshape(-1, 2)
+        for a, b in sides:
+            group[group == group[b]] = group[a]
     while True:
         merged = _merged_once(boxes, group)
         if (merged == group).all():

@@ -130,7 +130,7 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
     result = []
     for limit in sorted({int(np.searchsorted(share, s)) + 1 for s in (0.4, 0.6, 0.75, 0.85, 0.93, 0.98)}):
         usual = int(np.searchsorted(share, share[min(limit, len(share) - 1)] / 2))
-        least = max(0.35 * usual, 1.0)
+        least = max(0.2 * usual, 1.0)
         along_rows = sides[0].walls(least, limit, usual)
         along_columns = np.ascontiguousarray(sides[1].walls(least, limit, usual).T)
         seeds = along_rows | along_columns
