@@ -138,8 +138,10 @@ def _grey(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate
                 Candidate("filled, outlined", mask, "stroke", LINE, line_px / 2, 3.0)
             )
         else:
-            mask = ((darkness > tone / 2) & (darkness < tone + 0.2)).astype(np.uint8)
-            mask = closed(mask, int(line_px) + 1)
+            near = cv2.dilate(core, np.ones((3, 3), np.uint8))
+            mask = ((darkness > tone / 2) & (near > 0)).astype(np.uint8)
+            # Texts and lines across a wall are darker than it; the paper between walls is not.
+            mask |= closed(mask, 2 * int(line_px) + 3) & (darkness > tone).astype(np.uint8)
             for size in _least_widths(mask, line_px, extent)[:3]:
                 result.append(
                     Candidate("solid grey", opened(mask, size), "edge", tone / 2, 0.0, size)

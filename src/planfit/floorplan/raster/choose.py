@@ -66,12 +66,22 @@ def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Rea
     weight = straight / (straight + 0.3 * extent_px)
     return Reading(
         candidate,
-        tuple(regions[is_wall]),
+        _joined(regions[is_wall], candidate),
         tuple(regions[~is_wall]),
         usual,
         float((weight * straight)[is_wall].sum()) * straight_share,
         straight_share,
     )
+
+
+def _joined(walls: np.ndarray, candidate: Candidate) -> tuple[BaseGeometry, ...]:
+    """Pieces of wall that only a line parts become one."""
+    if candidate.edge != "stroke":
+        return tuple(walls)
+    reach = max(0.6 * abs(candidate.grow_px), 0.6)
+    grown = shapely.union_all(shapely.buffer(walls, reach, join_style="mitre"))
+    joined = shapely.buffer(grown, -reach, join_style="mitre")
+    return tuple(part for part in shapely.get_parts(joined) if part.area > 0)
 
 
 def choose(candidates: list[Candidate], extent_px: float) -> Reading | None:
@@ -166,6 +176,10 @@ def _are_part_of_the_building(
     has_holes = shapely.get_num_interior_rings(regions) > 0
     # A bar of length L and thickness t has the outline 2 (L + t) and the area L t.
     is_bar = outline**2 > 30.0 * shapely.area(regions)
+    # The frame of a window, a table, a bath: a small ring, thinner than walls.
+    bounds = shapely.bounds(regions)
+    reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
+    is_large &= ~(has_holes & (thickness < 0.7) & (reach < 0.15 * extent_px))
     result = is_large | (is_thick & ~has_holes & is_bar & (outline > 0.1 * extent_px))
     lines = np.concatenate([np.zeros((0, 5)), *(_long_lines(r) for r in regions[result])])
     for i in np.flatnonzero(is_thick & ~result):

@@ -116,6 +116,7 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
     # Tiles are between lines along rows and along columns; the corners of walls are in neither strip.
     grid = (rows > 0) & (columns > 0)
     rows, columns = np.where(grid, 0, rows).astype(np.int16), np.where(grid, 0, columns).astype(np.int16)
+    tiles = cv2.dilate(grid.astype(np.uint8), np.ones((3, 3), np.uint8))
     thickest = int(2 * work.line_px) + 2
     sides = [
         _Strips.between(rows, work.along[0], thickest),
@@ -135,11 +136,9 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
         along_columns = np.ascontiguousarray(sides[1].walls(least, limit, usual).T)
         seeds = along_rows | along_columns
         narrow = closed(work.along[0] | work.along[1], limit + 2)
-        narrow &= 1 - (work.along[0] | work.along[1])
+        narrow &= 1 - (work.along[0] | work.along[1] | tiles)
         mask = _grown(seeds, narrow, limit) | _junctions(along_rows, along_columns, limit)
         if mask.any():
-            # Lines across a wall part it no further than their own width.
-            mask = closed(mask, int(np.ceil(work.line_px)) + 2)
             result.append(InsideWalls(mask, _free_bars(bars, narrow, work.line_px)))
     return result
 
@@ -178,7 +177,7 @@ class _Strips:
             in_range = (other >= least) & (other <= limit)
             n_alike += in_range & (other > 0.6 * self.width) & (other < 1.7 * self.width)
         kept = (self.width >= least) & (self.width <= limit)
-        kept &= (n_alike == 0) | ((n_alike == 1) & (self.width > 0.6 * usual))
+        kept &= (n_alike == 0) | ((n_alike == 1) & (self.width > 0.75 * usual))
         mask = np.zeros(self.shape, np.uint8)
         mask[self.row[kept], self.column[kept]] = 1
         bridged = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((1, 5), np.uint8))
