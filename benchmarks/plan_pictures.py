@@ -146,8 +146,13 @@ if __name__ == "__main__":
     parser.add_argument("--first", type=int, default=FIRST_SEED)
     parser.add_argument("--save", type=Path)
     parser.add_argument("--size", type=int, default=4000)
+    parser.add_argument("--only", default="", help="conditions that contain this")
     arguments = parser.parse_args()
     if arguments.save is not None:
         arguments.save.mkdir(parents=True, exist_ok=True)
-    time_large(arguments.size)
+    if arguments.size:
+        time_large(arguments.size)
+    for condition in list(CONDITIONS):
+        if arguments.only not in condition:
+            del CONDITIONS[condition]
     records(range(arguments.first, arguments.first + arguments.seeds), arguments.save)

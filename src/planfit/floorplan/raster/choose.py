@@ -97,9 +97,11 @@ def choose(candidates: list[Candidate], extent_px: float) -> Reading | None:
         if reading.candidate.style.startswith("solid") and best_pairs is not None:
             score *= 1.0 - _outline_share(reading, best_pairs)
         if reading.candidate.style == "hatched":
-            score *= 0.7  # filling gaps makes walls of other things too
+            score *= 0.5  # filling gaps makes walls of other things too
         if reading.candidate.style == "filled, outlined":
             score *= 1.15  # says more of the drawing than the other readings of the same walls
+        if reading.candidate.style == "double lines":
+            score *= 0.6  # furniture and dimensions have parallel lines too
         scores.append(score)
     return readings[int(np.argmax(scores))]
 
@@ -179,7 +181,7 @@ def _are_part_of_the_building(
     # The frame of a window, a table, a bath: a small ring, thinner than walls.
     bounds = shapely.bounds(regions)
     reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
-    is_large &= ~(has_holes & (thickness < 0.7) & (reach < 0.15 * extent_px))
+    is_large &= ~(has_holes & (thickness < 0.7) & (reach < 0.2 * extent_px))
     result = is_large | (is_thick & ~has_holes & is_bar & (outline > 0.1 * extent_px))
     lines = np.concatenate([np.zeros((0, 5)), *(_long_lines(r) for r in regions[result])])
     for i in np.flatnonzero(is_thick & ~result):

@@ -12,6 +12,7 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster.candidates import Candidate, find_candidates, find_extent
 from planfit.floorplan.raster.choose import Reading, choose, trace
+from planfit.floorplan.raster.frame import without_frame
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import Upright, load_picture, make_darkness, make_upright
 from planfit.floorplan.raster.storeys import find_storeys, storey_words
@@ -67,6 +68,7 @@ def read_picture(
     shrink = max(1.0, max(upright.darkness.shape) / WORK_SIDE_PX)
     small = _shrunk(upright.darkness, shrink)
     if mask is None:
+        small = without_frame(small)
         reading = choose(find_candidates(small), find_extent(small))
     else:
         turned = _shrunk(_turned(mask.astype(np.float32), upright), shrink)

@@ -129,8 +129,10 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
     length = np.bincount(alone) / np.maximum(np.arange(int(alone.max()) + 1), 1)
     share = np.cumsum(length) / length.sum()
     result = []
-    for limit in sorted({int(np.searchsorted(share, s)) + 1 for s in (0.4, 0.6, 0.75, 0.85, 0.93, 0.98)}):
+    for limit in sorted({int(np.searchsorted(share, s)) + 1 for s in (0.45, 0.65, 0.8, 0.9, 0.97)}):
         usual = int(np.searchsorted(share, share[min(limit, len(share) - 1)] / 2))
+        if limit > 4 * usual + 4:
+            continue
         least = max(0.2 * usual, 1.0)
         along_rows = sides[0].walls(least, limit, usual)
         along_columns = np.ascontiguousarray(sides[1].walls(least, limit, usual).T)

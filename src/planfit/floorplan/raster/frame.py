@@ -1,0 +1,54 @@
+"""The frame of a sheet and the title block that hangs on it: taken away before walls are looked for."""
+
+import cv2
+import numpy as np
+
+_DARK = 0.3
+_LEAST_MARGIN, _LEAST_LARGEST_MARGIN = 0.012, 0.05
+"""Between a frame and what it encloses, of the sheet's size: on every side, and on one of them. The outer
+line of a building of double lines is nearer to the rest on all sides."""
+
+
+def without_frame(darkness: np.ndarray) -> np.ndarray:
+    """The picture (h, w) with the frame blanked; the same where there is none."""
+    lines = (darkness > _DARK).astype(np.uint8)
+    rows, columns = np.flatnonzero(lines.any(axis=1)), np.flatnonzero(lines.any(axis=0))
+    if len(rows) == 0:
+        return darkness
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
+    height, width = np.ptp(rows) + 1, np.ptp(columns) + 1
+    is_all_round = (stats[:, 2] > 0.93 * width) & (stats[:, 3] > 0.93 * height)
+    is_all_round[0] = False
+    result = darkness
+    for label in np.flatnonzero(is_all_round):
+        others = np.delete(np.arange(1, count), label - 1)
+        # Specks outside do not matter.
+        inside = others[stats[others, 4] > 1e-4 * height * width]
+        if len(inside) == 0 or stats[label, 4] > stats[others, 4].sum():
+            continue
+        box, rest = stats[label], stats[inside]
+        margins = np.array(
+            [
+                rest[:, 0].min() - box[0],
+                rest[:, 1].min() - box[1],
+                box[0] + box[2] - (rest[:, 0] + rest[:, 2]).max(),
+                box[1] + box[3] - (rest[:, 1] + rest[:, 3]).max(),
+            ]
+        ) / max(height, width)
+        mask = labels == label
+        if (
+            margins.min() > _LEAST_MARGIN
+            and margins.max() > _LEAST_LARGEST_MARGIN
+            and _has_four_sides(mask[box[1] : box[1] + box[3], box[0] : box[0] + box[2]])
+        ):
+            blank = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+            result = np.where(blank, np.float32(0.0), result)
+    return result
+
+
+def _has_four_sides(mask: np.ndarray) -> bool:
+    """Whether lines run along most of every side of a component's box."""
+    band = max(3, max(mask.shape) // 60)
+    sides = (mask[:band].any(axis=0), mask[-band:].any(axis=0),
+             mask[:, :band].any(axis=1), mask[:, -band:].any(axis=1))  # fmt: skip
+    return all(side.mean() > 0.9 for side in sides)
