@@ -248,6 +248,7 @@ SHARED = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[3] / "shar
 
 
 @pytest.mark.shared
+@pytest.mark.skipif(not SHARED.is_dir(), reason="no real plans: set PLANFIT_SHARED to their folder")
 @pytest.mark.parametrize("name", ["apartment_bw.png", "apartment_hebrew.png", "flat_grey_walls.png",
                                   "house_two_floors.jpg", "villa.png"])  # fmt: skip
 def test_real_pictures_are_read_without_help(name: str) -> None:
@@ -259,6 +260,7 @@ def test_real_pictures_are_read_without_help(name: str) -> None:
 
 
 @pytest.mark.shared
+@pytest.mark.skipif(not SHARED.is_dir(), reason="no real plans: set PLANFIT_SHARED to their folder")
 def test_a_real_photograph_is_refused() -> None:
     with pytest.raises(FloorplanError):
         read_floorplan(SHARED / "kitchen" / "frame-000000.color.jpg")

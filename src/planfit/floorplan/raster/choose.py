@@ -59,7 +59,7 @@ def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Rea
         usual = _weighted_median(thickness, outline)
     is_wall &= is_given | ~_are_frames(regions, outline, is_wall, thickness < 0.6 * usual)
     if candidate.edge == "stroke":
-        is_wall &= _are_part_of_the_building(regions, straight, is_wall, thickness / usual, extent_px)
+        is_wall &= _are_part_of_the_building(regions, straight, is_wall, thickness / usual, extent_px, usual)
     good = float(straight[is_wall].sum())
     straight_share = good / float(outline.sum())
     # Walls hang together: long pieces are better evidence than many short ones of the same length.
@@ -160,7 +160,12 @@ def _are_frames(
 
 
 def _are_part_of_the_building(
-    regions: np.ndarray, straight: np.ndarray, is_wall: np.ndarray, thickness: np.ndarray, extent_px: float
+    regions: np.ndarray,
+    straight: np.ndarray,
+    is_wall: np.ndarray,
+    thickness: np.ndarray,
+    extent_px: float,
+    usual: float,
 ) -> np.ndarray:
     """Large pieces, and small ones in line with them: what else is outlined is furniture.
 
@@ -169,6 +174,8 @@ def _are_part_of_the_building(
         straight: (n,) length of their long edges, px.
         is_wall: (n,) bool.
         thickness: (n,) of the usual one.
+        extent_px: of the drawing.
+        usual: thickness, px.
     """
     # Lines of furniture are nearer to each other than those of walls.
     is_thick = is_wall & (thickness > 0.35)
@@ -177,25 +184,38 @@ def _are_part_of_the_building(
     outline = shapely.length(regions)
     has_holes = shapely.get_num_interior_rings(regions) > 0
     # A bar of length L and thickness t has the outline 2 (L + t) and the area L t.
-    is_bar = outline**2 > 30.0 * shapely.area(regions)
+    area = shapely.area(regions)
+    is_straight = area > 0.75 * np.maximum(shapely.area(shapely.oriented_envelope(regions)), 1e-6)
+    is_bar = is_straight & (outline**2 > 30.0 * area)
     # The frame of a window, a table, a bath: a small ring, thinner than walls.
     bounds = shapely.bounds(regions)
     reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
-    is_large &= ~(has_holes & (thickness < 0.7) & (reach < 0.2 * extent_px))
-    result = is_large | (is_thick & ~has_holes & is_bar & (outline > 0.1 * extent_px))
-    lines = np.concatenate([np.zeros((0, 5)), *(_long_lines(r) for r in regions[result])])
+    is_large &= ~((has_holes | ~is_straight) & (thickness < 0.7) & (reach < 0.2 * extent_px))
+    # Two lines of dimensions are a bar by themselves, further apart than the faces of walls.
+    is_large &= ~(is_bar & (thickness > 1.6))
+    result = is_large | (is_thick & is_bar & (thickness < 1.6) & (outline > 0.1 * extent_px))
+    lines = [_long_lines(region) for region in regions[result]]
     for i in np.flatnonzero(is_thick & ~result):
         own = _long_lines(regions[i])
-        alike = own[:, :2] @ lines[:, :2].T > 0.99
-        middles = own[:, None, 3:]
-        off = np.abs(np.sum(middles * lines[None, :, :2], axis=2) - lines[None, :, 2])
-        # Both faces in line with faces of a wall further on.
-        result[i] = (alike & (off < 2.5)).any(axis=1).sum() >= 2
+        result[i] = any(_goes_on(own, other, thickness[i] * usual) for other in lines)
     return result
 
 
+def _goes_on(own: np.ndarray, other: np.ndarray, thickness_px: float) -> bool:
+    """Whether two opposite long edges of a piece are in line with edges of a wall not far away."""
+    if len(own) == 0 or len(other) == 0:
+        return False
+    own = own[own[:, 5] > 0.6 * own[:, 5].max()]
+    alike = own[:, :2] @ other[:, :2].T > 0.99
+    gap = other[None, :, 3:5] - own[:, None, 3:5]
+    off = np.abs(np.sum(gap * other[None, :, :2], axis=2))
+    along = np.linalg.norm(gap, axis=2) - (own[:, None, 5] + other[None, :, 5]) / 2
+    in_line = own[(alike & (off < 2.5) & (along < 14 * thickness_px)).any(axis=1)]
+    return bool((in_line[:, :2] @ in_line[:, :2].T < -0.9).any())
+
+
 def _long_lines(region: BaseGeometry) -> np.ndarray:
-    """Normal, offset and middle (k, 5) of a region's longer edges."""
+    """Normal, offset, middle and length (k, 6) of a region's longer edges."""
     rows = []
     for ring in (region.exterior, *region.interiors):
         points = np.asarray(ring.coords)
@@ -205,5 +225,5 @@ def _long_lines(region: BaseGeometry) -> np.ndarray:
         normal = np.stack([step[kept, 1], -step[kept, 0]], axis=1) / length[kept, None]
         offset = np.sum(normal * points[:-1][kept], axis=1)
         middle = (points[:-1] + points[1:])[kept] / 2
-        rows.append(np.column_stack([normal, offset, middle]))
-    return np.concatenate(rows) if rows else np.zeros((0, 5))
+        rows.append(np.column_stack([normal, offset, middle, length[kept]]))
+    return np.concatenate(rows) if rows else np.zeros((0, 6))

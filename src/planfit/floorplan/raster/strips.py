@@ -139,7 +139,7 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
         seeds = along_rows | along_columns
         narrow = closed(work.along[0] | work.along[1], limit + 2)
         narrow &= 1 - (work.along[0] | work.along[1] | tiles)
-        mask = _grown(seeds, narrow, limit) | _junctions(along_rows, along_columns, limit)
+        mask = _grown(seeds, narrow, limit, usual) | _junctions(along_rows, along_columns, limit)
         if mask.any():
             result.append(InsideWalls(mask, _free_bars(bars, narrow, work.line_px)))
     return result
@@ -194,14 +194,19 @@ def _junctions(along_rows: np.ndarray, along_columns: np.ndarray, limit: int) ->
     return rows & columns
 
 
-def _grown(seeds: np.ndarray, narrow: np.ndarray, limit: int) -> np.ndarray:
-    """Strips with the corners and the short pieces that hang on to them."""
+def _grown(seeds: np.ndarray, narrow: np.ndarray, limit: int, usual: int) -> np.ndarray:
+    """Strips with the corners and the short pieces that hang on to them; slits are left out."""
     near = cv2.dilate(seeds, np.ones((2 * limit + 1, 2 * limit + 1), np.uint8))
-    count, labels = cv2.connectedComponents((narrow & near) | seeds, connectivity=4)
-    seeded = np.zeros(count, dtype=np.uint8)
-    seeded[np.unique(labels[seeds > 0])] = 1
-    seeded[0] = 0
-    return seeded[labels]
+    touching = cv2.dilate(seeds, np.ones((3, 3), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(
+        narrow & near & (1 - seeds), connectivity=4
+    )
+    is_added = np.zeros(count, dtype=bool)
+    is_added[np.unique(labels[touching > 0])] = True
+    side = stats[:, 2:4]
+    is_added &= (side.max(axis=1) <= 1.5 * limit + 4) & (stats[:, 4] >= 0.3 * usual**2)
+    is_added[0] = False
+    return seeds | is_added.astype(np.uint8)[labels]
 
 
 def _free_bars(bars: np.ndarray, narrow: np.ndarray, line_px: float) -> np.ndarray:
