@@ -116,8 +116,8 @@ def test_scale_makes_it_metric(tmp_path: Path) -> None:
     assert scaled.is_metric
     assert_allclose(scaled.ends, plan.ends / 55)
     assert_allclose(scaled.thickness, plan.thickness / 55)
-    with pytest.raises(FloorplanError, match="metres"):
-        read_floorplan(path, PlanOptions(unit="m"))
+    with pytest.raises(FloorplanError, match="--scale"):
+        read_floorplan(path, PlanOptions(metres_per_unit=100.0))
 
 
 def test_file_from_plan_leads_to_pixels(tmp_path: Path) -> None:

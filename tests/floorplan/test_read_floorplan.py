@@ -59,10 +59,10 @@ def test_missing(tmp_path):
     refused(tmp_path / "plan.npy", "nothing")
 
 
-@pytest.mark.parametrize("name", ["plan.dwg", "plan", "plan.png"])
+@pytest.mark.parametrize("name", ["plan.dwg", "plan"])
 def test_another_suffix(tmp_path, name):
     (tmp_path / name).write_bytes(b"x")
-    refused(tmp_path / name, ".npy or .json")
+    refused(tmp_path / name, ".npy or .json or")
 
 
 @pytest.mark.parametrize("values", [np.zeros((0, 4)), np.tile([1.0, 2, 1, 2], (3, 1))])

@@ -44,7 +44,7 @@ def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Rea
     bounds = shapely.bounds(regions)
     reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
     straight = np.array(
-        [_straight_length(region, max(1.5 * t, 6.0)) for region, t in zip(regions, thickness, strict=True)]
+        [straight_length(region, max(1.5 * t, 6.0)) for region, t in zip(regions, thickness, strict=True)]
     )
     share = straight / np.maximum(outline, 1e-6)
     # A wall by itself, of length L and thickness t, has 2 A / P = t L / (L + t), a little less than t.
@@ -115,7 +115,8 @@ def _outline_share(solid: Reading, pairs: Reading) -> float:
     return min(1.0, 2 * share) if share > 0.25 else 0.0
 
 
-def _straight_length(region: BaseGeometry, least_px: float) -> float:
+def straight_length(region: BaseGeometry, least_px: float) -> float:
+    """Length of a polygon's edges that are at least so long."""
     total = 0.0
     for ring in (region.exterior, *region.interiors):
         length = np.linalg.norm(np.diff(np.asarray(ring.coords), axis=0), axis=1)

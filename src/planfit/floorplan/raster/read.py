@@ -11,7 +11,7 @@ import shapely
 from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster.candidates import Candidate, find_candidates, find_extent
-from planfit.floorplan.raster.choose import Reading, choose, trace
+from planfit.floorplan.raster.choose import Reading, choose, straight_length, trace
 from planfit.floorplan.raster.frame import without_frame
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import Upright, load_picture, make_darkness, make_upright
@@ -26,6 +26,7 @@ WORK_SIDE_PX = 2000
 """Walls are found in a picture of at most this size and their faces placed in the full one: a sheet of
 4,000 px takes 3 s instead of 11 s, and its faces lie as well."""
 _LEAST_STRAIGHT = 0.3
+_LEAST_LONG_SHARE = 0.25
 _DOUBTFUL_STRAIGHT = 0.6
 
 
@@ -40,7 +41,9 @@ def read_raster(path: Path, options: PlanOptions) -> Floorplan:
     fingerprint = hashlib.sha256(path.read_bytes())
     if options.wall_mask is not None:
         if not options.wall_mask.exists():
-            raise FloorplanError(f"{options.wall_mask}: expected a wall mask, found nothing")
+            raise FloorplanError(
+                f"{options.wall_mask}: expected a wall mask, found nothing; check the path"
+            )
         fingerprint.update(options.wall_mask.read_bytes())
     image = load_picture(path)
     return read_picture(
@@ -99,6 +102,8 @@ def _check(name: str, reading: Reading | None, shape: tuple[int, ...]) -> None:
         length = float(sum(shapely.length(np.array(reading.walls, dtype=object))))
         if reading.candidate.edge != "mask" and reading.straight_share < _LEAST_STRAIGHT:
             found = "shapes without straight sides"
+        elif reading.candidate.edge != "mask" and _long_share(reading) < _LEAST_LONG_SHARE:
+            found = "short strokes, as of letters or curves"
         elif length < 0.5 * max(shape):
             found = f"{length:.0f} px of them, too little for a building"
     if found:
@@ -106,6 +111,12 @@ def _check(name: str, reading: Reading | None, shape: tuple[int, ...]) -> None:
             f"{name}: expected walls (solid, grey, hatched or double lines), found {found}; "
             "is it a floorplan? If it is, give your own picture of its walls with --wall-mask"
         )
+
+
+def _long_share(reading: Reading) -> float:
+    """Share of the outline of the walls in edges several times as long as walls are thick."""
+    long = sum(straight_length(wall, 5.0 * reading.thickness_px) for wall in reading.walls)
+    return long / sum(wall.length for wall in reading.walls)
 
 
 def _load_mask(path: Path, image: np.ndarray, name: str) -> np.ndarray:

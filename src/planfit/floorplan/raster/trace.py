@@ -21,6 +21,12 @@ def trace_regions(mask: np.ndarray, grow_px: float) -> list[BaseGeometry]:
         mask: 1 where there is wall.
         grow_px: their edges are moved out by this (in, where negative).
     """
+    # What is a pixel wide has no inside in OpenCV's contours.
+    ahead = max(int(grow_px - 0.5), 0)
+    if ahead:
+        mask = cv2.dilate(mask, np.ones((2 * ahead + 1, 2 * ahead + 1), np.uint8))
+    # Contours run through the middle of the outermost pixels, half a pixel inside the edge.
+    reach = 0.5 + grow_px - ahead
     contours, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     if hierarchy is None:
         return []
@@ -32,16 +38,23 @@ def trace_regions(mask: np.ndarray, grow_px: float) -> list[BaseGeometry]:
     for i, (contour, (_, _, _, parent)) in enumerate(zip(contours, hierarchy[0], strict=True)):
         if parent >= 0 or len(contour) < 4:
             continue
-        rings = [contour, *(hole for hole in holes.get(i, []) if len(hole) >= 4)]
-        # Contours run through the middle of the outermost pixels, half a pixel inside the edge.
-        rough = [straighten(ring[:, 0].astype(float)) for ring in rings]
-        rough = [ring for ring in rough if len(ring) >= 3]
-        if len(rough) == 0:
-            continue
-        polygon = shapely.make_valid(shapely.Polygon(rough[0], rough[1:]))
-        polygon = shapely.buffer(polygon, 0.5 + grow_px, join_style="mitre", mitre_limit=3.0)
-        result += [part for part in shapely.get_parts(polygon) if part.geom_type == "Polygon"]
+        # Shell and holes apart: the faces of a thin wall may cross before they are moved out.
+        solid = _area(contour, reach)
+        inner = [_area(hole, -reach) for hole in holes.get(i, []) if len(hole) >= 8]
+        if inner:
+            solid = shapely.difference(solid, shapely.union_all(inner))
+        result += [part for part in shapely.get_parts(solid) if part.geom_type == "Polygon"]
     return result
+
+
+def _area(contour: np.ndarray, reach: float) -> BaseGeometry:
+    """Inside of a contour (n, 1, 2), its edge moved out by `reach`."""
+    ring = straighten(contour[:, 0].astype(float))
+    if len(ring) < 3:
+        return shapely.buffer(shapely.LineString(ring), reach, cap_style="square") if len(
+            ring) == 2 and reach > 0 else shapely.Polygon()  # fmt: skip
+    polygon = shapely.make_valid(shapely.Polygon(ring))
+    return shapely.buffer(polygon, reach, join_style="mitre", mitre_limit=3.0)
 
 
 def straighten(ring: np.ndarray) -> np.ndarray:
