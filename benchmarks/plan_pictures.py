@@ -101,7 +101,9 @@ def distances(
     return np.concatenate(result) if result else np.zeros(0)
 
 
-def records(seeds: range = range(FIRST_SEED, FIRST_SEED + 8), save: Path | None = None) -> list[Record]:
+def records(
+    seeds: range = range(FIRST_SEED, FIRST_SEED + 8), save: Path | None = None
+) -> list[Record]:
     """Precision and recall of each style and condition, over all length; times on a large sheet."""
     result = []
     for condition in CONDITIONS:
@@ -112,7 +114,9 @@ def records(seeds: range = range(FIRST_SEED, FIRST_SEED + 8), save: Path | None 
                 scores.append(score(drawing))
                 if save is not None:
                     name = f"{condition} {style} {seed} {scores[-1].precision:.2f} {scores[-1].recall:.2f}"
-                    cv2.imwrite(str(save / f"{name.replace(' ', '_').replace(',', '')}.png"), drawing.image)
+                    cv2.imwrite(
+                        str(save / f"{name.replace(' ', '_').replace(',', '')}.png"), drawing.image
+                    )
             precision = float(np.mean([s.precision for s in scores]))
             recall = float(np.mean([s.recall for s in scores]))
             worst = min(min(s.precision, s.recall) for s in scores)

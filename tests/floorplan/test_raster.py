@@ -77,9 +77,7 @@ def test_formats(tmp_path: Path, suffix: str) -> None:
 ])  # fmt: skip
 def test_black_walls_through_what_happens_to_pictures(tmp_path: Path, change: dict) -> None:
     drawing = drawn(**change)
-    precision, recall = scores(
-        read_floorplan(saved(tmp_path / "plan.png", drawing.image)), drawing
-    )
+    precision, recall = scores(read_floorplan(saved(tmp_path / "plan.png", drawing.image)), drawing)
     assert min(precision, recall) > 0.95
 
 

@@ -63,9 +63,7 @@ class Drawing:
     """(n,) bool: longer than the ends of walls and the jambs of openings."""
 
 
-def draw_building(
-    building: Building, options: DrawingOptions, rng: np.random.Generator
-) -> Drawing:
+def draw_building(building: Building, options: DrawingOptions, rng: np.random.Generator) -> Drawing:
     """Draw a building; the same options and generator state give the same picture."""
     solid, windows = _solid_wall(building, rng)
     low, high = np.array(solid.bounds[:2]), np.array(solid.bounds[2:])

@@ -58,9 +58,13 @@ class Pen:
         uv = self.to_uv(np.asarray(xy, dtype=float))
         tone = round(255 * (1 - darkness))
         points = np.round(uv * _STEPS).astype(np.int32)
-        cv2.polylines(self.image, [points], False, tone, max(1, round(width_px / 1.5)), cv2.LINE_AA, _SHIFT)
+        cv2.polylines(
+            self.image, [points], False, tone, max(1, round(width_px / 1.5)), cv2.LINE_AA, _SHIFT
+        )
 
-    def box(self, low: np.ndarray, high: np.ndarray, width_px: float, darkness: float = 1.0) -> None:
+    def box(
+        self, low: np.ndarray, high: np.ndarray, width_px: float, darkness: float = 1.0
+    ) -> None:
         """Stroke an upright rectangle."""
         (x0, y0), (x1, y1) = low, high
         corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]])
@@ -79,9 +83,7 @@ class Pen:
         x0, y0, x1, y1 = shape.bounds
         reach = (x1 - x0) + (y1 - y0)
         offsets = np.arange(-reach, reach, spacing * np.sqrt(2.0))
-        lines = shapely.linestrings(
-            [[[x0 + a, y0], [x0 + a + reach, y0 + reach]] for a in offsets]
-        )
+        lines = shapely.linestrings([[[x0 + a, y0], [x0 + a + reach, y0 + reach]] for a in offsets])
         for piece in shapely.get_parts(shapely.intersection(lines, shape)):
             if piece.geom_type == "LineString" and piece.length > 0:
                 self.line(np.asarray(piece.coords), width_px)

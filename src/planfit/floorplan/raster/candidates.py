@@ -134,9 +134,7 @@ def _grey(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate
             # Up to where the stroke begins; texts and lines across are filled.
             inner = (np.abs(darkness - tone) < 0.5 * (min(1.0, tone + 0.5) - tone)).astype(np.uint8)
             mask = opened(closed(opened(inner, 2), int(line_px) + 2), 3)
-            result.append(
-                Candidate("filled, outlined", mask, "stroke", LINE, line_px / 2, 3.0)
-            )
+            result.append(Candidate("filled, outlined", mask, "stroke", LINE, line_px / 2, 3.0))
         else:
             near = cv2.dilate(core, np.ones((3, 3), np.uint8))
             mask = ((darkness > tone / 2) & (near > 0)).astype(np.uint8)

@@ -44,11 +44,16 @@ def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Rea
     bounds = shapely.bounds(regions)
     reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
     straight = np.array(
-        [straight_length(region, max(1.5 * t, 6.0)) for region, t in zip(regions, thickness, strict=True)]
+        [
+            straight_length(region, max(1.5 * t, 6.0))
+            for region, t in zip(regions, thickness, strict=True)
+        ]
     )
     share = straight / np.maximum(outline, 1e-6)
     # A wall by itself, of length L and thickness t, has 2 A / P = t L / (L + t), a little less than t.
-    is_long = (reach >= _LONG * thickness) & (share >= _STRAIGHT) & (thickness < _FATTEST * extent_px)
+    is_long = (
+        (reach >= _LONG * thickness) & (share >= _STRAIGHT) & (thickness < _FATTEST * extent_px)
+    )
     if not (is_given or is_long.any()):
         return Reading(candidate, (), tuple(regions), 0.0, 0.0, 0.0)
     usual = _weighted_median(thickness[is_long], outline[is_long]) if is_long.any() else 1.0
@@ -59,7 +64,9 @@ def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Rea
         usual = _weighted_median(thickness, outline)
     is_wall &= is_given | ~_are_frames(regions, outline, is_wall, thickness < 0.6 * usual)
     if candidate.edge == "stroke":
-        is_wall &= _are_part_of_the_building(regions, straight, is_wall, thickness / usual, extent_px, usual)
+        is_wall &= _are_part_of_the_building(
+            regions, straight, is_wall, thickness / usual, extent_px, usual
+        )
     good = float(straight[is_wall].sum())
     straight_share = good / float(outline.sum())
     # Walls hang together: long pieces are better evidence than many short ones of the same length.

@@ -55,7 +55,10 @@ def _gaps(
             continue
         j = later[np.argmin(at[later, 0])]
         wide, thick = at[j, 0] - lengths[i], float(min(thickness[i], thickness[j]))
-        if 0.5 * thick < wide < _WIDEST * thick and max(thickness[i], thickness[j]) < 1.7 * thick + 2:
+        if (
+            0.5 * thick < wide < _WIDEST * thick
+            and max(thickness[i], thickness[j]) < 1.7 * thick + 2
+        ):
             nearest = ends[j][np.argmin((ends[j] - ends[i, 0]) @ along)]
             result.append((np.array([ends[i, 1], nearest]), normals[i], thick))
     return result

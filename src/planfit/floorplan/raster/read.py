@@ -25,7 +25,7 @@ from planfit.geometry import segments
 WORK_SIDE_PX = 2000
 """Walls are found in a picture of at most this size and their faces placed in the full one: a sheet of
 4,000 px takes 3 s instead of 11 s, and its faces lie as well."""
-_LEAST_STRAIGHT = 0.3
+_LEAST_STRAIGHT = 0.35
 _LEAST_LONG_SHARE = 0.25
 _DOUBTFUL_STRAIGHT = 0.6
 
@@ -46,9 +46,7 @@ def read_raster(path: Path, options: PlanOptions) -> Floorplan:
             )
         fingerprint.update(options.wall_mask.read_bytes())
     image = load_picture(path)
-    return read_picture(
-        image, str(path), fingerprint.hexdigest()[:16], options, "raster picture"
-    )
+    return read_picture(image, str(path), fingerprint.hexdigest()[:16], options, "raster picture")
 
 
 def read_picture(
@@ -167,9 +165,7 @@ def _faces(reading: Reading, upright: Upright, shrink: float) -> _Found:
     size = np.array(upright.darkness.shape[::-1]) / np.array(
         _shrunk(upright.darkness, shrink).shape[::-1]
     )
-    faces = RegionFaces(
-        (faces.ends + 0.5) * size - 0.5, faces.normals, faces.thickness * shrink
-    )
+    faces = RegionFaces((faces.ends + 0.5) * size - 0.5, faces.normals, faces.thickness * shrink)
     candidate = reading.candidate
     if candidate.edge != "mask" and len(faces.ends):
         faces = settle_faces(
@@ -211,7 +207,9 @@ def _to_floorplan(
     thickness = found.faces.thickness[kept]
     openings = find_openings(ends, normals, thickness)
     if abs(upright.skew_deg) >= 0.1:
-        warnings.append(f"the sheet is turned by {upright.skew_deg:.1f} deg; faces are in its own axes")
+        warnings.append(
+            f"the sheet is turned by {upright.skew_deg:.1f} deg; faces are in its own axes"
+        )
     picture_from_upright = cv2.invertAffineTransform(upright.upright_from_picture)
     unit = choose_unit(options, None, "")
     mirror = np.array([1.0, -1.0])
@@ -229,7 +227,9 @@ def _to_floorplan(
             unit="px" if unit.metres is None else f"px of {unit.metres:g} m",
             unit_from=unit.known_from or "unknown: a picture does not tell, and texts are not read",
             storey=options.storey,
-            storeys=tuple(f"{k}: {w}" for k, w in enumerate(found.storeys)) if n_storeys > 1 else (),
+            storeys=tuple(f"{k}: {w}" for k, w in enumerate(found.storeys))
+            if n_storeys > 1
+            else (),
             dropped=_dropped_words(reading),
             warnings=tuple(warnings),
             file_from_plan=np.diag([1.0, -1.0, 1.0]),
@@ -246,7 +246,9 @@ def _storey_number(name: str, asked: str, storeys: tuple[str, ...]) -> int:
     if asked in storeys and storeys.count(asked) == 1:
         return storeys.index(asked)
     listed = ", ".join(f"{k} ({where})" for k, where in enumerate(storeys))
-    raise FloorplanError(f"{name}: expected a storey of {listed}, found {asked!r}; choose one of these")
+    raise FloorplanError(
+        f"{name}: expected a storey of {listed}, found {asked!r}; choose one of these"
+    )
 
 
 def _dropped_words(reading: Reading) -> tuple[str, ...]:

@@ -35,7 +35,9 @@ def find_storeys(walls: np.ndarray, thickness_px: float, openings: np.ndarray) -
     is_storey = area >= _LEAST_SHARE * area.max()
     centre = (extents[:, :2] + extents[:, 2:]) / 2
     # Down the page in rows: plans whose extents overlap in v stand side by side.
-    order = sorted(np.flatnonzero(is_storey), key=lambda i: (_row(extents, is_storey, i), centre[i, 0]))
+    order = sorted(
+        np.flatnonzero(is_storey), key=lambda i: (_row(extents, is_storey, i), centre[i, 0])
+    )
     number = {names[i]: k for k, i in enumerate(order)}
     for i in np.flatnonzero(~is_storey):
         gaps = [_gap(extents[i], extents[j]) for j in order]

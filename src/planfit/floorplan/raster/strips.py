@@ -115,12 +115,17 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
     rows, columns = work.strips
     # Tiles are between lines along rows and along columns; the corners of walls are in neither strip.
     grid = (rows > 0) & (columns > 0)
-    rows, columns = np.where(grid, 0, rows).astype(np.int16), np.where(grid, 0, columns).astype(np.int16)
+    rows, columns = (
+        np.where(grid, 0, rows).astype(np.int16),
+        np.where(grid, 0, columns).astype(np.int16),
+    )
     tiles = cv2.dilate(grid.astype(np.uint8), np.ones((3, 3), np.uint8))
     thickest = int(2 * work.line_px) + 2
     sides = [
         _Strips.between(rows, work.along[0], thickest),
-        _Strips.between(np.ascontiguousarray(columns.T), np.ascontiguousarray(work.along[1].T), thickest),
+        _Strips.between(
+            np.ascontiguousarray(columns.T), np.ascontiguousarray(work.along[1].T), thickest
+        ),
     ]
     alone = np.concatenate([side.width[(side.above == 0) & (side.below == 0)] for side in sides])
     if len(alone) == 0:
