@@ -1,6 +1,7 @@
 """Walls out of pictures: styles, clutter, options, and pictures that are no plans."""
 
 import os
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -141,7 +142,7 @@ def test_storeys_side_by_side(tmp_path: Path) -> None:
     left, right = (read_floorplan(path, PlanOptions(storey=k)) for k in "01")
     assert left.ends[..., 0].max() < one.shape[1] < right.ends[..., 0].min()
     assert len(left) + len(right) == len(both)
-    with pytest.raises(FloorplanError, match="0 .left., 1 .right"):
+    with pytest.raises(FloorplanError, match=r"0 \(left\), 1 \(right"):
         read_floorplan(path, PlanOptions(storey="7"))
 
 
@@ -204,12 +205,10 @@ def test_a_huge_picture_is_refused_before_it_is_unpacked(tmp_path: Path) -> None
     # A PNG's header tells its size; there are no pixels behind this one.
     header = b"\x89PNG\r\n\x1a\n" + (13).to_bytes(4, "big") + b"IHDR"
     size = (30_000).to_bytes(4, "big") * 2 + b"\x08\x00\x00\x00\x00"
-    import zlib
-
     chunk = header[-4:] + size
     data = header[:-4] + chunk + zlib.crc32(chunk).to_bytes(4, "big")
     (tmp_path / "plan.png").write_bytes(data + (0).to_bytes(4, "big") + b"IDAT" + bytes(4))
-    with pytest.raises(FloorplanError, match="30000 x 30000; scale it down"):
+    with pytest.raises(FloorplanError, match="scale it down"):
         read_floorplan(tmp_path / "plan.png")
 
 

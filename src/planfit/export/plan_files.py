@@ -3,8 +3,8 @@
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-import ezdxf
 import numpy as np
+from ezdxf.filemanagement import new
 
 from planfit.floorplan import Floorplan
 
@@ -48,7 +48,7 @@ def write_plan_dxf(path: Path, floorplan: Floorplan) -> None:
 
     The free side of a face is on the left of its line, where it is known.
     """
-    document = ezdxf.new("R2010", units=6 if floorplan.is_metric else 0)
+    document = new("R2010", units=6 if floorplan.is_metric else 0)
     document.layers.add("WALL_FACES", color=7)
     document.layers.add("OPENINGS", color=5)
     space = document.modelspace()

@@ -26,9 +26,9 @@ def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
         path: of the file that it was read from.
     """
     source = floorplan.source
-    is_picture = path.suffix.lower() in _PICTURES and source.file_from_plan is not None
-    if is_picture:
-        assert source.file_from_plan is not None
+    is_picture = path.suffix.lower() in _PICTURES
+    zoom = 1.0
+    if is_picture and source.file_from_plan is not None:
         canvas, zoom = _pale(path)
         uv_from_plan = _zoomed(source.file_from_plan, zoom)
     else:

@@ -182,7 +182,7 @@ def _photographed(
     image = np.clip(np.round(values), 0, 255).astype(np.uint8)
     if options.jpeg_quality:
         data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, options.jpeg_quality])[1]
-        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+        image = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
     return image, homography
 
 

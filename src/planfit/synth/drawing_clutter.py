@@ -1,5 +1,7 @@
 """What is on a plan besides walls: doors, windows, names, furniture, dimensions, a title block."""
 
+import itertools
+
 import numpy as np
 
 from planfit.synth.building import Building
@@ -24,9 +26,11 @@ def draw_fittings(
     for i, room in enumerate(building.layout.rooms):
         name = ROOM_NAMES[int(rng.integers(len(ROOM_NAMES)))]
         height = rng.uniform(0.18, 0.28)
-        at = room.centre + [0, 0.3]
+        at = room.centre + np.array([0, 0.3])
         pen.text(at, name, height, 1.4 * line_px)
-        pen.text(at - [0, 1.6 * height], f"{room.area:.1f} m2 ({i + 1})", 0.8 * height, line_px)
+        pen.text(
+            at - np.array([0, 1.6 * height]), f"{room.area:.1f} m2 ({i + 1})", 0.8 * height, line_px
+        )
 
 
 def _draw_door(pen: Pen, door: Door, line_px: float, is_high: bool, is_first: bool) -> None:
@@ -98,7 +102,7 @@ def _draw_dimension(pen: Pen, cuts: np.ndarray, y: float, line_px: float) -> Non
     for x in cuts:
         pen.line(np.array([[x - 0.08, y - 0.08], [x + 0.08, y + 0.08]]), line_px)
         pen.line(np.array([[x, y - 0.5], [x, y + 0.1]]), line_px)
-    for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+    for a, b in itertools.pairwise(cuts):
         if b - a > 0.6:
             pen.text(np.array([(a + b) / 2, y + 0.14]), f"{b - a:.2f}", 0.16, line_px)
 
@@ -108,11 +112,14 @@ def _draw_title_block(pen: Pen, high: np.ndarray, low: np.ndarray, line_px: floa
     margin = 2.2
     pen.box(low - margin, high + margin, 1.5 * line_px)
     corner = np.array([high[0] + margin, low[1] - margin])
-    pen.box(corner + [-4.2, 0.0], corner + [0.0, 1.5], line_px)
+    pen.box(corner + np.array([-4.2, 0.0]), corner + np.array([0.0, 1.5]), line_px)
     for k, words in enumerate(("Ground floor 1:100", "Drawn 12.03.24", "Project 0417")):
-        at = corner + [-2.1, 0.25 + 0.5 * k]
+        at = corner + np.array([-2.1, 0.25 + 0.5 * k])
         pen.text(at, words, 0.2, line_px)
-        pen.line(np.array([at + [-2.1, 0.25], at + [2.1, 0.25]]), line_px)
+        pen.line(np.array([at + np.array([-2.1, 0.25]), at + np.array([2.1, 0.25])]), line_px)
     at = np.array([low[0] - 1.2, low[1] - 1.2])
     pen.arc(at, 0.5, 0.0, 2 * np.pi, line_px)
-    pen.line(np.array([at - [0, 0.5], at + [0, 0.7], at + [0.15, 0.3]]), line_px)
+    pen.line(
+        np.array([at - np.array([0, 0.5]), at + np.array([0, 0.7]), at + np.array([0.15, 0.3])]),
+        line_px,
+    )

@@ -49,8 +49,8 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     result = [*_black(darkness, line_px, extent), *_grey(darkness, line_px, extent)]
     result += _hatched(lines, work.any_strip, line_px, extent)
     # Where the two lines of a thin wall touch, they are one bar; its lines' middles are half a line in.
-    bars = opened(lines, int(round(1.5 * line_px)) + 1)
-    bars &= 1 - opened(lines, int(round(2.5 * line_px)) + 2)
+    bars = opened(lines, round(1.5 * line_px) + 1)
+    bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
     bars = cv2.erode(bars, np.ones((int(line_px) | 1,) * 2, np.uint8))
     for inside in between_lines(work, bars):
         grow = line_px / 2
@@ -89,9 +89,9 @@ def _least_widths(mask: np.ndarray, line_px: float, extent: float) -> list[int]:
     largest = int(min(max(extent / 12, 8), 60))
     length = _length_by_width(mask, largest)
     width = np.arange(len(length))
-    first = int(round(1.3 * line_px)) + 1
+    first = round(1.3 * line_px) + 1
     result = []
-    for low in sorted({first, int(round(2 * line_px)) + 1, int(round(3 * line_px)) + 1}):
+    for low in sorted({first, round(2 * line_px) + 1, round(3 * line_px) + 1}):
         if low + 1 >= len(length) or length[low:].sum() == 0:
             continue
         # Walls are where the area is; between them and the lines is the valley.

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import shapely
-from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.raster.candidates import Candidate
 from planfit.floorplan.raster.trace import trace_regions
@@ -23,8 +22,8 @@ class Reading:
     """A candidate, traced, and parted into walls and the rest."""
 
     candidate: Candidate
-    walls: tuple[BaseGeometry, ...]
-    dropped: tuple[BaseGeometry, ...]
+    walls: tuple[shapely.Polygon, ...]
+    dropped: tuple[shapely.Polygon, ...]
     """What looked like wall in tone and thickness, but not in form."""
     thickness_px: float
     """Median over the length of the walls."""
@@ -81,14 +80,18 @@ def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Rea
     )
 
 
-def _joined(walls: np.ndarray, candidate: Candidate) -> tuple[BaseGeometry, ...]:
+def _joined(walls: np.ndarray, candidate: Candidate) -> tuple[shapely.Polygon, ...]:
     """Pieces of wall that only a line parts become one."""
     if candidate.edge != "stroke":
         return tuple(walls)
     reach = max(0.6 * abs(candidate.grow_px), 0.6)
     grown = shapely.union_all(shapely.buffer(walls, reach, join_style="mitre"))
     joined = shapely.buffer(grown, -reach, join_style="mitre")
-    return tuple(part for part in shapely.get_parts(joined) if part.area > 0)
+    return tuple(
+        part
+        for part in shapely.get_parts(joined)
+        if isinstance(part, shapely.Polygon) and part.area > 0
+    )
 
 
 def choose(candidates: list[Candidate], extent_px: float) -> Reading | None:
@@ -115,14 +118,14 @@ def choose(candidates: list[Candidate], extent_px: float) -> Reading | None:
 
 def _outline_share(solid: Reading, pairs: Reading) -> float:
     """Share of the solid walls that are the outlines of walls drawn as two lines."""
-    reach = 2 * int(round(pairs.candidate.grow_px * 2)) + 3
+    reach = 2 * round(pairs.candidate.grow_px * 2) + 3
     beside = cv2.dilate(pairs.candidate.mask, np.ones((reach, reach), np.uint8))
     n = int(solid.candidate.mask.sum())
     share = float((solid.candidate.mask & beside).sum()) / max(n, 1)
     return min(1.0, 2 * share) if share > 0.25 else 0.0
 
 
-def straight_length(region: BaseGeometry, least_px: float) -> float:
+def straight_length(region: shapely.Polygon, least_px: float) -> float:
     """Length of a polygon's edges that are at least so long."""
     total = 0.0
     for ring in (region.exterior, *region.interiors):
@@ -222,7 +225,7 @@ def _goes_on(own: np.ndarray, other: np.ndarray, thickness_px: float) -> bool:
     return bool((in_line[:, :2] @ in_line[:, :2].T < -0.9).any())
 
 
-def _long_lines(region: BaseGeometry) -> np.ndarray:
+def _long_lines(region: shapely.Polygon) -> np.ndarray:
     """Normal, offset, middle and length (k, 6) of a region's longer edges."""
     rows = []
     for ring in (region.exterior, *region.interiors):

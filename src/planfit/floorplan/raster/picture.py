@@ -1,5 +1,6 @@
 """A picture of a plan, made ready for reading: as darkness over its paper, upright."""
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,7 +37,8 @@ def load_picture(path: Path) -> np.ndarray:
         FloorplanError: not a picture, damaged, or too large to be read in reasonable time.
     """
     try:
-        with Image.open(path) as file:
+        # Pillow's own limit warns from 89 million pixels on and raises from twice that.
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as file:
             _check_size(str(path), file.width, file.height)
             turned = ImageOps.exif_transpose(file)
             if turned.mode.startswith("I") or turned.mode == "F":  # 16 and 32 bits a pixel
@@ -50,8 +52,13 @@ def load_picture(path: Path) -> np.ndarray:
             rgb = np.asarray(page.convert("RGB"))
     except FloorplanError:
         raise
-    except (OSError, ValueError, SyntaxError, UnidentifiedImageError,
-            Image.DecompressionBombError) as error:  # fmt: skip
+    except Image.DecompressionBombError as error:
+        raise FloorplanError(
+            f"{path}: expected a picture of at most {MAX_PIXELS // 1_000_000} million pixels, found "
+            f"more than {2 * (Image.MAX_IMAGE_PIXELS or MAX_PIXELS) // 1_000_000} million; "
+            "scale it down until walls are 10 to 30 px thick"
+        ) from error
+    except (OSError, ValueError, SyntaxError, UnidentifiedImageError) as error:  # fmt: skip
         raise FloorplanError(
             f"{path}: expected a picture (PNG, JPEG, TIFF), found a damaged or other file; "
             "open it in a viewer and save it again"

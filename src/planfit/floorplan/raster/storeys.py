@@ -36,7 +36,7 @@ def find_storeys(walls: np.ndarray, thickness_px: float, openings: np.ndarray) -
     centre = (extents[:, :2] + extents[:, 2:]) / 2
     # Down the page in rows: plans whose extents overlap in v stand side by side.
     order = sorted(
-        np.flatnonzero(is_storey), key=lambda i: (_row(extents, is_storey, i), centre[i, 0])
+        np.flatnonzero(is_storey), key=lambda i: (_row(extents, is_storey, int(i)), centre[i, 0])
     )
     number = {names[i]: k for k, i in enumerate(order)}
     for i in np.flatnonzero(~is_storey):

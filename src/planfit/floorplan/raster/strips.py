@@ -201,7 +201,7 @@ def _junctions(along_rows: np.ndarray, along_columns: np.ndarray, limit: int) ->
 
 def _grown(seeds: np.ndarray, narrow: np.ndarray, limit: int, usual: int) -> np.ndarray:
     """Strips with the corners and the short pieces that hang on to them; slits are left out."""
-    near = cv2.dilate(seeds, np.ones((2 * limit + 1, 2 * limit + 1), np.uint8))
+    near = np.asarray(cv2.dilate(seeds, np.ones((2 * limit + 1, 2 * limit + 1), np.uint8)))
     touching = cv2.dilate(seeds, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(
         narrow & near & (1 - seeds), connectivity=4

@@ -1,5 +1,7 @@
 """From a mask of wall to straight-sided regions, and from these to faces that lie where the ink says."""
 
+import itertools
+
 import cv2
 import numpy as np
 import shapely
@@ -161,4 +163,4 @@ def settle_faces(
 
 def _runs(sorted_idx: np.ndarray, n: int) -> zip:
     bounds = np.searchsorted(sorted_idx, np.arange(n + 1))
-    return zip(bounds[:-1], bounds[1:], strict=True)
+    return itertools.pairwise(bounds)
