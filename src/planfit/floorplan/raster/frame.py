@@ -12,11 +12,12 @@ line of a building of double lines is nearer to the rest on all sides."""
 def without_frame(darkness: np.ndarray) -> np.ndarray:
     """The picture (h, w) with the frame blanked; the same where there is none."""
     lines = (darkness > _DARK).astype(np.uint8)
-    rows, columns = np.flatnonzero(lines.any(axis=1)), np.flatnonzero(lines.any(axis=0))
-    if len(rows) == 0:
-        return darkness
     count, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
-    height, width = np.ptp(rows) + 1, np.ptp(columns) + 1
+    marks = stats[1:][stats[1:, 4] > 40]  # specks lie anywhere
+    if len(marks) == 0:
+        return darkness
+    low = marks[:, :2].min(axis=0)
+    width, height = (marks[:, :2] + marks[:, 2:4]).max(axis=0) - low
     is_all_round = (stats[:, 2] > 0.93 * width) & (stats[:, 3] > 0.93 * height)
     is_all_round[0] = False
     result = darkness

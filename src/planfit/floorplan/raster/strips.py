@@ -1,5 +1,6 @@
 """Walls drawn as two lines: the long, narrow, empty strips between parallel lines."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -38,7 +39,10 @@ def find_line_work(lines: np.ndarray, widest: int) -> LineWork:
     """Lines in a mask (h, w) uint8 of everything dark, and strips between them up to `widest` px wide."""
     turned = np.ascontiguousarray(lines.T)
     along_rows, along_columns = _along_rows(lines), _along_rows(turned)
-    strips = [_strips(_gap_across(along), widest) for along in (along_rows, along_columns)]
+    with ThreadPoolExecutor(2) as pool:  # NumPy and OpenCV let go of the interpreter
+        strips = list(
+            pool.map(lambda along: _strips(_gap_across(along), widest), (along_rows, along_columns))
+        )
     line_px = _usual_width(along_rows, along_columns)
     return LineWork(
         (along_rows, np.ascontiguousarray(along_columns.T)),
@@ -196,7 +200,7 @@ def _junctions(along_rows: np.ndarray, along_columns: np.ndarray, limit: int) ->
     reach = 2 * int(1.5 * limit + 4) + 1
     rows = cv2.dilate(along_rows, np.ones((1, reach), np.uint8))
     columns = cv2.dilate(along_columns, np.ones((reach, 1), np.uint8))
-    return rows & columns
+    return np.asarray(rows & columns)  # type: ignore[operator]
 
 
 def _grown(seeds: np.ndarray, narrow: np.ndarray, limit: int, usual: int) -> np.ndarray:

@@ -1,6 +1,7 @@
 """From a mask of wall to straight-sided regions, and from these to faces that lie where the ink says."""
 
 import itertools
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -129,7 +130,7 @@ def settle_faces(
     offsets = np.arange(-reach_px - 1.0, reach_px + 1.01, 0.25)
     points, face = segments.sample(faces.ends, 2.0)
     normals = faces.normals[face]
-    at = points[:, None] + offsets[None, :, None] * normals[:, None]
+    at: np.ndarray = points[:, None] + offsets[None, :, None] * normals[:, None]
     profile = np.zeros(at.shape[:2], np.float32)
     for first in range(0, len(at), 30_000):  # OpenCV maps at most 32,767 rows
         part = at[first : first + 30_000].astype(np.float32)
@@ -140,7 +141,7 @@ def settle_faces(
         weight = np.maximum(profile - level * 0.5, 0.0)
         total = weight.sum(axis=1)
         shift = (weight * offsets).sum(axis=1) / np.maximum(total, 1e-6)
-        is_known = total > 0.25
+        is_known = np.asarray(total > 0.25)
     else:
         falls = (profile[:, :-1] >= level) & (profile[:, 1:] < level)
         nearest = np.argmin(np.where(falls, np.abs(offsets[:-1] + 0.125), np.inf), axis=1)
@@ -161,6 +162,6 @@ def settle_faces(
     )
 
 
-def _runs(sorted_idx: np.ndarray, n: int) -> zip:
+def _runs(sorted_idx: np.ndarray, n: int) -> Iterator[tuple[int, int]]:
     bounds = np.searchsorted(sorted_idx, np.arange(n + 1))
     return itertools.pairwise(bounds)
