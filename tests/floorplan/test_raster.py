@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, read_floorplan
 from planfit.floorplan.raster.candidates import opened
+from planfit.floorplan.raster.frame import without_frame
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import find_skew_deg, make_darkness, make_upright
 from planfit.geometry import segments
@@ -229,6 +230,30 @@ def test_skew_is_found(angle: float) -> None:
 def test_upright_leads_back_to_the_picture() -> None:
     upright = make_upright(make_darkness(drawn(skew_deg=5.0).image, "x"))
     assert abs(find_skew_deg(upright.darkness)) < 0.15
+
+
+def framed(image: np.ndarray) -> np.ndarray:
+    """The sheet with a frame around it and words near its edge."""
+    framed = cv2.copyMakeBorder(image, 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=(255,) * 3)
+    h, w = framed.shape[:2]
+    cv2.rectangle(framed, (10, 10), (w - 10, h - 10), (0, 0, 0), 4)
+    cv2.putText(framed, "Sheet 3", (w - 150, h - 20), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (0, 0, 0), 2)
+    return framed
+
+
+@pytest.mark.parametrize("style", ["black", "double"])
+def test_the_frame_of_a_sheet_is_no_wall(tmp_path: Path, style: str) -> None:
+    image = framed(drawn(style=style).image)
+    plan = read_floorplan(saved(tmp_path / "plan.png", image))
+    uv = (plan.ends * MIRROR).reshape(-1, 2)
+    assert (uv > 50).all()
+    assert (uv < np.array(image.shape[1::-1]) - 50).all()
+
+
+@pytest.mark.parametrize("n_rooms", [1, 4])
+def test_the_outer_line_of_a_building_is_no_frame(n_rooms: int) -> None:
+    darkness = make_darkness(drawn(style="double", n_rooms=n_rooms).image, "x")
+    np.testing.assert_array_equal(without_frame(darkness), darkness)
 
 
 @pytest.mark.parametrize("size", [2, 3, 4, 5, 8])

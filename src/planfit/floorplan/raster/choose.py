@@ -190,7 +190,7 @@ def _are_part_of_the_building(
     """
     # Lines of furniture are nearer to each other than those of walls.
     is_thick = is_wall & (thickness > 0.35)
-    least = min(0.25 * straight[is_wall].max(initial=0.0), 0.5 * extent_px)
+    least = min(0.25 * straight[is_wall].max(initial=0.0), 0.25 * extent_px)
     is_large = is_thick & (straight > least)
     outline = shapely.length(regions)
     has_holes = shapely.get_num_interior_rings(regions) > 0

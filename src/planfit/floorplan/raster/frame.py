@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 
 _DARK = 0.3
-_LEAST_MARGIN, _LEAST_LARGEST_MARGIN = 0.012, 0.05
-"""Between a frame and what it encloses, of the sheet's size: on every side, and on one of them. The outer
-line of a building of double lines is nearer to the rest on all sides."""
+_WIDE, _ALIKE = 0.08, 1.4
+"""The outer line of a building of double lines is as far from the next line on all four sides, up to the
+factor; a frame is not, or is further away than this share of the sheet."""
 
 
 def without_frame(darkness: np.ndarray) -> np.ndarray:
@@ -28,23 +28,26 @@ def without_frame(darkness: np.ndarray) -> np.ndarray:
         if len(inside) == 0 or stats[label, 4] > stats[others, 4].sum():
             continue
         box, rest = stats[label], stats[inside]
-        margins = np.array(
-            [
-                rest[:, 0].min() - box[0],
-                rest[:, 1].min() - box[1],
-                box[0] + box[2] - (rest[:, 0] + rest[:, 2]).max(),
-                box[1] + box[3] - (rest[:, 1] + rest[:, 3]).max(),
-            ]
-        ) / max(height, width)
+        if (rest[:, :2] < box[:2]).any() or (rest[:, :2] + rest[:, 2:4] > box[:2] + box[2:4]).any():
+            continue
+        part = slice(box[1], box[1] + box[3]), slice(box[0], box[0] + box[2])
         mask = labels == label
-        if (
-            margins.min() > _LEAST_MARGIN
-            and margins.max() > _LEAST_LARGEST_MARGIN
-            and _has_four_sides(mask[box[1] : box[1] + box[3], box[0] : box[0] + box[2]])
+        if _has_four_sides(mask[part]) and not _is_outline(
+            (lines[part] > 0) & ~mask[part], 0.3 * max(height, width)
         ):
             blank = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
             result = np.where(blank, np.float32(0.0), result)
     return result
+
+
+def _is_outline(inside: np.ndarray, far: float) -> bool:
+    """Whether what is inside (h, w) bool a closed line keeps the distance of a wall to it on all sides."""
+    gaps = []
+    for turned in (inside, inside[::-1], inside.T, inside.T[::-1]):
+        first = np.argmax(turned, axis=0)[turned.any(axis=0)]
+        first = first[first < far]
+        gaps.append(float(np.median(first)) if len(first) else far)
+    return max(gaps) < min(_WIDE * max(inside.shape), _ALIKE * min(gaps) + 3.0)
 
 
 def _has_four_sides(mask: np.ndarray) -> bool:

@@ -43,7 +43,8 @@ def _gaps(
 ) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """Gaps between faces of one line: ends (2, 2), normal (2,), thickness of the wall."""
     lengths = segments.lengths(ends)
-    is_long = lengths > 0.5 * np.median(thickness)
+    # A jamb is short and has the whole length of its wall behind it.
+    is_long = lengths > 0.5 * thickness
     result = []
     for i in np.flatnonzero(is_long):
         along = (ends[i, 1] - ends[i, 0]) / lengths[i]
@@ -55,6 +56,8 @@ def _gaps(
             continue
         j = later[np.argmin(at[later, 0])]
         wide, thick = at[j, 0] - lengths[i], float(min(thickness[i], thickness[j]))
+        if max(lengths[i], lengths[j]) < 1.2 * thick:
+            continue  # two columns
         if (
             0.5 * thick < wide < _WIDEST * thick
             and max(thickness[i], thickness[j]) < 1.7 * thick + 2
