@@ -3,8 +3,8 @@
     python benchmarks/run.py [--only PART ...] [--fresh] [--out FILE]
 
 Parts: step, reweight, gtsam, scaling, descent (the paper's solver), real_scan, plan_pictures, plots. A part
-replaces its own records in FILE and leaves the others; a part whose library or data is absent says so and is left
-out.
+replaces its own records in FILE and leaves the others; a part whose library or data is absent says so and is
+left out.
 Descents are kept between runs: `--fresh` makes them again (a few minutes each).
 """
 

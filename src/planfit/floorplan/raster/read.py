@@ -10,7 +10,7 @@ import shapely
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
-from planfit.floorplan.raster.candidates import Candidate, find_candidates, find_extent
+from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
 from planfit.floorplan.raster.choose import Reading, choose, straight_length, trace
 from planfit.floorplan.raster.frame import without_frame
 from planfit.floorplan.raster.openings import find_openings
@@ -160,12 +160,11 @@ def _faces(reading: Reading, upright: Upright, shrink: float) -> _Found:
     least_px = max(0.5 * reading.thickness_px, 5.0)
     faces = faces_of_regions(shapely.GeometryCollection(list(walls)), 0.6, least_px)
     openings = find_openings(faces.ends, faces.normals, faces.thickness)
-    storey_of = find_storeys(walls, reading.thickness_px, openings)
+    small = _shrunk(upright.darkness, shrink)
+    storey_of = find_storeys(walls, reading.thickness_px, openings, small > LINE)
     inside = faces.ends.mean(axis=1) - 0.5 * faces.normals
     storey = storey_of[shapely.STRtree(walls).nearest(shapely.points(inside))]
-    size = np.array(upright.darkness.shape[::-1]) / np.array(
-        _shrunk(upright.darkness, shrink).shape[::-1]
-    )
+    size = np.array(upright.darkness.shape[::-1]) / np.array(small.shape[::-1])
     faces = RegionFaces((faces.ends + 0.5) * size - 0.5, faces.normals, faces.thickness * shrink)
     candidate = reading.candidate
     if candidate.edge != "mask" and len(faces.ends):

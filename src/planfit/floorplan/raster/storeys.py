@@ -9,13 +9,16 @@ _LEAST_SHARE = 0.12
 """A group of less area than this share of the largest is a part of its neighbour."""
 
 
-def find_storeys(walls: np.ndarray, thickness_px: float, openings: np.ndarray) -> np.ndarray:
+def find_storeys(
+    walls: np.ndarray, thickness_px: float, openings: np.ndarray, lines: np.ndarray
+) -> np.ndarray:
     """Number of the storey (n,) of each region of wall (n,) of polygons; numbered as one reads a page.
 
     Args:
         walls: (n,) polygons.
         thickness_px: usual thickness of a wall.
         openings: (k, 2, 2) doors and windows; the walls on their two sides are of one storey.
+        lines: (h, w) bool, everything drawn: storeys have a blank strip between them.
     """
     boxes = shapely.bounds(walls) + np.array([-1, -1, 1, 1]) * _APART * thickness_px
     group = np.arange(len(walls))
@@ -25,7 +28,7 @@ def find_storeys(walls: np.ndarray, thickness_px: float, openings: np.ndarray) -
         for a, b in sides:
             group[group == group[b]] = group[a]
     while True:
-        merged = _merged_once(boxes, group)
+        merged = _merged_once(boxes, group, lines)
         if (merged == group).all():
             break
         group = merged
@@ -59,17 +62,31 @@ def storey_words(walls: np.ndarray, storey_of: np.ndarray) -> tuple[str, ...]:
     return tuple(words)
 
 
-def _merged_once(boxes: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Groups whose extents overlap become one."""
+def _merged_once(boxes: np.ndarray, group: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Groups whose extents overlap, or that drawing joins, become one."""
     result = group.copy()
     names = np.unique(group)
     extents = [_extent(boxes[group == name]) for name in names]
     for i in range(len(names)):
         for j in range(i + 1, len(names)):
-            if _gap(extents[i], extents[j]) == 0.0:
+            near = _gap(extents[i], extents[j]) == 0.0
+            if near or _are_joined(extents[i], extents[j], lines):
                 result[result == names[j]] = names[i]
                 return result
     return result
+
+
+def _are_joined(one: np.ndarray, other: np.ndarray, lines: np.ndarray) -> bool:
+    """Whether something is drawn everywhere between two boxes that lie side by side."""
+    low, high = np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])
+    u0, v0 = np.maximum(np.floor(np.minimum(low, high)).astype(int), 0)
+    u1, v1 = np.ceil(np.maximum(low, high)).astype(int) + 1
+    between = lines[v0:v1, u0:u1]
+    if high[0] < low[0] and low[1] < high[1]:
+        return bool(between.any(axis=0).all())
+    if high[1] < low[1] and low[0] < high[0]:
+        return bool(between.any(axis=1).all())
+    return False
 
 
 def _extent(boxes: np.ndarray) -> np.ndarray:

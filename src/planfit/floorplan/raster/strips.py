@@ -123,7 +123,7 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
         np.where(grid, 0, rows).astype(np.int16),
         np.where(grid, 0, columns).astype(np.int16),
     )
-    tiles = cv2.dilate(grid.astype(np.uint8), np.ones((3, 3), np.uint8))
+    tiles = np.asarray(cv2.dilate(grid.astype(np.uint8), np.ones((3, 3), np.uint8)), np.uint8)
     thickest = int(2 * work.line_px) + 2
     sides = [
         _Strips.between(rows, work.along[0], thickest),
@@ -148,7 +148,9 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
         seeds = along_rows | along_columns
         narrow = closed(work.along[0] | work.along[1], limit + 2)
         narrow &= 1 - (work.along[0] | work.along[1] | tiles)
-        mask = _grown(seeds, narrow, limit, usual) | _junctions(along_rows, along_columns, limit)
+        mask = np.bitwise_or(
+            _grown(seeds, narrow, limit, usual), _junctions(along_rows, along_columns, limit)
+        )
         if mask.any():
             result.append(InsideWalls(mask, _free_bars(bars, narrow, work.line_px)))
     return result
@@ -228,4 +230,4 @@ def _free_bars(bars: np.ndarray, narrow: np.ndarray, line_px: float) -> np.ndarr
     n_bar = np.bincount(labels.ravel(), minlength=count)
     is_free = (n_narrow < 0.4 * (n_around - n_bar)).astype(np.uint8)
     is_free[0] = 0
-    return is_free[labels]
+    return is_free[np.asarray(labels, dtype=int)]

@@ -149,7 +149,7 @@ def settle_faces(
         high, low = profile[row, nearest], profile[row, nearest + 1]
         share = (high - level) / np.maximum(high - low, 1e-6)
         shift = offsets[nearest] + 0.25 * np.clip(share, 0.0, 1.0)
-        is_known = falls.any(axis=1)
+        is_known = np.asarray(falls.any(axis=1))
     moves = np.zeros(len(faces.ends))
     for i, (first, last) in enumerate(_runs(face, len(faces.ends))):
         known = shift[first:last][is_known[first:last]]
