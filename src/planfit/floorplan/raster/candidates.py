@@ -162,5 +162,5 @@ def _hatched(
         least = int(max(size, 2 * line_px)) + 1
         mask = opened(filled, least)
         result.append(Candidate("hatched", mask, "stroke", LINE, -line_px / 2, least))
-        size = int(np.ceil(1.4 * size))
+        size = int(np.ceil(1.8 * size))
     return result
