@@ -2,8 +2,9 @@
 
     python benchmarks/run.py [--only PART ...] [--fresh] [--out FILE]
 
-Parts: step, reweight, gtsam, scaling, descent (the paper's solver), real_scan, plots. A part replaces its own
-records in FILE and leaves the others; a part whose library or data is absent says so and is left out.
+Parts: step, reweight, gtsam, scaling, descent (the paper's solver), real_scan, plan_pictures, plots. A part
+replaces its own records in FILE and leaves the others; a part whose library or data is absent says so and is
+left out.
 Descents are kept between runs: `--fresh` makes them again (a few minutes each).
 """
 
@@ -78,6 +79,12 @@ def real_scan_part(fresh: bool) -> list[Record]:  # noqa: ARG001
     ]
 
 
+def plan_pictures_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import plan_pictures
+
+    return [plan_pictures.time_large(), *plan_pictures.records()]
+
+
 PARTS: dict[str, Callable[[bool], list[Record]]] = {
     "step": step_part,
     "reweight": reweight_part,
@@ -85,6 +92,7 @@ PARTS: dict[str, Callable[[bool], list[Record]]] = {
     "scaling": scaling_part,
     "descent": descent_part,
     "real_scan": real_scan_part,
+    "plan_pictures": plan_pictures_part,
 }
 
 

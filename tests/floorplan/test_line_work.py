@@ -278,7 +278,7 @@ def test_the_users_unit_comes_first(tmp_path):
     path = write_dxf(tmp_path / "a.dxf", WALLS, 0.01, insunits=6)
     plan = read_floorplan(path, PlanOptions(unit="cm"))
     assert recall(plan) > 0.999
-    assert plan.source.unit_from == "the unit given"
+    assert plan.source.unit_from == "--unit"
     assert not read_floorplan(path, PlanOptions(unit="unknown")).is_metric
 
 

@@ -9,7 +9,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import room_plan
 from planfit.errors import FloorplanError
-from planfit.floorplan import Floorplan, make_floorplan, read_floorplan, write_floorplan_json
+from planfit.floorplan import (
+    Floorplan,
+    PlanOptions,
+    make_floorplan,
+    read_floorplan,
+    write_floorplan_json,
+)
 
 ROOM = np.array([[0, 0, 6, 0], [6, 0, 6, 4], [6, 4, 0, 4], [0, 4, 0, 0]], dtype=float)
 
@@ -59,7 +65,7 @@ def test_missing(tmp_path):
     refused(tmp_path / "plan.npy", "nothing")
 
 
-@pytest.mark.parametrize("name", ["plan.dwg", "plan", "plan.png"])
+@pytest.mark.parametrize("name", ["plan.dwg", "plan"])
 def test_another_suffix(tmp_path, name):
     (tmp_path / name).write_bytes(b"x")
     refused(tmp_path / name, ".npy, .json")
@@ -216,3 +222,56 @@ def test_a_plan_checks_itself(change):
               "is_oriented": plan.is_oriented} | change  # fmt: skip
     with pytest.raises(FloorplanError, match="made up"):
         Floorplan(**fields)
+
+
+# Units.
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("mm", 0.001), ("cm", 0.01), ("ft", 0.3048)])
+def test_a_given_unit_scales(tmp_path, unit, metres):
+    path = saved(tmp_path / "plan.npy", ROOM / metres)
+    assert_allclose(read_floorplan(path, PlanOptions(unit=unit)).size, (6.0, 4.0))
+    plan = read_floorplan(path, PlanOptions(unit="m", metres_per_unit=metres))
+    assert_allclose(plan.size, (6.0, 4.0))
+    assert plan.is_metric
+    assert plan.source.unit_from == "--scale"
+
+
+@pytest.mark.parametrize("factor", [0.01, 1.0, 1e4])
+def test_an_unknown_unit_is_not_questioned(tmp_path, factor):
+    double = np.vstack([ROOM, [[-0.2, -0.2, 6.2, -0.2], [6.2, -0.2, 6.2, 4.2],
+                               [6.2, 4.2, -0.2, 4.2], [-0.2, 4.2, -0.2, -0.2]]])  # fmt: skip
+    path = saved(tmp_path / "plan.npy", double * factor)
+    plan = read_floorplan(path, PlanOptions(unit="unknown"))
+    assert not plan.is_metric
+    assert_allclose(plan.size, (6.4 * factor, 4.4 * factor))
+    # Which side is free does not hang on the unit either.
+    metric = make_floorplan("metric", double.reshape(-1, 2, 2) * (1.0, -1.0))
+    assert_array_equal(plan.is_oriented, metric.is_oriented)
+    assert_allclose(plan.normals, metric.normals, atol=1e-12)
+
+
+def test_single_lines_of_unknown_unit_have_no_free_side(tmp_path):
+    plan = read_floorplan(saved(tmp_path / "plan.npy", ROOM * 37), PlanOptions(unit="unknown"))
+    assert not plan.is_oriented.any()
+
+
+def test_json_keeps_thickness_openings_and_an_unknown_unit(tmp_path):
+    faces = [face(thickness=0.24), face(ends=[[0, 4], [6, 4]], normal=None)]
+    openings = [[[1, 0], [2, 0]]]
+    path = plan_json(tmp_path / "plan.json", faces, unit="unknown", openings=openings)
+    plan = read_floorplan(path)
+    assert not plan.is_metric
+    assert_array_equal(plan.thickness, [0.24, np.nan])
+    assert_array_equal(plan.openings, openings)
+    write_floorplan_json(tmp_path / "again.json", plan)
+    again = read_floorplan(tmp_path / "again.json")
+    assert_array_equal(again.thickness, plan.thickness)
+    assert_array_equal(again.openings, plan.openings)
+    assert again.is_metric == plan.is_metric
+    assert read_floorplan(path, PlanOptions(metres_per_unit=2.0)).size[0] == 12.0
+
+
+@pytest.mark.parametrize("change", [{"thickness": 0}, {"thickness": -1}])
+def test_json_thickness_that_is_none(tmp_path, change):
+    refused(plan_json(tmp_path / "plan.json", [face(**change)]), "thickness")

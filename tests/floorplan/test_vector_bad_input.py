@@ -181,7 +181,7 @@ def test_a_unit_given_that_is_absurd_is_refused(tmp_path):
     path = write_dxf(tmp_path / "a.dxf", WALLS, 1.0, insunits=0)
     size = np.ptp(np.array(WALLS.bounds).reshape(2, 2), axis=0).max()
     assert refusal(path, PlanOptions(unit="mm")) == (
-        f"expected a building of 1.5 to 2000 m, found {size / 1000:.4g} m with the unit given; pass the "
+        f"expected a building of 1.5 to 2000 m, found {size / 1000:.4g} m with --unit; pass the "
         "unit of the drawing, or `--unit unknown` to leave its scale to the alignment"
     )
 

@@ -18,6 +18,7 @@ usage: planfit COMMAND ...
 commands:
   refine SCAN -o OUT [--plan FILE]   refine the camera poses of a scan; OUT/report.html tells how it went
   align SCAN PLAN -o OUT             find the place of a scan on a plan; a picture of each place that fits
+  plan FILE [-o FILE.png|svg|dxf|json]   show what is read of a floorplan
   evaluate OUT --truth FILE          compare refined poses with true ones
   demo [-o OUT]                      make a synthetic scan, drift it, refine it, and compare with the truth
   synth OUT                          write a synthetic scan with its plan and its truth
@@ -44,6 +45,7 @@ def run(argv: Sequence[str]) -> int:
     loaders: dict[str, Callable[[], tuple[type, Callable[[Any], int]]]] = {
         "refine": _load_refine,
         "align": _load_align,
+        "plan": _load_plan,
         "evaluate": _load_evaluate,
         "demo": _load_demo,
         "synth": _load_synth,
@@ -117,6 +119,12 @@ def _load_align() -> tuple[type, Callable[[Any], int]]:
     from planfit.cli.align import AlignArguments, align_command
 
     return AlignArguments, align_command
+
+
+def _load_plan() -> tuple[type, Callable[[Any], int]]:
+    from planfit.cli.plan import PlanArguments, plan_command
+
+    return PlanArguments, plan_command
 
 
 def _load_evaluate() -> tuple[type, Callable[[Any], int]]:

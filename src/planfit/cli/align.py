@@ -11,6 +11,7 @@ import tyro
 
 from planfit.align import Alignment, Fit, WallSamples, metric_plan
 from planfit.cli.console import StageBars, out, table
+from planfit.cli.plan_flags import PlanFlags
 from planfit.errors import OutputError, ScanError
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.options import RefineOptions
@@ -30,12 +31,15 @@ class AlignArguments:
     """Floorplan."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for alignment.json and a picture of each place."""
+    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
     candidate: int = 1
     """Which of the places found is taken, 1 the best."""
     pin: tuple[str, ...] = ()
     """Known pairs "x,y,z=u,v": a point of the scan in its own axes (m) and the same point on the plan."""
+    preset: str = "default"
+    """Options to begin with: `default`, or `paper`, the published method to the letter."""
     config: Path | None = None
-    """TOML file of options, overruled by the flags below."""
+    """TOML file of options, on top of the preset and overruled by the flags below."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
     options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
@@ -52,7 +56,7 @@ def align_command(arguments: AlignArguments) -> int:
     options = replace(options, align=chosen)
     folder = _claim(arguments.out)
     scan = read_scan(arguments.scan, options.structure.back_end != "geometry")
-    floorplan = read_floorplan(arguments.plan)
+    floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
     with StageBars() as bars:
         work = Work(arguments.workers, folder / "cache", bars.update)
         found = align_scan(scan, floorplan, options, work)

@@ -12,6 +12,7 @@ import tyro
 from planfit import __version__
 from planfit.cli.config import to_toml
 from planfit.cli.console import StageBars, err, out, table
+from planfit.cli.plan_flags import PlanFlags
 from planfit.errors import FloorplanError
 from planfit.export import RunFolder, make_record, sample_cloud, write_results
 from planfit.floorplan import Floorplan, read_floorplan
@@ -34,6 +35,7 @@ class RefineArguments:
     """Floorplan; by default the one inside the scan's folder."""
     preset: str = "default"
     """Options to begin with: `default`, what works best, or `paper`, the published method to the letter."""
+    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
     config: Path | None = None
     """TOML file of options, on top of the preset and overruled by the flags below."""
     overwrite: bool = False
@@ -53,7 +55,7 @@ def refine_command(arguments: RefineArguments) -> int:
             f"{arguments.scan}: expected a floorplan inside the scan's folder, found none; "
             "give one with --plan FILE"
         )
-    floorplan = read_floorplan(plan_path)
+    floorplan = read_floorplan(plan_path, arguments.plan_flags.options)
     result = refine_into(
         arguments.out, scan, floorplan, arguments.options, arguments.workers, arguments.overwrite
     )

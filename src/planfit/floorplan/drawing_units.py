@@ -9,9 +9,8 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.dimension_texts import scale_of_dimensions
 from planfit.floorplan.drawing import Drawing
 from planfit.floorplan.options import METRES_PER_UNIT, PlanOptions
+from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M, choose_unit
 
-MIN_SIZE_M, MAX_SIZE_M = 1.5, 2000.0
-"""A building is larger than a cupboard and smaller than a town."""
 LIKELY_SIZE_M = (3.0, 400.0)
 LIKELY_THICKNESS_M = (0.07, 0.45)
 """Of most of the walls of a building; used only to choose between units, and only where one is left."""
@@ -82,15 +81,10 @@ def unit_of_drawing(
 
 
 def _told_by_user(options: PlanOptions) -> UnitFound | None:
-    if options.metres_per_unit is not None:
-        return UnitFound(
-            options.metres_per_unit, f"{options.metres_per_unit:g} m", "the scale given"
-        )
-    if options.unit == "unknown":
-        return UnitFound(None, "unknown", "the unit given")
-    if options.unit != "auto":
-        return UnitFound(METRES_PER_UNIT[options.unit], options.unit, "the unit given")
-    return None
+    if options.unit == "auto" and options.metres_per_unit is None:
+        return None
+    told = choose_unit(options, None, "")
+    return UnitFound(told.metres, told.name, told.known_from)
 
 
 def _told_by_dimensions(

@@ -14,7 +14,6 @@ import shapely
 from planfit.geometry import segments
 
 _PARALLEL_SINE = np.sin(np.deg2rad(5.0))
-_MIN_OVERLAP_M = 0.05
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ def find_partners(
     ends: np.ndarray,
     max_gap: float,
     min_gap: float,
-    min_overlap: float = _MIN_OVERLAP_M,
+    min_overlap: float,
     parallel_sine: float = _PARALLEL_SINE,
 ) -> Partners:
     """All pairs of lines (n, 2, 2) whose whole length is within `max_gap`, and beyond `min_gap`, of
@@ -76,7 +75,8 @@ def orient_faces(
         min_thickness_m: lines nearer than this are the same line drawn twice.
     """
     normals = segments.left_normals(ends)
-    pairs = find_partners(ends, max_thickness_m, min_thickness_m)
+    # A twelfth: 5 cm of 60 cm, and the same in a plan of another unit.
+    pairs = find_partners(ends, max_thickness_m, min_thickness_m, max_thickness_m / 12)
     length = segments.lengths(ends)
     gap_left, overlap_left = _nearest_partner(pairs, pairs.gap > 0, length)
     gap_right, overlap_right = _nearest_partner(pairs, pairs.gap < 0, length)
@@ -115,3 +115,14 @@ def _covered_lengths(line, low, high, n):  # pragma: no cover - compiled; has a 
         total[current] += max(0.0, high[i] - max(low[i], reached))
         reached = max(reached, high[i])
     return total
+
+
+def usual_gap(ends: np.ndarray, max_gap: float) -> float:
+    """Gap between a line and its nearest parallel neighbour, of the median length of line; infinite
+    where most have none within `max_gap`. Says how thick walls are in a plan of unknown scale."""
+    length = segments.lengths(ends)
+    pairs = find_partners(ends, max_gap, 1e-3 * max_gap, max_gap / 12)
+    nearest, _ = _nearest_partner(pairs, np.ones(len(pairs.line), dtype=bool), length)
+    order = np.argsort(nearest)
+    reached = np.cumsum(length[order])
+    return float(nearest[order][np.searchsorted(reached, reached[-1] / 2)])

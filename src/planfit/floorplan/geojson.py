@@ -208,7 +208,7 @@ def _frame(areas: list[BaseGeometry], options: PlanOptions, collections: list[An
     middle = (low + high) / 2
     told = options.metres_per_unit or METRES_PER_UNIT.get(options.unit)
     if told is not None:
-        return _Frame(np.zeros(2), np.full(2, told), options.unit, "the unit given", True)
+        return _Frame(np.zeros(2), np.full(2, told), options.unit, "--unit", True)
     has_crs = any("crs" in data and "CRS84" not in str(data["crs"]) and "4326" not in str(data["crs"])
                   for _, data in collections)  # fmt: skip
     in_range = (np.abs([low, high]) <= (180.0, 90.0)).all()

@@ -62,7 +62,7 @@ def read_model(path: Path, options: PlanOptions) -> Floorplan:
         source=PlanSource(
             kind="mesh or point cloud",
             unit="m" if options.unit == "auto" else options.unit,
-            unit_from="assumed" if options.unit == "auto" else "the unit given",
+            unit_from="assumed" if options.unit == "auto" else "--unit",
             warnings=(f"up is {'xyz'[axis]} ({up}); the floor is at {floor:.2f} m",),
             dropped=(f"{lines.n_left} of {len(xy)} points on no straight wall",),
             file_from_plan=rows,

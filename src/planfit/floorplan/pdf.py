@@ -68,7 +68,7 @@ def _open(path: Path) -> pdfium.PdfDocument:
 
 def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> Floorplan:
     # Here, not above: drawings need no OpenCV.
-    from planfit.floorplan.raster import read_picture  # type: ignore[import-not-found]
+    from planfit.floorplan.raster import read_picture
 
     longer = max(page.get_size())
     scale = min(PICTURE_DPI / 72.0, MAX_PICTURE_PX / longer)

@@ -1,0 +1,162 @@
+"""How well walls are read out of pictures: rendered buildings whose faces are known.
+
+    python benchmarks/plan_pictures.py [--seeds 8] [--first 1000] [--save FOLDER] [--size PX]
+
+Face precision is the share of the length of faces found that lies within 3 px of a true face with the same
+normal; recall the share of the true length (without jambs and ends of walls) within 3 px of a face found.
+"""
+
+import argparse
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from records import Record
+
+from planfit.errors import FloorplanError
+from planfit.floorplan import PlanOptions
+from planfit.floorplan.raster import read_picture
+from planfit.geometry import segments
+from planfit.synth import BuildingOptions, make_building
+from planfit.synth.drawing import STYLES, Drawing, DrawingOptions, draw_building
+
+NEAR_PX = 3.0
+FIRST_SEED = 5000
+"""Seeds below were used while the reader was written."""
+
+CONDITIONS: dict[str, DrawingOptions] = {
+    "clean": DrawingOptions(),
+    "cluttered": DrawingOptions(is_cluttered=True),
+    "cluttered, skewed, JPEG": DrawingOptions(is_cluttered=True, noise=4.0, jpeg_quality=70),
+    "photographed": DrawingOptions(shade=0.35, noise=5.0, perspective=0.015, jpeg_quality=85),
+}
+
+
+@dataclass(frozen=True)
+class Score:
+    """One picture."""
+
+    precision: float
+    recall: float
+    offset_px: float
+    """Median distance of faces found, where they are within 3 px."""
+
+
+def make_drawing(condition: str, style: str, seed: int) -> Drawing:
+    rng = np.random.default_rng([seed, STYLES.index(style)])
+    building = make_building(
+        BuildingOptions(
+            n_rooms=int(rng.integers(3, 10)),
+            n_columns=int(rng.integers(0, 3)),
+            room_size_m=(3.0, 5.5),
+        ),
+        rng,
+    )
+    options = replace(
+        CONDITIONS[condition],
+        style=style,
+        pixels_per_metre=float(rng.uniform(45, 110)),
+        line_px=float(rng.uniform(1.2, 2.2)),
+        tone=float(rng.uniform(0.4, 0.6)),
+        skew_deg=float(rng.uniform(-4, 4)) if "skewed" in condition else 0.0,
+    )
+    return draw_building(building, options, rng)
+
+
+def score(drawing: Drawing, image: np.ndarray | None = None) -> Score:
+    try:
+        plan = read_picture(
+            drawing.image if image is None else image, "drawing", "", PlanOptions(), "picture"
+        )
+    except FloorplanError as error:
+        print(error)
+        return Score(0.0, 0.0, np.inf)
+    mirror = np.array([1.0, -1.0])
+    ends, normals = plan.ends * mirror, plan.normals * mirror
+    found = distances(ends, normals, drawing.ends_uv, drawing.normals_uv)
+    wall = drawing.is_wall
+    missed = distances(drawing.ends_uv[wall], drawing.normals_uv[wall], ends, normals)
+    near = found[found < NEAR_PX]
+    return Score(
+        float((found < NEAR_PX).mean()),
+        float((missed < NEAR_PX).mean()),
+        float(np.median(near)) if len(near) else np.inf,
+    )
+
+
+def distances(
+    ends: np.ndarray, normals: np.ndarray, to_ends: np.ndarray, to_normals: np.ndarray
+) -> np.ndarray:
+    """Distance (m,) px from points along faces to the nearest other face that looks the same way."""
+    result = []
+    for one, normal in zip(ends, normals, strict=True):
+        points, _ = segments.sample(one[None], 1.0)
+        alike = to_normals @ normal > 0.9
+        if alike.any():
+            result.append(segments.nearest_distance(points, np.ascontiguousarray(to_ends[alike])))
+        else:
+            result.append(np.full(len(points), np.inf))
+    return np.concatenate(result) if result else np.zeros(0)
+
+
+def records(
+    seeds: range = range(FIRST_SEED, FIRST_SEED + 8), save: Path | None = None
+) -> list[Record]:
+    """Precision and recall of each style and condition, over all length; times on a large sheet."""
+    result = []
+    for condition in CONDITIONS:
+        for style in STYLES:
+            scores = []
+            for seed in seeds:
+                drawing = make_drawing(condition, style, seed)
+                scores.append(score(drawing))
+                if save is not None:
+                    name = f"{condition} {style} {seed} {scores[-1].precision:.2f} {scores[-1].recall:.2f}"
+                    cv2.imwrite(
+                        str(save / f"{name.replace(' ', '_').replace(',', '')}.png"), drawing.image
+                    )
+            precision = float(np.mean([s.precision for s in scores]))
+            recall = float(np.mean([s.recall for s in scores]))
+            worst = min(min(s.precision, s.recall) for s in scores)
+            offset = float(np.median([s.offset_px for s in scores]))
+            print(f"{condition:26} {style:14} precision {precision:.3f} recall {recall:.3f} "
+                  f"worst {worst:.2f} offset {offset:.2f} px", flush=True)  # fmt: skip
+            where = f"{style}, {condition}, {len(scores)} buildings"
+            name = f"plan_picture_{style}_{condition}".replace(" ", "_").replace(",", "")
+            result += [
+                Record(f"{name}_precision", precision, "share", where),
+                Record(f"{name}_recall", recall, "share", where),
+                Record(f"{name}_offset_px", offset, "px", where),
+            ]
+    return result
+
+
+def time_large(side_px: int = 4000) -> Record:
+    """Seconds to read a cluttered sheet of `side_px` x `side_px`."""
+    drawing = make_drawing("cluttered", "hatched", FIRST_SEED)
+    image = cv2.resize(drawing.image, (side_px, side_px), interpolation=cv2.INTER_CUBIC)
+    begin = time.perf_counter()
+    read_picture(image, "drawing", "", PlanOptions(), "picture")
+    seconds = time.perf_counter() - begin
+    print(f"{side_px} x {side_px} px: {seconds:.2f} s")
+    return Record("plan_picture_s", seconds, "s", f"hatched, cluttered, {side_px} x {side_px} px")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=8)
+    parser.add_argument("--first", type=int, default=FIRST_SEED)
+    parser.add_argument("--save", type=Path)
+    parser.add_argument("--size", type=int, default=4000)
+    parser.add_argument("--only", default="", help="conditions that contain this")
+    arguments = parser.parse_args()
+    if arguments.save is not None:
+        arguments.save.mkdir(parents=True, exist_ok=True)
+    if arguments.size:
+        time_large(arguments.size)
+    for condition in list(CONDITIONS):
+        if arguments.only not in condition:
+            del CONDITIONS[condition]
+    records(range(arguments.first, arguments.first + arguments.seeds), arguments.save)

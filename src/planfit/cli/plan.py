@@ -1,0 +1,101 @@
+"""`planfit plan`: what is found in a plan, and the plan in another form."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from planfit.cli.console import out, table
+from planfit.cli.plan_flags import PlanFlags
+from planfit.errors import OutputError
+from planfit.export.plan_files import write_plan_dxf, write_plan_svg
+from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
+from planfit.report.plan_picture import draw_plan_picture
+
+
+@dataclass(frozen=True)
+class PlanArguments:
+    """Read a plan, tell what was found, and write it as a picture, drawing or JSON."""
+
+    plan: tyro.conf.Positional[Path]
+    """File of the plan."""
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """File to write: `.png` (faces over the drawing), `.svg`, `.dxf`, or `.json` (lossless)."""
+    flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+
+
+def _write_png(path: Path, floorplan: Floorplan) -> None:
+    path.write_bytes(draw_plan_picture(floorplan, Path(floorplan.name)))
+
+
+WRITERS: dict[str, Callable[[Path, Floorplan], None]] = {
+    ".png": _write_png,
+    ".svg": write_plan_svg,
+    ".dxf": write_plan_dxf,
+    ".json": write_floorplan_json,
+}
+
+
+def plan_command(arguments: PlanArguments) -> int:
+    """Read, print, write."""
+    writer = None
+    if arguments.out is not None:
+        writer = WRITERS.get(arguments.out.suffix.lower())
+        if writer is None:
+            raise OutputError(
+                f"{arguments.out}: expected a file of {', '.join(WRITERS)}, found "
+                f"{arguments.out.suffix or 'no suffix'}; choose one of these"
+            )
+        if arguments.out.resolve() == arguments.plan.resolve():
+            raise OutputError(
+                f"{arguments.out}: expected another file than the plan itself; choose another name"
+            )
+    floorplan = read_floorplan(arguments.plan, arguments.flags.options)
+    summarise(floorplan)
+    if writer is not None and arguments.out is not None:
+        writer(arguments.out, floorplan)
+        out.print(f"written: {arguments.out}", soft_wrap=True)
+    return 0
+
+
+def summarise(floorplan: Floorplan) -> None:
+    """What was found, how the unit is known, what was left out."""
+    source = floorplan.source
+    unit = "m" if floorplan.is_metric else "units of the drawing"
+    width, depth = floorplan.size
+    oriented = f", {int(floorplan.is_oriented.sum())} with a known free side"
+    rows = [
+        ["kind", source.kind or "plan"],
+        ["faces", f"{len(floorplan)}{oriented}"],
+        ["length of faces", f"{floorplan.lengths.sum():.4g} {unit}"],
+        ["size", f"{width:.4g} x {depth:.4g} {unit}"],
+        ["unit of the file", source.unit + (f" ({source.unit_from})" if source.unit_from else "")],
+    ]
+    if floorplan.thickness is not None:
+        low, middle, high = _quantiles(floorplan)
+        rows.append(["thickness", f"{low:.3g} to {high:.3g}, median {middle:.3g} {unit}"])
+    if floorplan.openings is not None:
+        rows.append(["openings", f"{len(floorplan.openings)} gaps of doors and windows in faces"])
+    if source.storeys:
+        chosen = f"; read: {source.storey}" if source.storey else ""
+        rows.append(["storeys", ", ".join(source.storeys) + chosen])
+    if source.layers:
+        rows.append(["layers", ", ".join(source.layers)])
+    rows += [["left out" if i == 0 else "", words] for i, words in enumerate(source.dropped)]
+    out.print(f"plan {floorplan.name}\n", soft_wrap=True)
+    text = table("", ["", ""], rows)
+    text.columns[1].justify = "left"
+    text.show_header = False
+    out.print(text)
+    for warning in source.warnings:
+        out.print(f"[yellow]note:[/] {warning}", soft_wrap=True)
+
+
+def _quantiles(floorplan: Floorplan) -> tuple[float, float, float]:
+    assert floorplan.thickness is not None
+    known = sorted(t for t in floorplan.thickness.tolist() if t == t)
+    if not known:
+        return float("nan"), float("nan"), float("nan")
+    return known[len(known) // 20], known[len(known) // 2], known[-1 - len(known) // 20]

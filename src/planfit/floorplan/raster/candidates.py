@@ -1,0 +1,166 @@
+"""What a picture's walls may be: one mask for each way of drawing them that the picture could show."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from planfit.floorplan.raster.morphology import closed, opened
+from planfit.floorplan.raster.strips import between_lines, find_line_work
+
+Edge = Literal["edge", "stroke", "mask"]
+
+INK = 0.5
+"""Darkness from which a pixel is part of a black wall: half way, where the true edge runs."""
+LINE = 0.3
+"""Darkness from which a pixel is part of a line; a thin line covers half of each of two pixels."""
+_TONE_SPREAD = 0.07
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One reading of the walls."""
+
+    style: str
+    """In words."""
+    mask: np.ndarray
+    """(h, w) uint8, 1 where there is wall."""
+    edge: Edge
+    """What a face lies on: the edge of a tone, the middle of an outline's stroke, the mask's own edge."""
+    level: float
+    """Darkness half way between wall and paper, for edges of a tone."""
+    grow_px: float
+    """From the mask's edge to the face."""
+    least_px: float
+    """Walls are no thinner."""
+    bars: np.ndarray | None = None
+    """(h, w) uint8, 1 inside walls so thin that their two lines touch; None where there are none."""
+
+
+def find_candidates(darkness: np.ndarray) -> list[Candidate]:
+    """Readings as solid walls (black, and each grey tone), as hatched walls, as double lines."""
+    lines = (darkness > LINE).astype(np.uint8)
+    extent = _extent(lines)
+    if extent < 30:
+        return []
+    work = find_line_work(lines, max(int(extent / 14), 6))
+    line_px = work.line_px
+    result = [*_black(darkness, line_px, extent), *_grey(darkness, line_px, extent)]
+    result += _hatched(lines, work.any_strip, line_px, extent)
+    # Where the two lines of a thin wall touch, they are one bar; its lines' middles are half a line in.
+    bars = opened(lines, round(1.5 * line_px) + 1)
+    bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
+    bars = cv2.erode(bars, np.ones((int(line_px) | 1,) * 2, np.uint8))
+    for inside in between_lines(work, bars):
+        grow = line_px / 2
+        result.append(
+            Candidate("double lines", inside.strips, "stroke", LINE, grow, 1.0, inside.bars)
+        )
+    return result
+
+
+def find_extent(darkness: np.ndarray) -> float:
+    """Larger side (px) of what is drawn; 0 where there is nothing."""
+    return _extent((darkness > LINE).astype(np.uint8))
+
+
+def _extent(lines: np.ndarray) -> float:
+    rows, columns = np.flatnonzero(lines.any(axis=1)), np.flatnonzero(lines.any(axis=0))
+    if len(rows) == 0:
+        return 0.0
+    return float(max(np.ptp(rows), np.ptp(columns)) + 1)
+
+
+def _length_by_width(mask: np.ndarray, largest: int) -> np.ndarray:
+    """Length (largest + 1,) of what is 0, 1, 2 ... px thick in a mask."""
+    areas = [float(mask.sum())]
+    for size in range(2, largest + 2):
+        areas.append(float(opened(mask, size).sum()))
+        if areas[-1] == 0:
+            break
+    areas += [0.0] * (largest + 1 - len(areas))
+    lost = -np.diff(areas)
+    return np.concatenate([[0.0], lost / np.arange(1, len(lost) + 1)])
+
+
+def _least_widths(mask: np.ndarray, line_px: float, extent: float) -> list[int]:
+    """Widths that may part lines from walls: the emptiest between them, for thin and for thick walls."""
+    largest = int(min(max(extent / 12, 8), 60))
+    length = _length_by_width(mask, largest)
+    width = np.arange(len(length))
+    first = round(1.3 * line_px) + 1
+    result = []
+    for low in sorted({first, round(2 * line_px) + 1, round(3 * line_px) + 1}):
+        if low + 1 >= len(length) or length[low:].sum() == 0:
+            continue
+        # Walls are where the area is; between them and the lines is the valley.
+        wall = low + int(np.argmax(length[low:] * width[low:]))
+        valley = low + int(np.argmin(length[low : max(wall, low + 1)]))
+        result.append(valley)
+        result.append(low)
+    return sorted(set(result))
+
+
+def _black(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate]:
+    ink = (darkness > INK).astype(np.uint8)
+    return [
+        Candidate("solid black", opened(ink, size), "edge", INK, 0.0, size)
+        for size in _least_widths(ink, line_px, extent)
+    ]
+
+
+def _grey(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate]:
+    """One for each tone that covers enough of the picture evenly."""
+    smooth = cv2.blur(darkness, (3, 3))
+    flat = cv2.dilate(darkness, np.ones((3, 3))) - cv2.erode(darkness, np.ones((3, 3))) < 0.08
+    counts, edges = np.histogram(smooth[flat], 50, (0.0, 1.0))
+    smooth_counts = np.convolve(counts, [1, 1, 1], "same")
+    result = []
+    for k in range(4, 46):
+        around = smooth_counts[max(k - 3, 0) : k + 4]
+        if smooth_counts[k] < around.max() or smooth_counts[k] < 6 * extent or counts[k] == 0:
+            continue
+        tone = float(edges[k] + edges[k + 1]) / 2
+        if tone > 0.9:
+            continue
+        fill = (np.abs(darkness - tone) < _TONE_SPREAD).astype(np.uint8)
+        core = opened(fill, 3)
+        ring = cv2.dilate(core, np.ones((3, 3), np.uint8)) - core
+        beyond = cv2.dilate(core, np.ones((5, 5), np.uint8)) - core
+        n_ring = max(int(ring.sum()), 1)
+        has_outline = float((darkness[beyond > 0] > tone + 0.15).sum()) / n_ring > 0.5
+        if has_outline:
+            # Up to where the stroke begins; texts and lines across are filled.
+            inner = (np.abs(darkness - tone) < 0.5 * (min(1.0, tone + 0.5) - tone)).astype(np.uint8)
+            mask = opened(closed(opened(inner, 2), int(line_px) + 2), 3)
+            result.append(Candidate("filled, outlined", mask, "stroke", LINE, line_px / 2, 3.0))
+        else:
+            near = cv2.dilate(core, np.ones((3, 3), np.uint8))
+            mask = ((darkness > tone / 2) & (near > 0)).astype(np.uint8)
+            # Texts and lines across a wall are darker than it; the paper between walls is not.
+            mask |= closed(mask, 2 * int(line_px) + 3) & (darkness > tone).astype(np.uint8)
+            for size in _least_widths(mask, line_px, extent)[:3]:
+                result.append(
+                    Candidate("solid grey", opened(mask, size), "edge", tone / 2, 0.0, size)
+                )
+    return result
+
+
+def _hatched(
+    lines: np.ndarray, parallel: np.ndarray, line_px: float, extent: float
+) -> list[Candidate]:
+    """Walls that become solid when gaps as wide as those of the hatching are filled.
+
+    `parallel` marks long gaps between lines along the axes, as between furniture and its wall: these are no
+    hatching, and stay open.
+    """
+    result, size = [], 3
+    while size <= max(extent / 60, 5):
+        filled = closed(lines, size)
+        filled[(parallel > 0) & (lines == 0)] = 0
+        least = int(max(size, 2 * line_px)) + 1
+        mask = opened(filled, least)
+        result.append(Candidate("hatched", mask, "stroke", LINE, -line_px / 2, least))
+        size = int(np.ceil(1.8 * size))
+    return result

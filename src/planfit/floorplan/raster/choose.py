@@ -1,0 +1,241 @@
+"""Which reading of the walls is right: straight, long, of few thicknesses, and explaining most of the ink."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import shapely
+
+from planfit.floorplan.raster.candidates import Candidate
+from planfit.floorplan.raster.trace import trace_regions
+
+_STRAIGHT = 0.6
+"""Share of a wall's outline that is long and straight."""
+_LONG = 3.0
+"""A piece of wall by itself is at least this many times as long as it is thick."""
+_FATTEST = 1 / 9
+"""Walls are thinner than this share of the plan."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A candidate, traced, and parted into walls and the rest."""
+
+    candidate: Candidate
+    walls: tuple[shapely.Polygon, ...]
+    dropped: tuple[shapely.Polygon, ...]
+    """What looked like wall in tone and thickness, but not in form."""
+    thickness_px: float
+    """Median over the length of the walls."""
+    score: float
+    straight_share: float
+    """Of the outline of everything traced, what is straight wall."""
+
+
+def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Reading:
+    """Trace a candidate and keep what has the form of walls; all of it where the walls are given."""
+    mask = candidate.mask if candidate.bars is None else candidate.mask | candidate.bars
+    regions = np.array(trace_regions(mask, candidate.grow_px), dtype=object)
+    if len(regions) == 0:
+        return Reading(candidate, (), (), 0.0, 0.0, 0.0)
+    outline = shapely.length(regions)
+    thickness = 2 * shapely.area(regions) / np.maximum(outline, 1e-6)
+    bounds = shapely.bounds(regions)
+    reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
+    straight = np.array(
+        [
+            straight_length(region, max(1.5 * t, 6.0))
+            for region, t in zip(regions, thickness, strict=True)
+        ]
+    )
+    share = straight / np.maximum(outline, 1e-6)
+    # A wall by itself, of length L and thickness t, has 2 A / P = t L / (L + t), a little less than t.
+    is_long = (
+        (reach >= _LONG * thickness) & (share >= _STRAIGHT) & (thickness < _FATTEST * extent_px)
+    )
+    if not (is_given or is_long.any()):
+        return Reading(candidate, (), tuple(regions), 0.0, 0.0, 0.0)
+    usual = _weighted_median(thickness[is_long], outline[is_long]) if is_long.any() else 1.0
+    is_wall = is_long & (reach >= 2.5 * usual) & (thickness >= 0.3 * usual)
+    is_wall |= _are_columns(regions, outline, usual)
+    if is_given:
+        is_long[:] = is_wall[:] = True
+        usual = _weighted_median(thickness, outline)
+    is_wall &= is_given | ~_are_frames(regions, outline, is_wall, thickness < 0.6 * usual)
+    if candidate.edge == "stroke":
+        is_wall &= _are_part_of_the_building(
+            regions, straight, is_wall, thickness / usual, extent_px, usual
+        )
+    good = float(straight[is_wall].sum())
+    straight_share = good / float(outline.sum())
+    # Walls hang together: long pieces are better evidence than many short ones of the same length.
+    weight = straight / (straight + 0.3 * extent_px)
+    return Reading(
+        candidate,
+        _joined(regions[is_wall], candidate),
+        tuple(regions[~is_wall]),
+        usual,
+        float((weight * straight)[is_wall].sum()) * straight_share,
+        straight_share,
+    )
+
+
+def _joined(walls: np.ndarray, candidate: Candidate) -> tuple[shapely.Polygon, ...]:
+    """Pieces of wall that only a line parts become one."""
+    if candidate.edge != "stroke":
+        return tuple(walls)
+    reach = max(0.6 * abs(candidate.grow_px), 0.6)
+    grown = shapely.union_all(shapely.buffer(walls, reach, join_style="mitre"))
+    joined = shapely.buffer(grown, -reach, join_style="mitre")
+    return tuple(
+        part
+        for part in shapely.get_parts(joined)
+        if isinstance(part, shapely.Polygon) and part.area > 0
+    )
+
+
+def choose(candidates: list[Candidate], extent_px: float) -> Reading | None:
+    """The best reading; None where there is no candidate."""
+    readings = [trace(candidate, extent_px) for candidate in candidates]
+    if not readings:
+        return None
+    scores = []
+    pairs = [r for r in readings if r.candidate.style == "double lines" and r.walls]
+    best_pairs = max(pairs, key=lambda r: r.score, default=None)
+    for reading in readings:
+        score = reading.score
+        if reading.candidate.style.startswith("solid") and best_pairs is not None:
+            score *= 1.0 - _outline_share(reading, best_pairs)
+        if reading.candidate.style == "hatched":
+            score *= 0.5  # filling gaps makes walls of other things too
+        if reading.candidate.style == "filled, outlined":
+            score *= 1.15  # says more of the drawing than the other readings of the same walls
+        if reading.candidate.style == "double lines":
+            score *= 0.6  # furniture and dimensions have parallel lines too
+        scores.append(score)
+    return readings[int(np.argmax(scores))]
+
+
+def _outline_share(solid: Reading, pairs: Reading) -> float:
+    """Share of the solid walls that are the outlines of walls drawn as two lines."""
+    reach = 2 * round(pairs.candidate.grow_px * 2) + 3
+    beside = cv2.dilate(pairs.candidate.mask, np.ones((reach, reach), np.uint8))
+    n = int(solid.candidate.mask.sum())
+    share = float((solid.candidate.mask & beside).sum()) / max(n, 1)
+    return min(1.0, 2 * share) if share > 0.25 else 0.0
+
+
+def straight_length(region: shapely.Polygon, least_px: float) -> float:
+    """Length of a polygon's edges that are at least so long."""
+    total = 0.0
+    for ring in (region.exterior, *region.interiors):
+        length = np.linalg.norm(np.diff(np.asarray(ring.coords), axis=0), axis=1)
+        total += float(length[length >= least_px].sum())
+    return total
+
+
+def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(reached, reached[-1] / 2)])
+
+
+def _are_columns(regions: np.ndarray, outline: np.ndarray, usual: float) -> np.ndarray:
+    """Compact rectangles at least as thick as most walls, and not much thicker."""
+    area = shapely.area(regions)
+    side = outline / 4
+    box = shapely.area(shapely.oriented_envelope(regions))
+    is_full = area > 0.88 * np.maximum(box, 1e-6)
+    is_compact = area > 0.6 * side**2
+    return is_full & is_compact & (side > 0.9 * usual) & (side < 6 * usual)
+
+
+def _are_frames(
+    regions: np.ndarray, outline: np.ndarray, is_wall: np.ndarray, is_thin: np.ndarray
+) -> np.ndarray:
+    """Closed rectangles around most of the other walls, which do not touch them: frames of the sheet, with
+    a title block in them where they are thin."""
+    result = np.zeros(len(regions), dtype=bool)
+    bounds = shapely.bounds(regions)
+    for i in np.flatnonzero(is_wall):
+        filled = shapely.Polygon(regions[i].exterior)
+        box = shapely.area(shapely.box(*bounds[i]))
+        n_inside = len(regions[i].interiors)
+        if n_inside == 0 or (n_inside > 1 and not is_thin[i]) or filled.area < 0.97 * box:
+            continue
+        others = is_wall.copy()
+        others[i] = False
+        inside = others & shapely.contains(filled, regions)
+        result[i] = outline[inside].sum() > max(0.6 * outline[others].sum(), 0.3 * outline[i])
+    return result
+
+
+def _are_part_of_the_building(
+    regions: np.ndarray,
+    straight: np.ndarray,
+    is_wall: np.ndarray,
+    thickness: np.ndarray,
+    extent_px: float,
+    usual: float,
+) -> np.ndarray:
+    """Large pieces, and small ones in line with them: what else is outlined is furniture.
+
+    Args:
+        regions: (n,) polygons.
+        straight: (n,) length of their long edges, px.
+        is_wall: (n,) bool.
+        thickness: (n,) of the usual one.
+        extent_px: of the drawing.
+        usual: thickness, px.
+    """
+    # Lines of furniture are nearer to each other than those of walls.
+    is_thick = is_wall & (thickness > 0.35)
+    least = min(0.25 * straight[is_wall].max(initial=0.0), 0.25 * extent_px)
+    is_large = is_thick & (straight > least)
+    outline = shapely.length(regions)
+    has_holes = shapely.get_num_interior_rings(regions) > 0
+    # A bar of length L and thickness t has the outline 2 (L + t) and the area L t.
+    area = shapely.area(regions)
+    is_straight = area > 0.75 * np.maximum(shapely.area(shapely.oriented_envelope(regions)), 1e-6)
+    is_bar = is_straight & (outline**2 > 30.0 * area)
+    # The frame of a window, a table, a bath: a small ring, thinner than walls.
+    bounds = shapely.bounds(regions)
+    reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
+    is_large &= ~((has_holes | ~is_straight) & (thickness < 0.7) & (reach < 0.2 * extent_px))
+    # Two lines of dimensions are a bar by themselves, further apart than the faces of walls.
+    is_large &= ~(is_bar & (thickness > 1.6))
+    result = is_large | (is_thick & is_bar & (thickness < 1.6) & (outline > 0.1 * extent_px))
+    lines = [_long_lines(region) for region in regions[result]]
+    # Many small marks: letters and hatching, no walls that doors and windows part.
+    for i in [] if (is_thick & ~result).sum() > 400 else np.flatnonzero(is_thick & ~result):
+        own = _long_lines(regions[i])
+        result[i] = any(_goes_on(own, other, thickness[i] * usual) for other in lines)
+    return result
+
+
+def _goes_on(own: np.ndarray, other: np.ndarray, thickness_px: float) -> bool:
+    """Whether two opposite long edges of a piece are in line with edges of a wall not far away."""
+    if len(own) == 0 or len(other) == 0:
+        return False
+    own = own[own[:, 5] > 0.6 * own[:, 5].max()]
+    alike = own[:, :2] @ other[:, :2].T > 0.99
+    gap = other[None, :, 3:5] - own[:, None, 3:5]
+    off = np.abs(np.sum(gap * other[None, :, :2], axis=2))
+    along = np.linalg.norm(gap, axis=2) - (own[:, None, 5] + other[None, :, 5]) / 2
+    in_line = own[(alike & (off < 2.5) & (along < 14 * thickness_px)).any(axis=1)]
+    return bool((in_line[:, :2] @ in_line[:, :2].T < -0.9).any())
+
+
+def _long_lines(region: shapely.Polygon) -> np.ndarray:
+    """Normal, offset, middle and length (k, 6) of a region's longer edges."""
+    rows = []
+    for ring in (region.exterior, *region.interiors):
+        points = np.asarray(ring.coords)
+        step = np.diff(points, axis=0)
+        length = np.linalg.norm(step, axis=1)
+        kept = length > 8.0
+        normal = np.stack([step[kept, 1], -step[kept, 0]], axis=1) / length[kept, None]
+        offset = np.sum(normal * points[:-1][kept], axis=1)
+        middle = (points[:-1] + points[1:])[kept] / 2
+        rows.append(np.column_stack([normal, offset, middle, length[kept]]))
+    return np.concatenate(rows) if rows else np.zeros((0, 6))

@@ -1,0 +1,177 @@
+"""A picture of a plan, made ready for reading: as darkness over its paper, upright."""
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image, ImageOps, UnidentifiedImageError
+
+from planfit.errors import FloorplanError
+
+MAX_SIDE_PX, MAX_PIXELS = 20_000, 100_000_000
+MIN_SIDE_PX = 60
+_PAPER = 0.12
+"""Darkness below this is paper."""
+MIN_PAPER_SHARE = 0.25
+"""Drawings are mostly paper; photographs of other things are not."""
+
+
+@dataclass(frozen=True)
+class Upright:
+    """A plan as darkness, turned so that most of its lines run along rows and columns."""
+
+    darkness: np.ndarray
+    """(h, w) float32, 0 for paper, 1 for black."""
+    upright_from_picture: np.ndarray
+    """(2, 3) from pixels of the picture to those of `darkness`; a turn and a shift."""
+    skew_deg: float
+    """Turn of the lines in the picture, counter-clockwise as seen."""
+
+
+def load_picture(path: Path) -> np.ndarray:
+    """(h, w, 3) uint8 BGR, as a viewer shows it: transparent is white, EXIF turns are made.
+
+    Raises:
+        FloorplanError: not a picture, damaged, or too large to be read in reasonable time.
+    """
+    try:
+        # Pillow's own limit warns from 89 million pixels on and raises from twice that.
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as file:
+            _check_size(str(path), file.width, file.height)
+            turned = ImageOps.exif_transpose(file)
+            if turned.mode.startswith("I") or turned.mode == "F":  # 16 and 32 bits a pixel
+                values = np.asarray(turned, dtype=float)
+                top = max(float(values.max()), 1.0)
+                top = 65535.0 if 255.0 < top <= 65535.0 else max(top, 255.0)
+                turned = Image.fromarray(np.round(values / top * 255).astype(np.uint8))
+            rgba = turned.convert("RGBA")
+            page = Image.new("RGBA", rgba.size, "white")
+            page.alpha_composite(rgba)
+            rgb = np.asarray(page.convert("RGB"))
+    except FloorplanError:
+        raise
+    except Image.DecompressionBombError as error:
+        raise FloorplanError(
+            f"{path}: expected a picture of at most {MAX_PIXELS // 1_000_000} million pixels, found "
+            f"more than {2 * (Image.MAX_IMAGE_PIXELS or MAX_PIXELS) // 1_000_000} million; "
+            "scale it down until walls are 10 to 30 px thick"
+        ) from error
+    except (OSError, ValueError, SyntaxError, UnidentifiedImageError) as error:  # fmt: skip
+        raise FloorplanError(
+            f"{path}: expected a picture (PNG, JPEG, TIFF), found a damaged or other file; "
+            "open it in a viewer and save it again"
+        ) from error
+    return np.ascontiguousarray(rgb[..., ::-1])
+
+
+def _check_size(name: str, width: int, height: int) -> None:
+    if max(width, height) > MAX_SIDE_PX or width * height > MAX_PIXELS:
+        raise FloorplanError(
+            f"{name}: expected a picture of at most {MAX_SIDE_PX} px a side and "
+            f"{MAX_PIXELS // 1_000_000} million pixels, found {width} x {height}; "
+            "scale it down until walls are 10 to 30 px thick"
+        )
+    if min(width, height) < MIN_SIDE_PX:
+        raise FloorplanError(
+            f"{name}: expected a picture of at least {MIN_SIDE_PX} px a side, "
+            f"found {width} x {height}; scan the plan at a higher resolution"
+        )
+
+
+def make_darkness(image_bgr: np.ndarray, name: str, is_judged: bool = True) -> np.ndarray:
+    """Darkness (h, w) float32 over the paper around each place: even under uneven light.
+
+    `is_judged`: refuse what is no drawing.
+
+    Raises:
+        FloorplanError: too large or small, or the picture has no paper (it is a photograph of something
+            else) or nothing on it.
+    """
+    _check_size(name, image_bgr.shape[1], image_bgr.shape[0])
+    grey = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY)
+    if np.median(grey) < 100:  # a drawing in white on dark
+        grey = 255 - grey
+    darkness = _over_paper(grey)
+    if not is_judged:
+        return darkness
+    if float((darkness > 0.25).mean()) < 2e-4:
+        raise FloorplanError(
+            f"{name}: expected a drawing of walls, found a blank page; is it the right page or file?"
+        )
+    if float((darkness < _PAPER).mean()) < MIN_PAPER_SHARE:
+        raise FloorplanError(
+            f"{name}: expected a plan drawn on paper of one tone, found a photograph or a shaded "
+            "picture; give a line drawing, or your own picture of its walls with --wall-mask"
+        )
+    return darkness
+
+
+def _over_paper(grey: np.ndarray) -> np.ndarray:
+    """1 - brightness / brightness of the paper, which is the brightest around, smoothed."""
+    h, w = grey.shape
+    shrink = max(1.0, max(h, w) / 320)
+    small = cv2.resize(grey, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    reach = max(small.shape) // 12 * 2 + 1
+    # Larger than furniture and thick walls, smaller than the reach of shadows.
+    paper = cv2.morphologyEx(
+        cv2.medianBlur(small, 3), cv2.MORPH_CLOSE, np.ones((reach, reach), np.uint8)
+    )
+    paper = cv2.GaussianBlur(paper.astype(np.float32), (0, 0), reach / 4)
+    paper = cv2.resize(paper, (w, h), interpolation=cv2.INTER_LINEAR)
+    return np.clip(1.0 - grey / np.maximum(paper, 20.0), 0.0, 1.0).astype(np.float32)
+
+
+def make_upright(darkness: np.ndarray) -> Upright:
+    """Turn the picture so that its main direction runs along rows and columns."""
+    skew_deg = find_skew_deg(darkness)
+    h, w = darkness.shape
+    if abs(skew_deg) < 0.1:
+        return Upright(darkness, np.eye(2, 3), 0.0)
+    c, s = np.cos(np.deg2rad(skew_deg)), np.sin(np.deg2rad(skew_deg))
+    # Lines that go up to the right by the skew come to lie along rows: v grows downwards.
+    turn = np.array([[c, -s], [s, c]])
+    corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ turn.T
+    low = np.floor(corners.min(axis=0))
+    size = np.ceil(corners.max(axis=0) - low).astype(int) + 1
+    matrix = np.column_stack([turn, -low])
+    turned = cv2.warpAffine(
+        darkness, matrix, (int(size[0]), int(size[1])), flags=cv2.INTER_LINEAR, borderValue=0
+    )
+    return Upright(turned, matrix, skew_deg)
+
+
+def find_skew_deg(darkness: np.ndarray) -> float:
+    """Angle in (-45, 45] that most line work makes with the axes, counter-clockwise as seen."""
+    shrink = max(1.0, max(darkness.shape) / 1600)
+    small = cv2.resize(darkness, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    small = cv2.GaussianBlur(small, (0, 0), 0.8)
+    gu, gv = cv2.Sobel(small, cv2.CV_32F, 1, 0), cv2.Sobel(small, cv2.CV_32F, 0, 1)
+    size = np.hypot(gu, gv)
+    strong = size > 0.5
+    angle = np.rad2deg(np.arctan2(-gv[strong], gu[strong])) % 90.0
+    counts, _ = np.histogram(angle, 360, (0.0, 90.0), weights=size[strong])
+    if counts.sum() == 0:
+        return 0.0
+    kernel = np.exp(-0.5 * (np.arange(-8, 9) / 3.0) ** 2)
+    smooth = np.convolve(np.concatenate([counts[-8:], counts, counts[:8]]), kernel, "valid")
+    coarse = (int(np.argmax(smooth)) + 0.5) * 0.25
+    coarse = coarse - 90.0 if coarse > 45.0 else coarse
+    fine = [coarse + step for step in np.arange(-0.6, 0.61, 0.1)] + [0.0] * (abs(coarse) < 0.7)
+    scores = np.array([_sharpness(small, a) for a in fine])
+    best = int(np.argmax(scores))
+    if 0 < best < 12:  # the top of the parabola through the best and its neighbours
+        a, b, c = scores[best - 1 : best + 2]
+        bend = a - 2 * b + c
+        return float(fine[best] + (0.05 * (a - c) / bend if bend < 0 else 0.0))
+    return float(fine[best])
+
+
+def _sharpness(small: np.ndarray, angle_deg: float) -> float:
+    """How much line work piles up in rows and columns after a turn back by an angle."""
+    h, w = small.shape
+    matrix = cv2.getRotationMatrix2D((w / 2, h / 2), -angle_deg, 1.0)
+    turned = cv2.warpAffine(small, matrix, (w, h), flags=cv2.INTER_LINEAR)
+    rows, columns = turned.sum(axis=1), turned.sum(axis=0)
+    return float((np.diff(rows) ** 2).sum() + (np.diff(columns) ** 2).sum())

@@ -1,0 +1,233 @@
+"""Walls drawn as two lines: the long, narrow, empty strips between parallel lines."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from planfit.floorplan.raster.morphology import closed
+
+_LONG = 3.0
+"""A strip is at least this many times as long as it is wide."""
+_LEAST_LONG_PX = 12
+
+
+_LINE_PX = 12
+"""Line work along an axis is at least this long; letters and hatching are not."""
+
+
+@dataclass(frozen=True)
+class LineWork:
+    """Lines along rows and along columns, and the gaps between them."""
+
+    along: tuple[np.ndarray, np.ndarray]
+    """Lines along rows, lines along columns: (h, w) uint8, 1 on a line."""
+    strips: tuple[np.ndarray, np.ndarray]
+    """Strips between lines along rows, along columns: (h, w) int16, width of the strip at each of its pixels,
+    else 0."""
+    line_px: float
+    """Usual width of a line."""
+
+    @property
+    def any_strip(self) -> np.ndarray:
+        """(h, w) uint8, 1 in any strip."""
+        return ((self.strips[0] > 0) | (self.strips[1] > 0)).astype(np.uint8)
+
+
+def find_line_work(lines: np.ndarray, widest: int) -> LineWork:
+    """Lines in a mask (h, w) uint8 of everything dark, and strips between them up to `widest` px wide."""
+    turned = np.ascontiguousarray(lines.T)
+    along_rows, along_columns = _along_rows(lines), _along_rows(turned)
+    with ThreadPoolExecutor(2) as pool:  # NumPy and OpenCV let go of the interpreter
+        strips = list(
+            pool.map(lambda along: _strips(_gap_across(along), widest), (along_rows, along_columns))
+        )
+    line_px = _usual_width(along_rows, along_columns)
+    return LineWork(
+        (along_rows, np.ascontiguousarray(along_columns.T)),
+        (strips[0], np.ascontiguousarray(strips[1].T)),
+        line_px,
+    )
+
+
+def _along_rows(lines: np.ndarray) -> np.ndarray:
+    """What of a mask belongs to lines along rows, up to a slant of some degrees."""
+    thick = cv2.dilate(lines, np.ones((3, 1), np.uint8))
+    long = cv2.morphologyEx(thick, cv2.MORPH_OPEN, np.ones((1, _LINE_PX), np.uint8))
+    return long & lines
+
+
+def _usual_width(*along: np.ndarray) -> float:
+    """Width (px) that the greatest length of lines along rows has."""
+    length = np.zeros(14)
+    for mask in along:
+        area = [float(mask.sum())]
+        for size in range(2, 14):
+            area.append(float(cv2.erode(mask, np.ones((size, 1), np.uint8)).sum()))
+        # Eroding a run of k pixels by s leaves k - s + 1: second differences count the runs.
+        runs = np.diff(np.array([*area, 0.0]), 2)
+        length[1 : 1 + len(runs)] += np.maximum(runs, 0.0)
+    return float(max(np.argmax(length), 1))
+
+
+def _gap_across(lines: np.ndarray) -> np.ndarray:
+    """At each empty pixel, the count of empty pixels between the line above and the line below; 0 on lines
+    and where there is no line on one side. (h, w) int16."""
+    h = len(lines)
+    rows = np.arange(h, dtype=np.int16)[:, None]
+    above = np.maximum.accumulate(np.where(lines > 0, rows, np.int16(-1)), axis=0)
+    below = np.minimum.accumulate(np.where(lines > 0, rows, np.int16(h))[::-1], axis=0)[::-1]
+    gap = below - above - 1
+    gap[(above < 0) | (below >= h) | (lines > 0)] = 0
+    return gap
+
+
+def _strips(gap: np.ndarray, widest: int) -> np.ndarray:
+    """Width at pixels whose gap stays the same, within a quarter and 1 px, over a long way along rows."""
+    result = np.zeros_like(gap)
+    low = 1
+    while low <= widest:
+        high = min(max(int(1.3 * low), low + 1), widest)
+        inside = ((gap >= low) & (gap <= high)).astype(np.uint8)
+        length = max(int(_LONG * high), _LEAST_LONG_PX)
+        # Texts and lines that touch a wall break its strip for a pixel or two.
+        bridged = cv2.morphologyEx(inside, cv2.MORPH_CLOSE, np.ones((1, 3), np.uint8))
+        found = cv2.morphologyEx(bridged, cv2.MORPH_OPEN, np.ones((1, length), np.uint8))
+        result = np.where((found > 0) & (inside > 0), gap, result)
+        low = max(int(1.15 * low), low + 1)
+    return result
+
+
+@dataclass(frozen=True)
+class InsideWalls:
+    """The inside of walls drawn as two lines; both (h, w) uint8."""
+
+    strips: np.ndarray
+    """1 between the two lines."""
+    bars: np.ndarray
+    """1 inside walls so thin that their two lines touch."""
+
+
+def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
+    """The inside of walls, for each likely range of thickness; empty where there is none.
+
+    Args:
+        work: lines and the strips between them.
+        bars: (h, w) uint8, 1 inside bars as thick as two lines.
+    """
+    rows, columns = work.strips
+    # Tiles are between lines along rows and along columns; the corners of walls are in neither strip.
+    grid = (rows > 0) & (columns > 0)
+    rows, columns = (
+        np.where(grid, 0, rows).astype(np.int16),
+        np.where(grid, 0, columns).astype(np.int16),
+    )
+    tiles = np.asarray(cv2.dilate(grid.astype(np.uint8), np.ones((3, 3), np.uint8)), np.uint8)
+    thickest = int(2 * work.line_px) + 2
+    sides = [
+        _Strips.between(rows, work.along[0], thickest),
+        _Strips.between(
+            np.ascontiguousarray(columns.T), np.ascontiguousarray(work.along[1].T), thickest
+        ),
+    ]
+    alone = np.concatenate([side.width[(side.above == 0) & (side.below == 0)] for side in sides])
+    if len(alone) == 0:
+        return []
+    # Each pixel of a strip stands for one part in its width of a pixel of length.
+    length = np.bincount(alone) / np.maximum(np.arange(int(alone.max()) + 1), 1)
+    share = np.cumsum(length) / length.sum()
+    result = []
+    for limit in sorted({int(np.searchsorted(share, s)) + 1 for s in (0.45, 0.65, 0.8, 0.9, 0.97)}):
+        usual = int(np.searchsorted(share, share[min(limit, len(share) - 1)] / 2))
+        if limit > 4 * usual + 4:
+            continue
+        least = max(0.2 * usual, 1.0)
+        along_rows = sides[0].walls(least, limit, usual)
+        along_columns = np.ascontiguousarray(sides[1].walls(least, limit, usual).T)
+        seeds = along_rows | along_columns
+        narrow = closed(work.along[0] | work.along[1], limit + 2)
+        narrow &= 1 - (work.along[0] | work.along[1] | tiles)
+        mask = np.bitwise_or(
+            _grown(seeds, narrow, limit, usual), _junctions(along_rows, along_columns, limit)
+        )
+        if mask.any():
+            result.append(InsideWalls(mask, _free_bars(bars, narrow, work.line_px)))
+    return result
+
+
+@dataclass(frozen=True)
+class _Strips:
+    """Pixels of strips along rows, and the strips that share a line with them."""
+
+    shape: tuple[int, int]
+    row: np.ndarray
+    column: np.ndarray
+    width: np.ndarray
+    above: np.ndarray
+    """Width of the strip beyond the line above; 0 where there is none."""
+    below: np.ndarray
+
+    @classmethod
+    def between(cls, strip: np.ndarray, lines: np.ndarray, thickest: int) -> "_Strips":
+        row, column = np.nonzero(strip)
+        beside = []
+        for flip in (False, True):
+            ink, width = (lines[::-1], strip[::-1]) if flip else (lines, strip)
+            at = len(lines) - 1 - row if flip else row
+            index = np.arange(len(lines), dtype=np.int16)[:, None]
+            ink_above = np.maximum.accumulate(np.where(ink > 0, index, np.int16(0)), axis=0)
+            free_above = np.maximum.accumulate(np.where(ink == 0, index, np.int16(0)), axis=0)
+            line = ink_above[at, column]
+            beyond = free_above[line, column]
+            beside.append(np.where(line - beyond <= thickest, width[beyond, column], 0))
+        return cls(strip.shape, row, column, strip[row, column], beside[0], beside[1])
+
+    def walls(self, least: float, limit: float, usual: float) -> np.ndarray:
+        """(h, w) uint8: strips of a range of widths, without those stacked like stairs and windows."""
+        n_alike = np.zeros(len(self.width), dtype=int)
+        for other in (self.above, self.below):
+            in_range = (other >= least) & (other <= limit)
+            n_alike += in_range & (other > 0.6 * self.width) & (other < 1.7 * self.width)
+        kept = (self.width >= least) & (self.width <= limit)
+        kept &= (n_alike == 0) | ((n_alike == 1) & (self.width > 0.75 * usual))
+        mask = np.zeros(self.shape, np.uint8)
+        mask[self.row[kept], self.column[kept]] = 1
+        bridged = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((1, 5), np.uint8))
+        return cv2.morphologyEx(bridged, cv2.MORPH_OPEN, np.ones((1, _LEAST_LONG_PX), np.uint8))
+
+
+def _junctions(along_rows: np.ndarray, along_columns: np.ndarray, limit: int) -> np.ndarray:
+    """Where walls meet: strips lengthened by a wall's thickness cross there, and nowhere else."""
+    reach = 2 * int(1.5 * limit + 4) + 1
+    rows = cv2.dilate(along_rows, np.ones((1, reach), np.uint8))
+    columns = cv2.dilate(along_columns, np.ones((reach, 1), np.uint8))
+    return np.asarray(rows & columns)  # type: ignore[operator]
+
+
+def _grown(seeds: np.ndarray, narrow: np.ndarray, limit: int, usual: int) -> np.ndarray:
+    """Strips with the corners and the short pieces that hang on to them; slits are left out."""
+    near = np.asarray(cv2.dilate(seeds, np.ones((2 * limit + 1, 2 * limit + 1), np.uint8)))
+    touching = cv2.dilate(seeds, np.ones((3, 3), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(
+        narrow & near & (1 - seeds), connectivity=4
+    )
+    is_added = np.zeros(count, dtype=bool)
+    is_added[np.unique(labels[touching > 0])] = True
+    side = stats[:, 2:4]
+    is_added &= (side.max(axis=1) <= 1.5 * limit + 4) & (stats[:, 4] >= 0.3 * usual**2)
+    is_added[0] = False
+    return seeds | is_added.astype(np.uint8)[labels]
+
+
+def _free_bars(bars: np.ndarray, narrow: np.ndarray, line_px: float) -> np.ndarray:
+    """Bars with free space at their sides: those in the middle of a narrow gap are the lines of windows."""
+    count, labels = cv2.connectedComponents(bars, connectivity=8)
+    reach = 2 * int(line_px + 2) + 1
+    around = cv2.dilate(labels.astype(np.float32), np.ones((reach, reach))).astype(np.int32)
+    n_around = np.bincount(around.ravel(), minlength=count)
+    n_narrow = np.bincount(around.ravel(), narrow.ravel(), minlength=count)
+    n_bar = np.bincount(labels.ravel(), minlength=count)
+    is_free = (n_narrow < 0.4 * (n_around - n_bar)).astype(np.uint8)
+    is_free[0] = 0
+    return is_free[np.asarray(labels, dtype=int)]

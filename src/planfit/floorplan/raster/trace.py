@@ -1,0 +1,167 @@
+"""From a mask of wall to straight-sided regions, and from these to faces that lie where the ink says."""
+
+import itertools
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.regions import RegionFaces
+from planfit.geometry import segments
+
+_CORNER_PX = 1.6
+"""Corners nearer than this to the line between their neighbours are noise of the outline."""
+_SNAP_PX = 1.0
+"""An edge is set along a row or column where its ends need to move by no more than this."""
+
+
+def trace_regions(mask: np.ndarray, grow_px: float) -> list[BaseGeometry]:
+    """Polygons around the connected parts of a mask (h, w) uint8, in pixels (u, v), holes included.
+
+    Args:
+        mask: 1 where there is wall.
+        grow_px: their edges are moved out by this (in, where negative).
+    """
+    # What is a pixel wide has no inside in OpenCV's contours.
+    ahead = max(int(grow_px - 0.5), 0)
+    if ahead:
+        mask = cv2.dilate(mask, np.ones((2 * ahead + 1, 2 * ahead + 1), np.uint8))
+    # Contours run through the middle of the outermost pixels, half a pixel inside the edge.
+    reach = 0.5 + grow_px - ahead
+    contours, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    if hierarchy is None:
+        return []
+    holes: dict[int, list[np.ndarray]] = {}
+    for contour, (_, _, _, parent) in zip(contours, hierarchy[0], strict=True):
+        if parent >= 0:
+            holes.setdefault(int(parent), []).append(contour)
+    result = []
+    for i, (contour, (_, _, _, parent)) in enumerate(zip(contours, hierarchy[0], strict=True)):
+        if parent >= 0 or len(contour) < 4:
+            continue
+        # Shell and holes apart: the faces of a thin wall may cross before they are moved out.
+        solid = _area(contour, reach)
+        inner = [_area(hole, -reach) for hole in holes.get(i, []) if len(hole) >= 8]
+        if inner:
+            solid = shapely.difference(solid, shapely.union_all(inner))
+        result += [part for part in shapely.get_parts(solid) if part.geom_type == "Polygon"]
+    return result
+
+
+def _area(contour: np.ndarray, reach: float) -> BaseGeometry:
+    """Inside of a contour (n, 1, 2), its edge moved out by `reach`."""
+    ring = straighten(contour[:, 0].astype(float))
+    if len(ring) < 3:
+        return shapely.buffer(shapely.LineString(ring), reach, cap_style="square") if len(
+            ring) == 2 and reach > 0 else shapely.Polygon()  # fmt: skip
+    polygon = shapely.make_valid(shapely.Polygon(ring))
+    return shapely.buffer(polygon, reach, join_style="mitre", mitre_limit=3.0)
+
+
+def straighten(ring: np.ndarray) -> np.ndarray:
+    """Corners (k, 2) of a closed outline (n, 2) of pixels: lines fitted to its straight parts, met."""
+    corner_idx = _corners(ring)
+    k = len(corner_idx)
+    if k < 3:
+        return ring[corner_idx]
+    lines = []
+    for a, b in zip(corner_idx, np.roll(corner_idx, -1), strict=True):
+        part = ring[a : b + 1] if b > a else np.concatenate([ring[a:], ring[: b + 1]])
+        lines.append(_fit_line(part))
+    result = []
+    for i in range(k):
+        corner = ring[corner_idx[i]]
+        met = _meet(lines[i - 1], lines[i])
+        result.append(met if met is not None and np.hypot(*(met - corner)) < 4.0 else corner)
+    return np.array(result)
+
+
+def _corners(ring: np.ndarray) -> np.ndarray:
+    """Indices of the corners of an outline, in order."""
+    corners = cv2.approxPolyDP(ring.astype(np.int32)[:, None], _CORNER_PX, True)[:, 0]
+    # approxPolyDP keeps points of the outline, in its order, from an arbitrary one on.
+    keys = ring[:, 0].astype(np.int64) * (1 << 20) + ring[:, 1].astype(np.int64)
+    order = np.argsort(keys, kind="stable")
+    wanted = corners[:, 0].astype(np.int64) * (1 << 20) + corners[:, 1].astype(np.int64)
+    return np.sort(order[np.searchsorted(keys[order], wanted)])
+
+
+def _fit_line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A point and a unit direction: the median line of the points (m, 2), along an axis where they allow."""
+    ends = points[-1] - points[0]
+    trim = len(points) // 8
+    kept = points[trim : len(points) - trim] if len(points) > 8 else points
+    axis = int(np.abs(ends[1]) > np.abs(ends[0]))
+    if np.abs(ends[1 - axis]) <= _SNAP_PX or len(points) < 5:
+        direction = np.array([1.0, 0.0]) if axis == 0 else np.array([0.0, 1.0])
+        if np.abs(ends[1 - axis]) <= _SNAP_PX:
+            return np.median(kept, axis=0), direction
+    middle = kept.mean(axis=0)
+    _, _, axes = np.linalg.svd(kept - middle, full_matrices=False)
+    return middle, axes[0] * (1.0 if axes[0] @ ends >= 0 else -1.0)
+
+
+def _meet(
+    one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray | None:
+    """Where two lines meet; None where they run nearly alike."""
+    cross = one[1][0] * other[1][1] - one[1][1] * other[1][0]
+    if abs(cross) < 0.15:
+        return None
+    gap = other[0] - one[0]
+    t = (gap[0] * other[1][1] - gap[1] * other[1][0]) / cross
+    return one[0] + t * one[1]
+
+
+def settle_faces(
+    faces: RegionFaces, darkness: np.ndarray, level: float, is_stroke: bool, reach_px: float
+) -> RegionFaces:
+    """Faces moved along their normals to where the ink is, by the median over each.
+
+    Args:
+        faces: in pixels of `darkness`.
+        darkness: (h, w) float32.
+        level: darkness half way between wall and paper; for strokes, that of the paper beside them.
+        is_stroke: a face lies in the middle of a stroke, not at the edge of a tone.
+        reach_px: moves are at most this.
+    """
+    offsets = np.arange(-reach_px - 1.0, reach_px + 1.01, 0.25)
+    points, face = segments.sample(faces.ends, 2.0)
+    normals = faces.normals[face]
+    at: np.ndarray = points[:, None] + offsets[None, :, None] * normals[:, None]
+    profile = np.zeros(at.shape[:2], np.float32)
+    for first in range(0, len(at), 30_000):  # OpenCV maps at most 32,767 rows
+        part = at[first : first + 30_000].astype(np.float32)
+        profile[first : first + 30_000] = cv2.remap(
+            darkness, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderValue=0
+        )
+    if is_stroke:
+        weight = np.maximum(profile - level * 0.5, 0.0)
+        total = weight.sum(axis=1)
+        shift = (weight * offsets).sum(axis=1) / np.maximum(total, 1e-6)
+        is_known = np.asarray(total > 0.25)
+    else:
+        falls = (profile[:, :-1] >= level) & (profile[:, 1:] < level)
+        nearest = np.argmin(np.where(falls, np.abs(offsets[:-1] + 0.125), np.inf), axis=1)
+        row = np.arange(len(profile))
+        high, low = profile[row, nearest], profile[row, nearest + 1]
+        share = (high - level) / np.maximum(high - low, 1e-6)
+        shift = offsets[nearest] + 0.25 * np.clip(share, 0.0, 1.0)
+        is_known = np.asarray(falls.any(axis=1))
+    moves = np.zeros(len(faces.ends))
+    for i, (first, last) in enumerate(_runs(face, len(faces.ends))):
+        known = shift[first:last][is_known[first:last]]
+        if 2 * len(known) >= last - first:
+            moves[i] = np.clip(np.median(known), -reach_px, reach_px)
+    return RegionFaces(
+        faces.ends + moves[:, None, None] * faces.normals[:, None],
+        faces.normals,
+        np.maximum(faces.thickness + moves, 0.5),
+    )
+
+
+def _runs(sorted_idx: np.ndarray, n: int) -> Iterator[tuple[int, int]]:
+    bounds = np.searchsorted(sorted_idx, np.arange(n + 1))
+    return itertools.pairwise(bounds)

@@ -1,0 +1,118 @@
+"""What was read of a plan, drawn over the plan itself."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image, ImageOps
+
+from planfit.floorplan import Floorplan
+from planfit.geometry import segments
+
+_SIDE_PX = 1600
+_MARGIN_PX = 40
+_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+_FACE, _OPENING, _LOOSE, _DROPPED = (0, 94, 213), (178, 114, 0), (158, 115, 0), (193, 120, 200)
+"""BGR; Okabe and Ito's palette."""
+
+
+def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
+    """PNG: faces with ticks towards their free side, openings, and what was left out.
+
+    Over the drawing, made pale, where the file is a picture; else on white.
+
+    Args:
+        floorplan: as read.
+        path: of the file that it was read from.
+    """
+    source = floorplan.source
+    is_picture = path.suffix.lower() in _PICTURES
+    zoom = 1.0
+    if is_picture and source.file_from_plan is not None:
+        canvas, zoom = _pale(path)
+        uv_from_plan = _zoomed(source.file_from_plan, zoom)
+    else:
+        canvas, uv_from_plan = _white(floorplan)
+    scale = float(np.sqrt(abs(np.linalg.det(uv_from_plan[:2, :2]))))
+    if is_picture and source.dropped_lines is not None:
+        _draw(canvas, (source.dropped_lines + 0.5) * zoom - 0.5, _DROPPED, 1)
+    turn = uv_from_plan[:2, :2] / scale
+    for is_oriented, color in ((True, _FACE), (False, _LOOSE)):
+        kept = floorplan.is_oriented == is_oriented
+        _draw(canvas, _moved(floorplan.ends[kept], uv_from_plan), color, 2)
+    ends = _moved(floorplan.ends[floorplan.is_oriented], uv_from_plan)
+    if len(ends):
+        middle = ends.mean(axis=1)
+        tips = middle + 9.0 * floorplan.normals[floorplan.is_oriented] @ turn.T
+        long = segments.lengths(ends) > 12.0
+        _draw(canvas, np.stack([middle, tips], axis=1)[long], _FACE, 1)
+    if floorplan.openings is not None and len(floorplan.openings):
+        _draw(canvas, _moved(floorplan.openings, uv_from_plan), _OPENING, 2)
+    canvas = _with_key(canvas, floorplan)
+    return cv2.imencode(".png", canvas)[1].tobytes()
+
+
+def _pale(path: Path) -> tuple[np.ndarray, float]:
+    """The picture in light grey, at a size for screens, and its zoom."""
+    with Image.open(path) as file:
+        rgba = ImageOps.exif_transpose(file).convert("RGBA")
+    page = Image.new("RGBA", rgba.size, "white")
+    page.alpha_composite(rgba)
+    grey = np.asarray(page.convert("L"))
+    zoom = _SIDE_PX / max(grey.shape)
+    way = cv2.INTER_AREA if zoom < 1 else cv2.INTER_CUBIC
+    size = (round(grey.shape[1] * zoom), round(grey.shape[0] * zoom))
+    grey = cv2.resize(grey, size, interpolation=way)
+    pale = (255 - 0.45 * (255.0 - grey)).astype(np.uint8)
+    return cv2.cvtColor(pale, cv2.COLOR_GRAY2BGR), zoom
+
+
+def _zoomed(file_from_plan: np.ndarray, zoom: float) -> np.ndarray:
+    """Pixel centres are integers before and after."""
+    shift = 0.5 * zoom - 0.5
+    return np.array([[zoom, 0, shift], [0, zoom, shift], [0, 0, 1]]) @ file_from_plan
+
+
+def _white(floorplan: Floorplan) -> tuple[np.ndarray, np.ndarray]:
+    xy = floorplan.ends.reshape(-1, 2)
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    scale = (_SIDE_PX - 2 * _MARGIN_PX) / float(max(high - low))
+    width, height = np.ceil((high - low) * scale).astype(int) + 2 * _MARGIN_PX
+    uv_from_plan = np.array(
+        [
+            [scale, 0, _MARGIN_PX - low[0] * scale],
+            [0, -scale, _MARGIN_PX + high[1] * scale],
+            [0, 0, 1],
+        ]
+    )
+    return np.full((height, width, 3), 255, np.uint8), uv_from_plan
+
+
+def _moved(ends: np.ndarray, uv_from_plan: np.ndarray) -> np.ndarray:
+    return ends @ uv_from_plan[:2, :2].T + uv_from_plan[:2, 2]
+
+
+def _draw(canvas: np.ndarray, ends: np.ndarray, color: tuple[int, int, int], width: int) -> None:
+    points = np.round(np.clip(ends, -1e5, 1e5) * 16).astype(np.int32)
+    cv2.polylines(canvas, list(points), False, color, width, cv2.LINE_AA, 4)
+
+
+def _with_key(canvas: np.ndarray, floorplan: Floorplan) -> np.ndarray:
+    """A strip below that says what the colours mean."""
+    entries = [("face, tick to its free side", _FACE)]
+    if not floorplan.is_oriented.all():
+        entries.append(("face, free side unknown", _LOOSE))
+    if floorplan.openings is not None and len(floorplan.openings):
+        entries.append(("opening", _OPENING))
+    if floorplan.source.dropped_lines is not None and len(floorplan.source.dropped_lines):
+        entries.append(("left out", _DROPPED))
+    strip = np.full((34, max(canvas.shape[1], 760), 3), 255, np.uint8)
+    at = 16
+    for words, color in entries:
+        cv2.line(strip, (at, 17), (at + 28, 17), color, 3, cv2.LINE_AA)
+        cv2.putText(strip, words, (at + 36, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (40, 40, 40), 1,
+                    cv2.LINE_AA)  # fmt: skip
+        at += 60 + cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)[0][0]
+    right = strip.shape[1] - canvas.shape[1]
+    canvas = cv2.copyMakeBorder(canvas, 0, 0, 0, right, cv2.BORDER_CONSTANT, value=(255,) * 3)
+    return np.concatenate([canvas, strip])

@@ -1,0 +1,101 @@
+"""`planfit plan`: what it prints and what it writes."""
+
+import json
+from pathlib import Path
+
+import cv2
+import ezdxf
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from planfit.cli import run
+from planfit.floorplan import PlanOptions, read_floorplan
+
+
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A room of 12 x 6 m at 50 px a metre, walls 0.4 m thick, with a door."""
+    image = np.full((400, 700, 3), 255, np.uint8)
+    image[50:350, 50:650] = 0
+    image[70:330, 70:630] = 255
+    image[330:350, 300:380] = 255
+    path = tmp_path_factory.mktemp("plan") / "room.png"
+    cv2.imwrite(str(path), image)
+    return path
+
+
+def test_it_says_what_was_found(picture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["plan", str(picture), "--scale", "0.02"]) == 0
+    said = capsys.readouterr().out
+    for words in ("raster picture", "solid black", "12 x 6 m", "--scale", "2 gaps"):
+        assert words in said
+
+
+def test_an_unknown_scale_is_said_to_be_unknown(
+    picture: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["plan", str(picture)]) == 0
+    said = capsys.readouterr().out
+    assert "600 x 300 units of the drawing" in said
+    assert "unknown" in said
+
+
+def test_overlay(picture: Path, tmp_path: Path) -> None:
+    assert run(["plan", str(picture), "-o", str(tmp_path / "out.png")]) == 0
+    image = cv2.imread(str(tmp_path / "out.png")).astype(int)
+    zoom = 1600 / 700
+    on_face = image[round(69.5 * zoom), round(200 * zoom)]
+    in_room = image[round(200 * zoom), round(200 * zoom)]
+    assert on_face[2] > on_face[0] + 100  # BGR: faces are orange
+    assert (in_room == 255).all()
+    assert image.shape[0] > 400 * zoom  # a key below
+
+
+def test_json_is_lossless(picture: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.json"
+    assert run(["plan", str(picture), "-o", str(out)]) == 0
+    made, back = read_floorplan(picture), read_floorplan(out)
+    assert not back.is_metric
+    for name in ("ends", "normals", "is_oriented", "thickness", "openings"):
+        assert_array_equal(getattr(back, name), getattr(made, name))
+    scaled = read_floorplan(out, PlanOptions(metres_per_unit=0.02))
+    assert_allclose(scaled.size, (12.0, 6.0), atol=0.01)
+    assert json.loads(out.read_text())["planfit_floorplan"] == 1
+
+
+def test_svg_and_dxf_hold_the_faces(picture: Path, tmp_path: Path) -> None:
+    plan = read_floorplan(picture, PlanOptions(metres_per_unit=0.02))
+    for suffix in (".svg", ".dxf"):
+        out = tmp_path / f"out{suffix}"
+        assert run(["plan", str(picture), "--scale", "0.02", "-o", str(out)]) == 0
+    document = ezdxf.readfile(tmp_path / "out.dxf")
+    assert document.units == 6
+    lines = [e for e in document.modelspace() if e.dxf.layer == "WALL_FACES"]
+    assert len(lines) == len(plan)
+    for line, normal in zip(lines, plan.normals, strict=True):
+        along = np.array([*(line.dxf.end - line.dxf.start)])[:2]
+        assert along[0] * normal[1] - along[1] * normal[0] > 0
+    text = (tmp_path / "out.svg").read_text()
+    assert text.count("<line") == len(plan) + len(plan.openings)
+    assert 'data-unit="m"' in text
+
+
+def test_a_plan_of_segments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    room = np.array([[0, 0, 6, 0], [6, 0, 6, 4], [6, 4, 0, 4], [0, 4, 0, 0]], dtype=float)
+    np.save(tmp_path / "plan.npy", room)
+    assert run(["plan", str(tmp_path / "plan.npy"), "-o", str(tmp_path / "plan.png")]) == 0
+    assert "6 x 4 m" in capsys.readouterr().out
+    assert cv2.imread(str(tmp_path / "plan.png")) is not None
+
+
+@pytest.mark.parametrize(("name", "words"), [
+    ("out.pdf", ".png, .svg, .dxf, .json"), ("out", "no suffix"), ("room.png", "another"),
+])  # fmt: skip
+def test_outputs_that_cannot_be(
+    picture: Path, name: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = picture.read_bytes()
+    assert run(["plan", str(picture), "-o", str(picture.parent / name)]) == 2
+    assert words in capsys.readouterr().err
+    assert picture.read_bytes() == before

@@ -1,0 +1,288 @@
+"""Walls out of pictures: styles, clutter, options, and pictures that are no plans."""
+
+import os
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from planfit.errors import FloorplanError
+from planfit.floorplan import PlanOptions, read_floorplan
+from planfit.floorplan.raster.candidates import opened
+from planfit.floorplan.raster.frame import without_frame
+from planfit.floorplan.raster.openings import find_openings
+from planfit.floorplan.raster.picture import find_skew_deg, make_darkness, make_upright
+from planfit.geometry import segments
+from planfit.synth import BuildingOptions, make_building
+from planfit.synth.drawing import STYLES, Drawing, DrawingOptions, draw_building
+
+MIRROR = np.array([1.0, -1.0])
+
+
+def drawn(seed: int = 3, n_rooms: int = 4, **options: object) -> Drawing:
+    rng = np.random.default_rng(seed)
+    building = make_building(BuildingOptions(n_rooms=n_rooms), rng)
+    return draw_building(building, replace(DrawingOptions(pixels_per_metre=55), **options), rng)
+
+
+def saved(path: Path, image: np.ndarray) -> Path:
+    assert cv2.imwrite(str(path), image)
+    return path
+
+
+def share_near(ends, normals, to_ends, to_normals, near_px=3.0):
+    """Share of the length of faces that is near a face that looks the same way."""
+    n_near, n = 0, 0
+    for one, normal in zip(ends, normals, strict=True):
+        points, _ = segments.sample(one[None], 1.0)
+        alike = np.ascontiguousarray(to_ends[to_normals @ normal > 0.9])
+        distance = segments.nearest_distance(points, alike)
+        n_near, n = n_near + int((distance < near_px).sum()), n + len(points)
+    return n_near / n
+
+
+def scores(plan, drawing):
+    ends, normals, wall = plan.ends * MIRROR, plan.normals * MIRROR, drawing.is_wall
+    return (
+        share_near(ends, normals, drawing.ends_uv, drawing.normals_uv),
+        share_near(drawing.ends_uv[wall], drawing.normals_uv[wall], ends, normals),
+    )
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_each_style_is_read(tmp_path: Path, style: str) -> None:
+    drawing = drawn(style=style)
+    plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
+    precision, recall = scores(plan, drawing)
+    assert precision > 0.94
+    assert recall > 0.94
+    assert plan.is_oriented.all()
+    assert not plan.is_metric
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff"])
+def test_formats(tmp_path: Path, suffix: str) -> None:
+    drawing = drawn()
+    precision, recall = scores(
+        read_floorplan(saved(tmp_path / f"plan{suffix}", drawing.image)), drawing
+    )
+    assert min(precision, recall) > 0.95
+
+
+@pytest.mark.parametrize("change", [
+    {"skew_deg": 2.3}, {"skew_deg": -14.0}, {"noise": 6.0, "jpeg_quality": 60}, {"shade": 0.4},
+    {"perspective": 0.02}, {"is_cluttered": True},
+])  # fmt: skip
+def test_black_walls_through_what_happens_to_pictures(tmp_path: Path, change: dict) -> None:
+    drawing = drawn(**change)
+    precision, recall = scores(read_floorplan(saved(tmp_path / "plan.png", drawing.image)), drawing)
+    assert min(precision, recall) > 0.95
+
+
+def test_faces_lie_at_fractions_of_a_pixel(tmp_path: Path) -> None:
+    drawing = drawn()
+    plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
+    points, _ = segments.sample(plan.ends * MIRROR, 1.0)
+    distance = segments.nearest_distance(points, np.ascontiguousarray(drawing.ends_uv))
+    assert np.median(distance) < 0.3
+
+
+def test_thickness_and_openings(tmp_path: Path) -> None:
+    image = np.full((400, 700, 3), 255, np.uint8)
+    cv2.rectangle(image, (50, 50), (649, 349), (0, 0, 0), -1)
+    cv2.rectangle(image, (70, 70), (629, 329), (255, 255, 255), -1)
+    image[330:350, 300:380] = 255  # a door
+    plan = read_floorplan(saved(tmp_path / "plan.png", image))
+    long = plan.lengths > 100
+    assert_allclose(plan.thickness[long], 20, atol=0.6)
+    assert len(plan.openings) == 2
+    assert_allclose(np.sort(plan.openings[:, :, 0], axis=1), [[299.5, 379.5]] * 2, atol=1)
+    assert_allclose(np.sort(plan.openings[:, 0, 1]), [-349.5, -329.5], atol=0.6)
+
+
+def test_a_gap_in_one_face_alone_is_no_opening() -> None:
+    ends = np.array([[[0, 0], [40, 0]], [[60, 0], [100, 0]], [[0, 10], [100, 10]]], dtype=float)
+    normals = np.array([[0, -1], [0, -1], [0, 1]], dtype=float)
+    assert len(find_openings(ends, normals, np.full(3, 10.0))) == 0
+
+
+def test_scale_makes_it_metric(tmp_path: Path) -> None:
+    path = saved(tmp_path / "plan.png", drawn().image)
+    plan, scaled = read_floorplan(path), read_floorplan(path, PlanOptions(metres_per_unit=1 / 55))
+    assert scaled.is_metric
+    assert_allclose(scaled.ends, plan.ends / 55)
+    assert_allclose(scaled.thickness, plan.thickness / 55)
+    with pytest.raises(FloorplanError, match="--scale"):
+        read_floorplan(path, PlanOptions(metres_per_unit=100.0))
+
+
+def test_file_from_plan_leads_to_pixels(tmp_path: Path) -> None:
+    path = saved(tmp_path / "plan.png", drawn().image)
+    for options in (PlanOptions(), PlanOptions(metres_per_unit=0.02)):
+        plan = read_floorplan(path, options)
+        points = np.concatenate([plan.ends[:, 0], np.ones((len(plan), 1))], axis=1)
+        uv = (points @ plan.source.file_from_plan.T)[:, :2]
+        assert (uv > 0).all()
+        assert (uv < 1000).all()
+
+
+def test_storeys_side_by_side(tmp_path: Path) -> None:
+    one, other = drawn(3).image, drawn(4).image
+    height = max(len(one), len(other))
+    sheet = np.full((height, one.shape[1] + other.shape[1], 3), 255, np.uint8)
+    sheet[: len(one), : one.shape[1]] = one
+    sheet[: len(other), one.shape[1] :] = other
+    path = saved(tmp_path / "plan.png", sheet)
+    both = read_floorplan(path)
+    assert len(both.source.storeys) == 2
+    assert "--storey" in both.source.warnings[0]
+    left, right = (read_floorplan(path, PlanOptions(storey=k)) for k in "01")
+    assert left.ends[..., 0].max() < one.shape[1] < right.ends[..., 0].min()
+    assert len(left) + len(right) == len(both)
+    with pytest.raises(FloorplanError, match=r"0 \(left\), 1 \(right"):
+        read_floorplan(path, PlanOptions(storey="7"))
+
+
+def test_a_given_mask_takes_the_place_of_reading(tmp_path: Path) -> None:
+    mask = np.zeros((300, 400), np.uint8)
+    mask[100:120, 50:350] = 255
+    mask_path = saved(tmp_path / "mask.png", mask)
+    photo = np.random.default_rng(0).integers(0, 255, (300, 400, 3)).astype(np.uint8)
+    path = saved(tmp_path / "plan.png", photo)
+    plan = read_floorplan(path, PlanOptions(wall_mask=mask_path))
+    long = plan.lengths > 100
+    assert_allclose(np.sort(plan.ends[long][:, 0, 1]), [-119.5, -99.5], atol=0.6)
+    wrong = saved(tmp_path / "wrong.png", mask[:100])
+    with pytest.raises(FloorplanError, match="resize it"):
+        read_floorplan(path, PlanOptions(wall_mask=wrong))
+
+
+def cat(size: int = 500) -> np.ndarray:
+    """Smooth shapes of all scales, as photographs have."""
+    rng = np.random.default_rng(8)
+    image = np.zeros((size, size, 3))
+    for sigma in (2, 8, 32, 90):
+        noise = cv2.GaussianBlur(rng.normal(size=(size, size, 3)), (0, 0), sigma)
+        image += noise / noise.std()
+    return np.clip(128 + 28 * image, 0, 255).astype(np.uint8)
+
+
+def words_only() -> np.ndarray:
+    image = np.full((600, 800, 3), 255, np.uint8)
+    for k in range(12):
+        cv2.putText(image, "The quick brown fox, 1:100", (40, 60 + 42 * k),
+                    cv2.FONT_HERSHEY_SIMPLEX, 1.1, (0, 0, 0), 2, cv2.LINE_AA)  # fmt: skip
+    return image
+
+
+def circles() -> np.ndarray:
+    image = np.full((600, 800, 3), 255, np.uint8)
+    for k in range(6):
+        cv2.circle(image, (100 + 110 * k, 300), 90, (0, 0, 0), 14, cv2.LINE_AA)
+    return image
+
+
+@pytest.mark.parametrize(("image", "words"), [
+    (cat(), "photograph"),
+    (np.full((400, 400, 3), 255, np.uint8), "blank page"),
+    (np.zeros((400, 400, 3), np.uint8), "blank page"),
+    (np.full((20, 20, 3), 255, np.uint8), "at least 60 px"),
+    (words_only(), "is it a floorplan"),
+    (circles(), "is it a floorplan"),
+])  # fmt: skip
+def test_what_is_no_plan_is_refused_in_one_line(tmp_path: Path, image, words: str) -> None:
+    path = saved(tmp_path / "plan.png", image)
+    with pytest.raises(FloorplanError, match=words) as caught:
+        read_floorplan(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_huge_picture_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+    # A PNG's header tells its size; there are no pixels behind this one.
+    header = b"\x89PNG\r\n\x1a\n" + (13).to_bytes(4, "big") + b"IHDR"
+    size = (30_000).to_bytes(4, "big") * 2 + b"\x08\x00\x00\x00\x00"
+    chunk = header[-4:] + size
+    data = header[:-4] + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    (tmp_path / "plan.png").write_bytes(data + (0).to_bytes(4, "big") + b"IDAT" + bytes(4))
+    with pytest.raises(FloorplanError, match="scale it down"):
+        read_floorplan(tmp_path / "plan.png")
+
+
+@pytest.mark.parametrize("data", [b"", b"not a picture", b"\x89PNG\r\n\x1a\n"])
+def test_damaged_pictures(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "plan.png").write_bytes(data)
+    with pytest.raises(FloorplanError, match="damaged"):
+        read_floorplan(tmp_path / "plan.png")
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, -3.1, 17.0, -40.0])
+def test_skew_is_found(angle: float) -> None:
+    darkness = make_darkness(drawn(skew_deg=angle).image, "x")
+    # Drawings turn clockwise as seen, skew is counted the other way.
+    assert abs(find_skew_deg(darkness) + angle) < 0.1
+
+
+def test_upright_leads_back_to_the_picture() -> None:
+    upright = make_upright(make_darkness(drawn(skew_deg=5.0).image, "x"))
+    assert abs(find_skew_deg(upright.darkness)) < 0.15
+
+
+def framed(image: np.ndarray) -> np.ndarray:
+    """The sheet with a frame around it and words near its edge."""
+    framed = cv2.copyMakeBorder(image, 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=(255,) * 3)
+    h, w = framed.shape[:2]
+    cv2.rectangle(framed, (10, 10), (w - 10, h - 10), (0, 0, 0), 4)
+    cv2.putText(framed, "Sheet 3", (w - 150, h - 20), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (0, 0, 0), 2)
+    return framed
+
+
+@pytest.mark.parametrize("style", ["black", "double"])
+def test_the_frame_of_a_sheet_is_no_wall(tmp_path: Path, style: str) -> None:
+    image = framed(drawn(style=style).image)
+    plan = read_floorplan(saved(tmp_path / "plan.png", image))
+    uv = (plan.ends * MIRROR).reshape(-1, 2)
+    assert (uv > 50).all()
+    assert (uv < np.array(image.shape[1::-1]) - 50).all()
+
+
+@pytest.mark.parametrize("n_rooms", [1, 4])
+def test_the_outer_line_of_a_building_is_no_frame(n_rooms: int) -> None:
+    darkness = make_darkness(drawn(style="double", n_rooms=n_rooms).image, "x")
+    np.testing.assert_array_equal(without_frame(darkness), darkness)
+
+
+@pytest.mark.parametrize("size", [2, 3, 4, 5, 8])
+def test_opening_does_not_shift(size: int) -> None:
+    mask = np.zeros((60, 60), np.uint8)
+    mask[20:31, 10:50] = 1
+    mask[40, 10:50] = 1
+    expected = mask.copy()
+    expected[40] = 0
+    np.testing.assert_array_equal(opened(mask, size), expected)
+
+
+SHARED = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[3] / "shared" / "data"))
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not SHARED.is_dir(), reason="no real plans: set PLANFIT_SHARED to their folder")
+@pytest.mark.parametrize("name", ["apartment_bw.png", "apartment_hebrew.png", "flat_grey_walls.png",
+                                  "house_two_floors.jpg", "villa.png"])  # fmt: skip
+def test_real_pictures_are_read_without_help(name: str) -> None:
+    plan = read_floorplan(SHARED / "floorplans" / "raster" / name)
+    image = cv2.imread(str(SHARED / "floorplans" / "raster" / name))
+    assert plan.lengths.sum() > 4 * max(image.shape)
+    assert max(plan.size) > 0.6 * max(image.shape[:2])
+    assert (len(plan.source.storeys) == 2) == (name == "house_two_floors.jpg")
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not SHARED.is_dir(), reason="no real plans: set PLANFIT_SHARED to their folder")
+def test_a_real_photograph_is_refused() -> None:
+    with pytest.raises(FloorplanError):
+        read_floorplan(SHARED / "kitchen" / "frame-000000.color.jpg")
