@@ -1,6 +1,6 @@
 """Time and memory of a solve against the number of frames, each in a process of its own.
 
-python benchmarks/scaling.py N_FRAMES    one solve; prints its figures as JSON
+python benchmarks/scaling.py N_FRAMES [keyframes]    one solve; prints its figures as JSON
 """
 
 import json
@@ -8,24 +8,32 @@ import resource
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from problems import make_problem
 from records import Record, machine
 
-from planfit.adjust import AdjustOptions
-from planfit.adjust.solver import solve
+from planfit.adjust import (
+    AdjustOptions,
+    KeyframeOptions,
+    choose_keyframes,
+    follow_keyframes,
+    reduce_evidence,
+)
+from planfit.adjust import solver as adjust_solver
 from planfit.adjust.terms.walls import WallTerm
 
 SIZES = (1000, 5000, 25_000)
 
 
 def main() -> None:
-    solve_problem(make_problem(60, frames_per_lap=30))  # compiles
+    solve = solve_keyframes if "keyframes" in sys.argv else solve_problem
+    solve(make_problem(60, frames_per_lap=30))  # compiles
     problem = make_problem(int(sys.argv[1]))
     before_gb = _peak_gb(since_reset=True)
     begin, cpu = time.perf_counter(), time.process_time()
-    solution = solve_problem(problem)
+    solution = solve(problem)
     seconds, cpu_s = time.perf_counter() - begin, time.process_time() - cpu
     figures = {
         "seconds": seconds,
@@ -46,28 +54,43 @@ def main() -> None:
 
 
 def solve_problem(problem):
-    options = AdjustOptions()
-    evidence = problem.evidence
-    walls = WallTerm(
-        evidence.structure.walls, problem.floorplan, problem.association, options.walls
-    )
+    """All frames as unknowns."""
+    return _solve(problem.evidence, problem, problem.initial_plan_from_cams)
+
+
+def solve_keyframes(problem):
+    """Choose keyframes, move the evidence into their axes, solve for them, carry the others along."""
+    recorded = problem.initial_plan_from_cams
+    keyframes = choose_keyframes(recorded, KeyframeOptions(min_frames=0))
+    evidence = reduce_evidence(problem.evidence, keyframes)
+    solution = _solve(evidence, problem, recorded[keyframes.frame_idx])
+    every_frame = follow_keyframes(solution.target_from_cams, keyframes)
+    return replace(solution, target_from_cams=every_frame)
+
+
+def _solve(evidence, problem, initial_plan_from_cams):
+    options, pieces = AdjustOptions(), evidence.structure.walls
+    walls = WallTerm(pieces, problem.floorplan, problem.association, options.walls)
     terms = [*evidence.terms(options), walls]
-    return solve(terms, problem.initial_plan_from_cams, options.solver)
+    return adjust_solver.solve(terms, initial_plan_from_cams, options.solver)
 
 
-def measure(n_frames: int) -> dict:
-    command = [sys.executable, __file__, str(n_frames)]
+def measure(n_frames: int, *way: str) -> dict:
+    command = [sys.executable, __file__, str(n_frames), *way]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout)
 
 
 def records(sizes: tuple[int, ...] = SIZES) -> list[Record]:
     made = []
-    for n_frames in sizes:
-        f = measure(n_frames)
+    ways = [(n_frames, "") for n_frames in sizes] + [(sizes[-1], "keyframes")]
+    for n_frames, way in ways:
+        f = measure(n_frames, *way.split())
         conditions = (
             f"{n_frames} frames, {f['n_pairs']} pairs, {f['n_matches'] / 1e6:.1f} million matches, "
-            f"{f['n_points'] / 1e6:.1f} million points, default terms and solver, {f['rounds']} rounds "
+            f"{f['n_points'] / 1e6:.1f} million points, default terms and solver, "
+            f"{'through keyframes every 0.3 m or 10 deg' if way else 'all frames as unknowns'}, "
+            f"{f['rounds']} rounds "
             f"({f['stop']}), position RMS {f['before_m']:.3f} -> {f['after_m']:.4f} m; one run, wall "
             f"({f['cpu_s']:.1f} s CPU), compiled before; {machine()}"
         )
@@ -75,7 +98,7 @@ def records(sizes: tuple[int, ...] = SIZES) -> list[Record]:
             f"peak resident memory while solving, evidence included ({f['held_before_gb']:.2f} GB held "
             f"before; {f['whole_process_peak_gb']:.2f} GB peak with the making of the problem); "
         )
-        label = f"{n_frames // 1000}k"
+        label = f"{n_frames // 1000}k" + (f"_{way}" if way else "")
         made.append(Record(f"solve_{label}_s", f["seconds"], "s", conditions))
         made.append(Record(f"solve_{label}_peak_gb", f["peak_gb"], "GB", memory + conditions))
     return made
