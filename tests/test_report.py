@@ -26,6 +26,7 @@ from planfit.report.close_ups import choose_close_ups
 from planfit.report.drawing import Picture
 from planfit.report.key_figures import key_figures, verdict
 from planfit.report.measures import measure
+from planfit.report.tables import wall_table
 from planfit.report.top_view import crop_to_scan, find_gaps
 from planfit.report.walls import seen_faces
 from planfit.structure import Gravity, LevelPoints, Pieces, Structure, no_level_points, no_pieces
@@ -120,11 +121,20 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
             4,
             True,
         ),
+        solved_frame_idx=np.arange(n_frames),
         cost_by_term={"points": (200.0, 50.0), "trajectory": (0.0, 3.0)},
         checks=judged if is_checked else (),
         doubts=(),
         seconds_by_stage={"level": 0.01, "pull walls": 2.5},
     )
+
+
+def walls_of(floorplan, association, offsets_m=None, sigmas_m=None):
+    none = np.full(len(floorplan), np.nan)
+    solution = Solution(np.eye(4)[None], Stop.COST, 3, {})
+    ties = make_ties(floorplan, association, 1)
+    offsets_m = np.zeros(len(floorplan)) if offsets_m is None else offsets_m
+    return WallsPulled(solution, ties, offsets_m, none if sigmas_m is None else sigmas_m, 4, True)
 
 
 def without_walls(result):
@@ -405,7 +415,7 @@ def test_close_ups_are_left_out_of_small_scans(floorplan):
 
 def test_walls_are_listed_by_support_with_their_offset(floorplan, no_pictures):
     result = make_result(n_frames=14, wall_offsets=(0.01, 0.07, -0.12, 0.0))
-    faces = seen_faces(floorplan, result.walls.association)
+    faces = seen_faces(floorplan, result.walls)
     assert [(face.face_idx, face.n_pieces) for face in faces] == [(0, 4), (1, 4), (2, 3), (3, 3)]
     assert [face.number for face in faces] == [1, 2, 3, 4]
     assert faces[0].agrees
@@ -421,13 +431,15 @@ def test_walls_are_listed_by_support_with_their_offset(floorplan, no_pictures):
 
 def test_spread_is_the_median_deviation(floorplan):
     association = Association(np.zeros(5, dtype=int), np.array([0.0, 0.01, 0.02, 0.03, 0.50]))
-    (face,) = seen_faces(floorplan, association)
+    (face,) = seen_faces(floorplan, walls_of(floorplan, association))
     assert face.offset == pytest.approx(0.02)
     assert face.spread == pytest.approx(0.01)
 
 
 def test_few_pieces_are_no_evidence_of_a_shift(floorplan):
-    (face,) = seen_faces(floorplan, Association(np.array([1]), np.array([0.2])))
+    (face,) = seen_faces(
+        floorplan, walls_of(floorplan, Association(np.array([1]), np.array([0.2])))
+    )
     assert not face.agrees
     assert not face.is_shifted
     assert "only 1 piece" in face.verdict
@@ -435,7 +447,7 @@ def test_few_pieces_are_no_evidence_of_a_shift(floorplan):
 
 def test_a_face_with_unknown_side_has_no_direction(floorplan):
     plan = replace(floorplan, is_oriented=np.full(4, False))
-    (face,) = seen_faces(plan, Association(np.zeros(3, dtype=int), np.full(3, 0.2)))
+    (face,) = seen_faces(plan, walls_of(plan, Association(np.zeros(3, dtype=int), np.full(3, 0.2))))
     assert face.verdict == f"shifted by 20.0{amounts.SPACE}cm"
 
 
@@ -487,3 +499,16 @@ def test_gaps_are_steps_far_above_the_usual():
 )
 def test_amounts(text, expected):
     assert re.sub(r"\s", " ", text) == expected
+
+
+def test_offsets_that_the_adjustment_gave_are_shown_with_their_spread():
+    plan = room_plan()
+    association = Association(np.array([1, 1, 1, 2]), np.array([0.04, 0.03, 0.05, 0.0]))
+    offsets_m, sigmas_m = np.array([0, 0.034, 0, 0]), np.array([np.nan, 0.012, np.nan, np.nan])
+    given = seen_faces(plan, walls_of(plan, association, offsets_m, sigmas_m))
+    assert [face.solved for face in given] == [(0.034, 0.012), None]
+    html = wall_table(given)
+    assert "given way by" in html
+    assert "+3.4" in html
+    assert "±" in html
+    assert "given way by" not in wall_table(seen_faces(plan, walls_of(plan, association)))

@@ -44,6 +44,7 @@ class RefineResult:
     alignment: Alignment | None
     """None where no wall was seen, so that the scan could not be placed by its walls."""
     walls: WallsPulled
+    solved_frame_idx: np.ndarray  # (k,) frames that were unknowns; the others followed
     cost_by_term: dict[str, tuple[float, float]]
     """Robust cost of each term, before and after."""
     checks: tuple[checks.Check, ...]
@@ -141,6 +142,7 @@ def refine(
         matches=matches,
         alignment=alignment,
         walls=pulled,
+        solved_frame_idx=keyframes.frame_idx,
         cost_by_term={name: (cost_before[name], cost_after[name]) for name in cost_before},
         checks=judged,
         doubts=(

@@ -132,3 +132,31 @@ def test_installed_command_runs() -> None:
     assert done.returncode == 2
     assert done.stderr.startswith("planfit: /nowhere: expected the folder of a scan")
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_preset_offsets_and_covariances_reach_the_run(small_scan: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ["refine", str(small_scan), "-o", str(out), "--preset", "paper"]
+    words += ["--adjust.covariances", "--adjust.walls.sigma-m", "0.5", "--align.method", "search"]
+    assert run(words) in (0, 1)
+    record = json.loads((out / "run.json").read_text())
+    adjust = record["options"]["adjust"]
+    assert adjust["averaging"] == "mean"
+    assert adjust["trajectory"]["weight"] == 0
+    assert adjust["walls"]["sigma_m"] == 0.5  # flags come after the preset
+    assert set(record["cost_by_term"]) == {"points", "floor", "walls"}
+    with np.load(out / "covariances.npz") as kept:
+        assert kept["covariances"].shape == (len(kept["frame_idx"]), 6, 6)
+    words = ["refine", str(small_scan), "-o", str(out), "--overwrite"]
+    assert run([*words, "--adjust.walls.offset-sigma-m", "0.03"]) == 0
+    offsets = json.loads((out / "run.json").read_text())["walls"]["offsets"]
+    assert offsets
+    assert all(0 < row["sigma_m"] < 0.03 for row in offsets)
+
+
+def test_an_unknown_preset_is_refused(
+    small_scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["refine", str(small_scan), "-o", str(tmp_path / "out"), "--preset", "best"]
+    assert run(words) == 2
+    assert "preset: expected default or paper, found 'best'" in capsys.readouterr().err

@@ -4,6 +4,8 @@ import dataclasses
 from enum import Enum
 from typing import Any
 
+import numpy as np
+
 from planfit import checks
 from planfit.floorplan import Floorplan
 from planfit.options import RefineOptions
@@ -57,6 +59,7 @@ def make_record(
             "associated": result.walls.association.n_associated,
             "rounds": result.walls.rounds,
             "settled": result.walls.settled,
+            "offsets": wall_offsets(result),
         },
         "stop": solution.stop.value,
         "cost_by_term": {
@@ -69,6 +72,15 @@ def make_record(
         "doubts": list(result.doubts),
         "seconds_by_stage": result.seconds_by_stage,
     }
+
+
+def wall_offsets(result: RefineResult) -> list[dict[str, float]]:
+    """Faces that were given an offset of their own: how far they stand off, and its standard deviation."""
+    offsets_m, sigmas_m = result.walls.offsets_m, result.walls.offset_sigmas_m
+    return [
+        {"face": int(i), "offset_m": float(offsets_m[i]), "sigma_m": float(sigmas_m[i])}
+        for i in np.flatnonzero(np.isfinite(sigmas_m))
+    ]
 
 
 def surface_metrics(floorplan: Floorplan, result: RefineResult) -> dict[str, dict[str, float]]:

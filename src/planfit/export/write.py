@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from planfit.export.cloud import Cloud, place_cloud, write_ply
 from planfit.pipeline import RefineResult
 from planfit.scan import Scan, write_tum
@@ -27,4 +29,10 @@ def write_results(
     ):
         points = place_cloud(cloud, plan_from_cams)
         write_ply(folder / f"cloud_{name}.ply", points, cloud.colors)
+    if result.walls.covariances is not None:
+        np.savez(
+            folder / "covariances.npz",
+            frame_idx=result.solved_frame_idx,
+            covariances=result.walls.covariances,
+        )
     (folder / "run.json").write_text(json.dumps(record, indent=1, allow_nan=False) + "\n")

@@ -111,7 +111,7 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
     n_pieces = len(result.structure.walls)
     if n_pieces == 0:
         return "<h2>Walls of the plan</h2><p>No flat piece of wall was seen in this scan.</p>"
-    faces = seen_faces(floorplan, result.walls.association)
+    faces = seen_faces(floorplan, result.walls)
     n_lost = n_pieces - result.walls.association.n_associated
     keys = (
         (AGREES, "agrees with the scan"),

@@ -12,8 +12,12 @@ LOOP_MIN_FRAMES = 4
 """Pairs of frames further apart than this are revisits: loops."""
 _TERMS = {
     "points": "matched points",
+    "reprojection": "matched points, seen again",
+    "rays": "viewing rays of matched points",
     "floor": "floor",
     "walls": "walls",
+    "ceiling": "ceiling",
+    "columns": "columns",
     "trajectory": "recorded motion",
 }
 _ROWS = 20
@@ -66,10 +70,14 @@ def key_figure_table(figures: Sequence[KeyFigure]) -> str:
 
 def wall_table(faces: Sequence[SeenFace]) -> str:
     """Plan walls that were seen, most pieces first; the long tail is folded away."""
+    has_solved = any(face.solved for face in faces)
     heads = ("No.", "verdict", "offset", "spread", "pieces", "length", "middle x, y (m)")
+    if has_solved:
+        heads = (*heads, "given way by")
     rows, styles = [], []
     for face in faces:
         x, y = face.middle_xy
+        solved = (_solved(face),) if has_solved else ()
         rows.append(
             (
                 str(face.number),
@@ -79,14 +87,24 @@ def wall_table(faces: Sequence[SeenFace]) -> str:
                 str(face.n_pieces),
                 f"{face.length:.2f}{amounts.SPACE}m",
                 f"{x:.1f}, {y:.1f}".replace("-", amounts.MINUS),
+                *solved,
             )
         )
         styles.append("shifted" if face.is_shifted else "")
-    html = table(heads, rows[:_ROWS], "nwnnnnn", styles[:_ROWS])
+    kinds = "nw" + "n" * (len(heads) - 2)
+    html = table(heads, rows[:_ROWS], kinds, styles[:_ROWS])
     if len(rows) > _ROWS:
-        rest = table(heads, rows[_ROWS:], "nwnnnnn", styles[_ROWS:])
+        rest = table(heads, rows[_ROWS:], kinds, styles[_ROWS:])
         html += f"<details><summary>{len(rows) - _ROWS} more walls</summary>{rest}</details>"
     return f'<div class="walls">{html}</div>'
+
+
+def _solved(face: SeenFace) -> str:
+    """Offset that the adjustment gave a face, with its standard deviation."""
+    if face.solved is None:
+        return ""
+    offset, sigma = face.solved
+    return f"{amounts.centimetres(offset, signed=True)} ± {amounts.centimetres(sigma)}"
 
 
 def cost_table(result: RefineResult) -> str:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit.adjust.association import Association
+from planfit.adjust import WallsPulled
 from planfit.floorplan import Floorplan
 from planfit.report import amounts
 
@@ -30,6 +30,8 @@ class SeenFace:
     spread: float
     """Median absolute deviation from it, m."""
     is_oriented: bool
+    solved: tuple[float, float] | None = None
+    """Offset that the adjustment gave the face, and its standard deviation, m, where it gave any."""
 
     @property
     def agrees(self) -> bool:
@@ -55,8 +57,9 @@ class SeenFace:
         return words
 
 
-def seen_faces(floorplan: Floorplan, association: Association) -> list[SeenFace]:
+def seen_faces(floorplan: Floorplan, walls: WallsPulled) -> list[SeenFace]:
     """Faces with pieces of wall, most pieces first."""
+    association, sigmas_m = walls.association, walls.offset_sigmas_m
     seen, counts = np.unique(association.face_idx[association.face_idx >= 0], return_counts=True)
     faces = []
     for number, k in enumerate(np.lexsort((seen, -counts)), start=1):
@@ -74,6 +77,9 @@ def seen_faces(floorplan: Floorplan, association: Association) -> list[SeenFace]
                 offset=median,
                 spread=float(np.median(np.abs(offsets - median))),
                 is_oriented=bool(floorplan.is_oriented[face]),
+                solved=(float(walls.offsets_m[face]), float(sigmas_m[face]))
+                if face < len(sigmas_m) and np.isfinite(sigmas_m[face])
+                else None,
             )
         )
     return faces
