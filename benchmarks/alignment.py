@@ -2,20 +2,22 @@
 
     python benchmarks/alignment.py battery [--cases 200] [--first-seed 0] [--jobs 2] [--json FILE]
     python benchmarks/alignment.py conslam [--cases 10] [--refine]
+    python benchmarks/alignment.py picture
     python benchmarks/alignment.py speed [--plan FILE]
 
 `battery`: synthetic cases (`alignment_cases.py`: built from geometry, nothing is rendered), this
 alignment beside the paper's. Right means within 0.3 m, 1 degree and 1 % of scale of the true place of the
 (bent) scan as a whole. Seeds below 10000 are for reporting; development used 10000 and above.
 `conslam`: the real scan with its plan turned, scaled (0.01 to 100) and shifted at random, without unit.
+`picture`: the real scan with `floorplan.png`, a picture of the whole plan at an unknown scale.
 `speed`: seconds for the real scan on the whole plan, unknown scale.
 """
 
 import argparse
 import json
+import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,7 @@ from inputs import CACHE, CONSLAM
 import planfit
 from planfit.align import Alignment, AlignOptions, align, align_paper, metric_plan
 from planfit.errors import PlanfitError
-from planfit.floorplan import Floorplan
+from planfit.floorplan import Floorplan, PlanOptions
 from planfit.geometry import se3
 from planfit.options import RefineOptions
 from planfit.place import align_scan
@@ -173,6 +175,27 @@ def conslam(arguments: argparse.Namespace) -> None:
               f"to {max(gaps):.4f} m from it")  # fmt: skip
 
 
+def picture(arguments: argparse.Namespace) -> None:  # noqa: ARG001
+    """The scan with a picture of its whole plan and nothing else; judged in the plan's true frame."""
+    scan = planfit.read_scan(CONSLAM)
+    floorplan = planfit.read_floorplan(CONSLAM / "floorplan.png")
+    truth = json.loads((CONSLAM / "floorplan_png_truth.json").read_text())
+    _, true_world_from_cams = read_tum(CONSLAM / "groundtruth.tum")
+    run = planfit.refine(scan, floorplan, RefineOptions(), Work(cache_dir=CACHE))
+    assert run.alignment is not None
+    uv = run.plan_from_cams[:, :2, 3] / run.alignment.metres_per_unit * (1.0, -1.0)
+    xz = (uv + truth["origin_px"]) / truth["pixels_per_metre"] @ np.array(truth["rotation"])
+    true = true_world_from_cams[:, [0, 2, 1], 3]  # world y is up
+    apart = np.column_stack([xz, run.plan_from_cams[:, 2, 3]]) - true
+    off = run.alignment.metres_per_unit * truth["pixels_per_metre"] - 1
+    print(
+        f"scale off by {off:+.3%}, position RMS {np.sqrt((apart**2).sum(axis=1).mean()):.3f} m "
+        f"(horizontal {np.sqrt((apart[:, :2] ** 2).sum(axis=1).mean()):.3f} m), score "
+        f"{run.alignment.score:.2f}, {'sure' if run.alignment.is_sure else 'NOT SURE'}"
+    )
+    print(*run.doubts, sep="\n")
+
+
 def level_poses(scan: Scan, options: RefineOptions, work: Work) -> np.ndarray:
     """(n, 4, 4) recorded poses, levelled; what the alignment alone would place."""
     from planfit.structure import extract_structure, find_gravity, level_from_world
@@ -183,14 +206,13 @@ def level_poses(scan: Scan, options: RefineOptions, work: Work) -> np.ndarray:
 
 
 def disguise(floorplan: Floorplan, yaw: float, scale: float, shift: np.ndarray) -> Floorplan:
-    """The plan turned, shifted (m), and in units of `scale` m, without saying so."""
+    """The plan turned, shifted (m), and in units of `scale` m: a file of bare segments, unit unknown."""
     turn = se3.yaw_transform(yaw)[:2, :2]
-    return replace(
-        floorplan,
-        ends=(floorplan.ends @ turn.T + shift) / scale,
-        normals=floorplan.normals @ turn.T,
-        is_metric=False,
-    )
+    ends = (floorplan.ends @ turn.T + shift) / scale
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "disguised.npy"
+        np.save(path, (ends * (1.0, -1.0)).reshape(-1, 4))  # the layout's (u, v) is our (x, -y)
+        return planfit.read_floorplan(path, PlanOptions(unit="unknown"))
 
 
 def undisguise(xy_units: np.ndarray, yaw: float, scale: float, shift: np.ndarray) -> np.ndarray:
@@ -240,10 +262,13 @@ def main() -> None:
     of_conslam = commands.add_parser("conslam")
     of_conslam.add_argument("--cases", type=int, default=10)
     of_conslam.add_argument("--refine", action="store_true", help="refine too, not only align")
+    commands.add_parser("picture")
     of_speed = commands.add_parser("speed")
     of_speed.add_argument("--plan", type=Path, default=CONSLAM / "floorplan.npy")
     arguments = parser.parse_args()
-    {"battery": battery, "conslam": conslam, "speed": speed}[arguments.command](arguments)
+    {"battery": battery, "conslam": conslam, "picture": picture, "speed": speed}[arguments.command](
+        arguments
+    )
 
 
 if __name__ == "__main__":

@@ -22,7 +22,13 @@ from planfit.matching import Matches
 from planfit.synth import DriftOptions
 
 N_FRAMES, PER_LAP, WALKED_M = 500, 250, 50.0
-DRIFTS = ((0.5, 0.5), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 16.0))  # per cent of distance, deg at the end
+DRIFTS = (
+    (0.5, 0.5),
+    (1.0, 2.0),
+    (2.0, 4.0),
+    (4.0, 8.0),
+    (8.0, 16.0),
+)  # per cent of distance, deg at the end
 
 
 @dataclass(frozen=True)
