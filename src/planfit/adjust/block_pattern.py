@@ -1,11 +1,17 @@
 """Where the 6x6 blocks of the normal equations go: worked out once, used at every step."""
 
+from functools import cached_property
+
 import numba
 import numpy as np
 from scipy import sparse
 
+from planfit.adjust.elimination import eliminate
+
 MAX_BAND_POSES = 12
 """Blocks up to this far from the diagonal go into the band that preconditions: neighbours in time."""
+MAX_DIRECT_WORK = 3e6
+"""TODO"""
 
 
 class BlockPattern:
@@ -37,6 +43,12 @@ class BlockPattern:
             and np.array_equal(rows, self._rows)
             and np.array_equal(columns, self._columns)
         )
+
+    @cached_property
+    def is_direct_cheap(self) -> bool:
+        """Whether a Cholesky factorisation fills in little; counted once a pattern."""
+        work = eliminate(self.rows, self.columns, self.n_poses, MAX_DIRECT_WORK).work
+        return bool(work <= MAX_DIRECT_WORK)
 
     def sum_blocks(self, blocks: np.ndarray) -> np.ndarray:
         """Sums (u, 6, 6) of blocks (b, 6, 6) at the same place, in the order of `rows`, `columns`."""
