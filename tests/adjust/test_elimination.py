@@ -36,7 +36,9 @@ def graph(rng, n, n_loops):
     return pattern.rows, pattern.columns
 
 
-@pytest.mark.parametrize(("n", "n_loops"), [(1, 0), (2, 0), (30, 0), (30, 10), (200, 400), (40, 2000)])
+@pytest.mark.parametrize(
+    ("n", "n_loops"), [(1, 0), (2, 0), (30, 0), (30, 10), (200, 400), (40, 2000)]
+)
 def test_order_is_of_minimum_degree_and_work_is_its_own(rng, n, n_loops):
     rows, columns = graph(rng, n, n_loops)
     found = eliminate(rows, columns, n, np.inf)
@@ -53,11 +55,14 @@ def test_count_ends_at_its_limit(rng):
     assert_array_equal(np.sort(stopped.order), np.arange(200))
 
 
-def test_a_long_path_is_factorised_and_scattered_loops_are_not(rng):
-    assert BlockPattern(*graph(rng, 20_000, 0), 20_000).is_direct_cheap
-    assert not BlockPattern(*graph(rng, 20_000, 20_000), 20_000).is_direct_cheap
+def test_few_loops_are_factorised_and_paths_and_scattered_loops_are_not(rng):
+    assert BlockPattern(*graph(rng, 20_000, 100), 20_000).is_direct_best
+    assert not BlockPattern(*graph(rng, 20_000, 0), 20_000).is_direct_best
+    assert not BlockPattern(*graph(rng, 20_000, 20_000), 20_000).is_direct_best
 
 
 def test_unknown_linear_solver_is_named():
-    with pytest.raises(OptionError, match=r"linear_solver: expected auto, direct or cg, found 'lu'"):
+    with pytest.raises(
+        OptionError, match=r"linear_solver: expected auto, direct or cg, found 'lu'"
+    ):
         SolverOptions(linear_solver="lu")

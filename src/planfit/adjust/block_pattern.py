@@ -10,8 +10,9 @@ from planfit.adjust.elimination import eliminate
 
 MAX_BAND_POSES = 12
 """Blocks up to this far from the diagonal go into the band that preconditions: neighbours in time."""
-MAX_DIRECT_WORK = 3e6
-"""TODO"""
+MAX_DIRECT_WORK = 6e6
+"""Products of 6x6 blocks, about 1.5 s to factorise; beyond, loops are scattered, which conjugate gradients
+like. Measured in docs/adr/0006-linear-solvers.md."""
 
 
 class BlockPattern:
@@ -45,8 +46,10 @@ class BlockPattern:
         )
 
     @cached_property
-    def is_direct_cheap(self) -> bool:
-        """Whether a Cholesky factorisation fills in little; counted once a pattern."""
+    def is_direct_best(self) -> bool:
+        """Whether to factorise: not where the band is all there is, nor where loops fill the factor."""
+        if len(self._band) == len(self.rows):
+            return False  # conjugate gradients factorise the band and end after one iteration
         work = eliminate(self.rows, self.columns, self.n_poses, MAX_DIRECT_WORK).work
         return bool(work <= MAX_DIRECT_WORK)
 

@@ -16,7 +16,9 @@ import numpy as np
 class Elimination:
     """An order of poses for a Cholesky factorisation, and what it costs."""
 
-    order: np.ndarray  # (n,) poses, first eliminated first; those left when the count ended come last
+    order: (
+        np.ndarray
+    )  # (n,) poses, first eliminated first; those left when the count ended come last
     work: float
     """Multiplications of 6x6 blocks, about; infinite where the count ended at its limit."""
 
@@ -28,7 +30,7 @@ def eliminate(rows: np.ndarray, columns: np.ndarray, n_poses: int, max_work: flo
     second = np.concatenate([columns[off], rows[off]])
     by_first = np.argsort(first, kind="stable")
     start = np.searchsorted(first[by_first], np.arange(n_poses + 1))
-    order, work = _minimum_degree(start, second[by_first].astype(np.int32), float(max_work))
+    order, work = _minimum_degree(start, second[by_first], float(max_work))
     return Elimination(order, work)
 
 
@@ -37,7 +39,7 @@ def _minimum_degree(start, neighbours, max_work):  # pragma: no cover
     """Order, and its work; edges are (start, neighbours), each in both directions and once."""
     n = len(start) - 1
     begin, count = start[:-1].copy(), np.diff(start)
-    pool = np.zeros(4 * len(neighbours) + 1024, np.int32)
+    pool = np.zeros(4 * len(neighbours) + 1024, np.int64)
     pool[: len(neighbours)] = neighbours
     end = len(neighbours)
     is_done, mark, stamp = np.zeros(n, np.bool_), np.zeros(n, np.int64), 0
@@ -79,7 +81,7 @@ def _minimum_degree(start, neighbours, max_work):  # pragma: no cover
                         pool[end] = w
                         end += 1
             begin[u], count[u] = fresh, end - fresh
-            heapq.heappush(heap, (count[u], np.int64(u)))
+            heapq.heappush(heap, (count[u], u))
     return order, work
 
 
@@ -90,7 +92,7 @@ def _compacted(pool, begin, count, is_done, need):  # pragma: no cover
     for u in range(len(begin)):
         if not is_done[u]:
             size += 2 * count[u]
-    fresh, end = np.zeros(size, np.int32), 0
+    fresh, end = np.zeros(size, np.int64), 0
     for u in range(len(begin)):
         if not is_done[u]:
             fresh[end : end + count[u]] = pool[begin[u] : begin[u] + count[u]]

@@ -13,6 +13,7 @@ from planfit.adjust.linear_solvers import solve_banded_cg, solve_direct
 LinearSolver = Literal["auto", "direct", "cg"]
 """How a step is solved for: factorisation, conjugate gradients, or the one that suits the pattern."""
 
+
 @dataclass(frozen=True)
 class NormalBlocks:
     """A term's share of J^T J and J^T r; tangent vectors as in `planfit.geometry.se3`."""
@@ -58,7 +59,7 @@ class NormalEquations:
         floor = 1e-9 * max(float(self.diagonal.max()), 1e-12)
         added = damping * np.maximum(self.diagonal, floor) + floor
         right = -self.gradient.ravel()
-        if solver == "direct" or (solver == "auto" and self.pattern.is_direct_cheap):
+        if solver == "direct" or (solver == "auto" and self.pattern.is_direct_best):
             return solve_direct(self.matrix, added, right).reshape(-1, 6)
         band = self.pattern.banded(self._upper)
         return solve_banded_cg(self.matrix, band, added, right).reshape(-1, 6)

@@ -56,7 +56,10 @@ def describe_support(
             sentences += _free_motions(piece, blocks, plan_from_cams, evidence, len(piece) == n)
     if len(sentences) > MAX_SENTENCES:
         more = len(sentences) - MAX_SENTENCES
-        sentences = [*sentences[:MAX_SENTENCES], f"{more} more pieces of the scan are held as weakly"]
+        sentences = [
+            *sentences[:MAX_SENTENCES],
+            f"{more} more pieces of the scan are held as weakly",
+        ]
     return tuple(sentences)
 
 
