@@ -37,8 +37,9 @@ def test_parts_add_up(rng):
     assert_array_equal(equations.gradient, 3.0)
 
 
+@pytest.mark.parametrize("solver", ["auto", "direct", "cg"])
 @pytest.mark.parametrize("damping", [0.0, 1e-6, 1e-2, 1.0, 1e3])
-def test_sparse_step_equals_the_dense_solve(rng, damping):
+def test_sparse_step_equals_the_dense_solve(rng, damping, solver):
     world = make_world(rng)
     poses = nudged(rng, world.plan_from_cams, 2.0, 0.1)
     quadratics = [t.reweight(poses)[0] for t in world.evidence.terms(AdjustOptions())]
@@ -50,7 +51,7 @@ def test_sparse_step_equals_the_dense_solve(rng, damping):
     damped = dense + np.diag(damping * np.maximum(np.diag(dense), floor) + floor)
     expected = np.linalg.solve(damped, -equations.gradient.ravel()).reshape(-1, 6)
     scale = np.abs(expected).max()
-    assert_allclose(equations.step(damping), expected, atol=1e-5 * scale)
+    assert_allclose(equations.step(damping, solver), expected, atol=1e-5 * scale)
 
 
 def test_predicted_decrease_is_that_of_the_linear_model(rng):
@@ -98,13 +99,12 @@ def chain_with_loops(rng, n, loops):
 
 
 @pytest.mark.parametrize("damping", [1e-8, 1e-2])
-def test_conjugate_gradients_agree_with_the_factorisation(rng, damping, monkeypatch):
+def test_conjugate_gradients_agree_with_the_factorisation(rng, damping):
     loops = np.sort(rng.choice(80, size=(15, 2)), axis=1)
     loops = loops[loops[:, 0] != loops[:, 1]]
     part = chain_with_loops(rng, 80, loops)
-    direct = NormalEquations([part], 80).step(damping)
-    monkeypatch.setattr("planfit.adjust.normal_equations.MAX_DIRECT_POSES", 0)
-    iterated = NormalEquations([part], 80).step(damping)
+    direct = NormalEquations([part], 80).step(damping, "direct")
+    iterated = NormalEquations([part], 80).step(damping, "cg")
     assert_allclose(iterated, direct, atol=1e-4 * np.abs(direct).max())
 
 

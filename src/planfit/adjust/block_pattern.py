@@ -1,11 +1,18 @@
 """Where the 6x6 blocks of the normal equations go: worked out once, used at every step."""
 
+from functools import cached_property
+
 import numba
 import numpy as np
 from scipy import sparse
 
+from planfit.adjust.elimination import eliminate
+
 MAX_BAND_POSES = 12
 """Blocks up to this far from the diagonal go into the band that preconditions: neighbours in time."""
+MAX_DIRECT_WORK = 6e6
+"""Products of 6x6 blocks, about 1.5 s to factorise; beyond, loops are scattered, which conjugate gradients
+like. Measured in docs/adr/0006-linear-solvers.md."""
 
 
 class BlockPattern:
@@ -37,6 +44,14 @@ class BlockPattern:
             and np.array_equal(rows, self._rows)
             and np.array_equal(columns, self._columns)
         )
+
+    @cached_property
+    def is_direct_best(self) -> bool:
+        """Whether to factorise: not where the band is all there is, nor where loops fill the factor."""
+        if len(self._band) == len(self.rows):
+            return False  # conjugate gradients factorise the band and end after one iteration
+        work = eliminate(self.rows, self.columns, self.n_poses, MAX_DIRECT_WORK).work
+        return bool(work <= MAX_DIRECT_WORK)
 
     def sum_blocks(self, blocks: np.ndarray) -> np.ndarray:
         """Sums (u, 6, 6) of blocks (b, 6, 6) at the same place, in the order of `rows`, `columns`."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy import sparse
@@ -9,9 +10,8 @@ from scipy import sparse
 from planfit.adjust.block_pattern import BlockPattern
 from planfit.adjust.linear_solvers import solve_banded_cg, solve_direct
 
-MAX_DIRECT_POSES = 2500
-"""Up to here a direct factorisation takes under a second whatever the loops; beyond, its fill may
-explode (25,000 poses with 20 % revisits: over a minute), and conjugate gradients take over."""
+LinearSolver = Literal["auto", "direct", "cg"]
+"""How a step is solved for: factorisation, conjugate gradients, or the one that suits the pattern."""
 
 
 @dataclass(frozen=True)
@@ -50,15 +50,16 @@ class NormalEquations:
         self.matrix = self.pattern.symmetric(self._upper)
         self.diagonal = np.diagonal(self._upper[self.pattern.diagonal], axis1=1, axis2=2).ravel()
 
-    def step(self, damping: float) -> np.ndarray:
+    def step(self, damping: float, solver: LinearSolver = "auto") -> np.ndarray:
         """Damped step (n, 6): (H + damping * D) delta = -gradient, D the diagonal of H (Marquardt).
 
         Directions that nothing measures have a zero diagonal; a floor on D keeps them still.
+        `auto` factorises where the pattern's elimination is little work, else iterates.
         """
         floor = 1e-9 * max(float(self.diagonal.max()), 1e-12)
         added = damping * np.maximum(self.diagonal, floor) + floor
         right = -self.gradient.ravel()
-        if self.pattern.n_poses <= MAX_DIRECT_POSES:
+        if solver == "direct" or (solver == "auto" and self.pattern.is_direct_best):
             return solve_direct(self.matrix, added, right).reshape(-1, 6)
         band = self.pattern.banded(self._upper)
         return solve_banded_cg(self.matrix, band, added, right).reshape(-1, 6)

@@ -9,9 +9,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from planfit.adjust.block_pattern import BlockPattern
-from planfit.adjust.normal_equations import NormalEquations
+from planfit.adjust.normal_equations import LinearSolver, NormalEquations
 from planfit.adjust.terms.base import Quadratic, Term
-from planfit.errors import require_positive
+from planfit.errors import require_choice, require_positive
 from planfit.geometry import se3
 
 log = logging.getLogger(__name__)
@@ -37,8 +37,12 @@ class SolverOptions:
     """Ends when a round lowers the robust cost by less than this share of itself."""
     initial_damping: float = 1e-4
     """Damping of the first step, relative to the diagonal of the normal equations."""
+    linear_solver: LinearSolver = "auto"
+    """How a step is solved for: `direct` (sparse factorisation), `cg` (conjugate gradients), or `auto`:
+    direct where loops fill the factor little."""
 
     def __post_init__(self) -> None:
+        require_choice(self, "linear_solver", "auto", "direct", "cg")
         require_positive(self, "max_iterations", "steps_per_reweighting", "initial_damping")
 
 
@@ -87,7 +91,7 @@ def solve(
                 equations = _equations(quadratics, poses, pattern)
                 pattern = equations.pattern
                 poses, damping, outcome = _damped_step(
-                    equations, quadratics, poses, damping, rounding
+                    equations, quadratics, poses, damping, rounding, options.linear_solver
                 )
                 outcomes.append(outcome)
                 if outcome is not _Outcome.MOVED:
@@ -128,13 +132,14 @@ def _damped_step(
     poses: np.ndarray,
     damping: float,
     rounding: float,
+    linear_solver: LinearSolver,
     max_tries: int = 8,
 ) -> tuple[np.ndarray, float, _Outcome]:
     """One accepted step, or the same poses where none of `max_tries` dampings lowers the cost."""
     cost = sum(q.cost(poses) for q in quadratics)
     growth = 2.0
     for _ in range(max_tries):
-        delta = equations.step(damping)
+        delta = equations.step(damping, linear_solver)
         candidate = se3.retract(poses, delta)
         predicted = equations.predicted_decrease(delta)
         if predicted <= rounding:
