@@ -64,7 +64,7 @@ class Evidence:
             floor = options.floor
             if options.averaging == "mean":
                 floor = as_mean(floor, len(self.structure.floor))
-            terms.append(floor_term(self.structure, floor))
+            terms.append(floor_term(self.structure, floor, options.solver.device))
         if options.trajectory.weight > 0 and len(self.odometry.cam_from_next):
             terms.append(TrajectoryTerm(self.odometry, options.trajectory))
         return terms
@@ -77,7 +77,8 @@ class Evidence:
         if options.averaging == "mean":
             matches = replace(matches, sigma=np.ones_like(matches.sigma))
         if options.geometric == "points":
-            return [PointTerm(matches, self._averaged(options.points, options))]
+            points = self._averaged(options.points, options)
+            return [PointTerm(matches, points, device=options.solver.device)]
         if options.geometric == "rays":
             return [RayTerm(matches, self._averaged(options.rays, options))]
         chosen = self._averaged(options.reprojection, options)

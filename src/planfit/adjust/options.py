@@ -105,6 +105,15 @@ class AdjustOptions:
             any(weight > 0 for weight in self._weights()),
             "adjust: expected at least one term with a weight above 0, found none",
         )
+        if self.solver.device != "cpu":
+            require(
+                self.geometric == "points"
+                and self.wall_strategy == "fixed"
+                and self.walls.offset_sigma_m == 0
+                and self.method == "lm",
+                "adjust.solver.device: on a GPU run 3D points and fixed nearest walls as drawn, by lm; "
+                "use cpu for other terms",
+            )
         if self.method == "sgd":
             is_papers = (
                 (self.geometric, self.wall_strategy, self.averaging) == ("points", "fixed", "mean")

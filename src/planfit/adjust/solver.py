@@ -4,6 +4,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Literal
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -40,9 +41,13 @@ class SolverOptions:
     linear_solver: LinearSolver = "auto"
     """How a step is solved for: `direct` (sparse factorisation), `cg` (conjugate gradients), or `auto`:
     direct where loops fill the factor little."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """Where points are reweighted and blocks are made: 3D points, floor, ceiling, walls and columns also
+    run on a GPU through PyTorch. The sparse solve stays on the CPU."""
 
     def __post_init__(self) -> None:
         require_choice(self, "linear_solver", "auto", "direct", "cg")
+        require_choice(self, "device", "cpu", "cuda")
         require_positive(self, "max_iterations", "steps_per_reweighting", "initial_damping")
 
 

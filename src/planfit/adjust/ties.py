@@ -65,12 +65,17 @@ def level_and_column_terms(evidence: Evidence, ties: Ties, options: AdjustOption
         on_it = np.diff(structure.ceiling.start)[np.isfinite(ties.ceiling_heights_m)].sum()
         ceiling = as_mean(options.ceiling, int(on_it)) if is_mean else options.ceiling
         heights_m = ties.ceiling_heights_m
-        terms.append(LevelTerm(structure.ceiling, heights_m, ceiling, "ceiling"))
+        terms.append(
+            LevelTerm(structure.ceiling, heights_m, ceiling, "ceiling", options.solver.device)
+        )
     if options.columns.weight > 0 and ties.columns.n_associated:
         n_points = _n_tied(structure.columns, ties.columns)
         columns = as_mean(options.columns, n_points) if is_mean else options.columns
         pieces = structure.columns
-        terms.append(WallTerm(pieces, ties.floorplan, ties.columns, columns, "columns"))
+        device = options.solver.device
+        terms.append(
+            WallTerm(pieces, ties.floorplan, ties.columns, columns, "columns", device=device)
+        )
     return terms
 
 
@@ -84,7 +89,8 @@ def wall_terms(evidence: Evidence, ties: Ties, options: AdjustOptions) -> list[T
         n_points = _n_tied(pieces, ties.walls) if is_fixed else len(pieces.points_cam)
         walls = as_mean(walls, n_points)
     if is_fixed:
-        return [WallTerm(pieces, ties.floorplan, ties.walls, walls)]
+        device = options.solver.device
+        return [WallTerm(pieces, ties.floorplan, ties.walls, walls, device=device)]
     to = "line" if options.wall_strategy == "iterative" else "point"
     pull = Pull(to, ties.max_distance_m, options.association.oriented)
     return [NearestTerm(pieces, ties.floorplan, walls, pull)]

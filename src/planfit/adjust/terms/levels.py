@@ -6,12 +6,14 @@ ceiling, walls and columns alike.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from planfit.adjust.moments import PlaneMoments, plane_moments
 from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.base import Weighting
+from planfit.adjust.torch_moments import GroupedPoints, TorchPlaneMoments, plane_moments_on
 from planfit.errors import require_positive
 from planfit.structure import LevelPoints, Structure
 
@@ -47,16 +49,22 @@ class LevelTerm:
     """(n,) height of the plane that each frame's points belong on, target frame; NaN: on none."""
     options: LevelOptions
     name: str
+    device: str = "cpu"
+    """Where the points are reweighted; "cuda" asks for PyTorch."""
 
-    def reweight(self, target_from_cams: np.ndarray) -> tuple[PlaneMoments, float]:
+    @cached_property
+    def _on_device(self) -> GroupedPoints:
+        return GroupedPoints(self.device, self.points.start, self.points.points_cam)
+
+    def reweight(
+        self, target_from_cams: np.ndarray
+    ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
         """One pass over the points; see `planfit.adjust.moments`."""
         start = self.points.start
         weighting = Weighting(self.options.max_readings, self.options.points_per_reading)
         is_on = np.isfinite(self.heights_m)
         information = self.options.weight * weighting.information(np.diff(start))
-        return plane_moments(
-            self.points.points_cam,
-            start,
+        rest = (
             np.arange(len(start) - 1),
             level_planes(self.heights_m),
             np.where(is_on, information, 0.0),
@@ -64,11 +72,14 @@ class LevelTerm:
             self.options.sigma_m,
             self.options.loss,
         )
+        if self.device != "cpu":
+            return plane_moments_on(self._on_device, *rest)
+        return plane_moments(self.points.points_cam, start, *rest)
 
 
-def floor_term(structure: Structure, options: LevelOptions) -> LevelTerm:
+def floor_term(structure: Structure, options: LevelOptions, device: str = "cpu") -> LevelTerm:
     """The floor: z = 0, or the height of the storey that a frame stands on."""
-    return LevelTerm(structure.floor, structure.floor_heights_m, options, "floor")
+    return LevelTerm(structure.floor, structure.floor_heights_m, options, "floor", device)
 
 
 def level_planes(heights_m: np.ndarray) -> np.ndarray:

@@ -1,12 +1,14 @@
 """3D point error (paper, Eq. L_geom): matched keypoints, lifted by depth, coincide."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from planfit.adjust.moments import PairMoments, pair_moments
 from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.base import Weighting
+from planfit.adjust.torch_moments import GroupedPoints, TorchPairMoments, pair_moments_on
 from planfit.errors import require_positive
 from planfit.matching import Matches
 
@@ -34,12 +36,25 @@ class PointTerm:
     matches: Matches
     options: PointOptions
     name: str = "points"
+    device: str = "cpu"
+    """Where the matches are reweighted; "cuda" asks for PyTorch."""
 
-    def reweight(self, target_from_cams: np.ndarray) -> tuple[PairMoments, float]:
+    @cached_property
+    def _on_device(self) -> GroupedPoints:
+        m = self.matches
+        return GroupedPoints(self.device, m.start, m.points_a, m.points_b, m.sigma)
+
+    def reweight(
+        self, target_from_cams: np.ndarray
+    ) -> tuple[PairMoments | TorchPairMoments, float]:
         """One pass over the matches; see `planfit.adjust.moments`."""
         m = self.matches
         weighting = Weighting(self.options.max_readings)
         information = self.options.weight * weighting.information(np.diff(m.start))
+        if self.device != "cpu":
+            return pair_moments_on(
+                self._on_device, m.pairs, information, target_from_cams, self.options.loss
+            )
         return pair_moments(
             m.points_a,
             m.points_b,

@@ -42,6 +42,7 @@ class OffsetWallTerm:
             self.pieces, self.floorplan, self.association, self.options, offsets_m=offsets_m
         )
         quadratic, cost = term.reweight(unknowns[: self.n_cams])
+        assert isinstance(quadratic, PlaneMoments)  # offsets run on the CPU
         associated = self.association.face_idx >= 0
         drawn = quadratic.planes.copy()
         drawn[:, 3] += offsets_m[self.association.face_idx]

@@ -6,6 +6,7 @@ the plan's is meant, else nothing would be pulled to the plan.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from planfit.adjust.association import Association
 from planfit.adjust.moments import PlaneMoments, plane_moments
 from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.base import Weighting
+from planfit.adjust.torch_moments import GroupedPoints, TorchPlaneMoments, plane_moments_on
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
 from planfit.structure import Pieces
@@ -57,8 +59,16 @@ class WallTerm:
     name: str = "walls"
     offsets_m: np.ndarray | None = None
     """(f,) shift of each face along its normal from where it is drawn; None: as drawn."""
+    device: str = "cpu"
+    """Where the points are reweighted; "cuda" asks for PyTorch."""
 
-    def reweight(self, target_from_cams: np.ndarray) -> tuple[PlaneMoments, float]:
+    @cached_property
+    def _on_device(self) -> GroupedPoints:
+        return GroupedPoints(self.device, self.pieces.start, self.pieces.points_cam)
+
+    def reweight(
+        self, target_from_cams: np.ndarray
+    ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
         """One pass over the wall points; see `planfit.adjust.moments`."""
         pieces, face = self.pieces, self.association.face_idx
         planes = face_planes(self.floorplan, face)
@@ -66,9 +76,7 @@ class WallTerm:
             planes[:, 3] -= self.offsets_m[face]
         weighting = Weighting(self.options.max_readings, self.options.points_per_reading)
         information = weighting.information(np.diff(pieces.start))
-        return plane_moments(
-            pieces.points_cam,
-            pieces.start,
+        rest = (
             pieces.frame_idx,
             planes,
             self.options.weight * np.where(face >= 0, information, 0.0),
@@ -76,6 +84,9 @@ class WallTerm:
             self.options.sigma_m,
             self.options.loss,
         )
+        if self.device != "cpu":
+            return plane_moments_on(self._on_device, *rest)
+        return plane_moments(pieces.points_cam, pieces.start, *rest)
 
 
 def face_planes(floorplan: Floorplan, face_idx: np.ndarray) -> np.ndarray:
