@@ -50,15 +50,27 @@ def test_count_ends_at_its_limit(rng):
     rows, columns = graph(rng, 200, 400)
     work = eliminate(rows, columns, 200, np.inf).work
     assert eliminate(rows, columns, 200, work).work == work
-    stopped = eliminate(rows, columns, 200, 0.5 * work)
-    assert stopped.work == np.inf
-    assert_array_equal(np.sort(stopped.order), np.arange(200))
+    assert eliminate(rows, columns, 200, 0.5 * work) is None
+
+
+def test_neighbours_are_those_left_when_a_pose_goes(rng):
+    rows, columns = graph(rng, 60, 40)
+    found = eliminate(rows, columns, 60, np.inf)
+    near = [set() for _ in range(60)]
+    for i, j in zip(rows, columns, strict=True):
+        if i != j:
+            near[i].add(j)
+            near[j].add(i)
+    for k, v in enumerate(found.order):
+        assert set(found.neighbours[found.start[k] : found.start[k + 1]]) == near[v]
+        for u in near[v]:
+            near[u] = (near[u] | near[v]) - {u, v}
 
 
 def test_few_loops_are_factorised_and_paths_and_scattered_loops_are_not(rng):
-    assert BlockPattern(*graph(rng, 20_000, 100), 20_000).is_direct_best
-    assert not BlockPattern(*graph(rng, 20_000, 0), 20_000).is_direct_best
-    assert not BlockPattern(*graph(rng, 20_000, 20_000), 20_000).is_direct_best
+    assert BlockPattern(*graph(rng, 20_000, 100), 20_000).cholesky is not None
+    assert BlockPattern(*graph(rng, 20_000, 0), 20_000).is_banded
+    assert BlockPattern(*graph(rng, 20_000, 20_000), 20_000).cholesky is None
 
 
 def test_unknown_linear_solver_is_named():

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 from scipy import sparse
 
+from planfit.adjust.block_cholesky import BlockCholesky
 from planfit.adjust.elimination import eliminate
 
 MAX_BAND_POSES = 12
@@ -46,12 +47,26 @@ class BlockPattern:
         )
 
     @cached_property
-    def is_direct_best(self) -> bool:
-        """Whether to factorise: not where the band is all there is, nor where loops fill the factor."""
-        if len(self._band) == len(self.rows):
-            return False  # conjugate gradients factorise the band and end after one iteration
-        work = eliminate(self.rows, self.columns, self.n_poses, MAX_DIRECT_WORK).work
-        return bool(work <= MAX_DIRECT_WORK)
+    def is_banded(self) -> bool:
+        """Whether the band is all there is: conjugate gradients then factorise it and end at once."""
+        return len(self._band) == len(self.rows)
+
+    @cached_property
+    def cholesky(self) -> BlockCholesky | None:
+        """The factor's structure; None where loops would fill it."""
+        elimination = eliminate(self.rows, self.columns, self.n_poses, MAX_DIRECT_WORK)
+        if elimination is None:
+            return None
+        return BlockCholesky(elimination, self.rows, self.columns)
+
+    @cached_property
+    def any_cholesky(self) -> BlockCholesky:
+        """The same, whatever the fill."""
+        if self.cholesky is not None:
+            return self.cholesky
+        elimination = eliminate(self.rows, self.columns, self.n_poses, np.inf)
+        assert elimination is not None  # nothing is beyond infinity
+        return BlockCholesky(elimination, self.rows, self.columns)
 
     def sum_blocks(self, blocks: np.ndarray) -> np.ndarray:
         """Sums (u, 6, 6) of blocks (b, 6, 6) at the same place, in the order of `rows`, `columns`."""

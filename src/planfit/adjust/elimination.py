@@ -16,27 +16,34 @@ import numpy as np
 class Elimination:
     """An order of poses for a Cholesky factorisation, and what it costs."""
 
-    order: (
+    order: np.ndarray  # (n,) poses, first eliminated first
+    start: (
         np.ndarray
-    )  # (n,) poses, first eliminated first; those left when the count ended come last
+    )  # (n + 1,): neighbours of the k-th pose when it goes are start[k]:start[k + 1]
+    neighbours: np.ndarray  # (l,) poses; with their pose, the blocks of a column of the factor
     work: float
-    """Multiplications of 6x6 blocks, about; infinite where the count ended at its limit."""
+    """Multiplications of 6x6 blocks, about."""
 
 
-def eliminate(rows: np.ndarray, columns: np.ndarray, n_poses: int, max_work: float) -> Elimination:
-    """Minimum-degree order of the graph with edges `rows`, `columns` (b,), and its work up to `max_work`."""
+def eliminate(
+    rows: np.ndarray, columns: np.ndarray, n_poses: int, max_work: float
+) -> Elimination | None:
+    """Minimum-degree order of the graph with edges `rows`, `columns` (b,); None beyond `max_work`."""
     off = rows != columns
     first = np.concatenate([rows[off], columns[off]])
     second = np.concatenate([columns[off], rows[off]])
     by_first = np.argsort(first, kind="stable")
     start = np.searchsorted(first[by_first], np.arange(n_poses + 1))
-    order, work = _minimum_degree(start, second[by_first], float(max_work))
-    return Elimination(order, work)
+    order, counts, neighbours, work = _minimum_degree(start, second[by_first], float(max_work))
+    if work > max_work:
+        return None
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    return Elimination(order, starts, neighbours[: starts[-1]], work)
 
 
 @numba.njit(cache=True, nogil=True)
 def _minimum_degree(start, neighbours, max_work):  # pragma: no cover
-    """Order, and its work; edges are (start, neighbours), each in both directions and once."""
+    """Order, neighbours at each elimination, and work; edges are (start, neighbours), both ways."""
     n = len(start) - 1
     begin, count = start[:-1].copy(), np.diff(start)
     pool = np.zeros(4 * len(neighbours) + 1024, np.int64)
@@ -47,6 +54,7 @@ def _minimum_degree(start, neighbours, max_work):  # pragma: no cover
     heap = [(count[v], v) for v in range(n)]
     heapq.heapify(heap)
     work, n_done = 0.0, 0
+    counts, columns, n_columns = np.zeros(n, np.int64), np.zeros(len(neighbours) + 16, np.int64), 0
     while n_done < n:
         degree, v = heapq.heappop(heap)
         if is_done[v] or degree != count[v]:
@@ -56,12 +64,27 @@ def _minimum_degree(start, neighbours, max_work):  # pragma: no cover
             work += left**3 / 6.0
         else:
             work += 0.5 * (degree + 1) ** 2
-        if work > max_work or degree == left - 1:
+        if work > max_work:
+            return order, counts, columns, work
+        needed = left * (left - 1) // 2 if degree == left - 1 else degree
+        if n_columns + needed > len(columns):
+            grown = np.zeros(2 * len(columns) + needed, np.int64)
+            grown[:n_columns] = columns[:n_columns]
+            columns = grown
+        if degree == left - 1:
+            rest = n_done
             for u in range(n):
                 if not is_done[u]:
                     order[n_done] = u
                     n_done += 1
-            return order, work if work <= max_work else np.inf
+            for k in range(rest, n):
+                counts[k] = n - 1 - k
+                columns[n_columns : n_columns + counts[k]] = order[k + 1 :]
+                n_columns += counts[k]
+            return order, counts, columns, work
+        counts[n_done] = degree
+        columns[n_columns : n_columns + degree] = pool[begin[v] : begin[v] + degree]
+        n_columns += degree
         order[n_done] = v
         n_done += 1
         need = degree * degree
@@ -82,7 +105,7 @@ def _minimum_degree(start, neighbours, max_work):  # pragma: no cover
                         end += 1
             begin[u], count[u] = fresh, end - fresh
             heapq.heappush(heap, (count[u], u))
-    return order, work
+    return order, counts, columns, work
 
 
 @numba.njit(cache=True, nogil=True)

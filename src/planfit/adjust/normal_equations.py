@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
+from planfit.adjust.banded_cg import solve_banded_cg
 from planfit.adjust.block_pattern import BlockPattern
-from planfit.adjust.linear_solvers import solve_banded_cg, solve_direct
 
 LinearSolver = Literal["auto", "direct", "cg"]
 """How a step is solved for: factorisation, conjugate gradients, or the one that suits the pattern."""
@@ -55,12 +55,20 @@ class NormalEquations:
 
         Directions that nothing measures have a zero diagonal; a floor on D keeps them still.
         `auto` factorises where the pattern's elimination is little work, else iterates.
+
+        Raises:
+            numpy.linalg.LinAlgError: rounding has made the matrix indefinite; more damping mends it.
         """
         floor = 1e-9 * max(float(self.diagonal.max()), 1e-12)
         added = damping * np.maximum(self.diagonal, floor) + floor
         right = -self.gradient.ravel()
-        if solver == "direct" or (solver == "auto" and self.pattern.is_direct_best):
-            return solve_direct(self.matrix, added, right).reshape(-1, 6)
+        cholesky = None
+        if solver == "direct":
+            cholesky = self.pattern.any_cholesky
+        elif solver == "auto" and not self.pattern.is_banded:
+            cholesky = self.pattern.cholesky
+        if cholesky is not None:
+            return cholesky.solve(self._upper, added, right).reshape(-1, 6)
         band = self.pattern.banded(self._upper)
         return solve_banded_cg(self.matrix, band, added, right).reshape(-1, 6)
 

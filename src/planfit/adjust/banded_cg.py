@@ -1,21 +1,8 @@
-"""Two ways to solve symmetric positive definite systems of 6x6 blocks."""
+"""Conjugate gradients for the normal equations, where loops would fill a factor."""
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
-from scipy.sparse.linalg import splu
-
-
-def solve_direct(matrix: sparse.bsr_array, added: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve (matrix + diag(added)) x = right by sparse factorisation, minimum-degree order."""
-    # Symmetric mode: the matrix is positive definite, so pivots stay on the diagonal.
-    factors = splu(
-        (matrix.tocsc() + sparse.diags_array(added, format="csc")).tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    return factors.solve(right)
 
 
 def solve_banded_cg(
