@@ -75,6 +75,6 @@ def test_few_loops_are_factorised_and_paths_and_scattered_loops_are_not(rng):
 
 def test_unknown_linear_solver_is_named():
     with pytest.raises(
-        OptionError, match=r"linear_solver: expected auto, direct or cg, found 'lu'"
+        OptionError, match=r"linear_solver: expected auto, direct, cg or pardiso, found 'lu'"
     ):
         SolverOptions(linear_solver="lu")

@@ -8,6 +8,7 @@ from scipy import sparse
 
 from planfit.adjust.block_cholesky import BlockCholesky
 from planfit.adjust.elimination import eliminate
+from planfit.adjust.pardiso import Pardiso
 
 MAX_BAND_POSES = 12
 """Blocks up to this far from the diagonal go into the band that preconditions: neighbours in time."""
@@ -67,6 +68,11 @@ class BlockPattern:
         elimination = eliminate(self.rows, self.columns, self.n_poses, np.inf)
         assert elimination is not None  # nothing is beyond infinity
         return BlockCholesky(elimination, self.rows, self.columns)
+
+    @cached_property
+    def pardiso(self) -> Pardiso:
+        """MKL's solver, its analysis of this pattern kept."""
+        return Pardiso()
 
     def sum_blocks(self, blocks: np.ndarray) -> np.ndarray:
         """Sums (u, 6, 6) of blocks (b, 6, 6) at the same place, in the order of `rows`, `columns`."""

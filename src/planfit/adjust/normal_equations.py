@@ -10,7 +10,7 @@ from scipy import sparse
 from planfit.adjust.banded_cg import solve_banded_cg
 from planfit.adjust.block_pattern import BlockPattern
 
-LinearSolver = Literal["auto", "direct", "cg"]
+LinearSolver = Literal["auto", "direct", "cg", "pardiso"]
 """How a step is solved for: factorisation, conjugate gradients, or the one that suits the pattern."""
 
 
@@ -62,6 +62,8 @@ class NormalEquations:
         floor = 1e-9 * max(float(self.diagonal.max()), 1e-12)
         added = damping * np.maximum(self.diagonal, floor) + floor
         right = -self.gradient.ravel()
+        if solver == "pardiso":
+            return self.pattern.pardiso.solve(self.matrix, added, right).reshape(-1, 6)
         cholesky = None
         if solver == "direct":
             cholesky = self.pattern.any_cholesky

@@ -40,14 +40,14 @@ class SolverOptions:
     initial_damping: float = 1e-4
     """Damping of the first step, relative to the diagonal of the normal equations."""
     linear_solver: LinearSolver = "auto"
-    """How a step is solved for: `direct` (sparse factorisation), `cg` (conjugate gradients), or `auto`:
-    direct where loops fill the factor little."""
+    """How a step is solved for: `direct` (sparse factorisation), `cg` (conjugate gradients), `pardiso` (MKL's
+    factorisation, an extra), or `auto`: direct where loops fill the factor little, else cg."""
     device: Literal["cpu", "cuda"] = "cpu"
     """Where points are reweighted and blocks are made: 3D points, floor, ceiling, walls and columns also
     run on a GPU through PyTorch. The sparse solve stays on the CPU."""
 
     def __post_init__(self) -> None:
-        require_choice(self, "linear_solver", "auto", "direct", "cg")
+        require_choice(self, "linear_solver", "auto", "direct", "cg", "pardiso")
         require_choice(self, "device", "cpu", "cuda")
         require_positive(self, "max_iterations", "steps_per_reweighting", "initial_damping")
 
