@@ -52,6 +52,37 @@ def test_overlay(picture: Path, tmp_path: Path) -> None:
     assert image.shape[0] > 400 * zoom  # a key below
 
 
+def test_overlay_of_a_drawing_shows_its_line_work(tmp_path: Path) -> None:
+    walls = [(0, 0, 10, 8), (0.3, 0.3, 9.7, 7.7)]
+    document = ezdxf.new()
+    document.header["$INSUNITS"] = 6
+    space = document.modelspace()
+    for x0, y0, x1, y1 in walls:
+        corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+        space.add_lwpolyline(corners, close=True, dxfattribs={"layer": "WALL"})
+    space.add_line((2, 4), (8, 4), dxfattribs={"layer": "LINE"})  # no wall: nothing beside it
+    space.add_line((2, 2), (8, 2), dxfattribs={"layer": "FURNITURE"})
+    space.add_line((5, 8), (5, 100), dxfattribs={"layer": "LINE"})  # shown for half the size
+    document.saveas(tmp_path / "plan.dxf")
+    assert run(["plan", str(tmp_path / "plan.dxf"), "-o", str(tmp_path / "out.png")]) == 0
+    image = cv2.imread(str(tmp_path / "out.png")).astype(int)
+    scale = (1600 - 80) / 13.0  # 8 m and 5 more above
+
+    def at(x: float, y: float) -> np.ndarray:
+        u, v = round(40 + x * scale), round(40 + (13.0 - y) * scale)
+        near = image[v - 2 : v + 3, u - 2 : u + 3].reshape(-1, 3)
+        return near[near.sum(axis=1).argmin()]  # the darkest about it
+
+    grey, left_out, face = at(4.1, 4), at(4.1, 2), at(4.1, 0.3)
+    assert np.ptp(grey) == 0
+    assert 140 < grey[0] < 220
+    assert left_out[1] < min(left_out[0], left_out[2]) - 30  # purple
+    assert face[2] > face[0] + 100
+    assert (at(4.1, 5) == 255).all()
+    assert np.ptp(at(5, 11)) == 0
+    assert at(5, 11)[0] < 220
+
+
 def test_json_is_lossless(picture: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.json"
     assert run(["plan", str(picture), "-o", str(out)]) == 0

@@ -10,6 +10,7 @@ from planfit.floorplan.drawing_units import unit_of_drawing
 from planfit.floorplan.drawing_walls import DrawnWalls, walls_of_drawing
 from planfit.floorplan.layer_names import Role, chosen_layers, role_of
 from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.shown_lines import shown_lines
 from planfit.floorplan.types import Floorplan, PlanSource
 
 FAR_FROM_ORIGIN = 20.0
@@ -66,6 +67,7 @@ def plan_of_drawing(
     file_from_plan = file_from_drawing @ np.array(
         [[1 / scale, 0, origin[0]], [0, 1 / scale, origin[1]], [0, 0, 1]]
     )
+    drawn, left_out = shown_lines(drawing, roles, walls.is_left_out, walls.apart, file_from_drawing)
     return Floorplan(
         str(path),
         (faces.ends - origin) * scale,
@@ -82,6 +84,8 @@ def plan_of_drawing(
             dropped=(*dropped, *walls.dropped, *(hidden if drawing.hidden_layers else [])),
             warnings=(*unit.warnings, *walls.warnings),
             file_from_plan=file_from_plan,
+            drawn_lines=drawn,
+            dropped_lines=left_out,
         ),
     )
 

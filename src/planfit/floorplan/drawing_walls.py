@@ -34,6 +34,10 @@ class DrawnWalls:
     dropped: tuple[str, ...]
     warnings: tuple[str, ...]
     thickness: Thickness | None
+    is_left_out: np.ndarray
+    """(n,) bool of the drawing's lines: on layers of no walls, or of a form that no wall has."""
+    apart: np.ndarray
+    """(k, 2, 2) faces left out because they stand apart from the building."""
 
 
 def walls_of_drawing(
@@ -56,6 +60,7 @@ def walls_of_drawing(
     if is_no_wall.any():
         names = sorted({drawing.layers[i] for i in np.unique(lines.layer[is_no_wall])})
         dropped.append(f"{is_no_wall.sum()} lines on layers of no walls: {_listed(names)}")
+    is_left_out, looked_at = is_no_wall.copy(), np.flatnonzero(~is_no_wall)
     lines, role = lines.take(~is_no_wall), role[~is_no_wall]
 
     areas = sort_fills(drawing.fills, roles, extent)
@@ -83,6 +88,7 @@ def walls_of_drawing(
     if is_leaf.any():
         dropped.append(f"{is_leaf.sum()} lines of open doors")
     keep = ~is_row & ~lines.is_curved & ~is_leaf
+    is_left_out[looked_at[~keep]] = True
     lines, role = lines.take(keep), role[keep]
 
     found: list[LineFaces] = []
@@ -123,13 +129,19 @@ def walls_of_drawing(
             warnings.append(
                 "walls are drawn as single lines: which side of them is free is unknown"
             )
-    faces, n_apart = _main_part(_together(found), extent)
-    if n_apart:
-        dropped.append(f"{n_apart} faces apart from the building (legend, title block, details)")
+    faces, apart = _main_part(_together(found), extent)
+    if len(apart):
+        dropped.append(f"{len(apart)} faces apart from the building (legend, title block, details)")
     names = [drawing.layers[i] for i in used if i >= 0]
     names += sorted({drawing.layers[f.layer] for f in drawing.fills} if wall_areas or rooms else [])
     return DrawnWalls(
-        faces, tuple(dict.fromkeys(names)), tuple(dropped), tuple(warnings), thickness
+        faces,
+        tuple(dict.fromkeys(names)),
+        tuple(dropped),
+        tuple(warnings),
+        thickness,
+        is_left_out,
+        apart,
     )
 
 
@@ -182,11 +194,11 @@ def _together(parts: list[LineFaces]) -> LineFaces:
     )
 
 
-def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, int]:
+def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, np.ndarray]:
     """Faces without groups that stand apart by a twentieth of the drawing and hold less than a
-    twentieth of the largest group's length."""
+    twentieth of the largest group's length; and the ends of those."""
     if len(faces.ends) == 0:
-        return faces, 0
+        return faces, faces.ends
     lines = line_strings(faces.ends)
     a, b = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=0.05 * extent)
     n = len(lines)
@@ -198,7 +210,7 @@ def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, int]:
         faces.ends[keep], faces.normals[keep], faces.is_oriented[keep], faces.thickness[keep],
         faces.line[keep],
     )  # fmt: skip
-    return kept, int((~keep).sum())
+    return kept, faces.ends[~keep]
 
 
 def _listed(names: list[str]) -> str:

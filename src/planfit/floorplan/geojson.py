@@ -19,6 +19,7 @@ from planfit.floorplan.file import fingerprint_of
 from planfit.floorplan.layer_names import Role, role_of
 from planfit.floorplan.options import METRES_PER_UNIT, PlanOptions
 from planfit.floorplan.regions import faces_of_regions
+from planfit.floorplan.shown_lines import longest, outlines
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.geometry import segments
 
@@ -82,6 +83,7 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
             "property 'category' or 'type'"
         )
     frame = _frame([f.area for f in (walls or rooms)], options, collections)
+    used = [*walls, *openings, *rooms]
     source = PlanSource(
         kind="IMDF" if len(collections) > 1 else "GeoJSON",
         unit=frame.unit,
@@ -89,10 +91,12 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
         storey=level,
         storeys=levels,
         layers=tuple(sorted({f.name for f in (walls or rooms)})),
-        dropped=_left_out(here, [*walls, *openings, *rooms]),
+        dropped=_left_out(here, used),
         file_from_plan=np.array(
             [[1 / frame.scale[0], 0, frame.origin[0]], [0, 1 / frame.scale[1], frame.origin[1]], [0, 0, 1]]
         ),
+        drawn_lines=longest(outlines([f.area for f in used])),
+        dropped_lines=longest(outlines([f.area for f in here if not any(f is u for u in used)])),
     )  # fmt: skip
     areas = [_local(f.area, frame) for f in walls]
     solid = [a for a in areas if a.geom_type.endswith("Polygon")]

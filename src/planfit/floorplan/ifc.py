@@ -12,6 +12,7 @@ from planfit.floorplan.file import fingerprint_of
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.regions import faces_of_regions
 from planfit.floorplan.section import section_area
+from planfit.floorplan.shown_lines import longest, outlines
 from planfit.floorplan.types import Floorplan, PlanSource
 
 WALL_KINDS = ("IfcWall", "IfcCurtainWall", "IfcColumn")
@@ -93,6 +94,7 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
             storeys=names,
             dropped=(f"{failed} elements without geometry",) if failed else (),
             file_from_plan=np.diag([1 / unit_scale, 1 / unit_scale, 1.0]),
+            drawn_lines=longest(outlines(areas)) / unit_scale,
         ),
     )
 

@@ -10,6 +10,7 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.file import fingerprint_of
 from planfit.floorplan.options import METRES_PER_UNIT, PlanOptions
 from planfit.floorplan.scan_lines import wall_lines
+from planfit.floorplan.shown_lines import MAX_LINES
 from planfit.floorplan.types import Floorplan, PlanSource
 
 N_SAMPLES = 400_000
@@ -17,6 +18,8 @@ HALF_BAND_M = 0.35
 """Walls are taken from this far below and above the height of the cut: over tables, under lintels."""
 MAX_RISE = 0.26
 """Of a wall's normal, out of the horizontal: 15 degrees."""
+DASH_M = 0.02
+"""Length of the dash that shows a point of the surface in pictures."""
 _NEIGHBOURS = 16
 
 
@@ -66,8 +69,18 @@ def read_model(path: Path, options: PlanOptions) -> Floorplan:
             warnings=(f"up is {'xyz'[axis]} ({up}); the floor is at {floor:.2f} m",),
             dropped=(f"{lines.n_left} of {len(xy)} points on no straight wall",),
             file_from_plan=rows,
+            drawn_lines=_dashes(xy, across) / scale * flip,
         ),
     )  # fmt: skip
+
+
+def _dashes(xy: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """(k, 2, 2) m: a short dash along the surface at points (n, 2), a part of them where there are many."""
+    step = -(-len(xy) // MAX_LINES)
+    xy, across = xy[::step], across[::step]
+    along = np.stack([-across[:, 1], across[:, 0]], axis=1)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return np.stack([xy - 0.5 * DASH_M * along, xy + 0.5 * DASH_M * along], axis=1)
 
 
 def _surface(path: Path) -> tuple[np.ndarray, np.ndarray, bool]:

@@ -31,6 +31,9 @@ class PlanSource:
     file_from_plan: np.ndarray | None = None
     """(3, 3) from homogeneous plan x-y to the file's own coordinates (pixels for a picture, integer =
     pixel centre), to draw faces over the drawing; None where the file has no such coordinates."""
+    drawn_lines: np.ndarray | None = None
+    """(k, 2, 2) in the file's own coordinates: line work that was looked at for walls, the longest pieces
+    where there are very many, to be shown behind the faces; None for pictures and bare segments."""
     dropped_lines: np.ndarray | None = None
     """(k, 2, 2) in the file's own coordinates: outlines of what was left out, to be shown; None where nothing
     was or it has no place."""

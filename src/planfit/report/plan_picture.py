@@ -12,6 +12,10 @@ from planfit.geometry import segments
 _SIDE_PX = 1600
 _MARGIN_PX = 40
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+_GROW = 0.5
+"""Line work is shown around the faces as far as this share of their longer side: a wing that was missed is,
+a title block far off is not."""
+_DRAWN = (172, 172, 172)
 _FACE, _OPENING, _LOOSE, _DROPPED = (0, 94, 213), (178, 114, 0), (158, 115, 0), (193, 120, 200)
 """BGR; Okabe and Ito's palette."""
 
@@ -19,23 +23,25 @@ _FACE, _OPENING, _LOOSE, _DROPPED = (0, 94, 213), (178, 114, 0), (158, 115, 0), 
 def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
     """PNG: faces with ticks towards their free side, openings, and what was left out.
 
-    Over the drawing, made pale, where the file is a picture; else on white.
+    Over the drawing, made pale, where the file is a picture; else over its line work in light grey.
 
     Args:
         floorplan: as read.
         path: of the file that it was read from.
     """
     source = floorplan.source
-    is_picture = path.suffix.lower() in _PICTURES
-    zoom = 1.0
-    if is_picture and source.file_from_plan is not None:
+    drawn, left_out = (
+        _in_plan(floorplan, source.drawn_lines),
+        _in_plan(floorplan, source.dropped_lines),
+    )
+    if path.suffix.lower() in _PICTURES and source.file_from_plan is not None:
         canvas, zoom = _pale(path)
         uv_from_plan = _zoomed(source.file_from_plan, zoom)
     else:
-        canvas, uv_from_plan = _white(floorplan)
+        canvas, uv_from_plan = _white(floorplan, np.concatenate([drawn, left_out]))
     scale = float(np.sqrt(abs(np.linalg.det(uv_from_plan[:2, :2]))))
-    if is_picture and source.dropped_lines is not None:
-        _draw(canvas, (source.dropped_lines + 0.5) * zoom - 0.5, _DROPPED, 1)
+    _draw(canvas, _moved(drawn, uv_from_plan), _DRAWN, 1)
+    _draw(canvas, _moved(left_out, uv_from_plan), _DROPPED, 1)
     turn = uv_from_plan[:2, :2] / scale
     for is_oriented, color in ((True, _FACE), (False, _LOOSE)):
         kept = floorplan.is_oriented == is_oriented
@@ -73,9 +79,22 @@ def _zoomed(file_from_plan: np.ndarray, zoom: float) -> np.ndarray:
     return np.array([[zoom, 0, shift], [0, zoom, shift], [0, 0, 1]]) @ file_from_plan
 
 
-def _white(floorplan: Floorplan) -> tuple[np.ndarray, np.ndarray]:
+def _in_plan(floorplan: Floorplan, lines_in_file: np.ndarray | None) -> np.ndarray:
+    file_from_plan = floorplan.source.file_from_plan
+    if lines_in_file is None or file_from_plan is None:
+        return np.zeros((0, 2, 2))
+    return _moved(lines_in_file, np.linalg.inv(file_from_plan))
+
+
+def _white(floorplan: Floorplan, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """White paper with room for the faces and the lines (k, 2, 2) about them, and uv from plan."""
     xy = floorplan.ends.reshape(-1, 2)
     low, high = xy.min(axis=0), xy.max(axis=0)
+    if len(lines):
+        reach = _GROW * float(max(high - low))
+        around = lines.reshape(-1, 2)
+        low = np.minimum(low, np.maximum(around.min(axis=0), low - reach))
+        high = np.maximum(high, np.minimum(around.max(axis=0), high + reach))
     scale = (_SIDE_PX - 2 * _MARGIN_PX) / float(max(high - low))
     width, height = np.ceil((high - low) * scale).astype(int) + 2 * _MARGIN_PX
     uv_from_plan = np.array(
@@ -100,6 +119,8 @@ def _draw(canvas: np.ndarray, ends: np.ndarray, color: tuple[int, int, int], wid
 def _with_key(canvas: np.ndarray, floorplan: Floorplan) -> np.ndarray:
     """A strip below that says what the colours mean."""
     entries = [("face, tick to its free side", _FACE)]
+    if floorplan.source.drawn_lines is not None:
+        entries.append(("line work", _DRAWN))
     if not floorplan.is_oriented.all():
         entries.append(("face, free side unknown", _LOOSE))
     if floorplan.openings is not None and len(floorplan.openings):
