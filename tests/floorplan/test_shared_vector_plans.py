@@ -54,6 +54,7 @@ def test_drawings(name, unit, size):
     assert plan.source.unit == unit
     np.testing.assert_allclose(plan.size, size, rtol=0.15)
     assert not any("urniture" in layer for layer in plan.source.layers)
+    assert not any("damaged" in warning for warning in plan.source.warnings)
 
 
 @pytest.mark.parametrize(

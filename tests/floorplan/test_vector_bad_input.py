@@ -1,6 +1,7 @@
 """What is wrong with a drawing is said in one line, with the next step; nothing outside is loaded."""
 
 import json
+import re
 import sys
 import zipfile
 
@@ -159,6 +160,60 @@ def test_truncated_dxf(tmp_path):
     path.write_bytes(data[: int(0.9 * len(data))])
     assert "expected a" in refusal(path)
     assert "cut off" in refusal(path) or "damaged" in refusal(path)
+
+
+def harmless(document):
+    space = document.modelspace()
+    space.add_line((0, 0), (0, 0.1), dxfattribs={"layer": "FURNITURE", "linetype": "NONE SUCH"})
+    space.add_line((0, 0), (0, 0.1), dxfattribs={"layer": "FURNITURE", "color": 999})
+
+
+def lose_a_block(document):
+    document.modelspace().add_blockref("MISSING", (0, 0))
+
+
+def lose_a_spline(document):
+    spline = document.modelspace().add_spline()
+    spline.control_points = [(0, 0), (1, 1), (2, 0), (3, 3)]
+    spline.knots = [0, 1, 2]
+
+
+def test_a_dxf_with_errors_that_lose_nothing_is_not_called_damaged(tmp_path):
+    clean = read_floorplan(write_dxf(tmp_path / "a.dxf", WALLS))
+    path = write_dxf(tmp_path / "b.dxf", WALLS, layer="WALL", extra=harmless)
+    # Layers with a slash are not allowed, and common.
+    path.write_text(path.read_text().replace("\nWALL\n", "\nWALL/NEW\n"))
+    plan = read_floorplan(path)
+    assert plan.source.layers == ("WALL/NEW",)
+    assert plan.source.warnings == clean.source.warnings == ()
+    np.testing.assert_array_equal(plan.ends, clean.ends)
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        (lose_a_block, r"Deleted entity INSERT\(#\w+\) without required BLOCK definition\."),
+        (lose_a_spline, r"Removed SPLINE\(#\w+\) with invalid knot value count: 3 < 8"),
+    ],
+)
+def test_a_dxf_with_lost_entities_is_called_damaged(tmp_path, extra, words):
+    plan = read_floorplan(write_dxf(tmp_path / "a.dxf", WALLS, extra=extra))
+    (warning,) = plan.source.warnings
+    assert re.fullmatch(
+        f"the file is damaged: 1 of its parts or numbers were lost or guessed; first: {words}",
+        warning,
+    )
+
+
+@pytest.mark.parametrize(("number", "is_guessed"), [("123.5x", True), ("123.5", False)])
+def test_a_dxf_with_a_number_that_is_none(tmp_path, number, is_guessed):
+    def mark(document):
+        document.modelspace().add_line((1, 1), (123.5, 1), dxfattribs={"layer": "FURNITURE"})
+
+    path = write_dxf(tmp_path / "a.dxf", WALLS, extra=mark)
+    path.write_text(path.read_text().replace("\n123.5\n", f"\n{number}\n"))
+    warnings = read_floorplan(path).source.warnings
+    assert [f'"{number}"' in w for w in warnings] == [True] * is_guessed
 
 
 def test_dxf_of_another_kind(tmp_path):

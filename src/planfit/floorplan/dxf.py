@@ -20,6 +20,7 @@ from ezdxf.lldxf.const import DXFError
 from planfit.errors import FloorplanError
 from planfit.floorplan.drawing import Drawing, DrawingBuilder, Text
 from planfit.floorplan.drawing_plan import plan_of_drawing
+from planfit.floorplan.dxf_damage import lost_parts
 from planfit.floorplan.file import fingerprint_of
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
@@ -41,17 +42,17 @@ def read_dxf(path: Path, options: PlanOptions) -> Floorplan:
     """
     # ezdxf warns of every odd table entry; what matters comes back as an error or in `dropped`.
     logging.getLogger("ezdxf").setLevel(logging.ERROR)
-    document, repaired = _open(path)
+    document, lost = _open(path)
     drawing = _drawing(document)
     floorplan = plan_of_drawing(
         drawing, path, fingerprint_of(path), options, "DXF drawing", np.eye(3)
     )
-    return floorplan if not repaired else floorplan.with_warning(
-        "the file is damaged; what could be recovered of it was read"
+    return floorplan if not lost else floorplan.with_warning(
+        f"the file is damaged: {len(lost)} of its parts or numbers were lost or guessed; first: {lost[0]}"
     )  # fmt: skip
 
 
-def _open(path: Path) -> tuple[Document, bool]:
+def _open(path: Path) -> tuple[Document, list[str]]:
     data = path.read_bytes()
     if not data.strip():
         raise FloorplanError(
@@ -78,7 +79,7 @@ def _open(path: Path) -> tuple[Document, bool]:
             f"{path}: expected a whole DXF drawing, found one that is cut off (no EOF at its end); "
             "copy or export it again"
         )
-    return document, auditor.has_errors
+    return document, lost_parts(auditor)
 
 
 def _drawing(document: Document) -> Drawing:
