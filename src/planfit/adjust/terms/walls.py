@@ -28,7 +28,7 @@ class WallOptions:
     """Factor on the term; 0 switches it off."""
     sigma_m: float = 0.05
     """Spread of wall points about the drawn wall: as drawn, as built, as measured."""
-    loss: Loss = field(default_factory=lambda: Loss(LossKind.GEMAN_MCCLURE, 0.7))
+    loss: Loss = field(default_factory=lambda: Loss(LossKind.GEMAN_MCCLURE, 0.8))
     """Robust loss of the distance in spreads. It levels off, because a wall that is drawn decimetres
     off is seen by many frames, which must not pull together: with 30 % of walls drawn 0.1 to 0.5 m off,
     the worst of six runs errs by 0.013 m; with a scale of 1 by 0.09 m, with a Cauchy loss of scale 2
