@@ -56,6 +56,11 @@ def test_solves_any_graph(n, n_pairs, seed):
     check(rng, n, pairs[pairs[:, 0] != pairs[:, 1]])
 
 
+def test_solves_fronts_of_several_panels_and_tiles(rng):
+    ahead = [(i, i + k) for k in (1, 2, 15, 16) for i in range(150 - k)]
+    check(rng, 150, np.array(ahead))
+
+
 def test_the_matrix_is_not_changed_and_solves_repeat(rng):
     pattern, upper, _ = system(rng, 9, [(0, 5), (5, 8), (2, 3)])
     kept = upper.copy()

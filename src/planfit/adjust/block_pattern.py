@@ -12,9 +12,10 @@ from planfit.adjust.pardiso import Pardiso
 
 MAX_BAND_POSES = 12
 """Blocks up to this far from the diagonal go into the band that preconditions: neighbours in time."""
-MAX_DIRECT_WORK = 2e7
-"""Products of 6x6 blocks, 2.2 s to factorise; beyond, conjugate gradients take less (1.5 to 4 s for
-15,000 to 25,000 poses with loops). Measured in docs/adr/0006-linear-solvers.md."""
+MAX_DIRECT_WORK = 1e8
+"""Products of 6x6 blocks, 3.5 s to factorise. Walks in laps stay below it at 25,000 poses, where conjugate
+gradients take 1.5 to 8 s; scattered loops exceed it at 8,000, where they take 0.5 s
+(docs/adr/0006-linear-solvers.md)."""
 
 
 class BlockPattern:
