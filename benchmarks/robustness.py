@@ -1,6 +1,7 @@
 """How much drift, how many wrong matches and how wrong a plan the adjustment stands: two tables.
 
-    python benchmarks/robustness.py [--seeds 20] [--json FILE]
+    python benchmarks/robustness.py [--seeds 20] [--json FILE]      measure
+    python benchmarks/robustness.py --tables FILE                   write the tables of docs/robustness.md
 
 Problems are made without images (`problems.py`): a walk of 50 m round a ring corridor, two laps, 500
 frames, drift as a random walk. `loops first` closes loops before walls pull; `walls at once` does not.
@@ -21,6 +22,7 @@ from planfit.floorplan import Floorplan
 from planfit.matching import Matches
 from planfit.synth import DriftOptions
 
+PAGE = Path(__file__).parents[1] / "docs/robustness.md"
 N_FRAMES, PER_LAP, WALKED_M = 500, 250, 50.0
 DRIFTS = (
     (0.5, 0.5),
@@ -148,11 +150,60 @@ def robustness(seeds: int) -> list[dict]:
     return rows
 
 
+def drift_table(rows: list[dict]) -> str:
+    lines = [
+        "| drift | before, median | default: median, worst | success | without graduation "
+        "| without loops first: worst | success |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for percent, turn_deg in DRIFTS:
+        by_way = {row["way"]: row for row in rows if row["drift_percent"] == percent}
+        first, flat, at_once = (by_way[way.name] for way in WAYS)
+        lines.append(
+            f"| {percent:g} %, {turn_deg:g} deg | {first['before_m']:.2f} m "
+            f"| {first['median_m']:.4f}, {first['worst_m']:.4f} m | {first['success']:.0%} "
+            f"| {flat['success']:.0%} | {at_once['worst_m']:.4f} m | {at_once['success']:.0%} |"
+        )
+    return "\n".join(lines)
+
+
+def spoiled_table(rows: list[dict]) -> str:
+    lines = [
+        "| spoiled | share | median | worst | median, against none |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for row in rows:
+        none = next(r for r in rows if r["spoiled"] == row["spoiled"] and r["share"] == 0)
+        lines.append(
+            f"| {row['spoiled']} | {row['share']:.0%} | {row['median_m']:.4f} m "
+            f"| {row['worst_m']:.4f} m | {row['median_m'] / none['median_m'] - 1:+.0%} |"
+        )
+    return "\n".join(lines)
+
+
+def write_tables(tables: dict[str, list[dict]], page: Path) -> None:
+    """Put the tables between their marks in a page."""
+    text = page.read_text()
+    made = {
+        "drift": drift_table(tables["convergence"]),
+        "spoiled": spoiled_table(tables["robustness"]),
+    }
+    for name, table in made.items():
+        begin, end = f"<!-- table: {name} -->\n", "<!-- end -->"
+        before, rest = text.split(begin)
+        text = f"{before}{begin}{table}\n{rest[rest.index(end) :]}"
+    page.write_text(text)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--tables", type=Path, help="JSON of an earlier run")
     arguments = parser.parse_args()
+    if arguments.tables:
+        write_tables(json.loads(arguments.tables.read_text()), PAGE)
+        return
     tables = {
         "convergence": convergence(arguments.seeds),
         "robustness": robustness(arguments.seeds),
