@@ -23,11 +23,14 @@ from planfit.matching import Matches
 from planfit.pipeline import RefineResult
 from planfit.report import TruthErrors, amounts, draw_overlay, make_report
 from planfit.report.close_ups import choose_close_ups
+from planfit.report.cross_sections import cut_walls
 from planfit.report.drawing import Picture
 from planfit.report.key_figures import key_figures, verdict
+from planfit.report.links import loops_of, matches_by_frame
 from planfit.report.measures import measure
-from planfit.report.tables import wall_table
-from planfit.report.top_view import crop_to_scan, find_gaps
+from planfit.report.missing_walls import undrawn_walls, unseen_faces
+from planfit.report.top_view import Crop, crop_to_scan, find_gaps
+from planfit.report.wall_table import wall_table
 from planfit.report.walls import seen_faces
 from planfit.structure import Gravity, LevelPoints, Pieces, Structure, no_level_points, no_pieces
 
@@ -199,7 +202,7 @@ class Page(HTMLParser):
         assert self._open.pop() == tag
 
     def handle_data(self, data):
-        if "style" not in self._open:
+        if not {"style", "script"} & set(self._open):
             self.text.append(data)
 
     @property
@@ -219,7 +222,8 @@ def no_pictures(monkeypatch):
     """Figures are made but not rendered, for tests of words."""
     blank = Picture(b"", 1, 1)
     monkeypatch.setattr("planfit.report.overlay.to_picture", lambda _: blank)
-    monkeypatch.setattr("planfit.report.figures.to_picture", lambda _: blank)
+    for module in ("figures", "links", "cross_sections"):
+        monkeypatch.setattr(f"planfit.report.{module}.to_picture", lambda _: blank)
 
 
 def read(floorplan, result, options="", truth=None):
@@ -231,7 +235,9 @@ def test_report_is_self_contained(floorplan):
     page = Page(html)
     assert page.sources
     assert all(source.startswith("data:image/png;base64,") for source in page.sources)
-    assert not {"script", "link", "iframe", "object"} & set(page.tags)
+    assert not {"link", "iframe", "object"} & set(page.tags)
+    assert page.tags.count("script") == 1  # our own, inside
+    assert not re.search(r"fetch\(|XMLHttp|eval\(|innerHTML", html)
     assert not re.search(r"https?://|url\(|@import", html)
     assert "Before you use this result" not in page.words  # there are no doubts
     assert len(html) < 4e6
@@ -241,7 +247,7 @@ def test_report_is_self_contained(floorplan):
 def test_text_is_escaped(floorplan, no_pictures):
     result = replace(make_result(), doubts=("wall <b>7</b> & others are unsure",))
     html = make_report("<scan> & co", floorplan, result, "[a]\nname = '<script>'\n")
-    for raw in ("<b>", "<scan>", "<script>", "<room>", "<most>"):
+    for raw in ("<b>", "<scan>", "'<script>'", "<room>", "<most>"):
         assert raw not in html
     words = Page(html).words
     for text in ("wall <b>7</b> & others are unsure", "<scan> & co", "<script>", "<room>.npy"):
@@ -512,3 +518,83 @@ def test_offsets_that_the_adjustment_gave_are_shown_with_their_spread():
     assert "+3.4" in html
     assert "±" in html
     assert "given way by" not in wall_table(seen_faces(plan, walls_of(plan, association)))
+
+
+def pieces_at(ends):
+    """Upright pieces (k, 2, 2) m, seen by one camera that stands in the plan's axes; normals to the left."""
+    ends = np.asarray(ends, dtype=float)
+    normals = segments.left_normals(ends)
+    k = len(ends)
+    return Pieces(
+        points_cam=np.zeros((k, 3)),
+        start=np.arange(k + 1),
+        frame_idx=np.zeros(k, dtype=int),
+        normals_cam=np.column_stack([normals, np.zeros(k)]),
+        ends_cam=np.concatenate([ends, np.ones((k, 2, 1))], axis=2),
+    )
+
+
+def row(y, *starts, length=0.6, back=False):
+    """Pieces along x at a height on the plan, from left to right or looking the other way."""
+    ends = [[[x, y], [x + length, y]] for x in starts]
+    return [list(reversed(e)) for e in ends] if back else ends
+
+
+def test_walls_that_the_plan_lacks_are_joined_from_their_pieces():
+    ends = [
+        *row(0.0, 0.0, 0.5, 1.0, 1.9),  # one wall, with a gap of 0.3 m
+        *row(0.05, 0.2, length=1.0),  # the same wall, seen again
+        *row(0.0, 0.0, 0.5, 1.0, back=True),  # its other side
+        *row(1.0, 0.0, 0.5),  # too few
+        *row(2.0, 0.0, 0.05, 0.1, length=0.2),  # too short
+        *row(3.0, 5.0, 5.5, 6.0),  # taken up by the plan
+    ]
+    face_idx = np.full(len(ends), -1)
+    face_idx[-3:] = 0
+    walls = undrawn_walls(
+        pieces_at(ends), Association(face_idx, np.zeros(len(ends))), np.eye(4)[None]
+    )
+    assert [wall.n_pieces for wall in walls] == [5, 3]
+    assert walls[0].length == pytest.approx(2.5, abs=0.01)
+    assert walls[0].middle_xy == pytest.approx((1.25, 0.01), abs=0.02)
+    assert walls[1].length == pytest.approx(1.6)
+
+
+def test_only_faces_in_view_count_as_not_seen(floorplan):
+    association = Association(np.array([0, 0, -1]), np.zeros(3))
+    everything = Crop(np.array([-1.0, -1.0]), np.array([9.0, 7.0]))
+    assert list(unseen_faces(floorplan, association, everything)) == [2, 1, 3]
+    left = Crop(np.array([-1.0, -1.0]), np.array([5.0, 7.0]))
+    assert list(unseen_faces(floorplan, association, left)) == [2, 3]
+
+
+def test_missing_and_unseen_walls_stand_in_the_table(floorplan, no_pictures):
+    result = make_result()
+    face_idx = result.walls.association.face_idx.copy()
+    face_idx[face_idx == 2] = -1
+    none = Association(face_idx, np.where(face_idx < 0, np.nan, 0.0))
+    walls = replace(result.walls, ties=replace(result.walls.ties, walls=none))
+    words = read(floorplan, replace(result, walls=walls)).words
+    assert "missing in the plan32.00 m3.0, 6.0" in words
+    assert "not seen08.00 m4.0, 6.0" in words
+
+
+def test_loops_and_matches_of_frames_are_counted():
+    matches = make_result().matches  # two matches of frames 0 and 1, one of 0 and 5
+    assert loops_of(matches, 4).tolist() == [[0, 5]]
+    assert matches_by_frame(matches, 7).tolist() == [3, 2, 0, 0, 0, 1, 0]
+
+
+def test_cross_sections_show_distance_and_height(floorplan):
+    result = make_result(wall_offsets=(0.0, 0.1, 0.0, 0.0))
+    cuts = cut_walls(floorplan, result, seen_faces(floorplan, result.walls), max_count=4)
+    # Recorded poses are off along x: walls 1 and 3 stand across that.
+    assert {cut.face.face_idx for cut in cuts[:2]} == {1, 3}
+    by_face = {cut.face.face_idx: cut for cut in cuts}
+    assert_close = np.testing.assert_allclose
+    assert_close(by_face[1].after[:, 0], 0.1, atol=1e-9)
+    assert_close(by_face[1].before[:, 0], 0.1 - SHIFT[0], atol=1e-9)
+    assert_close(by_face[3].before[:, 0], SHIFT[0], atol=1e-9)
+    heights = by_face[3].after[:, 1]
+    assert heights.min() > 0.5 - 1e-9
+    assert heights.max() < 2.5 + 1e-9

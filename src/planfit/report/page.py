@@ -23,7 +23,7 @@ def make_report(
     options_text: str,
     truth: TruthErrors | None = None,
 ) -> str:
-    """The report of a run as one self-contained HTML page: no scripts, no links, pictures inside.
+    """The report of a run as one self-contained HTML page: no links, pictures and one script inside.
 
     Args:
         scan_name: as its folder is called; of a path, the last part is shown.
@@ -42,17 +42,23 @@ def make_report(
         sections.fit_and_correction(both),
         sections.floor(floorplan, both, crop),
         sections.walls(floorplan, result, crop),
+        sections.links(floorplan, both, result.matches, crop),
         _costs_and_time(result),
         _facts(result, options_text),
         f"<footer>Made by planfit {escape(__version__)}. x and y as in the plan, heights above the "
         "floor.</footer>",
     ]
-    style = resources.files("planfit.report").joinpath("style.css").read_text("utf-8")
+    style, script = (
+        resources.files("planfit.report").joinpath(name).read_text("utf-8")
+        for name in ("style.css", "sort.js")
+    )
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(scan_name)} on {escape(plan_name)}: planfit report</title>\n"
-        f"<style>\n{style}</style>\n</head>\n<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
+        f"<style>\n{style}</style>\n</head>\n<body>\n"
+        + "\n".join(body)
+        + f"\n<script>\n{script}</script>\n</body>\n</html>\n"
     )
 
 

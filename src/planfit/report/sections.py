@@ -8,13 +8,18 @@ import numpy as np
 
 from planfit import checks
 from planfit.floorplan import Floorplan
+from planfit.matching import Matches
 from planfit.pipeline import RefineResult
 from planfit.report import amounts, figures, tables
 from planfit.report.close_ups import choose_close_ups
+from planfit.report.cross_sections import CrossSection, cut_walls, draw_section
 from planfit.report.drawing import AGREES, NOT_SEEN, PANEL_IN, SHIFTED, UNMATCHED, Picture
+from planfit.report.links import loop_map, loops_of, matches_by_frame, matches_plot
 from planfit.report.measures import BeforeAfter, Measures
+from planfit.report.missing_walls import undrawn_walls, unseen_faces
 from planfit.report.overlay import WIDE_IN, fit_in_words, is_wide, side_picture
 from planfit.report.top_view import Crop, Mark
+from planfit.report.wall_table import wall_table
 from planfit.report.walls import AGREES_WITHIN_M, FEW_PIECES, SeenFace, seen_faces
 
 
@@ -112,7 +117,8 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
     if n_pieces == 0:
         return "<h2>Walls of the plan</h2><p>No flat piece of wall was seen in this scan.</p>"
     faces = seen_faces(floorplan, result.walls)
-    n_lost = n_pieces - result.walls.association.n_associated
+    association = result.walls.association
+    n_lost = n_pieces - association.n_associated
     keys = (
         (AGREES, "agrees with the scan"),
         (SHIFTED, "scanned elsewhere (number: see table)"),
@@ -133,14 +139,69 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
         "flat pieces of scanned wall found no wall on the plan: furniture, what the plan does not "
         f"draw, or walls that were moved.</p>{_side_by_side([picture], crop)}"
     ]
-    if faces:
+    cuts = cut_walls(floorplan, result, faces)
+    if cuts:
         html.append(
-            "<p>Offset: median distance of the scanned pieces of a wall from where it is drawn, "
-            "after the fit; positive towards the room, negative into the wall. Spread: median "
-            "deviation of the pieces from that. Walls with most pieces come first.</p>"
-            f"{tables.wall_table(faces)}"
+            "<h3>Walls cut across</h3><p>The walls that changed most, seen along themselves: each dot "
+            "is a scanned point, the dark line the wall as drawn, and distances from it are stretched. "
+            "A wall that was scanned twice makes two upright bands before; after, one.</p>"
+            f'<div class="pair">{"".join(_cut(cut) for cut in cuts)}</div>'
+        )
+    undrawn = undrawn_walls(result.structure.walls, association, result.plan_from_cams)
+    unseen = unseen_faces(floorplan, association, crop)
+    if faces or undrawn:
+        html.append(
+            "<h3>Wall by wall</h3>"
+            f"<p>{len(faces)} seen, {len(undrawn)} missing in the plan, {len(unseen)} not seen. Press a "
+            "head to sort. Offset: median distance of the scanned "
+            "pieces of a wall from where it is drawn, after the fit; positive towards the room, "
+            "negative into the wall. Spread: median deviation of the pieces from that. Walls with most "
+            "pieces come first, then what was scanned but is missing in the plan (furniture, too, where "
+            "it stands like a wall), then walls of the part shown above that were not seen.</p>"
+            f"{wall_table(faces, undrawn, unseen, floorplan)}"
         )
     return "\n".join(html)
+
+
+def links(floorplan: Floorplan, both: BeforeAfter, matches: Matches, crop: Crop) -> str:
+    """Revisits, and matched points of each frame."""
+    n_frames = len(both.after.trajectory)
+    loops = loops_of(matches, tables.LOOP_MIN_FRAMES)
+    by_frame = matches_by_frame(matches, n_frames)
+    plan_ends = floorplan.ends if both.is_placed else np.zeros((0, 2, 2))
+    n_none = int(np.sum(by_frame == 0))
+    none = (
+        f" {n_none} of {n_frames} {_plural(n_none, 'has', 'have')} none: only the recorded motion, "
+        "floor and walls hold them."
+        if n_none
+        else ""
+    )
+    pictures = [
+        _figure(
+            loop_map(plan_ends, both.after.trajectory, loops, crop, PANEL_IN),
+            f"<strong>Revisits:</strong> {amounts.count(len(loops))} pairs of frames, more than "
+            f"{tables.LOOP_MIN_FRAMES} frames apart, that show the same place. Where the path comes "
+            "back and there is no line, the plan alone holds the visits together.",
+            "Verified revisits from above",
+        ),
+        _figure(
+            matches_plot(by_frame),
+            f"<strong>Matched points of each frame.</strong>{none}",
+            "Matched points of each frame",
+        ),
+    ]
+    return f'<h2>Matches</h2><div class="pair">{"".join(pictures)}</div>'
+
+
+def _cut(section: CrossSection) -> str:
+    face = section.face
+    apart = [amounts.length(float(np.abs(p[:, 0]).mean())) for p in (section.before, section.after)]
+    return _figure(
+        draw_section(section),
+        f"<strong>No.{amounts.SPACE}{face.number}:</strong> {amounts.count(len(section.after))} "
+        f"points, on average {apart[0]} from the drawn wall before and {apart[1]} after",
+        f"Wall {face.number} cut across, before and after",
+    )
 
 
 def _close_up(floorplan: Floorplan, both: BeforeAfter, mark: Mark) -> str:

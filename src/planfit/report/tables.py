@@ -6,7 +6,6 @@ from html import escape
 from planfit.pipeline import RefineResult
 from planfit.report import amounts
 from planfit.report.key_figures import KeyFigure
-from planfit.report.walls import SeenFace
 
 LOOP_MIN_FRAMES = 4
 """Pairs of frames further apart than this are revisits: loops."""
@@ -20,7 +19,6 @@ _TERMS = {
     "columns": "columns",
     "trajectory": "recorded motion",
 }
-_ROWS = 20
 
 
 def table(
@@ -66,45 +64,6 @@ def key_figure_table(figures: Sequence[KeyFigure]) -> str:
             )
         )
     return f'<div class="keys">{table(("", "before", "after", "change"), rows, "wnnn")}</div>'
-
-
-def wall_table(faces: Sequence[SeenFace]) -> str:
-    """Plan walls that were seen, most pieces first; the long tail is folded away."""
-    has_solved = any(face.solved for face in faces)
-    heads = ("No.", "verdict", "offset", "spread", "pieces", "length", "middle x, y (m)")
-    if has_solved:
-        heads = (*heads, "given way by")
-    rows, styles = [], []
-    for face in faces:
-        x, y = face.middle_xy
-        solved = (_solved(face),) if has_solved else ()
-        rows.append(
-            (
-                str(face.number),
-                escape(face.verdict),
-                amounts.centimetres(face.offset, signed=True),
-                amounts.centimetres(face.spread),
-                str(face.n_pieces),
-                f"{face.length:.2f}{amounts.SPACE}m",
-                f"{x:.1f}, {y:.1f}".replace("-", amounts.MINUS),
-                *solved,
-            )
-        )
-        styles.append("shifted" if face.is_shifted else "")
-    kinds = "nw" + "n" * (len(heads) - 2)
-    html = table(heads, rows[:_ROWS], kinds, styles[:_ROWS])
-    if len(rows) > _ROWS:
-        rest = table(heads, rows[_ROWS:], kinds, styles[_ROWS:])
-        html += f"<details><summary>{len(rows) - _ROWS} more walls</summary>{rest}</details>"
-    return f'<div class="walls">{html}</div>'
-
-
-def _solved(face: SeenFace) -> str:
-    """Offset that the adjustment gave a face, with its standard deviation."""
-    if face.solved is None:
-        return ""
-    offset, sigma = face.solved
-    return f"{amounts.centimetres(offset, signed=True)} ± {amounts.centimetres(sigma)}"
 
 
 def cost_table(result: RefineResult) -> str:

@@ -86,8 +86,17 @@ def set_up_view(axes: Axes, crop: Crop, is_placed: bool = True) -> None:
     axes.set_ylabel(f"y{where} (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
 
 
-def draw_points(axes: Axes, crop: Crop, xy: np.ndarray, color: str) -> None:
-    """Points (n, 2) as a density image: every point counts, and none hides another."""
+def draw_points(
+    axes: Axes,
+    crop: Crop,
+    xy: np.ndarray,
+    color: str,
+    extent: tuple[float, float, float, float] | None = None,
+) -> None:
+    """Points (n, 2) as a density image: every point counts, and none hides another.
+
+    `extent` is where on the axes the crop is drawn (left, right, bottom, top), if not at itself.
+    """
     width_px = axes.get_window_extent().width
     # In an overview of a building single pixels would not be seen.
     columns = max(1, int(width_px / (3.0 if crop.size.max() > 20.0 else 2.0)))
@@ -105,9 +114,10 @@ def draw_points(axes: Axes, crop: Crop, xy: np.ndarray, color: str) -> None:
     image[:, 3] = np.where(counts > 0, 0.35 + 0.65 * np.minimum(counts / full, 1.0), 0.0)
     axes.imshow(
         image.reshape(rows, columns, 4),
-        extent=(crop.low[0], crop.high[0], crop.low[1], crop.high[1]),
+        extent=extent or (crop.low[0], crop.high[0], crop.low[1], crop.high[1]),
         origin="lower",
         interpolation="nearest",
+        aspect="auto" if extent else "equal",
         zorder=4,
     )
 

@@ -1,0 +1,109 @@
+"""Walls cut across: distance from where they are drawn against height, before and after."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3
+from planfit.pipeline import RefineResult
+from planfit.report.drawing import (
+    AFTER,
+    BEFORE,
+    FONT_PT,
+    GREY,
+    INK,
+    PANEL_IN,
+    Picture,
+    add_axes,
+    new_figure,
+    to_picture,
+)
+from planfit.report.top_view import Crop, draw_points
+from planfit.report.walls import FEW_PIECES, SeenFace
+
+_HEIGHT_IN = 3.6
+_LEAST_RANGE_M, _LARGEST_RANGE_M = 0.1, 3.0
+_MAX_POINTS = 40_000
+
+
+@dataclass(frozen=True)
+class CrossSection:
+    """The scanned points of one drawn wall, seen along it."""
+
+    face: SeenFace
+    before: (
+        np.ndarray
+    )  # (n, 2) m: distance from the drawn face along its normal, height above floor
+    after: np.ndarray  # (n, 2) m
+
+
+def cut_walls(
+    floorplan: Floorplan, result: RefineResult, faces: list[SeenFace], max_count: int = 2
+) -> list[CrossSection]:
+    """The walls whose scanned points changed most, each by all points of its pieces.
+
+    A wall counts by its mean change of distance times the root of its points: a long wall that came
+    together says more than a stub.
+    """
+    association, pieces = result.walls.association, result.structure.walls
+    scored = []
+    for face in faces:
+        if face.n_pieces < FEW_PIECES:
+            continue
+        own = np.flatnonzero(association.face_idx == face.face_idx)
+        points = np.concatenate([np.arange(*pieces.start[k : k + 2]) for k in own])
+        points = points[:: max(1, len(points) // _MAX_POINTS)]
+        frames = pieces.point_frame_idx[points]
+        before, after = (
+            _across(floorplan, face.face_idx, poses[frames], pieces.points_cam[points])
+            for poses in (result.initial_plan_from_cams, result.plan_from_cams)
+        )
+        change = float(np.abs(np.minimum(np.abs(before[:, 0]), 1.0) - np.abs(after[:, 0])).mean())
+        scored.append((change * np.sqrt(len(points)), CrossSection(face, before, after)))
+    scored.sort(key=lambda s: -s[0])
+    return [section for _, section in scored[:max_count]]
+
+
+def draw_section(section: CrossSection) -> Picture:
+    """Before and after beside each other; the drawn face is the dark upright line."""
+    distances = np.concatenate([section.before[:, 0], section.after[:, 0]])
+    low_m, high_m = np.clip(
+        np.percentile(distances, [1.5, 98.5]), -_LARGEST_RANGE_M, _LARGEST_RANGE_M
+    )
+    low_m, high_m = (
+        1.1 * min(float(low_m), -_LEAST_RANGE_M),
+        1.1 * max(float(high_m), _LEAST_RANGE_M),
+    )
+    top_m = max(1.0, float(np.percentile(section.after[:, 1], 99.5))) + 0.15
+    figure = new_figure(PANEL_IN, _HEIGHT_IN)
+    width_in = (PANEL_IN - 0.55 - 0.1 - 0.25) / 2
+    height_in = _HEIGHT_IN - 0.42 - 0.28
+    for k, (name, color, points) in enumerate(
+        (("before", BEFORE, section.before), ("after", AFTER, section.after))
+    ):
+        left = 0.55 + k * (width_in + 0.25)
+        axes = add_axes(figure, left, 0.42, width_in, height_in)
+        axes.set_xlim(low_m, high_m)
+        axes.set_ylim(0.0, top_m)
+        # Distances are stretched: centimetres matter across a wall, metres along its height.
+        square = np.array([1.0, (high_m - low_m) / width_in * height_in / top_m])
+        crop = Crop(np.array([low_m, 0.0]), np.array([high_m, top_m]) * square)
+        draw_points(axes, crop, points * square, color, (low_m, high_m, 0.0, top_m))
+        axes.axvline(0.0, color=INK, linewidth=1.0, zorder=5)
+        axes.set_title(name, fontsize=FONT_PT, color=color, fontweight="bold", pad=4)
+        axes.set_xlabel("from the drawn wall (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
+        if k == 0:
+            axes.set_ylabel("height (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
+        else:
+            axes.tick_params(labelleft=False)
+    return to_picture(figure)
+
+
+def _across(
+    floorplan: Floorplan, face: int, plan_from_cams: np.ndarray, points_cam: np.ndarray
+) -> np.ndarray:
+    """Distance from a face and height (n, 2) m of points (n, 3), each with its own pose (n, 4, 4)."""
+    points = se3.transform(plan_from_cams, points_cam[:, None])[:, 0]
+    distance = points[:, :2] @ floorplan.normals[face] - floorplan.offsets[face]
+    return np.column_stack([distance, points[:, 2]])

@@ -1,0 +1,21 @@
+// Sorts a table by the column whose head is pressed; again: the other way. Empty cells stay last.
+for (const table of document.querySelectorAll("table.sortable")) {
+  const heads = [...table.tHead.rows[0].cells];
+  heads.forEach((head, column) =>
+    head.addEventListener("click", () => {
+      const down = head.getAttribute("aria-sort") === "ascending";
+      heads.forEach((other) => other.removeAttribute("aria-sort"));
+      head.setAttribute("aria-sort", down ? "descending" : "ascending");
+      const key = (row) => row.cells[column].dataset.key;
+      const isNumber = head.classList.contains("num");
+      const rows = [...table.tBodies[0].rows];
+      rows.sort((a, b) => {
+        const [x, y] = [key(a), key(b)];
+        if (x === "" || y === "") return (x === "") - (y === "");
+        const order = isNumber ? Number(x) - Number(y) : x.localeCompare(y);
+        return down ? -order : order;
+      });
+      table.tBodies[0].append(...rows);
+    }),
+  );
+}

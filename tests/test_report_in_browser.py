@@ -1,0 +1,72 @@
+"""The report in a real browser: nothing overflows on a phone, heads sort, nothing is fetched."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from planfit.report import make_report
+from test_report import floorplan as floorplan  # a fixture
+from test_report import make_result
+
+BROWSER = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium to open the report with")
+
+PROBE = """
+<script>
+addEventListener("load", () => {
+  const frame = document.querySelector("iframe"), page = frame.contentDocument;
+  const rows = () => [...page.querySelectorAll("table.sortable tbody tr")];
+  const numbers = () => rows().map((r) => r.cells[2].textContent);
+  const head = page.querySelectorAll("table.sortable th")[2];
+  const found = {before: numbers()};
+  head.querySelector("button").click(); found.up = numbers();
+  head.querySelector("button").click(); found.down = numbers();
+  found.width = page.documentElement.scrollWidth;
+  found.images = [...page.images].map((i) => i.complete && i.naturalWidth > 0);
+  document.title = "FOUND" + JSON.stringify(found);
+});
+</script>
+"""
+
+
+def open_in_browser(tmp_path, report, width_px):
+    """What the probe found of a report shown in a frame of some width."""
+    page = tmp_path / "probe.html"
+    page.write_text(
+        "<!DOCTYPE html><meta charset=utf-8><title>-</title>"
+        f'<iframe style="width:{width_px}px;height:800px;border:0" srcdoc="{html.escape(report)}">'
+        f"</iframe>{PROBE}",
+        encoding="utf-8",
+    )
+    command = [
+        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
+        "--virtual-time-budget=20000", "--dump-dom", page.as_uri(),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    title = re.search(r"<title>FOUND(.*?)</title>", done.stdout, re.S)
+    assert title, done.stdout[-2000:]
+    return json.loads(html.unescape(title[1]))
+
+
+@pytest.mark.parametrize("width_px", [360, 1200])
+def test_report_fits_sorts_and_shows_its_pictures(tmp_path, floorplan, width_px):
+    report = make_report(
+        "scan", floorplan, make_result(12, (0.01, 0.07, -0.12, 0.0)), "[a]\nb = 1\n"
+    )
+    found = open_in_browser(tmp_path, report, width_px)
+    assert found["width"] <= width_px
+    assert found["images"]
+    assert all(found["images"])
+
+    def offsets(cells):
+        return [float(c.split()[0].replace("\u2212", "-")) for c in cells]
+
+    assert offsets(found["before"]) != sorted(offsets(found["before"]))
+    assert offsets(found["up"]) == sorted(offsets(found["before"]))
+    assert offsets(found["down"]) == sorted(offsets(found["before"]), reverse=True)
