@@ -78,6 +78,8 @@ def summarise(floorplan: Floorplan) -> None:
         rows.append(["thickness", f"{low:.3g} to {high:.3g}, median {middle:.3g} {unit}"])
     if floorplan.openings is not None:
         rows.append(["openings", f"{len(floorplan.openings)} gaps of doors and windows in faces"])
+    if source.is_mirrored:
+        rows.append(["mirrored", "left and right of the file are swapped (--mirror)"])
     if source.storeys:
         chosen = f"; read: {source.storey}" if source.storey else ""
         rows.append(["storeys", ", ".join(source.storeys) + chosen])
