@@ -11,14 +11,20 @@ TOLERANCE = 0.12
 
 
 def arcs_of_lines(lines: Lines) -> np.ndarray:
-    """The two ends (n, 2, 2) of each run of pieces of a curve, in the order of the file."""
+    """The two ends (n, 2, 2) of each run of pieces of a curve, in the order of the file.
+
+    A run goes on from one path to the next where it keeps its course: some programs write one arc as
+    several splines. The arcs of a double door meet at a point, but turn back there.
+    """
     if not lines.is_curved.any():
         return np.zeros((0, 2, 2))
     at = np.flatnonzero(lines.is_curved)
+    ends, along = lines.ends[at], segments.directions(lines.ends[at])
+    gap = np.linalg.norm(ends[1:, 0] - ends[:-1, 1], axis=1)
     joined = (
         (np.diff(at) == 1)
-        & (lines.path[at[1:]] == lines.path[at[:-1]])
-        & (np.abs(lines.ends[at[1:], 0] - lines.ends[at[:-1], 1]).max(axis=1) == 0)
+        & (gap <= 1e-3 * segments.lengths(ends)[1:])
+        & (np.einsum("ni,ni->n", along[1:], along[:-1]) > 0.5)
     )
     first = at[np.concatenate([[True], ~joined])]
     last = at[np.concatenate([~joined, [True]])]

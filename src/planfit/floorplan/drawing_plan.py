@@ -75,6 +75,7 @@ def plan_of_drawing(
         faces.is_oriented,
         fingerprint,
         thickness=faces.thickness * scale,
+        openings=(walls.openings - origin) * scale if len(walls.openings) else None,
         is_metric=unit.metres_per_unit is not None,
         source=PlanSource(
             kind=kind,
