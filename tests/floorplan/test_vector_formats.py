@@ -233,3 +233,23 @@ def test_an_arc_in_several_pieces_is_one_door(tmp_path):
 
     plan = read_floorplan(write_dxf(tmp_path / "a.dxf", VILLA, layer="PLAN", extra=draw))
     assert_same(plan, VILLA, share=0.998)
+
+
+def test_a_leaf_that_swings_both_ways_is_no_wall(tmp_path):
+    def draw(document):
+        space = document.modelspace()
+        for x in (7.0, 7.05):
+            space.add_line((x, 3.0), (x, 5.0))
+        space.add_arc((7.0, 4.0), 1.0, 90, 270)
+
+    def bench(document):
+        draw(document)
+        space = document.modelspace()
+        space.delete_entity(space.query("ARC").first)
+
+    clean = read_floorplan(write_dxf(tmp_path / "a.dxf", VILLA, layer="PLAN"))
+    plan = read_floorplan(write_dxf(tmp_path / "b.dxf", VILLA, layer="PLAN", extra=draw))
+    np.testing.assert_allclose(plan.ends, clean.ends)
+    # The same two lines without the arc are a thin wall.
+    wall = read_floorplan(write_dxf(tmp_path / "c.dxf", VILLA, layer="PLAN", extra=bench))
+    assert len(wall) == len(clean) + 2

@@ -88,7 +88,7 @@ def walls_of_drawing(
         dropped.append(
             f"{lines.is_curved.sum()} pieces of curves (door arcs, symbols, round walls)"
         )
-    is_leaf = ~lines.is_curved & is_door_leaf(lines.ends, arcs_of_lines(lines))
+    is_leaf = ~lines.is_curved & is_door_leaf(lines.ends, *arcs_of_lines(lines))
     if is_leaf.any():
         dropped.append(f"{is_leaf.sum()} lines of open doors")
     keep = ~is_row & ~lines.is_curved & ~is_leaf

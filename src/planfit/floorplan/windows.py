@@ -85,17 +85,17 @@ def _boxes(ends: np.ndarray, least: float, most: float, tolerance: float) -> np.
 
 def _in_rows(boxes: np.ndarray, tolerance: float) -> np.ndarray:
     """Boxes (k, 4, 2) with those made one that only a mullion, no wider than the wall is thick, parts."""
-    boxes = [*boxes]
+    rows = [*boxes]
     at = 0
-    while at < len(boxes):
-        box = boxes[at]
+    while at < len(rows):
+        box = rows[at]
         origin, along = box[0], (box[1] - box[0]) / np.linalg.norm(box[1] - box[0])
         axes = np.stack([along, (box[3] - box[0]) / np.linalg.norm(box[3] - box[0])], axis=1)
         width = float(np.linalg.norm(box[3] - box[0]))
         low, high = 0.0, float(np.linalg.norm(box[1] - box[0]))
         others = []
-        for k in range(at + 1, len(boxes)):
-            local = (boxes[k] - origin) @ axes
+        for k in range(at + 1, len(rows)):
+            local = (rows[k] - origin) @ axes
             sides = np.sort(local[:, 1])
             is_in_row = np.abs(sides - [0, 0, width, width]).max() < 2 * tolerance
             if is_in_row and local[:, 0].max() > low - width and local[:, 0].min() < high + width:
@@ -103,11 +103,11 @@ def _in_rows(boxes: np.ndarray, tolerance: float) -> np.ndarray:
                 low, high = min(low, local[:, 0].min()), max(high, local[:, 0].max())
         if others:
             corners = np.array([[low, 0], [high, 0], [high, width], [low, width]])
-            boxes[at] = origin + corners @ axes.T
-            boxes = [b for k, b in enumerate(boxes) if k not in others]
+            rows[at] = origin + corners @ axes.T
+            rows = [row for k, row in enumerate(rows) if k not in others]
         else:
             at += 1
-    return np.array(boxes).reshape(-1, 4, 2)
+    return np.array(rows).reshape(-1, 4, 2)
 
 
 def _is_in_wall(box: np.ndarray, ends: np.ndarray, tree: shapely.STRtree, tolerance: float) -> bool:
@@ -137,7 +137,7 @@ def _is_in_wall(box: np.ndarray, ends: np.ndarray, tree: shapely.STRtree, tolera
 
 def _outermost(boxes: np.ndarray, tolerance: float) -> np.ndarray:
     """Boxes (k, 4, 2) without those within others: frames within openings."""
-    polygons = shapely.polygons(boxes)
+    polygons = np.asarray(shapely.polygons(boxes), dtype=object)
     order = np.argsort(-shapely.area(polygons), kind="stable")
     kept: list[int] = []
     for k in order:
