@@ -253,3 +253,19 @@ def test_a_leaf_that_swings_both_ways_is_no_wall(tmp_path):
     # The same two lines without the arc are a thin wall.
     wall = read_floorplan(write_dxf(tmp_path / "c.dxf", VILLA, layer="PLAN", extra=bench))
     assert len(wall) == len(clean) + 2
+
+
+def test_clones_and_symbols_of_an_svg_are_drawn_where_they_are_used(tmp_path):
+    path = write_svg(tmp_path / "a.svg", WALLS)
+    alone = read_floorplan(path)
+    text = path.read_text()
+    clone = '<use xlink:href="#floor" x="400"/></svg>'
+    path.write_text(text.replace("<g >", '<g id="floor">').replace("</svg>", clone))
+    twice = read_floorplan(path)
+    assert len(twice) == 2 * len(alone)
+    assert twice.size[0] == pytest.approx(alone.size[0] + 400)
+    # A symbol shows only where it is used, and shows there.
+    symbol = text.replace("<g >", '<symbol id="floor">').replace("</g>", "</symbol>")
+    path.write_text(symbol.replace("</svg>", clone))
+    moved = read_floorplan(path)
+    np.testing.assert_allclose(moved.ends, alone.ends + np.array([400, 0]), atol=1e-6)
