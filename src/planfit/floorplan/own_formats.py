@@ -137,7 +137,7 @@ def read_json(path: Path, options: PlanOptions) -> Floorplan:
     extent = float(np.ptp(ends.reshape(-1, 2), axis=0).max()) if len(ends) else 0.0
     shortest = 1e-6 if file_unit == "m" else 1e-9 * extent
     if len(ends) == 0 or (segments.lengths(ends) < shortest).any():
-        found = "none" if len(ends) == 0 else "one without"
+        found = "0 faces" if len(ends) == 0 else "one without"
         raise FloorplanError(
             f"{path}: expected faces with length, found {found}; see docs/formats.md"
         )
