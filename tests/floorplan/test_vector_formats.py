@@ -269,3 +269,22 @@ def test_clones_and_symbols_of_an_svg_are_drawn_where_they_are_used(tmp_path):
     path.write_text(symbol.replace("</svg>", clone))
     moved = read_floorplan(path)
     np.testing.assert_allclose(moved.ends, alone.ends + np.array([400, 0]), atol=1e-6)
+
+
+def test_a_wall_drawn_in_layers_between_its_windows_stays(tmp_path):
+    """Panes and layers both run from jamb to jamb: what nothing tells apart is not cut out of the plan."""
+    house = shapely.box(0, 0, 20, 8).difference(shapely.box(0.4, 0.4, 19.6, 7.6))
+
+    def facade(document):
+        space, layer, start = document.modelspace(), {"layer": "PLAN"}, 0.4
+        for low, high in ((3.0, 4.5), (7.0, 8.5), (12.0, 14.0), (19.6, None)):
+            space.add_line((start, 0.15), (low, 0.15), dxfattribs=layer)
+            if high is not None:
+                space.add_line((low, 0.2), (high, 0.2), dxfattribs=layer)
+                for x in (low, high):
+                    space.add_line((x, 0.0), (x, 0.4), dxfattribs=layer)
+                start = high
+
+    plan = read_floorplan(write_dxf(tmp_path / "a.dxf", house, layer="PLAN", extra=facade))
+    assert plan.openings is None
+    assert_same(plan, house)
