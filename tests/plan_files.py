@@ -171,3 +171,123 @@ def write_geojson(path, area, kind="wall", longitude=11.57, latitude=48.14):
     ]  # fmt: skip
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     return path
+
+
+def write_png(path, area, pixels_per_metre=50.0, lines=(), arcs=()):
+    """Walls solid black, each pixel as dark as the share of it that is wall, and thin line work in m. A point
+    (x, y) m lies at the pixel coordinates of `pixels_of`."""
+    import cv2
+
+    sub = 8  # drawn this many times larger, then averaged
+    low, high = np.array(area.bounds).reshape(2, 2)
+    width, height = np.ceil((high - low) * pixels_per_metre).astype(int) + 2 * PNG_MARGIN_PX
+    canvas = np.full((height * sub, width * sub), 255, np.uint8)
+
+    def drawn(xy):
+        # Pixel centres are integers, so that the edge of the first pixel is at -0.5.
+        uv = (pixels_of(xy, area, pixels_per_metre) + 0.5) * sub - 0.5
+        return np.round(uv * 16).astype(np.int32)
+
+    for part in shapely.get_parts(area):
+        cv2.fillPoly(canvas, [drawn(ring) for ring in rings_of(part)], 0, cv2.LINE_AA, 4)
+    turned = [
+        centre + radius * np.stack([np.cos(t), np.sin(t)], axis=1)
+        for centre, radius, start, end in arcs
+        for t in [np.deg2rad(np.linspace(start, end, 40))]
+    ]
+    for points in [*lines, *turned]:
+        cv2.polylines(canvas, [drawn(points)], False, 0, int(1.5 * sub), cv2.LINE_AA, 4)
+    image = cv2.resize(canvas, (int(width), int(height)), interpolation=cv2.INTER_AREA)
+    assert cv2.imwrite(str(path), image)
+    return path
+
+
+PNG_MARGIN_PX = 40
+
+
+def pixels_of(xy, area, pixels_per_metre=50.0):
+    """Pixel coordinates (n, 2), v down, of points (n, 2) m in the picture of `write_png`."""
+    west, _, _, north = area.bounds
+    return (np.asarray(xy) - (west, north)) * (1, -1) * pixels_per_metre + PNG_MARGIN_PX
+
+
+VILLA_WINDOWS = [
+    ((0, 0), (14, 0), 1.5, 3.0, 0.4), ((0, 0), (14, 0), 6.5, 8.0, 0.4),
+    ((0, 0), (14, 0), 11.0, 13.0, 0.4), ((14, 0), (17, 4), 1.2, 3.2, 0.4),
+    ((15, 11), (6, 12.5), 1.0, 2.6, 0.4), ((15, 11), (6, 12.5), 6.0, 7.4, 0.4),
+    ((6, 12.5), (0, 9), 3.0, 4.6, 0.4), ((0, 9), (0, 0), 1.5, 3.0, 0.4),
+]  # fmt: skip
+"""Outer line of a wall that runs counter-clockwise, from and to along it, thickness, m."""
+VILLA_DOORS = [
+    ((5, 0), (5, 12.5), 1.2, 2.1, 0.25), ((5, 6), (16.5, 4.5), 2.0, 2.9, 0.25),
+    ((5, 6), (16.5, 4.5), 7.5, 8.4, 0.25), ((0, 4.5), (5, 4.5), 1.9, 2.7, 0.1),
+    ((10, 5.3), (10.8, 12.2), 3.0, 3.9, 0.1), ((9.5, 0), (9.5, 5.4), 3.0, 3.8, 0.1),
+]  # fmt: skip
+"""Middle line of a wall, from and to along it, thickness, m."""
+
+
+def make_villa():
+    """A building unlike `make_plan`'s, m: slanted and bevelled walls, 0.4 m outside, 0.25 and 0.1 m
+    within, a column, doors, a passage and windows."""
+    outside = shapely.Polygon([(0, 0), (14, 0), (17, 4), (15, 11), (6, 12.5), (0, 9)])
+    solid = [outside.difference(outside.buffer(-0.4, join_style="mitre"))]
+
+    def wall(start, end, thickness):
+        line = shapely.LineString([start, end])
+        return line.buffer(thickness / 2, cap_style="flat").intersection(outside)
+
+    solid += [
+        wall((5, 0), (5, 12.5), 0.25),
+        wall((5, 6), (16.5, 4.5), 0.25),
+        wall((0, 4.5), (5, 4.5), 0.1),
+        wall((10, 5.3), (10.8, 12.2), 0.1),
+        wall((9.5, 0), (9.5, 5.4), 0.1),
+        shapely.box(7.0, 8.2, 7.5, 8.7),
+    ]
+    passage = ((5, 0), (5, 12.5), 8.0, 9.6, 0.25)
+    gaps = [
+        shapely.LineString(_along(*opening[:4])).buffer(0.45, cap_style="flat")
+        for opening in (*VILLA_WINDOWS, *VILLA_DOORS, passage)
+    ]
+    return shapely.union_all(solid).difference(shapely.union_all(gaps))
+
+
+def _along(start, end, low, high):
+    """Two points (2, 2) on a line."""
+    start, end = np.array(start, float), np.array(end, float)
+    along = (end - start) / np.linalg.norm(end - start)
+    return np.array([start + low * along, start + high * along])
+
+
+def window_lines(style, windows=VILLA_WINDOWS):
+    """Line work (k, 2, 2) of windows: "pane" one line in the middle, "panes" two 6 cm apart, "sills" one
+    or two and the faces of the wall drawn through; all with the jambs."""
+    lines = []
+    for start, end, low, high, thickness in windows:
+        line = _along(start, end, low, high)
+        along = (line[1] - line[0]) / (high - low)
+        inwards = np.array([-along[1], along[0]])
+        depths = {"pane": [0.5], "panes": [0.425, 0.575], "sills": [0.0, 0.425, 0.575, 1.0]}[style]
+        lines += [line + depth * thickness * inwards for depth in depths]
+        lines += [np.array([p, p + thickness * inwards]) for p in line]
+    return np.array(lines)
+
+
+def door_lines(style, doors=VILLA_DOORS):
+    """Leaves (k, 2, 2) of open doors, as a "line" or a "box" of 4 cm, and their quarter circles, a list of
+    centre, radius, and angles (deg) from and to."""
+    lines, arcs = [], []
+    for start, end, low, high, thickness in doors:
+        hinge, latch = _along(start, end, low, high)
+        width = high - low
+        along = (latch - hinge) / width
+        left = np.array([-along[1], along[0]])
+        hinge = hinge + 0.5 * thickness * left
+        leaf = np.array([hinge, hinge + width * left])
+        lines.append(leaf)
+        if style == "box":
+            other = leaf + 0.04 * along
+            lines += [other, np.array([leaf[0], other[0]]), np.array([leaf[1], other[1]])]
+        angle = np.rad2deg(np.arctan2(along[1], along[0]))
+        arcs.append((hinge, width, angle, angle + 90.0))
+    return np.array(lines), arcs

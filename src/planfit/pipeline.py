@@ -95,7 +95,7 @@ def refine(
     level, level_from_keys = prepared.level_from_world, prepared.level_from_keys
     recorded = level @ scan.world_from_cams
     with clock.stage("place on the plan"):
-        claimed = claimed_place(scan, level) if floorplan.is_metric else None
+        claimed = claimed_place(scan, floorplan, level)
         alignment = place(prepared, floorplan, options.align, claimed)
         plan_from_level = alignment.plan_from_level if alignment else claimed
         if not floorplan.is_metric and alignment:

@@ -40,9 +40,7 @@ def align_scan(
     if not scan.fingerprint:
         work = dataclasses.replace(work, cache_dir=None)
     prepared = prepare(scan, options, work, Clock(work))
-    claimed = None
-    if floorplan.is_metric:
-        claimed = claimed_place(scan, prepared.level_from_world)
+    claimed = claimed_place(scan, floorplan, prepared.level_from_world)
     alignment = place(prepared, floorplan, options.align, claimed)
     if alignment is None:
         return None
@@ -83,9 +81,14 @@ def place(
     return alignment
 
 
-def claimed_place(scan: Scan, level_from_world: np.ndarray) -> np.ndarray | None:
-    """plan_from_level (4, 4) where the scan's format records poses in the plan's axes."""
-    if scan.plan_from_world_axes is None:
+def claimed_place(
+    scan: Scan, floorplan: Floorplan, level_from_world: np.ndarray
+) -> np.ndarray | None:
+    """plan_from_level (4, 4) where the scan's format records poses in the plan's axes.
+
+    That says nothing of a plan whose unit is unknown, or which is not taken as it was drawn.
+    """
+    if scan.plan_from_world_axes is None or not floorplan.is_metric or floorplan.source.is_mirrored:
         return None
     claimed = scan.plan_from_world_axes @ se3.inverse(level_from_world)
     claimed[2, 3] = 0.0  # the floor is at z = 0 in both frames

@@ -168,7 +168,28 @@ def test_a_mirrored_plan_is_said_to_be_one(office, scan, metres_per_unit):
     assert found.is_mirrored
     assert not found.is_sure
     assert any(words.startswith("the plan is mirrored: ") for words in found.warnings)
+    assert any(words.endswith("run again with --mirror") for words in found.warnings)
     assert not align(scan, office, AlignOptions()).is_mirrored
+
+
+def test_a_plan_mirrored_for_nothing_is_said_to_be_one(office, scan):
+    found = align(scan, office.mirrored(), AlignOptions())
+    assert found.is_mirrored
+    assert any(words.endswith("run again without --mirror") for words in found.warnings)
+
+
+@pytest.mark.parametrize("metres_per_unit", [1.0, 0.02])
+def test_a_mirrored_plan_is_placed_once_it_is_swapped(office, scan, metres_per_unit):
+    drawn = replace(
+        office,
+        ends=office.ends * [-1, 1] / metres_per_unit,
+        normals=office.normals * [-1, 1],
+        is_metric=metres_per_unit == 1.0,
+    )
+    found = align(scan, drawn.mirrored(), AlignOptions())
+    assert found.is_sure
+    assert not found.is_mirrored
+    assert_found(found, 0.0, metres_per_unit, (0.0, 0.0))
 
 
 def test_another_building_is_not_believed(office, scan):

@@ -59,3 +59,15 @@ def test_a_folder_with_other_files_is_left_alone(small_scan: Path, tmp_path: Pat
     assert run(["align", str(small_scan), plan, "-o", str(tmp_path)]) == 2
     assert "found thesis.tex" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_mirror_undoes_a_mirrored_plan(aligned: Path, small_scan: Path, tmp_path: Path) -> None:
+    drawn = tmp_path / "plan.npy"
+    np.save(drawn, np.load(small_scan / "floorplan.npy") * [-1, 1, -1, 1])
+    out = tmp_path / "out"
+    assert run(["align", str(small_scan), str(drawn), "-o", str(out), "--mirror"]) == 0
+    record, true = (json.loads((f / "alignment.json").read_text()) for f in (out, aligned))
+    np.testing.assert_allclose(record["plan_from_level"], true["plan_from_level"], atol=0.02)
+    # Poses are in the axes of the plan as it was recorded, not of the swapped one.
+    assert not record["is_as_recorded"]
+    assert not record["warnings"]

@@ -130,3 +130,21 @@ def test_outputs_that_cannot_be(
     assert run(["plan", str(picture), "-o", str(picture.parent / name)]) == 2
     assert words in capsys.readouterr().err
     assert picture.read_bytes() == before
+
+
+def test_a_mirrored_plan_has_left_and_right_swapped(
+    picture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Faces, normals and openings; the overlay still lies on the drawing."""
+    as_drawn, mirrored = read_floorplan(picture), read_floorplan(picture, PlanOptions(mirror=True))
+    assert_array_equal(mirrored.ends, as_drawn.ends * [-1, 1])
+    assert_array_equal(mirrored.normals, as_drawn.normals * [-1, 1])
+    assert_array_equal(mirrored.openings, as_drawn.openings * [-1, 1])
+    assert_array_equal(mirrored.mirrored().ends, as_drawn.ends)
+    pictures = []
+    for flags in ([], ["--mirror"]):
+        out = tmp_path / "out.png"
+        assert run(["plan", str(picture), "-o", str(out), *flags]) == 0
+        pictures.append(cv2.imread(str(out)))
+    assert_array_equal(*pictures)
+    assert "left and right of the file are swapped" in capsys.readouterr().out

@@ -127,7 +127,7 @@ def align(
         flipped = walls.mirrored()
         flipped_turns = candidate_turns(flipped, floorplan, options.max_turns)
         mirrored = _fits(flipped, floorplan, scales, flipped_turns, (), [], options)[0]
-    verdict = judge(walls, fits, recorded, mirrored, floorplan.is_metric, options)
+    verdict = judge(walls, fits, recorded, mirrored, floorplan, options)
     return _alignment(_settled(verdict, walls, floorplan, _n_scales(floorplan, scales, options)))
 
 

@@ -9,6 +9,7 @@ from planfit.align.options import AlignOptions
 from planfit.align.refine import Fit
 from planfit.align.walls import WallSamples
 from planfit.errors import OptionError
+from planfit.floorplan import Floorplan
 
 MAX_PLACES = 4
 """Distinct places that are named."""
@@ -54,7 +55,7 @@ def judge(
     fits: list[Fit],
     recorded: np.ndarray | None,
     mirrored: Fit | None,
-    is_metric: bool,
+    floorplan: Floorplan,
     options: AlignOptions,
 ) -> Verdict:
     """Choose among refined places, best first.
@@ -64,7 +65,7 @@ def judge(
         fits: at least one, best first.
         recorded: plan_from_level (4, 4) that the scan's format claims, if it does.
         mirrored: best place of the scan with left and right swapped, if that was tried.
-        is_metric: whether the plan claims metres.
+        floorplan: for what the words say of it.
         options: see there.
 
     Raises:
@@ -99,12 +100,17 @@ def judge(
     is_close = runner_up is not None and margin < options.min_margin
     is_ambiguous = is_close and not is_as_recorded and options.candidate == 1
     if is_mirrored and mirrored is not None:
+        again = (
+            "run again without --mirror"
+            if floorplan.source.is_mirrored
+            else "run again with --mirror"
+        )
         warnings.append(
             f"the plan is mirrored: {mirrored.score:.0%} of the scanned wall fits it with left and "
-            f"right swapped, {taken.score:.0%} as drawn; mirror the drawing and run again"
+            f"right swapped, {taken.score:.0%} as drawn; {again}"
         )
     elif is_weak:
-        unit = ", in metres" if is_metric else ""
+        unit = ", in metres" if floorplan.is_metric else ""
         warnings.append(
             f"only {taken.score:.0%} of the scanned wall lies on the plan's faces (at least "
             f"{options.min_score:.0%} expected); is it the plan of this building{unit}?"

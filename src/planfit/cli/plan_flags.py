@@ -27,6 +27,8 @@ class PlanFlags:
     wall_mask: Path | None = None
     """Picture of the size of the plan, white where there is wall; takes the place of planfit's reading of
     the picture."""
+    mirror: bool = False
+    """Swap left and right of the plan: for one that was drawn or exported mirrored."""
 
     @property
     def options(self) -> PlanOptions:
@@ -43,4 +45,5 @@ class PlanFlags:
             self.page,
             self.cut_height_m,
             self.wall_mask,
+            self.mirror,
         )

@@ -6,7 +6,7 @@ import numpy as np
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.drawing import Drawing, cleaned
-from planfit.floorplan.drawing_units import unit_of_drawing
+from planfit.floorplan.drawing_units import UnitFound, unit_of_drawing
 from planfit.floorplan.drawing_walls import DrawnWalls, walls_of_drawing
 from planfit.floorplan.layer_names import Role, chosen_layers, role_of
 from planfit.floorplan.options import PlanOptions
@@ -53,13 +53,14 @@ def plan_of_drawing(
         if all(role == Role.NO_WALL for role in roles):
             roles = [Role.UNKNOWN] * len(roles)
     said = options.metres_per_unit
-    walls = walls_of_drawing(drawing, roles, said)
+    walls = first = walls_of_drawing(drawing, roles, said)
     _require_walls(walls, path, drawing)
     size = float(np.ptp(walls.faces.ends.reshape(-1, 2), axis=0).max())
     unit = unit_of_drawing(drawing, path, options, size, _usual_thickness(walls))
     if unit.metres_per_unit is not None and unit.metres_per_unit != said:
         again = walls_of_drawing(drawing, roles, unit.metres_per_unit)
         walls = again if len(again.faces.ends) else walls
+    doubts = _unit_doubts(first, walls, unit)
     hidden = [f"layers that are off or frozen: {', '.join(drawing.hidden_layers)}"]
     faces = walls.faces
     scale = unit.metres_per_unit or 1.0
@@ -75,6 +76,7 @@ def plan_of_drawing(
         faces.is_oriented,
         fingerprint,
         thickness=faces.thickness * scale,
+        openings=(walls.openings - origin) * scale if len(walls.openings) else None,
         is_metric=unit.metres_per_unit is not None,
         source=PlanSource(
             kind=kind,
@@ -82,7 +84,7 @@ def plan_of_drawing(
             unit_from=unit.unit_from,
             layers=tuple(name for name in walls.layers if name),
             dropped=(*dropped, *walls.dropped, *(hidden if drawing.hidden_layers else [])),
-            warnings=(*unit.warnings, *walls.warnings),
+            warnings=(*unit.warnings, *doubts, *walls.warnings),
             file_from_plan=file_from_plan,
             drawn_lines=drawn,
             dropped_lines=left_out,
@@ -97,6 +99,17 @@ def _require_walls(walls: DrawnWalls, path: Path, drawing: Drawing) -> None:
             f"{len(drawing.lines)} lines and {len(drawing.fills)} areas; "
             "pass the layers that hold them, or check that it is a plan"
         )
+
+
+def _unit_doubts(first: DrawnWalls, walls: DrawnWalls, unit: UnitFound) -> tuple[str, ...]:
+    """Whether lines that look like walls where nothing is known of the unit are none in this one."""
+    apart = _usual_thickness(first)
+    if unit.metres_per_unit is None or apart is None or walls.faces.is_oriented.any():
+        return ()
+    return (
+        f"with {unit.unit} as the unit, no two lines are as near as the faces of a wall; if those "
+        f"{apart * unit.metres_per_unit:.2g} m apart are walls, the unit is wrong: give --unit",
+    )
 
 
 def _usual_thickness(walls: DrawnWalls) -> float | None:

@@ -19,9 +19,11 @@ from planfit.floorplan.line_walls import (
     estimate_thickness,
     faces_of_lines,
     rows_of_lines,
+    thickness_bounds,
 )
 from planfit.floorplan.regions import faces_of_regions
 from planfit.floorplan.rooms import edges_of_rooms, outside_rooms
+from planfit.floorplan.windows import take_out_windows
 from planfit.geometry import segments
 
 
@@ -38,6 +40,8 @@ class DrawnWalls:
     """(n,) bool of the drawing's lines: on layers of no walls, or of a form that no wall has."""
     apart: np.ndarray
     """(k, 2, 2) faces left out because they stand apart from the building."""
+    openings: np.ndarray
+    """(k, 2, 2) windows along the faces they interrupt, as far as they were drawn as such."""
 
 
 def walls_of_drawing(
@@ -84,7 +88,7 @@ def walls_of_drawing(
         dropped.append(
             f"{lines.is_curved.sum()} pieces of curves (door arcs, symbols, round walls)"
         )
-    is_leaf = ~lines.is_curved & is_door_leaf(lines.ends, arcs_of_lines(lines))
+    is_leaf = ~lines.is_curved & is_door_leaf(lines.ends, *arcs_of_lines(lines))
     if is_leaf.any():
         dropped.append(f"{is_leaf.sum()} lines of open doors")
     keep = ~is_row & ~lines.is_curved & ~is_leaf
@@ -97,6 +101,12 @@ def walls_of_drawing(
     is_called_wall[group[role == Role.WALL]] = True
     layer_of = np.zeros(len(ends), dtype=int)
     layer_of[group] = lines.layer
+    bounds = thickness_bounds(metres_per_unit, extent)
+    windows = take_out_windows(ends, *bounds, 2e-4 * extent)
+    ends, is_called_wall = windows.ends, is_called_wall[windows.line]
+    layer_of = layer_of[windows.line]
+    if len(windows.openings):
+        dropped.append(f"panes and sills of {len(windows.openings) // 2} windows in double lines")
     if wall_areas:
         solid = shapely.union_all(wall_areas)
         found.append(_faces_of_solid(solid, extent))
@@ -142,6 +152,7 @@ def walls_of_drawing(
         thickness,
         is_left_out,
         apart,
+        windows.openings,
     )
 
 

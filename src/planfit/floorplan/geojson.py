@@ -35,6 +35,8 @@ _IMDF_PARTS = ("unit", "opening", "level", "fixture")
 MAX_ARCHIVE_BYTES = 200_000_000
 MAX_DEGREES = 0.1
 """Wider than 11 km is no building: the coordinates are no degrees."""
+LIKELY_SIZE_M = 30.0
+"""Of a plan whose unit is unknown; used for tolerances alone."""
 OPENING_MARGIN_M = 0.05
 _EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563
 
@@ -55,6 +57,9 @@ class _Frame:
     unit: str
     unit_from: str
     is_metric: bool
+    warnings: tuple[str, ...] = ()
+    likely_metre: float = 1.0
+    """About a metre in `(xy - origin) * scale`, for tolerances."""
 
 
 def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
@@ -92,6 +97,7 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
         storeys=levels,
         layers=tuple(sorted({f.name for f in (walls or rooms)})),
         dropped=_left_out(here, used),
+        warnings=frame.warnings,
         file_from_plan=np.array(
             [[1 / frame.scale[0], 0, frame.origin[0]], [0, 1 / frame.scale[1], frame.origin[1]], [0, 0, 1]]
         ),
@@ -103,17 +109,28 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
     if walls and not solid:
         drawn = _drawing(areas, walls)
         plan = plan_of_drawing(
-            drawn, path, fingerprint, replace(options, layers=(), unit="m"), source.kind, np.eye(3)
+            drawn,
+            path,
+            fingerprint,
+            replace(
+                options, layers=(), metres_per_unit=None, unit="m" if frame.is_metric else "unknown"
+            ),
+            source.kind,
+            np.eye(3),
         )
-        return replace(plan, source=replace(source, warnings=plan.source.warnings))
+        return replace(
+            plan, source=replace(source, warnings=(*frame.warnings, *plan.source.warnings))
+        )
     if solid:
-        faces = faces_of_regions(shapely.union_all(solid), 0.005, 0.03)
+        faces = faces_of_regions(
+            shapely.union_all(solid), 0.005 * frame.likely_metre, 0.03 * frame.likely_metre
+        )
         ends, normals, thickness = faces.ends, faces.normals, faces.thickness
     else:
         gaps: list[BaseGeometry] = [
-            _local(f.area, frame).buffer(OPENING_MARGIN_M) for f in openings
+            _local(f.area, frame).buffer(OPENING_MARGIN_M * frame.likely_metre) for f in openings
         ]
-        ends = _edges([_local(f.area, frame) for f in rooms], gaps)
+        ends = _edges([_local(f.area, frame) for f in rooms], gaps, frame.likely_metre)
         normals, thickness = segments.left_normals(ends), np.full(len(ends), np.nan)
     return Floorplan(
         str(path), ends, normals, np.ones(len(ends), dtype=bool), fingerprint,
@@ -217,7 +234,18 @@ def _frame(areas: list[BaseGeometry], options: PlanOptions, collections: list[An
                   for _, data in collections)  # fmt: skip
     in_range = (np.abs([low, high]) <= (180.0, 90.0)).all()
     if options.unit == "unknown" or has_crs or not in_range or (high - low).max() > MAX_DEGREES:
-        return _Frame(low, np.ones(2), "unknown", "", False)
+        found = (
+            "another system of coordinates" if has_crs
+            else f"{(high - low).max():.4g} degrees of extent" if in_range
+            else f"coordinates up to {np.abs([low, high]).max():.4g}"
+        )  # fmt: skip
+        warning = (
+            f"expected longitude and latitude of a building, found {found}: the unit is unknown; "
+            "give --unit or --scale"
+        )
+        warnings = () if options.unit == "unknown" else (warning,)
+        likely_metre = float((high - low).max()) / LIKELY_SIZE_M
+        return _Frame(low, np.ones(2), "unknown", "", False, warnings, likely_metre)
     latitude = np.deg2rad(middle[1])
     eccentricity_sq = _FLATTENING * (2 - _FLATTENING)
     w_sq = 1 - eccentricity_sq * np.sin(latitude) ** 2
@@ -231,12 +259,12 @@ def _local(area: BaseGeometry, frame: _Frame) -> BaseGeometry:
     return shapely.transform(area, lambda xy: (xy - frame.origin) * frame.scale)
 
 
-def _edges(rooms: list[BaseGeometry], gaps: list[BaseGeometry]) -> np.ndarray:
+def _edges(rooms: list[BaseGeometry], gaps: list[BaseGeometry], metre: float) -> np.ndarray:
     """Edges (n, 2, 2) of rooms, the room on the left, without where openings are. Rooms of maps meet
     without thickness: each side of a shared edge is a face of its own."""
     rings = [
         np.asarray(ring.coords)[:, :2]
-        for part in shapely.get_parts(shapely.simplify(rooms, 0.005))
+        for part in shapely.get_parts(shapely.simplify(rooms, 0.005 * metre))
         if part.geom_type == "Polygon" and not part.is_empty
         for polygon in [orient(part)]
         for ring in (polygon.exterior, *polygon.interiors)
@@ -245,7 +273,7 @@ def _edges(rooms: list[BaseGeometry], gaps: list[BaseGeometry]) -> np.ndarray:
     pieces, _ = shapely.get_parts(
         shapely.difference(shapely.linestrings(ends), shapely.union_all(gaps)), return_index=True
     )
-    pieces = pieces[shapely.length(pieces) > 0.05]
+    pieces = pieces[shapely.length(pieces) > 0.05 * metre]
     return np.stack(
         [shapely.get_coordinates(shapely.get_point(pieces, i)) for i in (0, -1)], axis=1
     )

@@ -15,6 +15,8 @@ from planfit.floorplan.faces import Partners, covered_lengths, find_partners, li
 from planfit.geometry import segments
 
 MIN_THICKNESS_M, MAX_THICKNESS_M = 0.03, 0.62
+MAX_OPENING = 25.0
+"""Widest opening between pieces of one wall, in thicknesses of the usual wall: 2.5 m for one of 10 cm."""
 _PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
 
 
@@ -38,14 +40,19 @@ class LineFaces:
     line: np.ndarray  # (m,) the line that each lies on
 
 
+def thickness_bounds(metres_per_unit: float | None, extent: float) -> tuple[float, float]:
+    """Least and most thickness that a wall may have, in the drawing's unit."""
+    if metres_per_unit is None:
+        return extent / 3000, extent / 25
+    return MIN_THICKNESS_M / metres_per_unit, MAX_THICKNESS_M / metres_per_unit
+
+
 def estimate_thickness(
     ends: np.ndarray, metres_per_unit: float | None, extent: float
 ) -> Thickness | None:
     """Thickness of most of the walls: of the gaps from each line to the nearest beside it, the one in
     the middle of all the length that has one. None where no lines lie side by side."""
-    scale = None if metres_per_unit is None else 1 / metres_per_unit
-    least = extent / 3000 if scale is None else MIN_THICKNESS_M * scale
-    most = extent / 25 if scale is None else MAX_THICKNESS_M * scale
+    least, most = thickness_bounds(metres_per_unit, extent)
     pairs = find_partners(ends, most, least, 0.0, _PARALLEL_SINE)
     gap, overlap = np.abs(pairs.gap), pairs.high - pairs.low
     is_long = overlap > 3 * gap
@@ -59,7 +66,7 @@ def estimate_thickness(
     order = np.argsort(gap)
     share = np.cumsum(weight[order]) / weight.sum()
     usual = float(gap[order][np.searchsorted(share, 0.5)])
-    if scale is None:
+    if metres_per_unit is None:
         return Thickness(usual, 0.2 * usual, min(4 * usual, most))
     return Thickness(usual, least, most)
 
@@ -134,6 +141,7 @@ def faces_of_lines(
     side = np.sign(pairs.gap)
     keep = (overlap > 0.8 * gap) & (free_side[pairs.line] != side)
     keep &= free_side[pairs.partner] != _side_seen_from_partner(ends, pairs)
+    near = pairs
     pairs = _taken(pairs, keep)
     is_inner = _inner_lines(ends, pairs, thickness) & (free_side == 0)
     keep = ~is_inner[pairs.line] & ~is_inner[pairs.partner]
@@ -145,7 +153,26 @@ def faces_of_lines(
     pairs = _taken(pairs, keep)
     in_wall = _standing(ends, pairs, thickness, is_surely_wall | (free_side != 0))
     pairs = _taken(pairs, in_wall[pairs.line])
-    return _faces(ends, pairs, wall_side, thickness), is_inner
+    return _faces(ends, _with_short(ends, pairs, near, wall_side), wall_side, thickness), is_inner
+
+
+def _with_short(
+    ends: np.ndarray, pairs: Partners, near: Partners, wall_side: np.ndarray
+) -> Partners:
+    """`pairs` of faces of walls, and of all that are `near` those that lie as deep beside one another for
+    less than a wall's thickness: between a corner and the next wall there may be no more."""
+    n = len(ends)
+    in_wall, depth = np.zeros(n, dtype=bool), np.zeros(n)
+    in_wall[pairs.line] = True
+    np.maximum.at(depth, pairs.line, np.abs(pairs.gap))
+    keep = in_wall[near.line] & in_wall[near.partner]
+    keep &= wall_side[near.line] == np.sign(near.gap)
+    keep &= wall_side[near.partner] == _side_seen_from_partner(ends, near)
+    keep &= np.abs(near.gap) <= 1.01 * depth[near.line]
+    both = [np.concatenate([getattr(pairs, name), getattr(near, name)[keep]])
+            for name in ("line", "partner", "gap", "low", "high")]  # fmt: skip
+    order = np.argsort(both[0], kind="stable")
+    return Partners(*(values[order] for values in both))
 
 
 def _taken(pairs: Partners, keep: np.ndarray) -> Partners:
@@ -223,7 +250,41 @@ def _standing(
     np.maximum.at(slim, group[pairs.line], overlap / np.abs(pairs.gap))
     sure = np.bincount(group, is_surely_wall, minlength=count) > 0
     is_wall = (total > 6 * thickness.usual) & (slim > 4)
-    return in_pair & (is_wall | (sure & (total > thickness.usual)))[group]
+    stands = in_pair & (is_wall | (sure & (total > thickness.usual)))[group]
+    while True:
+        found = _piers(ends, pairs, stands, group, MAX_OPENING * thickness.usual)
+        if not found.any():
+            return stands
+        stands |= found
+
+
+def _piers(
+    ends: np.ndarray, pairs: Partners, stands: np.ndarray, group: np.ndarray, reach: float
+) -> np.ndarray:
+    """(n,) lines of pieces too short to be walls by themselves, both faces of which go on the lines of
+    both faces of a wall within `reach`: what is left between two windows, a corner between two."""
+    found = np.zeros(len(ends), dtype=bool)
+    strings, left = line_strings(ends), segments.left_normals(ends)
+    length = segments.lengths(ends)
+    new = np.flatnonzero((pairs.line < pairs.partner) & ~stands[pairs.line])
+    old = np.flatnonzero(stands[pairs.line])
+    if len(new) == 0 or len(old) == 0:
+        return found
+    a, b = shapely.STRtree(strings[pairs.line[old]]).query(
+        strings[pairs.line[new]], predicate="dwithin", distance=reach
+    )
+    a, b = new[a], old[b]
+    off = np.zeros(len(a))
+    for mine, other in ((pairs.line, pairs.line), (pairs.partner, pairs.partner)):
+        # Seen from the wall, which is longer: its course is the surer one.
+        i, j = mine[a], other[b]
+        across = np.einsum("pei,pi->pe", ends[i] - ends[j, :1], left[j])
+        off = np.maximum(off, np.abs(across).max(axis=1) / length[i])
+        off = np.maximum(off, np.abs(across).max(axis=1) / np.abs(pairs.gap[a]))
+    in_line = np.isin(group, group[pairs.line[a[off < 0.03]]])
+    in_pair = np.zeros(len(ends), dtype=bool)
+    in_pair[pairs.line] = in_pair[pairs.partner] = True
+    return in_pair & in_line & ~stands
 
 
 def _faces(
@@ -244,8 +305,9 @@ def _faces(
         for low, high in _joined(pairs.low[mine], pairs.high[mine], thickness.most):
             if high - low < 1.5 * min(depth, thickness.usual):
                 continue  # ends of walls and jambs: too short to hold a scan to
-            low = 0.0 if low <= thickness.most else low
-            high = length[i] if high >= length[i] - thickness.most else high
+            # Behind the rest are a wall that joins and, at a corner, the wall that goes on.
+            low = 0.0 if low <= thickness.most + depth else low
+            high = length[i] if high >= length[i] - thickness.most - depth else high
             new_ends.append(ends[i, 0] + np.outer([low, high], along[i]))
             normals.append(-wall_side[i] * left[i])
             depths.append(depth)

@@ -32,6 +32,8 @@ class PlanOptions:
     wall_mask: Path | None = None
     """Picture of the size of the plan, white where there is wall, from a segmentation of your own; it
     takes the place of planfit's reading of the picture."""
+    mirror: bool = False
+    """Swap left and right: for a plan that was drawn or exported mirrored."""
 
     def __post_init__(self) -> None:
         require_positive(self, "page", "cut_height_m")

@@ -41,7 +41,7 @@ def write_floorplan_json(path: Path, floorplan: Floorplan) -> None:
 def make_floorplan(
     name: str, ends: np.ndarray, fingerprint: str = "", is_metric: bool = True
 ) -> Floorplan:
-    """Faces from bare segments (n, 2, 2); points (segments without length) are left out.
+    """Faces from bare segments (n, 2, 2); points (segments without length) and repeated ones are left out.
 
     Where the segments are not metric, the thickness of walls is taken from the gaps between parallel
     segments: most lines of a plan of thick walls have the other face of their wall next to them.
@@ -50,6 +50,7 @@ def make_floorplan(
     ends = ends[segments.lengths(ends) > (1e-6 if is_metric else 1e-6 * extent)]
     if len(ends) == 0:
         raise FloorplanError(f"{name}: expected wall segments, found none; is it the right file?")
+    ends = ends[_first_of_each(ends)]
     if is_metric:
         normals, is_oriented = orient_faces(ends, MAX_THICKNESS_M, MIN_THICKNESS_M)
     else:
@@ -89,14 +90,26 @@ def read_npy(path: Path, options: PlanOptions) -> Floorplan:
         kind="segments (.npy)",
         unit=unit.name,
         unit_from=unit.known_from,
-        dropped=_dropped_points(len(ends) - len(floorplan)),
+        dropped=_dropped(ends * metres, len(floorplan)),
         file_from_plan=np.diag([1 / metres, -1 / metres, 1.0]),
     )
     return replace(floorplan, source=source)
 
 
-def _dropped_points(n: int) -> tuple[str, ...]:
-    return (f"{n} segments without length",) if n else ()
+def _first_of_each(ends: np.ndarray) -> np.ndarray:
+    """Indices, ascending, of segments (n, 2, 2) without those that repeat one before, in either direction."""
+    low_first = np.array([sorted(pair) for pair in ends.tolist()]).reshape(-1, 4)
+    _, first = np.unique(low_first, axis=0, return_index=True)
+    return np.sort(first)
+
+
+def _dropped(ends: np.ndarray, n_kept: int) -> tuple[str, ...]:
+    """What became of segments (n, 2, 2) of which `n_kept` are left, in words."""
+    repeated = len(ends) - len(_first_of_each(ends))
+    points = ends[_first_of_each(ends)]
+    points = len(points) - n_kept
+    said = [(points, "without length"), (repeated, "drawn twice")]
+    return tuple(f"{n} segment{'' if n == 1 else 's'} {words}" for n, words in said if n)
 
 
 def read_json(path: Path, options: PlanOptions) -> Floorplan:
@@ -124,8 +137,10 @@ def read_json(path: Path, options: PlanOptions) -> Floorplan:
     extent = float(np.ptp(ends.reshape(-1, 2), axis=0).max()) if len(ends) else 0.0
     shortest = 1e-6 if file_unit == "m" else 1e-9 * extent
     if len(ends) == 0 or (segments.lengths(ends) < shortest).any():
-        raise FloorplanError(f"{path}: expected faces with length, found {len(ends)} faces"
-                             + (" and one without" if len(ends) else ""))  # fmt: skip
+        found = "0 faces" if len(ends) == 0 else "one without"
+        raise FloorplanError(
+            f"{path}: expected faces with length, found {found}; see docs/formats.md"
+        )
     if thickness.shape != (len(ends),) or (thickness <= 0).any():
         raise FloorplanError(
             f"{path}: expected the thickness of a wall above 0, or none, found another; "

@@ -43,7 +43,7 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
             f"found {floorplan.size[0]:.4g} x {floorplan.size[1]:.4g}; "
             "convert it from its own unit to metres, or give --unit or --scale"
         )
-    return floorplan
+    return floorplan.mirrored() if options.mirror else floorplan
 
 
 def _reader(path: Path) -> Callable[[Path, PlanOptions], Floorplan]:

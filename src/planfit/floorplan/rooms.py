@@ -22,7 +22,7 @@ def edges_of_rooms(rooms: list[BaseGeometry], tolerance: float) -> np.ndarray:
         for ring in (polygon.exterior, *polygon.interiors):
             corners = np.asarray(ring.coords)[:, :2]
             ends = np.stack([corners[:-1], corners[1:]], axis=1)
-            edges.append(_cut(ends, near, 3 * tolerance)[0])
+            edges.append(cut_out(ends, near, 3 * tolerance)[0])
     return np.concatenate([*edges, np.zeros((0, 2, 2))])
 
 
@@ -32,7 +32,7 @@ def outside_rooms(
     """The pieces (m, 2, 2) of lines that lie in no room nor along its edge, and the line (m,) each
     is of: what is drawn inside a room is furniture, stairs and text."""
     area = shapely.buffer(shapely.union_all(rooms), tolerance)
-    return _cut(ends, area, 3 * tolerance)
+    return cut_out(ends, area, 3 * tolerance)
 
 
 def ends_of(lines: np.ndarray) -> np.ndarray:
@@ -42,7 +42,9 @@ def ends_of(lines: np.ndarray) -> np.ndarray:
     return both.reshape(-1, 2, 2)
 
 
-def _cut(ends: np.ndarray, area: BaseGeometry, min_length: float) -> tuple[np.ndarray, np.ndarray]:
+def cut_out(
+    ends: np.ndarray, area: BaseGeometry, min_length: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Pieces of segments outside `area`, kept as they are where they do not meet it."""
     if area.is_empty or len(ends) == 0:
         return ends, np.arange(len(ends))

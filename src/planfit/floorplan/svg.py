@@ -2,7 +2,9 @@
 
 import gzip
 import io
+import math
 import re
+import xml.etree.ElementTree as ET
 import zlib
 from pathlib import Path
 from xml.parsers import expat
@@ -20,6 +22,7 @@ from svgelements import (
     Move,
     QuadraticBezier,
     Shape,
+    Use,
 )
 from svgelements import Path as SvgPath
 from svgelements import Text as SvgText
@@ -30,11 +33,14 @@ from planfit.floorplan.drawing import Drawing, DrawingBuilder, Text
 from planfit.floorplan.drawing_plan import plan_of_drawing
 from planfit.floorplan.file import fingerprint_of
 from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.svg_reuse import elements_when_expanded, with_symbols_apart
 from planfit.floorplan.svg_transforms import GROUP_TRANSFORM, with_flat_transforms
 from planfit.floorplan.types import Floorplan
 
 PIXELS_PER_INCH = 96.0
 MAX_SVGZ_BYTES = 200_000_000
+MAX_REPEATED = 300_000
+"""Elements that an SVG may have once each `use` is replaced by what it names."""
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _URL = re.compile(r"url\(\s*['\"]?#([^)'\"]+)['\"]?\s*\)")
 
@@ -49,6 +55,8 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
         FloorplanError: the file is no SVG, declares entities, or shows no walls.
     """
     data, references = _checked(path)
+    _require_bounded(data, path)
+    data = with_symbols_apart(data)
     try:
         svg = SVG.parse(io.BytesIO(with_flat_transforms(data)), reify=True, ppi=PIXELS_PER_INCH)
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as error:
@@ -61,16 +69,22 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     builder = DrawingBuilder()
     _add_group(builder, svg, svg, "", None)
     lines, fills, texts, layers = builder.build()
+    not_followed = (
+        f"{references} references to other files were not followed"
+        if references > 1
+        else "1 reference to another file was not followed"
+    )
+    if references and len(lines) == 0 and not fills:
+        raise FloorplanError(
+            f"{path}: expected a drawing of walls, found no lines or areas in it; {not_followed}: "
+            "embed in the SVG what they show"
+        )
     drawing = Drawing(lines, fills, texts, layers, None, "paper")
     floorplan = plan_of_drawing(
         drawing, path, fingerprint_of(path), options, "SVG drawing", np.diag([1.0, -1.0, 1.0])
     )
     if references:
-        floorplan = floorplan.with_warning(
-            f"{references} references to other files were not followed"
-            if references > 1
-            else "1 reference to another file was not followed"
-        )
+        floorplan = floorplan.with_warning(not_followed)
     return floorplan
 
 
@@ -112,6 +126,17 @@ def _checked(path: Path) -> tuple[bytes, int]:
     return data, references
 
 
+def _require_bounded(data: bytes, path: Path) -> None:
+    """Raise where elements are repeated without bound, as entities can be."""
+    n = elements_when_expanded(ET.fromstring(data))
+    if n > max(MAX_REPEATED, data.count(b"<")):
+        found = "one that repeats itself" if math.isinf(n) else f"{n:.3g} elements by repetition"
+        raise FloorplanError(
+            f"{path}: expected an SVG of at most {MAX_REPEATED} elements by `use`, found {found}; "
+            "save it again as plain SVG, with clones unlinked"
+        )
+
+
 def _unzipped(path: Path) -> bytes:
     try:
         with gzip.open(path) as file:
@@ -129,14 +154,14 @@ def _unzipped(path: Path) -> bytes:
 
 
 def _add_group(
-    builder: DrawingBuilder, svg: SVG, group: Group, layer: str, clip: BaseGeometry | None
+    builder: DrawingBuilder, svg: SVG, group: Group | Use, layer: str, clip: BaseGeometry | None
 ) -> None:
     """Shapes of a group and those within; `layer` is the innermost name given by a person."""
     own = (group.values or {}).get("attributes") or {}
     layer = own.get(_LABEL) or _telling_id(own.get("id", "")) or layer
     clip = _narrowed(svg, group, clip)
     for element in group:
-        if isinstance(element, Group):
+        if isinstance(element, Group | Use):
             _add_group(builder, svg, element, layer, clip)
         elif element.values.get("visibility") in ("hidden", "collapse"):
             continue

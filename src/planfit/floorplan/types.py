@@ -37,6 +37,8 @@ class PlanSource:
     dropped_lines: np.ndarray | None = None
     """(k, 2, 2) in the file's own coordinates: outlines of what was left out, to be shown; None where nothing
     was or it has no place."""
+    is_mirrored: bool = False
+    """Whether left and right of the file are swapped in the plan frame, as the user asked."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,20 @@ class Floorplan:
             openings=None if self.openings is None else self.openings * metres_per_unit,
             is_metric=True,
             source=source,
+        )
+
+    def mirrored(self) -> "Floorplan":
+        """The same plan with left and right swapped: x becomes -x."""
+        source = self.source
+        if source.file_from_plan is not None:
+            swapped = source.file_from_plan @ np.diag([-1.0, 1.0, 1.0])
+            source = replace(source, file_from_plan=swapped)
+        return replace(
+            self,
+            ends=self.ends * (-1.0, 1.0),
+            normals=self.normals * (-1.0, 1.0),
+            openings=None if self.openings is None else self.openings * (-1.0, 1.0),
+            source=replace(source, is_mirrored=not source.is_mirrored),
         )
 
     def with_warning(self, warning: str) -> "Floorplan":
