@@ -21,9 +21,10 @@ class PointOptions:
     """Factor on the term; 0 switches it off."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
     """Robust loss of |p - p'| in spreads."""
-    max_readings: float = 20.0
+    max_readings: float = 40.0
     """Independent readings that a pair's matches are worth at most: they share depth calibration and
-    the interpolation of the depth image."""
+    the interpolation of the depth image. With 20, an 80-frame synthetic scan errs by 0.020 m instead of
+    0.019 and a plan with 30 % of its walls moved by 0.09 m instead of 0.04 at worst; 80 changes little."""
 
     def __post_init__(self) -> None:
         require_positive(self, "max_readings")
