@@ -83,6 +83,17 @@ def test_black_walls_through_what_happens_to_pictures(tmp_path: Path, change: di
     assert min(precision, recall) > 0.95
 
 
+@pytest.mark.parametrize("style", ["double filled", "poche"])
+def test_a_fill_tells_walls_from_the_lines_of_other_things(tmp_path: Path, style: str) -> None:
+    # A pale fill was taken for paper, and tiles, windows and furniture for outlines of walls.
+    drawing = drawn(style=style, is_cluttered=True, skew_deg=-2.7, noise=4.0, jpeg_quality=70)
+    plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
+    assert "filled" in plan.source.kind
+    precision, recall = scores(plan, drawing)
+    assert precision > 0.93
+    assert recall > 0.93
+
+
 def test_faces_lie_at_fractions_of_a_pixel(tmp_path: Path) -> None:
     drawing = drawn()
     plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))

@@ -131,9 +131,7 @@ def _grey(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate
         n_ring = max(int(ring.sum()), 1)
         has_outline = float((darkness[beyond > 0] > tone + 0.15).sum()) / n_ring > 0.5
         if has_outline:
-            # Up to where the stroke begins; texts and lines across are filled.
-            inner = (np.abs(darkness - tone) < 0.5 * (min(1.0, tone + 0.5) - tone)).astype(np.uint8)
-            mask = opened(closed(opened(inner, 2), int(line_px) + 2), 3)
+            mask = _inside_outlines(darkness, tone, fill, line_px)
             result.append(Candidate("filled, outlined", mask, "stroke", LINE, line_px / 2, 3.0))
         else:
             near = cv2.dilate(core, np.ones((3, 3), np.uint8))
@@ -145,6 +143,23 @@ def _grey(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate
                     Candidate("solid grey", opened(mask, size), "edge", tone / 2, 0.0, size)
                 )
     return result
+
+
+def _inside_outlines(
+    darkness: np.ndarray, tone: float, fill: np.ndarray, line_px: float
+) -> np.ndarray:
+    """Mask (h, w) uint8 of a tone up to where the strokes around it begin, without what only passes through
+    the tone: the rims of letters and lines.
+
+    `fill` (h, w) uint8 marks pixels of the tone.
+    """
+    # Half way to the paper and to the stroke: a light tone is nearer to the paper than to the stroke.
+    low, high = tone / 2, tone + 0.5 * (min(1.0, tone + 0.5) - tone)
+    inner = ((darkness > low) & (darkness < high)).astype(np.uint8)
+    # Lines may have the tone, and their rims have it; they are no broader than lines.
+    core = opened(fill, max(3, round(line_px) + 1))
+    inner &= cv2.dilate(core, np.ones((5, 5), np.uint8))
+    return opened(closed(inner, int(line_px) + 2), 3)  # texts and lines across are filled
 
 
 def _hatched(
