@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from planfit.floorplan.raster.morphology import closed, opened
-from planfit.floorplan.raster.strips import between_lines, find_line_work
+from planfit.floorplan.raster.strips import LineWork, between_lines, find_line_work
 
 Edge = Literal["edge", "stroke", "mask"]
 
@@ -36,6 +36,8 @@ class Candidate:
     """Walls are no thinner."""
     bars: np.ndarray | None = None
     """(h, w) uint8, 1 inside walls so thin that their two lines touch; None where there are none."""
+    hatched_share: float = 0.0
+    """Of the inside of the mask, what oblique lines cover as evenly as hatching does."""
 
 
 def find_candidates(darkness: np.ndarray) -> list[Candidate]:
@@ -47,7 +49,7 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     work = find_line_work(lines, max(int(extent / 14), 6))
     line_px = work.line_px
     result = [*_black(darkness, line_px, extent), *_grey(darkness, line_px, extent)]
-    result += _hatched(lines, work.any_strip, line_px, extent)
+    result += _hatched(lines, work, extent)
     # Where the two lines of a thin wall touch, they are one bar; its lines' middles are half a line in.
     bars = opened(lines, round(1.5 * line_px) + 1)
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
@@ -162,20 +164,34 @@ def _inside_outlines(
     return opened(closed(inner, int(line_px) + 2), 3)  # texts and lines across are filled
 
 
-def _hatched(
-    lines: np.ndarray, parallel: np.ndarray, line_px: float, extent: float
-) -> list[Candidate]:
+def _hatched(lines: np.ndarray, work: LineWork, extent: float) -> list[Candidate]:
     """Walls that become solid when gaps as wide as those of the hatching are filled.
 
-    `parallel` marks long gaps between lines along the axes, as between furniture and its wall: these are no
-    hatching, and stay open.
+    Long empty gaps between lines along the axes, as between furniture and its wall, are no hatching, and stay
+    open.
     """
+    line_px, empty = work.line_px, work.empty_strips(lines)
+    oblique = lines & (1 - (work.along[0] | work.along[1]))
     result, size = [], 3
     while size <= max(extent / 60, 5):
         filled = closed(lines, size)
-        filled[(parallel > 0) & (lines == 0)] = 0
+        filled[(empty > 0) & (lines == 0)] = 0
         least = int(max(size, 2 * line_px)) + 1
         mask = opened(filled, least)
-        result.append(Candidate("hatched", mask, "stroke", LINE, -line_px / 2, least))
+        share = _hatched_share(mask, oblique, size, line_px)
+        result.append(
+            Candidate(
+                "hatched", mask, "stroke", LINE, -line_px / 2, least, hatched_share=share
+            )
+        )
         size = int(np.ceil(1.8 * size))
     return result
+
+
+def _hatched_share(mask: np.ndarray, oblique: np.ndarray, size: int, line_px: float) -> float:
+    """Share of the inside of a mask that oblique lines cover evenly, at distances up to `size` px."""
+    inside = cv2.erode(mask, np.ones((2 * round(line_px) + 1,) * 2, np.uint8)) > 0
+    if not inside.any():
+        return 0.0
+    density = cv2.blur(oblique.astype(np.float32), (2 * size + 1, 2 * size + 1))[inside]
+    return float(((density > 0.08) & (density < 0.8)).mean())

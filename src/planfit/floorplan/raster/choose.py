@@ -107,7 +107,8 @@ def choose(candidates: list[Candidate], extent_px: float) -> Reading | None:
         if reading.candidate.style.startswith("solid") and best_pairs is not None:
             score *= 1.0 - _outline_share(reading, best_pairs)
         if reading.candidate.style == "hatched":
-            score *= 0.5  # filling gaps makes walls of other things too
+            # Filling gaps makes walls of other things too, unless the same lines fill them everywhere.
+            score *= 0.5 + 0.6 * reading.candidate.hatched_share
         if reading.candidate.style == "filled, outlined":
             score *= 1.15  # says more of the drawing than the other readings of the same walls
         if reading.candidate.style == "double lines":

@@ -11,6 +11,8 @@ from planfit.floorplan.raster.morphology import closed
 _LONG = 3.0
 """A strip is at least this many times as long as it is wide."""
 _LEAST_LONG_PX = 12
+_HATCHED_SHARE = 0.06
+"""Hatching covers at least this share of a strip; what crosses an empty strip covers less."""
 
 
 _LINE_PX = 12
@@ -29,10 +31,21 @@ class LineWork:
     line_px: float
     """Usual width of a line."""
 
-    @property
-    def any_strip(self) -> np.ndarray:
-        """(h, w) uint8, 1 in any strip."""
-        return ((self.strips[0] > 0) | (self.strips[1] > 0)).astype(np.uint8)
+    def empty_strips(self, lines: np.ndarray) -> np.ndarray:
+        """(h, w) uint8, 1 in strips that nothing is drawn in, as hatching would be.
+
+        `lines` (h, w) uint8: everything dark.
+        """
+        result = np.zeros_like(lines)
+        for strip in self.strips:
+            count, labels = cv2.connectedComponents((strip > 0).astype(np.uint8), connectivity=4)
+            labels = np.asarray(labels, dtype=int)
+            n_all = np.bincount(labels.ravel(), minlength=count)
+            n_dark = np.bincount(labels[lines > 0], minlength=count)
+            is_empty = n_dark < _HATCHED_SHARE * n_all
+            is_empty[0] = False
+            result |= is_empty.astype(np.uint8)[labels]
+        return result
 
 
 def find_line_work(lines: np.ndarray, widest: int) -> LineWork:
