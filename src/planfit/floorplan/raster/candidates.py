@@ -6,6 +6,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from planfit.floorplan.raster.hatching import fill_hatching
 from planfit.floorplan.raster.morphology import closed, opened
 from planfit.floorplan.raster.strips import LineWork, between_lines, find_line_work
 
@@ -165,33 +166,14 @@ def _inside_outlines(
 
 
 def _hatched(lines: np.ndarray, work: LineWork, extent: float) -> list[Candidate]:
-    """Walls that become solid when gaps as wide as those of the hatching are filled.
-
-    Long empty gaps between lines along the axes, as between furniture and its wall, are no hatching, and stay
-    open.
-    """
-    line_px, empty = work.line_px, work.empty_strips(lines)
-    oblique = lines & (1 - (work.along[0] | work.along[1]))
+    """Walls that become solid when gaps as wide as those of the hatching are filled."""
     result, size = [], 3
     while size <= max(extent / 60, 5):
-        filled = closed(lines, size)
-        filled[(empty > 0) & (lines == 0)] = 0
-        least = int(max(size, 2 * line_px)) + 1
-        mask = opened(filled, least)
-        share = _hatched_share(mask, oblique, size, line_px)
+        least = int(max(size, 2 * work.line_px)) + 1
+        walls = fill_hatching(lines, work, size, least)
         result.append(
-            Candidate(
-                "hatched", mask, "stroke", LINE, -line_px / 2, least, hatched_share=share
-            )
-        )
+            Candidate("hatched", walls.mask, "stroke", LINE, walls.grow_px, least,
+                      hatched_share=walls.share)
+        )  # fmt: skip
         size = int(np.ceil(1.8 * size))
     return result
-
-
-def _hatched_share(mask: np.ndarray, oblique: np.ndarray, size: int, line_px: float) -> float:
-    """Share of the inside of a mask that oblique lines cover evenly, at distances up to `size` px."""
-    inside = cv2.erode(mask, np.ones((2 * round(line_px) + 1,) * 2, np.uint8)) > 0
-    if not inside.any():
-        return 0.0
-    density = cv2.blur(oblique.astype(np.float32), (2 * size + 1, 2 * size + 1))[inside]
-    return float(((density > 0.08) & (density < 0.8)).mean())
