@@ -110,6 +110,21 @@ def test_hatching_tells_walls_from_windows_words_and_furniture(
     assert recall > 0.95
 
 
+@pytest.mark.parametrize("seed", [3, 6])
+@pytest.mark.parametrize("change", [
+    {}, {"is_cluttered": True},
+    {"is_cluttered": True, "skew_deg": 3.2, "noise": 4.0, "jpeg_quality": 70},
+])  # fmt: skip
+def test_closed_outlines_tell_walls_from_windows_doors_and_furniture(
+    tmp_path: Path, seed: int, change: dict
+) -> None:
+    drawing = drawn(seed, 6, style="double", **change)
+    plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
+    precision, recall = scores(plan, drawing)
+    assert precision > 0.93
+    assert recall > 0.93
+
+
 def test_faces_lie_at_fractions_of_a_pixel(tmp_path: Path) -> None:
     drawing = drawn()
     plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))

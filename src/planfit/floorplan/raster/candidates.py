@@ -6,6 +6,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from planfit.floorplan.raster.cells import find_wall_cells
 from planfit.floorplan.raster.hatching import fill_hatching
 from planfit.floorplan.raster.morphology import closed, opened
 from planfit.floorplan.raster.strips import LineWork, between_lines, find_line_work
@@ -51,6 +52,10 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     line_px = work.line_px
     result = [*_black(darkness, line_px, extent), *_grey(darkness, line_px, extent)]
     result += _hatched(lines, work, extent)
+    cells = find_wall_cells(lines, line_px, extent)
+    if cells.any():
+        grow = line_px / 2
+        result.append(Candidate("double lines", closed(cells, 2), "stroke", LINE, grow, 1.0))
     # Where the two lines of a thin wall touch, they are one bar; its lines' middles are half a line in.
     bars = opened(lines, round(1.5 * line_px) + 1)
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
