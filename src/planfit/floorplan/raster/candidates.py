@@ -55,7 +55,7 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     cells = find_wall_cells(lines, line_px, extent)
     if cells.any():
         grow = line_px / 2
-        result.append(Candidate("double lines", closed(cells, 2), "stroke", LINE, grow, 1.0))
+        result.append(Candidate("double lines, closed", closed(cells, 2), "stroke", LINE, grow, 1.0))
     # Where the two lines of a thin wall touch, they are one bar; its lines' middles are half a line in.
     bars = opened(lines, round(1.5 * line_px) + 1)
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)

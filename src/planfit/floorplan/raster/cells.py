@@ -18,8 +18,10 @@ _ALIKE_PX = 3
 """Two parts of a window begin and end at the same place, within this."""
 _SMALL = 0.3
 """A closed ring smaller than this share of the drawing is a piece of furniture."""
-_THIN, _THICK = 0.35, 2.5
-"""Walls are between these, as a share of the usual thickness: leaves of doors are thinner."""
+_THIN, _THICK = 0.35, 1.5
+"""Walls are thicker than this share of the median: leaves of doors are thinner; and thinner than this many
+times what all but few are thinner than."""
+_SHARES = np.array([0.5, 0.9])
 
 
 @dataclass(frozen=True)
@@ -32,12 +34,8 @@ class _Cells:
     """(n, 2) width and height of the box, px."""
     area: np.ndarray
     outline: np.ndarray
-
-    @property
-    def thickness(self) -> np.ndarray:
-        # A strip of length L and thickness t has 2 A / P = t L / (L + t).
-        half = self.outline / 4
-        return half - np.sqrt(np.maximum(half**2 - self.area, 0.0))
+    thickness: np.ndarray
+    """At the thickest place: diameter of the largest circle inside."""
 
 
 def find_wall_cells(lines: np.ndarray, line_px: float, extent_px: float) -> np.ndarray:
@@ -50,24 +48,25 @@ def find_wall_cells(lines: np.ndarray, line_px: float, extent_px: float) -> np.n
     """
     count, labels, stats, _ = cv2.connectedComponentsWithStats(1 - lines, connectivity=4)
     labels = np.asarray(labels, dtype=np.int32)
-    cells = _Cells(stats[:, :2], stats[:, 2:4], stats[:, 4], _outlines(labels, count))
-    thickness = cells.thickness
     depth = cv2.distanceTransform(1 - lines, cv2.DIST_L2, 3)
+    deepest = np.zeros(count, np.float32)
+    np.maximum.at(deepest, labels.ravel(), depth.ravel())
+    cells = _Cells(
+        stats[:, :2], stats[:, 2:4], stats[:, 4], _outlines(labels, count), 2 * deepest - 1
+    )
+    thickness = cells.thickness
     is_wall = (thickness > 1.5) & (thickness < _FATTEST * extent_px)
-    is_wall &= cells.outline / 2 - thickness > _LONG * thickness
-    is_wall[labels[lines > 0][:1]] = False
-    # Many lines in a room make its outline long, and no room thin.
-    is_wall[np.unique(labels[depth > _FATTEST / 2 * extent_px])] = False
+    is_wall &= cells.outline / 2 > (_LONG + 1) * thickness
     is_wall &= ~_are_stacked(cells, 2 * line_px + 2)
     for i in np.flatnonzero(is_wall):
         is_wall[i] = not _is_small_ring(labels, cells, int(i), _SMALL * extent_px)
     if not is_wall.any():
         return np.zeros_like(lines)
     order = np.argsort(thickness[is_wall])
-    reached = np.cumsum(cells.outline[is_wall][order] ** 2)  # the network outweighs many pieces
-    usual = thickness[is_wall][order][np.searchsorted(reached, reached[-1] / 2)]
-    is_wall &= (thickness > _THIN * usual) & (thickness < _THICK * usual)
-    is_wall[np.unique(labels[depth > 0.7 * _THICK * usual])] = False
+    # The network of walls outweighs many short pieces, and rooms with much in them.
+    reached = np.cumsum((cells.outline / np.maximum(thickness, 1.0))[is_wall][order] ** 2)
+    usual, thick = thickness[is_wall][order][np.searchsorted(reached, reached[-1] * _SHARES)]
+    is_wall &= (thickness > _THIN * usual) & (thickness < _THICK * thick)
     return is_wall.astype(np.uint8)[labels]
 
 
@@ -84,7 +83,7 @@ def _outlines(labels: np.ndarray, count: int) -> np.ndarray:
 def _are_stacked(cells: _Cells, gap_px: float) -> np.ndarray:
     """Rectangles (n,) bool beside others of the same length: parts of windows, stairs, lists."""
     result = np.zeros(len(cells.area), dtype=bool)
-    is_box = cells.area > 0.9 * cells.side.prod(axis=1)
+    is_box = cells.area > 0.9 * (cells.side - 1).prod(axis=1)  # a tilt adds a row
     is_box &= cells.side.max(axis=1) > 8
     low, high = cells.low, cells.low + cells.side
     for along in (0, 1):

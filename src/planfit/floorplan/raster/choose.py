@@ -100,7 +100,7 @@ def choose(candidates: list[Candidate], extent_px: float) -> Reading | None:
     if not readings:
         return None
     scores = []
-    pairs = [r for r in readings if r.candidate.style == "double lines" and r.walls]
+    pairs = [r for r in readings if r.candidate.style.startswith("double lines") and r.walls]
     best_pairs = max(pairs, key=lambda r: r.score, default=None)
     for reading in readings:
         score = reading.score
@@ -113,6 +113,8 @@ def choose(candidates: list[Candidate], extent_px: float) -> Reading | None:
             score *= 1.15  # says more of the drawing than the other readings of the same walls
         if reading.candidate.style == "double lines":
             score *= 0.6  # furniture and dimensions have parallel lines too
+        if reading.candidate.style == "double lines, closed":
+            score *= 0.8  # furniture is closed too, but little of it is so long and thin
         scores.append(score)
     return readings[int(np.argmax(scores))]
 
