@@ -57,7 +57,7 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
         grow = line_px / 2
         result.append(Candidate("double lines, closed", closed(cells, 2), "stroke", LINE, grow, 1.0))
     # Where the two lines of a thin wall touch, they are one bar; its lines' middles are half a line in.
-    bars = opened(lines, round(1.5 * line_px) + 1)
+    bars = opened(lines, max(round(1.5 * line_px), round(line_px) + 2))
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
     bars = cv2.erode(bars, np.ones((int(line_px) | 1,) * 2, np.uint8))
     for inside in between_lines(work, bars):

@@ -151,10 +151,13 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
     length = np.bincount(alone) / np.maximum(np.arange(int(alone.max()) + 1), 1)
     share = np.cumsum(length) / length.sum()
     result = []
-    for limit in sorted({int(np.searchsorted(share, s)) + 1 for s in (0.45, 0.65, 0.8, 0.9, 0.97)}):
+    ranges = set()
+    for quantile in (0.45, 0.65, 0.8, 0.9, 0.97):
+        limit = int(np.searchsorted(share, quantile)) + 1
         usual = int(np.searchsorted(share, share[min(limit, len(share) - 1)] / 2))
-        if limit > 4 * usual + 4:
-            continue
+        # Far above the usual width are rooms; the widest walls may yet be rare.
+        ranges.add((min(limit, 4 * usual + 4), usual))
+    for limit, usual in sorted(ranges):
         least = max(0.2 * usual, 1.0)
         along_rows = sides[0].walls(least, limit, usual)
         along_columns = np.ascontiguousarray(sides[1].walls(least, limit, usual).T)
