@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import shapely
 from numpy.testing import assert_allclose
 
 from planfit.errors import FloorplanError
@@ -16,6 +17,7 @@ from planfit.floorplan.raster.candidates import opened
 from planfit.floorplan.raster.frame import without_frame
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import find_skew_deg, make_darkness, make_upright
+from planfit.floorplan.raster.storeys import find_storeys
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
 from planfit.synth.drawing import STYLES, Drawing, DrawingOptions, draw_building
@@ -108,6 +110,55 @@ def test_hatching_tells_walls_from_windows_words_and_furniture(
     precision, recall = scores(plan, drawing)
     assert precision > 0.93
     assert recall > 0.95
+
+
+def line_drawing(lines: np.ndarray, line_px: int = 4) -> np.ndarray:
+    """Lines (n, 4) of (u0, v0, u1, v1) along the axes, black on white."""
+    image = np.full((900, 1300, 3), 255, np.uint8)
+    for u0, v0, u1, v1 in lines:
+        u, v, half = min(u0, u1), min(v0, v1), line_px // 2
+        image[v - half : v + abs(v1 - v0) + half, u - half : u + abs(u1 - u0) + half] = 0
+    return image
+
+
+ROOMS = [(u0 + (s if u0 == u1 else 0), v0 + (s if v0 == v1 else 0),
+          u1 + (s if u0 == u1 else 0), v1 + (s if v0 == v1 else 0))
+         for u0, v0, u1, v1 in [
+             (300, 100, 1200, 100), (300, 800, 1200, 800), (300, 104, 300, 796),
+             (1200, 104, 1200, 796), (750, 104, 750, 330), (750, 420, 750, 796),
+             (304, 420, 650, 420)]
+         for s in (-4, 4)]  # fmt: skip
+"""Walls of two lines 8 px apart."""
+
+
+@pytest.mark.parametrize("wall", [
+    pytest.param([(760, 559, 1000, 559), (760, 561, 1000, 561)], id="two lines that touch"),
+    pytest.param([(188, 560, 188, 838), (20, 838, 188, 838),
+                  (212, 560, 212, 862), (20, 862, 212, 862)], id="of a yard, three times as thick"),
+    pytest.param([(900, 500, 952, 500), (952, 500, 952, 550),
+                  (900, 508, 944, 508), (944, 508, 944, 550)], id="a corner by itself"),
+])  # fmt: skip
+def test_walls_that_differ_from_most_are_read(tmp_path: Path, wall: list[tuple]) -> None:
+    plan = read_floorplan(saved(tmp_path / "plan.png", line_drawing(np.array([*ROOMS, *wall]))))
+    assert "double lines" in plan.source.kind
+    for lines in (ROOMS, wall):
+        points, _ = segments.sample(np.reshape(lines, (-1, 2, 2)).astype(float), 1.0)
+        distance = segments.nearest_distance(points, np.ascontiguousarray(plan.ends * MIRROR))
+        assert (distance < 3.0).mean() > 0.9
+
+
+def test_a_wall_around_a_yard_is_no_storey() -> None:
+    def ring(u0: float, v0: float, u1: float, v1: float) -> shapely.Polygon:
+        box = shapely.box(u0, v0, u1, v1)
+        return shapely.difference(box, shapely.buffer(box, -10, join_style="mitre"))
+
+    building = [ring(300 + 150 * k, 0, 450 + 150 * k, 800) for k in range(6)]
+    yard = shapely.Polygon([(0, 0), (10, 0), (10, 790), (200, 790), (200, 800), (0, 800)])
+    lines = np.zeros((900, 1300), bool)
+    for wall, n_storeys in ((yard, 1), (ring(0, 0, 200, 800), 2)):
+        walls = np.array([wall, *building], dtype=object)
+        storey_of = find_storeys(walls, 10.0, np.zeros((0, 2, 2)), lines)
+        assert storey_of.max() + 1 == n_storeys
 
 
 @pytest.mark.parametrize("seed", [3, 6])

@@ -55,7 +55,9 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     cells = find_wall_cells(lines, line_px, extent)
     if cells.any():
         grow = line_px / 2
-        result.append(Candidate("double lines, closed", closed(cells, 2), "stroke", LINE, grow, 1.0))
+        result.append(
+            Candidate("double lines, closed", closed(cells, 2), "stroke", LINE, grow, 1.0)
+        )
     # Where the two lines of a thin wall touch, they are one bar; its lines' middles are half a line in.
     bars = opened(lines, max(round(1.5 * line_px), round(line_px) + 2))
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
@@ -166,16 +168,17 @@ def _inside_outlines(
     inner = ((darkness > low) & (darkness < high)).astype(np.uint8)
     # Lines may have the tone, and their rims have it; they are no broader than lines.
     core = opened(fill, max(3, round(line_px) + 1))
-    inner &= cv2.dilate(core, np.ones((5, 5), np.uint8))
+    inner[cv2.dilate(core, np.ones((5, 5), np.uint8)) == 0] = 0
     return opened(closed(inner, int(line_px) + 2), 3)  # texts and lines across are filled
 
 
 def _hatched(lines: np.ndarray, work: LineWork, extent: float) -> list[Candidate]:
     """Walls that become solid when gaps as wide as those of the hatching are filled."""
+    empty = work.empty_strips(lines)
     result, size = [], 3
     while size <= max(extent / 60, 5):
         least = int(max(size, 2 * work.line_px)) + 1
-        walls = fill_hatching(lines, work, size, least)
+        walls = fill_hatching(lines, work, empty, size, least)
         result.append(
             Candidate("hatched", walls.mask, "stroke", LINE, walls.grow_px, least,
                       hatched_share=walls.share)

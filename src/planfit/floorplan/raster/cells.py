@@ -1,8 +1,8 @@
 """Walls drawn as closed outlines: the thin, long pieces of paper that lines shut in.
 
 Where outlines are closed, a wall with all that hangs on it is one piece of paper, and every window, leaf of a
-door and piece of furniture is another: they are told apart as wholes. Where a line is broken, the paper inside
-runs into a room and is too fat for a wall; then the strips between lines tell more.
+door and piece of furniture is another: they are told apart as wholes. Where a line is broken, the paper
+inside runs into a room and is too fat for a wall; then the strips between lines tell more.
 """
 
 from dataclasses import dataclass

@@ -24,22 +24,25 @@ class Hatching:
     """From the mask's edge to the middle of the outline."""
 
 
-def fill_hatching(lines: np.ndarray, work: LineWork, size: int, least: int) -> Hatching:
+def fill_hatching(
+    lines: np.ndarray, work: LineWork, empty: np.ndarray, size: int, least: int
+) -> Hatching:
     """Fill gaps narrower than `size` px and keep what is then at least `least` px thick.
 
     Long empty gaps between lines along the axes, as between furniture and its wall, are no hatching, and stay
-    open. Where most of what is found is hatched with oblique lines, walls are the gaps between these alone, up
-    to the outline: what is outlined beside them is not hatched.
+    open. Where most of what is found is hatched with oblique lines, walls are the gaps between these alone,
+    up to the outline: what is outlined beside them is not hatched.
 
     Args:
         lines: (h, w) uint8, 1 on everything dark.
-        work: lines along the axes and the strips between them.
+        work: lines along the axes.
+        empty: (h, w) uint8, 1 in empty strips between these.
         size: px.
         least: px.
     """
     oblique = lines & (1 - (work.along[0] | work.along[1]))
     filled = closed(lines, size)
-    filled[(work.empty_strips(lines) > 0) & (lines == 0)] = 0
+    filled &= (1 - empty) | lines
     mask = opened(filled, least)
     share = _hatched_share(mask, oblique, size, work.line_px)
     if share < _MOSTLY:
@@ -61,11 +64,11 @@ def _hatched_share(mask: np.ndarray, oblique: np.ndarray, size: int, line_px: fl
 
 def _hatched_cells(filled: np.ndarray, lines: np.ndarray, oblique: np.ndarray) -> np.ndarray:
     """Filled gaps whose rim is hatching: those of windows and beside furniture have lines along the axes."""
-    gaps = filled & (1 - lines)
+    gaps = (filled & (1 - lines)).astype(np.uint8)
     count, labels = cv2.connectedComponents(gaps, connectivity=4)
     square = np.ones((3, 3), np.uint8)
-    n_rim = np.bincount(labels[(gaps & cv2.dilate(lines, square)) > 0], minlength=count)
-    n_hatched = np.bincount(labels[(gaps & cv2.dilate(oblique, square)) > 0], minlength=count)
+    n_rim = np.bincount(labels[(gaps > 0) & (cv2.dilate(lines, square) > 0)], minlength=count)
+    n_hatched = np.bincount(labels[(gaps > 0) & (cv2.dilate(oblique, square) > 0)], minlength=count)
     is_hatched = (n_hatched >= 0.25 * n_rim).astype(np.uint8)
     is_hatched[0] = 0
     return is_hatched[np.asarray(labels, dtype=int)]
@@ -76,9 +79,9 @@ def _outlined_alike(mask: np.ndarray, work: LineWork) -> np.ndarray:
     count, labels = cv2.connectedComponents(mask, connectivity=4)
     rim = mask & (1 - cv2.erode(mask, np.ones((3, 3), np.uint8)))
     reach = 2 * round(work.line_px) + 3
-    lined = cv2.dilate(work.along[0] | work.along[1], np.ones((reach, reach), np.uint8))
+    lined = cv2.dilate(np.bitwise_or(*work.along), np.ones((reach, reach), np.uint8))
     n_rim = np.bincount(labels[rim > 0], minlength=count)
-    share = np.bincount(labels[(rim & lined) > 0], minlength=count) / np.maximum(n_rim, 1)
+    share = np.bincount(labels[(rim > 0) & (lined > 0)], minlength=count) / np.maximum(n_rim, 1)
     if n_rim[share > 0.75].sum() < 0.6 * n_rim.sum():
         return mask
     is_kept = (share > 0.6).astype(np.uint8)
