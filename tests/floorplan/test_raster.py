@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import shapely
 from numpy.testing import assert_allclose
 
 from planfit.errors import FloorplanError
@@ -16,6 +17,7 @@ from planfit.floorplan.raster.candidates import opened
 from planfit.floorplan.raster.frame import without_frame
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import find_skew_deg, make_darkness, make_upright
+from planfit.floorplan.raster.storeys import find_storeys
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
 from planfit.synth.drawing import STYLES, Drawing, DrawingOptions, draw_building
@@ -81,6 +83,97 @@ def test_black_walls_through_what_happens_to_pictures(tmp_path: Path, change: di
     drawing = drawn(**change)
     precision, recall = scores(read_floorplan(saved(tmp_path / "plan.png", drawing.image)), drawing)
     assert min(precision, recall) > 0.95
+
+
+@pytest.mark.parametrize("style", ["double filled", "poche"])
+def test_a_fill_tells_walls_from_the_lines_of_other_things(tmp_path: Path, style: str) -> None:
+    # A pale fill was taken for paper, and tiles, windows and furniture for outlines of walls.
+    drawing = drawn(style=style, is_cluttered=True, skew_deg=-2.7, noise=4.0, jpeg_quality=70)
+    plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
+    assert "filled" in plan.source.kind
+    precision, recall = scores(plan, drawing)
+    assert precision > 0.93
+    assert recall > 0.93
+
+
+@pytest.mark.parametrize("change", [
+    {}, {"is_cluttered": True},
+    {"is_cluttered": True, "skew_deg": 3.2, "noise": 4.0, "jpeg_quality": 70},
+])  # fmt: skip
+def test_hatching_tells_walls_from_windows_words_and_furniture(
+    tmp_path: Path, change: dict
+) -> None:
+    # The strip inside an outlined hatched wall was itself taken for the gap behind furniture.
+    drawing = drawn(style="hatched", **change)
+    plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
+    assert "hatched" in plan.source.kind
+    precision, recall = scores(plan, drawing)
+    assert precision > 0.93
+    assert recall > 0.95
+
+
+def line_drawing(lines: np.ndarray, line_px: int = 4) -> np.ndarray:
+    """Lines (n, 4) of (u0, v0, u1, v1) along the axes, black on white."""
+    image = np.full((900, 1300, 3), 255, np.uint8)
+    for u0, v0, u1, v1 in lines:
+        u, v, half = min(u0, u1), min(v0, v1), line_px // 2
+        image[v - half : v + abs(v1 - v0) + half, u - half : u + abs(u1 - u0) + half] = 0
+    return image
+
+
+ROOMS = [(u0 + (s if u0 == u1 else 0), v0 + (s if v0 == v1 else 0),
+          u1 + (s if u0 == u1 else 0), v1 + (s if v0 == v1 else 0))
+         for u0, v0, u1, v1 in [
+             (300, 100, 1200, 100), (300, 800, 1200, 800), (300, 104, 300, 796),
+             (1200, 104, 1200, 796), (750, 104, 750, 330), (750, 420, 750, 796),
+             (304, 420, 650, 420)]
+         for s in (-4, 4)]  # fmt: skip
+"""Walls of two lines 8 px apart."""
+
+
+@pytest.mark.parametrize("wall", [
+    pytest.param([(760, 559, 1000, 559), (760, 561, 1000, 561)], id="two lines that touch"),
+    pytest.param([(188, 560, 188, 838), (20, 838, 188, 838),
+                  (212, 560, 212, 862), (20, 862, 212, 862)], id="of a yard, three times as thick"),
+    pytest.param([(900, 500, 952, 500), (952, 500, 952, 550),
+                  (900, 508, 944, 508), (944, 508, 944, 550)], id="a corner by itself"),
+])  # fmt: skip
+def test_walls_that_differ_from_most_are_read(tmp_path: Path, wall: list[tuple]) -> None:
+    plan = read_floorplan(saved(tmp_path / "plan.png", line_drawing(np.array([*ROOMS, *wall]))))
+    assert "double lines" in plan.source.kind
+    for lines in (ROOMS, wall):
+        points, _ = segments.sample(np.reshape(lines, (-1, 2, 2)).astype(float), 1.0)
+        distance = segments.nearest_distance(points, np.ascontiguousarray(plan.ends * MIRROR))
+        assert (distance < 3.0).mean() > 0.9
+
+
+def test_a_wall_around_a_yard_is_no_storey() -> None:
+    def ring(u0: float, v0: float, u1: float, v1: float) -> shapely.Polygon:
+        box = shapely.box(u0, v0, u1, v1)
+        return shapely.difference(box, shapely.buffer(box, -10, join_style="mitre"))
+
+    building = [ring(300 + 150 * k, 0, 450 + 150 * k, 800) for k in range(6)]
+    yard = shapely.Polygon([(0, 0), (10, 0), (10, 790), (200, 790), (200, 800), (0, 800)])
+    lines = np.zeros((900, 1300), bool)
+    for wall, n_storeys in ((yard, 1), (ring(0, 0, 200, 800), 2)):
+        walls = np.array([wall, *building], dtype=object)
+        storey_of = find_storeys(walls, 10.0, np.zeros((0, 2, 2)), lines)
+        assert storey_of.max() + 1 == n_storeys
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+@pytest.mark.parametrize("change", [
+    {}, {"is_cluttered": True},
+    {"is_cluttered": True, "skew_deg": 3.2, "noise": 4.0, "jpeg_quality": 70},
+])  # fmt: skip
+def test_closed_outlines_tell_walls_from_windows_doors_and_furniture(
+    tmp_path: Path, seed: int, change: dict
+) -> None:
+    drawing = drawn(seed, 6, style="double", **change)
+    plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
+    precision, recall = scores(plan, drawing)
+    assert precision > 0.93
+    assert recall > 0.93
 
 
 def test_faces_lie_at_fractions_of_a_pixel(tmp_path: Path) -> None:

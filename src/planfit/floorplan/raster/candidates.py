@@ -6,8 +6,10 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from planfit.floorplan.raster.cells import find_wall_cells
+from planfit.floorplan.raster.hatching import fill_hatching
 from planfit.floorplan.raster.morphology import closed, opened
-from planfit.floorplan.raster.strips import between_lines, find_line_work
+from planfit.floorplan.raster.strips import LineWork, between_lines, find_line_work
 
 Edge = Literal["edge", "stroke", "mask"]
 
@@ -36,6 +38,8 @@ class Candidate:
     """Walls are no thinner."""
     bars: np.ndarray | None = None
     """(h, w) uint8, 1 inside walls so thin that their two lines touch; None where there are none."""
+    hatched_share: float = 0.0
+    """Of the inside of the mask, what oblique lines cover as evenly as hatching does."""
 
 
 def find_candidates(darkness: np.ndarray) -> list[Candidate]:
@@ -47,9 +51,15 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     work = find_line_work(lines, max(int(extent / 14), 6))
     line_px = work.line_px
     result = [*_black(darkness, line_px, extent), *_grey(darkness, line_px, extent)]
-    result += _hatched(lines, work.any_strip, line_px, extent)
+    result += _hatched(lines, work, extent)
+    cells = find_wall_cells(lines, line_px, extent)
+    if cells.any():
+        grow = line_px / 2
+        result.append(
+            Candidate("double lines, closed", closed(cells, 2), "stroke", LINE, grow, 1.0)
+        )
     # Where the two lines of a thin wall touch, they are one bar; its lines' middles are half a line in.
-    bars = opened(lines, round(1.5 * line_px) + 1)
+    bars = opened(lines, max(round(1.5 * line_px), round(line_px) + 2))
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
     bars = cv2.erode(bars, np.ones((int(line_px) | 1,) * 2, np.uint8))
     for inside in between_lines(work, bars):
@@ -131,9 +141,7 @@ def _grey(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate
         n_ring = max(int(ring.sum()), 1)
         has_outline = float((darkness[beyond > 0] > tone + 0.15).sum()) / n_ring > 0.5
         if has_outline:
-            # Up to where the stroke begins; texts and lines across are filled.
-            inner = (np.abs(darkness - tone) < 0.5 * (min(1.0, tone + 0.5) - tone)).astype(np.uint8)
-            mask = opened(closed(opened(inner, 2), int(line_px) + 2), 3)
+            mask = _inside_outlines(darkness, tone, fill, line_px)
             result.append(Candidate("filled, outlined", mask, "stroke", LINE, line_px / 2, 3.0))
         else:
             near = cv2.dilate(core, np.ones((3, 3), np.uint8))
@@ -147,20 +155,33 @@ def _grey(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate
     return result
 
 
-def _hatched(
-    lines: np.ndarray, parallel: np.ndarray, line_px: float, extent: float
-) -> list[Candidate]:
-    """Walls that become solid when gaps as wide as those of the hatching are filled.
+def _inside_outlines(
+    darkness: np.ndarray, tone: float, fill: np.ndarray, line_px: float
+) -> np.ndarray:
+    """Mask (h, w) uint8 of a tone up to where the strokes around it begin, without what only passes through
+    the tone: the rims of letters and lines.
 
-    `parallel` marks long gaps between lines along the axes, as between furniture and its wall: these are no
-    hatching, and stay open.
+    `fill` (h, w) uint8 marks pixels of the tone.
     """
+    # Half way to the paper and to the stroke: a light tone is nearer to the paper than to the stroke.
+    low, high = tone / 2, tone + 0.5 * (min(1.0, tone + 0.5) - tone)
+    inner = ((darkness > low) & (darkness < high)).astype(np.uint8)
+    # Lines may have the tone, and their rims have it; they are no broader than lines.
+    core = opened(fill, max(3, round(line_px) + 1))
+    inner[cv2.dilate(core, np.ones((5, 5), np.uint8)) == 0] = 0
+    return opened(closed(inner, int(line_px) + 2), 3)  # texts and lines across are filled
+
+
+def _hatched(lines: np.ndarray, work: LineWork, extent: float) -> list[Candidate]:
+    """Walls that become solid when gaps as wide as those of the hatching are filled."""
+    empty = work.empty_strips(lines)
     result, size = [], 3
     while size <= max(extent / 60, 5):
-        filled = closed(lines, size)
-        filled[(parallel > 0) & (lines == 0)] = 0
-        least = int(max(size, 2 * line_px)) + 1
-        mask = opened(filled, least)
-        result.append(Candidate("hatched", mask, "stroke", LINE, -line_px / 2, least))
+        least = int(max(size, 2 * work.line_px)) + 1
+        walls = fill_hatching(lines, work, empty, size, least)
+        result.append(
+            Candidate("hatched", walls.mask, "stroke", LINE, walls.grow_px, least,
+                      hatched_share=walls.share)
+        )  # fmt: skip
         size = int(np.ceil(1.8 * size))
     return result

@@ -13,6 +13,8 @@ _STRAIGHT = 0.6
 """Share of a wall's outline that is long and straight."""
 _LONG = 3.0
 """A piece of wall by itself is at least this many times as long as it is thick."""
+_APART = 24.0
+"""A wall that hangs on no other has an outline at least this many times as long as it is thick."""
 _FATTEST = 1 / 9
 """Walls are thinner than this share of the plan."""
 
@@ -100,18 +102,21 @@ def choose(candidates: list[Candidate], extent_px: float) -> Reading | None:
     if not readings:
         return None
     scores = []
-    pairs = [r for r in readings if r.candidate.style == "double lines" and r.walls]
+    pairs = [r for r in readings if r.candidate.style.startswith("double lines") and r.walls]
     best_pairs = max(pairs, key=lambda r: r.score, default=None)
     for reading in readings:
         score = reading.score
         if reading.candidate.style.startswith("solid") and best_pairs is not None:
             score *= 1.0 - _outline_share(reading, best_pairs)
         if reading.candidate.style == "hatched":
-            score *= 0.5  # filling gaps makes walls of other things too
+            # Filling gaps makes walls of other things too, unless the same lines fill them everywhere.
+            score *= 0.5 + 0.6 * reading.candidate.hatched_share
         if reading.candidate.style == "filled, outlined":
             score *= 1.15  # says more of the drawing than the other readings of the same walls
         if reading.candidate.style == "double lines":
             score *= 0.6  # furniture and dimensions have parallel lines too
+        if reading.candidate.style == "double lines, closed":
+            score *= 0.8  # furniture is closed too, but little of it is so long and thin
         scores.append(score)
     return readings[int(np.argmax(scores))]
 
@@ -205,6 +210,10 @@ def _are_part_of_the_building(
     # Two lines of dimensions are a bar by themselves, further apart than the faces of walls.
     is_large &= ~(is_bar & (thickness > 1.6))
     result = is_large | (is_thick & is_bar & (thickness < 1.6) & (outline > 0.1 * extent_px))
+    # As thick as other walls, straight, and open: what stands about has closed outlines, or is as short.
+    is_alike = is_wall & ~has_holes & (thickness > 0.7) & (thickness < 1.4)
+    is_alike &= (straight > 0.75 * outline) & (outline > max(_APART * usual, 0.05 * extent_px))
+    result |= is_alike & ~is_straight
     lines = [_long_lines(region) for region in regions[result]]
     # Many small marks: letters and hatching, no walls that doors and windows part.
     for i in [] if (is_thick & ~result).sum() > 400 else np.flatnonzero(is_thick & ~result):

@@ -6,7 +6,8 @@ import shapely
 _APART = 0.3
 """Groups that come nearer than this many thicknesses of a wall are one."""
 _LEAST_SHARE = 0.12
-"""A group of less area than this share of the largest is a part of its neighbour."""
+"""A group of less area or less wall than this share of the largest is a part of its neighbour: a wall around
+a yard has the extent of a storey, and little in it."""
 
 
 def find_storeys(
@@ -35,7 +36,9 @@ def find_storeys(
     names = np.unique(group)
     extents = np.array([_extent(boxes[group == name]) for name in names])
     area = np.prod(extents[:, 2:] - extents[:, :2], axis=1)
-    is_storey = area >= _LEAST_SHARE * area.max()
+    length = np.array([shapely.length(walls[group == name]).sum() for name in names])
+    is_storey = (area >= _LEAST_SHARE * area.max()) & (length >= _LEAST_SHARE * length.max())
+    is_storey[np.argmax(length)] = True
     centre = (extents[:, :2] + extents[:, 2:]) / 2
     # Down the page in rows: plans whose extents overlap in v stand side by side.
     order = sorted(

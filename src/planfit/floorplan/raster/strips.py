@@ -11,6 +11,8 @@ from planfit.floorplan.raster.morphology import closed
 _LONG = 3.0
 """A strip is at least this many times as long as it is wide."""
 _LEAST_LONG_PX = 12
+_HATCHED_SHARE = 0.06
+"""Hatching covers at least this share of a strip; what crosses an empty strip covers less."""
 
 
 _LINE_PX = 12
@@ -29,10 +31,21 @@ class LineWork:
     line_px: float
     """Usual width of a line."""
 
-    @property
-    def any_strip(self) -> np.ndarray:
-        """(h, w) uint8, 1 in any strip."""
-        return ((self.strips[0] > 0) | (self.strips[1] > 0)).astype(np.uint8)
+    def empty_strips(self, lines: np.ndarray) -> np.ndarray:
+        """(h, w) uint8, 1 in strips that nothing is drawn in, as hatching would be.
+
+        `lines` (h, w) uint8: everything dark.
+        """
+        result = np.zeros_like(lines)
+        for strip in self.strips:
+            count, labels = cv2.connectedComponents((strip > 0).astype(np.uint8), connectivity=4)
+            labels = np.asarray(labels, dtype=int)
+            n_all = np.bincount(labels.ravel(), minlength=count)
+            n_dark = np.bincount(labels[lines > 0], minlength=count)
+            is_empty = n_dark < _HATCHED_SHARE * n_all
+            is_empty[0] = False
+            result |= is_empty.astype(np.uint8)[labels]
+        return result
 
 
 def find_line_work(lines: np.ndarray, widest: int) -> LineWork:
@@ -85,18 +98,18 @@ def _gap_across(lines: np.ndarray) -> np.ndarray:
 
 def _strips(gap: np.ndarray, widest: int) -> np.ndarray:
     """Width at pixels whose gap stays the same, within a quarter and 1 px, over a long way along rows."""
-    result = np.zeros_like(gap)
+    found = np.zeros(gap.shape, np.uint8)
     low = 1
     while low <= widest:
         high = min(max(int(1.3 * low), low + 1), widest)
-        inside = ((gap >= low) & (gap <= high)).astype(np.uint8)
+        inside = cv2.inRange(gap, low, high)  # type: ignore[call-overload]
         length = max(int(_LONG * high), _LEAST_LONG_PX)
         # Texts and lines that touch a wall break its strip for a pixel or two.
         bridged = cv2.morphologyEx(inside, cv2.MORPH_CLOSE, np.ones((1, 3), np.uint8))
-        found = cv2.morphologyEx(bridged, cv2.MORPH_OPEN, np.ones((1, length), np.uint8))
-        result = np.where((found > 0) & (inside > 0), gap, result)
+        long = cv2.morphologyEx(bridged, cv2.MORPH_OPEN, np.ones((1, length), np.uint8))
+        found |= np.bitwise_and(long, inside)
         low = max(int(1.15 * low), low + 1)
-    return result
+    return np.where(found > 0, gap, np.int16(0))
 
 
 @dataclass(frozen=True)
@@ -137,11 +150,15 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
     # Each pixel of a strip stands for one part in its width of a pixel of length.
     length = np.bincount(alone) / np.maximum(np.arange(int(alone.max()) + 1), 1)
     share = np.cumsum(length) / length.sum()
+    all_bars = _Bars.find(bars, work.line_px)
     result = []
-    for limit in sorted({int(np.searchsorted(share, s)) + 1 for s in (0.45, 0.65, 0.8, 0.9, 0.97)}):
+    ranges = set()
+    for quantile in (0.45, 0.65, 0.8, 0.9, 0.97):
+        limit = int(np.searchsorted(share, quantile)) + 1
         usual = int(np.searchsorted(share, share[min(limit, len(share) - 1)] / 2))
-        if limit > 4 * usual + 4:
-            continue
+        # Far above the usual width are rooms; the widest walls may yet be rare.
+        ranges.add((min(limit, 4 * usual + 4), usual))
+    for limit, usual in sorted(ranges):
         least = max(0.2 * usual, 1.0)
         along_rows = sides[0].walls(least, limit, usual)
         along_columns = np.ascontiguousarray(sides[1].walls(least, limit, usual).T)
@@ -152,7 +169,7 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
             _grown(seeds, narrow, limit, usual), _junctions(along_rows, along_columns, limit)
         )
         if mask.any():
-            result.append(InsideWalls(mask, _free_bars(bars, narrow, work.line_px)))
+            result.append(InsideWalls(mask, all_bars.free(narrow)))
     return result
 
 
@@ -220,14 +237,32 @@ def _grown(seeds: np.ndarray, narrow: np.ndarray, limit: int, usual: int) -> np.
     return seeds | is_added.astype(np.uint8)[labels]
 
 
-def _free_bars(bars: np.ndarray, narrow: np.ndarray, line_px: float) -> np.ndarray:
-    """Bars with free space at their sides: those in the middle of a narrow gap are the lines of windows."""
-    count, labels = cv2.connectedComponents(bars, connectivity=8)
-    reach = 2 * int(line_px + 2) + 1
-    around = cv2.dilate(labels.astype(np.float32), np.ones((reach, reach))).astype(np.int32)
-    n_around = np.bincount(around.ravel(), minlength=count)
-    n_narrow = np.bincount(around.ravel(), narrow.ravel(), minlength=count)
-    n_bar = np.bincount(labels.ravel(), minlength=count)
-    is_free = (n_narrow < 0.4 * (n_around - n_bar)).astype(np.uint8)
-    is_free[0] = 0
-    return is_free[np.asarray(labels, dtype=int)]
+@dataclass(frozen=True)
+class _Bars:
+    """Bars, and the pixels around them."""
+
+    labels: np.ndarray
+    """(h, w) int32, number of the bar, 0 outside."""
+    near: np.ndarray
+    """(n,) flat indices of pixels on and beside bars."""
+    bar: np.ndarray
+    """(n,) number of the bar at each."""
+    n_beside: np.ndarray
+    """(count,) pixels beside each."""
+
+    @classmethod
+    def find(cls, bars: np.ndarray, line_px: float) -> "_Bars":
+        count, labels = cv2.connectedComponents(bars, connectivity=8)
+        reach = 2 * int(line_px + 2) + 1
+        around = cv2.dilate(labels.astype(np.float32), np.ones((reach, reach))).astype(np.int32)
+        near = np.flatnonzero(around)
+        bar = around.ravel()[near]
+        n_bar = np.bincount(labels.ravel()[near], minlength=count)
+        return cls(labels, near, bar, np.bincount(bar, minlength=count) - n_bar)
+
+    def free(self, narrow: np.ndarray) -> np.ndarray:
+        """(h, w) uint8: bars with free space at their sides; those in a narrow gap are lines of windows."""
+        n_narrow = np.bincount(self.bar, narrow.ravel()[self.near], minlength=len(self.n_beside))
+        is_free = (n_narrow < 0.4 * self.n_beside).astype(np.uint8)
+        is_free[0] = 0
+        return is_free[self.labels]

@@ -1,0 +1,115 @@
+"""Walls drawn as closed outlines: the thin, long pieces of paper that lines shut in.
+
+Where outlines are closed, a wall with all that hangs on it is one piece of paper, and every window, leaf of a
+door and piece of furniture is another: they are told apart as wholes. Where a line is broken, the paper
+inside runs into a room and is too fat for a wall; then the strips between lines tell more.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+_LONG = 3.0
+"""A cell's length is at least this many times its thickness."""
+_FATTEST = 1 / 14
+"""Walls are thinner than this share of the drawing."""
+_ALIKE_PX = 3
+"""Two parts of a window begin and end at the same place, within this."""
+_SMALL = 0.3
+"""A closed ring smaller than this share of the drawing is a piece of furniture."""
+_THIN, _THICK = 0.35, 1.5
+"""Walls are thicker than this share of the median: leaves of doors are thinner; and thinner than this many
+times what all but few are thinner than."""
+_SHARES = np.array([0.5, 0.9])
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """Pieces of paper by label; all arrays (n,)."""
+
+    low: np.ndarray
+    """(n, 2) first column and row of the box."""
+    side: np.ndarray
+    """(n, 2) width and height of the box, px."""
+    area: np.ndarray
+    outline: np.ndarray
+    thickness: np.ndarray
+    """At the thickest place: diameter of the largest circle inside."""
+
+
+def find_wall_cells(lines: np.ndarray, line_px: float, extent_px: float) -> np.ndarray:
+    """Mask (h, w) uint8 of the paper inside the outlines of walls; 0 everywhere where there is none.
+
+    Args:
+        lines: (h, w) uint8, 1 on everything dark, walls along rows and columns.
+        line_px: usual width of a line.
+        extent_px: larger side of the drawing.
+    """
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(1 - lines, connectivity=4)
+    labels = np.asarray(labels, dtype=np.int32)
+    depth = cv2.distanceTransform(1 - lines, cv2.DIST_L2, 3)
+    deepest = np.zeros(count, np.float32)
+    np.maximum.at(deepest, labels.ravel(), depth.ravel())
+    cells = _Cells(
+        stats[:, :2], stats[:, 2:4], stats[:, 4], _outlines(labels, count), 2 * deepest - 1
+    )
+    thickness = cells.thickness
+    is_wall = (thickness > 1.5) & (thickness < _FATTEST * extent_px)
+    is_wall &= cells.outline / 2 > (_LONG + 1) * thickness
+    is_wall &= ~_are_stacked(cells, 2 * line_px + 2)
+    for i in np.flatnonzero(is_wall):
+        is_wall[i] = not _is_small_ring(labels, cells, int(i), _SMALL * extent_px)
+    if not is_wall.any():
+        return np.zeros_like(lines)
+    order = np.argsort(thickness[is_wall])
+    # The network of walls outweighs many short pieces, and rooms with much in them.
+    reached = np.cumsum((cells.outline / np.maximum(thickness, 1.0))[is_wall][order] ** 2)
+    usual, thick = thickness[is_wall][order][np.searchsorted(reached, reached[-1] * _SHARES)]
+    is_wall &= (thickness > _THIN * usual) & (thickness < _THICK * thick)
+    return is_wall.astype(np.uint8)[labels]
+
+
+def _outlines(labels: np.ndarray, count: int) -> np.ndarray:
+    """Length (count,) of the border of each label, in edges of pixels."""
+    total = np.zeros(count)
+    for one, other in ((labels[:, :-1], labels[:, 1:]), (labels[:-1], labels[1:])):
+        is_border = one != other
+        total += np.bincount(one[is_border], minlength=count)
+        total += np.bincount(other[is_border], minlength=count)
+    return total
+
+
+def _are_stacked(cells: _Cells, gap_px: float) -> np.ndarray:
+    """Rectangles (n,) bool beside others of the same length: parts of windows, stairs, lists."""
+    result = np.zeros(len(cells.area), dtype=bool)
+    is_box = cells.area > 0.9 * (cells.side - 1).prod(axis=1)  # a tilt adds a row
+    is_box &= cells.side.max(axis=1) > 8
+    low, high = cells.low, cells.low + cells.side
+    for along in (0, 1):
+        across = 1 - along
+        idx = np.flatnonzero(is_box & (cells.side[:, along] > cells.side[:, across]))
+        idx = idx[np.argsort(low[idx, across], kind="stable")]
+        for k, i in enumerate(idx):
+            later = idx[k + 1 :]
+            later = later[: np.searchsorted(low[later, across], high[i, across] + gap_px)]
+            alike = np.abs(low[later, along] - low[i, along]) <= _ALIKE_PX
+            alike &= np.abs(high[later, along] - high[i, along]) <= _ALIKE_PX
+            alike &= low[later, across] >= high[i, across]
+            result[later[alike]] = True
+            result[i] |= bool(alike.any())
+    return result
+
+
+def _is_small_ring(labels: np.ndarray, cells: _Cells, i: int, small_px: float) -> bool:
+    """Whether a cell goes once round a piece of furniture: closed, with one hole, without branches."""
+    if cells.side[i].max() >= small_px:
+        return False
+    (u, v), (w, h) = cells.low[i], cells.side[i]
+    own = np.pad((labels[v : v + h, u : u + w] == i).astype(np.uint8), 1)
+    contours, hierarchy = cv2.findContours(own, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    is_hole = hierarchy[0][:, 3] >= 0
+    area = np.array([cv2.contourArea(contour) for contour in contours])
+    inside = area[is_hole].sum()
+    # Letters and the rims of lines leave small holes anywhere.
+    return bool(inside > 0.15 * area[~is_hole].max(initial=1.0))
