@@ -18,6 +18,10 @@ INK = 0.5
 LINE = 0.3
 """Darkness from which a pixel is part of a line; a thin line covers half of each of two pixels."""
 _TONE_SPREAD = 0.07
+_LEAST_WALL_PX = 4
+"""Thinner strokes may be lines, whatever else there is."""
+_MAX_LINE_SHARE = 0.02
+"""Of the length of all strokes, what may be thin in a picture of walls alone: ends and corners."""
 
 
 @dataclass(frozen=True)
@@ -94,10 +98,14 @@ def _length_by_width(mask: np.ndarray, largest: int) -> np.ndarray:
     return np.concatenate([[0.0], lost / np.arange(1, len(lost) + 1)])
 
 
+def _largest_width(extent: float) -> int:
+    """Thickest wall (px) in a drawing of some size."""
+    return int(min(max(extent / 12, 8), 60))
+
+
 def _least_widths(mask: np.ndarray, line_px: float, extent: float) -> list[int]:
     """Widths that may part lines from walls: the emptiest between them, for thin and for thick walls."""
-    largest = int(min(max(extent / 12, 8), 60))
-    length = _length_by_width(mask, largest)
+    length = _length_by_width(mask, _largest_width(extent))
     width = np.arange(len(length))
     first = round(1.3 * line_px) + 1
     result = []
@@ -114,10 +122,24 @@ def _least_widths(mask: np.ndarray, line_px: float, extent: float) -> list[int]:
 
 def _black(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate]:
     ink = (darkness > INK).astype(np.uint8)
-    return [
-        Candidate("solid black", opened(ink, size), "edge", INK, 0.0, size)
-        for size in _least_widths(ink, line_px, extent)
-    ]
+    widths = _least_widths(ink, line_px, extent)
+    if _is_bare(ink, extent):
+        widths.append(2)
+    return [Candidate("solid black", opened(ink, size), "edge", INK, 0.0, size) for size in widths]
+
+
+def _is_bare(mask: np.ndarray, extent: float) -> bool:
+    """Whether nothing is drawn with a line: thin walls are then what would be taken for lines.
+
+    In drawings with windows, doors or texts at least a third of the length is thinner than a quarter
+    of the walls.
+    """
+    length = _length_by_width(mask, _largest_width(extent))
+    width = np.arange(len(length))
+    area = np.cumsum(length * width)
+    usual = int(np.searchsorted(area, area[-1] / 2))
+    is_line = width < max(0.25 * usual, _LEAST_WALL_PX)
+    return bool(length[is_line].sum() < _MAX_LINE_SHARE * length.sum())
 
 
 def _grey(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate]:
