@@ -20,6 +20,8 @@ import numpy as np
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
 from planfit.scan.images import image_size, read_color, read_depth_mm, read_image
+from planfit.scan.options import ScanOptions
+from planfit.scan.source import Source
 from planfit.scan.types import Label, Scan, check_pose
 
 PLAN_FROM_WORLD = np.array(
@@ -40,9 +42,32 @@ MASKS = {
 _FRAME = re.compile(r"frame-(\d+)\.(jpg|jpeg|png)$", re.IGNORECASE)
 
 
-def is_facap(path: Path) -> bool:
+LOOKS_FOR = (
+    "a folder arcore/ with frame-NNNN.jpg, depth-NNNN.png, pose-NNNN.txt, cam_params-NNNN.txt"
+)
+
+
+def recognise(source: Source) -> bool:
     """Whether a folder has this layout."""
-    return (path / "arcore").is_dir()
+    return "arcore" in source.folders()
+
+
+def read(source: Source, options: ScanOptions) -> Scan:
+    """As `read_facap`.
+
+    Raises:
+        ScanError: also where it lies in an archive.
+    """
+    if not source.path.is_dir():
+        raise ScanError(
+            f"{source.path}: expected this layout in a folder; unpack the archive first"
+        )
+    if options.depth_scale is not None:
+        raise ScanError(
+            f"{source.path}: expected depth in millimetres, as this layout has it; "
+            "leave out --depth-scale"
+        )
+    return read_facap(source.path, options.use_masks)
 
 
 def read_facap(path: Path, use_masks: bool = True) -> Scan:
@@ -82,6 +107,7 @@ def read_facap(path: Path, use_masks: bool = True) -> Scan:
         plan_from_world_axes=PLAN_FROM_WORLD,
         floorplan_path=plan if plan.exists() else None,
         fingerprint=_fingerprint([*sorted(folder.iterdir()), *mask_paths]),
+        format="facap",
     )
 
 
@@ -115,10 +141,13 @@ class FacapFiles:
                 labels[mask > mask.max() // 2] = label  # stored as 0/255, or as 0/1
         return labels
 
-    def write_poses(self, directory: Path, world_from_cams: np.ndarray) -> None:
+    def write_poses(
+        self, directory: Path, world_from_cams: np.ndarray, frame_idx: np.ndarray | None = None
+    ) -> None:
         """Write `pose-NNNN.txt` files."""
-        for name, pose in zip(self.pose_names, world_from_cams, strict=True):
-            write_pose(directory / name, pose)
+        frames = range(len(self.pose_names)) if frame_idx is None else frame_idx
+        for i, pose in zip(frames, world_from_cams, strict=True):
+            write_pose(directory / self.pose_names[i], pose)
 
     def mask_paths(self) -> list[Path]:
         """The masks that exist."""
