@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.association import poses_at
-from planfit.scan.bag_topics import TF_TYPE
 
 
 @dataclass
@@ -74,7 +73,7 @@ def poses_of_bag(
 def _read_tf(reader: Any) -> dict[str, Edge]:
     """Edges by child frame."""
     tree: dict[str, Edge] = {}
-    connections = [c for c in reader.connections if c.msgtype.endswith(TF_TYPE.split("/")[-1])]
+    connections = [c for c in reader.connections if c.msgtype.endswith(("/TFMessage", "/tfMessage"))]
     if not connections:
         return tree
     for connection, _, data in reader.messages(connections):

@@ -18,7 +18,7 @@ POSE_TYPES = (
     "geometry_msgs/msg/TransformStamped",
     "nav_msgs/msg/Path",
 )
-TF_TYPE = "tf2_msgs/msg/TFMessage"
+TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def choose_topics(path: Path, connections: Iterable[Any], options: ScanOptions) 
             f"{path}: expected a CameraInfo topic beside {color}, found {_list(types)}; "
             "name it with --info-topic"
         )
-    has_tf = any(kind == TF_TYPE for kind in types.values())
+    has_tf = any(kind in TF_TYPES for kind in types.values())
     poses = [t for t, kind in types.items() if kind in POSE_TYPES]
     pose = options.pose_topic or ("" if has_tf else _best(poses, ("pose", "odom", "path")))
     if not pose and not has_tf:

@@ -1,7 +1,7 @@
 """Record3D's `.r3d`: a zip archive, or the folder it unpacks to.
 
     metadata                  JSON: w h, dw dh, K (3x3 by column), perFrameIntrinsicCoeffs [[fx fy cx cy]],
-                              poses [[qx qy qz qw tx ty tz]] (world_from_cam, ARKit axes), frameTimestamps or fps
+                              poses [[qx qy qz qw tx ty tz]] (world_from_cam, ARKit), frameTimestamps or fps
     rgbd/N.jpg, N.depth, N.conf     colour; float32 metres and uint8 confidence (0 1 2), LZFSE, dh x dw
 
 Intrinsics are those of the colour image. Whether the world is level is not told, so gravity is found from
