@@ -1,14 +1,13 @@
 """Bags of a sample: ROS 1, ROS 2, MCAP; poses in tf or on a topic."""
 
 import numpy as np
+
 from scan_samples import HEIGHT, WIDTH, k_of, png, quaternion
 
 TF_KINDS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 COLOR_FRAME, BODY_FRAME = "camera_color_optical_frame", "base_link"
 # The camera's axes as a robot carries it: forward is x, left is y, up is z.
-BODY_FROM_CAM = np.array(
-    [[0, 0, 1, 0.2], [-1, 0, 0, 0.05], [0, -1, 0, 0.4], [0, 0, 0, 1.0]]
-)
+BODY_FROM_CAM = np.array([[0, 0, 1, 0.2], [-1, 0, 0, 0.05], [0, -1, 0, 0.4], [0, 0, 0, 1.0]])
 
 
 class BagWriter:
@@ -41,17 +40,25 @@ class BagWriter:
     def header(self, time, frame):
         stamp = self.make("builtin_interfaces/msg/Time", *divmod(round(time * 1e9), 10**9))
         self.seq += 1
-        return self.make("std_msgs/msg/Header", *([self.seq] if self.ros == 1 else []), stamp, frame)
+        return self.make(
+            "std_msgs/msg/Header", *([self.seq] if self.ros == 1 else []), stamp, frame
+        )
 
     def write(self, topic, kind, time, message):
         if topic not in self.connections:
             self.connections[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
         encode = self.store.serialize_ros1 if self.ros == 1 else self.store.serialize_cdr
         # Logged a little after it was made, all within the same instant of each other.
-        self.writer.write(self.connections[topic], round((time + 0.01) * 1e9), encode(message, kind))
+        self.writer.write(
+            self.connections[topic], round((time + 0.01) * 1e9), encode(message, kind)
+        )
 
     def image(self, topic, time, frame, array, encoding, padding=0):
-        rows = array.reshape(HEIGHT, -1).view(np.uint8) if array.ndim == 2 else array.reshape(HEIGHT, -1)
+        rows = (
+            array.reshape(HEIGHT, -1).view(np.uint8)
+            if array.ndim == 2
+            else array.reshape(HEIGHT, -1)
+        )
         rows = np.pad(rows, ((0, 0), (0, padding)))
         self.write(topic, "sensor_msgs/msg/Image", time, self.make(
             "sensor_msgs/msg/Image", self.header(time, frame), HEIGHT, WIDTH, encoding, 0, rows.shape[1],
@@ -69,7 +76,8 @@ class BagWriter:
         roi = self.make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
         self.write(topic, "sensor_msgs/msg/CameraInfo", time, self.make(
             "sensor_msgs/msg/CameraInfo", self.header(time, frame), HEIGHT, WIDTH, "plumb_bob",
-            np.array(distortion or [0.0] * 5), k.ravel(), np.eye(3).ravel(), p.ravel(), 0, 0, roi))  # fmt: skip
+            np.array(distortion or [0.0] * 5), k.ravel(), np.eye(3).ravel(), p.ravel(), 0, 0,
+            roi))  # fmt: skip
 
     def transform(self, pose):
         vector = self.make("geometry_msgs/msg/Vector3", *pose[:3, 3])
@@ -107,7 +115,8 @@ def write_images(bag, s, compressed=False):
                            "rgb8; png compressed bgr8")  # fmt: skip
             header = bytes(12)
             bag.compressed("/camera/aligned_depth_to_color/image_raw/compressedDepth", time + 0.002,
-                           COLOR_FRAME, header + png(s.depth_mm[i]), "16UC1; compressedDepth png")  # fmt: skip
+                           COLOR_FRAME, header + png(s.depth_mm[i]),
+                           "16UC1; compressedDepth png")  # fmt: skip
         else:
             bgr = np.ascontiguousarray(s.color[i][..., ::-1])
             bag.image("/camera/color/image_raw", time, COLOR_FRAME, bgr, "bgr8", padding=8)

@@ -73,7 +73,9 @@ def poses_of_bag(
 def _read_tf(reader: Any) -> dict[str, Edge]:
     """Edges by child frame."""
     tree: dict[str, Edge] = {}
-    connections = [c for c in reader.connections if c.msgtype.endswith(("/TFMessage", "/tfMessage"))]
+    connections = [
+        c for c in reader.connections if c.msgtype.endswith(("/TFMessage", "/tfMessage"))
+    ]
     if not connections:
         return tree
     for connection, _, data in reader.messages(connections):
