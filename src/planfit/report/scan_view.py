@@ -74,7 +74,7 @@ def draw_scan_view(
             marker="s",
             linestyle="",
             markersize=6,
-            label="seen at about the camera's height",
+            label="seen near camera height",
         ),
         Line2D([], [], color=PATH, marker="o", mfc="white", label="camera, from its start"),
     ]

@@ -73,9 +73,9 @@ def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
     poses, known = _for_frames(scan, table, path, max_gap_s)
     if not known.any():
         raise ScanError(
-            f"{path}: expected poses at times between {scan.timestamps.min():.9g} and "
-            f"{scan.timestamps.max():.9g}, as the frames of {scan.name} have them, found "
-            f"{table.keys.min():.9g} to {table.keys.max():.9g}, none within {max_gap_s:g} s of a frame; "
+            f"{path}: expected poses at times between {scan.timestamps.min():.3f} and "
+            f"{scan.timestamps.max():.3f}, as the frames of {scan.name} have them, found "
+            f"{table.keys.min():.3f} to {table.keys.max():.3f}, none within {max_gap_s:g} s of a frame; "
             "are they of this scan? Else give --max-time-gap-s"
         )
     without = [
