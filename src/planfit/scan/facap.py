@@ -19,6 +19,7 @@ import numpy as np
 
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
+from planfit.scan.damage import MAX_DAMAGED_SHARE
 from planfit.scan.images import image_size, read_color, read_depth_mm, read_image
 from planfit.scan.options import ScanOptions
 from planfit.scan.source import Source
@@ -82,6 +83,7 @@ def read_facap(path: Path, use_masks: bool = True) -> Scan:
     color_paths = _color_paths(folder)
     frame_ids = sorted(color_paths, key=int)
     _check_counts(folder, frame_ids)
+    frame_ids, skipped = _without_damaged(folder, color_paths, frame_ids)
     files = FacapFiles(
         color_paths=tuple(color_paths[i] for i in frame_ids),
         depth_paths=tuple(folder / f"depth-{i}.png" for i in frame_ids),
@@ -108,6 +110,7 @@ def read_facap(path: Path, use_masks: bool = True) -> Scan:
         floorplan_path=plan if plan.exists() else None,
         fingerprint=_fingerprint([*sorted(folder.iterdir()), *mask_paths]),
         format="facap",
+        skipped=skipped,
     )
 
 
@@ -197,6 +200,27 @@ def _check_counts(folder: Path, frame_ids: list[str]) -> None:
             f"and {len(depth_ids)} depth (depth-{extra[0]}.png has no colour); "
             "copy the missing colour frames or delete the depth without them"
         )
+
+
+def _without_damaged(
+    folder: Path, color_paths: dict[str, Path], frame_ids: list[str]
+) -> tuple[list[str], tuple[str, ...]]:
+    """Frames whose images begin as images do, and a line for each of the others.
+
+    Raises:
+        ScanError: more than one in a hundred do not.
+    """
+    kept, errors = [], []
+    for frame_id in frame_ids:
+        try:
+            for path in (color_paths[frame_id], folder / f"depth-{frame_id}.png"):
+                image_size(path)
+            kept.append(frame_id)
+        except ScanError as error:
+            errors.append((frame_id, error))
+            if len(errors) > MAX_DAMAGED_SHARE * len(frame_ids):
+                raise
+    return kept, tuple(f"frame {frame_id}: {error}" for frame_id, error in errors)
 
 
 def _read_numbers(path: Path, expected: str) -> np.ndarray:
