@@ -368,3 +368,24 @@ def test_masks_for_only_some_frames(folder):
     for name in ("floor", "wall"):
         (folder / "segmentation" / f"frame-0004_{name}.png").unlink()
     refused(folder, str(folder / "segmentation"), "0004", "found 2")
+
+
+def test_one_spoiled_image_in_a_hundred_is_left_out_and_named(folder):
+    shutil.rmtree(folder / "segmentation")
+    arcore = folder / "arcore"
+    for i in range(100, 200):
+        for kind, end in (
+            ("frame", "png"),
+            ("depth", "png"),
+            ("pose", "txt"),
+            ("cam_params", "txt"),
+        ):
+            (arcore / f"{kind}-{i:04d}.{end}").hardlink_to(arcore / f"{kind}-0003.{end}")
+    broken = arcore / "depth-0150.png"
+    broken.unlink()
+    broken.write_bytes(b"this is no image")
+    scan = read_scan(folder)
+    assert len(scan) == 102
+    assert "0150" not in scan.frame_ids
+    assert len(scan.skipped) == 1
+    assert "depth-0150.png" in scan.skipped[0]

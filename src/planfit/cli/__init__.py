@@ -18,8 +18,10 @@ usage: planfit COMMAND ...
 commands:
   refine SCAN -o OUT [--plan FILE]   refine the camera poses of a scan; OUT/report.html tells how it went
   align SCAN PLAN -o OUT             find the place of a scan on a plan; a picture of each place that fits
+  inspect SCAN [-o FILE.png]         show what is found in a scan: frames, depth, path, up, gaps, jumps
   plan FILE [-o FILE.png|svg|dxf|json]   show what is read of a floorplan
   evaluate OUT --truth FILE          compare refined poses with true ones
+  export OUT --to KIND -o FILE       write poses for other programs: tum, kitti, open3d, g2o, ply, colmap, ...
   demo [-o OUT]                      make a synthetic scan, drift it, refine it, and compare with the truth
   synth OUT                          write a synthetic scan with its plan and its truth
 
@@ -45,8 +47,10 @@ def run(argv: Sequence[str]) -> int:
     loaders: dict[str, Callable[[], tuple[type, Callable[[Any], int]]]] = {
         "refine": _load_refine,
         "align": _load_align,
+        "inspect": _load_inspect,
         "plan": _load_plan,
         "evaluate": _load_evaluate,
+        "export": _load_export,
         "demo": _load_demo,
         "synth": _load_synth,
     }
@@ -121,6 +125,12 @@ def _load_align() -> tuple[type, Callable[[Any], int]]:
     return AlignArguments, align_command
 
 
+def _load_inspect() -> tuple[type, Callable[[Any], int]]:
+    from planfit.cli.inspect import InspectArguments, inspect_command
+
+    return InspectArguments, inspect_command
+
+
 def _load_plan() -> tuple[type, Callable[[Any], int]]:
     from planfit.cli.plan import PlanArguments, plan_command
 
@@ -131,6 +141,12 @@ def _load_evaluate() -> tuple[type, Callable[[Any], int]]:
     from planfit.cli.evaluate import EvaluateArguments, evaluate_command
 
     return EvaluateArguments, evaluate_command
+
+
+def _load_export() -> tuple[type, Callable[[Any], int]]:
+    from planfit.cli.export import ExportArguments, export_command
+
+    return ExportArguments, export_command
 
 
 def _load_demo() -> tuple[type, Callable[[Any], int]]:

@@ -12,12 +12,13 @@ import tyro
 from planfit.align import Alignment, Fit, WallSamples, metric_plan
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.plan_flags import PlanFlags
+from planfit.cli.scan_notes import tell_scan
 from planfit.errors import OutputError, ScanError
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.options import RefineOptions
 from planfit.place import align_scan
 from planfit.report import draw_place
-from planfit.scan import read_scan
+from planfit.scan import ScanOptions, read_scan
 from planfit.work import Work
 
 
@@ -26,11 +27,14 @@ class AlignArguments:
     """Find the place of a scan on a floorplan: turn, shift and, where the plan has no unit, scale."""
 
     scan: tyro.conf.Positional[Path]
-    """Folder of the scan."""
+    """Folder of the scan, zip archive of one, or bag."""
     plan: tyro.conf.Positional[Path]
     """Floorplan."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for alignment.json and a picture of each place."""
+    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
+        default_factory=ScanOptions
+    )
     plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
     candidate: int = 1
     """Which of the places found is taken, 1 the best."""
@@ -55,7 +59,9 @@ def align_command(arguments: AlignArguments) -> int:
     )
     options = replace(options, align=chosen)
     folder = _claim(arguments.out)
-    scan = read_scan(arguments.scan, options.structure.back_end != "geometry")
+    scan = read_scan(
+        arguments.scan, options.structure.back_end != "geometry", arguments.scan_options
+    )
     floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
     with StageBars() as bars:
         work = Work(arguments.workers, folder / "cache", bars.update)
@@ -67,6 +73,7 @@ def align_command(arguments: AlignArguments) -> int:
         )
     alignment, walls = found
     pictures = _write(folder, floorplan, walls, alignment)
+    tell_scan(scan)
     _tell(floorplan, alignment, pictures)
     return 0 if alignment.is_sure else 1
 

@@ -1,5 +1,6 @@
 """`planfit refine`: from files to files."""
 
+import dataclasses
 import os
 import time
 from collections.abc import Callable
@@ -13,13 +14,14 @@ from planfit import __version__
 from planfit.cli.config import to_toml
 from planfit.cli.console import StageBars, err, out, table
 from planfit.cli.plan_flags import PlanFlags
+from planfit.cli.scan_notes import tell_scan
 from planfit.errors import FloorplanError
 from planfit.export import RunFolder, make_record, sample_cloud, write_results
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.options import RefineOptions
 from planfit.pipeline import RefineResult, refine
 from planfit.report import TruthErrors, draw_overlay, make_report
-from planfit.scan import Scan, read_scan
+from planfit.scan import Scan, ScanOptions, read_scan
 from planfit.work import Work
 
 
@@ -28,13 +30,16 @@ class RefineArguments:
     """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan."""
 
     scan: tyro.conf.Positional[Path]
-    """Folder of the scan."""
+    """Folder of the scan, zip archive of one, or bag."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for the results."""
     plan: Path | None = None
     """Floorplan; by default the one inside the scan's folder."""
     preset: str = "default"
     """Options to begin with: `default`, what works best, or `paper`, the published method to the letter."""
+    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
+        default_factory=ScanOptions
+    )
     plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
     config: Path | None = None
     """TOML file of options, on top of the preset and overruled by the flags below."""
@@ -48,7 +53,9 @@ class RefineArguments:
 def refine_command(arguments: RefineArguments) -> int:
     """Read, refine, write, summarise. Exit code 1 where the result is not better than the input."""
     begin = time.perf_counter()
-    scan = read_scan(arguments.scan, arguments.options.structure.back_end != "geometry")
+    scan = read_scan(
+        arguments.scan, arguments.options.structure.back_end != "geometry", arguments.scan_options
+    )
     plan_path = arguments.plan or scan.floorplan_path
     if plan_path is None:
         raise FloorplanError(
@@ -57,7 +64,13 @@ def refine_command(arguments: RefineArguments) -> int:
         )
     floorplan = read_floorplan(plan_path, arguments.plan_flags.options)
     result = refine_into(
-        arguments.out, scan, floorplan, arguments.options, arguments.workers, arguments.overwrite
+        arguments.out,
+        scan,
+        floorplan,
+        arguments.options,
+        arguments.workers,
+        arguments.overwrite,
+        scan_options=arguments.scan_options,
     )
     summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
     return 0 if result.is_better else 1
@@ -71,10 +84,12 @@ def refine_into(
     workers: int,
     overwrite: bool,
     truth_of: Callable[[RefineResult], TruthErrors] | None = None,
+    scan_options: ScanOptions | None = None,
 ) -> RefineResult:
     """Refine a scan and write everything a run writes; see docs/outputs.md.
 
     `truth_of` gives the errors of a result against true poses, where they are known, for the report.
+    `scan_options` are those that the scan was read with, for the record.
     """
     inputs = {
         "scan": str(Path(scan.name).resolve()),
@@ -90,6 +105,7 @@ def refine_into(
         with run.writing() as staging:
             bars.update("write results", 0, 0)
             record = make_record(__version__, inputs, scan, result.floorplan, options, result)
+            record["scan_options"] = to_record(scan_options or ScanOptions())
             write_results(staging, scan, result, record, cloud)
             (staging / "overlay.png").write_bytes(draw_overlay(result.floorplan, result))
             errors = truth_of(result) if truth_of else None
@@ -97,6 +113,13 @@ def refine_into(
             (staging / "report.html").write_text(report, encoding="utf-8")
         bars.update("write results", 1, 0)
     return result
+
+
+def to_record(options: ScanOptions) -> dict[str, object]:
+    """The options as plain values; a relative path of poses would lead nowhere later."""
+    values = dataclasses.asdict(options)
+    values["poses"] = str(options.poses.resolve()) if options.poses else None
+    return values
 
 
 def summarise(
@@ -123,6 +146,7 @@ def summarise(
             f"the plan's unit was found to be {alignment.metres_per_unit:.5g} m, within "
             f"{alignment.scale_spread:.2%} (one standard deviation)"
         )
+    tell_scan(scan)
     for doubt in result.doubts:
         out.print(f"[yellow]note:[/] {doubt}")
     verdict = "refined" if result.is_better else "[red]not better than before[/]"

@@ -27,7 +27,12 @@ def make_record(
         "planfit": version,
         "inputs": inputs,
         "options": plain(options),
+        "scan_format": scan.format,
         "frames": len(scan),
+        "frames_left_out": list(scan.skipped),
+        "frames_not_decoded": {}
+        if scan.damage is None
+        else {scan.frame_ids[i]: why for i, why in sorted(scan.damage.reasons.items())},
         "plan_faces": len(floorplan),
         "labels_from": result.structure.back_end,
         "up_world": result.gravity.up_world.tolist(),

@@ -1,5 +1,6 @@
 """Posed RGB-D scans: the data type, and one reader a format."""
 
+from planfit.scan.options import ScanOptions as ScanOptions
 from planfit.scan.read import read_scan as read_scan
 from planfit.scan.trajectory import read_tum as read_tum
 from planfit.scan.trajectory import write_tum as write_tum

@@ -19,7 +19,10 @@ import numpy as np
 
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
+from planfit.scan.damage import MAX_DAMAGED_SHARE
 from planfit.scan.images import image_size, read_color, read_depth_mm, read_image
+from planfit.scan.options import ScanOptions
+from planfit.scan.source import Source
 from planfit.scan.types import Label, Scan, check_pose
 
 PLAN_FROM_WORLD = np.array(
@@ -40,9 +43,32 @@ MASKS = {
 _FRAME = re.compile(r"frame-(\d+)\.(jpg|jpeg|png)$", re.IGNORECASE)
 
 
-def is_facap(path: Path) -> bool:
+LOOKS_FOR = (
+    "a folder arcore/ with frame-NNNN.jpg, depth-NNNN.png, pose-NNNN.txt, cam_params-NNNN.txt"
+)
+
+
+def recognise(source: Source) -> bool:
     """Whether a folder has this layout."""
-    return (path / "arcore").is_dir()
+    return "arcore" in source.folders()
+
+
+def read(source: Source, options: ScanOptions) -> Scan:
+    """As `read_facap`.
+
+    Raises:
+        ScanError: also where it lies in an archive.
+    """
+    if not source.path.is_dir():
+        raise ScanError(
+            f"{source.path}: expected this layout in a folder; unpack the archive first"
+        )
+    if options.depth_scale is not None:
+        raise ScanError(
+            f"{source.path}: expected depth in millimetres, as this layout has it; "
+            "leave out --depth-scale"
+        )
+    return read_facap(source.path, options.use_masks)
 
 
 def read_facap(path: Path, use_masks: bool = True) -> Scan:
@@ -57,6 +83,7 @@ def read_facap(path: Path, use_masks: bool = True) -> Scan:
     color_paths = _color_paths(folder)
     frame_ids = sorted(color_paths, key=int)
     _check_counts(folder, frame_ids)
+    frame_ids, skipped = _without_damaged(folder, color_paths, frame_ids)
     files = FacapFiles(
         color_paths=tuple(color_paths[i] for i in frame_ids),
         depth_paths=tuple(folder / f"depth-{i}.png" for i in frame_ids),
@@ -82,6 +109,8 @@ def read_facap(path: Path, use_masks: bool = True) -> Scan:
         plan_from_world_axes=PLAN_FROM_WORLD,
         floorplan_path=plan if plan.exists() else None,
         fingerprint=_fingerprint([*sorted(folder.iterdir()), *mask_paths]),
+        format="facap",
+        skipped=skipped,
     )
 
 
@@ -115,10 +144,13 @@ class FacapFiles:
                 labels[mask > mask.max() // 2] = label  # stored as 0/255, or as 0/1
         return labels
 
-    def write_poses(self, directory: Path, world_from_cams: np.ndarray) -> None:
+    def write_poses(
+        self, directory: Path, world_from_cams: np.ndarray, frame_idx: np.ndarray | None = None
+    ) -> None:
         """Write `pose-NNNN.txt` files."""
-        for name, pose in zip(self.pose_names, world_from_cams, strict=True):
-            write_pose(directory / name, pose)
+        frames = range(len(self.pose_names)) if frame_idx is None else frame_idx
+        for i, pose in zip(frames, world_from_cams, strict=True):
+            write_pose(directory / self.pose_names[i], pose)
 
     def mask_paths(self) -> list[Path]:
         """The masks that exist."""
@@ -168,6 +200,27 @@ def _check_counts(folder: Path, frame_ids: list[str]) -> None:
             f"and {len(depth_ids)} depth (depth-{extra[0]}.png has no colour); "
             "copy the missing colour frames or delete the depth without them"
         )
+
+
+def _without_damaged(
+    folder: Path, color_paths: dict[str, Path], frame_ids: list[str]
+) -> tuple[list[str], tuple[str, ...]]:
+    """Frames whose images begin as images do, and a line for each of the others.
+
+    Raises:
+        ScanError: more than one in a hundred do not.
+    """
+    kept, errors = [], []
+    for frame_id in frame_ids:
+        try:
+            for path in (color_paths[frame_id], folder / f"depth-{frame_id}.png"):
+                image_size(path)
+            kept.append(frame_id)
+        except ScanError as error:
+            errors.append((frame_id, error))
+            if len(errors) > MAX_DAMAGED_SHARE * len(frame_ids):
+                raise
+    return kept, tuple(f"frame {frame_id}: {error}" for frame_id, error in errors)
 
 
 def _read_numbers(path: Path, expected: str) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Image files to arrays, with errors that name the file."""
 
+import io
 from pathlib import Path
 
 import cv2
@@ -32,10 +33,19 @@ def read_image(path: Path, flags: int) -> np.ndarray:
         ScanError: the file is missing, truncated or not an image.
     """
     try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+        data = path.read_bytes()
     except OSError as error:
         raise ScanError(f"{path}: cannot be read ({error.strerror})") from error
-    image = cv2.imdecode(data, flags) if len(data) else None
+    return decode_image(data, path, flags)
+
+
+def decode_image(data: bytes, path: Path, flags: int) -> np.ndarray:
+    """Decode the bytes of an image file, which messages call `path`.
+
+    Raises:
+        ScanError: they are truncated or no image.
+    """
+    image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data else None
     if image is None:
         raise ScanError(
             f"{path}: expected an image, found {len(data)} bytes that cannot be decoded; "
@@ -49,18 +59,83 @@ def read_color(path: Path) -> np.ndarray:
     return cv2.cvtColor(read_image(path, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
 
 
+def decode_color(data: bytes, path: Path) -> np.ndarray:
+    """Colour image (h, w, 3) uint8, RGB, as stored: a mark that says "turn me" is not followed."""
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    return cv2.cvtColor(decode_image(data, path, flags), cv2.COLOR_BGR2RGB)
+
+
 def read_depth_mm(path: Path) -> np.ndarray:
     """16-bit depth in millimetres to (h, w) float32 m; 0 and 65535 mean no reading and become NaN.
 
     Raises:
         ScanError: the image is not 16-bit with one channel.
     """
-    raw = read_image(path, cv2.IMREAD_UNCHANGED)
+    return depth_from_raw(read_image(path, cv2.IMREAD_UNCHANGED), 1e-3, path)
+
+
+def decode_depth(data: bytes, metres_per_unit: float, path: Path) -> np.ndarray:
+    """The bytes of a 16-bit depth image, or of a `.npy` array, to (h, w) float32 m, NaN without reading.
+
+    Raises:
+        ScanError: they are neither.
+    """
+    if path.suffix.lower() == ".npy":
+        try:
+            raw = np.load(io.BytesIO(data), allow_pickle=False)
+        except (ValueError, OSError, EOFError) as error:
+            raise ScanError(f"{path}: expected an array of depth, found {error}") from error
+        raw = raw.squeeze()
+        if raw.ndim == 2 and raw.dtype.kind == "f":
+            return depth_from_metres(raw * metres_per_unit)
+    else:
+        raw = decode_image(data, path, cv2.IMREAD_UNCHANGED)
+    return depth_from_raw(raw, metres_per_unit, path)
+
+
+def depth_from_raw(raw: np.ndarray, metres_per_unit: float, path: Path) -> np.ndarray:
+    """16-bit depth (h, w) to float32 m; 0 and 65535 mean no reading and become NaN.
+
+    Raises:
+        ScanError: the image is not 16-bit with one channel.
+    """
     if raw.ndim != 2 or raw.dtype != np.uint16:
         raise ScanError(
             f"{path}: expected a 16-bit depth image with one channel, found {raw.dtype} "
             f"of shape {raw.shape}; export depth as 16-bit PNG in millimetres"
         )
-    depth = raw.astype(np.float32) * np.float32(1e-3)
+    depth = raw.astype(np.float32) * np.float32(metres_per_unit)
     depth[(raw == 0) | (raw == 65535)] = np.nan
     return depth
+
+
+def depth_from_metres(depth: np.ndarray) -> np.ndarray:
+    """Depth (h, w) m as float32; what is not a positive finite number becomes NaN."""
+    depth = np.array(depth, dtype=np.float32)
+    depth[~(np.isfinite(depth) & (depth > 0))] = np.nan
+    return depth
+
+
+def header_size(data: bytes, path: Path) -> tuple[int, int]:
+    """(width, height) from the first bytes of an image file.
+
+    Raises:
+        ScanError: they begin no image.
+    """
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            return image.size
+    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError) as error:
+        raise ScanError(
+            f"{path}: expected an image, found a file that cannot be read as one; "
+            "copy it again from the source"
+        ) from error
+
+
+def is_cut_off(head: bytes, tail: bytes) -> bool:
+    """Whether a PNG or JPEG lacks its end: the usual damage, seen without decoding."""
+    if head.startswith(b"\x89PNG"):
+        return b"IEND" not in tail
+    if head.startswith(b"\xff\xd8"):
+        return b"\xff\xd9" not in tail  # anywhere in it: some cameras append notes of their own
+    return False

@@ -10,6 +10,7 @@ import numpy as np
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
+from planfit.scan.damage import Damage
 
 MAX_STEP_M = 20.0
 """Half of the steps between frames are shorter: nobody scans a building at strides of 20 m, but poses in
@@ -46,8 +47,13 @@ class ScanFiles(Protocol):
         """Label image (h, w) uint8 of `Label`; only where `Scan.has_labels`."""
         ...
 
-    def write_poses(self, directory: Path, world_from_cams: np.ndarray) -> None:
-        """Write poses (n, 4, 4) into an existing folder, in the format the scan came in."""
+    def write_poses(
+        self, directory: Path, world_from_cams: np.ndarray, frame_idx: np.ndarray | None = None
+    ) -> None:
+        """Write poses (n, 4, 4) into an existing folder, in the format the scan came in.
+
+        `frame_idx` (n,) tells the frames that they belong to; without it, all in order.
+        """
         ...
 
 
@@ -80,6 +86,14 @@ class Scan:
     fingerprint: str = ""
     """Changes when any input file does (names, sizes, times); the cache is keyed by it.
     Without one, nothing about the scan is kept in a cache."""
+    format: str = ""
+    """Name of the format it was read from."""
+    skipped: tuple[str, ...] = ()
+    """Frames of the recording that are left out, and why, one line each."""
+    warnings: tuple[str, ...] = ()
+    """What to look at before trusting the scan."""
+    damage: Damage | None = None
+    """Frames that could not be decoded, noted as they are read."""
 
     def __post_init__(self) -> None:
         n = len(self.frame_ids)

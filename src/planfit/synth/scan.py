@@ -86,9 +86,12 @@ class SynthFiles:
             raise ScanError("synthetic scan: expected labels, found has_labels off; switch it on")
         return self._view(frame_idx).labels.copy()
 
-    def write_poses(self, directory: Path, world_from_cams: np.ndarray) -> None:
+    def write_poses(
+        self, directory: Path, world_from_cams: np.ndarray, frame_idx: np.ndarray | None = None
+    ) -> None:
         """Write `pose-NNNN.txt` files, as in the FACaP layout."""
-        for i, pose in enumerate(world_from_cams):
+        frames = range(len(world_from_cams)) if frame_idx is None else frame_idx
+        for i, pose in zip(frames, world_from_cams, strict=True):
             write_pose(directory / f"pose-{frame_name(i)}.txt", pose)
 
     def _view(self, frame_idx: int) -> View:

@@ -1,0 +1,138 @@
+"""`planfit export`: poses of a run, or of a scan as recorded, in the forms of other programs."""
+
+import json
+import os
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+
+from planfit.cli.console import StageBars, out
+from planfit.cli.scan_notes import tell_scan
+from planfit.errors import OutputError, ScanError
+from planfit.export.cloud import place_cloud, sample_cloud, write_ply
+from planfit.export.datasets import write_colmap, write_nerfstudio
+from planfit.export.poses import write_g2o, write_kitti
+from planfit.geometry import se3
+from planfit.scan import Scan, ScanOptions, read_scan, read_tum, write_tum
+from planfit.scan.odometry import OdometryOptions, make_odometry
+from planfit.scan.redwood import write_log
+from planfit.work import Work
+
+FOLDERS = ("colmap", "nerfstudio")
+
+
+@dataclass(frozen=True)
+class ExportArguments:
+    """Write the poses of a run, or those of a scan as recorded, in the form of another program."""
+
+    source: tyro.conf.Positional[Path]
+    """Output folder of `planfit refine` (refined poses), or a scan (poses as recorded)."""
+    to: Literal["tum", "kitti", "open3d", "g2o", "ply", "colmap", "nerfstudio"]
+    """Form: trajectory files (`tum`, `kitti`, `open3d` log, `g2o` pose graph), coloured points (`ply`), or
+    folders with images and depth (`colmap` model, `nerfstudio`)."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """File to write; a folder for `colmap` and `nerfstudio`. It must not be there yet."""
+    frame: Literal["world", "plan"] = "world"
+    """Axes of the poses: the scan's own, or those of the plan (z up, floor at 0; of a run alone)."""
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Threads."""
+    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
+        default_factory=ScanOptions
+    )
+
+
+def export_command(arguments: ExportArguments) -> int:
+    """Read, write, tell."""
+    target = arguments.out
+    if target.exists() or target.is_symlink():
+        raise OutputError(f"{target}: expected no such file or folder; choose another with -o")
+    scan, poses = _load(arguments)
+    partial = target.with_name(target.name + ".part")
+    with StageBars() as bars:
+        work = Work(arguments.workers, None, bars.update)
+        try:
+            if arguments.to in FOLDERS:
+                partial.mkdir(parents=True)
+                write = write_colmap if arguments.to == "colmap" else write_nerfstudio
+                write(partial, scan, poses, sample_cloud(scan, work, 100_000), work)
+            else:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                _write_file(arguments.to, partial, scan, poses, work)
+            partial.replace(target)
+        except BaseException:
+            # Half of a folder looks like a whole one.
+            if partial.is_dir():
+                shutil.rmtree(partial, ignore_errors=True)
+            partial.unlink(missing_ok=True)
+            raise
+    tell_scan(scan)
+    out.print(f"written: {target}, {len(scan)} frames, {arguments.frame} axes", soft_wrap=True)
+    return 0
+
+
+def _write_file(kind: str, path: Path, scan: Scan, poses: np.ndarray, work: Work) -> None:
+    if kind == "tum":
+        write_tum(path, scan.timestamps, poses)
+    elif kind == "kitti":
+        write_kitti(path, poses)
+    elif kind == "open3d":
+        write_log(path, range(len(scan)), poses)
+    elif kind == "g2o":
+        write_g2o(path, poses, make_odometry(scan.world_from_cams, OdometryOptions()))
+    else:
+        cloud = sample_cloud(scan, work)
+        write_ply(path, place_cloud(cloud, poses), cloud.colors)
+
+
+def _load(arguments: ExportArguments) -> tuple[Scan, np.ndarray]:
+    """The scan, and poses (n, 4, 4) in the axes asked for."""
+    record_path = arguments.source / "run.json"
+    if not record_path.is_file():
+        if arguments.frame == "plan":
+            raise ScanError(
+                f"{arguments.source}: expected the output folder of planfit refine for --frame plan, "
+                "found a scan; refine it first"
+            )
+        scan = read_scan(arguments.source, options=arguments.scan_options)
+        return scan, scan.world_from_cams
+    try:
+        record = json.loads(record_path.read_text())
+        scan_path = record["inputs"]["scan"]
+        world_from_plan = np.array(record["world_from_plan"], dtype=float)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ScanError(
+            f"{record_path}: expected the record of a run, found another file ({error})"
+        ) from error
+    options = arguments.scan_options
+    if options == ScanOptions():
+        options = options_of_record(record)
+    scan = read_scan(scan_path, options=options)
+    times, plan_from_cams = read_tum(arguments.source / "trajectory.tum")
+    if len(times) != len(scan) or not np.allclose(times, scan.timestamps, rtol=0, atol=1e-6):
+        raise ScanError(
+            f"{scan_path}: expected the {len(times)} frames that the run saw, found {len(scan)}; has the "
+            "scan changed? Give the flags that the run was given"
+        )
+    if arguments.frame == "plan":
+        return scan, plan_from_cams
+    world_from_cams = world_from_plan @ plan_from_cams
+    world_from_cams[:, :3, :3] = se3.project_to_so3(world_from_cams[:, :3, :3])
+    return scan, world_from_cams
+
+
+def options_of_record(record: dict[str, Any]) -> ScanOptions:
+    """How the run read its scan."""
+    values = dict(record.get("scan_options") or {})
+    if values.get("poses"):
+        values["poses"] = Path(values["poses"])
+    try:
+        return ScanOptions(**values)
+    except TypeError as error:
+        raise ScanError(
+            f"run.json: expected scan_options of this version of planfit, found others ({error}); "
+            "run planfit refine again"
+        ) from error

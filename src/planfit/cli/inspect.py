@@ -1,0 +1,113 @@
+"""`planfit inspect`: what is found in a scan, before anything is done to it."""
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from planfit.cli.console import StageBars, out, table
+from planfit.cli.scan_notes import tell_scan
+from planfit.errors import OutputError
+from planfit.report import draw_scan_view
+from planfit.scan import Scan, ScanOptions, read_scan
+from planfit.scan.facts import DepthFacts, PathFacts, depth_facts, path_facts
+from planfit.structure.gravity import Gravity, GravityOptions, find_gravity
+from planfit.work import Work
+
+
+@dataclass(frozen=True)
+class InspectArguments:
+    """Read a scan, tell what was found, and draw it from above."""
+
+    scan: tyro.conf.Positional[Path]
+    """Folder of the scan, zip archive of one, or bag."""
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """PNG to write: the scan seen from above."""
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Threads."""
+    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
+        default_factory=ScanOptions
+    )
+
+
+def inspect_command(arguments: InspectArguments) -> int:
+    """Read, measure, print, draw."""
+    if arguments.out is not None and arguments.out.suffix.lower() != ".png":
+        raise OutputError(
+            f"{arguments.out}: expected a file of .png, found "
+            f"{arguments.out.suffix or 'no suffix'}; choose another name"
+        )
+    scan = read_scan(arguments.scan, options=arguments.scan_options)
+    with StageBars() as bars:
+        work = Work(arguments.workers, None, bars.update)
+        depth = depth_facts(scan, work)
+        path = path_facts(scan)
+        gravity = find_gravity(scan, GravityOptions(), work)
+    out.print(f"scan {scan.name}\n", soft_wrap=True)
+    text = table("", ["", ""], _rows(scan, depth, path, gravity))
+    text.columns[1].justify = "left"
+    text.show_header = False
+    out.print(text)
+    tell_scan(scan)
+    if arguments.out is not None:
+        title = f"{Path(scan.name).name}: {len(scan)} frames, {path.length_m:.1f} m of path"
+        picture = draw_scan_view(
+            title,
+            scan.world_from_cams,
+            depth.points_world,
+            gravity.up_world,
+            path.gaps,
+            path.jumps,
+        )
+        arguments.out.write_bytes(picture)
+        out.print(f"written: {arguments.out}", soft_wrap=True)
+    return 0
+
+
+def _rows(scan: Scan, depth: DepthFacts, path: PathFacts, gravity: Gravity) -> list[list[str]]:
+    sizes = sorted({(camera.width, camera.height) for camera in scan.cameras})
+    focal = sorted(camera.fx for camera in scan.cameras)
+    one = f"fx {focal[0]:.1f} px"
+    many = f"fx {focal[0]:.1f} to {focal[-1]:.1f} px"
+    up = ", ".join(f"{v + 0.0:.3f}" for v in gravity.up_world)
+    size = " x ".join(f"{v:.1f}" for v in path.extent_m)
+    rows = [
+        ["format", scan.format],
+        ["frames", f"{len(scan)}, {scan.frame_ids[0]} to {scan.frame_ids[-1]}"],
+        ["times", _times(scan, path)],
+        [
+            "images",
+            ", ".join(f"{w} x {h}" for w, h in sizes)
+            + f" px, {one if focal[-1] - focal[0] < 0.1 else many}",
+        ],
+        [
+            "depth",
+            f"{depth.near_m:.2f} to {depth.far_m:.2f} m, median {depth.median_m:.2f} m; "
+            f"{depth.coverage:.0%} of pixels, in {len(depth.frame_idx)} frames looked at",
+        ],
+        ["path", f"{path.length_m:.1f} m, in a box of {size} m; usual step {path.step_m:.3f} m"],
+        ["up axis", f"({up}) in the scan's world; {gravity.source}"],
+        ["gaps", _places(scan, path.gaps)],
+        ["jumps", _places(scan, path.jumps)],
+        ["masks", "floor and walls" if scan.has_labels else "none"],
+    ]
+    if depth.n_empty:
+        rows.insert(5, ["", f"{depth.n_empty} of these frames have no depth at all"])
+    return rows
+
+
+def _times(scan: Scan, path: PathFacts) -> str:
+    first, last = float(scan.timestamps.min()), float(scan.timestamps.max())
+    if np.all(scan.timestamps == np.round(scan.timestamps)):
+        return f"none; numbers {first:.0f} to {last:.0f}, usually {path.interval_s:.3g} apart"
+    return f"{last - first:.1f} s, usually {path.interval_s:.3g} s apart"
+
+
+def _places(scan: Scan, frames: np.ndarray) -> str:
+    if len(frames) == 0:
+        return "none"
+    named = ", ".join(scan.frame_ids[i] for i in frames[:6])
+    return f"{len(frames)}, after {named}{' and others' if len(frames) > 6 else ''}"

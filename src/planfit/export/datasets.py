@@ -1,0 +1,104 @@
+"""A scan with poses as a data set of other programs: COLMAP model, nerfstudio."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from planfit.errors import OutputError
+from planfit.export.cloud import Cloud, place_cloud, write_ply
+from planfit.scan import Scan
+from planfit.scan.axes import from_opengl
+from planfit.scan.colmap_model import ColmapCamera, ColmapImage, write_model
+from planfit.work import Work
+
+COLOR_FOLDER, DEPTH_FOLDER = "images", "depth"
+
+
+def write_colmap(
+    folder: Path, scan: Scan, target_from_cams: np.ndarray, cloud: Cloud, work: Work
+) -> None:
+    """`sparse/0` (text), `images/`, and `depth/` in millimetres, in an empty folder; `cloud` becomes points.
+
+    Images are undistorted and of the size that planfit works on, so cameras are PINHOLE.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    id_of = {camera: i for i, camera in enumerate(dict.fromkeys(scan.cameras), start=1)}
+    cameras = [
+        ColmapCamera(
+            number,
+            "PINHOLE",
+            camera.width,
+            camera.height,
+            (camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5),
+        )
+        for camera, number in id_of.items()
+    ]
+    images = [
+        ColmapImage(i + 1, id_of[camera], f"{frame_id}.jpg", pose)
+        for i, (camera, frame_id, pose) in enumerate(
+            zip(scan.cameras, scan.frame_ids, target_from_cams, strict=True)
+        )
+    ]
+    model = folder / "sparse" / "0"
+    model.mkdir(parents=True)
+    write_model(model, cameras, images, place_cloud(cloud, target_from_cams), cloud.colors)
+    _write_images(folder, scan, work)
+
+
+def write_nerfstudio(
+    folder: Path, scan: Scan, target_from_cams: np.ndarray, cloud: Cloud, work: Work
+) -> None:
+    """`transforms.json`, `images/`, `depth/` in millimetres, and `sparse_pc.ply`, in an empty folder.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    frames = [
+        {
+            "file_path": f"{COLOR_FOLDER}/{frame_id}.jpg",
+            "depth_file_path": f"{DEPTH_FOLDER}/{frame_id}.png",
+            "w": camera.width,
+            "h": camera.height,
+            "fl_x": camera.fx,
+            "fl_y": camera.fy,
+            "cx": camera.cx + 0.5,
+            "cy": camera.cy + 0.5,
+            "transform_matrix": pose.tolist(),
+        }
+        for frame_id, camera, pose in zip(
+            scan.frame_ids, scan.cameras, from_opengl(target_from_cams), strict=True
+        )
+    ]
+    content = {"camera_model": "PINHOLE", "ply_file_path": "sparse_pc.ply", "frames": frames}
+    (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n")
+    write_ply(folder / "sparse_pc.ply", place_cloud(cloud, target_from_cams), cloud.colors)
+    _write_images(folder, scan, work)
+
+
+def _write_images(folder: Path, scan: Scan, work: Work) -> None:
+    for name in (COLOR_FOLDER, DEPTH_FOLDER):
+        (folder / name).mkdir()
+
+    def one_frame(i: int) -> dict[str, np.ndarray]:
+        name = scan.frame_ids[i]
+        color = cv2.cvtColor(scan.files.color(i), cv2.COLOR_RGB2BGR)
+        quality = [cv2.IMWRITE_JPEG_QUALITY, 95]
+        _write_image(folder / COLOR_FOLDER / f"{name}.jpg", color, quality)
+        millimetres = np.rint(np.nan_to_num(scan.files.depth(i), nan=0.0) * 1e3)
+        # 65535 means no reading in some programs.
+        stored = np.where(millimetres < 65535, millimetres, 0).astype(np.uint16)
+        _write_image(folder / DEPTH_FOLDER / f"{name}.png", stored, [])
+        return {}
+
+    Work(work.workers, None, work.on_progress).map("images", "", len(scan), one_frame)
+
+
+def _write_image(path: Path, image: np.ndarray, parameters: list[int]) -> None:
+    is_encoded, data = cv2.imencode(path.suffix, image, parameters)
+    if not is_encoded:
+        raise OutputError(f"{path}: the image cannot be encoded")
+    path.write_bytes(data.tobytes())

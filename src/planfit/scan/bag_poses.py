@@ -1,0 +1,147 @@
+"""Camera poses out of a bag: from tf, or from a topic of poses."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from planfit.errors import ScanError
+from planfit.geometry import se3
+from planfit.scan.association import poses_at
+
+
+@dataclass
+class Edge:
+    """Transforms from a frame to its parent over time."""
+
+    parent: str
+    is_static: bool
+    times: list[float] = field(default_factory=list)
+    parent_from_child: list[np.ndarray] = field(default_factory=list)
+
+    def at(self, times: np.ndarray, max_gap_s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Transforms (k, 4, 4) at times (k,), and which are known."""
+        if self.is_static:
+            poses = np.repeat(self.parent_from_child[-1][None], len(times), axis=0)
+            return poses, np.ones(len(times), dtype=bool)
+        return poses_at(np.array(self.times), np.array(self.parent_from_child), times, max_gap_s)
+
+
+def poses_of_bag(
+    path: Path, reader: Any, topic: str, camera_frame: str, times: np.ndarray, max_gap_s: float
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """world_from_cams (k, 4, 4) at times (k,), which are known, and warnings. Without a topic: by tf.
+
+    Raises:
+        ScanError: nothing is known at any of the times.
+    """
+    tree = _read_tf(reader)
+    camera = camera_frame.lstrip("/")
+    warnings: list[str] = []
+    if topic:
+        edge, child = _read_topic(reader, topic)
+        if not edge.times:
+            raise ScanError(f"{path}: expected poses on {topic}, found none")
+        poses, known = edge.at(times, max_gap_s)
+        found = _chain(tree, camera, child)
+        if child and child != camera and found is not None:
+            steps, ok = _along(found, times, max_gap_s)
+            poses, known = poses @ steps, known & ok
+        elif child != camera:
+            warnings.append(
+                f"poses of {topic} ({child or 'no frame'}) are taken for those of {camera}"
+            )
+    else:
+        edges = _chain(tree, camera, None)
+        if not edges or all(edge.is_static for edge in edges):
+            raise ScanError(
+                f"{path}: expected tf from {camera or 'the camera'} to a world that it moves in, found "
+                f"{', '.join(sorted(tree)) or 'no transforms'}; name a topic with --pose-topic, or give "
+                "another tracker's poses with --poses"
+            )
+        poses, known = _along(edges, times, max_gap_s)
+    if not known.any():
+        raise ScanError(
+            f"{path}: expected poses within {max_gap_s:g} s of colour images ({times.min():.3f} to "
+            f"{times.max():.3f} s), found none; give --max-time-gap-s or another --pose-topic"
+        )
+    return poses, known, warnings
+
+
+def _read_tf(reader: Any) -> dict[str, Edge]:
+    """Edges by child frame."""
+    tree: dict[str, Edge] = {}
+    connections = [
+        c for c in reader.connections if c.msgtype.endswith(("/TFMessage", "/tfMessage"))
+    ]
+    if not connections:
+        return tree
+    for connection, _, data in reader.messages(connections):
+        message = reader.deserialize(data, connection.msgtype)
+        for item in message.transforms:
+            child = item.child_frame_id.lstrip("/")
+            parent = item.header.frame_id.lstrip("/")
+            edge = tree.setdefault(child, Edge(parent, connection.topic.endswith("tf_static")))
+            if edge.parent != parent:
+                continue  # two nodes quarrel over a frame; the first one's word stands
+            edge.times.append(_seconds(item.header.stamp))
+            edge.parent_from_child.append(
+                _transform(item.transform.translation, item.transform.rotation)
+            )
+    return tree
+
+
+def _chain(tree: dict[str, Edge], start: str, end: str | None) -> list[Edge] | None:
+    """Edges from a frame up to `end`, or to the root; None where there is no way."""
+    edges, at, seen = [], start, {start}
+    while at != end and at in tree:
+        edges.append(tree[at])
+        at = tree[at].parent
+        if at in seen:
+            return None
+        seen.add(at)
+    return edges if end is None or at == end else None
+
+
+def _along(edges: list[Edge], times: np.ndarray, max_gap_s: float) -> tuple[np.ndarray, np.ndarray]:
+    poses = np.repeat(np.eye(4)[None], len(times), axis=0)
+    known = np.ones(len(times), dtype=bool)
+    for edge in edges:
+        step, ok = edge.at(times, max_gap_s)
+        poses, known = step @ poses, known & ok
+    return poses, known
+
+
+def _read_topic(reader: Any, topic: str) -> tuple[Edge, str]:
+    """Poses of a topic, and the frame that they are of ("" where the messages do not say)."""
+    edge, child = Edge("", False), ""
+    for connection, _, data in reader.messages([c for c in reader.connections if c.topic == topic]):
+        message = reader.deserialize(data, connection.msgtype)
+        child = getattr(message, "child_frame_id", child).lstrip("/")
+        if connection.msgtype.endswith("/Path"):
+            items = [(p.header.stamp, p.pose) for p in message.poses]
+            edge = Edge("", False)  # each message repeats the path so far
+        else:
+            pose = getattr(message, "pose", None) or message.transform
+            items = [(message.header.stamp, getattr(pose, "pose", pose))]
+        for stamp, pose in items:
+            edge.times.append(_seconds(stamp))
+            place = pose.position if hasattr(pose, "position") else pose.translation
+            turn = pose.orientation if hasattr(pose, "orientation") else pose.rotation
+            edge.parent_from_child.append(_transform(place, turn))
+    return edge, child
+
+
+def _seconds(stamp: Any) -> float:
+    return stamp.sec + stamp.nanosec * 1e-9
+
+
+def _transform(place: Any, turn: Any) -> np.ndarray:
+    quaternion = np.array([turn.x, turn.y, turn.z, turn.w])
+    if np.linalg.norm(quaternion) < 1e-6:
+        quaternion = np.array([0.0, 0.0, 0.0, 1.0])  # never set by its sender
+    return se3.make_transform(
+        Rotation.from_quat(quaternion).as_matrix(), np.array([place.x, place.y, place.z])
+    )

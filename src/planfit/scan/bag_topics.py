@@ -1,0 +1,110 @@
+"""Which topics of a bag hold colour, depth, intrinsics and poses."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from planfit.errors import ScanError
+from planfit.scan.options import ScanOptions
+
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+IMAGE_TYPES = (IMAGE, COMPRESSED)
+INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+POSE_TYPES = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/TransformStamped",
+    "nav_msgs/msg/Path",
+)
+TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Names of topics; empty where there is none."""
+
+    color: str
+    depth: str
+    info: str
+    depth_info: str
+    pose: str
+    """Empty: tf."""
+
+
+def choose_topics(path: Path, connections: Iterable[Any], options: ScanOptions) -> Topics:
+    """Topics as the options name them, else the ones whose names fit best.
+
+    Raises:
+        ScanError: one that is needed is missing; it lists what the bag has.
+    """
+    types = {c.topic: _message_type(c.msgtype) for c in connections}
+    images = [t for t, kind in types.items() if kind in IMAGE_TYPES]
+    infos = [t for t, kind in types.items() if kind == INFO_TYPE]
+    chosen = {
+        "--color-topic": options.color_topic,
+        "--depth-topic": options.depth_topic,
+        "--info-topic": options.info_topic,
+        "--pose-topic": options.pose_topic,
+    }
+    for flag, topic in chosen.items():
+        if topic and topic not in types:
+            raise ScanError(f"{path}: expected the topic {topic} of {flag}, found {_list(types)}")
+    depth = options.depth_topic or _best(
+        [t for t in images if "depth" in t.lower()], ("aligned", "registered", "rect", "raw")
+    )
+    color = options.color_topic or _best(
+        [t for t in images if not any(word in t.lower() for word in ("depth", "infra", "/ir"))],
+        ("color", "rgb", "rect", "raw"),
+    )
+    if not color or not depth:
+        raise ScanError(
+            f"{path}: expected image topics of colour and depth, found {_list(types)}; "
+            "name them with --color-topic and --depth-topic"
+        )
+    info = options.info_topic or _info_beside(color, infos)
+    if not info:
+        raise ScanError(
+            f"{path}: expected a CameraInfo topic beside {color}, found {_list(types)}; "
+            "name it with --info-topic"
+        )
+    has_tf = any(kind in TF_TYPES for kind in types.values())
+    poses = [t for t, kind in types.items() if kind in POSE_TYPES]
+    pose = options.pose_topic or ("" if has_tf else _best(poses, ("pose", "odom", "path")))
+    if not pose and not has_tf:
+        raise ScanError(
+            f"{path}: expected poses (tf, PoseStamped, Odometry or Path), found {_list(types)}; "
+            "record them, or give another tracker's as TUM with --poses"
+        )
+    return Topics(color, depth, info, _info_beside(depth, infos), pose)
+
+
+def _message_type(name: str) -> str:
+    return name if "/msg/" in name else name.replace("/", "/msg/", 1)
+
+
+def _best(topics: list[str], words: tuple[str, ...]) -> str:
+    """The topic that has the most of these words, earlier words first; raw images before compressed ones."""
+
+    def rank(topic: str) -> tuple[object, ...]:
+        text = topic.lower()
+        return (*(word not in text for word in words), "compressed" in text, len(text), text)
+
+    return min(topics, key=rank, default="")
+
+
+def _info_beside(topic: str, infos: list[str]) -> str:
+    """The CameraInfo in the deepest namespace that holds the topic."""
+    parts = topic.split("/")
+    for length in range(len(parts) - 1, 0, -1):
+        name = "/".join([*parts[:length], "camera_info"])
+        if name in infos:
+            return name
+    return ""
+
+
+def _list(types: dict[str, str]) -> str:
+    return (
+        ", ".join(f"{t} ({kind.split('/')[-1]})" for t, kind in sorted(types.items())) or "nothing"
+    )

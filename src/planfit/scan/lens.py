@@ -1,0 +1,149 @@
+"""Lenses of recorded images, and the way from them to the pinhole camera that all stages see.
+
+Colour and depth are brought to one pinhole camera once, when a frame is read: matching, structure, adjustment
+and export then know no lens, and 640 x 480 px of one remap take 2 ms (docs/adr/0007-scan-formats.md).
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from planfit.geometry.camera import Camera
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """Intrinsics of stored images, with distortion."""
+
+    camera: Camera
+    distortion: tuple[float, ...] = ()
+    """OpenCV's k1 k2 p1 p2 [k3 [k4 k5 k6]], or four fisheye coefficients."""
+    is_fisheye: bool = False
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether any coefficient is not zero."""
+        return self.is_fisheye or any(self.distortion)
+
+    def scaled(self, width: int, height: int) -> "Lens":
+        """The same lens for images resized to width x height."""
+        return Lens(self.camera.scaled(width, height), self.distortion, self.is_fisheye)
+
+    def pixels(self, rays: np.ndarray) -> np.ndarray:
+        """Where rays (n, 3), z = 1, fall in the stored image: uv (n, 2)."""
+        camera = self.camera
+        matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
+        if not self.is_distorted:
+            return rays[:, :2] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+        coefficients = np.array(self.distortion, dtype=float)
+        if self.is_fisheye:
+            uv, _ = cv2.fisheye.projectPoints(
+                rays.reshape(1, -1, 3), np.zeros(3), np.zeros(3), matrix, coefficients
+            )
+        else:
+            uv, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), matrix, coefficients)
+        return uv.reshape(-1, 2)
+
+
+def working_camera(color: Lens, depth: Lens, size_px: int | None) -> Camera:
+    """The pinhole camera that a frame's colour and depth are brought to.
+
+    As large as the colour, but its longer side is at most `size_px`, or without one at most that of VGA or of
+    the depth: more pixels than either cost time in every stage and bring neither matches nor depth.
+    """
+    camera = color.camera
+    long_side = max(camera.width, camera.height)
+    limit = size_px or max(640, depth.camera.width, depth.camera.height)
+    if long_side <= limit:
+        return camera
+    width, height = (round(v * limit / long_side) for v in (camera.width, camera.height))
+    return camera.scaled(width, height)
+
+
+def resample_color(image: np.ndarray, lens: Lens, camera: Camera) -> np.ndarray:
+    """Colour (h, w, 3) as `camera` would have seen it; black where the lens saw nothing."""
+    if lens.camera == camera and not lens.is_distorted:
+        return image
+    size = (camera.width, camera.height)
+    if not lens.is_distorted and lens.camera.scaled(*size) == camera:
+        return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    # Shrink first: bilinear sampling of an image twice too large would alias.
+    shrink = min(lens.camera.width / size[0], lens.camera.height / size[1])
+    if shrink > 1.5:
+        small = lens.scaled(round(lens.camera.width / shrink), round(lens.camera.height / shrink))
+        image = cv2.resize(
+            image, (small.camera.width, small.camera.height), interpolation=cv2.INTER_AREA
+        )
+        lens = small
+    return cv2.remap(image, *_float_maps(lens, camera), cv2.INTER_LINEAR)
+
+
+def resample_depth(depth: np.ndarray, lens: Lens, camera: Camera) -> np.ndarray:
+    """Depth (h, w) m as `camera` would have seen it, NaN where the lens saw nothing.
+
+    Each pixel takes one stored reading, the nearest: a mean across an edge would be a point in mid-air.
+    """
+    if lens.camera == camera and not lens.is_distorted:
+        return depth
+    uv = _nearest(lens, camera)
+    result = depth[uv[1], uv[0]]
+    outside = _is_outside(lens, camera)
+    if outside is not None:
+        result[outside] = np.nan
+    return result
+
+
+# Most scans have one lens; per-frame intrinsics pass through without being kept long.
+
+
+@lru_cache(maxsize=8)
+def _float_maps(lens: Lens, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    uv = lens.pixels(_rays(camera)).astype(np.float32)
+    shape = (camera.height, camera.width)
+    return uv[:, 0].reshape(shape), uv[:, 1].reshape(shape)
+
+
+@lru_cache(maxsize=8)
+def _nearest(lens: Lens, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    width, height = lens.camera.width, lens.camera.height
+    if not lens.is_distorted:
+        # Columns and rows are independent: arrays (w,) and (h, 1) index the same pixels.
+        u, v = _line(camera, lens)
+        return (
+            np.clip(np.floor(u + 0.5).astype(np.intp), 0, width - 1)[None, :],
+            np.clip(np.floor(v + 0.5).astype(np.intp), 0, height - 1)[:, None],
+        )
+    u, v = _float_maps(lens, camera)
+    return (
+        np.clip(np.floor(u + 0.5), 0, width - 1).astype(np.intp),
+        np.clip(np.floor(v + 0.5), 0, height - 1).astype(np.intp),
+    )
+
+
+@lru_cache(maxsize=8)
+def _is_outside(lens: Lens, camera: Camera) -> np.ndarray | None:
+    width, height = lens.camera.width, lens.camera.height
+    if lens.is_distorted:
+        u, v = _float_maps(lens, camera)
+    else:
+        u, v = _line(camera, lens)
+        u, v = u[None, :], v[:, None]
+    # A rounding error must not cost the outermost row of an image that was only resized.
+    slack = 0.5 + 1e-6
+    outside = (u < -slack) | (u > width - 1 + slack) | (v < -slack) | (v > height - 1 + slack)
+    return outside if outside.any() else None
+
+
+def _line(camera: Camera, lens: Lens) -> tuple[np.ndarray, np.ndarray]:
+    """Columns (w,) and rows (h,) of the stored image, for lenses without distortion."""
+    stored = lens.camera
+    u = (np.arange(camera.width) - camera.cx) * (stored.fx / camera.fx) + stored.cx
+    v = (np.arange(camera.height) - camera.cy) * (stored.fy / camera.fy) + stored.cy
+    return u, v
+
+
+def _rays(camera: Camera) -> np.ndarray:
+    rows, columns = np.mgrid[: camera.height, : camera.width]
+    return camera.rays(np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float))

@@ -1,0 +1,129 @@
+"""Poses of another tracker, which take the place of a scan's own: TUM, KITTI, Open3D log."""
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from planfit.errors import ScanError
+from planfit.scan.association import poses_at
+from planfit.scan.trajectory import read_tum
+from planfit.scan.types import Scan, check_pose
+from planfit.scan.wrappers import select_frames
+
+
+@dataclass(frozen=True)
+class PoseTable:
+    """Poses out of a file, and what tells the frames they belong to."""
+
+    kind: str
+    """`tum`, `kitti` or `log`."""
+    keys: np.ndarray
+    """(n,) times (TUM), numbers (log), or rows (KITTI)."""
+    poses: np.ndarray
+    """(n, 4, 4), target_from_cam, OpenCV camera axes."""
+
+
+def read_poses(path: Path) -> PoseTable:
+    """Poses of a file; its kind is told by how many numbers a line has.
+
+    Raises:
+        ScanError: it is missing or of none of these kinds.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ScanError(f"{path}: expected a file of poses, cannot be read ({reason})") from error
+    rows = [
+        text.split() for line in lines if (text := line.split("#")[0].replace(",", " ")).strip()
+    ]
+    lengths = [len(row) for row in rows]
+    if lengths and set(lengths) == {8}:
+        return PoseTable("tum", *read_tum(path))
+    values = _numbers(rows, path)
+    if lengths and set(lengths) == {12}:
+        poses = np.tile(np.eye(4), (len(rows), 1, 1))
+        poses[:, :3] = np.array(values).reshape(-1, 3, 4)
+        table = PoseTable("kitti", np.arange(len(rows)), poses)
+    elif lengths and len(rows) % 5 == 0 and lengths == [3, 4, 4, 4, 4] * (len(rows) // 5):
+        poses = np.array([values[i + 1 : i + 5] for i in range(0, len(rows), 5)])
+        table = PoseTable("log", np.array([row[0] for row in values[::5]]), poses)
+    else:
+        raise ScanError(
+            f"{path}: expected poses as TUM (8 numbers a line), KITTI (12 a line) or Open3D log (a line "
+            f"of 3 and four of 4), found lines of {', '.join(map(str, sorted(set(lengths)))) or 'nothing'}"
+        )
+    for i, pose in enumerate(table.poses):
+        check_pose(pose, f"{path}: pose {i}")
+    return table
+
+
+def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
+    """The scan with poses of a file instead of its own; frames without one are left out and named.
+
+    TUM poses belong to frames by time (or by number, where the scan counts frames), logs by number, KITTI
+    poses by row. The file's world is its own: neither up nor the plan's axes are known in it.
+
+    Raises:
+        ScanError: the file cannot be read, or its poses belong to none of the frames.
+    """
+    table = read_poses(path)
+    poses, known = _for_frames(scan, table, path, max_gap_s)
+    if not known.any():
+        raise ScanError(
+            f"{path}: expected poses at times between {scan.timestamps.min():.3f} and "
+            f"{scan.timestamps.max():.3f}, as the frames of {scan.name} have them, found "
+            f"{table.keys.min():.3f} to {table.keys.max():.3f}, none within {max_gap_s:g} s of a frame; "
+            "are they of this scan? Else give --max-time-gap-s"
+        )
+    without = [
+        f"frame {scan.frame_ids[i]}: {path.name} has no pose" for i in np.flatnonzero(~known)
+    ]
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    chosen = select_frames(scan, np.flatnonzero(known), poses[known])
+    return replace(
+        chosen,
+        up_world=None,
+        plan_from_world_axes=None,
+        fingerprint=f"{scan.fingerprint}-{digest}" if scan.fingerprint else "",
+        skipped=(*scan.skipped, *without),
+    )
+
+
+def _for_frames(
+    scan: Scan, table: PoseTable, path: Path, max_gap_s: float
+) -> tuple[np.ndarray, np.ndarray]:
+    if table.kind == "tum":
+        return poses_at(table.keys, table.poses, scan.timestamps, max_gap_s)
+    n = len(scan)
+    poses, known = np.tile(np.eye(4), (n, 1, 1)), np.zeros(n, dtype=bool)
+    if table.kind == "kitti" and len(table.keys) == n:
+        return table.poses, ~known
+    numbers = _frame_numbers(scan)
+    if table.kind == "kitti" and (numbers is None or len(table.keys) <= numbers.max()):
+        raise ScanError(
+            f"{path}: expected a row for each of {n} frames, found {len(table.keys)}; KITTI poses "
+            "belong to frames by their row, use TUM poses with times instead"
+        )
+    if numbers is None or (table.kind == "log" and len(table.keys) == n):
+        numbers = np.arange(n)
+    row_of = {int(key): row for row, key in enumerate(table.keys)}
+    for i, number in enumerate(numbers):
+        if int(number) in row_of:
+            poses[i], known[i] = table.poses[row_of[int(number)]], True
+    return poses, known
+
+
+def _frame_numbers(scan: Scan) -> np.ndarray | None:
+    if all(frame_id.isdigit() for frame_id in scan.frame_ids):
+        return np.array([int(frame_id) for frame_id in scan.frame_ids])
+    return None
+
+
+def _numbers(rows: list[list[str]], path: Path) -> list[list[float]]:
+    try:
+        return [[float(word) for word in row] for row in rows]
+    except ValueError as error:
+        raise ScanError(f"{path}: expected numbers alone, found {error}") from error

@@ -1,0 +1,234 @@
+"""Where a scan's files lie: a folder or a zip archive, read by name, never written."""
+
+import hashlib
+import os
+import stat
+import zipfile
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Protocol
+
+from planfit.errors import ScanError
+
+MAX_ENTRY_BYTES = 500_000_000
+"""An archive's entry that unpacks to more is no image and no table."""
+
+HEAD_BYTES, TAIL_BYTES = 32_768, 4096
+
+
+class Source(Protocol):
+    """Files by name; names are relative, with forward slashes."""
+
+    @property
+    def path(self) -> Path:
+        """The folder or archive."""
+        ...
+
+    def names(self, folder: str = "") -> list[str]:
+        """Names (without the folder) of the files directly inside a folder, sorted; none where it is not."""
+        ...
+
+    def folders(self) -> list[str]:
+        """Names of the folders at the top, sorted."""
+        ...
+
+    def exists(self, name: str) -> bool:
+        """Whether there is a file of this name."""
+        ...
+
+    def read(self, name: str) -> bytes:
+        """The bytes of a file.
+
+        Raises:
+            ScanError: it is missing or cannot be read.
+        """
+        ...
+
+    def ends(self, name: str) -> tuple[bytes, bytes]:
+        """The first and last few thousand bytes of a file, enough for the header of most images.
+
+        Raises:
+            ScanError: it is missing or cannot be read.
+        """
+        ...
+
+    def stamp(self, name: str) -> str:
+        """Size and time of a file, for the fingerprint."""
+        ...
+
+
+@dataclass(frozen=True)
+class FolderSource:
+    """A folder on disk."""
+
+    path: Path
+
+    def names(self, folder: str = "") -> list[str]:
+        """See `Source`; broken and circular links are no files."""
+        inside = self.path / folder
+        if not inside.is_dir():
+            return []
+        return sorted(item.name for item in inside.iterdir() if item.is_file())
+
+    def folders(self) -> list[str]:
+        """See `Source`."""
+        return sorted(item.name for item in self.path.iterdir() if item.is_dir())
+
+    def exists(self, name: str) -> bool:
+        """See `Source`."""
+        return (self.path / name).is_file()
+
+    def read(self, name: str) -> bytes:
+        """See `Source`."""
+        path = self.path / name
+        try:
+            return path.read_bytes()
+        except OSError as error:
+            raise ScanError(f"{path}: cannot be read ({error.strerror})") from error
+
+    def ends(self, name: str) -> tuple[bytes, bytes]:
+        """See `Source`."""
+        path = self.path / name
+        try:
+            with path.open("rb") as file:
+                head = file.read(HEAD_BYTES)
+                size = file.seek(0, os.SEEK_END)
+                file.seek(max(0, size - TAIL_BYTES))
+                return head, file.read()
+        except OSError as error:
+            raise ScanError(f"{path}: cannot be read ({error.strerror})") from error
+
+    def stamp(self, name: str) -> str:
+        """See `Source`."""
+        status = (self.path / name).stat()
+        return f"{status.st_size} {status.st_mtime_ns}"
+
+
+@dataclass(frozen=True)
+class ZipSource:
+    """A zip archive, read in place; a single folder at its top is taken as the top."""
+
+    path: Path
+    _lock_free: zipfile.ZipFile = field(repr=False)  # reading entries is safe from several threads
+
+    @staticmethod
+    def open(path: Path) -> "ZipSource":
+        """Open an archive.
+
+        Raises:
+            ScanError: it is damaged, or holds names that point outside of it.
+        """
+        try:
+            archive = zipfile.ZipFile(path)
+        except (zipfile.BadZipFile, OSError) as error:
+            raise ScanError(
+                f"{path}: expected a zip archive, found one that cannot be read ({error}); "
+                "export or copy it again"
+            ) from error
+        for entry in archive.infolist():
+            parts = PurePosixPath(entry.filename.replace("\\", "/")).parts
+            is_outside = ".." in parts or entry.filename.startswith(("/", "\\"))
+            is_drive = bool(parts) and ":" in parts[0]
+            if is_outside or is_drive or stat.S_ISLNK(entry.external_attr >> 16):
+                archive.close()
+                raise ScanError(
+                    f"{path}: expected files inside the archive, found {entry.filename!r}, which "
+                    "points outside of it; do not trust this archive, export the scan again"
+                )
+        return ZipSource(path, archive)
+
+    def names(self, folder: str = "") -> list[str]:
+        """See `Source`."""
+        return self._by_folder.get(folder.strip("/"), [])
+
+    def folders(self) -> list[str]:
+        """See `Source`."""
+        return sorted({name.split("/")[0] for name in self._entries if "/" in name})
+
+    def exists(self, name: str) -> bool:
+        """See `Source`."""
+        return name in self._entries
+
+    def read(self, name: str) -> bytes:
+        """See `Source`."""
+        entry = self._entries.get(name)
+        if entry is None:
+            raise ScanError(f"{self.path}: expected {name} in the archive, found none")
+        if entry.file_size > MAX_ENTRY_BYTES:
+            raise ScanError(
+                f"{self.path}: expected files below {MAX_ENTRY_BYTES // 1_000_000} MB in the archive, "
+                f"found {name} of {entry.file_size // 1_000_000} MB; unpack the archive first"
+            )
+        try:
+            return self._lock_free.read(entry)
+        except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, ValueError) as error:
+            raise ScanError(
+                f"{self.path}: {name} in the archive cannot be read ({error}); export it again"
+            ) from error
+        except Exception as error:  # zlib.error and its like have no common base
+            raise ScanError(f"{self.path}: {name} in the archive is damaged ({error})") from error
+
+    def ends(self, name: str) -> tuple[bytes, bytes]:
+        """See `Source`."""
+        data = self.read(name)
+        return data[:HEAD_BYTES], data[-TAIL_BYTES:]
+
+    def stamp(self, name: str) -> str:
+        """See `Source`."""
+        entry = self._entries[name]
+        return f"{entry.file_size} {entry.CRC}"
+
+    @cached_property
+    def _entries(self) -> dict[str, zipfile.ZipInfo]:
+        files = [
+            entry
+            for entry in self._lock_free.infolist()
+            if not entry.is_dir() and not entry.filename.startswith("__MACOSX/")
+        ]
+        tops = {entry.filename.split("/")[0] for entry in files}
+        has_one_top = len(tops) == 1 and all("/" in entry.filename for entry in files)
+        skip = len(next(iter(tops))) + 1 if has_one_top else 0
+        return {entry.filename[skip:]: entry for entry in files}
+
+    @cached_property
+    def _by_folder(self) -> dict[str, list[str]]:
+        found: dict[str, list[str]] = {}
+        for name in sorted(self._entries):
+            folder, _, last = name.rpartition("/")
+            found.setdefault(folder, []).append(last)
+        return found
+
+
+def open_source(path: Path) -> Source:
+    """The files at a path.
+
+    Raises:
+        ScanError: there is nothing, links lead in a circle, or an archive cannot be used.
+    """
+    if path.is_dir():
+        return FolderSource(path)
+    if zipfile.is_zipfile(path):
+        return ZipSource.open(path)
+    raise ScanError(f"{path}: expected the folder of a scan or a zip archive of one, found a file")
+
+
+def read_text(source: Source, name: str) -> str:
+    """A text file.
+
+    Raises:
+        ScanError: it is missing or no text.
+    """
+    try:
+        return source.read(name).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ScanError(f"{source.path / name}: expected text, found {error}") from error
+
+
+def fingerprint(source: Source, names: Iterable[str], *parts: object) -> str:
+    """Changes when any of the files (names, sizes, times) or of the other `parts` does."""
+    digest = hashlib.sha256(repr(parts).encode())
+    for name in names:
+        digest.update(f"{name} {source.stamp(name)}\n".encode())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,84 @@
+"""Text files of numbers, with errors that name the line."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planfit.errors import ScanError
+from planfit.scan.source import Source, read_text
+
+
+def read_rows(
+    source: Source, name: str, expected: str, separator: str | None = None
+) -> list[list[str]]:
+    """Words of each line; comments begin with `#`, empty lines are left out.
+
+    Raises:
+        ScanError: the file is missing, no text, or empty.
+    """
+    rows = [
+        [word.strip() for word in line.split("#")[0].split(separator)]
+        for line in read_text(source, name).splitlines()
+        if line.split("#")[0].strip()
+    ]
+    if not rows:
+        raise ScanError(f"{source.path / name}: expected {expected}, found an empty file")
+    return rows
+
+
+def read_matrix(
+    source: Source, name: str, expected: str, separator: str | None = None
+) -> np.ndarray:
+    """A table of numbers, all rows of one length; NaN and infinity are let through.
+
+    Raises:
+        ScanError: it is none.
+    """
+    rows = read_rows(source, name, expected, separator)
+    try:
+        return np.array([[float(word) for word in row] for row in rows])
+    except ValueError as error:
+        raise ScanError(
+            f"{source.path / name}: expected {expected}, found text that is not ({error})"
+        ) from error
+
+
+def read_json(source: Source, name: str) -> dict[str, Any]:
+    """A JSON object.
+
+    Raises:
+        ScanError: the file is missing or holds none.
+    """
+    return parse_json(read_text(source, name), source.path / name)
+
+
+def parse_json(text: str, path: Path) -> dict[str, Any]:
+    """A JSON object from its text, which messages call `path`.
+
+    Raises:
+        ScanError: it is none.
+    """
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        raise ScanError(f"{path}: expected JSON, found text that is not ({error})") from error
+    if not isinstance(value, dict):
+        raise ScanError(f"{path}: expected a JSON object, found {type(value).__name__}")
+    return value
+
+
+def number_list(value: Any, count: int, where: str) -> np.ndarray:
+    """`count` numbers out of JSON, flattened.
+
+    Raises:
+        ScanError: they are not.
+    """
+    try:
+        array = np.array(value, dtype=float).ravel()
+    except (ValueError, TypeError) as error:
+        raise ScanError(f"{where}: expected {count} numbers, found {str(value)[:60]!r}") from error
+    if array.size != count:
+        raise ScanError(f"{where}: expected {count} numbers, found {array.size}")
+    return array

@@ -1,0 +1,156 @@
+"""`planfit export`: what is written is what a run found, read back by readers of the forms."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose
+
+from planfit.cli import run
+from planfit.evaluate import position_errors
+from planfit.scan import ScanOptions, read_scan, read_tum
+from planfit.scan.pose_files import read_poses
+
+
+@pytest.fixture(scope="module")
+def finished(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of a scan with the poses of another tracker: truth without two frames, in other axes."""
+    folder = tmp_path_factory.mktemp("export")
+    lines = (small_scan / "groundtruth.tum").read_text().splitlines()
+    (folder / "poses.tum").write_text("\n".join([*lines[:20], *lines[22:]]) + "\n")
+    words = ["refine", str(small_scan), "-o", str(folder / "out")]
+    assert run([*words, "--poses", str(folder / "poses.tum")]) in (0, 1)
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def refined(finished: Path) -> np.ndarray:
+    return np.stack([np.loadtxt(p) for p in sorted((finished / "poses").iterdir())])
+
+
+def test_another_trackers_poses_are_refined(finished: Path, small_scan: Path, refined) -> None:
+    record = json.loads((finished / "run.json").read_text())
+    assert record["frames"] == 58
+    assert record["frames_left_out"] == [
+        "frame 0021: poses.tum has no pose",
+        "frame 0022: poses.tum has no pose",
+    ]
+    assert record["up_from"] != "recorded by the scan's format"
+    names = {p.name for p in (finished / "poses").iterdir()}
+    assert "pose-0020.txt" in names
+    assert "pose-0021.txt" not in names
+    _, truth = read_tum(small_scan / "groundtruth.tum")
+    kept = [i for i in range(60) if i not in (20, 21)]
+    # They were true before: they must stay so, up to the rigid motion onto the plan.
+    assert position_errors(refined, truth[kept]).aligned_rms_m < 0.03
+
+
+@pytest.mark.parametrize("kind", ["tum", "kitti", "open3d"])
+def test_trajectories_are_read_back(kind, finished: Path, refined, tmp_path: Path) -> None:
+    path = tmp_path / "poses.txt"
+    assert run(["export", str(finished), "--to", kind, "-o", str(path)]) == 0
+    table = read_poses(path)
+    assert table.kind == {"tum": "tum", "kitti": "kitti", "open3d": "log"}[kind]
+    assert_allclose(table.poses, refined, atol=1e-6)
+
+
+def test_plan_axes(finished: Path, tmp_path: Path) -> None:
+    path = tmp_path / "poses.txt"
+    assert run(["export", str(finished), "--to", "kitti", "-o", str(path), "--frame", "plan"]) == 0
+    _, plan_from_cams = read_tum(finished / "trajectory.tum")
+    assert_allclose(read_poses(path).poses, plan_from_cams, atol=1e-6)
+
+
+def test_a_pose_graph(finished: Path, refined, tmp_path: Path) -> None:
+    path = tmp_path / "graph.g2o"
+    assert run(["export", str(finished), "--to", "g2o", "-o", str(path)]) == 0
+    rows = [line.split() for line in path.read_text().splitlines()]
+    vertices = [r for r in rows if r[0] == "VERTEX_SE3:QUAT"]
+    edges = [r for r in rows if r[0] == "EDGE_SE3:QUAT"]
+    assert len(vertices) == 58
+    assert len(edges) == 57
+    assert ["FIX", "0"] in rows
+    assert_allclose([[float(v) for v in r[2:5]] for r in vertices], refined[:, :3, 3], atol=1e-6)
+    assert all(len(r) == 3 + 7 + 21 for r in edges)
+    # The library that reads such graphs agrees, and finds the recorded steps.
+    gtsam = pytest.importorskip("gtsam")
+    graph, values = gtsam.readG2o(str(path), True)
+    assert values.size() == 58
+    assert_allclose(values.atPose3(5).matrix(), refined[5], atol=1e-6)
+    assert graph.size() >= 57
+
+
+@pytest.mark.parametrize("kind", ["colmap", "nerfstudio"])
+def test_data_sets_are_scans_again(
+    kind, finished: Path, small_scan: Path, refined, tmp_path
+) -> None:
+    folder = tmp_path / "set"
+    assert run(["export", str(finished), "--to", kind, "-o", str(folder)]) == 0
+    again, before = read_scan(folder), read_scan(small_scan)
+    assert again.format == kind
+    assert len(again) == 58
+    assert_allclose(again.world_from_cams, refined, atol=1e-6)
+    assert again.cameras[0].fx == pytest.approx(before.cameras[0].fx)
+    assert again.cameras[0].cx == pytest.approx(before.cameras[0].cx)
+    for mine, its in ((0, 0), (19, 19), (20, 22), (57, 59)):
+        assert_allclose(again.files.depth(mine), before.files.depth(its), atol=1e-6)
+        gap = np.abs(again.files.color(mine).astype(int) - before.files.color(its)).mean()
+        assert gap < 4
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_points_of_a_colmap_model_lie_where_the_cloud_does(finished: Path, tmp_path: Path) -> None:
+    assert run(["export", str(finished), "--to", "colmap", "-o", str(tmp_path / "set"), "--frame",
+                "plan"]) == 0  # fmt: skip
+    rows = np.loadtxt(tmp_path / "set" / "sparse" / "0" / "points3D.txt")
+    assert rows.shape[1] == 8
+    heights = rows[:, 3]
+    # Plan axes: the floor is at 0, and next to nothing is below it.
+    assert np.mean(np.abs(heights) < 0.08) > 0.05
+    assert np.mean(heights < -0.15) < 0.005
+
+
+def test_a_cloud(finished: Path, tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    assert run(["export", str(finished), "--to", "ply", "-o", str(path)]) == 0
+    cloud = trimesh.load(path)
+    assert len(cloud.vertices) > 10_000
+
+
+def test_a_scan_is_exported_as_recorded(small_scan: Path, tmp_path: Path) -> None:
+    path = tmp_path / "poses.tum"
+    assert run(["export", str(small_scan), "--to", "tum", "-o", str(path)]) == 0
+    times, poses = read_tum(path)
+    scan = read_scan(small_scan)
+    assert_allclose(times, scan.timestamps)
+    assert_allclose(poses, scan.world_from_cams, atol=1e-7)
+    # And back in place of its own.
+    assert_allclose(
+        read_scan(small_scan, options=ScanOptions(poses=path)).world_from_cams, poses, atol=1e-7
+    )
+
+
+def test_nothing_is_overwritten(finished: Path, small_scan: Path, tmp_path: Path, capsys) -> None:
+    words = ["export", str(finished), "--to", "nerfstudio", "-o"]
+    assert run([*words, str(small_scan)]) == 2
+    assert "expected no such file or folder" in capsys.readouterr().err
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    assert run([*words, str(tmp_path / "link")]) == 2
+    words = ["export", str(small_scan), "--to", "tum", "-o", str(tmp_path / "t"), "--frame", "plan"]
+    assert run(words) == 2
+    assert "refine it first" in capsys.readouterr().err
+
+
+def test_a_scan_that_changed_since_the_run(finished: Path, tmp_path: Path, capsys) -> None:
+    copy = tmp_path / "out"
+    copy.mkdir()
+    for name in ("run.json", "trajectory.tum"):
+        (copy / name).write_bytes((finished / name).read_bytes())
+    record = json.loads((copy / "run.json").read_text())
+    record["scan_options"]["poses"] = None
+    (copy / "run.json").write_text(json.dumps(record))
+    assert run(["export", str(copy), "--to", "tum", "-o", str(tmp_path / "p.tum")]) == 2
+    assert "expected the 58 frames that the run saw, found 60" in capsys.readouterr().err
+    assert not (tmp_path / "p.tum").exists()

@@ -1,0 +1,196 @@
+"""ROS 1 and 2 bags and MCAP: topics by name or guessed, poses from tf or a topic."""
+
+import numpy as np
+import pytest
+from bag_writer import (
+    BODY_FRAME,
+    BODY_FROM_CAM,
+    COLOR_FRAME,
+    TF_KINDS,
+    BagWriter,
+    write_images,
+    write_tf,
+)
+from numpy.testing import assert_allclose, assert_array_equal
+
+from planfit.errors import ScanError
+from planfit.scan import ScanOptions, read_scan, read_tum
+from scan_samples import N
+
+KINDS = {"ros1": (1, None), "sqlite": (2, "sqlite"), "mcap": (2, "mcap")}
+
+
+def write_bag(tmp_path, kind, *steps):
+    ros, storage = KINDS[kind]
+    path = tmp_path / ("scan.bag" if ros == 1 else "scan")
+    bag = BagWriter(path, ros, storage)
+    with bag.writer:
+        for step in steps:
+            step(bag)
+    return path
+
+
+def assert_is_sample(scan, sample, atol=1e-6):
+    assert len(scan) == N
+    assert_allclose(scan.world_from_cams, sample.poses, atol=atol)
+    assert_allclose(scan.timestamps, sample.times, atol=1e-6)
+    for i in (0, 3, 1, N - 1):
+        assert_array_equal(scan.files.color(i), sample.color[i])
+        depth = sample.depth_mm[i] / 1000.0
+        assert_allclose(scan.files.depth(i), np.where(depth > 0, depth, np.nan), atol=1e-5)
+    camera = scan.cameras[0]
+    assert (camera.fx, camera.cy) == (sample.camera.fx, sample.camera.cy)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_bag_with_tf(kind, compressed, sample, tmp_path):
+    path = write_bag(tmp_path, kind, lambda b: write_images(b, sample, compressed),
+                     lambda b: write_tf(b, sample))  # fmt: skip
+    scan = read_scan(path)
+    assert scan.format == "bag"
+    assert scan.warnings == ()
+    assert_is_sample(scan, sample)
+
+
+def test_the_old_name_of_tf(sample, tmp_path):
+    def poses(bag):
+        for time, pose in zip(sample.times, sample.poses, strict=True):
+            bag.tf("/tf", time, "/world", f"/{COLOR_FRAME}", pose, TF_KINDS[1])
+
+    path = write_bag(tmp_path, "ros1", lambda b: write_images(b, sample), poses)
+    assert_is_sample(read_scan(path), sample)
+
+
+def test_a_single_mcap_file(sample, tmp_path):
+    path = write_bag(
+        tmp_path, "mcap", lambda b: write_images(b, sample), lambda b: write_tf(b, sample)
+    )
+    (file,) = path.glob("*.mcap")
+    alone = tmp_path / "alone.mcap"
+    alone.write_bytes(file.read_bytes())
+    assert_is_sample(read_scan(alone), sample)
+
+
+def test_odometry_of_a_body_is_carried_over_to_the_camera(sample, tmp_path):
+    def poses(bag):
+        bag.tf("/tf_static", sample.times[0], BODY_FRAME, COLOR_FRAME, BODY_FROM_CAM)
+        for time, pose in zip(sample.times, sample.poses, strict=True):
+            body = pose @ np.linalg.inv(BODY_FROM_CAM)
+            bag.odometry("/odom", time, "odom", BODY_FRAME, body)
+
+    path = write_bag(tmp_path, "ros1", lambda b: write_images(b, sample), poses)
+    scan = read_scan(path, options=ScanOptions(pose_topic="/odom"))
+    assert scan.warnings == ()
+    assert_is_sample(scan, sample)
+
+
+def test_a_pose_topic_without_a_frame_is_the_cameras_with_a_word(sample, tmp_path):
+    def poses(bag):
+        for time, pose in zip(sample.times, sample.poses, strict=True):
+            bag.pose_stamped("/slam/pose", time, "map", pose)
+
+    path = write_bag(tmp_path, "sqlite", lambda b: write_images(b, sample), poses)
+    scan = read_scan(path)
+    assert len(scan.warnings) == 1
+    assert "/slam/pose" in scan.warnings[0]
+    assert_is_sample(scan, sample)
+
+
+def test_topics_can_be_named(sample, tmp_path):
+    def other(bag):
+        for i, time in enumerate(sample.times):
+            bag.image("/rear/rgb/image", time, "rear", sample.color[N - 1 - i], "rgb8")
+            bag.image("/rear/depth/image", time, "rear", sample.depth_mm[N - 1 - i], "16UC1")
+            bag.info("/rear/rgb/camera_info", time, "rear", sample.camera)
+            bag.pose_stamped("/rear/pose", time, "map", sample.poses[N - 1 - i])
+
+    path = write_bag(tmp_path, "ros1", lambda b: write_images(b, sample),
+                     lambda b: write_tf(b, sample), other)  # fmt: skip
+    assert_is_sample(read_scan(path), sample)
+    options = ScanOptions(
+        color_topic="/rear/rgb/image",
+        depth_topic="/rear/depth/image",
+        pose_topic="/rear/pose",
+    )
+    scan = read_scan(path, options=options)
+    assert_array_equal(scan.files.color(0), sample.color[N - 1])
+    assert_allclose(scan.world_from_cams, sample.poses[::-1], atol=1e-6)
+    with pytest.raises(
+        ScanError, match=r"/front.*of --depth-topic, found .*/rear/depth/image \(Image\)"
+    ):
+        read_scan(path, options=ScanOptions(depth_topic="/front"))
+
+
+def test_depth_in_metres_and_in_another_frame(sample, tmp_path):
+    def images(bag):
+        for i, time in enumerate(sample.times):
+            bag.image("/camera/rgb/image_raw", time, COLOR_FRAME, sample.color[i], "rgb8")
+            metres = sample.depth_mm[i].astype(np.float32) / np.float32(1000)
+            metres[metres == 0] = np.nan
+            bag.image("/camera/depth/image", time, "depth_frame", metres, "32FC1")
+            bag.info("/camera/rgb/camera_info", time, COLOR_FRAME, sample.camera)
+
+    path = write_bag(tmp_path, "ros1", images, lambda b: write_tf(b, sample))
+    scan = read_scan(path)
+    assert "depth_frame" in scan.warnings[0]
+    assert_is_sample(scan, sample)
+
+
+def test_refined_poses_are_written_as_tum(sample, tmp_path):
+    path = write_bag(
+        tmp_path, "ros1", lambda b: write_images(b, sample), lambda b: write_tf(b, sample)
+    )
+    before = path.read_bytes()
+    out = tmp_path / "out"
+    out.mkdir()
+    read_scan(path).files.write_poses(out, sample.poses)
+    times, poses = read_tum(out / "trajectory.tum")
+    assert_allclose(times, sample.times, atol=1e-6)
+    assert_allclose(poses, sample.poses, atol=1e-8)
+    assert path.read_bytes() == before
+
+
+def test_a_bag_without_poses(sample, tmp_path):
+    path = write_bag(tmp_path, "ros1", lambda b: write_images(b, sample))
+    with pytest.raises(ScanError, match=r"expected poses \(tf, .*--poses"):
+        read_scan(path)
+
+
+def test_a_tf_that_never_moves(sample, tmp_path):
+    def poses(bag):
+        bag.tf("/tf_static", sample.times[0], BODY_FRAME, COLOR_FRAME, BODY_FROM_CAM)
+
+    path = write_bag(tmp_path, "ros1", lambda b: write_images(b, sample), poses)
+    with pytest.raises(ScanError, match="a world that it moves in"):
+        read_scan(path)
+
+
+def test_depth_of_another_hour(sample, tmp_path):
+    def images(bag):
+        for i, time in enumerate(sample.times):
+            bag.image("/camera/rgb/image_raw", time, COLOR_FRAME, sample.color[i], "rgb8")
+            bag.image("/camera/depth/image", time + 3600, COLOR_FRAME, sample.depth_mm[i], "16UC1")
+            bag.info("/camera/rgb/camera_info", time, COLOR_FRAME, sample.camera)
+
+    path = write_bag(tmp_path, "ros1", images, lambda b: write_tf(b, sample))
+    with pytest.raises(ScanError, match=r"expected depth within 0\.02 s of colour"):
+        read_scan(path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_that_is_cut_off(kind, sample, tmp_path):
+    path = write_bag(
+        tmp_path, kind, lambda b: write_images(b, sample), lambda b: write_tf(b, sample)
+    )
+    file = path if path.is_file() else next(p for p in path.iterdir() if p.suffix != ".yaml")
+    file.write_bytes(file.read_bytes()[:2000])
+    with pytest.raises(ScanError, match=r"cannot be read|expected"):
+        read_scan(path)
+
+
+def test_a_bag_of_garbage(tmp_path):
+    path = tmp_path / "scan.mcap"
+    path.write_bytes(b"this is no recording" * 20)
+    with pytest.raises(ScanError, match=r"scan\.mcap: expected a bag"):
+        read_scan(path)

@@ -1,0 +1,164 @@
+"""Another tracker's poses in place of the scan's own: TUM, KITTI, Open3D log."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from planfit.errors import ScanError
+from planfit.geometry import se3
+from planfit.scan import ScanOptions, read_scan
+from planfit.scan.pose_files import read_poses
+from scan_samples import N, matrix_text, quaternion, write_seven_scenes, write_stray, write_tum
+
+
+def other_poses(sample):
+    """The same walk in axes of another tracker, drifted."""
+    turn = se3.make_transform(se3.exp_so3(np.array([1.0, 0.2, -0.7])), np.array([5.0, -3.0, 1.0]))
+    poses = turn @ sample.poses
+    poses[:, :3, 3] += np.linspace(0, 0.3, N)[:, None]
+    return poses
+
+
+def tum_text(times, poses):
+    rows = (
+        " ".join(f"{v:.9f}" for v in (t, *pose[:3, 3], *quaternion(pose)))
+        for t, pose in zip(times, poses, strict=True)
+    )
+    return "# a tracker\n" + "\n".join(rows) + "\n"
+
+
+def kitti_text(poses):
+    return "\n".join(" ".join(f"{v:.9e}" for v in pose[:3].ravel()) for pose in poses) + "\n"
+
+
+def log_text(numbers, poses):
+    return "".join(
+        f"{i} {i} {i + 1}\n{matrix_text(p)}" for i, p in zip(numbers, poses, strict=True)
+    )
+
+
+@pytest.fixture
+def scenes(sample, tmp_path):
+    """7-Scenes: frames have numbers and no time, 0 to 5."""
+    write_seven_scenes(tmp_path / "scan", sample)
+    return tmp_path / "scan"
+
+
+def take(scan_path, tmp_path, text, **options):
+    path = tmp_path / "poses.txt"
+    path.write_text(text)
+    return read_scan(scan_path, options=ScanOptions(poses=path, **options))
+
+
+def test_kinds_are_told_by_their_lines(sample, tmp_path):
+    poses = other_poses(sample)
+    for kind, text in (
+        ("tum", tum_text(sample.times, poses)),
+        ("kitti", kitti_text(poses)),
+        ("log", log_text(range(N), poses)),
+    ):
+        path = tmp_path / f"{kind}.txt"
+        path.write_text(text)
+        table = read_poses(path)
+        assert table.kind == kind
+        assert_allclose(table.poses, poses, atol=1e-7)
+
+
+def test_tum_by_time_with_the_frames_without_a_pose_left_out(sample, tmp_path):
+    write_tum(tmp_path / "scan", sample)
+    poses = other_poses(sample)
+    kept = [0, 1, 3, 4]
+    scan = take(tmp_path / "scan", tmp_path, tum_text(sample.times[kept], poses[kept]),
+                max_time_gap_s=0.005)  # fmt: skip
+    assert_allclose(scan.world_from_cams, poses[kept], atol=1e-7)
+    assert_allclose(scan.timestamps, sample.times[kept], atol=1e-6)
+    for i, frame in enumerate(kept):
+        assert_array_equal(scan.files.color(i), sample.color[frame])
+    assert len(scan.skipped) == 2
+    assert "poses.txt has no pose" in scan.skipped[0]
+
+
+def test_poses_are_written_to_the_frames_they_belong_to(sample, scenes, tmp_path):
+    poses = other_poses(sample)
+    scan = take(scenes, tmp_path, log_text([1, 4], poses[[1, 4]]))
+    assert scan.frame_ids == ("000001", "000004")
+    out = tmp_path / "out"
+    out.mkdir()
+    scan.files.write_poses(out, scan.world_from_cams)
+    assert {p.name for p in out.iterdir()} == {"frame-000001.pose.txt", "frame-000004.pose.txt"}
+    assert_allclose(np.loadtxt(out / "frame-000004.pose.txt"), poses[4], atol=1e-8)
+
+
+def test_tum_by_number_where_the_scan_has_no_time(sample, scenes, tmp_path):
+    poses = other_poses(sample)
+    scan = take(scenes, tmp_path, tum_text(np.arange(N), poses))
+    assert_allclose(scan.world_from_cams, poses, atol=1e-7)
+
+
+def test_kitti_by_row_and_by_number(sample, scenes, tmp_path):
+    poses = other_poses(sample)
+    assert_allclose(take(scenes, tmp_path, kitti_text(poses)).world_from_cams, poses, atol=1e-7)
+    # A frame is missing from the scan, not from the poses: rows are numbers then.
+    (scenes / "frame-000002.pose.txt").unlink()
+    kept = [0, 1, 3, 4, 5]
+    scan = take(scenes, tmp_path, kitti_text(poses))
+    assert_allclose(scan.world_from_cams, poses[kept], atol=1e-7)
+    with pytest.raises(
+        ScanError, match=r"poses\.txt: expected a row for each of 5 frames, found 3"
+    ):
+        take(scenes, tmp_path, kitti_text(poses[:3]))
+
+
+def test_a_whole_log_by_order_and_part_of_one_by_number(sample, scenes, tmp_path):
+    poses = other_poses(sample)
+    whole = take(scenes, tmp_path, log_text(range(N), poses))
+    assert_allclose(whole.world_from_cams, poses, atol=1e-7)
+    part = take(scenes, tmp_path, log_text([0, 5], poses[[0, 5]]))
+    assert part.frame_ids == ("000000", "000005")
+
+
+def test_the_other_trackers_world_is_its_own(sample, tmp_path):
+    write_stray(tmp_path / "scan", sample)
+    assert read_scan(tmp_path / "scan").up_world is not None
+    scan = take(tmp_path / "scan", tmp_path, tum_text(sample.times, other_poses(sample)))
+    assert scan.up_world is None
+
+
+def test_the_fingerprint_tells_the_poses(sample, scenes, tmp_path):
+    poses = other_poses(sample)
+    first = take(scenes, tmp_path, kitti_text(poses)).fingerprint
+    assert take(scenes, tmp_path, kitti_text(poses)).fingerprint == first
+    poses[0, 0, 3] += 0.01
+    assert take(scenes, tmp_path, kitti_text(poses)).fingerprint != first
+
+
+def test_times_that_never_match(sample, tmp_path):
+    write_tum(tmp_path / "scan", sample)
+    text = tum_text(sample.times - 1e9, other_poses(sample))
+    with pytest.raises(
+        ScanError,
+        match=r"poses\.txt: expected poses at times between 1305031102\.175 and 1305031102\.342.*--max-time",
+    ):
+        take(tmp_path / "scan", tmp_path, text)
+
+
+BAD = {
+    "nothing": ("", "found lines of nothing"),
+    "seven numbers": ("1 2 3 4 5 6 7\n", "found lines of 7"),
+    "words": ("one two three four five six seven eight nine ten eleven twelve\n", "numbers alone"),
+    "no rotation": ("2 0 0 0 0 2 0 0 0 0 2 0\n", "pose 0: expected a rotation"),
+    "NaN": ("nan 0 0 0 0 1 0 0 0 0 1 0\n", "pose 0: expected finite numbers"),
+    "a log cut off": ("0 0 1\n1 0 0 0\n0 1 0 0\n", "found lines of 3, 4"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_files_that_hold_no_poses(kind, scenes, tmp_path):
+    text, words = BAD[kind]
+    with pytest.raises(ScanError, match=words):
+        take(scenes, tmp_path, text)
+
+
+def test_a_missing_file(scenes, tmp_path):
+    with pytest.raises(ScanError, match=r"nowhere\.txt: expected a file of poses, cannot be read"):
+        read_scan(scenes, options=ScanOptions(poses=tmp_path / "nowhere.txt"))
