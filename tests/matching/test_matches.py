@@ -10,6 +10,7 @@ from builders import look, make_matches, random_transforms, room_scan
 from planfit.checks import match_distances
 from planfit.geometry import se3
 from planfit.matching import MatchingOptions, find_matches
+from planfit.matching.cycles import CycleOptions
 from planfit.matching.matches import match_descriptors
 from planfit.matching.pairs import PairOptions
 from planfit.matching.verify import VerifyOptions, point_sigma
@@ -78,15 +79,15 @@ def test_slack_and_sigmas_set_how_far_a_motion_may_depart():
     apart[1, 1, 3] += 0.5
     scan = replace(scan, world_from_cams=apart)
     sure = OdometryOptions(0.05, 0.0, 0.1, 0.0)
-    assert found(scan, MatchingOptions(max_motion_sigmas=3.0), sure).n_matches == 0
-    assert found(scan, MatchingOptions(max_motion_sigmas=12.0), sure).n_matches > 50
-    slack = MatchingOptions(max_motion_sigmas=0.0, motion_slack_m=0.6)
+    assert found(scan, MatchingOptions(cycles=CycleOptions(max_sigmas=3.0, max_unsure_sigmas=3.0)), sure).n_matches == 0
+    assert found(scan, MatchingOptions(cycles=CycleOptions(max_sigmas=12.0, max_unsure_sigmas=12.0)), sure).n_matches > 50
+    slack = MatchingOptions(cycles=CycleOptions(max_sigmas=0.0, slack_m=0.6))
     assert found(scan, slack, sure).n_matches > 50
     turned = POSES[[0, 0]].copy()
     turned[1] = turned[1] @ se3.make_transform(se3.exp_so3(np.array([0, 0.1, 0])), np.zeros(3))
     turned = replace(scan, world_from_cams=turned)
-    assert found(turned, MatchingOptions(max_motion_sigmas=0.0), sure).n_matches == 0
-    slack = MatchingOptions(max_motion_sigmas=0.0, motion_slack_deg=7.0)
+    assert found(turned, MatchingOptions(cycles=CycleOptions(max_sigmas=0.0)), sure).n_matches == 0
+    slack = MatchingOptions(cycles=CycleOptions(max_sigmas=0.0, slack_deg=7.0))
     assert found(turned, slack, sure).n_matches > 50
 
 

@@ -7,8 +7,10 @@ import numpy as np
 
 from planfit.errors import require_share
 from planfit.geometry import se3
+from planfit.matching.cycles import CycleOptions, Loops, agree_with_cycles
 from planfit.matching.keypoints import KeypointOptions, Keypoints, detect
 from planfit.matching.pairs import PairOptions, choose_pairs
+from planfit.matching.retrieval import describe_frames
 from planfit.matching.verify import VerifyOptions, point_sigma, verify
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
@@ -27,12 +29,8 @@ class MatchingOptions:
     """When matches are believed."""
     max_ratio: float = 0.85
     """Best over second-best descriptor distance; a match above it is ambiguous (Lowe 2004)."""
-    max_motion_sigmas: float = 6.0
-    """A pair whose motion departs from the recorded one by more spreads of drift is a look-alike."""
-    motion_slack_deg: float = 3.0
-    """Departure in turn that is always allowed: the error of the verification itself."""
-    motion_slack_m: float = 0.3
-    """Departure in shift that is always allowed."""
+    cycles: CycleOptions = field(default_factory=CycleOptions)
+    """Which loops are look-alikes: their motion departs from what else is known by more than its spread."""
     seed: int = 0
     """Seed of the random choices."""
 
@@ -71,13 +69,19 @@ def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work:
         "keypoints", key, len(scan), partial(_detect_frame, scan, options), chunk_size=16
     )
     keypoints = [Keypoints(**item) for item in items]
-    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs)
+    appearance = describe_frames(
+        [k.descriptors for k in keypoints], np.random.default_rng(options.seed)
+    )
+    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs, appearance)
     spreads = (odometry.sigma_turn.tobytes(), odometry.sigma_shift.tobytes())
     key = cache_key("matches", key, options, scan.world_from_cams.tobytes(), spreads)
     compute = partial(_match_pair, scan, keypoints, pairs, odometry, options)
     found = work.map("pairs", key, len(pairs), compute, chunk_size=64)
     sizes = np.array([len(item["points_a"]) for item in found], dtype=int)
     some = np.flatnonzero(sizes)
+    motions = np.array([found[k]["a_from_b"] for k in some]).reshape(-1, 4, 4)
+    loops = Loops(pairs[some], motions, sizes[some])
+    some = some[agree_with_cycles(loops, scan.world_from_cams, odometry, options.cycles)]
     points = {
         name: np.concatenate([found[k][name] for k in some] or [np.zeros((0, 3))])
         for name in ("points_a", "points_b")
@@ -125,7 +129,7 @@ def _match_pair(
     """Verified matches of one pair; none where the pair does not hold together."""
     i, j = (int(v) for v in pairs[k])
     a, b = keypoints[i], keypoints[j]
-    none = {"points_a": np.zeros((0, 3)), "points_b": np.zeros((0, 3))}
+    none = {"points_a": np.zeros((0, 3)), "points_b": np.zeros((0, 3)), "a_from_b": np.eye(4)}
     idx = match_descriptors(a.descriptors, b.descriptors, options.max_ratio)
     if len(idx) < options.verify.min_inliers:
         return none
@@ -148,7 +152,11 @@ def _match_pair(
     recorded = se3.inverse(scan.world_from_cams[i]) @ scan.world_from_cams[j]
     if not _is_possible(motion.a_from_b, recorded, odometry, i, j, options):
         return none
-    return {"points_a": points_a[motion.is_inlier], "points_b": points_b[motion.is_inlier]}
+    return {
+        "points_a": points_a[motion.is_inlier],
+        "points_b": points_b[motion.is_inlier],
+        "a_from_b": motion.a_from_b,
+    }
 
 
 def _is_possible(
@@ -163,8 +171,8 @@ def _is_possible(
     sigma_turn, sigma_shift = odometry.spread_between(np.array(i), np.array(j))
     turn = float(se3.rotation_angle(recorded[:3, :3].T @ a_from_b[:3, :3]))
     shift = float(np.linalg.norm(recorded[:3, 3] - a_from_b[:3, 3]))
-    most = options.max_motion_sigmas
+    most = options.cycles.max_sigmas
     return bool(
-        turn < most * sigma_turn + np.deg2rad(options.motion_slack_deg)
-        and shift < most * sigma_shift + options.motion_slack_m
+        turn < most * sigma_turn + np.deg2rad(options.cycles.slack_deg)
+        and shift < most * sigma_shift + options.cycles.slack_m
     )
