@@ -20,13 +20,17 @@ class Ways:
     ) -> None:
         self._stations = np.unique(pairs)
         before, after = self._stations[:-1], self._stations[1:]
-        turn, shift = odometry.spread_between(before, after)
+        # Variances of the steps alone: what an early turn swings is counted once, over the whole way.
+        walked = odometry.walked_m
+        turn_sq, shift_sq = (
+            np.concatenate([[0.0], np.cumsum(sigma**2)])
+            for sigma in (odometry.sigma_turn, odometry.sigma_shift)
+        )
         recorded = se3.inverse(world_from_cams[before]) @ world_from_cams[after]
-        length = odometry.walked_m[after] - odometry.walked_m[before]
         at = np.arange(len(before))
         self._ends = np.column_stack([at, at + 1])
         self._motion = recorded
-        self._spread = np.column_stack([turn**2, shift**2, length])
+        self._spread = np.column_stack([s[after] - s[before] for s in (turn_sq, shift_sq, walked)])
 
     def add(self, pairs: np.ndarray, a_from_b: np.ndarray, turn_deg: float, shift_m: float) -> None:
         """Add loops (p, 2) with their motion (p, 4, 4) and its spread."""
