@@ -11,7 +11,7 @@ from planfit.checks import match_distances
 from planfit.geometry import se3
 from planfit.matching import MatchingOptions, find_matches
 from planfit.matching.cycles import CycleOptions
-from planfit.matching.matches import match_descriptors
+from planfit.matching.matchers import match_descriptors
 from planfit.matching.pairs import PairOptions
 from planfit.matching.verify import VerifyOptions, point_sigma
 from planfit.scan.odometry import OdometryOptions, make_odometry

@@ -5,10 +5,12 @@ from functools import partial
 
 import numpy as np
 
-from planfit.errors import require_share
+from planfit.errors import require
 from planfit.geometry import se3
 from planfit.matching.cycles import CycleOptions, Loops, agree_with_cycles
-from planfit.matching.keypoints import KeypointOptions, Keypoints, detect
+from planfit.matching.detectors import Detector
+from planfit.matching.keypoints import KeypointOptions, Keypoints, detect, make_detector
+from planfit.matching.matchers import Matcher, MatcherOptions, make_matcher
 from planfit.matching.pairs import PairOptions, choose_pairs
 from planfit.matching.retrieval import describe_frames
 from planfit.matching.verify import VerifyOptions, point_sigma, verify
@@ -23,19 +25,23 @@ class MatchingOptions:
 
     keypoints: KeypointOptions = field(default_factory=KeypointOptions)
     """Which keypoints are kept."""
+    matcher: MatcherOptions = field(default_factory=MatcherOptions)
+    """How keypoints of two frames are matched."""
     pairs: PairOptions = field(default_factory=PairOptions)
     """Which frames are tried with which."""
     verify: VerifyOptions = field(default_factory=VerifyOptions)
     """When matches are believed."""
-    max_ratio: float = 0.85
-    """Best over second-best descriptor distance; a match above it is ambiguous (Lowe 2004)."""
     cycles: CycleOptions = field(default_factory=CycleOptions)
     """Which loops are look-alikes: their motion departs from what else is known by more than its spread."""
     seed: int = 0
     """Seed of the random choices."""
 
     def __post_init__(self) -> None:
-        require_share(self, "max_ratio")
+        require(
+            self.matcher.kind == "nearest" or self.keypoints.kind == "superpoint",
+            f"MatchingOptions.matcher.kind: {self.matcher.kind} matches superpoint keypoints only, "
+            f"found keypoints.kind {self.keypoints.kind}; set it to superpoint",
+        )
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,8 @@ class Matches:
     """Pairs of frames that were tried."""
     n_keypoints: int
     """Keypoints with depth, over all frames."""
+    sharpness: np.ndarray | None = None
+    """(n,) how sharp each frame's image is, where it was looked at."""
 
     @property
     def n_matches(self) -> int:
@@ -63,19 +71,25 @@ class Matches:
 
 
 def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work: Work) -> Matches:
-    """Detect, match and verify; see the options for each step."""
+    """Detect, match and verify; see the options for each step.
+
+    Raises:
+        OptionError: a learned detector or matcher cannot be had.
+        ScanError: an image cannot be read.
+    """
+    detector, matcher = make_detector(options.keypoints), make_matcher(options.matcher)
     key = cache_key("keypoints", scan.fingerprint, options.keypoints)
-    items = work.map(
-        "keypoints", key, len(scan), partial(_detect_frame, scan, options), chunk_size=16
-    )
+    compute = partial(_detect_frame, scan, options.keypoints, detector)
+    items = work.map("keypoints", key, len(scan), compute, chunk_size=16)
     keypoints = [Keypoints(**item) for item in items]
+    sharpness = np.array([k.sharpness for k in keypoints], dtype=float)
     appearance = describe_frames(
         [k.descriptors for k in keypoints], np.random.default_rng(options.seed)
     )
-    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs, appearance)
+    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs, appearance, sharpness)
     spreads = (odometry.sigma_turn.tobytes(), odometry.sigma_shift.tobytes())
     key = cache_key("matches", key, options, scan.world_from_cams.tobytes(), spreads)
-    compute = partial(_match_pair, scan, keypoints, pairs, odometry, options)
+    compute = partial(_match_pair, scan, keypoints, pairs, odometry, options, matcher)
     found = work.map("pairs", key, len(pairs), compute, chunk_size=64)
     sizes = np.array([len(item["points_a"]) for item in found], dtype=int)
     some = np.flatnonzero(sizes)
@@ -93,29 +107,14 @@ def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work:
         sigma=np.hypot(spread(points["points_a"][:, 2]), spread(points["points_b"][:, 2])),
         n_tried=len(pairs),
         n_keypoints=sum(len(k) for k in keypoints),
+        sharpness=sharpness,
         **points,
     )
 
 
-def match_descriptors(a: np.ndarray, b: np.ndarray, max_ratio: float) -> np.ndarray:
-    """Mutual nearest neighbours (m, 2) among descriptors (k, d) and (l, d) that pass the ratio test."""
-    if len(a) < 2 or len(b) < 2:
-        return np.zeros((0, 2), dtype=int)
-    a, b = a.astype(np.float32), b.astype(np.float32)
-    distance_sq = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2.0 * (a @ b.T)
-    nearest = np.argmin(distance_sq, axis=1)
-    rows = np.arange(len(a))
-    best = distance_sq[rows, nearest]
-    mutual = np.argmin(distance_sq, axis=0)[nearest] == rows
-    distance_sq[rows, nearest] = np.inf
-    clear = best < max_ratio**2 * distance_sq.min(axis=1)
-    idx = np.flatnonzero(mutual & clear)
-    return np.stack([idx, nearest[idx]], axis=1)
-
-
-def _detect_frame(scan: Scan, options: MatchingOptions, i: int) -> Arrays:
-    found = detect(scan.files.color(i), scan.files.depth(i), scan.cameras[i], options.keypoints)
-    return {"uv": found.uv, "points_cam": found.points_cam, "descriptors": found.descriptors}
+def _detect_frame(scan: Scan, options: KeypointOptions, detector: Detector, i: int) -> Arrays:
+    color, depth = scan.files.color(i), scan.files.depth(i)
+    return vars(detect(color, depth, scan.cameras[i], options, detector))
 
 
 def _match_pair(
@@ -124,13 +123,15 @@ def _match_pair(
     pairs: np.ndarray,
     odometry: Odometry,
     options: MatchingOptions,
+    matcher: Matcher,
     k: int,
 ) -> Arrays:
     """Verified matches of one pair; none where the pair does not hold together."""
     i, j = (int(v) for v in pairs[k])
     a, b = keypoints[i], keypoints[j]
     none = {"points_a": np.zeros((0, 3)), "points_b": np.zeros((0, 3)), "a_from_b": np.eye(4)}
-    idx = match_descriptors(a.descriptors, b.descriptors, options.max_ratio)
+    size_a, size_b = ((c.width, c.height) for c in (scan.cameras[i], scan.cameras[j]))
+    idx = matcher(a, b, size_a, size_b)
     if len(idx) < options.verify.min_inliers:
         return none
     points_a, points_b = (
