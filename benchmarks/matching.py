@@ -23,8 +23,11 @@ import numpy as np
 from matching_scans import TestScan, look_alike_scan, walk_scan
 from matching_truth import find_revisits, judge
 
+from planfit.geometry.camera import Camera
 from planfit.matching import MatchingOptions, find_matches
 from planfit.matching.keypoints import detect
+from planfit.matching.overlap import sample_views
+from planfit.matching.pairs import Looks, PairOptions, choose_pairs
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.structure import StructureOptions, extract_structure, find_gravity
 from planfit.work import Work
@@ -128,19 +131,26 @@ def _read(scan, i: int):
 
 def pairs(n: int) -> None:
     """Choosing pairs for a camera that lingers: a tenth of the frames stands about in one room."""
-    from planfit.matching.pairs import PairOptions, choose_pairs
-
     for count in (n // 4, n // 2, n):
         rng = np.random.default_rng(0)
         poses = lingering(count, rng)
         odometry = make_odometry(poses, OdometryOptions())
         wall, cpu = time.perf_counter(), time.process_time()
-        found = choose_pairs(poses, odometry, PairOptions())
+        found = choose_pairs(poses, odometry, PairOptions(), looks_of(count, rng))
         print(
             f"{count} frames: {len(found)} pairs, {time.perf_counter() - wall:.2f} s wall, "
             f"{time.process_time() - cpu:.2f} s CPU, peak memory {peak_mb():.0f} MB",
             flush=True,
         )
+
+
+def looks_of(n: int, rng: np.random.Generator) -> Looks:
+    """Looks that tell nothing, so that retrieval has the most to do."""
+    appearance = rng.normal(size=(n, 256)).astype(np.float32)
+    appearance /= np.linalg.norm(appearance, axis=1, keepdims=True)
+    points = [rng.uniform([-2, -1, 2], [2, 1, 4], (24, 3)) for _ in range(n)]
+    camera = Camera(640, 480, 500.0, 500.0, 319.5, 239.5)
+    return Looks(appearance, np.zeros(n), sample_views(points, (camera,) * n))
 
 
 def lingering(n: int, rng: np.random.Generator) -> np.ndarray:

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from builders import look
-from planfit.matching.pairs import PairOptions, choose_pairs
+from planfit.matching.overlap import ViewSamples
+from planfit.matching.pairs import Looks, PairOptions, choose_pairs
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 
@@ -111,6 +112,9 @@ def test_retrieval_finds_the_loop_that_the_gate_misses():
     looks = np.concatenate([looks, looks[::-1]])
     looks /= np.linalg.norm(looks, axis=1, keepdims=True)
     odometry = make_odometry(poses, unsure)
+    points = np.tile([[0.0, 0.0, 3.0]], (60, 24, 1))
+    views = ViewSamples(points, np.tile([[-0.6, 0.6], [-0.5, 0.5]], (60, 1, 1)))
+    looks = Looks(looks, np.zeros(60), views)
     truth = {(i, 59 - i) for i in range(16)}
     options = PairOptions(max_distance_m=4.0)
     found = {n: {(int(i), int(j)) for i, j in choose_pairs(poses, odometry, o, looks)}

@@ -11,7 +11,8 @@ from planfit.matching.cycles import CycleOptions, Loops, agree_with_cycles
 from planfit.matching.detectors import Detector
 from planfit.matching.keypoints import KeypointOptions, Keypoints, detect, make_detector
 from planfit.matching.matchers import Matcher, MatcherOptions, make_matcher
-from planfit.matching.pairs import PairOptions, choose_pairs
+from planfit.matching.overlap import sample_views
+from planfit.matching.pairs import Looks, PairOptions, choose_pairs
 from planfit.matching.retrieval import describe_frames
 from planfit.matching.verify import VerifyOptions, point_sigma, verify
 from planfit.scan import Scan
@@ -86,7 +87,9 @@ def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work:
     appearance = describe_frames(
         [k.descriptors for k in keypoints], np.random.default_rng(options.seed)
     )
-    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs, appearance, sharpness)
+    samples = sample_views([k.points_cam for k in keypoints], scan.cameras)
+    looks = Looks(appearance, sharpness, samples)
+    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs, looks)
     spreads = (odometry.sigma_turn.tobytes(), odometry.sigma_shift.tobytes())
     key = cache_key("matches", key, options, scan.world_from_cams.tobytes(), spreads)
     compute = partial(_match_pair, scan, keypoints, pairs, odometry, options, matcher)

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from planfit.errors import require_positive
-from planfit.matching.retrieval import most_similar
+from planfit.matching.overlap import ViewSamples
+from planfit.matching.retrieval import most_similar, similarity_of
 from planfit.matching.views import Views, distinct_views
 from planfit.scan.odometry import Odometry
 
@@ -29,7 +30,7 @@ class PairOptions:
     """Cameras of a revisit are at most this far apart, plus what drift may add."""
     max_distance_m: float = 8.0
     """Largest distance between cameras, drift included, where nothing but the poses is known."""
-    max_angle_deg: float = 50.0
+    max_angle_deg: float = 65.0
     """Largest angle between the viewing directions of a revisit."""
     view_distance_m: float = 4.0
     """Views are compared at this distance in front of the camera: two cameras that look at one spot
@@ -43,12 +44,20 @@ class PairOptions:
         require_positive(self, "neighbours", "max_distance_m", "max_angle_deg")
 
 
+@dataclass(frozen=True)
+class Looks:
+    """What is known of frames besides their poses."""
+
+    appearance: np.ndarray  # (n, d) unit descriptions of whole frames (`retrieval.py`)
+    sharpness: np.ndarray  # (n,)
+    samples: ViewSamples
+
+
 def choose_pairs(
     world_from_cams: np.ndarray,
     odometry: Odometry,
     options: PairOptions,
-    appearance: np.ndarray | None = None,
-    sharpness: np.ndarray | None = None,
+    looks: Looks | None = None,
 ) -> np.ndarray:
     """Pairs (p, 2) of frame indices, first < second, sorted.
 
@@ -56,39 +65,43 @@ def choose_pairs(
         world_from_cams: (n, 4, 4) recorded poses.
         odometry: how far they may be off between two frames.
         options: how many, and how far apart.
-        appearance: (n, d) unit descriptors of whole frames (`retrieval.py`); without them, pairs are
-            chosen by poses alone.
-        sharpness: (n,) where known, the sharpest frame stands for its like.
+        looks: what frames show; without it, pairs are chosen by poses alone.
     """
     n = len(world_from_cams)
     near = [
         np.column_stack([np.arange(n - k), np.arange(k, n)])
         for k in range(1, min(options.neighbours, n - 1) + 1)
     ]
-    views = distinct_views(world_from_cams, odometry.walked_m, sharpness)
-    near.append(_revisits(views, odometry, options, appearance))
-    return np.unique(np.concatenate(near), axis=0).reshape(-1, 2)
+    if options.loops_per_frame > 0:
+        near.append(_revisits(world_from_cams, odometry, options, looks))
+    return np.unique(np.concatenate([np.zeros((0, 2), dtype=int), *near]), axis=0)
 
 
 def _revisits(
-    views: Views, odometry: Odometry, options: PairOptions, appearance: np.ndarray | None
+    world_from_cams: np.ndarray, odometry: Odometry, options: PairOptions, looks: Looks | None
 ) -> np.ndarray:
-    if options.loops_per_frame == 0:
-        return np.zeros((0, 2), dtype=int)
-    by_pose, gap = _near_views(views, odometry, options)
-    n_retrieved = min(options.retrieved_per_frame, options.loops_per_frame)
-    if appearance is None or n_retrieved == 0:
-        return _within_budget(by_pose, _order(by_pose, gap), options.loops_per_frame)
-    retrieved, similarity = _look_alikes(views, odometry, options, appearance)
-    first = _within_budget(retrieved, _order(retrieved, -similarity), n_retrieved)
-    gap -= options.view_distance_m * np.einsum(
-        "ij,ij->i", appearance[by_pose[:, 0]], appearance[by_pose[:, 1]], dtype=float
-    )
-    order = _order(by_pose, gap)
-    every = np.concatenate([first, by_pose[order]])
-    return np.unique(_within_budget(every, np.arange(len(every)), options.loops_per_frame), axis=0)
+    walked = odometry.walked_m
+    views = distinct_views(world_from_cams, walked, looks.sharpness if looks else None)
+    pairs, gap = _near_views(views, odometry, options)
+    retrieved = np.zeros((0, 2), dtype=int)
+    if looks is not None:
+        # By what they show: the gap between views knows neither walls nor the width of the image.
+        alike = similarity_of(looks.appearance, pairs)
+        gap = -looks.samples.overlap(world_from_cams, pairs) - alike
+        retrieved, similarity = _look_alikes(views, odometry, options, looks.appearance)
+        order = _order(retrieved, -similarity)
+        retrieved = _within_budget(retrieved[order], options.retrieved_per_frame)
+    # What the camera saw a moment ago is always the most alike, and tells the least about drift.
+    is_recent = np.abs(walked[pairs[:, 1]] - walked[pairs[:, 0]]) < RECENT_M
+    old, recent = (pairs[m][_order(pairs[m], gap[m])] for m in (~is_recent, is_recent))
+    recent = _within_budget(recent, max(1, options.loops_per_frame // 3))
+    every = np.concatenate([retrieved, old, recent])
+    _, first = np.unique(every, axis=0, return_index=True)
+    return _within_budget(every[np.sort(first)], options.loops_per_frame)
 
 
+RECENT_M = 5.0
+"""Frames with less way between them are no revisit; they share a third of the budget."""
 N_NEAREST = 64
 """Views looked at about each view; many visits of one place fit in."""
 
@@ -166,11 +179,11 @@ VISIT_FRAMES = 8
 """Pairs between the same two stretches of this many frames are of one visit."""
 
 
-def _within_budget(pairs: np.ndarray, order: np.ndarray, most: int) -> np.ndarray:
-    """Pairs (p, 2) taken in this order as long as neither frame has `most` already."""
-    if len(pairs) == 0:
+def _within_budget(pairs: np.ndarray, most: int) -> np.ndarray:
+    """Pairs (p, 2) taken in their order as long as neither frame has `most` already."""
+    if len(pairs) == 0 or most == 0:
         return np.zeros((0, 2), dtype=int)
-    return pairs[order][_take(pairs[order], most, np.zeros(int(pairs.max()) + 1, dtype=np.int64))]
+    return pairs[_take(pairs, most, np.zeros(int(pairs.max()) + 1, dtype=np.int64))]
 
 
 @numba.njit(cache=True, nogil=True)

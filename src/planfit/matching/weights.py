@@ -1,5 +1,7 @@
 """Learned models through transformers: loaded by hub name or folder, or a message that says why not."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,7 @@ def load_model(option: str, weights: str, class_name: str, model_type: str, devi
         OptionError: the library or the weights cannot be had, are of another kind, or incomplete.
     """
     try:
-        import torch
+        import torch  # noqa: F401  (transformers loads without it, and fails later)
         import transformers
     except ImportError as error:
         raise OptionError(
@@ -39,9 +41,10 @@ def load_model(option: str, weights: str, class_name: str, model_type: str, devi
                 f"{option}: expected weights of {model_type}, found those of {config.model_type} "
                 f"in {weights}"
             )
-        model, report = getattr(transformers, class_name).from_pretrained(
-            source, config=config, output_loading_info=True
-        )
+        with _no_bar(transformers.utils.logging):
+            model, report = getattr(transformers, class_name).from_pretrained(
+                source, config=config, output_loading_info=True
+            )
     except (OSError, ValueError, KeyError) as error:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise OptionError(
@@ -62,8 +65,18 @@ def load_model(option: str, weights: str, class_name: str, model_type: str, devi
             f"device: expected one that torch can use, found {device!r} "
             f"({str(error).splitlines()[0]}); use cpu"
         ) from error
+
+
+@contextmanager
+def _no_bar(logging: Any) -> Iterator[None]:
+    """Keep transformers from drawing a bar of its own while it loads: only the command line prints."""
+    was_enabled = logging.is_progress_bar_enabled()
+    logging.disable_progress_bar()
+    try:
+        yield
     finally:
-        del torch
+        if was_enabled:
+            logging.enable_progress_bar()
 
 
 def _looks_like_folder(weights: str) -> bool:
