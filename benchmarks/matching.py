@@ -14,8 +14,6 @@ each other's view, and it is recalled where some such pair is verified with most
 """
 
 import argparse
-import dataclasses
-import json
 import resource
 import time
 
@@ -52,7 +50,9 @@ def main() -> None:
 
 
 def quality(seeds: int, n_frames: int, width: int, n_rooms: int) -> None:
-    print("scan                          precision  wrong/pairs    places       visits     merged  tried")
+    print(
+        "scan                          precision  wrong/pairs    places       visits     merged  tried"
+    )
     for seed in range(seeds):
         show(walk_scan(seed, n_frames, n_rooms, width))
     for seed in range(seeds):
@@ -87,7 +87,7 @@ def speed(n_frames: int, width: int, n_rooms: int) -> None:
     matches = run_stages(test.scan, times)
     n = len(test.scan)
     print(f"{test.name}: {n} frames, {matches.n_keypoints / n:.0f} keypoints a frame, "
-          f"{matches.n_tried / n:.1f} pairs tried and {len(matches.pairs) / n:.1f} verified a frame")  # fmt: skip
+          f"{matches.n_tried / n:.1f} pairs tried and {len(matches.pairs) / n:.1f} verified")  # fmt: skip
     for name, (wall, cpu) in times.items():
         print(f"{name:18} {1e3 * wall / n:8.1f} ms wall {1e3 * cpu / n:8.1f} ms CPU a frame")
     wall, cpu = np.sum(list(times.values()), axis=0)
@@ -154,7 +154,7 @@ def looks_of(n: int, rng: np.random.Generator) -> Looks:
 
 
 def lingering(n: int, rng: np.random.Generator) -> np.ndarray:
-    """Poses that walk round a block of 40 x 20 m; each tenth step is a stop, and a tenth of all is one stop."""
+    """Poses that walk round a block of 40 x 20 m; often stopping, once for a tenth of all."""
     speed = np.where((np.arange(n) // 100) % 10 == 0, 0.002, 0.1)
     speed[n // 3 : n // 3 + n // 10] = 0.001
     s = np.cumsum(speed) % 120.0

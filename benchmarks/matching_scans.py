@@ -28,7 +28,7 @@ from planfit.synth import (
     write_facap,
 )
 from planfit.synth.mesh import Lights, Quads
-from planfit.synth.scan import SynthFiles, SyntheticScan, frame_name
+from planfit.synth.scan import SyntheticScan, SynthFiles, frame_name
 
 CACHE = Path(os.environ.get("PLANFIT_BENCH_CACHE", Path(tempfile.gettempdir()) / "planfit-bench"))
 DRIFT_SHARE = 0.02

@@ -1,5 +1,7 @@
 """Loops that must be believed, and look-alikes that must not, among trajectories that drift."""
 
+import itertools
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -22,8 +24,6 @@ def lap(centre, n=40, radius=1.2):
     ]
 
 
-
-
 def walk(*centres, n=40):
     """Laps about centres with a straight way between; and the first frame of each lap."""
     poses, begins = [], []
@@ -40,7 +40,7 @@ def walk(*centres, n=40):
 def drifted(poses, seed=0, turn_deg=0.2, shift_m=0.01):
     rng = np.random.default_rng(seed)
     result = [poses[0]]
-    for a, b in zip(poses[:-1], poses[1:], strict=True):
+    for a, b in itertools.pairwise(poses):
         step = se3.inverse(a) @ b
         delta = rng.normal(size=6) * ([np.deg2rad(turn_deg)] * 3 + [shift_m] * 3)
         result.append(result[-1] @ se3.retract(step[None], delta[None])[0])

@@ -40,15 +40,15 @@ def models(tmp_path_factory):
         "keypoint_threshold": 0.0,
     }
     superpoint = tf.SuperPointForKeypointDetection(tf.SuperPointConfig(**points))
-    for parameter in superpoint.parameters():  # wider than by default, or every pixel is like the next
+    for (
+        parameter
+    ) in superpoint.parameters():  # wider than by default, or every pixel is like the next
         torch.nn.init.normal_(parameter, std=0.4)
     superpoint.save_pretrained(folder / "superpoint")
     common = {"keypoint_detector_config": {"model_type": "superpoint", **points},
               "num_attention_heads": 2}  # fmt: skip
     tf.LightGlueForKeypointMatching(
-        tf.LightGlueConfig(
-            descriptor_dim=DIMS, num_hidden_layers=2, filter_threshold=0.0, **common
-        )
+        tf.LightGlueConfig(descriptor_dim=DIMS, num_hidden_layers=2, filter_threshold=0.0, **common)
     ).save_pretrained(folder / "lightglue")
     tf.SuperGlueForKeypointMatching(
         tf.SuperGlueConfig(
@@ -173,7 +173,9 @@ def test_no_such_device(models):
     options = KeypointOptions(
         kind="superpoint", weights=str(models / "superpoint"), device="abacus"
     )
-    with pytest.raises(OptionError, match="device: expected one that torch can use, found 'abacus'"):
+    with pytest.raises(
+        OptionError, match="device: expected one that torch can use, found 'abacus'"
+    ):
         make_detector(options)
 
 
@@ -181,7 +183,9 @@ def test_no_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "transformers", None)
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(OptionError, match=r"pip install 'planfit\[learned\]'"):
-        load_model("keypoints.weights", "a/b", "SuperPointForKeypointDetection", "superpoint", "cpu")
+        load_model(
+            "keypoints.weights", "a/b", "SuperPointForKeypointDetection", "superpoint", "cpu"
+        )
 
 
 def test_learned_matchers_match_superpoint_alone():

@@ -79,8 +79,20 @@ def test_slack_and_sigmas_set_how_far_a_motion_may_depart():
     apart[1, 1, 3] += 0.5
     scan = replace(scan, world_from_cams=apart)
     sure = OdometryOptions(0.05, 0.0, 0.1, 0.0)
-    assert found(scan, MatchingOptions(cycles=CycleOptions(max_sigmas=3.0, max_unsure_sigmas=3.0)), sure).n_matches == 0
-    assert found(scan, MatchingOptions(cycles=CycleOptions(max_sigmas=12.0, max_unsure_sigmas=12.0)), sure).n_matches > 50
+    assert (
+        found(
+            scan, MatchingOptions(cycles=CycleOptions(max_sigmas=3.0, max_unsure_sigmas=3.0)), sure
+        ).n_matches
+        == 0
+    )
+    assert (
+        found(
+            scan,
+            MatchingOptions(cycles=CycleOptions(max_sigmas=12.0, max_unsure_sigmas=12.0)),
+            sure,
+        ).n_matches
+        > 50
+    )
     slack = MatchingOptions(cycles=CycleOptions(max_sigmas=0.0, slack_m=0.6))
     assert found(scan, slack, sure).n_matches > 50
     turned = POSES[[0, 0]].copy()

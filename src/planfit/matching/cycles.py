@@ -81,7 +81,9 @@ def agree_with_cycles(
     pending = np.flatnonzero(~is_sure)
     new = np.flatnonzero(is_believed)
     while len(pending):
-        ways.add(loops.pairs[new], loops.a_from_b[new], options.loop_sigma_deg, options.loop_sigma_m)
+        ways.add(
+            loops.pairs[new], loops.a_from_b[new], options.loop_sigma_deg, options.loop_sigma_m
+        )
         heads = _heads(pending, cluster, loops.n_inliers)
         predicted, turn, shift = ways.between(loops.pairs[heads])
         is_now = options.max_sigmas * shift + options.slack_m < options.sure_m

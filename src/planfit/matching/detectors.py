@@ -53,9 +53,15 @@ def orb(max_per_frame: int) -> Detector:
         )
         if not found:
             return _nothing(256)
-        return Detections(*_places(found), np.unpackbits(raw, axis=1))
+        return Detections(*_places(found), np.unpackbits(raw.astype(np.uint8), axis=1))
 
     return detect
+
+
+def without_descriptors(uv: np.ndarray) -> Detections:
+    """Keypoints uv (k, 2) px that came from elsewhere, with their matches."""
+    k = len(uv)
+    return Detections(uv, np.ones(k, np.float32), np.zeros((k, 0), np.uint8))
 
 
 def _places(found) -> tuple[np.ndarray, np.ndarray]:

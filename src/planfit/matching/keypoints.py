@@ -8,7 +8,7 @@ import numpy as np
 
 from planfit.errors import require_choice, require_positive
 from planfit.geometry.camera import Camera
-from planfit.matching.detectors import Detector, orb, sift
+from planfit.matching.detectors import Detections, Detector, orb, sift
 
 
 @dataclass(frozen=True)
@@ -76,14 +76,30 @@ def detect(
     """Keypoints of a colour image (h, w, 3) with depth (h, w) m; `detector` saves making one a frame."""
     grey = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
     found = (detector or make_detector(options))(grey)
+    return lift(color, depth, camera, options, found)[0]
+
+
+def lift(
+    color: np.ndarray,
+    depth: np.ndarray,
+    camera: Camera,
+    options: KeypointOptions,
+    found: Detections,
+) -> tuple[Keypoints, np.ndarray]:
+    """Those detections whose depth can be trusted, and their indices (k,)."""
     depth_at = sample_depth(depth, found.uv, options.edge_step)
-    keep = np.isfinite(depth_at) & (depth_at < options.max_depth_m)
     # A keypoint with several orientations is listed once for each; the same uv twice is no new evidence
     # for the pose, but a match may need either descriptor, so all stay here.
-    points_cam = camera.lift(found.uv[keep], depth_at[keep]).astype(np.float32)
-    return Keypoints(
-        found.uv[keep], points_cam, found.scores[keep], found.descriptors[keep], sharpness(grey)
+    kept = np.flatnonzero(np.isfinite(depth_at) & (depth_at < options.max_depth_m))
+    points_cam = camera.lift(found.uv[kept], depth_at[kept]).astype(np.float32)
+    keypoints = Keypoints(
+        found.uv[kept],
+        points_cam,
+        found.scores[kept],
+        found.descriptors[kept],
+        sharpness(cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)),
     )
+    return keypoints, kept
 
 
 def sharpness(grey: np.ndarray) -> np.ndarray:

@@ -1,48 +1,18 @@
 """Keypoints of all frames, matched over pairs and verified: the paper's set M."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from planfit.errors import require
 from planfit.geometry import se3
-from planfit.matching.cycles import CycleOptions, Loops, agree_with_cycles
-from planfit.matching.detectors import Detector
-from planfit.matching.keypoints import KeypointOptions, Keypoints, detect, make_detector
-from planfit.matching.matchers import Matcher, MatcherOptions, make_matcher
-from planfit.matching.overlap import sample_views
-from planfit.matching.pairs import Looks, PairOptions, choose_pairs
-from planfit.matching.retrieval import describe_frames
-from planfit.matching.verify import VerifyOptions, point_sigma, verify
+from planfit.matching.cycles import Loops, agree_with_cycles
+from planfit.matching.options import MatchingOptions
+from planfit.matching.sources import Source, imported_source, own_source
+from planfit.matching.verify import point_sigma, verify
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
 from planfit.work import Arrays, Work, cache_key
-
-
-@dataclass(frozen=True)
-class MatchingOptions:
-    """How matches between frames are found and verified."""
-
-    keypoints: KeypointOptions = field(default_factory=KeypointOptions)
-    """Which keypoints are kept."""
-    matcher: MatcherOptions = field(default_factory=MatcherOptions)
-    """How keypoints of two frames are matched."""
-    pairs: PairOptions = field(default_factory=PairOptions)
-    """Which frames are tried with which."""
-    verify: VerifyOptions = field(default_factory=VerifyOptions)
-    """When matches are believed."""
-    cycles: CycleOptions = field(default_factory=CycleOptions)
-    """Which loops are look-alikes: their motion departs from what else is known by more than its spread."""
-    seed: int = 0
-    """Seed of the random choices."""
-
-    def __post_init__(self) -> None:
-        require(
-            self.matcher.kind == "nearest" or self.keypoints.kind == "superpoint",
-            f"MatchingOptions.matcher.kind: {self.matcher.kind} matches superpoint keypoints only, "
-            f"found keypoints.kind {self.keypoints.kind}; set it to superpoint",
-        )
 
 
 @dataclass(frozen=True)
@@ -76,65 +46,99 @@ def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work:
 
     Raises:
         OptionError: a learned detector or matcher cannot be had.
-        ScanError: an image cannot be read.
+        ScanError: an image cannot be read, or the COLMAP files are not those of this scan.
     """
-    detector, matcher = make_detector(options.keypoints), make_matcher(options.matcher)
-    key = cache_key("keypoints", scan.fingerprint, options.keypoints)
-    compute = partial(_detect_frame, scan, options.keypoints, detector)
-    items = work.map("keypoints", key, len(scan), compute, chunk_size=16)
-    keypoints = [Keypoints(**item) for item in items]
-    sharpness = np.array([k.sharpness for k in keypoints], dtype=float)
-    appearance = describe_frames(
-        [k.descriptors for k in keypoints], np.random.default_rng(options.seed)
-    )
-    samples = sample_views([k.points_cam for k in keypoints], scan.cameras)
-    looks = Looks(appearance, sharpness, samples)
-    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs, looks)
-    spreads = (odometry.sigma_turn.tobytes(), odometry.sigma_shift.tobytes())
-    key = cache_key("matches", key, options, scan.world_from_cams.tobytes(), spreads)
-    compute = partial(_match_pair, scan, keypoints, pairs, odometry, options, matcher)
-    found = work.map("pairs", key, len(pairs), compute, chunk_size=64)
-    sizes = np.array([len(item["points_a"]) for item in found], dtype=int)
-    some = np.flatnonzero(sizes)
-    motions = np.array([found[k]["a_from_b"] for k in some]).reshape(-1, 4, 4)
-    loops = Loops(pairs[some], motions, sizes[some])
-    some = some[agree_with_cycles(loops, scan.world_from_cams, odometry, options.cycles)]
+    if options.colmap is not None:
+        source = imported_source(scan, options.colmap, options, work)
+    else:
+        source = own_source(scan, odometry, options, work)
+    found = _verified(scan, source, source.pairs, odometry, options, work, "pairs")
+    believed = _believed(found, scan, odometry, options)
+    n_tried = len(source.pairs)
+    if source.more is not None:
+        more = source.more(found.loops[believed])
+        found = found.joined(_verified(scan, source, more, odometry, options, work, "more pairs"))
+        believed = _believed(found, scan, odometry, options)
+        n_tried += len(more)
+    some = np.flatnonzero(believed)
+    pairs = found.loops.pairs[some]
+    some = some[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    sizes = found.loops.n_inliers[some]
     points = {
-        name: np.concatenate([found[k][name] for k in some] or [np.zeros((0, 3))])
+        name: np.concatenate([getattr(found, name)[k] for k in some] or [np.zeros((0, 3))])
         for name in ("points_a", "points_b")
     }
     spread = partial(point_sigma, options=options.verify)
     return Matches(
-        pairs=pairs[some],
-        start=np.cumsum([0, *sizes[some]]),
+        pairs=found.loops.pairs[some],
+        start=np.cumsum([0, *sizes]),
         sigma=np.hypot(spread(points["points_a"][:, 2]), spread(points["points_b"][:, 2])),
-        n_tried=len(pairs),
-        n_keypoints=sum(len(k) for k in keypoints),
-        sharpness=sharpness,
+        n_tried=n_tried,
+        n_keypoints=sum(len(k) for k in source.keypoints),
+        sharpness=np.array([k.sharpness for k in source.keypoints], dtype=float),
         **points,
     )
 
 
-def _detect_frame(scan: Scan, options: KeypointOptions, detector: Detector, i: int) -> Arrays:
-    color, depth = scan.files.color(i), scan.files.depth(i)
-    return vars(detect(color, depth, scan.cameras[i], options, detector))
+@dataclass(frozen=True)
+class _Found:
+    """Verified pairs, in the order they were tried."""
+
+    loops: Loops
+    points_a: list[np.ndarray]
+    points_b: list[np.ndarray]
+
+    def joined(self, other: "_Found") -> "_Found":
+        fields = ("pairs", "a_from_b", "n_inliers")
+        both = (np.concatenate([getattr(f.loops, name) for f in (self, other)]) for name in fields)
+        return _Found(Loops(*both), self.points_a + other.points_a, self.points_b + other.points_b)
 
 
-def _match_pair(
+def _verified(
     scan: Scan,
-    keypoints: list[Keypoints],
+    source: Source,
     pairs: np.ndarray,
     odometry: Odometry,
     options: MatchingOptions,
-    matcher: Matcher,
+    work: Work,
+    stage: str,
+) -> _Found:
+    """Those of the pairs that hold together."""
+    spreads = (odometry.sigma_turn.tobytes(), odometry.sigma_shift.tobytes())
+    key = cache_key(
+        "matches", source.key, options, scan.world_from_cams.tobytes(), spreads, pairs.tobytes()
+    )
+    compute = partial(_verify_pair, scan, source, pairs, odometry, options)
+    items = work.map(stage, key, len(pairs), compute, chunk_size=64)
+    sizes = np.array([len(item["points_a"]) for item in items], dtype=int)
+    some = np.flatnonzero(sizes)
+    motions = np.array([items[k]["a_from_b"] for k in some]).reshape(-1, 4, 4)
+    return _Found(
+        Loops(pairs[some], motions, sizes[some]),
+        [items[k]["points_a"] for k in some],
+        [items[k]["points_b"] for k in some],
+    )
+
+
+def _believed(
+    found: _Found, scan: Scan, odometry: Odometry, options: MatchingOptions
+) -> np.ndarray:
+    return agree_with_cycles(found.loops, scan.world_from_cams, odometry, options.cycles)
+
+
+def _verify_pair(
+    scan: Scan,
+    source: Source,
+    pairs: np.ndarray,
+    odometry: Odometry,
+    options: MatchingOptions,
     k: int,
 ) -> Arrays:
     """Verified matches of one pair; none where the pair does not hold together."""
     i, j = (int(v) for v in pairs[k])
-    a, b = keypoints[i], keypoints[j]
+    a, b = source.keypoints[i], source.keypoints[j]
     none = {"points_a": np.zeros((0, 3)), "points_b": np.zeros((0, 3)), "a_from_b": np.eye(4)}
-    size_a, size_b = ((c.width, c.height) for c in (scan.cameras[i], scan.cameras[j]))
-    idx = matcher(a, b, size_a, size_b)
+    idx = source.tentative(i, j)
     if len(idx) < options.verify.min_inliers:
         return none
     points_a, points_b = (

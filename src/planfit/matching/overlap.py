@@ -5,10 +5,12 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 
 N_POINTS = 24
 """Points of each frame; a share of 24 is known to a tenth, and drift spoils more than that."""
+CHUNK = 100_000
 MARGIN = 0.15
 """Points this share of the image beyond its border count too: drift of a few degrees moves as much."""
 
@@ -22,8 +24,17 @@ class ViewSamples:
 
     def overlap(self, world_from_cams: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Share (p,) of the points of either frame that the other shows, the smaller of the two."""
-        poses = np.ascontiguousarray(world_from_cams, dtype=np.float64)
-        return _overlap(self.points_cam, self.half_view, poses, pairs.astype(np.int64))
+        result = np.zeros(len(pairs))
+        for first in range(0, len(pairs), CHUNK):
+            part = pairs[first : first + CHUNK]
+            motion = se3.inverse(world_from_cams[part[:, 0]]) @ world_from_cams[part[:, 1]]
+            result[first : first + CHUNK] = self.overlap_of(part, motion)
+        return result
+
+    def overlap_of(self, pairs: np.ndarray, a_from_b: np.ndarray) -> np.ndarray:
+        """The same for given motions (p, 4, 4) between the frames of each pair (p, 2)."""
+        motion = np.ascontiguousarray(a_from_b, dtype=np.float64)
+        return _overlap(self.points_cam, self.half_view, motion, pairs.astype(np.int64))
 
 
 def sample_views(points_cam: list[np.ndarray], cameras: tuple[Camera, ...]) -> ViewSamples:
@@ -48,25 +59,25 @@ def sample_views(points_cam: list[np.ndarray], cameras: tuple[Camera, ...]) -> V
 
 @numba.njit(cache=True, nogil=True)
 def _overlap(
-    points: np.ndarray, borders: np.ndarray, poses: np.ndarray, pairs: np.ndarray
+    points: np.ndarray, borders: np.ndarray, a_from_b: np.ndarray, pairs: np.ndarray
 ) -> np.ndarray:
     result = np.zeros(len(pairs))
     for k in range(len(pairs)):
         i, j = pairs[k]
+        turn, shift = a_from_b[k, :3, :3], a_from_b[k, :3, 3]
+        back = np.zeros(3)
+        for r in range(3):
+            back[r] = -(turn[0, r] * shift[0] + turn[1, r] * shift[1] + turn[2, r] * shift[2])
         result[k] = min(
-            _shown(points[i], poses[i], poses[j], borders[j]),
-            _shown(points[j], poses[j], poses[i], borders[i]),
+            _shown(points[j], turn, shift, borders[i]), _shown(points[i], turn.T, back, borders[j])
         )
     return result
 
 
 @numba.njit(cache=True, nogil=True)
-def _shown(points: np.ndarray, source: np.ndarray, target: np.ndarray, border: np.ndarray) -> float:
-    """Share of points (s, 3) of the source camera that lie in the target's image."""
+def _shown(points: np.ndarray, turn: np.ndarray, shift: np.ndarray, border: np.ndarray) -> float:
+    """Share of points (s, 3), once turned and shifted, that lie within the borders of an image."""
     n, seen = 0, 0
-    back = np.ascontiguousarray(target[:3, :3].T)
-    turn = back @ np.ascontiguousarray(source[:3, :3])
-    shift = back @ np.ascontiguousarray(source[:3, 3] - target[:3, 3])
     for p in points:
         if np.isnan(p[0]):
             continue

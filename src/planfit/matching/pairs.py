@@ -24,8 +24,10 @@ class PairOptions:
 
     neighbours: int = 4
     """Each frame is tried with this many that follow it."""
-    loops_per_frame: int = 12
+    loops_per_frame: int = 8
     """Pairs a frame may take part in as a revisit: of each visit the nearest views first."""
+    expanded_per_frame: int = 6
+    """Pairs a frame may take part in besides, because a pair nearby was verified."""
     base_distance_m: float = 2.5
     """Cameras of a revisit are at most this far apart, plus what drift may add."""
     max_distance_m: float = 8.0
@@ -87,20 +89,24 @@ def _revisits(
     if looks is not None:
         # By what they show: the gap between views knows neither walls nor the width of the image.
         alike = similarity_of(looks.appearance, pairs)
-        gap = -looks.samples.overlap(world_from_cams, pairs) - alike
+        # Drift of a metre moves views of rooms so far that only looks can tell.
+        _, drift = odometry.spread_between(*pairs.T)
+        gap = -looks.samples.overlap(world_from_cams, pairs) / (1.0 + drift / DRIFT_M) - 2 * alike
         retrieved, similarity = _look_alikes(views, odometry, options, looks.appearance)
-        order = _order(retrieved, -similarity)
-        retrieved = _within_budget(retrieved[order], options.retrieved_per_frame)
+        order = in_order_of_visits(retrieved, -similarity)
+        retrieved = within_budget(retrieved[order], options.retrieved_per_frame)
     # What the camera saw a moment ago is always the most alike, and tells the least about drift.
     is_recent = np.abs(walked[pairs[:, 1]] - walked[pairs[:, 0]]) < RECENT_M
-    old, recent = (pairs[m][_order(pairs[m], gap[m])] for m in (~is_recent, is_recent))
-    recent = _within_budget(recent, max(1, options.loops_per_frame // 3))
+    old, recent = (pairs[m][in_order_of_visits(pairs[m], gap[m])] for m in (~is_recent, is_recent))
+    recent = within_budget(recent, max(1, options.loops_per_frame // 3))
     every = np.concatenate([retrieved, old, recent])
     _, first = np.unique(every, axis=0, return_index=True)
-    return _within_budget(every[np.sort(first)], options.loops_per_frame)
+    return within_budget(every[np.sort(first)], options.loops_per_frame)
 
 
-RECENT_M = 5.0
+DRIFT_M = 0.5
+"""At this much drift, the overlap of recorded poses counts half."""
+RECENT_M = 2.5
 """Frames with less way between them are no revisit; they share a third of the budget."""
 N_NEAREST = 64
 """Views looked at about each view; many visits of one place fit in."""
@@ -158,7 +164,7 @@ def _cosine(views: Views, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sum(views.forward[a] * views.forward[b], axis=-1)
 
 
-def _order(pairs: np.ndarray, gap: np.ndarray) -> np.ndarray:
+def in_order_of_visits(pairs: np.ndarray, gap: np.ndarray) -> np.ndarray:
     """Order (p,) in which pairs are taken: the best of every visit, then the second best, and so on.
 
     Without visits in between, the many views of the visit just before would take every place.
@@ -179,7 +185,7 @@ VISIT_FRAMES = 8
 """Pairs between the same two stretches of this many frames are of one visit."""
 
 
-def _within_budget(pairs: np.ndarray, most: int) -> np.ndarray:
+def within_budget(pairs: np.ndarray, most: int) -> np.ndarray:
     """Pairs (p, 2) taken in their order as long as neither frame has `most` already."""
     if len(pairs) == 0 or most == 0:
         return np.zeros((0, 2), dtype=int)

@@ -9,20 +9,20 @@ from collections.abc import Callable
 
 import numpy as np
 
-N_WORDS = 32
+N_WORDS = 48
 N_SAMPLES = 8_000
 """Descriptors that the vocabulary is learned from."""
 N_PER_FRAME = 400
 """Descriptors of a frame that count, the first of it; more change its description little."""
-DIMENSIONS = 256
-"""Descriptions are projected to this many numbers; a random projection keeps scalar products to 6 %."""
+DIMENSIONS = 512
+"""Descriptions are projected to this many numbers; a random projection keeps scalar products to 4 %."""
 BLOCK = 256
 N_LOOKED_AT = 64
 """The most similar rows of each, of which the possible ones are taken."""
 
 
 def describe_frames(descriptors: list[np.ndarray], rng: np.random.Generator) -> np.ndarray:
-    """Unit descriptions (n, 256) float32 of frames from their descriptors, each (k, d); 0 where k is 0."""
+    """Unit descriptions (n, 512) float32 of frames from their descriptors, each (k, d); 0 where k is 0."""
     n = len(descriptors)
     dims = descriptors[0].shape[1] if n else 0
     some = [i for i in range(n) if len(descriptors[i])]
@@ -32,9 +32,7 @@ def describe_frames(descriptors: list[np.ndarray], rng: np.random.Generator) -> 
     each = max(1, N_SAMPLES // len(some))
     sampled = some if len(some) <= N_SAMPLES else rng.choice(some, N_SAMPLES, replace=False)
     samples = np.concatenate(
-        [
-            _prepared(descriptors[i][rng.permutation(len(descriptors[i]))[:each]]) for i in sampled
-        ]
+        [_prepared(descriptors[i][rng.permutation(len(descriptors[i]))[:each]]) for i in sampled]
     )
     if len(samples) < 2 * N_WORDS:
         return described
@@ -89,7 +87,7 @@ def most_similar(
 def similarity_of(descriptions: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Scalar products (p,) of the rows (n, d) of each pair (p, 2)."""
     result = np.zeros(len(pairs), dtype=np.float32)
-    for first in range(0, len(pairs), 16 * BLOCK):  # all at once takes 2 KB a pair
+    for first in range(0, len(pairs), 16 * BLOCK):  # all at once takes 4 KB a pair
         i, j = pairs[first : first + 16 * BLOCK].T
         result[first : first + len(i)] = np.einsum("ij,ij->i", descriptions[i], descriptions[j])
     return result

@@ -15,9 +15,7 @@ LEVER_M = 3.0
 class Ways:
     """A graph of frames; each edge has a motion and its spread. Only frames of loops are kept."""
 
-    def __init__(
-        self, world_from_cams: np.ndarray, odometry: Odometry, pairs: np.ndarray
-    ) -> None:
+    def __init__(self, world_from_cams: np.ndarray, odometry: Odometry, pairs: np.ndarray) -> None:
         self._stations = np.unique(pairs)
         before, after = self._stations[:-1], self._stations[1:]
         # Variances of the steps alone: what an early turn swings is counted once, over the whole way.
@@ -42,7 +40,7 @@ class Ways:
         self._spread = np.concatenate([self._spread, spread])
 
     def between(self, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Motion a_from_b (p, 4, 4) along the surest way, and its spread of turn (p,) rad and shift (p,) m."""
+        """Motion a_from_b (p, 4, 4) along the surest way, and its spread: turn (p,) rad, shift (p,) m."""
         ends = np.searchsorted(self._stations, pairs)
         order = np.lexsort((ends[:, 1], ends[:, 0]))
         both = np.concatenate([self._ends, self._ends[:, ::-1]])
@@ -106,7 +104,7 @@ def _surest(
                     cost[to[e]] = new
                     via[to[e]] = e
                     before[to[e]] = here
-                    heapq.heappush(heap, (new, to[e]))
+                    heapq.heappush(heap, (new, to[e]))  # type: ignore[arg-type]
         for t in range(k, last):
             motion = np.eye(4)
             node = ends[t, 1]
