@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from matching_scans import TestScan
+from scipy.ndimage import binary_dilation
 
 from planfit.geometry import se3
 from planfit.matching import Matches
@@ -14,6 +15,8 @@ MIN_APART = 30
 """Frames between two visits."""
 CELL_M = 1.5
 """Places are squares of this size about what the camera looks at, and eighths of the compass."""
+NEAR = 3
+"""Of many frames that show the same only some are tried: a verified pair stands for those so near to it."""
 VISIT_FRAMES = 30
 """A place seen by frames further apart than this was visited twice."""
 
@@ -39,8 +42,10 @@ class Quality:
     n_pairs: int
     place_recall: float
     """Share of places visited again of which some pair was verified."""
+    place_recall_near: float
+    """The same, counting verified pairs up to `NEAR` frames from an overlapping one."""
     visit_recall: float
-    """The same for each two visits of a place."""
+    """Share of each two visits of a place of which some pair was verified, up to `NEAR` frames off."""
     n_places: int
     n_visits: int
     merged: int
@@ -101,13 +106,21 @@ def judge(test: TestScan, matches: Matches, revisits: Revisits) -> Quality:
     share = np.bincount(pair, holds, len(sizes)) / np.maximum(sizes, 1)
     verified = set(map(tuple, matches.pairs[share > 0.5].tolist()))
     is_found = np.array([tuple(p) in verified for p in revisits.pairs.tolist()], dtype=bool)
+    n = len(true)
+    grid = np.zeros((n, n), dtype=bool)
+    right = matches.pairs[share > 0.5]
+    far = right[right[:, 1] - right[:, 0] > MIN_APART - 2 * NEAR]
+    grid[far[:, 0], far[:, 1]] = True
+    grid = binary_dilation(grid, np.ones((2 * NEAR + 1, 2 * NEAR + 1)))
+    is_near = grid[revisits.pairs[:, 0], revisits.pairs[:, 1]]
     wings = test.wing[matches.pairs]
     return Quality(
         precision=float(holds.mean()) if len(holds) else 1.0,
         wrong_pairs=int(np.sum(share <= 0.5)),
         n_pairs=len(sizes),
         place_recall=_recall(revisits.place, is_found),
-        visit_recall=_recall(revisits.visit, is_found),
+        place_recall_near=_recall(revisits.place, is_near),
+        visit_recall=_recall(revisits.visit, is_near),
         n_places=len(np.unique(revisits.place)),
         n_visits=len(np.unique(revisits.visit)),
         merged=int(np.sum((wings >= 0).all(axis=1) & (wings[:, 0] != wings[:, 1]))),
