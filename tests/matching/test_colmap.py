@@ -152,7 +152,7 @@ def test_an_image_without_points_in_a_text_model(scan, seen, tmp_path):
 
 def matched(scan, path):
     odometry = make_odometry(scan.world_from_cams, OdometryOptions())
-    return find_matches(scan, odometry, MatchingOptions(colmap=path), Work(2))
+    return find_matches(scan, odometry, MatchingOptions(colmap=str(path)), Work(2))
 
 
 def test_imported_matches_are_lifted_and_verified(scan, seen, tmp_path):
@@ -231,9 +231,9 @@ def test_a_changed_file_is_read_again(scan, seen, tmp_path):
     odometry = make_odometry(scan.world_from_cams, OdometryOptions())
     scan = replace(scan, fingerprint="room")
     work = Work(1, tmp_path / "cache")
-    assert find_matches(scan, odometry, MatchingOptions(colmap=path), work).n_matches > 100
+    assert find_matches(scan, odometry, MatchingOptions(colmap=str(path)), work).n_matches > 100
     path.unlink()
     write_database(path, [np.where(np.arange(120)[:, None] < 50, uv, np.nan) for uv in seen])
-    again = find_matches(scan, odometry, MatchingOptions(colmap=path), work)
-    fresh = find_matches(scan, odometry, MatchingOptions(colmap=path), Work(1))
+    again = find_matches(scan, odometry, MatchingOptions(colmap=str(path)), work)
+    fresh = find_matches(scan, odometry, MatchingOptions(colmap=str(path)), Work(1))
     assert_array_equal(again.points_a, fresh.points_a)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -48,8 +49,8 @@ def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work:
         OptionError: a learned detector or matcher cannot be had.
         ScanError: an image cannot be read, or the COLMAP files are not those of this scan.
     """
-    if options.colmap is not None:
-        source = imported_source(scan, options.colmap, options, work)
+    if options.colmap:
+        source = imported_source(scan, Path(options.colmap).expanduser(), options, work)
     else:
         source = own_source(scan, odometry, options, work)
     found = _verified(scan, source, source.pairs, odometry, options, work, "pairs")

@@ -1,7 +1,6 @@
 """Everything that can be chosen about matching."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from planfit.errors import require
 from planfit.matching.cycles import CycleOptions
@@ -27,9 +26,9 @@ class MatchingOptions:
     """When matches are believed."""
     cycles: CycleOptions = field(default_factory=CycleOptions)
     """Which loops are look-alikes: their motion departs from what else is known by more than its spread."""
-    colmap: Path | None = None
-    """A COLMAP database, or the folder of a sparse model, whose matches take the place of our own
-    keypoints and pairs. They are verified all the same."""
+    colmap: str = ""
+    """Path of a COLMAP database, or of the folder of a sparse model, whose matches take the place of our
+    own keypoints and pairs. They are verified all the same."""
     seed: int = 0
     """Seed of the random choices."""
 
