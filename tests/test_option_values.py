@@ -9,7 +9,7 @@ from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.align import AlignOptions
 from planfit.errors import OptionError
-from planfit.matching import MatchingOptions
+from planfit.matching.matchers import MatcherOptions
 from planfit.options import RefineOptions
 from planfit.scan.odometry import OdometryOptions
 from planfit.structure import StructureOptions
@@ -25,7 +25,7 @@ from planfit.work import Work
         (WallOptions, "sigma_m", -0.1),
         (WallOptions, "points_per_reading", 0.0),
         (AlignOptions, "cell_m", 0.0),
-        (MatchingOptions, "max_ratio", 1.2),
+        (MatcherOptions, "max_ratio", 1.2),
         (RefineOptions, "held_out_share", -0.1),
         (OdometryOptions, "sigma_base_m", float("nan")),
         (StructureOptions, "stride_px", 0),

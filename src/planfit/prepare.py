@@ -68,7 +68,7 @@ def prepare(scan: Scan, options: RefineOptions, work: Work, clock: Clock) -> Pre
 
     rng = np.random.default_rng(options.seed)
     solving, held_out = checks.hold_out(matches, options.held_out_share, rng)
-    keyframes = choose_keyframes(scan.world_from_cams, options.adjust.keyframes)
+    keyframes = choose_keyframes(scan.world_from_cams, options.adjust.keyframes, matches.sharpness)
     evidence = reduce_evidence(Evidence(solving, structure, odometry, scan.cameras), keyframes)
     level = level_from_world(gravity, structure.floor_height_m)
     recorded = level @ scan.world_from_cams

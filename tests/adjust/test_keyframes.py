@@ -37,6 +37,21 @@ def test_steps_between_keyframes_are_bounded_and_no_shorter_than_needed():
     assert set(np.diff(found.frame_idx)[:-1]) == {3}
 
 
+def test_sharper_frames_are_preferred_within_the_end_of_a_stretch():
+    poses = straight_walk(200, step_m=0.01)
+    sharpness = np.where(np.arange(200) % 7 == 3, 2.0, 1.0)
+    plain = KeyframeOptions(min_frames=0, sharper_share=0.0)
+    by_motion = choose_keyframes(poses, plain).frame_idx
+    assert_array_equal(choose_keyframes(poses, plain, sharpness).frame_idx, by_motion)
+    sharp = choose_keyframes(poses, KeyframeOptions(min_frames=0), sharpness).frame_idx
+    assert np.all(sharpness[sharp[1:-1]] == 2.0)
+    assert np.diff(sharp).max() <= np.diff(by_motion).max()
+    assert np.diff(sharp)[:-1].min() >= 0.6 * np.diff(by_motion)[:-1].min() - 1
+    # Where all are alike, nothing changes.
+    same = choose_keyframes(poses, KeyframeOptions(min_frames=0), np.ones(200)).frame_idx
+    assert_array_equal(same, by_motion)
+
+
 def test_turning_on_the_spot_makes_keyframes():
     options = KeyframeOptions(min_frames=0, max_turn_deg=10.5)
     found = choose_keyframes(straight_walk(40, step_m=0.0, turn_deg=2.0), options)

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import CAMERA, look, room_scan
-from planfit.matching.keypoints import KeypointOptions, detect, sample_depth
+from planfit.matching.keypoints import KeypointOptions, detect, sample_depth, sharpness
 
 
 def ramp(slope_u=0.004, slope_v=0.003):
@@ -113,3 +113,34 @@ def test_edge_step(view):
     strict = detect(*view, CAMERA, KeypointOptions(edge_step=0.005))
     loose = detect(*view, CAMERA, KeypointOptions(edge_step=0.5))
     assert len(strict) < len(detect(*view, CAMERA, KeypointOptions())) < len(loose)
+
+
+def test_orb_finds_bits_apart(view):
+    found = detect(*view, CAMERA, KeypointOptions(kind="orb", max_per_frame=300))
+    assert len(found) > 50
+    assert found.descriptors.shape == (len(found), 256)
+    assert set(np.unique(found.descriptors)) == {0, 1}
+    # Squared Euclidean distance is the Hamming distance of the packed descriptors.
+    packed = np.packbits(found.descriptors, axis=1)
+    a, b = found.descriptors[:2].astype(int)
+    assert np.sum((a - b) ** 2) == cv2.norm(packed[0], packed[1], cv2.NORM_HAMMING)
+
+
+def test_a_blank_image_has_no_orb_either(view):
+    blank = np.full_like(view[0], 128)
+    assert len(detect(blank, view[1], CAMERA, KeypointOptions(kind="orb"))) == 0
+
+
+def test_scores_tell_the_strongest(view):
+    everything = detect(*view, CAMERA, KeypointOptions())
+    few = detect(*view, CAMERA, KeypointOptions(max_per_frame=40))
+    assert few.scores.min() >= np.sort(everything.scores)[::-1][: 2 * len(few)].min()
+
+
+def test_sharpness_falls_with_blur_and_not_with_light(view):
+    grey = cv2.cvtColor(view[0], cv2.COLOR_RGB2GRAY)
+    values = [float(sharpness(cv2.GaussianBlur(grey, (0, 0), s))) for s in (0.5, 1.5, 3.0)]
+    assert values[0] > 1.3 * values[1] > 1.3**2 * values[2]
+    dark = (grey * 0.5).astype(np.uint8)
+    assert_allclose(sharpness(dark), sharpness(grey), rtol=0.1)
+    assert sharpness(np.full((40, 40), 7, np.uint8)) == 0

@@ -10,7 +10,9 @@ from builders import look, make_matches, random_transforms, room_scan
 from planfit.checks import match_distances
 from planfit.geometry import se3
 from planfit.matching import MatchingOptions, find_matches
-from planfit.matching.matches import match_descriptors
+from planfit.matching.cycles import CycleOptions
+from planfit.matching.keypoints import KeypointOptions
+from planfit.matching.matchers import match_descriptors
 from planfit.matching.pairs import PairOptions
 from planfit.matching.verify import VerifyOptions, point_sigma
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -78,15 +80,27 @@ def test_slack_and_sigmas_set_how_far_a_motion_may_depart():
     apart[1, 1, 3] += 0.5
     scan = replace(scan, world_from_cams=apart)
     sure = OdometryOptions(0.05, 0.0, 0.1, 0.0)
-    assert found(scan, MatchingOptions(max_motion_sigmas=3.0), sure).n_matches == 0
-    assert found(scan, MatchingOptions(max_motion_sigmas=12.0), sure).n_matches > 50
-    slack = MatchingOptions(max_motion_sigmas=0.0, motion_slack_m=0.6)
+    assert (
+        found(
+            scan, MatchingOptions(cycles=CycleOptions(max_sigmas=3.0, max_unsure_sigmas=3.0)), sure
+        ).n_matches
+        == 0
+    )
+    assert (
+        found(
+            scan,
+            MatchingOptions(cycles=CycleOptions(max_sigmas=12.0, max_unsure_sigmas=12.0)),
+            sure,
+        ).n_matches
+        > 50
+    )
+    slack = MatchingOptions(cycles=CycleOptions(max_sigmas=0.0, slack_m=0.6))
     assert found(scan, slack, sure).n_matches > 50
     turned = POSES[[0, 0]].copy()
     turned[1] = turned[1] @ se3.make_transform(se3.exp_so3(np.array([0, 0.1, 0])), np.zeros(3))
     turned = replace(scan, world_from_cams=turned)
-    assert found(turned, MatchingOptions(max_motion_sigmas=0.0), sure).n_matches == 0
-    slack = MatchingOptions(max_motion_sigmas=0.0, motion_slack_deg=7.0)
+    assert found(turned, MatchingOptions(cycles=CycleOptions(max_sigmas=0.0)), sure).n_matches == 0
+    slack = MatchingOptions(cycles=CycleOptions(max_sigmas=0.0, slack_deg=7.0))
     assert found(turned, slack, sure).n_matches > 50
 
 
@@ -110,6 +124,25 @@ def test_one_frame_has_no_matches():
     nothing = found(room_scan(POSES[:1]))
     assert nothing.n_matches == 0
     assert nothing.n_tried == 0
+
+
+def test_orb_end_to_end(scan):
+    matches = found(scan, MatchingOptions(keypoints=KeypointOptions(kind="orb")))
+    assert matches.n_matches > 100
+    assert np.median(match_distances(matches, POSES)) < 0.03
+
+
+def test_a_rendered_room_and_its_copy_are_not_merged():
+    # The same walk in a room and in its exact copy four metres on; the tracker drifts little.
+    lap = [
+        look([2.0 + np.cos(a), 2.0 + np.sin(a), 1.3], np.rad2deg(a)) for a in np.arange(0, 6, 1.0)
+    ]
+    scan = room_scan(lap + lap)
+    recorded = scan.world_from_cams.copy()
+    recorded[6:, 0, 3] += 4.0
+    alike = found(replace(scan, world_from_cams=recorded))
+    assert np.all(alike.pairs // 6 == alike.pairs[:, :1] // 6)
+    assert np.any(np.diff(found(scan).pairs // 6, axis=1) == 1)
 
 
 def test_pair_options_reach_the_choice_of_pairs(scan):

@@ -1,9 +1,12 @@
 """Which frames are tried with which."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from builders import look
-from planfit.matching.pairs import PairOptions, choose_pairs
+from planfit.matching.overlap import ViewSamples
+from planfit.matching.pairs import Looks, PairOptions, choose_pairs
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 
@@ -75,12 +78,53 @@ def test_max_distance_m_bounds_the_gate():
 
 
 def test_loops_per_frame_bounds_every_frame():
-    poses = [look([0, 0, 1.5], 0.1 * i) for i in range(40)]
+    poses = there_and_back(20) * 3  # every view six times over
     for most in (0, 1, 3):
         loops = [p for p in chosen(poses, loops_per_frame=most) if p[1] - p[0] > 4]
-        counts = np.bincount(np.array(loops, dtype=int).ravel(), minlength=40)
+        counts = np.bincount(np.array(loops, dtype=int).ravel(), minlength=len(poses))
         assert counts.max() <= most
-        assert counts.sum() >= 40 * most * 0.8
+        assert counts.sum() >= len(poses) * most * 0.8
+
+
+def test_a_camera_that_lingers_is_no_revisit_and_takes_no_budget():
+    rng = np.random.default_rng(1)
+    still = [look([0, 0, 1.5, *rng.normal(0, 0.003, 3)], rng.normal(0, 0.2)) for _ in range(300)]
+    away = [look([0.5 * i, 0, 1.5], 0) for i in range(30)]
+    pairs = chosen(still + away + away[::-1])
+    assert sum(j - i > 4 for i, j in pairs if j < 300) < 300
+    assert sum(i < 300 and j >= 358 for i, j in pairs) > 0
+
+
+def test_every_visit_gets_its_share_of_the_budget():
+    lap = [look([2 * np.cos(a), 2 * np.sin(a), 1.5], np.rad2deg(a)) for a in np.arange(0, 6.2, 0.1)]
+    pairs = chosen(lap * 4, loops_per_frame=4)
+    n = len(lap)
+    for visits in ((0, 1), (0, 2), (0, 3), (1, 3)):
+        assert sum((i // n, j // n) == visits for i, j in pairs) > 10
+
+
+def test_retrieval_finds_the_loop_that_the_gate_misses():
+    # The way back is recorded seven metres off; looks tell frame 59 - i shows what frame i shows.
+    unsure = OdometryOptions(0.15, 0.0, 0.1, 0.0)
+    poses = np.asarray(there_and_back(gap_m=7.0))
+    rng = np.random.default_rng(3)
+    looks = rng.normal(size=(30, 64))
+    looks = np.concatenate([looks, looks[::-1]])
+    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+    odometry = make_odometry(poses, unsure)
+    points = np.tile([[0.0, 0.0, 3.0]], (60, 24, 1))
+    views = ViewSamples(points, np.tile([[-0.6, 0.6], [-0.5, 0.5]], (60, 1, 1)))
+    looks = Looks(looks, np.zeros(60), views)
+    truth = {(i, 59 - i) for i in range(16)}
+    options = PairOptions(max_distance_m=4.0)
+    found = {n: {(int(i), int(j)) for i, j in choose_pairs(poses, odometry, o, looks)}
+             for n, o in ((4, options), (0, replace(options, retrieved_per_frame=0)))}  # fmt: skip
+    assert truth <= found[4]
+    assert not truth & found[0]
+    sure = make_odometry(poses, OdometryOptions(1e-6, 0.0, 1e-6, 0.0))
+    assert not truth & {(int(i), int(j)) for i, j in choose_pairs(poses, sure, options, looks)}
+    timid = replace(options, max_drift_sigmas=1.0)
+    assert not truth <= {(int(i), int(j)) for i, j in choose_pairs(poses, odometry, timid, looks)}
 
 
 def test_the_nearest_views_come_first():

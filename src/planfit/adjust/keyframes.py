@@ -28,8 +28,13 @@ class Keyframes:
     first_from_keys: np.ndarray  # (k, 4, 4) recorded poses of keyframes in the axes of the first
 
 
-def choose_keyframes(world_from_cams: np.ndarray, options: KeyframeOptions) -> Keyframes:
-    """Keyframes of a recorded trajectory (n, 4, 4), by distance walked and turned."""
+def choose_keyframes(
+    world_from_cams: np.ndarray, options: KeyframeOptions, sharpness: np.ndarray | None = None
+) -> Keyframes:
+    """Keyframes of a recorded trajectory (n, 4, 4), by distance walked and turned.
+
+    Where `sharpness` (n,) is known, the sharpest frame of the last part of each stretch is chosen.
+    """
     n = len(world_from_cams)
     steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
     moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps[:, :3, 3], axis=1))])
@@ -46,7 +51,7 @@ def choose_keyframes(world_from_cams: np.ndarray, options: KeyframeOptions) -> K
                 moved[i + 1] - moved[last] > options.max_step_m
                 or turned[i + 1] - turned[last] > max_turn
             ):
-                chosen.append(i)
+                chosen.append(_sharpest(last, i, options.sharper_share, sharpness))
         chosen.append(n - 1)
     frame_idx = np.unique(chosen)
     borders = 0.5 * (moved[frame_idx[:-1]] + moved[frame_idx[1:]])
@@ -56,6 +61,14 @@ def choose_keyframes(world_from_cams: np.ndarray, options: KeyframeOptions) -> K
     key_from_cam = se3.inverse(world_from_cams[frame_idx[nearest]]) @ world_from_cams
     recorded = world_from_cams[frame_idx]
     return Keyframes(frame_idx, nearest, key_from_cam, se3.inverse(recorded[0]) @ recorded)
+
+
+def _sharpest(last: int, i: int, share: float, sharpness: np.ndarray | None) -> int:
+    """Of the frames that end a stretch (last, i], the sharpest; the latest of equals."""
+    if sharpness is None:
+        return i
+    first = i - int(share * max(i - last - 1, 0))
+    return i - int(np.argmax(sharpness[first : i + 1][::-1]))
 
 
 def reduce_evidence(evidence: Evidence, keyframes: Keyframes) -> Evidence:

@@ -14,7 +14,7 @@ from planfit.adjust.terms.rays import RayOptions
 from planfit.adjust.terms.reprojection import ReprojectionOptions
 from planfit.adjust.terms.trajectory import TrajectoryOptions
 from planfit.adjust.terms.walls import WallOptions
-from planfit.errors import OptionError, require, require_choice, require_positive
+from planfit.errors import OptionError, require, require_choice, require_positive, require_share
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,13 @@ class KeyframeOptions:
     """A frame this far along the path from the last keyframe is the next one."""
     max_turn_deg: float = 10.0
     """So is a frame that has turned by this much, added up along the path."""
+    sharper_share: float = 0.4
+    """Within this last share of a stretch, the sharpest frame is taken instead: its keypoints are more
+    exact. 0 takes the last, whatever it looks like."""
 
     def __post_init__(self) -> None:
         require_positive(self, "max_step_m", "max_turn_deg")
+        require_share(self, "sharper_share")
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,23 @@
-"""Keypoints with depth: SIFT on the image, lifted to 3D where the depth can be trusted."""
+"""Keypoints with depth: found in the image, lifted to 3D where the depth can be trusted."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
 
-from planfit.errors import require_positive
+from planfit.errors import require_choice, require_positive
 from planfit.geometry.camera import Camera
+from planfit.matching.detectors import Detections, Detector, orb, sift
 
 
 @dataclass(frozen=True)
 class KeypointOptions:
     """Which keypoints are kept."""
 
+    kind: Literal["sift", "orb", "superpoint"] = "sift"
+    """SIFT; ORB, which is faster and finds less; SuperPoint as in the paper, which is learned
+    (`planfit[learned]`; its own weights may not be used commercially)."""
     max_per_frame: int = 1500
     """Strongest keypoints kept a frame; more cost matching time as their square."""
     contrast_threshold: float = 0.02
@@ -22,8 +27,13 @@ class KeypointOptions:
     edge_step: float = 0.04
     """Depth may change by this share of itself within 2 px of a keypoint; more is a depth edge, where
     the reading may belong to either side."""
+    weights: str = "magic-leap-community/superpoint"
+    """Hub name or folder of SuperPoint's weights."""
+    device: str = "cpu"
+    """Where SuperPoint runs, as torch calls it."""
 
     def __post_init__(self) -> None:
+        require_choice(self, "kind", "sift", "orb", "superpoint")
         require_positive(self, "max_per_frame", "contrast_threshold", "max_depth_m", "edge_step")
 
 
@@ -33,38 +43,74 @@ class Keypoints:
 
     uv: np.ndarray  # (k, 2) float32 px, sub-pixel
     points_cam: np.ndarray  # (k, 3) float32 m
-    descriptors: np.ndarray  # (k, 128) uint8, RootSIFT scaled by 512
+    scores: np.ndarray  # (k,) float32, how strong each is
+    descriptors: np.ndarray  # (k, d), compared by Euclidean distance
+    sharpness: np.ndarray  # () float32, of the image
 
     def __len__(self) -> int:
         return len(self.uv)
 
 
-def detect(
-    color: np.ndarray, depth: np.ndarray, camera: Camera, options: KeypointOptions
-) -> Keypoints:
-    """SIFT keypoints (Lowe 2004) of a colour image (h, w, 3) with depth (h, w) m.
+def make_detector(options: KeypointOptions) -> Detector:
+    """The detector that the options ask for.
 
-    Descriptors are RootSIFT (Arandjelovic and Zisserman 2012): their Euclidean distance is the
-    Hellinger distance of the SIFT histograms.
+    Raises:
+        OptionError: its library or weights cannot be had.
     """
-    sift = cv2.SIFT.create(
-        nfeatures=options.max_per_frame, contrastThreshold=options.contrast_threshold
-    )
+    if options.kind == "sift":
+        return sift(options.max_per_frame, options.contrast_threshold)
+    if options.kind == "orb":
+        return orb(options.max_per_frame)
+    from planfit.matching.learned import superpoint  # torch is loaded only where it is asked for
+
+    return superpoint(options.weights, options.device, options.max_per_frame)
+
+
+def detect(
+    color: np.ndarray,
+    depth: np.ndarray,
+    camera: Camera,
+    options: KeypointOptions,
+    detector: Detector | None = None,
+) -> Keypoints:
+    """Keypoints of a colour image (h, w, 3) with depth (h, w) m; `detector` saves making one a frame."""
     grey = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
-    found, raw = sift.detectAndCompute(grey, np.array([]))
-    if not found:
-        return Keypoints(
-            np.zeros((0, 2), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 128), np.uint8)
-        )
-    uv = np.array([k.pt for k in found], dtype=np.float32)
-    depth_at = sample_depth(depth, uv, options.edge_step)
-    keep = np.isfinite(depth_at) & (depth_at < options.max_depth_m)
+    found = (detector or make_detector(options))(grey)
+    return lift(color, depth, camera, options, found)[0]
+
+
+def lift(
+    color: np.ndarray,
+    depth: np.ndarray,
+    camera: Camera,
+    options: KeypointOptions,
+    found: Detections,
+) -> tuple[Keypoints, np.ndarray]:
+    """Those detections whose depth can be trusted, and their indices (k,)."""
+    depth_at = sample_depth(depth, found.uv, options.edge_step)
     # A keypoint with several orientations is listed once for each; the same uv twice is no new evidence
     # for the pose, but a match may need either descriptor, so all stay here.
-    normalised = raw[keep] / np.maximum(raw[keep].sum(axis=1, keepdims=True), 1e-6)
-    descriptors = np.minimum(np.sqrt(normalised) * 512.0, 255.0).astype(np.uint8)
-    points_cam = camera.lift(uv[keep], depth_at[keep]).astype(np.float32)
-    return Keypoints(uv[keep], points_cam, descriptors)
+    kept = np.flatnonzero(np.isfinite(depth_at) & (depth_at < options.max_depth_m))
+    points_cam = camera.lift(found.uv[kept], depth_at[kept]).astype(np.float32)
+    keypoints = Keypoints(
+        found.uv[kept],
+        points_cam,
+        found.scores[kept],
+        found.descriptors[kept],
+        sharpness(cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)),
+    )
+    return keypoints, kept
+
+
+def sharpness(grey: np.ndarray) -> np.ndarray:
+    """How sharp an image (h, w) uint8 is, () float32: spread of its Laplacian over that of its grey.
+
+    Dividing makes a dark frame of a scene no less sharp than a bright one.
+    """
+    # At half size: noise of single pixels, and the blocks of JPEG, are no sharpness.
+    half = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    edges = cv2.Laplacian(half, cv2.CV_32F)
+    return np.float32(edges.std() / max(float(half.std()), 1.0)) * np.ones((), np.float32)
 
 
 def sample_depth(depth: np.ndarray, uv: np.ndarray, edge_step: float) -> np.ndarray:

@@ -1,43 +1,19 @@
 """Keypoints of all frames, matched over pairs and verified: the paper's set M."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
-from planfit.errors import require_share
 from planfit.geometry import se3
-from planfit.matching.keypoints import KeypointOptions, Keypoints, detect
-from planfit.matching.pairs import PairOptions, choose_pairs
-from planfit.matching.verify import VerifyOptions, point_sigma, verify
+from planfit.matching.cycles import Loops, agree_with_cycles
+from planfit.matching.options import MatchingOptions
+from planfit.matching.sources import Source, imported_source, own_source
+from planfit.matching.verify import point_sigma, verify
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
 from planfit.work import Arrays, Work, cache_key
-
-
-@dataclass(frozen=True)
-class MatchingOptions:
-    """How matches between frames are found and verified."""
-
-    keypoints: KeypointOptions = field(default_factory=KeypointOptions)
-    """Which keypoints are kept."""
-    pairs: PairOptions = field(default_factory=PairOptions)
-    """Which frames are tried with which."""
-    verify: VerifyOptions = field(default_factory=VerifyOptions)
-    """When matches are believed."""
-    max_ratio: float = 0.85
-    """Best over second-best descriptor distance; a match above it is ambiguous (Lowe 2004)."""
-    max_motion_sigmas: float = 6.0
-    """A pair whose motion departs from the recorded one by more spreads of drift is a look-alike."""
-    motion_slack_deg: float = 3.0
-    """Departure in turn that is always allowed: the error of the verification itself."""
-    motion_slack_m: float = 0.3
-    """Departure in shift that is always allowed."""
-    seed: int = 0
-    """Seed of the random choices."""
-
-    def __post_init__(self) -> None:
-        require_share(self, "max_ratio")
 
 
 @dataclass(frozen=True)
@@ -53,6 +29,8 @@ class Matches:
     """Pairs of frames that were tried."""
     n_keypoints: int
     """Keypoints with depth, over all frames."""
+    sharpness: np.ndarray | None = None
+    """(n,) how sharp each frame's image is, where it was looked at."""
 
     @property
     def n_matches(self) -> int:
@@ -65,58 +43,93 @@ class Matches:
 
 
 def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work: Work) -> Matches:
-    """Detect, match and verify; see the options for each step."""
-    key = cache_key("keypoints", scan.fingerprint, options.keypoints)
-    items = work.map(
-        "keypoints", key, len(scan), partial(_detect_frame, scan, options), chunk_size=16
-    )
-    keypoints = [Keypoints(**item) for item in items]
-    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs)
-    spreads = (odometry.sigma_turn.tobytes(), odometry.sigma_shift.tobytes())
-    key = cache_key("matches", key, options, scan.world_from_cams.tobytes(), spreads)
-    compute = partial(_match_pair, scan, keypoints, pairs, odometry, options)
-    found = work.map("pairs", key, len(pairs), compute, chunk_size=64)
-    sizes = np.array([len(item["points_a"]) for item in found], dtype=int)
-    some = np.flatnonzero(sizes)
+    """Detect, match and verify; see the options for each step.
+
+    Raises:
+        OptionError: a learned detector or matcher cannot be had.
+        ScanError: an image cannot be read, or the COLMAP files are not those of this scan.
+    """
+    if options.colmap:
+        source = imported_source(scan, Path(options.colmap).expanduser(), options, work)
+    else:
+        source = own_source(scan, odometry, options, work)
+    found = _verified(scan, source, source.pairs, odometry, options, work, "pairs")
+    believed = _believed(found, scan, odometry, options)
+    n_tried = len(source.pairs)
+    if source.more is not None:
+        more = source.more(found.loops[believed])
+        found = found.joined(_verified(scan, source, more, odometry, options, work, "more pairs"))
+        believed = _believed(found, scan, odometry, options)
+        n_tried += len(more)
+    some = np.flatnonzero(believed)
+    pairs = found.loops.pairs[some]
+    some = some[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    sizes = found.loops.n_inliers[some]
     points = {
-        name: np.concatenate([found[k][name] for k in some] or [np.zeros((0, 3))])
+        name: np.concatenate([getattr(found, name)[k] for k in some] or [np.zeros((0, 3))])
         for name in ("points_a", "points_b")
     }
     spread = partial(point_sigma, options=options.verify)
     return Matches(
-        pairs=pairs[some],
-        start=np.cumsum([0, *sizes[some]]),
+        pairs=found.loops.pairs[some],
+        start=np.cumsum([0, *sizes]),
         sigma=np.hypot(spread(points["points_a"][:, 2]), spread(points["points_b"][:, 2])),
-        n_tried=len(pairs),
-        n_keypoints=sum(len(k) for k in keypoints),
+        n_tried=n_tried,
+        n_keypoints=sum(len(k) for k in source.keypoints),
+        sharpness=np.array([k.sharpness for k in source.keypoints], dtype=float),
         **points,
     )
 
 
-def match_descriptors(a: np.ndarray, b: np.ndarray, max_ratio: float) -> np.ndarray:
-    """Mutual nearest neighbours (m, 2) among descriptors (k, d) and (l, d) that pass the ratio test."""
-    if len(a) < 2 or len(b) < 2:
-        return np.zeros((0, 2), dtype=int)
-    a, b = a.astype(np.float32), b.astype(np.float32)
-    distance_sq = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2.0 * (a @ b.T)
-    nearest = np.argmin(distance_sq, axis=1)
-    rows = np.arange(len(a))
-    best = distance_sq[rows, nearest]
-    mutual = np.argmin(distance_sq, axis=0)[nearest] == rows
-    distance_sq[rows, nearest] = np.inf
-    clear = best < max_ratio**2 * distance_sq.min(axis=1)
-    idx = np.flatnonzero(mutual & clear)
-    return np.stack([idx, nearest[idx]], axis=1)
+@dataclass(frozen=True)
+class _Found:
+    """Verified pairs, in the order they were tried."""
+
+    loops: Loops
+    points_a: list[np.ndarray]
+    points_b: list[np.ndarray]
+
+    def joined(self, other: "_Found") -> "_Found":
+        fields = ("pairs", "a_from_b", "n_inliers")
+        both = (np.concatenate([getattr(f.loops, name) for f in (self, other)]) for name in fields)
+        return _Found(Loops(*both), self.points_a + other.points_a, self.points_b + other.points_b)
 
 
-def _detect_frame(scan: Scan, options: MatchingOptions, i: int) -> Arrays:
-    found = detect(scan.files.color(i), scan.files.depth(i), scan.cameras[i], options.keypoints)
-    return {"uv": found.uv, "points_cam": found.points_cam, "descriptors": found.descriptors}
-
-
-def _match_pair(
+def _verified(
     scan: Scan,
-    keypoints: list[Keypoints],
+    source: Source,
+    pairs: np.ndarray,
+    odometry: Odometry,
+    options: MatchingOptions,
+    work: Work,
+    stage: str,
+) -> _Found:
+    """Those of the pairs that hold together."""
+    spreads = (odometry.sigma_turn.tobytes(), odometry.sigma_shift.tobytes())
+    key = cache_key(
+        "matches", source.key, options, scan.world_from_cams.tobytes(), spreads, pairs.tobytes()
+    )
+    compute = partial(_verify_pair, scan, source, pairs, odometry, options)
+    items = work.map(stage, key, len(pairs), compute, chunk_size=64)
+    sizes = np.array([len(item["points_a"]) for item in items], dtype=int)
+    some = np.flatnonzero(sizes)
+    motions = np.array([items[k]["a_from_b"] for k in some]).reshape(-1, 4, 4)
+    return _Found(
+        Loops(pairs[some], motions, sizes[some]),
+        [items[k]["points_a"] for k in some],
+        [items[k]["points_b"] for k in some],
+    )
+
+
+def _believed(
+    found: _Found, scan: Scan, odometry: Odometry, options: MatchingOptions
+) -> np.ndarray:
+    return agree_with_cycles(found.loops, scan.world_from_cams, odometry, options.cycles)
+
+
+def _verify_pair(
+    scan: Scan,
+    source: Source,
     pairs: np.ndarray,
     odometry: Odometry,
     options: MatchingOptions,
@@ -124,9 +137,9 @@ def _match_pair(
 ) -> Arrays:
     """Verified matches of one pair; none where the pair does not hold together."""
     i, j = (int(v) for v in pairs[k])
-    a, b = keypoints[i], keypoints[j]
-    none = {"points_a": np.zeros((0, 3)), "points_b": np.zeros((0, 3))}
-    idx = match_descriptors(a.descriptors, b.descriptors, options.max_ratio)
+    a, b = source.keypoints[i], source.keypoints[j]
+    none = {"points_a": np.zeros((0, 3)), "points_b": np.zeros((0, 3)), "a_from_b": np.eye(4)}
+    idx = source.tentative(i, j)
     if len(idx) < options.verify.min_inliers:
         return none
     points_a, points_b = (
@@ -148,7 +161,11 @@ def _match_pair(
     recorded = se3.inverse(scan.world_from_cams[i]) @ scan.world_from_cams[j]
     if not _is_possible(motion.a_from_b, recorded, odometry, i, j, options):
         return none
-    return {"points_a": points_a[motion.is_inlier], "points_b": points_b[motion.is_inlier]}
+    return {
+        "points_a": points_a[motion.is_inlier],
+        "points_b": points_b[motion.is_inlier],
+        "a_from_b": motion.a_from_b,
+    }
 
 
 def _is_possible(
@@ -163,8 +180,8 @@ def _is_possible(
     sigma_turn, sigma_shift = odometry.spread_between(np.array(i), np.array(j))
     turn = float(se3.rotation_angle(recorded[:3, :3].T @ a_from_b[:3, :3]))
     shift = float(np.linalg.norm(recorded[:3, 3] - a_from_b[:3, 3]))
-    most = options.max_motion_sigmas
+    most = options.cycles.max_sigmas
     return bool(
-        turn < most * sigma_turn + np.deg2rad(options.motion_slack_deg)
-        and shift < most * sigma_shift + options.motion_slack_m
+        turn < most * sigma_turn + np.deg2rad(options.cycles.slack_deg)
+        and shift < most * sigma_shift + options.cycles.slack_m
     )

@@ -1,0 +1,192 @@
+"""Matches of a COLMAP database or sparse model, instead of our own keypoints and pairs.
+
+Of a database, the verified matches are taken (`two_view_geometries`), or the raw ones where it has none;
+of a model, two images match where they share 3D points. COLMAP puts the centre of the first pixel at
+0.5, planfit at 0. Everything is still lifted by the scan's depth and verified like our own matches.
+"""
+
+import re
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from planfit.errors import ScanError
+from planfit.matching.colmap_model import ModelImage, read_model
+from planfit.scan import Scan
+
+MAX_IMAGE_ID = 2_147_483_647
+MIN_SHARED = 8
+"""Images of a model that share fewer points are no pair: verification would refuse them anyway."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Keypoints of each frame of a scan, and which of them match."""
+
+    uv: tuple[np.ndarray, ...]  # n times (k, 2) float32 px
+    pairs: np.ndarray  # (p, 2) frame indices, first < second
+    matches: tuple[np.ndarray, ...]  # p times (m, 2) indices into uv of the two
+
+
+def stamp(path: Path) -> tuple:
+    """What changes when the imported files do."""
+    files = [path] if path.is_file() else sorted(path.iterdir()) if path.is_dir() else []
+    return tuple((f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files)
+
+
+def read_colmap_matches(path: Path, scan: Scan) -> Imported:
+    """Matches of a database file or of the folder of a sparse model (text or binary).
+
+    Images are told apart by their names: a frame's id, or the number that the name ends with.
+
+    Raises:
+        ScanError: the file is not such, or its images are not those of the scan.
+    """
+    if path.is_dir():
+        images = read_model(path)
+        sizes = {i: (image.width, image.height) for i, image in images.items()}
+        names = {i: image.name for i, image in images.items()}
+        frame_of = _frames(names, scan, path)
+        uv = {i: image.uv for i, image in images.items()}
+        pairs = _shared(images, frame_of)
+    elif path.is_file():
+        names, sizes, uv, pairs = _read_database(path)
+        frame_of = _frames(names, scan, path)
+    else:
+        raise ScanError(
+            f"{path}: expected a COLMAP database or the folder of a sparse model, found nothing there"
+        )
+    by_frame = [np.zeros((0, 2), np.float32)] * len(scan)
+    for image, frame in frame_of.items():
+        camera = scan.cameras[frame]
+        scale = np.array([camera.width / sizes[image][0], camera.height / sizes[image][1]])
+        by_frame[frame] = (uv[image] * scale - 0.5).astype(np.float32)
+    kept: dict[tuple[int, int], np.ndarray] = {}
+    for (a, b), idx in pairs.items():
+        if a in frame_of and b in frame_of and len(idx):
+            i, j = frame_of[a], frame_of[b]
+            if max(idx[:, 0].max() - len(by_frame[i]), idx[:, 1].max() - len(by_frame[j])) >= 0:
+                raise ScanError(
+                    f"{path}: expected matches of existing keypoints, found others between "
+                    f"{names[a]} and {names[b]}; the file is damaged, make it again"
+                )
+            kept[(i, j) if i < j else (j, i)] = idx if i < j else idx[:, ::-1]
+    order = sorted(kept)
+    return Imported(
+        tuple(by_frame),
+        np.array(order, dtype=int).reshape(-1, 2),
+        tuple(kept[pair] for pair in order),
+    )
+
+
+def _frames(names: dict[int, str], scan: Scan, path: Path) -> dict[int, int]:
+    """Frame index of each image that is one of the scan's."""
+    by_id = {frame_id: k for k, frame_id in enumerate(scan.frame_ids)}
+    by_number: dict[int, int] = {}
+    for k, frame_id in enumerate(scan.frame_ids):
+        number = _number(frame_id)
+        if number is not None:
+            by_number[number] = k if number not in by_number else -1
+    found: dict[int, int] = {}
+    for image, name in names.items():
+        stem = Path(name).stem
+        number = _number(stem)
+        frame = by_id.get(
+            name, by_id.get(stem, by_number.get(-1 if number is None else number, -1))
+        )
+        if frame >= 0:
+            if frame in found.values():
+                raise ScanError(
+                    f"{path}: expected one image a frame, found two that are frame "
+                    f"{scan.frame_ids[frame]} (one is {name}); rename the images as the frames"
+                )
+            found[image] = frame
+    if len(found) < 2:
+        some = next(iter(names.values()), "no image")
+        raise ScanError(
+            f"{path}: expected images named as the scan's frames ({scan.frame_ids[0]} and so on), "
+            f"found {len(names)} images of which {len(found)} are (such as {some})"
+        )
+    return found
+
+
+def _number(name: str) -> int | None:
+    found = re.search(r"(\d+)$", name)
+    return int(found[1]) if found else None
+
+
+def _read_database(path: Path) -> tuple[
+    dict[int, str], dict[int, tuple[int, int]], dict[int, np.ndarray], dict[tuple[int, int], np.ndarray]
+]:  # fmt: skip
+    """Names, sizes and keypoints by image id, and matches by pair of image ids."""
+    try:
+        # Read-only, and immutable: nothing of the input is ever changed, not even by a journal.
+        database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+        try:
+            images = database.execute(
+                "SELECT image_id, name, width, height FROM images JOIN cameras USING (camera_id)"
+            ).fetchall()
+            blobs = database.execute("SELECT image_id, rows, cols, data FROM keypoints").fetchall()
+            query = "SELECT pair_id, rows, cols, data FROM {} WHERE rows > 0"
+            pairs = database.execute(query.format("two_view_geometries")).fetchall()
+            if not pairs:
+                pairs = database.execute(query.format("matches")).fetchall()
+        finally:
+            database.close()
+    except sqlite3.Error as error:
+        raise ScanError(
+            f"{path}: expected a COLMAP database, found a file that cannot be read as one ({error})"
+        ) from error
+    try:
+        uv = {i: _array(data, rows, cols, np.float32)[:, :2] for i, rows, cols, data in blobs}
+        matches = {
+            (pair // MAX_IMAGE_ID, pair % MAX_IMAGE_ID): _array(data, rows, cols, np.uint32)
+            for pair, rows, cols, data in pairs
+        }
+    except (ValueError, TypeError) as error:
+        raise ScanError(
+            f"{path}: expected whole keypoints and matches, found a damaged table ({error}); "
+            "make the database again"
+        ) from error
+    for i, *_ in images:
+        uv.setdefault(i, np.zeros((0, 2), np.float32))
+    return (
+        {i: name for i, name, _, _ in images},
+        {i: (width, height) for i, _, width, height in images},
+        uv,
+        {pair: idx.astype(int) for pair, idx in matches.items()},
+    )
+
+
+def _array(data: bytes | None, rows: int, cols: int, dtype: type) -> np.ndarray:
+    return np.frombuffer(data or b"", dtype=dtype).reshape(rows, cols)
+
+
+def _shared(
+    images: dict[int, ModelImage], frame_of: dict[int, int]
+) -> dict[tuple[int, int], np.ndarray]:
+    """Matches by pair of images, from the 3D points that both see."""
+    ids = sorted(frame_of)
+    image = np.concatenate([np.full(len(images[i].point_id), i) for i in ids])
+    point = np.concatenate([images[i].point_id for i in ids])
+    at = np.concatenate([np.arange(len(images[i].point_id)) for i in ids])
+    seen = point >= 0
+    order = np.lexsort((image[seen], point[seen]))
+    image, point, at = image[seen][order], point[seen][order], at[seen][order]
+    # Observations of one point lie together: pair each with those k places on, while still the same.
+    rows: list[np.ndarray] = []
+    for k in range(1, len(point)):
+        same = np.flatnonzero((point[k:] == point[:-k]) & (image[k:] != image[:-k]))
+        if not (point[k:] == point[:-k]).any():
+            break
+        rows.append(np.column_stack([image[same], image[same + k], at[same], at[same + k]]))
+    if not rows:
+        return {}
+    every = np.concatenate(rows)
+    every = every[np.lexsort(every.T[::-1])]
+    borders = np.flatnonzero((np.diff(every[:, :2], axis=0) != 0).any(axis=1)) + 1
+    groups: Sequence[np.ndarray] = np.split(every, borders)
+    return {(int(g[0, 0]), int(g[0, 1])): g[:, 2:] for g in groups if len(g) >= MIN_SHARED}

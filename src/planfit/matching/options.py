@@ -1,0 +1,40 @@
+"""Everything that can be chosen about matching."""
+
+from dataclasses import dataclass, field
+
+from planfit.errors import require
+from planfit.matching.cycles import CycleOptions
+from planfit.matching.keypoints import (
+    KeypointOptions,
+)
+from planfit.matching.matchers import MatcherOptions
+from planfit.matching.pairs import PairOptions
+from planfit.matching.verify import VerifyOptions
+
+
+@dataclass(frozen=True)
+class MatchingOptions:
+    """How matches between frames are found and verified."""
+
+    keypoints: KeypointOptions = field(default_factory=KeypointOptions)
+    """Which keypoints are kept."""
+    matcher: MatcherOptions = field(default_factory=MatcherOptions)
+    """How keypoints of two frames are matched."""
+    pairs: PairOptions = field(default_factory=PairOptions)
+    """Which frames are tried with which."""
+    verify: VerifyOptions = field(default_factory=VerifyOptions)
+    """When matches are believed."""
+    cycles: CycleOptions = field(default_factory=CycleOptions)
+    """Which loops are look-alikes: their motion departs from what else is known by more than its spread."""
+    colmap: str = ""
+    """Path of a COLMAP database, or of the folder of a sparse model, whose matches take the place of our
+    own keypoints and pairs. They are verified all the same."""
+    seed: int = 0
+    """Seed of the random choices."""
+
+    def __post_init__(self) -> None:
+        require(
+            self.matcher.kind == "nearest" or self.keypoints.kind == "superpoint",
+            f"MatchingOptions.matcher.kind: {self.matcher.kind} matches superpoint keypoints only, "
+            f"found keypoints.kind {self.keypoints.kind}; set it to superpoint",
+        )
