@@ -19,7 +19,7 @@ commands:
   refine SCAN -o OUT [--plan FILE]   refine the camera poses of a scan; OUT/report.html tells how it went
   align SCAN PLAN -o OUT             find the place of a scan on a plan; a picture of each place that fits
   plan FILE [-o FILE.png|svg|dxf|json]   show what is read of a floorplan
-  evaluate OUT --truth FILE          compare refined poses with true ones
+  evaluate OUT [--truth FILE]        how good refined poses are, before and after (also SCAN --poses FILE)
   demo [-o OUT]                      make a synthetic scan, drift it, refine it, and compare with the truth
   synth OUT                          write a synthetic scan with its plan and its truth
 

@@ -43,7 +43,9 @@ def map_quality(
     variance = np.full(len(points), np.nan, dtype=np.float32)
     n_neighbours = np.zeros(len(points), dtype=np.int32)
     sums = np.zeros(4)
-    for idx, counts, smallest, block_sums in each_block(make_grid(points, radius_m), _block, workers):
+    for idx, counts, smallest, block_sums in each_block(
+        make_grid(points, radius_m), _block, workers
+    ):
         n_neighbours[idx] = counts
         variance[idx] = smallest
         sums += block_sums

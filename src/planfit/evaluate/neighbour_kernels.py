@@ -35,7 +35,11 @@ def sum_cells(points, start, cells, edge):  # pragma: no cover - compiled
     """Sums (c, 10) of each cell's points about the cell's centre."""
     sums = np.zeros((len(cells), 10))
     for c in range(len(cells)):
-        cx, cy, cz = (cells[c, 0] + 0.5) * edge, (cells[c, 1] + 0.5) * edge, (cells[c, 2] + 0.5) * edge
+        cx, cy, cz = (
+            (cells[c, 0] + 0.5) * edge,
+            (cells[c, 1] + 0.5) * edge,
+            (cells[c, 2] + 0.5) * edge,
+        )
         for m in range(start[c], start[c + 1]):
             x, y, z = points[0, m] - cx, points[1, m] - cy, points[2, m] - cz
             sums[c, 0] += 1.0
@@ -135,7 +139,19 @@ def _add_points(x, y, z, xs, ys, zs, limit, total):  # pragma: no cover - compil
 
 @numba.njit(cache=True, nogil=True)
 def _near_cells(
-    c, cells, start, column_start, table_keys, places, sums, edge, reach, runs, centres, about, shared
+    c,
+    cells,
+    start,
+    column_start,
+    table_keys,
+    places,
+    sums,
+    edge,
+    reach,
+    runs,
+    centres,
+    about,
+    shared,
 ):  # pragma: no cover - compiled
     """Cells that a sphere about a point of cell c may reach: those within every such sphere go into `shared`,
     the others into the lists; returns how many."""
@@ -208,7 +224,11 @@ def sum_neighbours(
     total, shared, own = np.zeros(10), np.zeros(10), np.zeros(10)
     xs, ys, zs = points[0], points[1], points[2]
     for c in range(first, last):
-        cx, cy, cz = (cells[c, 0] + 0.5) * edge, (cells[c, 1] + 0.5) * edge, (cells[c, 2] + 0.5) * edge
+        cx, cy, cz = (
+            (cells[c, 0] + 0.5) * edge,
+            (cells[c, 1] + 0.5) * edge,
+            (cells[c, 2] + 0.5) * edge,
+        )
         shared[:] = 0.0
         n_near = _near_cells(
             c, cells, start, column_start, table_keys, places, sums, edge, reach,

@@ -45,7 +45,9 @@ class NeighbourGrid:
         return len(self.order)
 
 
-def make_grid(points: np.ndarray, radius_m: float, cells_per_radius: int | None = None) -> NeighbourGrid:
+def make_grid(
+    points: np.ndarray, radius_m: float, cells_per_radius: int | None = None
+) -> NeighbourGrid:
     """Sort points (n, 3) m for neighbourhoods of `radius_m`.
 
     `cells_per_radius` changes the time and not the result; by default it suits the density.
@@ -115,7 +117,9 @@ def each_block(
     with ThreadPoolExecutor(workers) as pool:
         for bounds in _blocks(grid.start):
             waiting.append(pool.submit(one, bounds))
-            if len(waiting) > 2 * workers:  # a few blocks ahead of the one in use, never all of them
+            if (
+                len(waiting) > 2 * workers
+            ):  # a few blocks ahead of the one in use, never all of them
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()

@@ -57,7 +57,9 @@ def orthogonal_triple(
     labels = fcluster(linkage(normals, "complete"), _SPREAD, criterion="distance")
     sizes = np.bincount(labels)
     kept = np.flatnonzero(sizes >= _MIN_POINTS)
-    means = np.stack([normals[labels == k].mean(axis=0) for k in kept]) if len(kept) else normals[:0]
+    means = (
+        np.stack([normals[labels == k].mean(axis=0) for k in kept]) if len(kept) else normals[:0]
+    )
     means /= np.linalg.norm(means, axis=1, keepdims=True)
     best = _largest_triple(np.abs(means @ means.T) < _SPREAD, sizes[kept])
     if best is None:
