@@ -27,6 +27,9 @@ from planfit.scan import read_tum
 from planfit.work import Work
 
 
+_SHOWN_UNITS: dict[str, str] = {"1": "", "cm^2": "cm²", "deg": "°"}
+
+
 @dataclass(frozen=True)
 class EvaluateArguments:
     """How good the poses of a scan are, before and after: by the map they make, against the plan, and against
@@ -160,7 +163,7 @@ def _plain(figure: Figure) -> dict[str, Any]:
 def _table(report: dict[str, Any]) -> Any:
     rows = []
     for figure in report["figures"].values():
-        unit = {"1": "", "cm^2": "cm²", "deg": "°"}.get(figure["unit"], figure["unit"])
+        unit: str = _SHOWN_UNITS.get(figure["unit"], figure["unit"])
         texts = [_amount(figure[name], unit) for name in ("before", "after")]
         difference = figure["difference"]
         colour = "" if not difference else "[green]" if difference < 0 else "[red]"

@@ -83,10 +83,9 @@ def trajectory_figures(
         ("rpe_next", "to the next frame", None),
         ("rpe", f"over {delta_m:g} m of path", delta_m),
     ):
-        pair = [step_errors(poses[idx], true, delta) for poses in (before, after)]
-        if pair[0] is None or pair[1] is None:
+        a, b = (step_errors(poses[idx], true, delta) for poses in (before, after))
+        if a is None or b is None:
             continue
-        a, b = pair
         words = f"relative error (RPE) {words}, RMS"
         figures += [
             Figure(f"{name}_shift_rms", words, "m", a.shift_rms_m, b.shift_rms_m),

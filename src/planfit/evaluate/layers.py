@@ -1,9 +1,9 @@
-"""Share of walls that the scan shows as two layers: the doubling that drift leaves where a place is seen again.
+"""Share of walls that the scan shows as two layers: what drift leaves where a place is seen again.
 
-No plan is needed. Walls are looked at through square windows. In each, every frame that shows the wall gives one
-reading: how far its points lie before the window's plane. A window is double where these readings fall into two
-groups with a gap between them, and almost no frame sees both: a niche, a radiator or the edge of a door is seen with
-the wall behind it in the same frame, a wall doubled by drift never is.
+No plan is needed. Walls are looked at through square windows. In each, every frame that shows the wall gives
+a few readings: how far its points lie before the window's plane. A window is double where these readings fall
+into two groups with a gap between them, and almost no frame sees both: a niche, a radiator or the edge of a
+door is seen with the wall behind it in the same frame, a wall doubled by drift never is.
 """
 
 from dataclasses import dataclass
@@ -29,10 +29,11 @@ class LayerOptions:
     max_gap_m: float = 0.3
     """Layers further apart are two walls."""
     gap_to_spread: float = 2.0
-    """The gap is at least this many times the spread (standard deviation) of either layer; else the wall is thick,
-    not double."""
+    """The gap is at least this many times the spread (standard deviation) of either layer; else the wall is
+    thick, not double."""
     min_frames: int = 2
-    """Each layer is seen by this many frames or more; windows seen by fewer than twice as many are not judged."""
+    """Each layer is seen by this many frames or more; windows seen by fewer than twice as many are not
+    judged."""
     min_points: int = 5
     """Points that a frame's reading of a window takes."""
     max_both_share: float = 0.1
@@ -118,8 +119,10 @@ def _gap(before: np.ndarray, frame_idx: np.ndarray, options: LayerOptions) -> fl
 def _readings(
     walls: Pieces, target_from_cams: np.ndarray, options: LayerOptions
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean place (m, 3) m, level normal (m, 3) and frame (m,) of the points of each piece in each square of half a
-    window, so that a window holds a few readings of a frame whatever the frame's own squares are."""
+    """Mean place (m, 3) m, level normal (m, 3) and frame (m,) of the points of each piece in each square.
+
+    Squares are half a window wide, so that every window holds readings of every frame that shows it.
+    """
     piece = np.repeat(np.arange(len(walls)), np.diff(walls.start))
     frames = walls.frame_idx[piece]
     normals = np.einsum(

@@ -1,8 +1,7 @@
 """Covariance of the points around every point of a cloud: exact, compiled, and not pair by pair.
 
-A covariance is made of sums, so a cell of the grid that lies within the radius as a whole is added as ten sums,
-however many points it holds; only cells that the sphere's surface cuts are looked at point by point. Ten million
-points with 2,000 neighbours each are 2e10 pairs; the sums leave a tenth of them.
+A covariance is made of sums, so a cell of the grid that lies within the radius as a whole is added as ten
+sums, however many points it holds; only cells that the sphere's surface cuts are looked at point by point.
 """
 
 from collections import deque
@@ -19,8 +18,8 @@ from planfit.evaluate.neighbour_kernels import fill_table, sum_cells, sum_neighb
 Result = TypeVar("Result")
 
 _POINTS_PER_CELL = 50.0
-"""Cells are made as small as leaves them this many points on average: smaller ones cost more to visit than they
-save. Measured on surfaces with 50 to 2,200 neighbours: 30 to 80 make little difference, 6 doubles the time."""
+"""Cells are made as small as leaves them this many points on average: smaller ones cost more to visit than
+they save. On surfaces with 50 to 2,200 neighbours 30 to 80 make little difference, 6 doubles the time."""
 _MAX_CELLS_PER_RADIUS = 8
 _POINTS_PER_BLOCK = 100_000
 """Bounds what a thread holds at a time, 7 MB, and keeps the threads evenly busy."""

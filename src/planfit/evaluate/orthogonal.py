@@ -12,11 +12,13 @@ from planfit.evaluate.sampling import MapSample
 _PLANAR = 100.0
 """A point is planar where its smallest eigenvalue is below the middle one by this factor."""
 _SPREAD = 0.1
-"""Normals of one cluster differ by at most this (complete linkage), and orthogonal ones have a smaller cosine."""
+"""Normals of one cluster differ by at most this (complete linkage); the cosine of orthogonal ones is
+smaller."""
 _MIN_NEIGHBOURS = 4
 _MIN_POINTS = 6
 _MAX_POINTS = 1500
-"""Planar points of a depth map that are clustered, evenly thinned: clustering takes their square in memory."""
+"""Planar points of a depth map that are clustered, evenly thinned: clustering takes their square in
+memory."""
 
 
 @dataclass(frozen=True)

@@ -58,8 +58,8 @@ def wall_distances(
 
 
 def nearest_distances(xy: np.ndarray, eyes_xy: np.ndarray, floorplan: Floorplan) -> np.ndarray:
-    """Distances (m, 2) m of points (m, 2) seen from eyes (m, 2): to the nearest segment, and to the nearest that
-    looks at the eye (infinite where none does)."""
+    """Distances (m, 2) m of points (m, 2) seen from eyes (m, 2): to the nearest segment, and to the nearest
+    that looks at the eye (infinite where none does)."""
     return _nearest(
         np.ascontiguousarray(xy, dtype=float),
         np.ascontiguousarray(eyes_xy, dtype=float),

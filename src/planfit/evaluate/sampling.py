@@ -17,8 +17,8 @@ class MapOptions:
     """What the map is made of. MME, MPV and MOM depend on all of it: compare only what was made alike."""
 
     voxel_m: float = 0.05
-    """Each depth map is thinned to one point a cube of this size, their mean, in its camera's frame: before any
-    poses are applied, so that all poses are judged by the same points."""
+    """Each depth map is thinned to one point a cube of this size, their mean, in its camera's frame: before
+    any poses are applied, so that all poses are judged by the same points."""
     radius_m: float = DEPTH_RADIUS_M
     """Neighbourhood; 0.2 for depth cameras, 1.0 for LiDAR."""
     max_depth_m: float = 8.0

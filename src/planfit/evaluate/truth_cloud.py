@@ -54,7 +54,7 @@ def read_true_cloud(path: Path, spacing_m: float, seed: int = 0) -> TrueCloud:
         loaded = loaded.to_mesh()
     if isinstance(loaded, trimesh.Trimesh) and len(loaded.faces):
         count = int(np.clip(loaded.area / spacing_m**2, 1, 20_000_000))
-        points, _ = trimesh.sample.sample_surface(loaded, count, seed=seed)
+        points = trimesh.sample.sample_surface(loaded, count, seed=seed)[0]
     else:
         points = getattr(loaded, "vertices", np.zeros((0, 3)))
     points = np.asarray(points, dtype=float).reshape(-1, 3)
@@ -84,8 +84,8 @@ def nearest_neighbours(
     Args:
         points: the map.
         truth: the true scan.
-        truth_from_map: (4, 4) where the registration begins; by default where the map lies. It must be right within
-            about `reach_m`.
+        truth_from_map: (4, 4) where the registration begins; by default where the map lies. It must be
+            right within about `reach_m`.
         reach_m: pairs further apart than this take no part; it shrinks to a tenth during the registration.
         workers: threads.
     """
@@ -97,7 +97,7 @@ def nearest_neighbours(
         total = 0.0
         for first in range(0, len(points), 1_000_000):
             moved = se3.transform(pose, points[first : first + 1_000_000])
-            total += float(truth.tree.query(moved, workers=workers)[0].sum())
+            total += float(np.sum(truth.tree.query(moved, workers=workers)[0]))
         means.append(total / max(len(points), 1))
     return NearestNeighbours(means[0], means[1], fitted)
 
@@ -105,13 +105,17 @@ def nearest_neighbours(
 def register(
     points: np.ndarray, truth: TrueCloud, start: np.ndarray, reach_m: float, workers: int = 1
 ) -> np.ndarray:
-    """Rigid motion (4, 4) of points (m, 3) onto the true scan: pairs of nearest points, distances across the true
-    surface, pairs that are far apart left out, nearer and nearer."""
+    """Rigid motion (4, 4) of points (m, 3) onto the true scan, begun at `start`.
+
+    Pairs of nearest points, distances across the true surface; pairs further apart than `reach_m` are left
+    out, and it shrinks to a tenth.
+    """
     pose = start
     for round_idx in range(_ROUNDS):
         reach = reach_m * max(0.1, 0.9**round_idx)
         moved = se3.transform(pose, points)
-        distance, idx = truth.tree.query(moved, distance_upper_bound=reach, workers=workers)
+        found = truth.tree.query(moved, distance_upper_bound=reach, workers=workers)
+        distance, idx = np.asarray(found[0]), np.asarray(found[1])
         paired = np.isfinite(distance)
         if paired.sum() < 6:
             return pose
