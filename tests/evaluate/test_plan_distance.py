@@ -133,7 +133,7 @@ def test_noise_of_the_floor_shows_in_both(rng):
 
 def test_storeys_are_floors_of_their_own_and_stairs_are_none(rng):
     poses = np.stack([look([0, 0, 1.4 + z], 0, 30) for z in (0.0, 1.5, 3.0)])
-    floors = [(i, floor_points(rng) + [0, 0, z]) for i, z in enumerate((0.0, 1.5, 3.0))]
+    floors = [(i, floor_points(rng) + np.array([0, 0, z])) for i, z in enumerate((0.0, 1.5, 3.0))]
     structure = make_structure(poses, floor=floors)
     structure = replace(structure, floor_heights_m=np.array([0.0, np.nan, 3.0]))
     found = floor_flatness(structure, poses)

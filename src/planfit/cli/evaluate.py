@@ -26,7 +26,6 @@ from planfit.evaluate import (
 from planfit.scan import read_tum
 from planfit.work import Work
 
-
 _SHOWN_UNITS: dict[str, str] = {"1": "", "cm^2": "cm²", "deg": "°"}
 
 
