@@ -13,6 +13,7 @@ import tyro
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.evaluate_inputs import Compared, read_poses, read_run
 from planfit.cli.plan_flags import PlanFlags
+from planfit.errors import require
 from planfit.evaluate import (
     EvaluateOptions,
     Figure,
@@ -26,6 +27,8 @@ from planfit.evaluate import (
 from planfit.scan import read_tum
 from planfit.work import Work
 
+_FAR_CM = 30.0
+"""A map this far from the true scan on average was not registered to it."""
 _SHOWN_UNITS: dict[str, str] = {"1": "", "cm^2": "cm²", "deg": "°"}
 
 
@@ -94,6 +97,12 @@ def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, A
         work = Work(arguments.workers, cache, bars.update)
         compared = read_run(arguments.folder, arguments.scan, arguments.plan, plan_options, work)
     else:
+        if arguments.poses_frame == "plan" and arguments.truth_frame == "world":
+            require(
+                arguments.truth is None and arguments.true_cloud is None,
+                "--truth-frame: expected plan, as poses in the plan's frame do not tell where the "
+                "scan's own axes are; give the truth in the plan's frame too",
+            )
         work = Work(arguments.workers, None, bars.update)
         compared = read_poses(
             arguments.folder, arguments.plan, arguments.poses, arguments.poses_frame,
@@ -117,6 +126,7 @@ def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, A
         if arguments.true_cloud is not None:
             true_cloud = read_true_cloud(arguments.true_cloud, options.voxel_m)
         figures += map_figures(compared.scan, before, after, options, work, true_cloud)
+        notes += _cloud_notes(arguments, figures)
     return {
         "of": str(arguments.poses or arguments.folder),
         "scan": compared.scan.name,
@@ -145,6 +155,15 @@ def _frame_notes(arguments: EvaluateArguments, figures: list[Figure]) -> list[st
         return [
             f"most of the error is one rigid motion: is the truth in the {arguments.truth_frame} "
             f"frame? Try --truth-frame {other}"
+        ]
+    return []
+
+
+def _cloud_notes(arguments: EvaluateArguments, figures: list[Figure]) -> list[str]:
+    if any(figure.name == "nnd" and figure.after > _FAR_CM for figure in figures):
+        return [
+            f"the true scan lies far from the map: is it in metres and in the "
+            f"{arguments.truth_frame} frame (--truth-frame)?"
         ]
     return []
 
