@@ -11,7 +11,7 @@ from planfit.errors import ScanError
 from planfit.evaluate.neighbourhoods import as_matrices, covariances, make_grid
 from planfit.geometry import se3
 
-_MAX_POINTS = 30_000
+_MAX_POINTS = 10_000
 """Points that take part in the registration; NND itself is taken of all points."""
 _ROUNDS = 60
 
@@ -32,7 +32,7 @@ class NearestNeighbours:
     nnd_m: float
     """Mean distance from the map's points to the nearest true point, after registration."""
     unregistered_m: float
-    """The same where the map lies."""
+    """The same where the registration began, of the points that took part in it."""
     truth_from_map: np.ndarray
     """(4, 4) the registration."""
 
@@ -92,14 +92,19 @@ def nearest_neighbours(
     start = np.eye(4) if truth_from_map is None else truth_from_map
     step = max(1, -(-len(points) // _MAX_POINTS))
     fitted = register(points[::step], truth, start, reach_m, workers)
-    means = []
-    for pose in (fitted, start):
-        total = 0.0
-        for first in range(0, len(points), 1_000_000):
-            moved = se3.transform(pose, points[first : first + 1_000_000])
-            total += float(np.sum(truth.tree.query(moved, workers=workers)[0]))
-        means.append(total / max(len(points), 1))
-    return NearestNeighbours(means[0], means[1], fitted)
+    return NearestNeighbours(
+        nnd_m=_mean_distance(points, truth, fitted, workers),
+        unregistered_m=_mean_distance(points[::step], truth, start, workers),
+        truth_from_map=fitted,
+    )
+
+
+def _mean_distance(points: np.ndarray, truth: TrueCloud, pose: np.ndarray, workers: int) -> float:
+    total = 0.0
+    for first in range(0, len(points), 1_000_000):
+        moved = se3.transform(pose, points[first : first + 1_000_000])
+        total += float(np.sum(truth.tree.query(moved, workers=workers)[0]))
+    return total / len(points) if len(points) else np.nan
 
 
 def register(
@@ -129,6 +134,6 @@ def register(
         delta = np.linalg.solve(hessian, jacobian.T @ off)
         turn = se3.exp_so3(delta[:3])
         pose = se3.make_transform(turn, centre + delta[3:] - turn @ centre) @ pose
-        if reach <= 0.1001 * reach_m and np.abs(delta).max() < 1e-7:
+        if reach <= 0.1001 * reach_m and np.abs(delta).max() < 1e-5:
             break
     return pose
