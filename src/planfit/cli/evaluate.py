@@ -117,7 +117,11 @@ def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, A
         notes += _frame_notes(arguments, figures)
     bars.update("walls and floor", 0, 0)
     figures += surface_figures(
-        compared.structure, compared.floorplan, *compared.plan, arguments.options.layers
+        compared.structure,
+        compared.floorplan,
+        *compared.plan,
+        arguments.options.layers,
+        arguments.workers,
     )
     bars.update("walls and floor", 1, 0)
     if arguments.depth_maps:

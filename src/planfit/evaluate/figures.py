@@ -100,6 +100,7 @@ def surface_figures(
     before: np.ndarray,
     after: np.ndarray,
     options: LayerOptions | None = None,
+    workers: int = 1,
 ) -> list[Figure]:
     """NSD, flatness of the floor and doubled walls at poses (n, 4, 4) in the plan frame.
 
@@ -112,7 +113,7 @@ def surface_figures(
         figures.append(Figure(name, meaning, unit, scale * of(0), scale * of(1)))
 
     if floorplan is not None:
-        walls = [wall_distances(structure, floorplan, poses) for poses in both]
+        walls = [wall_distances(structure, floorplan, poses, workers) for poses in both]
         found = [w for w in walls if w]
         if len(found) == 2:
             add("nsd", "wall points to the plan (NSD), mean", "cm", 100, lambda i: found[i].nsd_m)
