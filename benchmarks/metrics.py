@@ -1,12 +1,15 @@
 """What the metrics cost on ten million points: time on the clock and of the processors, and memory.
 
-PYTHONPATH=src python benchmarks/metrics.py [--points N]
+PYTHONPATH=src python benchmarks/metrics.py [--points N] [--json FILE]
 """
 
 import argparse
+import dataclasses
+import json
 import resource
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from records import Record, machine
@@ -155,4 +158,8 @@ def records(n: int = 10_000_000) -> list[Record]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--points", type=int, default=10_000_000)
-    records(parser.parse_args().points)
+    parser.add_argument("--json", type=Path, help="write the records to this file")
+    arguments = parser.parse_args()
+    rows = [dataclasses.asdict(record) for record in records(arguments.points)]
+    if arguments.json:
+        arguments.json.write_text(json.dumps(rows))
