@@ -13,7 +13,7 @@ import tyro
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.evaluate_inputs import Compared, read_poses, read_run
 from planfit.cli.plan_flags import PlanFlags
-from planfit.errors import require
+from planfit.errors import require, require_plain_numbers
 from planfit.evaluate import (
     EvaluateOptions,
     Figure,
@@ -88,8 +88,10 @@ def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, A
 
     Raises:
         ScanError: the folder is not that of a run or scan, or the truth does not belong to it.
+        OptionError: an option has a value that cannot work.
         FloorplanError: the plan cannot be read, or is another than the run's.
     """
+    require_plain_numbers(arguments.options)
     plan_options = arguments.plan_flags.options
     if arguments.poses is None:
         is_run = (arguments.folder / "run.json").exists()

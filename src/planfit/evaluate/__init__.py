@@ -17,6 +17,8 @@ from planfit.evaluate.map_quality import map_quality as map_quality
 from planfit.evaluate.orthogonal import OrthogonalSets as OrthogonalSets
 from planfit.evaluate.orthogonal import find_orthogonal_sets as find_orthogonal_sets
 from planfit.evaluate.orthogonal import mom_m2 as mom_m2
+from planfit.evaluate.paired import Paired as Paired
+from planfit.evaluate.paired import compare_paired as compare_paired
 from planfit.evaluate.plan_distance import FloorFlatness as FloorFlatness
 from planfit.evaluate.plan_distance import WallDistances as WallDistances
 from planfit.evaluate.plan_distance import floor_flatness as floor_flatness
