@@ -2,9 +2,9 @@
 
     python benchmarks/run.py [--only PART ...] [--fresh] [--out FILE]
 
-Parts: step, reweight, gtsam, scaling, descent (the paper's solver), real_scan, plan_pictures, plots. A part
-replaces its own records in FILE and leaves the others; a part whose library or data is absent says so and is
-left out.
+Parts: step, reweight, gtsam, scaling, descent (the paper's solver), real_scan, plan_pictures, metrics, plots. A
+part replaces its own records in FILE and leaves the others; a part whose library or data is absent says so and
+is left out.
 Descents are kept between runs: `--fresh` makes them again (a few minutes each).
 """
 
@@ -85,6 +85,14 @@ def plan_pictures_part(fresh: bool) -> list[Record]:  # noqa: ARG001
     return [plan_pictures.time_large(), *plan_pictures.records()]
 
 
+def metrics_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    with tempfile.TemporaryDirectory() as folder:
+        rows_path = Path(folder) / "rows.json"
+        script = Path(__file__).with_name("metrics.py")  # a process of its own, for its memory
+        subprocess.run([sys.executable, script, "--json", str(rows_path)], check=True)
+        return [Record(**row) for row in json.loads(rows_path.read_text())]
+
+
 PARTS: dict[str, Callable[[bool], list[Record]]] = {
     "step": step_part,
     "reweight": reweight_part,
@@ -93,6 +101,7 @@ PARTS: dict[str, Callable[[bool], list[Record]]] = {
     "descent": descent_part,
     "real_scan": real_scan_part,
     "plan_pictures": plan_pictures_part,
+    "metrics": metrics_part,
 }
 
 

@@ -2,16 +2,18 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from planfit.cli import run
 from planfit.evaluate import position_errors
-from planfit.scan import read_scan, read_tum
+from planfit.scan import read_scan, read_tum, write_tum
 
 
 @pytest.fixture(scope="module")
@@ -62,20 +64,115 @@ def test_record_tells_what_was_done(finished: Path, small_scan: Path) -> None:
 
 def test_evaluate_prints_the_errors_and_json(finished: Path, small_scan: Path, capsys) -> None:
     truth = str(small_scan / "groundtruth.tum")
-    assert run(["evaluate", str(finished), "--truth", truth]) == 0
-    assert "position error (ATE), RMS, not aligned" in capsys.readouterr().out
-    assert run(["evaluate", str(finished), "--truth", truth, "--json"]) == 0
-    figures = json.loads(capsys.readouterr().out)
-    assert figures["compared"] == 60
+    words = ["evaluate", str(finished), "--truth", truth, "--map.frame-step", "2"]
+    assert run(words) == 0
+    shown = capsys.readouterr().out
+    assert "position error (ATE), RMS, not aligned" in shown
+    for word in ("before", "after", "difference", "(MME)", "(MPV)", "(MOM)", "(NSD)", "cm²", "°"):
+        assert word in shown
+    assert run([*words, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["compared"] == report["frames"] == 60
     poses = np.stack([np.loadtxt(p) for p in sorted((finished / "poses").iterdir())])
-    expected = position_errors(poses, read_tum(Path(truth))[1])
-    assert figures["ate"]["rms_m"] == pytest.approx(expected.rms_m, abs=1e-6)
+    true_poses = read_tum(Path(truth))[1]
+    ate = report["figures"]["ate_rms"]
+    assert ate["after"] == pytest.approx(position_errors(poses, true_poses).rms_m, abs=1e-6)
+    recorded = read_scan(small_scan).world_from_cams
+    assert ate["before"] == pytest.approx(position_errors(recorded, true_poses).rms_m, abs=1e-9)
+    record = json.loads((finished / "run.json").read_text())["metrics"]
+    for name, figure in report["figures"].items():
+        assert figure["after"] < figure["before"], name
+        assert figure["difference"] == pytest.approx(figure["after"] - figure["before"])
+    nsd = report["figures"]["nsd"]
+    assert nsd["unit"] == "cm"
+    for when in ("before", "after"):
+        assert nsd[when] == pytest.approx(100 * record["nsd_m"][when], rel=0.02)
+        floor = report["figures"]["floor_height_rms"][when]
+        assert floor == pytest.approx(100 * record["floor_rms_m"][when], rel=0.05)
 
 
 def test_evaluate_suggests_the_other_frame(finished: Path, small_scan: Path, capsys) -> None:
     truth = str(small_scan / "groundtruth.tum")
-    assert run(["evaluate", str(finished), "--truth", truth, "--truth-frame", "plan"]) == 0
+    words = ["evaluate", str(finished), "--truth", truth, "--no-depth-maps"]
+    assert run([*words, "--truth-frame", "plan"]) == 0
     assert "Try --truth-frame world" in " ".join(capsys.readouterr().out.split())
+
+
+def evaluated(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, Any]:
+    assert run(["evaluate", *map(str, words), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_evaluate_poses_of_a_scan(finished: Path, small_scan: Path, capsys) -> None:
+    truth = small_scan / "groundtruth.tum"
+    few = ("--map.frame-step", 4)  # a quarter of the depth maps takes a quarter of the time
+    of_run = evaluated(capsys, finished, "--truth", truth, *few)["figures"]
+    poses = finished.parent / "world.tum"
+    scan = read_scan(small_scan)
+    refined = np.stack([np.loadtxt(p) for p in sorted((finished / "poses").iterdir())])
+    write_tum(poses, scan.timestamps, refined)
+    words = (small_scan, *few, "--poses")
+    in_world = evaluated(capsys, *words, poses, "--truth", truth)["figures"]
+    for name, figure in of_run.items():
+        # Placed by the walls alone, without what a run knows of them: a little differently.
+        loose = 0.1 if name.startswith(("nsd", "double")) else 1e-3
+        assert in_world[name]["after"] == pytest.approx(figure["after"], rel=loose, abs=1e-5), name
+    on_plan = evaluated(capsys, *words, finished / "trajectory.tum", "--poses-frame", "plan")
+    on_plan = on_plan["figures"]
+    assert on_plan["nsd"]["after"] == pytest.approx(of_run["nsd"]["after"], rel=1e-4)
+    assert on_plan["mme"]["before"] == pytest.approx(of_run["mme"]["before"], abs=1e-5)
+    assert "ate_rms" not in on_plan
+
+
+def test_evaluate_against_a_true_scan(finished: Path, small_scan: Path, capsys) -> None:
+    cloud = finished / "cloud_after.ply"
+    words = (finished, "--true-cloud", cloud, "--map.frame-step", 4, "--map.mom-frames", 1)
+    report = evaluated(capsys, *words, "--truth-frame", "plan")
+    nnd = report["figures"]["nnd"]
+    assert nnd["after"] < 3.0  # the same points, thinned otherwise
+    assert nnd["before"] > 1.5 * nnd["after"]
+    assert report["notes"] == []
+    wrong = evaluated(capsys, *words)
+    assert "--truth-frame" in wrong["notes"][0]
+
+
+def test_evaluate_without_depth_maps(finished: Path, capsys) -> None:
+    figures = evaluated(capsys, finished, "--no-depth-maps")["figures"]
+    assert "mme" not in figures
+    assert "nsd" in figures
+
+
+def test_evaluate_says_what_does_not_belong_together(
+    finished: Path, small_scan: Path, tmp_path: Path, capsys
+) -> None:
+    def refused(*words: object) -> str:
+        assert run(["evaluate", *map(str, words)]) == 2
+        return capsys.readouterr().err
+
+    copy = tmp_path / "run"
+    shutil.copytree(finished, copy)
+    record = json.loads((copy / "run.json").read_text())
+    moved = {**record, "inputs": {**record["inputs"], "scan": "/nowhere"}}
+    (copy / "run.json").write_text(json.dumps(moved))
+    assert "/nowhere: expected the scan, found nothing; say where it is with --scan" in refused(
+        copy
+    )
+    assert run(["evaluate", str(copy), "--scan", str(small_scan), "--no-depth-maps"]) == 0
+    capsys.readouterr()
+    (copy / "run.json").write_text(json.dumps({**record, "frames": 59}))
+    assert "expected the 59 frames of the run, found 60" in refused(copy)
+    (copy / "run.json").write_text(json.dumps({**record, "plan_faces": 3}))
+    assert "expected the 3 wall faces that the run read" in refused(copy)
+    del record["plan_from_world_before"]
+    (copy / "run.json").write_text(json.dumps(record))
+    assert "a damaged or an older one; run 'planfit refine' again" in refused(copy)
+    assert "expected the record of a run, found nothing" in refused(small_scan)
+    poses = finished / "trajectory.tum"
+    some = tmp_path / "some.tum"
+    some.write_text("\n".join(poses.read_text().splitlines()[:40]) + "\n")
+    assert "expected a pose for each of 60 frames, found 40" in refused(small_scan, "--poses", some)
+    words = (small_scan, "--poses", poses, "--poses-frame", "plan", "--truth", poses)
+    assert "--truth-frame: expected plan" in refused(*words)
 
 
 def test_the_same_run_again_reuses_its_stages(finished: Path, small_scan: Path) -> None:

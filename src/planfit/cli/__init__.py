@@ -20,7 +20,7 @@ commands:
   align SCAN PLAN -o OUT             find the place of a scan on a plan; a picture of each place that fits
   inspect SCAN [-o FILE.png]         show what is found in a scan: frames, depth, path, up, gaps, jumps
   plan FILE [-o FILE.png|svg|dxf|json]   show what is read of a floorplan
-  evaluate OUT --truth FILE          compare refined poses with true ones
+  evaluate OUT [--truth FILE]        how good refined poses are, before and after (also SCAN --poses FILE)
   export OUT --to KIND -o FILE       write poses for other programs: tum, kitti, open3d, g2o, ply, colmap, ...
   demo [-o OUT]                      make a synthetic scan, drift it, refine it, and compare with the truth
   synth OUT                          write a synthetic scan with its plan and its truth

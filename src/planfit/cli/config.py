@@ -24,12 +24,21 @@ def read_options(path: Path, defaults: Options) -> Options:
         raise OptionError(f"{path}: expected a TOML file of options, {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise OptionError(f"{path}: expected TOML, found {error}") from error
-    return _replaced(defaults, values, f"{path}: ")
+    return options_of(values, defaults, f"{path}: ")
 
 
 def to_toml(options: Any) -> str:
     """Options dataclass as TOML text."""
     return "\n".join(_toml_lines(plain(options), ())) + "\n"
+
+
+def options_of(values: dict[str, Any], defaults: Options, where: str) -> Options:
+    """Options dataclass with plain values, as in TOML and in run.json, in place of its defaults.
+
+    Raises:
+        OptionError: a name is unknown, or a value of another kind; the message begins with `where`.
+    """
+    return _replaced(defaults, values, where)
 
 
 def _replaced(defaults: Any, values: dict[str, Any], where: str) -> Any:

@@ -1,122 +1,210 @@
-"""`planfit evaluate`: refined poses against true ones."""
+"""`planfit evaluate`: how good poses are, before and after, side by side."""
 
 import dataclasses
 import json
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
-from planfit.cli.console import out, table
-from planfit.errors import ScanError
-from planfit.evaluate import associate_times, position_errors, step_errors
+from planfit.cli.console import StageBars, out, table
+from planfit.cli.evaluate_inputs import Compared, read_poses, read_run
+from planfit.cli.plan_flags import PlanFlags
+from planfit.errors import require, require_plain_numbers
+from planfit.evaluate import (
+    EvaluateOptions,
+    Figure,
+    Truth,
+    associate_times,
+    map_figures,
+    read_true_cloud,
+    surface_figures,
+    trajectory_figures,
+)
 from planfit.scan import read_tum
+from planfit.work import Work
+
+_FAR_CM = 30.0
+"""A map this far from the true scan on average was not registered to it."""
+_SHOWN_UNITS: dict[str, str] = {"1": "", "cm^2": "cm²", "deg": "°"}
 
 
 @dataclass(frozen=True)
 class EvaluateArguments:
-    """Compare the poses of a run with true poses."""
+    """How good the poses of a scan are, before and after: by the map they make, against the plan, and against
+    true poses and a true scan where there are any. docs/metrics.md defines each figure."""
 
-    out: tyro.conf.Positional[Path]
-    """Output folder of `planfit refine`."""
-    truth: Path
+    folder: tyro.conf.Positional[Path]
+    """Output folder of `planfit refine`; or, with --poses, the folder of a scan."""
+    poses: Path | None = None
+    """Poses of a scan to judge against its recorded ones, in TUM form."""
+    poses_frame: Literal["world", "plan"] = "world"
+    """Axes of --poses: `world`, the scan's own, or `plan`."""
+    scan: Path | None = None
+    """Scan of a run that was moved since."""
+    plan: Path | None = None
+    """Floorplan; by default that of the run, or the one inside the scan's folder."""
+    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    truth: Path | None = None
     """True poses in TUM form, `time tx ty tz qx qy qz qw`; times, or frame numbers, as in the scan."""
     truth_frame: Literal["world", "plan"] = "world"
     """`world`: the truth is in the scan's own axes, as OUT/poses is; `plan`: in those of the plan, z up,
     floor at 0, as OUT/trajectory.tum is."""
+    true_cloud: Path | None = None
+    """True scan (PLY, OBJ: points or mesh, metres) in the axes of --truth-frame, right within a metre."""
     max_difference_s: float = 0.02
     """Poses are compared where their times differ by at most this."""
     delta_m: float = 5.0
     """Path length over which relative errors are taken."""
+    depth_maps: bool = True
+    """Take the figures that read every depth map: MME, MPV, MOM, NND."""
     json: bool = False
     """Print JSON instead of a table."""
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Threads."""
+    options: Annotated[EvaluateOptions, tyro.conf.arg(name="")] = field(
+        default_factory=EvaluateOptions
+    )
 
 
 def evaluate_command(arguments: EvaluateArguments) -> int:
-    """Print absolute and relative errors, and how well walls and floor agree with the plan."""
-    report = evaluate_run(arguments)
+    """Print every figure before and after."""
+    with StageBars() as bars:
+        report = evaluate_poses(arguments, bars)
     if arguments.json:
-        out.print_json(json.dumps(report))
+        out.print_json(json.dumps(report, allow_nan=False))
         return 0
-    out.print(_table(arguments, report))
-    ate = report["ate"]
-    if ate["rms_m"] > 1.0 and ate["aligned_rms_m"] < 0.3 * ate["rms_m"]:
-        other = "plan" if arguments.truth_frame == "world" else "world"
-        out.print(
-            f"[yellow]note:[/] most of the error is one rigid motion: is the truth in the "
-            f"{arguments.truth_frame} frame? Try --truth-frame {other}"
-        )
+    out.print(_table(report))
+    for note in report["notes"]:
+        out.print(f"[yellow]note:[/] {note}")
     return 0
 
 
-def evaluate_run(arguments: EvaluateArguments) -> dict[str, Any]:
+def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, Any]:
     """All figures as plain values.
 
     Raises:
-        ScanError: the folder is not that of a run, or the truth does not belong to it.
+        ScanError: the folder is not that of a run or scan, or the truth does not belong to it.
+        OptionError: an option has a value that cannot work.
+        FloorplanError: the plan cannot be read, or is another than the run's.
     """
-    record_path = arguments.out / "run.json"
-    if not record_path.exists():
-        raise ScanError(
-            f"{record_path}: expected the record of a run, found nothing; "
-            "give the output folder of 'planfit refine'"
-        )
-    try:
-        record = json.loads(record_path.read_text())
-        world_from_plan, metrics = np.array(record["world_from_plan"]), record["metrics"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise ScanError(
-            f"{record_path}: expected the record of a run, found a damaged file; "
-            "run 'planfit refine' again"
-        ) from error
-    times, poses = read_tum(arguments.out / "trajectory.tum")
-    if arguments.truth_frame == "world":
-        poses = world_from_plan @ poses
-    true_times, true_poses = read_tum(arguments.truth)
-    mine, theirs = associate_times(times, true_times, arguments.max_difference_s)
-    poses, true_poses = poses[mine], true_poses[theirs]
-    steps = {
-        "rpe_next": step_errors(poses, true_poses),
-        "rpe": step_errors(poses, true_poses, arguments.delta_m),
-    }
-    return {
-        "frames": len(times),
-        "compared": len(mine),
-        "truth_frame": arguments.truth_frame,
-        "ate": dataclasses.asdict(position_errors(poses, true_poses)),
-        **{name: dataclasses.asdict(found) if found else None for name, found in steps.items()},
-        **metrics,
-    }
-
-
-def _table(arguments: EvaluateArguments, report: dict[str, Any]) -> Any:
-    ate = report["ate"]
-    rows = [
-        ["position error (ATE), RMS, not aligned", f"{ate['rms_m']:.3f} m"],
-        ["   mean offset x, y, z", ", ".join(f"{v:+.3f}" for v in ate["mean_offset_m"]) + " m"],
-        ["   largest", f"{ate['max_m']:.3f} m"],
-        ["position error (ATE), RMS, rigidly aligned", f"{ate['aligned_rms_m']:.3f} m"],
-        ["orientation error, mean, not aligned", f"{ate['turn_mean_deg']:.2f} deg"],
-    ]
-    for name, words in (("rpe_next", "next frame"), ("rpe", f"{arguments.delta_m:g} m of path")):
-        if report[name]:
-            rows.append(
-                [
-                    f"relative error (RPE), RMS, to the {words}"
-                    if name == "rpe_next"
-                    else f"relative error (RPE), RMS, over {words}",
-                    f"{report[name]['shift_rms_m']:.3f} m, {report[name]['turn_rms_deg']:.2f} deg",
-                ]
+    require_plain_numbers(arguments.options)
+    plan_options = arguments.plan_flags.options
+    if arguments.poses is None:
+        is_run = (arguments.folder / "run.json").exists()
+        cache = arguments.folder / "cache" if is_run else None
+        work = Work(arguments.workers, cache, bars.update)
+        compared = read_run(arguments.folder, arguments.scan, arguments.plan, plan_options, work)
+    else:
+        if arguments.poses_frame == "plan" and arguments.truth_frame == "world":
+            require(
+                arguments.truth is None and arguments.true_cloud is None,
+                "--truth-frame: expected plan, as poses in the plan's frame do not tell where the "
+                "scan's own axes are; give the truth in the plan's frame too",
             )
-    for name, words in (
-        ("nsd_m", "wall points to the plan (NSD), mean"),
-        ("floor_median_m", "floor points off the plane, median"),
-        ("floor_rms_m", "floor points about their height, RMS"),
-    ):
-        if name in report:
-            values = report[name]
-            rows.append([words, f"{values['after']:.3f} m (before: {values['before']:.3f} m)"])
-    title = f"{arguments.out}: {report['compared']} of {report['frames']} frames compared"
-    return table(f"{title}, {report['truth_frame']} frame", ["", ""], rows)
+        work = Work(arguments.workers, None, bars.update)
+        compared = read_poses(
+            arguments.folder, arguments.plan, arguments.poses, arguments.poses_frame,
+            plan_options, work,
+        )  # fmt: skip
+    notes = list(compared.notes)
+    before, after = compared.world if arguments.truth_frame == "world" else compared.plan
+    figures: list[Figure] = []
+    truth = _truth(arguments, compared)
+    if truth is not None:
+        figures += trajectory_figures(before, after, truth, arguments.delta_m)
+        notes += _frame_notes(arguments, figures)
+    bars.update("walls and floor", 0, 0)
+    figures += surface_figures(
+        compared.structure,
+        compared.floorplan,
+        *compared.plan,
+        arguments.options.layers,
+        arguments.workers,
+    )
+    bars.update("walls and floor", 1, 0)
+    if arguments.depth_maps:
+        options = arguments.options.map
+        true_cloud = None
+        if arguments.true_cloud is not None:
+            true_cloud = read_true_cloud(arguments.true_cloud, options.voxel_m)
+        figures += map_figures(compared.scan, before, after, options, work, true_cloud)
+        notes += _cloud_notes(arguments, figures)
+    return {
+        "of": str(arguments.poses or arguments.folder),
+        "scan": compared.scan.name,
+        "plan": compared.floorplan.name if compared.floorplan else None,
+        "frames": len(compared.scan),
+        "compared": len(truth.frame_idx) if truth else None,
+        "truth_frame": arguments.truth_frame,
+        "map": dataclasses.asdict(arguments.options.map) if arguments.depth_maps else None,
+        "figures": {figure.name: _plain(figure) for figure in figures},
+        "notes": notes,
+    }
+
+
+def _truth(arguments: EvaluateArguments, compared: Compared) -> Truth | None:
+    if arguments.truth is None:
+        return None
+    times, poses = read_tum(arguments.truth)
+    mine, theirs = associate_times(compared.scan.timestamps, times, arguments.max_difference_s)
+    return Truth(mine, poses[theirs])
+
+
+def _frame_notes(arguments: EvaluateArguments, figures: list[Figure]) -> list[str]:
+    by_name = {figure.name: figure.after for figure in figures}
+    if by_name["ate_rms"] > 1.0 and by_name["ate_aligned_rms"] < 0.3 * by_name["ate_rms"]:
+        other = "plan" if arguments.truth_frame == "world" else "world"
+        return [
+            f"most of the error is one rigid motion: is the truth in the {arguments.truth_frame} "
+            f"frame? Try --truth-frame {other}"
+        ]
+    return []
+
+
+def _cloud_notes(arguments: EvaluateArguments, figures: list[Figure]) -> list[str]:
+    if any(figure.name == "nnd" and figure.after > _FAR_CM for figure in figures):
+        return [
+            f"the true scan lies far from the map: is it in metres and in the "
+            f"{arguments.truth_frame} frame (--truth-frame)?"
+        ]
+    return []
+
+
+def _plain(figure: Figure) -> dict[str, Any]:
+    """A figure as plain values; null where it could not be taken."""
+    values = {"before": figure.before, "after": figure.after, "difference": figure.difference}
+    return {
+        "meaning": figure.meaning,
+        "unit": figure.unit,
+        **{name: float(v) if np.isfinite(v) else None for name, v in values.items()},
+    }
+
+
+def _table(report: dict[str, Any]) -> Any:
+    rows = []
+    for figure in report["figures"].values():
+        unit: str = _SHOWN_UNITS.get(figure["unit"], figure["unit"])
+        texts = [_amount(figure[name], unit) for name in ("before", "after")]
+        difference = figure["difference"]
+        colour = "" if not difference else "[green]" if difference < 0 else "[red]"
+        sign = "+" if difference is not None and difference >= 0 else ""
+        rows.append([figure["meaning"], *texts, f"{colour}{sign}{_amount(difference, unit)}"])
+    title = f"{report['of']}: {report['frames']} frames"
+    if report["compared"] is not None:
+        title += f", {report['compared']} with a true pose, {report['truth_frame']} frame"
+    if report["map"] is not None:
+        title += f"; map of {100 * report['map']['voxel_m']:g} cm voxels, radius "
+        title += f"{report['map']['radius_m']:g} m"
+    columns = ["lower is better", "before", "after", "difference"]
+    return table(title, columns, rows)
+
+
+def _amount(value: float | None, unit: str) -> str:
+    if value is None:
+        return "-"
+    digits = 3 if unit in ("m", "") else 2
+    return f"{value:.{digits}f} {unit}".rstrip()

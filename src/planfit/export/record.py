@@ -8,6 +8,7 @@ import numpy as np
 
 from planfit import checks
 from planfit.floorplan import Floorplan
+from planfit.geometry import se3
 from planfit.options import RefineOptions
 from planfit.pipeline import RefineResult
 from planfit.scan import Scan
@@ -56,6 +57,9 @@ def make_record(
             "metres_per_unit_spread_share": alignment.scale_spread,
         },
         "world_from_plan": result.world_from_plan.tolist(),
+        "plan_from_world_before": (
+            result.initial_plan_from_cams[0] @ se3.inverse(scan.world_from_cams[0])
+        ).tolist(),
         "plan_from_world_axes": None
         if scan.plan_from_world_axes is None
         else scan.plan_from_world_axes.tolist(),

@@ -1,0 +1,193 @@
+"""What `planfit evaluate` compares: the poses of a scan before and after, in its own axes and on the plan."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from planfit.align import align, metric_plan
+from planfit.cli.config import options_of
+from planfit.errors import FloorplanError, OptionError, ScanError
+from planfit.evaluate import associate_times
+from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
+from planfit.geometry import se3
+from planfit.options import RefineOptions
+from planfit.place import claimed_place, wall_samples
+from planfit.scan import Scan, read_scan, read_tum
+from planfit.structure import (
+    Structure,
+    StructureOptions,
+    extract_structure,
+    find_gravity,
+    level_from_world,
+)
+from planfit.work import Work
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A scan with its poses before and after."""
+
+    scan: Scan
+    floorplan: Floorplan | None
+    """In metres."""
+    structure: Structure
+    world: tuple[np.ndarray, np.ndarray]
+    """(n, 4, 4) before and after, in the scan's own axes."""
+    plan: tuple[np.ndarray, np.ndarray]
+    """(n, 4, 4) before and after, in the plan frame; without a plan, in the level frame."""
+    notes: tuple[str, ...] = field(default=())
+
+
+def read_run(
+    folder: Path, scan_path: Path | None, plan_path: Path | None, plan: PlanOptions, work: Work
+) -> Compared:
+    """Poses of a run of `planfit refine`, before and after.
+
+    Args:
+        folder: the output folder of the run.
+        scan_path: where the scan is now, if it was moved.
+        plan_path: where the plan is now, if it was moved.
+        plan: how to read it; as in the run.
+        work: its cache is the run's.
+
+    Raises:
+        ScanError: the folder is not that of a run, or the scan is another.
+        FloorplanError: the plan is another.
+    """
+    record = _read_record(folder)
+    where = f"{folder / 'run.json'}: "
+    try:
+        world_from_plan = np.array(record["world_from_plan"], dtype=float).reshape(4, 4)
+        before = np.array(record["plan_from_world_before"], dtype=float).reshape(4, 4)
+        inputs, n_faces, n_frames = record["inputs"], record["plan_faces"], record["frames"]
+        scan_path, plan_path = scan_path or Path(inputs["scan"]), plan_path or Path(inputs["plan"])
+        structure_options = options_of(record["options"]["structure"], StructureOptions(), where)
+        alignment = record["alignment"]
+        scale_xy = tuple(alignment["metres_per_unit_xy"]) if alignment else (1.0, 1.0)
+    except (ValueError, KeyError, TypeError, OptionError) as error:
+        raise ScanError(
+            f"{where}expected the record of a run of this version, found a damaged or an older one; "
+            "run 'planfit refine' again"
+        ) from error
+    scan = _read_scan(scan_path, structure_options)
+    times, after = read_tum(folder / "trajectory.tum")
+    if len(scan) != n_frames or len(after) != n_frames:
+        raise ScanError(
+            f"{scan_path}: expected the {n_frames} frames of the run, found {len(scan)}, and "
+            f"{len(times)} refined poses; give the run's scan with --scan"
+        )
+    floorplan = read_floorplan(plan_path, plan)
+    if len(floorplan) != n_faces:
+        raise FloorplanError(
+            f"{plan_path}: expected the {n_faces} wall faces that the run read, found "
+            f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
+        )
+    if not floorplan.is_metric:
+        floorplan = metric_plan(floorplan, scale_xy)
+    _, structure = _structure(scan, structure_options, work)
+    return Compared(
+        scan,
+        floorplan,
+        structure,
+        (scan.world_from_cams, world_from_plan @ after),
+        (before @ scan.world_from_cams, after),
+    )
+
+
+def read_poses(
+    scan_path: Path,
+    plan_path: Path | None,
+    poses_path: Path,
+    poses_frame: Literal["world", "plan"],
+    plan: PlanOptions,
+    work: Work,
+) -> Compared:
+    """Poses from a file, after, against those that the scan was recorded with, before.
+
+    Poses in the scan's own axes are placed on the plan as `planfit refine` would place them, by the walls
+    they make, and the recorded ones with them by the same motion. Poses in the plan frame stay; the recorded
+    ones are moved onto them by the rigid motion that fits best.
+
+    Raises:
+        ScanError: a file cannot be used, or frames have no pose.
+        FloorplanError: the plan cannot be read, or its unit cannot be found.
+    """
+    options = RefineOptions()
+    scan = _read_scan(scan_path, options.structure)
+    given = _poses_of(scan, poses_path)
+    plan_path = plan_path or scan.floorplan_path
+    floorplan = read_floorplan(plan_path, plan) if plan_path else None
+    recorded = scan.world_from_cams
+    if poses_frame == "plan":
+        plan_from_world = se3.fit_rigid(recorded[:, :3, 3], given[:, :3, 3])
+        if floorplan is not None and not floorplan.is_metric:
+            raise FloorplanError(
+                f"{plan_path}: expected a plan in metres, as the poses are in its frame; give its "
+                "unit with --unit or --scale"
+            )
+        _, structure = _structure(scan, options.structure, work)
+        on_plan = (plan_from_world @ recorded, given)
+        return Compared(
+            scan, floorplan, structure, (recorded, se3.inverse(plan_from_world) @ given), on_plan
+        )
+    level, structure = _structure(scan, options.structure, work)
+    notes: list[str] = []
+    if floorplan is not None:
+        walls = wall_samples(structure, level @ given)
+        claimed = claimed_place(scan, level) if floorplan.is_metric else None
+        if len(walls.xy) == 0:
+            raise ScanError(
+                f"{scan_path}: expected walls to place the scan by, found none; give poses in the "
+                "plan's frame with --poses-frame plan"
+            )
+        alignment = align(walls, floorplan, options.align, claimed)
+        notes += alignment.warnings
+        level = alignment.plan_from_level @ level
+        if not floorplan.is_metric:
+            floorplan = metric_plan(floorplan, alignment.scale_xy)
+    on_plan = (level @ recorded, level @ given)
+    return Compared(scan, floorplan, structure, (recorded, given), on_plan, tuple(notes))
+
+
+def _structure(scan: Scan, options: StructureOptions, work: Work) -> tuple[np.ndarray, Structure]:
+    """level_from_world (4, 4), and floor and walls: found once, by the recorded poses, for both."""
+    gravity = find_gravity(scan, options.gravity, work)
+    structure = extract_structure(scan, gravity, options, work)
+    return level_from_world(gravity, structure.floor_height_m), structure
+
+
+def _read_scan(path: Path, options: StructureOptions) -> Scan:
+    if not path.exists():
+        raise ScanError(f"{path}: expected the scan, found nothing; say where it is with --scan")
+    return read_scan(path, options.back_end != "geometry")
+
+
+def _read_record(folder: Path) -> dict[str, Any]:
+    path = folder / "run.json"
+    if not path.exists():
+        raise ScanError(
+            f"{path}: expected the record of a run, found nothing; give the output folder of "
+            "'planfit refine', or a scan with --poses"
+        )
+    try:
+        record = json.loads(path.read_text())
+    except (ValueError, OSError) as error:
+        raise ScanError(
+            f"{path}: expected the record of a run, found a damaged file; run 'planfit refine' again"
+        ) from error
+    return record if isinstance(record, dict) else {}
+
+
+def _poses_of(scan: Scan, path: Path) -> np.ndarray:
+    """Poses (n, 4, 4) of all frames of a scan, from a TUM file, by their times."""
+    times, poses = read_tum(path)
+    mine, theirs = associate_times(scan.timestamps, times)
+    if len(mine) < len(scan):
+        raise ScanError(
+            f"{path}: expected a pose for each of {len(scan)} frames, found {len(mine)}; times, or "
+            "frame numbers, must be those of the scan"
+        )
+    return poses[theirs]

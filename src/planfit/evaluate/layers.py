@@ -1,0 +1,154 @@
+"""Share of walls that the scan shows as two layers: what drift leaves where a place is seen again.
+
+No plan is needed. Walls are looked at through square windows. In each, every frame that shows the wall gives
+a few readings: how far its points lie before the window's plane. A window is double where these readings fall
+into two groups with a gap between them, and almost no frame sees both: a niche, a radiator or the edge of a
+door is seen with the wall behind it in the same frame, a wall doubled by drift never is.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from planfit.errors import require_positive, require_share
+from planfit.geometry import se3
+from planfit.structure import Pieces
+
+_PARALLEL = np.cos(np.deg2rad(15.0))
+
+
+@dataclass(frozen=True)
+class LayerOptions:
+    """When a wall counts as seen twice."""
+
+    window_m: float = 0.5
+    """Side of the square window, along the wall and up."""
+    min_gap_m: float = 0.03
+    """Layers nearer than this are one: depth cameras are off by as much from frame to frame."""
+    max_gap_m: float = 0.3
+    """Layers further apart are two walls."""
+    gap_to_spread: float = 2.0
+    """The gap is at least this many times the spread (standard deviation) of either layer; else the wall is
+    thick, not double."""
+    min_frames: int = 2
+    """Each layer is seen by this many frames or more; windows seen by fewer than twice as many are not
+    judged."""
+    min_points: int = 5
+    """Points that a frame's reading of a window takes."""
+    max_both_share: float = 0.1
+    """Share of frames that may see both layers; where more do, they are two surfaces."""
+
+    def __post_init__(self) -> None:
+        names = ("window_m", "min_gap_m", "max_gap_m", "gap_to_spread", "min_frames", "min_points")
+        require_positive(self, *names)
+        require_share(self, "max_both_share")
+
+
+@dataclass(frozen=True)
+class Layers:
+    """What the windows show."""
+
+    double_share: float
+    """Windows that are double over windows judged; NaN where none could be judged."""
+    n_windows: int
+    """Windows judged: seen by enough frames."""
+    gap_median_m: float
+    """Median distance of the two layers where double; NaN where none is."""
+    windows: np.ndarray
+    """(n_windows, 3) m, centres, target frame."""
+    is_double: np.ndarray
+    """(n_windows,)"""
+
+
+def wall_layers(
+    walls: Pieces, target_from_cams: np.ndarray, options: LayerOptions | None = None
+) -> Layers:
+    """Judge the flat pieces of wall of a scan at poses (n, 4, 4), z up."""
+    options = options or LayerOptions()
+    places, normals, frame_idx = _readings(walls, target_from_cams, options)
+    centres, gaps = [], []
+    if len(places):
+        tree = cKDTree(places)
+        reach = np.hypot(options.window_m / np.sqrt(2), options.max_gap_m)
+        is_open = np.ones(len(places), dtype=bool)
+        for i in range(len(places)):
+            if not is_open[i]:
+                continue
+            near = np.array(tree.query_ball_point(places[i], reach))
+            near = near[normals[near] @ normals[i] > _PARALLEL]
+            step = places[near] - places[i]
+            before = step @ normals[i]
+            along = step @ np.array([-normals[i, 1], normals[i, 0], 0.0])
+            inside = np.maximum(np.abs(along), np.abs(step[:, 2])) <= options.window_m / 2
+            inside &= np.abs(before) <= options.max_gap_m
+            is_open[near[inside]] = False  # each bit of wall is judged through one window
+            if len(np.unique(frame_idx[near[inside]])) >= 2 * options.min_frames:
+                centres.append(places[i])
+                gaps.append(_gap(before[inside], frame_idx[near[inside]], options))
+    gap = np.array(gaps)
+    is_double = gap > 0
+    return Layers(
+        double_share=float(is_double.mean()) if len(gap) else np.nan,
+        n_windows=len(gap),
+        gap_median_m=float(np.median(gap[is_double])) if is_double.any() else np.nan,
+        windows=np.array(centres).reshape(-1, 3),
+        is_double=is_double.reshape(-1),
+    )
+
+
+def _gap(before: np.ndarray, frame_idx: np.ndarray, options: LayerOptions) -> float:
+    """Distance (m) of the two layers among readings (m,) of frames (m,); 0 where there are not two."""
+    order = np.argsort(before)
+    before, frame_idx = before[order], frame_idx[order]
+    cut = int(np.argmax(np.diff(before))) + 1
+    low, high = before[:cut], before[cut:]
+    gap = float(high[0] - low[-1])
+    spread = max(float(np.std(low)), float(np.std(high)))
+    if gap < max(options.min_gap_m, options.gap_to_spread * spread):
+        return 0.0
+    frames_low, frames_high = set(frame_idx[:cut].tolist()), set(frame_idx[cut:].tolist())
+    both = frames_low & frames_high
+    if len(both) > options.max_both_share * len(frames_low | frames_high):
+        return 0.0
+    if min(len(frames_low - both), len(frames_high - both)) < options.min_frames:
+        return 0.0
+    return float(np.median(high) - np.median(low))
+
+
+def _readings(
+    walls: Pieces, target_from_cams: np.ndarray, options: LayerOptions
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean place (m, 3) m, level normal (m, 3) and frame (m,) of the points of each piece in each square.
+
+    Squares are half a window wide, so that every window holds readings of every frame that shows it.
+    """
+    piece = np.repeat(np.arange(len(walls)), np.diff(walls.start))
+    frames = walls.frame_idx[piece]
+    normals = np.einsum(
+        "kij,kj->ki", target_from_cams[walls.frame_idx][:, :3, :3], walls.normals_cam
+    )
+    normals[:, 2] = 0.0
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    points = np.zeros((len(piece), 3))
+    for first in range(0, len(piece), 1_000_000):
+        part = slice(first, first + 1_000_000)
+        placed = se3.transform(target_from_cams[frames[part]], walls.points_cam[part, None])
+        points[part] = placed[:, 0]
+    side = options.window_m / 2
+    along = points[:, 1] * normals[piece, 0] - points[:, 0] * normals[piece, 1]
+    square = np.stack(
+        [piece, np.floor(along / side).astype(int), np.floor(points[:, 2] / side).astype(int)],
+        axis=1,
+    )
+    order = np.lexsort(square.T[::-1])
+    square = square[order]
+    is_first = np.concatenate([[True], (np.diff(square, axis=0) != 0).any(axis=1)])[: len(square)]
+    start = np.flatnonzero(is_first)
+    if len(start) == 0:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=int)
+    sizes = np.diff(np.concatenate([start, [len(square)]]))
+    places = np.add.reduceat(points[order], start, axis=0) / sizes[:, None]
+    kept = sizes >= options.min_points
+    of_piece = square[start, 0][kept]
+    return places[kept], normals[of_piece], walls.frame_idx[of_piece]
