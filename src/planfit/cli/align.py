@@ -55,7 +55,7 @@ def align_command(arguments: AlignArguments) -> int:
     )
     options = replace(options, align=chosen)
     folder = _claim(arguments.out)
-    scan = read_scan(arguments.scan, options.structure.back_end != "geometry")
+    scan = read_scan(arguments.scan, options.structure.back_end not in ("geometry", "learned"))
     floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
     with StageBars() as bars:
         work = Work(arguments.workers, folder / "cache", bars.update)

@@ -48,7 +48,9 @@ class RefineArguments:
 def refine_command(arguments: RefineArguments) -> int:
     """Read, refine, write, summarise. Exit code 1 where the result is not better than the input."""
     begin = time.perf_counter()
-    scan = read_scan(arguments.scan, arguments.options.structure.back_end != "geometry")
+    scan = read_scan(
+        arguments.scan, arguments.options.structure.back_end not in ("geometry", "learned")
+    )
     plan_path = arguments.plan or scan.floorplan_path
     if plan_path is None:
         raise FloorplanError(

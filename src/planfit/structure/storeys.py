@@ -7,6 +7,7 @@ import numpy as np
 from planfit.errors import require_positive, require_share
 
 _BIN_M = 0.1
+_MAX_TABLE_M = 1.2
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,29 @@ def find_storeys(
     main = int(np.argmax(np.bincount(per_point[per_point >= 0], minlength=len(levels))))
     above = np.where(is_on, fitted[nearest] - fitted[main], np.nan)
     return float(fitted[main]), above[known]
+
+
+def storey_heights(floors_m: np.ndarray, options: StoreyOptions) -> np.ndarray:
+    """Floors (n,) m found in stretches of a scan, with those mended that are no floor; NaN for none.
+
+    A stretch that saw a table for the floor, or none, has the floor of the nearest stretch that knows it.
+    Between storeys, on stairs, there is none.
+    """
+    seen = np.flatnonzero(np.isfinite(floors_m))
+    if len(seen) == 0:
+        return floors_m
+    levels = _peaks(floors_m[seen], options)
+    off = np.abs(floors_m[seen, None] - levels).min(axis=1)
+    known = seen[off < options.max_drift_m]
+    if len(known) == 0:
+        return floors_m
+    nearest = known[np.argmin(np.abs(np.arange(len(floors_m))[:, None] - known), axis=1)]
+    below = floors_m[nearest]
+    with np.errstate(invalid="ignore"):
+        is_table = (floors_m - below > 0.0) & (floors_m - below < _MAX_TABLE_M)
+    mended = np.where(np.isnan(floors_m) | is_table, below, np.nan)
+    mended[known] = floors_m[known]
+    return mended
 
 
 def _peaks(of_frame: np.ndarray, options: StoreyOptions) -> np.ndarray:
