@@ -1,5 +1,7 @@
 """Heights of level surfaces, and what is seen over what."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -45,6 +47,13 @@ def test_a_few_points_below_do_not_pass_for_the_floor(rng):
     assert mapped(level_glance(rng, (-1.0, 50), (0.0, 900))).floor_m == pytest.approx(0, abs=0.01)
 
 
+def test_a_table_over_things_is_no_floor_where_the_floor_is_out_of_view(rng):
+    table, below = level_glance(rng, (0.75, 900)), level_glance(rng, (0.3, 300))
+    sideways = replace(below, normal_z=np.zeros(300, np.float32))
+    assert mapped(table).floor_m == pytest.approx(0.75, abs=0.01)
+    assert np.isnan(mapped(table, sideways).floor_m)
+
+
 def test_floor_of_the_storey_that_the_camera_is_on(rng):
     found = mapped(level_glance(rng, (0.0, 900), (3.0, 900), camera_z=4.5))
     assert found.floor_m == pytest.approx(3.0, abs=0.01)
@@ -81,6 +90,21 @@ def test_storeys_keep_their_floors_and_tables_and_gaps_get_them():
     assert_allclose(found[3], 0.02)
     assert_allclose(found[2], 0.05)
     assert np.isnan(found[5])
+
+
+def test_the_lower_of_two_heights_is_the_floor_though_most_stretches_see_the_worktop():
+    floors = np.array([0.7, 0.71, 0.7, 0.0, 0.7, 0.7])
+    assert_allclose(storey_heights(floors, StoreyOptions()), 0.0)
+
+
+def test_a_floor_that_drifts_over_a_long_scan_stays_what_it_is():
+    floors = np.linspace(0.0, 1.0, 11)
+    assert_allclose(storey_heights(floors, StoreyOptions()), floors)
+
+
+def test_one_stray_low_floor_among_many_is_not_believed():
+    floors = np.array([-1.0] + [0.0] * 39)
+    assert_allclose(storey_heights(floors, StoreyOptions())[1:], 0.0)
 
 
 def test_no_storey_at_all():

@@ -48,11 +48,11 @@ class Stretch:
     def wall_at(self, xy: np.ndarray) -> np.ndarray:
         """Whether upright surfaces at places (..., 2) m are wall; False off the map and at NaN."""
         with np.errstate(invalid="ignore"):
-            cell = np.floor((xy - self.low_xy) / CELL_M)
-            inside = np.all((cell >= 0) & (cell < (len(self.is_wall), self.n_y)), axis=-1)
-        cell = np.where(inside[..., None], cell, 0).astype(np.int32)
-        byte = self.is_wall[cell[..., 0], cell[..., 1] >> 3]
-        return inside & ((byte >> (7 - (cell[..., 1] & 7))) & 1).astype(bool)
+            i = np.floor((xy[..., 0] - self.low_xy[0]) / CELL_M)
+            j = np.floor((xy[..., 1] - self.low_xy[1]) / CELL_M)
+            inside = (i >= 0) & (j >= 0) & (i < len(self.is_wall)) & (j < self.n_y)
+        i, j = np.where(inside, i, 0).astype(np.int32), np.where(inside, j, 0).astype(np.int32)
+        return inside & ((self.is_wall[i, j >> 3] >> (7 - (j & 7))) & 1).astype(bool)
 
 
 def map_stretch(
@@ -96,8 +96,15 @@ def _levels(glances: list[Glance]) -> tuple[float, np.ndarray]:
         ceiling_like = points_z[(facing < -0.96) & (above > 0.3)]
     floors = level_peaks(floor_like, 1 / 3)
     ceilings = level_peaks(ceiling_like, 1 / 4)
-    # The lowest of the large ones: a long table may outnumber the floor, and nothing lies below it.
-    return (float(floors.min()) if len(floors) else np.nan), ceilings
+    if len(floors) == 0:
+        return np.nan, ceilings
+    # The lowest of the large ones: a long table may outnumber the floor.
+    floor_m = float(floors.min())
+    # Nothing lies below a floor but the next storey; where the floor is out of view, table legs and the
+    # feet of walls lie below the table that is taken for it.
+    n_below = np.sum((points_z < floor_m - 0.2) & (points_z > floor_m - 1.5))
+    n_on_it = np.sum(np.abs(floor_like - floor_m) < 0.1)
+    return (floor_m if n_below < 0.2 * n_on_it else np.nan), ceilings
 
 
 def level_peaks(heights_m: np.ndarray, min_share: float, min_count: int = 40) -> np.ndarray:

@@ -70,12 +70,14 @@ def label_by_geometry(
     planes = np.zeros((*height.shape, 4), dtype=np.float32)
     with np.errstate(invalid="ignore"):
         tolerance = options.tolerance_m + options.tolerance_per_m2 * surfaces.depth**2
-        is_wall = (np.abs(nz) < sine) & stretch.wall_at(points[..., :2] + centre[:2])
-        length = np.hypot(normals[..., 0], normals[..., 1])
-        level = normals[..., :2] / length[..., None]
-    labels[is_wall] = Label.WALL
-    planes[is_wall, :2] = level[is_wall]
-    planes[is_wall, 3] = np.einsum("ni,ni->n", level[is_wall], points[is_wall, :2])
+        row, column = np.nonzero(np.abs(nz) < sine)
+    is_wall = stretch.wall_at(points[row, column, :2] + centre[:2])
+    row, column = row[is_wall], column[is_wall]
+    level = normals[row, column, :2]
+    level = level / np.hypot(level[:, 0], level[:, 1])[:, None]
+    labels[row, column] = Label.WALL
+    planes[row, column, :2] = level
+    planes[row, column, 3] = np.einsum("ni,ni->n", level, points[row, column, :2])
     levels = [(Label.FLOOR, stretch.floor_m, 1.0)]
     levels += [(Label.CEILING, z, -1.0) for z in stretch.ceilings_m]
     for label, level_m, facing in levels:
