@@ -2,9 +2,9 @@
 
     python benchmarks/run.py [--only PART ...] [--fresh] [--out FILE]
 
-Parts: step, reweight, gtsam, scaling, descent (the paper's solver), real_scan, plan_pictures, metrics, plots. A
-part replaces its own records in FILE and leaves the others; a part whose library or data is absent says so and
-is left out.
+Parts: step, reweight, gtsam, scaling, descent (the paper's solver), real_scan, plan_pictures, metrics, plots.
+A part replaces its own records in FILE and leaves the others; a part whose library or data is absent says so
+and is left out.
 Descents are kept between runs: `--fresh` makes them again (a few minutes each).
 """
 

@@ -7,7 +7,7 @@ from planfit.matching import Matches
 from planfit.scan import Scan
 from planfit.structure import Gravity, Structure
 
-MIN_NEAR_SHARE = {"masks": 0.75, "geometry": 0.5}
+MIN_NEAR_SHARE = {"masks": 0.75, "geometry": 0.5, "learned": 0.5}
 """Share of wall points that should lie near the plan in the end, by where labels come from. Right plans
 leave 0.86 to 1.00 with masks; geometry takes tall furniture for wall and leaves 0.64 to 0.90."""
 

@@ -92,12 +92,30 @@ def test_max_tilt_deg_tells_floor_from_wall(rng):
     assert angle_deg(wide.up_world, near) > 50
 
 
-def test_cluster_deg_is_what_is_averaged(rng):
+def test_cluster_deg_is_what_takes_part(rng):
     normals, near = mixed(rng, 600, 300, 8), np.array([0, 0, 1.0])
-    assert (
-        angle_deg(_most_common(normals, near, GravityOptions(cluster_deg=3)).up_world, near) < 0.5
-    )
-    assert angle_deg(_most_common(normals, near, GravityOptions(cluster_deg=12)).up_world, near) > 2
+    narrow, wide = (_most_common(normals, near, GravityOptions(cluster_deg=d)) for d in (3, 12))
+    assert narrow.confidence == pytest.approx(2 / 3, abs=0.05)
+    assert wide.confidence > 0.99
+    # A slope within it pulls a little: its weight has fallen to a thousandth.
+    for gravity in (narrow, wide):
+        assert angle_deg(gravity.up_world, near) < 0.2
+
+
+def walls(rng, n):
+    yaw = rng.choice([0.3, 0.3 + np.pi / 2], n)
+    normals = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(n)])
+    normals += rng.normal(0, 0.01, normals.shape)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def test_walls_mend_a_floor_that_is_off(rng):
+    floor = mixed(rng, 300, 0, 0) @ se3.exp_so3(np.array([np.deg2rad(1.0), 0, 0])).T
+    near = np.array([0, 0, 1.0])
+    alone = _most_common(floor, near, GravityOptions())
+    assert angle_deg(alone.up_world, near) > 0.9
+    both = _most_common(np.concatenate([floor, walls(rng, 3000)]), near, GravityOptions())
+    assert angle_deg(both.up_world, near) < 0.3
 
 
 def test_max_frames_bounds_what_is_read():

@@ -184,7 +184,7 @@ def test_seed_chooses_other_points(scan):
 def test_options_of_the_parts_reach_them(scan):
     few = extracted(scan, replace(SMALL, patches=PatchOptions(max_per_frame=1)))
     assert np.bincount(few.walls.frame_idx).max() == 1
-    strict = GeometryLabelOptions(min_wall_top_m=9.0)
+    strict = GeometryLabelOptions(min_wall_rise_m=9.0)
     assert len(extracted(scan, replace(SMALL, geometry=strict)).walls) == 0
 
 

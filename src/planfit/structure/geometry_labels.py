@@ -1,92 +1,174 @@
-"""Floor and wall pixels from geometry alone, for scans without masks: normals and height."""
+"""Floor, wall and ceiling pixels of a frame from geometry, given what its stretch of the scan shows."""
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from planfit.errors import require_positive
-from planfit.geometry import se3
-from planfit.geometry.camera import Camera
 from planfit.scan import Label
-from planfit.structure.normals import depth_normals
+from planfit.structure.evidence_map import Stretch
+from planfit.structure.surfaces import Surfaces
 
 
 @dataclass(frozen=True)
 class GeometryLabelOptions:
-    """What counts as floor and as wall by its geometry."""
+    """What counts as floor, wall and ceiling by its geometry."""
 
-    normal_radius_px: int = 5
-    """Half the baseline of a normal; larger is steadier and blurs corners."""
-    step_px: int = 3
-    """One pixel in this many, each way, is looked at; its label holds for the block."""
-    max_tilt_deg: float = 12.0
+    normal_radius_px: int = 3
+    """Half the baseline of a normal, for images 320 px wide; larger is steadier and blurs corners."""
+    max_tilt_deg: float = 15.0
     """A floor's normal is within this of up, a wall's within this of level."""
-    floor_band_m: float = 0.30
-    """Level surfaces within this of the floor's height are floor; leaves room for drift in height."""
-    min_wall_top_m: float = 1.5
-    """Upright surfaces count as wall where they reach this high above the floor; furniture rarely does."""
+    floor_band_m: float = 0.15
+    """Level surfaces within this of the floor's height nearby are floor, of the ceiling's ceiling; leaves
+    room for drift in height within a stretch of frames."""
+    tolerance_m: float = 0.03
+    """Pixels without a sure normal belong to the floor, wall or ceiling beside them within this of its
+    plane, plus `tolerance_per_m2` of their squared depth."""
+    tolerance_per_m2: float = 0.003
+    """Growth of that tolerance with depth: the noise of depth cameras."""
+    grow_px: int = 12
+    """How far floor, walls and ceiling grow over such pixels, for images 320 px wide."""
+    free_above_m: float = 0.15
+    """What cameras see past the top of by more than this is furniture; what they never see over is wall."""
+    min_wall_rise_m: float = 0.4
+    """Upright surfaces seen over a smaller range of heights are no wall."""
+    stretch_frames: int = 32
+    """Frames whose sights are put together; fewer know less, more suffer from drift."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "normal_radius_px", "step_px", "max_tilt_deg", "floor_band_m")
+        require_positive(
+            self,
+            "normal_radius_px",
+            "max_tilt_deg",
+            "floor_band_m",
+            "tolerance_m",
+            "free_above_m",
+            "min_wall_rise_m",
+            "stretch_frames",
+        )
 
 
 def label_by_geometry(
-    depth: np.ndarray,
-    camera: Camera,
-    level_from_cam: np.ndarray,
-    floor_height_m: float,
+    surfaces: Surfaces,
+    centre: np.ndarray,
+    stretch: Stretch,
     options: GeometryLabelOptions,
 ) -> np.ndarray:
-    """Labels (h, w) uint8 of a depth image (h, w) m: floor, wall, or none.
+    """Labels (h', w') uint8 of a frame's surfaces: floor, wall, ceiling, or none.
 
-    `level_from_cam` is turned so that z is up; `floor_height_m` is the floor's z in that frame.
+    `centre` (3,) is where the camera is in the world turned upright, the frame of `stretch`.
     """
-    step = options.step_px
-    points = camera.lift_image(depth)
-    normals = depth_normals(points, options.normal_radius_px, step) @ level_from_cam[:3, :3].T
-    points = points[::step, ::step]
-    points_level = se3.transform(level_from_cam, points.reshape(-1, 3)).reshape(points.shape)
-    height = points_level[..., 2] - floor_height_m
-    with np.errstate(invalid="ignore"):
-        is_level = normals[..., 2] > np.cos(np.deg2rad(options.max_tilt_deg))
-        is_upright = np.abs(normals[..., 2]) < np.sin(np.deg2rad(options.max_tilt_deg))
+    points, normals = surfaces.points, surfaces.normals
+    height = points[..., 2] + centre[2]
+    nz = normals[..., 2]
+    cosine, sine = (
+        np.cos(np.deg2rad(options.max_tilt_deg)),
+        np.sin(np.deg2rad(options.max_tilt_deg)),
+    )
     labels = np.full(height.shape, Label.NONE, dtype=np.uint8)
-    labels[is_level & (np.abs(height) < options.floor_band_m)] = Label.FLOOR
-    labels[is_upright & _reaches(points_level, height, is_upright, options)] = Label.WALL
-    full = np.repeat(np.repeat(labels, step, axis=0), step, axis=1)
-    return full[: depth.shape[0], : depth.shape[1]]
-
-
-def find_floor_height(heights: np.ndarray) -> float:
-    """Height (m) of the floor among heights of level, upward-facing points (n,): the paper's histogram.
-
-    The lowest peak that holds at least a third as many points as the highest peak: a long table or a
-    ceiling seen from above may outnumber the floor, and nothing of size lies below it.
-    """
-    if len(heights) == 0:
-        return float("nan")
-    bin_m = 0.05
-    low = np.floor(np.quantile(heights, 0.001) / bin_m) * bin_m
-    edges = np.arange(low - bin_m, heights.max() + 2 * bin_m, bin_m)
-    counts, _ = np.histogram(heights, edges)
-    smooth = np.convolve(counts, np.ones(5), mode="same")
-    peak = int(np.flatnonzero(smooth >= smooth.max() / 3)[0])
-    while peak + 1 < len(smooth) and smooth[peak + 1] > smooth[peak]:
-        peak += 1
-    centre = 0.5 * (edges[peak] + edges[peak + 1])
-    return float(np.median(heights[np.abs(heights - centre) < 0.15]))
-
-
-def _reaches(
-    points_level: np.ndarray,
-    height: np.ndarray,
-    is_upright: np.ndarray,
-    options: GeometryLabelOptions,
-) -> np.ndarray:
-    """Pixels (h, w) bool whose place on the map (0.2 m cells) has upright points high above the floor."""
-    cell = np.round(np.nan_to_num(points_level[..., :2]) / 0.2).astype(np.int64)
-    code = cell[..., 0] * 1_000_003 + cell[..., 1]
+    planes = np.zeros((*height.shape, 4), dtype=np.float32)
     with np.errstate(invalid="ignore"):
-        is_high = is_upright & (height > options.min_wall_top_m)
-    cells, counts = np.unique(code[is_high], return_counts=True)
-    return np.isin(code, cells[counts >= 3])
+        tolerance = options.tolerance_m + options.tolerance_per_m2 * surfaces.depth**2
+        row, column = np.nonzero(np.abs(nz) < sine)
+    is_wall = stretch.wall_at(points[row, column, :2] + centre[:2])
+    row, column = row[is_wall], column[is_wall]
+    level = normals[row, column, :2]
+    level = level / np.hypot(level[:, 0], level[:, 1])[:, None]
+    labels[row, column] = Label.WALL
+    planes[row, column, :2] = level
+    planes[row, column, 3] = np.einsum("ni,ni->n", level, points[row, column, :2])
+    levels = [(Label.FLOOR, stretch.floor_m, 1.0)]
+    levels += [(Label.CEILING, z, -1.0) for z in stretch.ceilings_m]
+    for label, level_m, facing in levels:
+        with np.errstate(invalid="ignore"):
+            near = np.abs(height - level_m) < options.floor_band_m
+            seeds = near & (facing * nz > cosine)
+        plane = _level_plane(points[seeds])
+        if plane is None:
+            continue
+        with np.errstate(invalid="ignore"):
+            off = np.abs(points @ plane[:3] - plane[3])
+            # Seen at a flat angle normals are wild; whatever lies on the plane and is not upright is it.
+            on_it = near & (off < tolerance) & ~(facing * nz < 0.7)
+        labels[on_it] = label
+        planes[on_it] = plane
+    grow = max(1, round(options.grow_px * points.shape[1] / 320))
+    _grow(labels, planes, points, normals, tolerance.astype(np.float32), grow)
+    return labels
+
+
+def to_full_size(labels: np.ndarray, step_px: int, shape: tuple[int, int]) -> np.ndarray:
+    """Labels of a thinned image at the size (h, w) of its depth image."""
+    full = np.repeat(np.repeat(labels, step_px, axis=0), step_px, axis=1)
+    missing = (max(0, shape[0] - full.shape[0]), max(0, shape[1] - full.shape[1]))
+    if any(missing):
+        full = np.pad(full, ((0, missing[0]), (0, missing[1])), mode="edge")
+    return full[: shape[0], : shape[1]]
+
+
+def _level_plane(points: np.ndarray) -> np.ndarray | None:
+    """Nearly level plane (normal, offset) (4,) float32 through points (n, 3) m; None for too few.
+
+    Drifted poses are off by a degree: a floor that is level in the building is not in the world.
+    """
+    if len(points) < 100:
+        return None
+    points = points[:: max(1, len(points) // 3000)].astype(float)
+    middle = np.array([*points[:, :2].mean(axis=0), np.median(points[:, 2])])
+    near = np.abs(points[:, 2] - middle[2]) < 0.1
+    slope = np.zeros(2)
+    for _ in range(3):
+        if near.sum() < 50:
+            return None
+        xy, z = points[near, :2] - middle[:2], points[near, 2] - middle[2]
+        scatter = xy.T @ xy + 0.5 * len(xy) * np.eye(2)  # small patches stay level
+        slope = np.clip(np.linalg.solve(scatter, xy.T @ (z - z.mean())), -0.05, 0.05)
+        middle[2] += np.median(z - xy @ slope)
+        off = points[:, 2] - middle[2] - (points[:, :2] - middle[:2]) @ slope
+        near = np.abs(off) < 0.05
+    normal = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1 + slope @ slope)
+    return np.array([*normal, normal @ middle], dtype=np.float32)
+
+
+@numba.njit(cache=True, nogil=True)
+def _grow(
+    labels: np.ndarray,
+    planes: np.ndarray,
+    points: np.ndarray,
+    normals: np.ndarray,
+    tolerance: np.ndarray,
+    n_steps: int,
+) -> None:
+    """Carry labels (h, w) with their planes (h, w, 4) to unlabelled neighbours on the plane, in place."""
+    h, w = labels.shape
+    queue = np.zeros((h * w, 2), dtype=np.int32)
+    age = np.zeros((h, w), dtype=np.int16)
+    head, tail = 0, 0
+    for r in range(h):
+        for c in range(w):
+            if labels[r, c] != 0:
+                queue[tail, 0], queue[tail, 1] = r, c
+                tail += 1
+    while head < tail:
+        r, c = queue[head]
+        head += 1
+        if age[r, c] >= n_steps:
+            continue
+        for k in range(4):
+            i = r + (1 if k == 0 else -1 if k == 1 else 0)
+            j = c + (1 if k == 2 else -1 if k == 3 else 0)
+            if i < 0 or j < 0 or i >= h or j >= w or labels[i, j] != 0:
+                continue
+            off = -planes[r, c, 3]
+            along = np.float32(0.0)
+            for a in range(3):
+                off += planes[r, c, a] * points[i, j, a]
+                along += planes[r, c, a] * normals[i, j, a]
+            # NaN normals compare false and are let in; NaN points are not.
+            if abs(off) < tolerance[i, j] and not abs(along) < 0.85:
+                labels[i, j] = labels[r, c]
+                planes[i, j] = planes[r, c]
+                age[i, j] = age[r, c] + 1
+                queue[tail, 0], queue[tail, 1] = i, j
+                tail += 1

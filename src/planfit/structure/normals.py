@@ -29,10 +29,11 @@ def depth_normals(points: np.ndarray, radius_px: int, step_px: int = 1) -> np.nd
     above, below = smooth[rows - r][:, ::step_px], smooth[(rows + r) % height][:, ::step_px]
     across, down = right - left, below - above
     normal = _cross(down, across)
-    length = np.sqrt(np.sum(normal**2, axis=-1, keepdims=True))
-    normal /= np.where(length > 0, length, np.nan)
-    facing = np.sum(normal * points[::step_px, ::step_px], axis=-1, keepdims=True)
-    normal *= np.where(facing > 0, -1.0, 1.0).astype(np.float32)
+    # einsum: sums of NumPy over an axis of three are five times as slow.
+    length = np.sqrt(np.einsum("ijk,ijk->ij", normal, normal))
+    facing = np.einsum("ijk,ijk->ij", normal, points[::step_px, ::step_px])
+    scale = np.where(facing > 0, -1.0, 1.0) / np.where(length > 0, length, np.nan)
+    normal *= scale.astype(np.float32)[..., None]
     normal[(rows < r) | (rows >= height - r)] = np.nan
     normal[:, (columns < r) | (columns >= width - r)] = np.nan
     return normal

@@ -7,6 +7,11 @@ import numpy as np
 from planfit.errors import require_positive, require_share
 
 _BIN_M = 0.1
+_MAX_WORKTOP_M = 1.2
+_SPREAD_M = 0.2
+"""Floors of one storey are this far about each other where poses drift a little."""
+_STEP_M = 0.25
+"""The floor drifts by less than this from one stretch to the next."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,39 @@ def find_storeys(
     main = int(np.argmax(np.bincount(per_point[per_point >= 0], minlength=len(levels))))
     above = np.where(is_on, fitted[nearest] - fitted[main], np.nan)
     return float(fitted[main]), above[known]
+
+
+def storey_heights(floors_m: np.ndarray, options: StoreyOptions) -> np.ndarray:
+    """Floors (n,) m found in stretches of a scan, with those mended that are no floor; NaN for none.
+
+    A stretch that saw a worktop for the floor, or none, has the floor of the nearest stretch that knows it:
+    a worktop is up to 1.2 m over a floor that other stretches saw. Between storeys, on stairs, there is
+    none.
+    """
+    n = len(floors_m)
+    is_known = np.zeros(n, dtype=bool)
+    least = max(1.0, options.min_share * np.isfinite(floors_m).sum())
+    above_m = -np.inf
+    for floor_m in np.sort(floors_m[np.isfinite(floors_m)]):
+        with np.errstate(invalid="ignore"):
+            alike = (floors_m >= floor_m) & (floors_m <= floor_m + 2 * _SPREAD_M)
+        if floor_m >= above_m and alike.sum() >= least:
+            is_known |= alike
+            above_m = floor_m + options.min_storey_m
+    if not is_known.any():
+        return floors_m
+    # Heights drift over a long scan, but little from one stretch to the next.
+    for order in (range(1, n), range(n - 2, -1, -1)):
+        for k in order:
+            before = k - 1 if order.step > 0 else k + 1
+            is_known[k] |= is_known[before] and abs(floors_m[k] - floors_m[before]) < _STEP_M
+    known = np.flatnonzero(is_known)
+    below = floors_m[known[np.argmin(np.abs(np.arange(n)[:, None] - known), axis=1)]]
+    with np.errstate(invalid="ignore"):
+        is_top = (floors_m > below) & (floors_m - below < _MAX_WORKTOP_M)
+    mended = np.where(np.isnan(floors_m) | is_top, below, np.nan)
+    mended[known] = floors_m[known]
+    return mended
 
 
 def _peaks(of_frame: np.ndarray, options: StoreyOptions) -> np.ndarray:

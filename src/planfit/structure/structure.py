@@ -11,13 +11,11 @@ from planfit.errors import OptionError, ScanError, require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.scan import Label, Scan
-from planfit.structure.geometry_labels import (
-    GeometryLabelOptions,
-    find_floor_height,
-    label_by_geometry,
-)
+from planfit.structure.back_ends import BackEnd, MaskBackEnd, geometry_back_end
+from planfit.structure.geometry_labels import GeometryLabelOptions
 from planfit.structure.gravity import Gravity, GravityOptions
-from planfit.structure.normals import depth_edges, depth_normals
+from planfit.structure.learned import LearnedBackEnd, LearnedOptions
+from planfit.structure.normals import depth_edges
 from planfit.structure.patches import PatchOptions, find_patches
 from planfit.structure.storeys import StoreyOptions, find_storeys
 from planfit.structure.types import LevelPoints, Pieces, Structure
@@ -28,9 +26,10 @@ from planfit.work import Arrays, Work, cache_key
 class StructureOptions:
     """Where floor and wall points come from, and how many are kept."""
 
-    back_end: Literal["auto", "masks", "geometry"] = "auto"
-    """`masks`: segmentation beside the images; `geometry`: normals and height; `auto`: masks where the
-    scan has them, else geometry (the report says which)."""
+    back_end: Literal["auto", "masks", "geometry", "learned"] = "auto"
+    """`masks`: segmentation beside the images; `geometry`: normals, heights and what is seen over what;
+    `learned`: a segmentation model over the colour images (see `learned`); `auto`: masks where the scan
+    has them, else geometry (the report says which)."""
     max_depth_m: float = 12.0
     """Points further away are dropped."""
     stride_px: int = 3
@@ -45,6 +44,8 @@ class StructureOptions:
     """How up is found."""
     geometry: GeometryLabelOptions = field(default_factory=GeometryLabelOptions)
     """The geometry back end."""
+    learned: LearnedOptions = field(default_factory=LearnedOptions)
+    """The learned back end."""
     patches: PatchOptions = field(default_factory=PatchOptions)
     """How wall points form flat pieces."""
     columns: PatchOptions = field(
@@ -57,11 +58,17 @@ class StructureOptions:
     """Seed of the random choices."""
 
     def __post_init__(self) -> None:
-        if self.back_end not in ("auto", "masks", "geometry"):
+        if self.back_end not in ("auto", "masks", "geometry", "learned"):
             raise OptionError(
-                f"structure.back_end: expected auto, masks or geometry, found {self.back_end!r}"
+                "structure.back_end: expected auto, masks, geometry or learned, "
+                f"found {self.back_end!r}"
             )
         require_positive(self, "max_depth_m", "stride_px", "edge_step", "max_points_per_frame")
+
+    @property
+    def reads_masks(self) -> bool:
+        """Whether masks beside the images are looked at."""
+        return self.back_end in ("auto", "masks")
 
 
 def level_from_world(gravity: Gravity, floor_height_m: float) -> np.ndarray:
@@ -80,57 +87,50 @@ def extract_structure(
 
     Raises:
         ScanError: masks were asked for and the scan has none, or a file cannot be used.
+        OptionError: the learned model cannot be had.
+    """
+    back_end = choose_back_end(scan, gravity, options, work)
+    upright_from_cams = level_from_world(gravity, 0.0) @ scan.world_from_cams
+    compute = partial(_frame_structure, scan, upright_from_cams, options, back_end)
+    key = cache_key(
+        "structure", scan.fingerprint, scan.world_from_cams.tobytes(), gravity.up_world, options,
+        back_end.identity,
+    )  # fmt: skip
+    items = work.map("floor and walls", key, len(scan), compute)
+    return _gather(items, upright_from_cams, back_end.name, options.storeys)
+
+
+def choose_back_end(scan: Scan, gravity: Gravity, options: StructureOptions, work: Work) -> BackEnd:
+    """The back end that `options` ask for; geometry looks through the whole scan here.
+
+    Raises:
+        ScanError: masks were asked for and the scan has none.
+        OptionError: the learned model cannot be had.
     """
     if options.back_end == "masks" and not scan.has_labels:
         raise ScanError(
             f"{scan.name}: expected floor and wall masks, found none; add them, or use "
             "--structure.back-end geometry"
         )
-    use_masks = scan.has_labels and options.back_end != "geometry"
+    if options.back_end == "learned":
+        return LearnedBackEnd(scan, options.learned)
+    if scan.has_labels and options.back_end != "geometry":
+        return MaskBackEnd(scan)
     upright_from_cams = level_from_world(gravity, 0.0) @ scan.world_from_cams
-    floor_height = np.nan
-    key_parts = (scan.fingerprint, scan.world_from_cams.tobytes(), gravity.up_world, options)
-    if not use_masks:
-        levels = partial(_level_heights, scan, upright_from_cams, options)
-        items = work.map("floor height", cache_key("level", *key_parts), len(scan), levels)
-        floor_height = find_floor_height(np.concatenate([item["height"] for item in items]))
-    compute = partial(_frame_structure, scan, upright_from_cams, options, use_masks, floor_height)
-    key = cache_key("structure", *key_parts, use_masks)
-    items = work.map("floor and walls", key, len(scan), compute)
-    back_end = "masks" if use_masks else "geometry"
-    return _gather(items, upright_from_cams, back_end, options.storeys)
-
-
-def _level_heights(
-    scan: Scan, upright_from_cams: np.ndarray, options: StructureOptions, i: int
-) -> Arrays:
-    """Heights of upward-facing points of one frame."""
-    depth = scan.files.depth(i)
-    points = scan.cameras[i].lift_image(depth)
-    normals = depth_normals(points, options.geometry.normal_radius_px, step_px=8).reshape(-1, 3)
-    points = points[::8, ::8].reshape(-1, 3)
-    with np.errstate(invalid="ignore"):
-        faces_up = (normals @ upright_from_cams[i, 2, :3] > 0.97) & (
-            points[:, 2] < options.max_depth_m
-        )
-    return {"height": se3.transform(upright_from_cams[i], points[faces_up])[:, 2]}
+    return geometry_back_end(scan, upright_from_cams, options.geometry, options.storeys, work)
 
 
 def _frame_structure(
     scan: Scan,
     upright_from_cams: np.ndarray,
     options: StructureOptions,
-    use_masks: bool,
-    floor_height: float,
+    back_end: BackEnd,
     i: int,
 ) -> Arrays:
     rng = np.random.default_rng([options.seed, i])
     depth = scan.files.depth(i)
     camera, upright_from_cam = scan.cameras[i], upright_from_cams[i]
-    if use_masks:
-        labels = scan.files.labels(i)
-    else:
-        labels = label_by_geometry(depth, camera, upright_from_cam, floor_height, options.geometry)
+    labels = back_end.labels(i, depth)
     with np.errstate(invalid="ignore"):
         usable = np.isfinite(depth) & (depth < options.max_depth_m)
     usable &= ~depth_edges(depth, options.edge_step)

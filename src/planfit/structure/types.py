@@ -68,7 +68,7 @@ class Structure:
     ceiling: LevelPoints
     columns: Pieces
     back_end: str
-    """Which back end labelled the pixels: masks or geometry."""
+    """Which back end labelled the pixels: masks, geometry or learned."""
     floor_height_m: float
     """The floor's height in the world turned level, as recorded; NaN where none was seen."""
 
