@@ -208,7 +208,7 @@ def test_poses_in_millimetres_are_refused(
         ["--structure.erode-px", "-1"],
         ["--seed", "-1"],
         ["--structure.max-depth-m", "inf"],
-        ["--matching.max-motion-sigmas", "nan"],
+        ["--matching.cycles.max-sigmas", "nan"],
         ["--align.min-score", "nan"],
         ["--adjust.walls.weight", "-1"],
         ["--held-out-share", "1.0"],
@@ -232,7 +232,7 @@ def test_toml_choices_are_checked(
     config.write_text('[structure]\nback_end = "foo"\n')
     words = ["refine", str(small_scan), "-o", str(tmp_path / "out"), "--config", str(config)]
     assert run(words) == 2
-    assert "auto, masks or geometry" in capsys.readouterr().err
+    assert "auto, masks, geometry or learned" in capsys.readouterr().err
 
 
 def test_damaged_record_is_one_line(

@@ -154,3 +154,10 @@ def test_a_scan_that_changed_since_the_run(finished: Path, tmp_path: Path, capsy
     assert run(["export", str(copy), "--to", "tum", "-o", str(tmp_path / "p.tum")]) == 2
     assert "expected the 58 frames that the run saw, found 60" in capsys.readouterr().err
     assert not (tmp_path / "p.tum").exists()
+
+
+def test_evaluate_reads_the_scan_as_the_run_did(
+    finished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["evaluate", str(finished)]) == 0
+    assert "58 frames" in capsys.readouterr().out

@@ -88,7 +88,10 @@ def test_loops_per_frame_bounds_every_frame():
 
 def test_a_camera_that_lingers_is_no_revisit_and_takes_no_budget():
     rng = np.random.default_rng(1)
-    still = [look([0, 0, 1.5, *rng.normal(0, 0.003, 3)], rng.normal(0, 0.2)) for _ in range(300)]
+    still = [
+        look(np.array([0, 0, 1.5]) + rng.normal(0, 0.003, 3), rng.normal(0, 0.2))
+        for _ in range(300)
+    ]
     away = [look([0.5 * i, 0, 1.5], 0) for i in range(30)]
     pairs = chosen(still + away + away[::-1])
     assert sum(j - i > 4 for i, j in pairs if j < 300) < 300

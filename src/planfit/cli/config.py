@@ -1,4 +1,4 @@
-"""Options from and to TOML: the same names as on the command line, unknown ones are errors."""
+"""Options from and to TOML and run.json: the same names as on the command line, unknown ones are errors."""
 
 import dataclasses
 import tomllib
@@ -6,8 +6,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar
 
-from planfit.errors import OptionError
+from planfit.errors import OptionError, ScanError
 from planfit.export.record import plain
+from planfit.scan import ScanOptions
 
 Options = TypeVar("Options")
 
@@ -30,6 +31,31 @@ def read_options(path: Path, defaults: Options) -> Options:
 def to_toml(options: Any) -> str:
     """Options dataclass as TOML text."""
     return "\n".join(_toml_lines(plain(options), ())) + "\n"
+
+
+def scan_options_record(options: ScanOptions) -> dict[str, Any]:
+    """How a scan was read as plain values; a relative path of poses would lead nowhere later."""
+    values = dataclasses.asdict(options)
+    values["poses"] = str(options.poses.resolve()) if options.poses else None
+    return values
+
+
+def scan_options_of(record: dict[str, Any], where: str) -> ScanOptions:
+    """How the run of a record read its scan.
+
+    Raises:
+        ScanError: the record is of another version; the message begins with `where`.
+    """
+    values = dict(record.get("scan_options") or {})
+    if values.get("poses"):
+        values["poses"] = Path(values["poses"])
+    try:
+        return ScanOptions(**values)
+    except TypeError as error:
+        raise ScanError(
+            f"{where}expected scan_options of this version of planfit, found others ({error}); "
+            "run planfit refine again"
+        ) from error
 
 
 def options_of(values: dict[str, Any], defaults: Options, where: str) -> Options:

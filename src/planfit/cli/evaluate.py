@@ -187,7 +187,7 @@ def _plain(figure: Figure) -> dict[str, Any]:
 def _table(report: dict[str, Any]) -> Any:
     rows = []
     for figure in report["figures"].values():
-        unit: str = _SHOWN_UNITS.get(figure["unit"], figure["unit"])
+        unit = _SHOWN_UNITS.get(str(figure["unit"]), str(figure["unit"]))
         texts = [_amount(figure[name], unit) for name in ("before", "after")]
         difference = figure["difference"]
         colour = "" if not difference else "[green]" if difference < 0 else "[red]"

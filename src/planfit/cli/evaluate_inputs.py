@@ -8,14 +8,14 @@ from typing import Any, Literal
 import numpy as np
 
 from planfit.align import align, metric_plan
-from planfit.cli.config import options_of
+from planfit.cli.config import options_of, scan_options_of
 from planfit.errors import FloorplanError, OptionError, ScanError
-from planfit.evaluate import associate_times
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry import se3
 from planfit.options import RefineOptions
 from planfit.place import claimed_place, wall_samples
-from planfit.scan import Scan, read_scan, read_tum
+from planfit.scan import Scan, ScanOptions, read_scan, read_tum
+from planfit.scan.pose_files import take_poses
 from planfit.structure import (
     Structure,
     StructureOptions,
@@ -72,7 +72,7 @@ def read_run(
             f"{where}expected the record of a run of this version, found a damaged or an older one; "
             "run 'planfit refine' again"
         ) from error
-    scan = _read_scan(scan_path, structure_options)
+    scan = _read_scan(scan_path, structure_options, scan_options_of(record, where))
     times, after = read_tum(folder / "trajectory.tum")
     if len(scan) != n_frames or len(after) != n_frames:
         raise ScanError(
@@ -116,7 +116,7 @@ def read_poses(
         FloorplanError: the plan cannot be read, or its unit cannot be found.
     """
     options = RefineOptions()
-    scan = _read_scan(scan_path, options.structure)
+    scan = _read_scan(scan_path, options.structure, ScanOptions())
     given = _poses_of(scan, poses_path)
     plan_path = plan_path or scan.floorplan_path
     floorplan = read_floorplan(plan_path, plan) if plan_path else None
@@ -137,7 +137,7 @@ def read_poses(
     notes: list[str] = []
     if floorplan is not None:
         walls = wall_samples(structure, level @ given)
-        claimed = claimed_place(scan, level) if floorplan.is_metric else None
+        claimed = claimed_place(scan, floorplan, level)
         if len(walls.xy) == 0:
             raise ScanError(
                 f"{scan_path}: expected walls to place the scan by, found none; give poses in the "
@@ -159,10 +159,10 @@ def _structure(scan: Scan, options: StructureOptions, work: Work) -> tuple[np.nd
     return level_from_world(gravity, structure.floor_height_m), structure
 
 
-def _read_scan(path: Path, options: StructureOptions) -> Scan:
+def _read_scan(path: Path, structure: StructureOptions, options: ScanOptions) -> Scan:
     if not path.exists():
         raise ScanError(f"{path}: expected the scan, found nothing; say where it is with --scan")
-    return read_scan(path, options.back_end != "geometry")
+    return read_scan(path, structure.reads_masks, options)
 
 
 def _read_record(folder: Path) -> dict[str, Any]:
@@ -182,12 +182,11 @@ def _read_record(folder: Path) -> dict[str, Any]:
 
 
 def _poses_of(scan: Scan, path: Path) -> np.ndarray:
-    """Poses (n, 4, 4) of all frames of a scan, from a TUM file, by their times."""
-    times, poses = read_tum(path)
-    mine, theirs = associate_times(scan.timestamps, times)
-    if len(mine) < len(scan):
+    """Poses (n, 4, 4) of all frames of a scan from a file."""
+    posed = take_poses(scan, path, ScanOptions().max_time_gap_s)
+    if len(posed) < len(scan):
         raise ScanError(
-            f"{path}: expected a pose for each of {len(scan)} frames, found {len(mine)}; times, or "
+            f"{path}: expected a pose for each of {len(scan)} frames, found {len(posed)}; times, or "
             "frame numbers, must be those of the scan"
         )
-    return poses[theirs]
+    return posed.world_from_cams

@@ -5,11 +5,12 @@ import os
 import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
 
+from planfit.cli.config import scan_options_of
 from planfit.cli.console import StageBars, out
 from planfit.cli.scan_notes import tell_scan
 from planfit.errors import OutputError, ScanError
@@ -109,7 +110,7 @@ def _load(arguments: ExportArguments) -> tuple[Scan, np.ndarray]:
         ) from error
     options = arguments.scan_options
     if options == ScanOptions():
-        options = options_of_record(record)
+        options = scan_options_of(record, f"{record_path}: ")
     scan = read_scan(scan_path, options=options)
     times, plan_from_cams = read_tum(arguments.source / "trajectory.tum")
     if len(times) != len(scan) or not np.allclose(times, scan.timestamps, rtol=0, atol=1e-6):
@@ -122,17 +123,3 @@ def _load(arguments: ExportArguments) -> tuple[Scan, np.ndarray]:
     world_from_cams = world_from_plan @ plan_from_cams
     world_from_cams[:, :3, :3] = se3.project_to_so3(world_from_cams[:, :3, :3])
     return scan, world_from_cams
-
-
-def options_of_record(record: dict[str, Any]) -> ScanOptions:
-    """How the run read its scan."""
-    values = dict(record.get("scan_options") or {})
-    if values.get("poses"):
-        values["poses"] = Path(values["poses"])
-    try:
-        return ScanOptions(**values)
-    except TypeError as error:
-        raise ScanError(
-            f"run.json: expected scan_options of this version of planfit, found others ({error}); "
-            "run planfit refine again"
-        ) from error

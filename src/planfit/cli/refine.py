@@ -1,6 +1,5 @@
 """`planfit refine`: from files to files."""
 
-import dataclasses
 import os
 import time
 from collections.abc import Callable
@@ -11,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from planfit import __version__
-from planfit.cli.config import to_toml
+from planfit.cli.config import scan_options_record, to_toml
 from planfit.cli.console import StageBars, err, out, table
 from planfit.cli.plan_flags import PlanFlags
 from planfit.cli.scan_notes import tell_scan
@@ -105,7 +104,7 @@ def refine_into(
         with run.writing() as staging:
             bars.update("write results", 0, 0)
             record = make_record(__version__, inputs, scan, result.floorplan, options, result)
-            record["scan_options"] = to_record(scan_options or ScanOptions())
+            record["scan_options"] = scan_options_record(scan_options or ScanOptions())
             write_results(staging, scan, result, record, cloud)
             (staging / "overlay.png").write_bytes(draw_overlay(result.floorplan, result))
             errors = truth_of(result) if truth_of else None
@@ -113,13 +112,6 @@ def refine_into(
             (staging / "report.html").write_text(report, encoding="utf-8")
         bars.update("write results", 1, 0)
     return result
-
-
-def to_record(options: ScanOptions) -> dict[str, object]:
-    """The options as plain values; a relative path of poses would lead nowhere later."""
-    values = dataclasses.asdict(options)
-    values["poses"] = str(options.poses.resolve()) if options.poses else None
-    return values
 
 
 def summarise(

@@ -55,7 +55,8 @@ def wall_distances(
         return nearest_distances(xy, eyes, floorplan).sum(axis=0)
 
     with ThreadPoolExecutor(workers) as pool:
-        nsd, oriented = sum(pool.map(total_of, _chunks(len(points_cam)))) / len(points_cam)
+        totals = list(pool.map(total_of, _chunks(len(points_cam))))
+    nsd, oriented = np.sum(totals, axis=0) / len(points_cam)
     return WallDistances(
         float(nsd), float(oriented) if np.isfinite(oriented) else np.nan, len(points_cam)
     )

@@ -31,15 +31,17 @@ def find_surfaces(
     """Points and normals of a depth image (h, w) m, turned upright by `upright_from_cam` (4, 4).
 
     `radius_px` is half the baseline of a normal, in pixels of an image 320 px wide.
+
+    Raises:
+        OptionError: the window does not fit the image.
     """
     step = max(1, round(depth.shape[1] / WORKING_WIDTH_PX))
     thin = depth[step // 2 :: step, step // 2 :: step]
     x = ((np.arange(step // 2, depth.shape[1], step) - camera.cx) / camera.fx).astype(np.float32)
     y = ((np.arange(step // 2, depth.shape[0], step) - camera.cy) / camera.fy).astype(np.float32)
     points = np.stack([x[None, :] * thin, y[:, None] * thin, thin], axis=-1)
-    largest = min(thin.shape) // 4
-    near = depth_normals(points, min(radius_px, largest))
-    far = depth_normals(points, min(2 * radius_px, largest))
+    near = depth_normals(points, radius_px)
+    far = depth_normals(points, min(2 * radius_px, min(thin.shape) // 4))
     with np.errstate(invalid="ignore"):
         is_far = (thin > FAR_M) & np.isfinite(far[..., 2])
     normals = np.where(is_far[..., None], far, near)
