@@ -4,6 +4,7 @@ Keypoints are found once a frame and matched once a pair. The matchers of transf
 themselves, from two images; here their detector is replaced by one that hands over those found already.
 """
 
+import importlib
 from threading import Lock
 from typing import Any
 
@@ -23,7 +24,7 @@ def superpoint(weights: str, device: str, max_per_frame: int) -> Detector:
     model = load_model(
         "keypoints.weights", weights, "SuperPointForKeypointDetection", "superpoint", device
     )
-    import torch
+    torch = importlib.import_module("torch")
 
     lock = Lock()
 
@@ -52,7 +53,7 @@ def glue(kind: str, weights: str, device: str) -> Matcher:
     model = load_model("matcher.weights", weights, class_name, kind, device)
     given = _given_keypoints()
     model.keypoint_detector = given
-    import torch
+    torch = importlib.import_module("torch")
 
     lock = Lock()
 
@@ -84,7 +85,7 @@ def glue(kind: str, weights: str, device: str) -> Matcher:
 
 def _given_keypoints() -> Any:
     """A detector that returns what it was given, in the order of SuperPoint's output."""
-    import torch
+    torch = importlib.import_module("torch")
 
     class Given(torch.nn.Module):
         found: tuple = ()

@@ -1,5 +1,6 @@
 """Learned models through transformers: loaded by hub name or folder, or a message that says why not."""
 
+import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,8 +25,8 @@ def load_model(option: str, weights: str, class_name: str, model_type: str, devi
         OptionError: the library or the weights cannot be had, are of another kind, or incomplete.
     """
     try:
-        import torch  # noqa: F401  (transformers loads without it, and fails later)
-        import transformers
+        importlib.import_module("torch")  # transformers loads without it, and fails later
+        transformers = importlib.import_module("transformers")
     except ImportError as error:
         raise OptionError(
             f"{option}: expected transformers and torch for learned keypoints, found no module "
