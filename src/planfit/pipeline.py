@@ -23,7 +23,7 @@ from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.options import RefineOptions
 from planfit.place import claimed_place, place
-from planfit.prepare import Clock, prepare
+from planfit.prepare import Clock, Seen, look_through, prepare
 from planfit.scan import Scan
 from planfit.structure import Gravity, Structure
 from planfit.work import Work
@@ -69,6 +69,7 @@ def refine(
     floorplan: Floorplan,
     options: RefineOptions | None = None,
     work: Work | None = None,
+    seen: Seen | None = None,
 ) -> RefineResult:
     """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan.
 
@@ -77,6 +78,8 @@ def refine(
         floorplan: wall faces, in metres or in a unit that is found here.
         options: defaults to what works best.
         work: threads, cache and progress; by default nothing is kept and nothing is said.
+        seen: what `look_through` saw in this scan with the same options of structure and matching, where
+            one scan is refined in many ways.
 
     Raises:
         ScanError: a file of the scan cannot be used.
@@ -89,8 +92,9 @@ def refine(
         work = dataclasses.replace(work, cache_dir=None)  # nothing tells one such scan from another
     clock = Clock(work)
 
-    prepared = prepare(scan, options, work, clock)
-    gravity, structure, matches = prepared.gravity, prepared.structure, prepared.matches
+    seen = seen or look_through(scan, options, work, clock)
+    gravity, structure, matches = seen.gravity, seen.structure, seen.matches
+    prepared = prepare(scan, seen, options, clock)
     held_out, keyframes, evidence = prepared.held_out, prepared.keyframes, prepared.evidence
     level, level_from_keys = prepared.level_from_world, prepared.level_from_keys
     recorded = level @ scan.world_from_cams

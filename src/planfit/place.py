@@ -19,7 +19,7 @@ from planfit.errors import FloorplanError, require_plain_numbers
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.options import RefineOptions
-from planfit.prepare import Clock, Prepared, prepare
+from planfit.prepare import Clock, Prepared, look_through, prepare
 from planfit.scan import Scan
 from planfit.structure import Structure
 from planfit.work import Work
@@ -39,7 +39,8 @@ def align_scan(
     require_plain_numbers(options)
     if not scan.fingerprint:
         work = dataclasses.replace(work, cache_dir=None)
-    prepared = prepare(scan, options, work, Clock(work))
+    clock = Clock(work)
+    prepared = prepare(scan, look_through(scan, options, work, clock), options, clock)
     claimed = claimed_place(scan, floorplan, prepared.level_from_world)
     alignment = place(prepared, floorplan, options.align, claimed)
     if alignment is None:

@@ -41,12 +41,18 @@ class Clock:
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """What a scan says before a plan is looked at: levelled, matched, loops closed."""
+class Seen:
+    """What the images of a scan show, before anything is solved."""
 
     gravity: Gravity
     structure: Structure
     matches: Matches
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What a scan says before a plan is looked at: levelled, matched, loops closed."""
+
     held_out: Matches
     """Matches kept out of the solve."""
     keyframes: Keyframes
@@ -56,8 +62,8 @@ class Prepared:
     level_from_keys: np.ndarray  # (k, 4, 4) keyframes, loops closed
 
 
-def prepare(scan: Scan, options: RefineOptions, work: Work, clock: Clock) -> Prepared:
-    """Everything that needs no plan: gravity, floor and walls, matches, closed loops."""
+def look_through(scan: Scan, options: RefineOptions, work: Work, clock: Clock) -> Seen:
+    """Everything that takes the images: gravity, floor and walls, matches."""
     with clock.stage("level"):
         gravity = find_gravity(scan, options.structure.gravity, work)
     with clock.stage("floor and walls"):
@@ -65,7 +71,13 @@ def prepare(scan: Scan, options: RefineOptions, work: Work, clock: Clock) -> Pre
     with clock.stage("matching"):
         odometry = make_odometry(scan.world_from_cams, options.odometry)
         matches = find_matches(scan, odometry, options.matching, work)
+    return Seen(gravity, structure, matches)
 
+
+def prepare(scan: Scan, seen: Seen, options: RefineOptions, clock: Clock) -> Prepared:
+    """The rest of what needs no plan: matches held out, keyframes, closed loops."""
+    gravity, structure, matches = seen.gravity, seen.structure, seen.matches
+    odometry = make_odometry(scan.world_from_cams, options.odometry)
     rng = np.random.default_rng(options.seed)
     solving, held_out = checks.hold_out(matches, options.held_out_share, rng)
     keyframes = choose_keyframes(scan.world_from_cams, options.adjust.keyframes, matches.sharpness)
@@ -77,6 +89,4 @@ def prepare(scan: Scan, options: RefineOptions, work: Work, clock: Clock) -> Pre
         with clock.stage("close loops"):
             closed = close_loops(evidence, level_from_keys, options.adjust)
             level_from_keys = closed.target_from_cams
-    return Prepared(
-        gravity, structure, matches, held_out, keyframes, evidence, level, level_from_keys
-    )
+    return Prepared(held_out, keyframes, evidence, level, level_from_keys)

@@ -12,6 +12,7 @@ from planfit.adjust.options import AdjustOptions as AdjustOptions
 from planfit.adjust.options import KeyframeOptions as KeyframeOptions
 from planfit.adjust.paper import paper_options as paper_options
 from planfit.adjust.refit_scale import refit_scale as refit_scale
+from planfit.adjust.sgd import PaperWeights as PaperWeights
 from planfit.adjust.solver import Solution as Solution
 from planfit.adjust.ties import Ties as Ties
 from planfit.adjust.ties import costs as costs

@@ -63,6 +63,8 @@ class WallsPulled:
     """Associations made."""
     settled: bool
     """Whether the last association did not change any more."""
+    iterations: int
+    """Rounds of reweighting, or steps of a descent, of all solves together."""
     weakly_held: tuple[str, ...] = ()
     """What nothing but the recorded motion, or nothing at all, holds: a sentence each."""
     covariances: np.ndarray | None = None
@@ -89,7 +91,7 @@ def pull_walls(
         options: see there.
     """
     n = len(plan_from_cams)
-    rounds, settled = 0, False
+    rounds, settled, iterations = 0, False, 0
     problem: PlanProblem | None = None
     solution: Solution | None = None
     ties: Ties | None = None
@@ -101,6 +103,7 @@ def pull_walls(
             rounds += 1
             problem = make_problem(evidence, ties, plan_from_cams, options)
             solution = solve_problem(problem, options)
+            iterations += solution.iterations
             plan_from_cams = solution.target_from_cams[:n]
             again = tie(evidence, floorplan, plan_from_cams, distance_m, options, ceilings_m)
             settled = again.is_same(ties)
@@ -120,6 +123,7 @@ def pull_walls(
         offset_sigmas_m,
         rounds,
         settled,
+        iterations,
         describe_support(evidence, ties, plan_from_cams, options),
         covariances(problem.terms, unknowns, every) if options.covariances else None,
     )

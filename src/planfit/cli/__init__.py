@@ -24,6 +24,7 @@ commands:
   export OUT --to KIND -o FILE       write poses for other programs: tum, kitti, open3d, g2o, ply, colmap, ...
   demo [-o OUT]                      make a synthetic scan, drift it, refine it, and compare with the truth
   synth OUT                          write a synthetic scan with its plan and its truth
+  bench paper|page|compare           measure the paper's tables on synthetic scans; compare two results
 
 'planfit COMMAND --help' lists the options of a command.
 exit codes: 0 done; 1 done, but not better than before or not surely placed; 2 bad input; 130 stopped
@@ -44,7 +45,7 @@ def run(argv: Sequence[str]) -> int:
     if name in ("-V", "--version"):
         print(__version__)
         return EXIT_OK
-    loaders: dict[str, Callable[[], tuple[type, Callable[[Any], int]]]] = {
+    loaders: dict[str, Callable[[], tuple[Any, Callable[[Any], int]]]] = {
         "refine": _load_refine,
         "align": _load_align,
         "inspect": _load_inspect,
@@ -53,6 +54,7 @@ def run(argv: Sequence[str]) -> int:
         "export": _load_export,
         "demo": _load_demo,
         "synth": _load_synth,
+        "bench": _load_bench,
     }
     if name not in loaders:
         print(f"planfit: unknown command {name!r}; known: {', '.join(loaders)}", file=sys.stderr)
@@ -70,19 +72,20 @@ def run(argv: Sequence[str]) -> int:
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         kept = "finished stages are kept, the same command goes on from there"
-        print(f"planfit: stopped; {kept if name == 'refine' else 'nothing of it is kept'}",
+        print(f"planfit: stopped; {kept if name in ('refine', 'bench') else 'nothing of it is kept'}",
               file=sys.stderr)  # fmt: skip
         return EXIT_INTERRUPTED
 
 
-def _parse(arguments_type: type, name: str, argv: list[str]) -> Any:
+def _parse(arguments_type: Any, name: str, argv: list[str]) -> Any:
     """Arguments of a command; those of --preset and of the TOML file of --config come before the flags."""
     import tyro
 
     from planfit.cli.config import read_options
 
     default = None
-    fields = {field.name: field for field in dataclasses.fields(arguments_type)}
+    is_plain = dataclasses.is_dataclass(arguments_type)  # else a choice of subcommands
+    fields = {f.name: f for f in dataclasses.fields(arguments_type)} if is_plain else {}
     preset_name, config = _value_of(argv, "--preset"), _value_of(argv, "--config")
     if "config" in fields and (preset_name or config):
         from planfit.presets import preset
@@ -96,9 +99,10 @@ def _parse(arguments_type: type, name: str, argv: list[str]) -> Any:
             if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
         }
         default = arguments_type(**required, options=options)
-    return tyro.cli(
-        arguments_type, prog=f"planfit {name}", args=argv, default=default, use_underscores=False
-    )
+    prog = f"planfit {name}"
+    if default is None:
+        return tyro.cli(arguments_type, prog=prog, args=argv, use_underscores=False)
+    return tyro.cli(arguments_type, prog=prog, args=argv, default=default, use_underscores=False)
 
 
 def _value_of(argv: list[str], flag: str) -> str | None:
@@ -153,6 +157,12 @@ def _load_demo() -> tuple[type, Callable[[Any], int]]:
     from planfit.cli.demo import DemoArguments, demo_command
 
     return DemoArguments, demo_command
+
+
+def _load_bench() -> tuple[Any, Callable[[Any], int]]:
+    from planfit.cli.bench import BenchArguments, bench_command
+
+    return BenchArguments, bench_command
 
 
 def _load_synth() -> tuple[type, Callable[[Any], int]]:

@@ -5,7 +5,9 @@ Each figure is defined in docs/metrics.md.
 
 from planfit.evaluate.figures import EvaluateOptions as EvaluateOptions
 from planfit.evaluate.figures import Figure as Figure
+from planfit.evaluate.figures import MapJudge as MapJudge
 from planfit.evaluate.figures import Truth as Truth
+from planfit.evaluate.figures import make_map_judge as make_map_judge
 from planfit.evaluate.figures import map_figures as map_figures
 from planfit.evaluate.figures import surface_figures as surface_figures
 from planfit.evaluate.figures import trajectory_figures as trajectory_figures

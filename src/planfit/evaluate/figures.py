@@ -7,9 +7,9 @@ import numpy as np
 
 from planfit.evaluate.layers import LayerOptions, wall_layers
 from planfit.evaluate.map_quality import map_quality
-from planfit.evaluate.orthogonal import find_orthogonal_sets, mom_m2
+from planfit.evaluate.orthogonal import OrthogonalSets, find_orthogonal_sets, mom_m2
 from planfit.evaluate.plan_distance import floor_flatness, wall_distances
-from planfit.evaluate.sampling import MapOptions, sample_depth_maps
+from planfit.evaluate.sampling import MapOptions, MapSample, sample_depth_maps
 from planfit.evaluate.trajectory import position_errors, step_errors
 from planfit.evaluate.truth_cloud import TrueCloud, nearest_neighbours
 from planfit.floorplan import Floorplan
@@ -147,23 +147,60 @@ def map_figures(
     Raises:
         ScanError: a depth image cannot be used.
     """
-    sample = sample_depth_maps(scan, options, work)
-    sets = find_orthogonal_sets(sample, options.radius_m, options.mom_frames)
+    judge = make_map_judge(scan, options, work, truth)
     values = []
     for k, poses in enumerate((before, after)):
         work.report("map", k, 2)
-        points = sample.placed(poses)
-        quality = map_quality(points, options.radius_m, work.workers)
-        nnd = np.nan
-        if truth is not None:
-            nnd = nearest_neighbours(points, truth, workers=work.workers).nnd_m
-        values.append((quality.mme, quality.mpv_m2, mom_m2(sets, quality), nnd))
+        values.append(judge.values(poses, work.workers))
     work.report("map", 2, 2)
-    (mme, mpv, mom, nnd), (mme_after, mpv_after, mom_after, nnd_after) = values
     figures = [
-        Figure("mme", "mean map entropy (MME)", "1", mme, mme_after),
-        Figure("mpv", "mean plane variance (MPV)", "cm^2", 1e4 * mpv, 1e4 * mpv_after),
-        Figure("mom", "mutually orthogonal metric (MOM)", "cm^2", 1e4 * mom, 1e4 * mom_after),
-        Figure("nnd", "distance to the true scan (NND), mean", "cm", 100 * nnd, 100 * nnd_after),
+        Figure(name, meaning, unit, values[0][name], values[1][name])
+        for name, (meaning, unit) in MAP_FIGURES.items()
     ]
     return [f for f in figures if np.isfinite(f.before) and np.isfinite(f.after)]
+
+
+MAP_FIGURES = {
+    "mme": ("mean map entropy (MME)", "1"),
+    "mpv": ("mean plane variance (MPV)", "cm^2"),
+    "mom": ("mutually orthogonal metric (MOM)", "cm^2"),
+    "nnd": ("distance to the true scan (NND), mean", "cm"),
+}
+"""Meaning and unit of the figures of a map."""
+
+
+@dataclass(frozen=True)
+class MapJudge:
+    """The points of a scan, by which the maps of any poses are judged alike."""
+
+    sample: MapSample
+    sets: tuple[OrthogonalSets, ...]
+    radius_m: float
+    truth: TrueCloud | None
+
+    def values(self, target_from_cams: np.ndarray, workers: int = 1) -> dict[str, float]:
+        """Figures of `MAP_FIGURES` at poses (n, 4, 4), in the truth's frame; NaN where there is none."""
+        points = self.sample.placed(target_from_cams)
+        quality = map_quality(points, self.radius_m, workers)
+        nnd_m = np.nan
+        if self.truth is not None:
+            nnd_m = nearest_neighbours(points, self.truth, workers=workers).nnd_m
+        return {
+            "mme": quality.mme,
+            "mpv": 1e4 * quality.mpv_m2,
+            "mom": 1e4 * mom_m2(self.sets, quality),
+            "nnd": 100 * nnd_m,
+        }
+
+
+def make_map_judge(
+    scan: Scan, options: MapOptions, work: Work, truth: TrueCloud | None = None
+) -> MapJudge:
+    """Read the points that maps of a scan are judged by.
+
+    Raises:
+        ScanError: a depth image cannot be used.
+    """
+    sample = sample_depth_maps(scan, options, work)
+    sets = find_orthogonal_sets(sample, options.radius_m, options.mom_frames)
+    return MapJudge(sample, sets, options.radius_m, truth)

@@ -30,8 +30,13 @@ def drift_poses(
         [options.tilt_share, options.tilt_share, 1.0]
     )
     shift_spread = options.shift_m * np.array([1.0, 1.0, options.vertical_share])
-    turns = se3.exp_so3(rng.normal(size=(n - 1, 3)) * turn_spread @ axes.T)
-    shifts = rng.normal(size=(n - 1, 3)) * shift_spread @ axes.T
+    turn = rng.normal(size=(n - 1, 3)) * turn_spread
+    shift = rng.normal(size=(n - 1, 3)) * shift_spread
+    if options.jumps_per_100_frames > 0:
+        jumps = rng.random(n - 1) < options.jumps_per_100_frames / 100
+        turn[jumps, 2] += rng.normal(size=jumps.sum()) * np.deg2rad(options.jump_yaw_deg)
+        shift[jumps, :2] += rng.normal(size=(jumps.sum(), 2)) * options.jump_m
+    turns, shifts = se3.exp_so3(turn @ axes.T), shift @ axes.T
     centres = world_from_cams[:-1, :3, 3]
     about_camera = centres - (turns @ centres[..., None])[..., 0]
     errors = se3.make_transform(turns, about_camera + shifts)

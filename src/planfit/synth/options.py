@@ -242,9 +242,16 @@ class DriftOptions:
     """Standard deviation of the shift along each horizontal axis, per frame."""
     vertical_share: float = 0.3
     """The same along the vertical, as a share of `shift_m`."""
+    jumps_per_100_frames: float = 0.0
+    """How often tracking jumps, on average; a jump is a motion's error besides the random walk."""
+    jump_m: float = 0.1
+    """Standard deviation of a jump along each horizontal axis."""
+    jump_yaw_deg: float = 1.0
+    """Standard deviation of a jump's turn about the vertical."""
 
     def __post_init__(self) -> None:
-        values = (self.yaw_deg, self.tilt_share, self.shift_m, self.vertical_share)
+        values = (self.yaw_deg, self.tilt_share, self.shift_m, self.vertical_share,
+                  self.jumps_per_100_frames, self.jump_m, self.jump_yaw_deg)  # fmt: skip
         require(all(math.isfinite(v) and v >= 0 for v in values),
                 f"drift: expected finite numbers, none below 0, found {values}")  # fmt: skip
 

@@ -1,0 +1,146 @@
+"""One scan of the benchmark, made ready to be refined in many ways, and the figures of each."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from planfit.bench.results import Measured
+from planfit.bench.scans import BenchScan
+from planfit.bench.variants import Variant
+from planfit.errors import PlanfitError, ScanError
+from planfit.evaluate import (
+    MapJudge,
+    MapOptions,
+    floor_flatness,
+    make_map_judge,
+    make_true_cloud,
+    position_errors,
+    sample_depth_maps,
+    wall_distances,
+    wall_layers,
+)
+from planfit.floorplan import Floorplan, read_floorplan
+from planfit.options import RefineOptions
+from planfit.pipeline import refine
+from planfit.prepare import Clock, Seen, look_through
+from planfit.scan import Scan, read_scan, read_tum
+from planfit.synth import NoDepthNoise, drawn_plan, make_scan
+from planfit.work import Work
+
+MAP = MapOptions(frame_step=2)
+"""Points that maps are judged by: of every second frame, one in a voxel of 5 cm, radius 0.2 m."""
+_TRUE_FRAME_STEP = 5
+_TRUE_SPACING_M = 0.03
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scan, what is seen in it, and the truth about it."""
+
+    set_name: str
+    name: str
+    scan: Scan
+    floorplan: Floorplan
+    lambda_walls: float
+    true_plan_from_cams: np.ndarray  # (n, 4, 4)
+    seen: Seen
+    judge: MapJudge
+
+
+def load_case(bench_scan: BenchScan, work: Work) -> Case:
+    """Render a synthetic scan, look through it, and take the points it is judged by."""
+    synthetic = make_scan(bench_scan.synth)
+    plan = synthetic.floorplan
+    if bench_scan.habits is not None:
+        rng = np.random.default_rng([bench_scan.synth.seed, 1])
+        plan = drawn_plan(synthetic.building, bench_scan.habits, rng)
+    clean = make_scan(replace(bench_scan.synth, depth_noise=NoDepthNoise()))
+    true_map = replace(MAP, frame_step=_TRUE_FRAME_STEP, voxel_m=_TRUE_SPACING_M)
+    points = sample_depth_maps(clean.scan, true_map, work).placed(synthetic.true_plan_from_cams)
+    cloud = make_true_cloud(_thinned(points, _TRUE_SPACING_M), normal_radius_m=0.1)
+    scan = synthetic.scan
+    return Case(
+        set_name=bench_scan.set_name,
+        name=bench_scan.name,
+        scan=scan,
+        floorplan=plan,
+        lambda_walls=bench_scan.lambda_walls,
+        true_plan_from_cams=synthetic.true_plan_from_cams,
+        seen=look_through(scan, RefineOptions(), work, Clock(work)),
+        judge=make_map_judge(scan, MAP, work, cloud),
+    )
+
+
+def load_real_case(folder: Path, work: Work) -> Case:
+    """A scan in files whose format records poses in the plan's axes, with its plan and `groundtruth.tum`.
+
+    Raises:
+        ScanError: a file is missing, or the scan's axes are not those of its plan.
+        FloorplanError: the plan cannot be read.
+    """
+    scan = read_scan(folder)
+    if scan.floorplan_path is None or scan.plan_from_world_axes is None:
+        raise ScanError(
+            f"{folder}: expected a scan with its floorplan, in the plan's axes (FACaP layout), found "
+            "another; give a folder with floorplan.npy and poses in its axes"
+        )
+    times, poses = read_tum(folder / "groundtruth.tum")
+    if len(times) != len(scan):
+        raise ScanError(
+            f"{folder / 'groundtruth.tum'}: expected a pose of each of {len(scan)} frames, found "
+            f"{len(times)}"
+        )
+    return Case(
+        set_name="real",
+        name=folder.name,
+        scan=scan,
+        floorplan=read_floorplan(scan.floorplan_path),
+        lambda_walls=0.5,
+        true_plan_from_cams=scan.plan_from_world_axes @ poses,
+        seen=look_through(scan, RefineOptions(), work, Clock(work)),
+        judge=make_map_judge(scan, replace(MAP, frame_step=1), work),
+    )
+
+
+def measure(case: Case, variant: Variant, work: Work) -> Measured:
+    """Refine a scan in one way, and take all figures. A run that refuses is recorded with its reason."""
+    try:
+        result = refine(
+            case.scan, case.floorplan, variant.options(case.lambda_walls), work, case.seen
+        )
+    except PlanfitError as error:
+        return Measured(case.set_name, case.name, variant.key, {}, failed=str(error))
+    figures: dict[str, float] = {}
+    poses = result.initial_plan_from_cams
+    if variant.change is not None:
+        poses = result.plan_from_cams
+        figures["solve_s"] = result.seconds_by_stage["pull walls"]
+        figures["step_ms"] = 1e3 * figures["solve_s"] / max(1, result.walls.iterations)
+        figures["solve_s"] += result.seconds_by_stage.get("close loops", 0.0)
+    figures |= case.judge.values(poses, work.workers) | _against_plan(case, poses, work.workers)
+    errors = position_errors(poses, case.true_plan_from_cams)
+    figures |= {"ate": errors.rms_m, "ate_aligned": errors.aligned_rms_m}
+    finite = {name: float(value) for name, value in figures.items() if np.isfinite(value)}
+    return Measured(case.set_name, case.name, variant.key, finite, result.doubts)
+
+
+def _against_plan(case: Case, poses: np.ndarray, workers: int) -> dict[str, float]:
+    structure = case.seen.structure
+    walls = wall_distances(structure, case.floorplan, poses, workers)
+    floor = floor_flatness(structure, poses)
+    figures = {"double_walls": 100 * wall_layers(structure.walls, poses).double_share}
+    if walls is not None:
+        figures |= {"nsd": 100 * walls.nsd_m, "nsd_oriented": 100 * walls.oriented_nsd_m}
+    if floor is not None:
+        figures["floor_plane_rms"] = 100 * floor.plane_rms_m
+    return figures
+
+
+def _thinned(points: np.ndarray, spacing_m: float) -> np.ndarray:
+    """One point (k, 3) of each cube of `spacing_m`."""
+    cells = np.floor(points / spacing_m).astype(np.int64)
+    cells -= cells.min(axis=0)
+    size = cells.max(axis=0) + 1
+    flat = np.ravel_multi_index(tuple(cells.T), tuple(size))
+    return points[np.sort(np.unique(flat, return_index=True)[1])]

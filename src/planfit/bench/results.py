@@ -1,0 +1,90 @@
+"""What was measured, in a JSON file that grows while the benchmark runs."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from planfit.errors import OutputError
+
+FIGURES = {
+    "mme": "1",
+    "mpv": "cm^2",
+    "mom": "cm^2",
+    "nnd": "cm",
+    "nsd": "cm",
+    "nsd_oriented": "cm",
+    "floor_plane_rms": "cm",
+    "double_walls": "%",
+    "ate": "m",
+    "ate_aligned": "m",
+    "solve_s": "s",
+    "step_ms": "ms",
+}
+"""Units; lower is better in all."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Figures of one variant on one scan."""
+
+    set_name: str
+    scan: str
+    variant: str
+    """`preset/name`."""
+    figures: dict[str, float]
+    """By the names of `FIGURES`; those that could not be taken are absent."""
+    doubts: tuple[str, ...] = ()
+    """What the run itself said of its result."""
+    failed: str = ""
+    """Why there is no result: the run refused."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything that was measured."""
+
+    planfit: str
+    """Version."""
+    conditions: str
+    """What the machine was, and how the figures were taken."""
+    measured: tuple[Measured, ...]
+
+    def figures_of(self, variant: str, set_name: str | None = None) -> dict[str, dict[str, float]]:
+        """Figures of a variant by scan, for all sets or for one."""
+        return {
+            m.scan: m.figures
+            for m in self.measured
+            if m.variant == variant and set_name in (None, m.set_name) and m.figures
+        }
+
+    def write(self, path: Path) -> None:
+        """Write the file as a whole, or leave the old one."""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part = path.with_name(path.name + ".part")
+            part.write_text(json.dumps(asdict(self), indent=1, allow_nan=False) + "\n")
+            part.replace(path)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def read_results(path: Path) -> Results:
+    """Read what `Results.write` wrote.
+
+    Raises:
+        OutputError: the file is missing, or another.
+    """
+    try:
+        values = json.loads(path.read_text())
+        measured = tuple(
+            Measured(**{**row, "doubts": tuple(row["doubts"])}) for row in values.pop("measured")
+        )
+        return Results(**values, measured=measured)
+    except OSError as error:
+        raise OutputError(
+            f"{path}: expected results of 'planfit bench paper', cannot be read ({error.strerror})"
+        ) from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise OutputError(
+            f"{path}: expected results of 'planfit bench paper', found another file ({error})"
+        ) from error

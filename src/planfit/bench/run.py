@@ -1,0 +1,82 @@
+"""All variants on all scans. What is already measured is not measured again."""
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from planfit.bench.measure import Case, load_case, load_real_case, measure
+from planfit.bench.results import Measured, Results, read_results
+from planfit.bench.scans import BenchScan
+from planfit.bench.variants import VARIANTS, Variant
+from planfit.errors import OutputError
+from planfit.work import Work
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """What is run, and where it is kept."""
+
+    out: Path
+    """JSON file of results; scans that it has are left as they are."""
+    scans: tuple[BenchScan, ...]
+    real: tuple[Path, ...] = ()
+    """Folders of real scans with their plan and `groundtruth.tum`."""
+    variants: tuple[Variant, ...] = VARIANTS
+
+
+def run_bench(
+    options: BenchOptions,
+    planfit: str,
+    conditions: str,
+    work: Work,
+    on_measured: Callable[[Measured], None],
+) -> Results:
+    """Measure what is not yet in the file, scan by scan; the file is written after each figure.
+
+    Args:
+        options: what is run.
+        planfit: version, for the record; results of another version are not added to.
+        conditions: the machine, for the record.
+        work: threads and progress; finished stages are kept in `OUT.cache` until their scan is done.
+        on_measured: told of each result.
+
+    Raises:
+        OutputError: the file has results of another version.
+        ScanError: a real scan cannot be used.
+    """
+    results = Results(planfit, conditions, ())
+    if options.out.exists():
+        results = read_results(options.out)
+        if results.planfit != planfit:
+            raise OutputError(
+                f"{options.out}: expected results of planfit {planfit}, found those of "
+                f"{results.planfit}; choose another file with -o"
+            )
+    cache = options.out.with_name(options.out.name + ".cache")
+    work = replace(work, cache_dir=cache)
+    for name, load in _loaders(options.scans, options.real):
+        missing = _missing(results, name, options.variants)
+        if not missing:
+            continue
+        case = load(work)
+        for variant in missing:
+            measured = measure(case, variant, work)
+            results = replace(results, measured=(*results.measured, measured))
+            results.write(options.out)
+            on_measured(measured)
+        shutil.rmtree(cache, ignore_errors=True)
+    return results
+
+
+def _loaders(
+    scans: Sequence[BenchScan], real: Sequence[Path]
+) -> list[tuple[str, Callable[[Work], Case]]]:
+    synthetic = [(scan.name, partial(load_case, scan)) for scan in scans]
+    return [*synthetic, *((path.name, partial(load_real_case, path)) for path in real)]
+
+
+def _missing(results: Results, scan: str, variants: Sequence[Variant]) -> list[Variant]:
+    done = {m.variant for m in results.measured if m.scan == scan}
+    return [variant for variant in variants if variant.key not in done]

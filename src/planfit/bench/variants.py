@@ -1,0 +1,117 @@
+"""What is compared: each row of the paper's three tables, with the paper's cost and with planfit's own."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from planfit.adjust import AdjustOptions, PaperWeights, paper_options
+from planfit.align import AlignOptions
+from planfit.options import RefineOptions
+
+Preset = Literal["paper", "default"]
+Change = Callable[[AdjustOptions], AdjustOptions]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to refine a scan."""
+
+    preset: Preset
+    name: str
+    change: Change | None
+    """What it alters in the preset's adjustment; None leaves the scan where it was placed, unadjusted."""
+    paper_alignment: bool = False
+    """Whether the scan is placed as the paper does. Else all variants search, so that they differ in their
+    adjustment alone."""
+
+    @property
+    def key(self) -> str:
+        """Name in files: `preset/name`."""
+        return f"{self.preset}/{self.name}"
+
+    def options(self, lambda_walls: float) -> RefineOptions:
+        """Options of a run; `lambda_walls` is the paper's weight for scans of this kind."""
+        adjust = AdjustOptions()
+        if self.preset == "paper":
+            adjust = paper_options(PaperWeights(lambda_walls=lambda_walls))
+        if self.change is not None:
+            adjust = self.change(adjust)
+        align = AlignOptions(method="paper" if self.paper_alignment else "search")
+        return RefineOptions(align=align, adjust=adjust)
+
+
+def _without(*terms: str) -> Change:
+    """Without these terms, and without what the paper does not have: ceiling and columns."""
+
+    def change(adjust: AdjustOptions) -> AdjustOptions:
+        off = {name: replace(getattr(adjust, name), weight=0.0) for name in terms}
+        if "floor" in terms:
+            off["ceiling"] = replace(adjust.ceiling, weight=0.0)
+        if "walls" in terms:
+            off["columns"] = replace(adjust.columns, weight=0.0)
+        return replace(adjust, **off)
+
+    return change
+
+
+def _then(*changes: Change) -> Change:
+    def change(adjust: AdjustOptions) -> AdjustOptions:
+        for one in changes:
+            adjust = one(adjust)
+        return adjust
+
+    return change
+
+
+def _nearest_point(adjust: AdjustOptions) -> AdjustOptions:
+    return replace(adjust, wall_strategy="nearest-point")
+
+
+def _iterative(adjust: AdjustOptions) -> AdjustOptions:
+    return replace(adjust, wall_strategy="iterative")
+
+
+def _faces_turned(adjust: AdjustOptions) -> AdjustOptions:
+    """Faces told apart by the side they look to where the preset does not, and the other way round."""
+    oriented = not adjust.association.oriented
+    return replace(adjust, association=replace(adjust.association, oriented=oriented))
+
+
+def _reprojection(adjust: AdjustOptions) -> AdjustOptions:
+    return replace(adjust, geometric="reprojection")
+
+
+def _rays(adjust: AdjustOptions) -> AdjustOptions:
+    return replace(adjust, geometric="rays")
+
+
+def _bounded(adjust: AdjustOptions) -> AdjustOptions:
+    return replace(adjust, is_bounded=True)
+
+
+def _as_it_is(adjust: AdjustOptions) -> AdjustOptions:
+    return adjust
+
+
+_CHANGES: dict[str, Change] = {
+    "geometric": _without("floor", "walls"),
+    "geometric + floor": _without("walls"),
+    "geometric + walls": _without("floor"),
+    "all": _as_it_is,
+    "nearest point": _then(_without("floor"), _nearest_point),
+    "iterative nearest wall": _then(_without("floor"), _iterative),
+    "fixed nearest wall, faces": _then(_without("floor"), _faces_turned),
+    "reprojection": _reprojection,
+    "ray distance": _rays,
+    "bounded, 3D points": _bounded,
+    "bounded, reprojection": _then(_reprojection, _bounded),
+}
+
+UNADJUSTED = Variant("default", "none", None)
+PAPER_TO_THE_LETTER = Variant("paper", "all, paper's alignment", _as_it_is, paper_alignment=True)
+VARIANTS: tuple[Variant, ...] = (
+    UNADJUSTED,
+    *(Variant("paper", name, change) for name, change in _CHANGES.items()),
+    PAPER_TO_THE_LETTER,
+    *(Variant("default", name, change) for name, change in _CHANGES.items()),
+)
