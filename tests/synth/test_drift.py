@@ -87,3 +87,27 @@ def test_moving_the_world_moves_the_drifted_poses_along():
 def test_negative_spread_is_refused():
     with pytest.raises(OptionError, match="drift"):
         DriftOptions(yaw_deg=-0.1)
+
+
+def test_jumps_are_as_often_and_as_large_as_asked():
+    true = np.tile(np.eye(4), (4001, 1, 1))
+    still = {"yaw_deg": 0.0, "shift_m": 0.0}
+    options = DriftOptions(**still, jumps_per_100_frames=5.0, jump_m=0.2, jump_yaw_deg=3.0)
+    poses = drift_poses(true, options, np.random.default_rng(0), np.array([0, 0, 1.0]))
+    step = se3.inverse(poses[:-1]) @ poses[1:]
+    jumped = np.linalg.norm(step[:, :3, 3], axis=1) > 1e-9
+    assert 150 < jumped.sum() < 250
+    assert np.std(step[jumped, :2, 3]) == pytest.approx(0.2, rel=0.15)
+    turn = np.rad2deg(np.arctan2(step[jumped, 1, 0], step[jumped, 0, 0]))
+    assert np.std(turn) == pytest.approx(3.0, rel=0.15)
+    assert np.abs(step[:, 2, 3]).max() < 1e-9
+
+
+def test_without_jumps_nothing_else_is_drawn():
+    true = np.tile(np.eye(4), (50, 1, 1))
+    up = np.array([0, 0, 1.0])
+    plain, none = (
+        drift_poses(true, options, np.random.default_rng(1), up)
+        for options in (DriftOptions(), DriftOptions(jump_m=9.0, jump_yaw_deg=9.0))
+    )
+    assert np.array_equal(plain, none)

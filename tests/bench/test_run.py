@@ -1,0 +1,107 @@
+"""The benchmark on a tiny scan; what it measures goes through refine and evaluate like a user's scan."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planfit.bench import VARIANTS, BenchOptions, Measured, run_bench, small_scans
+from planfit.bench.measure import load_case, measure
+from planfit.bench.scans import paper_scans
+from planfit.bench.variants import UNADJUSTED
+from planfit.errors import OutputError
+from planfit.evaluate import position_errors
+from planfit.synth import CameraOptions, WalkOptions
+from planfit.work import Work
+
+BY_KEY = {variant.key: variant for variant in VARIANTS}
+
+
+def tiny_scan():
+    scan = small_scans()[0]
+    synth = replace(
+        scan.synth,
+        walk=WalkOptions(n_frames=30),
+        camera=CameraOptions(width_px=200, height_px=150),
+    )
+    return replace(scan, name="tiny", synth=synth)
+
+
+@pytest.fixture(scope="module")
+def tiny():
+    return load_case(tiny_scan(), Work())
+
+
+def options_of(key: str):
+    return BY_KEY[key].options(0.6).adjust
+
+
+def test_each_row_of_the_tables_is_there_once_with_both_presets():
+    assert len(BY_KEY) == len(VARIANTS) == 24
+    for preset in ("paper", "default"):
+        assert options_of(f"{preset}/geometric").floor.weight == 0
+        assert options_of(f"{preset}/geometric").walls.weight == 0
+        assert options_of(f"{preset}/geometric + floor").walls.weight == 0
+        assert options_of(f"{preset}/geometric + floor").floor.weight > 0
+        assert options_of(f"{preset}/geometric + walls").floor.weight == 0
+        assert options_of(f"{preset}/nearest point").wall_strategy == "nearest-point"
+        assert options_of(f"{preset}/iterative nearest wall").wall_strategy == "iterative"
+        assert options_of(f"{preset}/reprojection").geometric == "reprojection"
+        assert options_of(f"{preset}/ray distance").geometric == "rays"
+        assert options_of(f"{preset}/bounded, reprojection").is_bounded
+    sides = [
+        options_of(f"{preset}/{name}").association.oriented
+        for preset in ("paper", "default")
+        for name in ("geometric + walls", "fixed nearest wall, faces")
+    ]
+    assert sides == [False, True, True, False]
+    assert options_of("paper/all").walls.weight == 0.6
+    assert BY_KEY["paper/all, paper's alignment"].options(0.6).align.method == "paper"
+
+
+def test_ten_scans_in_two_sets():
+    scans = paper_scans()
+    assert len({scan.name for scan in scans}) == 10
+    assert len({scan.synth.seed for scan in scans}) == 10
+    for name, has_true_plan in (("redwood-like", True), ("phone-like", False)):
+        of_set = [scan for scan in scans if scan.set_name == name]
+        assert len(of_set) == 5
+        assert all((scan.habits is None) == has_true_plan for scan in of_set)
+        assert {4, 10} <= {scan.synth.building.n_rooms for scan in of_set}
+
+
+def test_figures_of_a_variant(tiny):
+    none, default = (measure(tiny, v, Work()) for v in (UNADJUSTED, BY_KEY["default/all"]))
+    assert "solve_s" not in none.figures
+    assert default.figures["ate"] < 0.5 * none.figures["ate"]
+    assert default.figures["mme"] < none.figures["mme"]
+    assert default.figures["nsd"] < none.figures["nsd"]
+    assert default.figures["step_ms"] > 0
+
+
+def test_truth_has_the_smallest_distance_to_the_true_scan(tiny):
+    true = tiny.judge.values(tiny.true_plan_from_cams)
+    off = tiny.true_plan_from_cams.copy()
+    off[15:, 0, 3] += 0.1
+    assert true["nnd"] < 2.0
+    assert tiny.judge.values(off)["nnd"] > true["nnd"] + 0.5
+    assert position_errors(off, tiny.true_plan_from_cams).rms_m == pytest.approx(
+        0.1 / np.sqrt(2), abs=0.005
+    )
+
+
+def test_a_run_that_stopped_goes_on(tmp_path: Path):
+    variants = (UNADJUSTED, BY_KEY["default/all"])
+    options = BenchOptions(tmp_path / "out.json", (tiny_scan(),), variants=variants[:1])
+    told: list[Measured] = []
+    first = run_bench(options, "1", "here", Work(), told.append)
+    assert [m.variant for m in told] == ["default/none"]
+    both = run_bench(replace(options, variants=variants), "1", "here", Work(), told.append)
+    assert [m.variant for m in told] == ["default/none", "default/all"]
+    assert both.measured[0] == first.measured[0]
+    assert [p.name for p in tmp_path.iterdir()] == ["out.json"]
+    run_bench(replace(options, variants=variants), "1", "here", Work(), told.append)
+    assert len(told) == 2
+    with pytest.raises(OutputError, match="results of planfit 2, found those of 1"):
+        run_bench(options, "2", "here", Work(), told.append)
