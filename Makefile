@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check format bench clean
+.PHONY: demo test check format bench tables clean
 
 demo: $(VENV)/installed
 	$(BIN)/planfit demo -o demo
@@ -24,6 +24,11 @@ format: $(VENV)/installed-dev
 
 bench: $(VENV)/installed-bench
 	$(BIN)/python benchmarks/run.py
+
+# The paper's tables: about an hour on 2 cores; goes on where it stopped. REAL= folders of real scans.
+tables: $(VENV)/installed
+	$(BIN)/planfit bench paper -o benchmarks/results/paper.json $(if $(REAL),--real $(REAL)) \
+		--page docs/results.md
 
 clean:
 	rm -rf $(VENV) demo
