@@ -1,13 +1,15 @@
-"""Write docs/options.md and docs/command-line.md from the dataclasses that the command line is made of.
+"""Write the pages of docs/ that say what the code says: options, commands, and formats of scans.
 
-`python docs/reference.py` writes both; a test fails where they are not as they would be written.
+`python docs/reference.py` writes them; a test fails where they are not as they would be written.
 """
 
 import dataclasses
+import inspect
 import re
 import types
 import typing
 from enum import Enum
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from planfit.evaluate import EvaluateOptions
 from planfit.options import RefineOptions
 from planfit.presets import PRESETS
 from planfit.scan import ScanOptions
+from planfit.scan.read import READERS
 from planfit.synth import SynthOptions
 
 DOCS = Path(__file__).parent
@@ -271,11 +274,36 @@ def commands_page() -> str:
     return tidy(lines)
 
 
-PAGES = {"options.md": options_page, "command-line.md": commands_page}
+def scans_page() -> str:
+    """docs/scan-formats.md: what each reader says of its format."""
+    lines = [
+        NOTE.replace("docstrings of the options", "readers' docstrings"), "", "# Scans", "",
+        "A scan is a folder, a zip archive of one, or a bag. The format is told by what lies in it; "
+        "`--format` names one. `planfit inspect SCAN -o SCAN.png` tells what is found.", "",
+        "All need colour, depth and a pose of each frame. Frames that lack one are left out and named. Poses "
+        "of another tracker take the place of the scan's own with `--poses FILE` (TUM, KITTI, Open3D log). "
+        "Lenses are undone and colour is shrunk when a frame is read. Refined poses are written in the form "
+        "of the scan.", "",
+        "Some need a library more: video (stray) `planfit[video]`, bags `planfit[bag]`, record3d "
+        "`planfit[record3d]`.", "",
+        "| format | told by |", "| --- | --- |",
+    ]  # fmt: skip
+    modules = {name: import_module(f"planfit.scan.{module}") for name, module in READERS.items()}
+    lines += [f"| [{name}](#{name}) | {module.LOOKS_FOR} |" for name, module in modules.items()]
+    for name, module in modules.items():
+        lines += ["", f"## {name}", "", inspect.cleandoc(module.__doc__ or "")]
+    return tidy(lines)
+
+
+PAGES = {
+    "options.md": options_page,
+    "command-line.md": commands_page,
+    "scan-formats.md": scans_page,
+}
 
 
 def main() -> None:
-    """Write both pages."""
+    """Write all pages."""
     for name, page in PAGES.items():
         (DOCS / name).write_text(page(), encoding="utf-8")
         print(f"written: {DOCS / name}")

@@ -26,6 +26,17 @@ def test_modules_named_in_pages_exist(page: Path) -> None:
         assert (ROOT / "src" / "planfit" / name).exists() or (ROOT / name).exists(), name
 
 
+EXAMPLES = {
+    "01_refine_synthetic": r"after: position error 0\.0\d\d m",
+    "02_place_on_plan": r"sure: True.*place 1: .*place 2: ",
+    "03_read_plans": r"plan\.dxf: .*plan\.json: .*plan\.npy: .*plan\.png: .*looks towards",
+    "04_options_and_losses": r"before: .*after, GEMAN_MCCLURE: .*after, SQUARED: ",
+    "05_evaluate_poses": r"position error.*NSD.*MME.*check wall points",
+    "06_own_term": r"with the term: heights 0\.00\d",
+}
+"""What the output of each example must hold."""
+
+
 @pytest.mark.parametrize(
     "example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem
 )
@@ -34,7 +45,15 @@ def test_examples_run(example: Path) -> None:
         [sys.executable, example], capture_output=True, text=True, check=False, timeout=300
     )
     assert done.returncode == 0, done.stderr
-    assert "after:" in done.stdout
+    assert done.stderr == ""
+    assert re.search(EXAMPLES[example.stem], done.stdout, re.DOTALL), done.stdout
+
+
+def test_examples_are_numbered_and_short() -> None:
+    examples = sorted((ROOT / "examples").glob("*.py"))
+    numbers = [int(path.name[:2]) for path in examples]
+    assert numbers == list(range(1, len(examples) + 1))
+    assert max(len(path.read_text().splitlines()) for path in examples) < 60
 
 
 def test_readme_example_has_at_most_eight_lines() -> None:
