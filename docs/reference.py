@@ -230,11 +230,17 @@ def _own(values: Any) -> str:
     return f" (other defaults here: {', '.join(others)})" if others else ""
 
 
+def _some(flag: Flag) -> str:
+    """A value, or a word for one."""
+    choices = typing.get_args(flag.type)
+    return str(choices[0]) if choices else flag.path[-1].upper()
+
+
 def usage(name: str, group: Group) -> str:
     """The shortest command that can work."""
     positional = [flag.name for flag in group.flags if flag.is_positional]
     needed = [
-        f"{flag.aliases[0] if flag.aliases else flag.name} {flag.path[-1].upper()}"
+        f"{flag.aliases[0] if flag.aliases else flag.name} {_some(flag)}"
         for flag in group.flags
         if not flag.is_positional and flag.default is dataclasses.MISSING
     ]
