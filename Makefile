@@ -24,7 +24,7 @@ format: $(VENV)/installed-dev
 
 # The site is in site/index.html; it needs no server and no network. --strict: a broken link is an error.
 docs: $(VENV)/installed-docs
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # Pages that are written from the options, after a change of these.
 reference: $(VENV)/installed-dev
