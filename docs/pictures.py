@@ -36,7 +36,7 @@ MAX_BYTES = 90_000
 """Of a picture: fewer colours, then fewer pixels, until it is as small."""
 
 
-def save(name: str, picture: bytes | Figure) -> None:
+def save(name: str, picture: bytes | Figure, largest_px: int = 1000) -> None:
     """A picture, as a PNG of few colours."""
     if isinstance(picture, Figure):
         buffer = io.BytesIO()
@@ -44,9 +44,9 @@ def save(name: str, picture: bytes | Figure) -> None:
         picture = buffer.getvalue()
     image = Image.open(io.BytesIO(picture)).convert("RGB")
     path = IMAGES / f"pipeline_{name}.png"
-    for side, colors in ((1000, 200), (1000, 100), (800, 100), (800, 50)):
+    for share, colors in ((1.0, 200), (1.0, 100), (0.8, 100), (0.8, 50)):
         small = image.copy()
-        small.thumbnail((side, side), Image.Resampling.LANCZOS)
+        small.thumbnail((int(share * largest_px),) * 2, Image.Resampling.LANCZOS)
         small.quantize(colors, dither=Image.Dither.NONE).save(path, optimize=True)
         if path.stat().st_size < MAX_BYTES:
             break
@@ -162,7 +162,7 @@ def main() -> None:
     sheet = IMAGES / "sheet.png"
     cv2.imwrite(str(sheet), drawing.image)
     plan = planfit.read_floorplan(sheet)
-    save("plan", draw_plan_picture(plan, sheet))
+    save("plan", draw_plan_picture(plan, sheet), 720)
     sheet.unlink()
 
     options, work = planfit.RefineOptions(), Work(2)

@@ -26,6 +26,14 @@ def test_modules_named_in_pages_exist(page: Path) -> None:
         assert (ROOT / "src" / "planfit" / name).exists() or (ROOT / name).exists(), name
 
 
+def test_site_leads_to_every_page() -> None:
+    nav = (ROOT / "mkdocs.yml").read_text().split("\nnav:\n")[1]
+    listed = re.findall(r": (\S+\.md)$", nav, re.MULTILINE)
+    pages = {str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs").rglob("*.md")}
+    assert len(listed) == len(set(listed))
+    assert set(listed) == pages, "add the page to nav in mkdocs.yml"
+
+
 EXAMPLES = {
     "01_refine_synthetic": r"after: position error 0\.0\d\d m",
     "02_place_on_plan": r"sure: True.*place 1: .*place 2: ",
