@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check format bench tables clean
+.PHONY: demo test check format docs reference bench tables clean
 
 demo: $(VENV)/installed
 	$(BIN)/planfit demo -o demo
@@ -12,15 +12,23 @@ test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest
 
 check: $(VENV)/installed-dev
-	$(BIN)/ruff check src tests benchmarks examples
-	$(BIN)/ruff format --check src tests benchmarks examples
+	$(BIN)/ruff check src tests benchmarks examples docs
+	$(BIN)/ruff format --check src tests benchmarks examples docs
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 	$(BIN)/codespell src tests docs benchmarks examples README.md CHANGELOG.md
 
 format: $(VENV)/installed-dev
-	$(BIN)/ruff check --fix src tests benchmarks examples
-	$(BIN)/ruff format src tests benchmarks examples
+	$(BIN)/ruff check --fix src tests benchmarks examples docs
+	$(BIN)/ruff format src tests benchmarks examples docs
+
+# The site is in site/index.html; it needs no server and no network. --strict: a broken link is an error.
+docs: $(VENV)/installed-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+# Pages that are written from the options, after a change of these.
+reference: $(VENV)/installed-dev
+	$(BIN)/python docs/reference.py
 
 bench: $(VENV)/installed-bench
 	$(BIN)/python benchmarks/run.py
@@ -31,7 +39,7 @@ tables: $(VENV)/installed
 		--page docs/results.md
 
 clean:
-	rm -rf $(VENV) demo
+	rm -rf $(VENV) demo site
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -46,4 +54,8 @@ $(VENV)/installed-dev: pyproject.toml | $(VENV)/bin/python
 
 $(VENV)/installed-bench: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
+	touch $@
+
+$(VENV)/installed-docs: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	touch $@

@@ -19,6 +19,7 @@ class LossKind(IntEnum):
     """Shape of a loss beyond its scale."""
 
     SQUARED = kernels.SQUARED
+    """The parabola: no outlier is expected."""
     HUBER = kernels.HUBER
     """Grows linearly: outliers pull, but no harder than inliers at the scale."""
     CAUCHY = kernels.CAUCHY
@@ -35,7 +36,9 @@ class Loss:
     """A loss and the residual, in spreads, at which it leaves the parabola."""
 
     kind: LossKind = LossKind.CAUCHY
+    """Shape beyond the scale."""
     scale: float = 2.0
+    """Residual, in spreads, at which it leaves the parabola."""
 
     def __post_init__(self) -> None:
         require_positive(self, "scale")

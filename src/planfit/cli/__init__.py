@@ -159,13 +159,13 @@ def _load_demo() -> tuple[type, Callable[[Any], int]]:
     return DemoArguments, demo_command
 
 
-def _load_bench() -> tuple[Any, Callable[[Any], int]]:
-    from planfit.cli.bench import BenchArguments, bench_command
-
-    return BenchArguments, bench_command
-
-
 def _load_synth() -> tuple[type, Callable[[Any], int]]:
     from planfit.cli.synth import SynthArguments, synth_command
 
     return SynthArguments, synth_command
+
+
+def _load_bench() -> tuple[Any, Callable[[Any], int]]:
+    from planfit.cli.bench import BenchArguments, bench_command
+
+    return BenchArguments, bench_command

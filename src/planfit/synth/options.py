@@ -121,7 +121,9 @@ class CameraOptions:
     """The camera, and the faults of its colour images."""
 
     width_px: int = 640
+    """Width of colour and depth."""
     height_px: int = 480
+    """Height of both."""
     fov_deg: float = 66.0
     """Horizontal field of view."""
     blur_px: float = 0.5
@@ -163,8 +165,9 @@ class StructuredLightNoise:
     correlation_px: float = 0.8
     """Standard deviation of the Gaussian that errors of neighbouring pixels share; 0 for white."""
     min_range_m: float = 0.4
+    """No reading of anything nearer."""
     max_range_m: float = 6.0
-    """No reading outside these."""
+    """No reading of anything further away."""
     edge_px: int = 2
     """No reading within this distance of a depth edge."""
     max_incidence_deg: float = 82.0
@@ -193,8 +196,9 @@ class TimeOfFlightNoise:
     correlation_px: float = 1.0
     """Standard deviation of the Gaussian that errors of neighbouring pixels share; 0 for white."""
     min_range_m: float = 0.2
+    """No reading of anything nearer."""
     max_range_m: float = 5.0
-    """No reading outside these."""
+    """No reading of anything further away."""
     edge_px: int = 2
     """Within this distance of a depth edge, readings fly between the near and the far surface."""
     edge_hole_share: float = 0.5

@@ -1,0 +1,328 @@
+"""Write the pages of docs/ that say what the code says: options, commands, and formats of scans.
+
+`python docs/reference.py` writes them; a test fails where they are not as they would be written.
+"""
+
+import dataclasses
+import inspect
+import re
+import types
+import typing
+from enum import Enum
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from flags import Flag, Group, group_of, one_line
+from planfit import cli
+from planfit.cli.plan_flags import PlanFlags
+from planfit.evaluate import EvaluateOptions
+from planfit.options import RefineOptions
+from planfit.presets import PRESETS
+from planfit.scan import ScanOptions
+from planfit.scan.read import READERS
+from planfit.synth import SynthOptions
+
+DOCS = Path(__file__).parent
+NOTE = (
+    "<!-- Written by `python docs/reference.py`; change the docstrings of the options instead. -->"
+)
+COMPUTED = {"workers": "as many as the machine has processors"}
+"""Defaults that are found when a command runs."""
+WORDS = {int: "INT", float: "FLOAT", str: "STR", Path: "PATH"}
+
+SHARED = {
+    ScanOptions: "[how a scan is read](#reading-a-scan)",
+    PlanFlags: "[how a plan is read](#reading-a-plan)",
+    RefineOptions: "every [option](options.md)",
+    EvaluateOptions: "[what is measured](#figures-of-evaluate)",
+    SynthOptions: "[the synthetic scan](#synthetic-scans)",
+}
+"""Groups of flags that several commands have, and where they are listed."""
+SECTIONS: dict[str, tuple[str, type]] = {
+    "Reading a scan": ("", ScanOptions),
+    "Reading a plan": ("", PlanFlags),
+    "Figures of evaluate": ("", EvaluateOptions),
+    "Synthetic scans": ("", SynthOptions),
+}
+
+
+def takes(hint: Any) -> str:
+    """What is written behind a flag: `FLOAT`, `{a,b}`, `[STR ...]`."""
+    if hint is bool:
+        return ""
+    if hint in WORDS:
+        return WORDS[hint]
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return "{" + ",".join(member.name for member in hint) + "}"
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is typing.Literal:
+        return "{" + ",".join(str(value) for value in inner) + "}"
+    if origin is tuple and inner[-1] is Ellipsis:
+        return f"[{takes(inner[0])} ...]"
+    if origin is tuple:
+        return " ".join(takes(one) for one in inner)
+    if origin in (typing.Union, types.UnionType):
+        # Readers of the page need not be told that nothing is a value: it is the default.
+        return "|".join(takes(one) for one in inner if one is not type(None))
+    raise TypeError(
+        f"{hint}: expected a kind of value that the reference can name; add it to takes"
+    )
+
+
+def shown(value: Any) -> str:
+    """A default, in words or as code."""
+    if value is None or value in ((), ""):
+        return "none"
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, Enum):
+        return f"`{value.name}`"
+    if isinstance(value, tuple):
+        return "`" + " ".join(f"{one}" for one in value) + "`"
+    return f"`{value}`"
+
+
+def item(flag: Flag, presets: dict[str, Any] | None = None) -> str:
+    """One line of a list: the flag, what it means, its default, and what presets have in its place."""
+    names = [flag.name, *flag.aliases]
+    if flag.type is bool:
+        own = flag.path[-1].replace("_", "-")
+        names.append(f"--{flag.prefix}no-{own}")
+    value = "" if flag.is_positional else takes(flag.type)
+    head = ", ".join(f"`{one}`" for one in names) + (f" `{value}`" if value else "")
+    if flag.default is dataclasses.MISSING:
+        said = "" if flag.is_positional else "Must be given."
+    elif flag.is_computed and flag.path[-1] in COMPUTED:
+        said = f"Default: {COMPUTED[flag.path[-1]]}."
+    else:
+        said = f"Default: {shown(flag.default)}."
+    for name, options in (presets or {}).items():
+        other = options
+        for step in flag.path:
+            other = getattr(other, step)
+        if other != flag.default:
+            said = f"{said[:-1]}; `{name}`: {shown(other)}."
+    return f"- {head}<br>{_escaped(flag.words)}{' ' if flag.words else ''}*{said}*" if said else (
+        f"- {head}<br>{_escaped(flag.words)}"
+    )  # fmt: skip
+
+
+def _escaped(words: str) -> str:
+    """Plain text as Markdown: what stands in backticks is left alone, names of pages become links."""
+    parts = words.split("`")
+    for i in range(0, len(parts), 2):
+        parts[i] = re.sub(r"([*_])", r"\\\1", parts[i]).replace("<", "&lt;")
+        parts[i] = re.sub(r"docs/(\w+\.md)", r"[docs/\1](\1)", parts[i])
+    return "`".join(parts)
+
+
+def group_lines(group: Group, level: int, presets: dict[str, Any] | None = None) -> list[str]:
+    """A group and those inside it, each under a heading of its own but the first."""
+    lines = [item(flag, presets) for flag in group.flags]
+    for inner in group.groups:
+        words = inner.words or one_line(inner.type.__doc__ or "")
+        if inner.choices:
+            words = (
+                f"{inner.words} One of these words, behind all other flags, and behind it its own flags; "
+                f"without, `{inner.default_choice}`."
+            ).strip()
+        lines += ["", f"{'#' * level} {inner.prefix.removesuffix('.')}", ""]
+        lines += [_escaped(words), ""]
+        for word, choice in inner.choices:
+            lines += [
+                f"{'#' * (level + 1)} {word}",
+                "",
+                _escaped(one_line(choice.type.__doc__ or "")),
+            ]
+            lines += ["", *group_lines(choice, level + 2), ""]
+        lines += group_lines(inner, min(level + 1, 5), presets)
+    return lines
+
+
+def tidy(lines: list[str]) -> str:
+    """A page, never two empty lines in a row."""
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
+
+
+def options_page() -> str:
+    """docs/options.md."""
+    presets = {name: make() for name, make in PRESETS.items() if name != "default"}
+    others = ", ".join(f"`{name}`" for name in presets)
+    head = f"""{NOTE}
+
+# Options
+
+Everything that can be chosen about `planfit refine` and `planfit align`, with its default. The same names
+work in three places:
+
+    planfit refine SCAN -o OUT --adjust.walls.sigma-m 0.03
+
+as a flag, in a TOML file given with `--config` (`-` and `_` are alike; an unknown name is an error),
+
+```toml
+[adjust.walls]
+sigma_m = 0.03
+```
+
+and in Python, as dataclasses:
+
+```python
+from dataclasses import replace
+from planfit import RefineOptions
+
+options = RefineOptions()
+walls = replace(options.adjust.walls, sigma_m=0.03)
+options = replace(options, adjust=replace(options.adjust, walls=walls))
+```
+
+Flags overrule the file, the file overrules `--preset`. Where the preset {others} has another value than the
+default, it is said. `OUT/run.json` and the report hold the values of a run. Options of a term whose weight
+is 0, or that is not chosen, do nothing.
+
+Every robust loss (`...loss.kind`, `...loss.scale`) is one of: `SQUARED`, no outlier is expected; `HUBER`,
+outliers pull no harder than inliers at the scale; `CAUCHY`, they pull less the further off they are;
+`GEMAN_MCCLURE`, they stop pulling; `NORM`, the unsquared distance, as the paper has it. The scale is in
+spreads (`sigma`).
+
+## General
+"""
+    group = group_of(RefineOptions, RefineOptions())
+    lines = [head, *group_lines(group, 2, presets)]
+    return tidy(lines)
+
+
+def command_types() -> dict[str, type]:
+    """The dataclass of each command, in the order of `planfit --help`."""
+    loaders = {
+        name.removeprefix("_load_"): value
+        for name, value in vars(cli).items()
+        if name.startswith("_load_")
+    }
+    found = {}
+    for name, load in loaders.items():
+        kind = load()[0]
+        if isinstance(kind, type):
+            found[name] = kind
+            continue
+        for one in typing.get_args(kind):  # a command with commands of its own
+            cls, mark = typing.get_args(one)
+            found[f"{name} {mark.name}"] = cls
+    return found
+
+
+def command_group(name: str) -> Group:
+    """What a command takes; groups that several commands have are only named."""
+    return group_of(command_types()[name], shared=tuple(SHARED))
+
+
+def all_flags(name: str) -> set[str]:
+    """Every flag of a command, with its aliases, shared groups included."""
+    found: set[str] = set()
+    for flag in group_of(command_types()[name]).all_flags():
+        if not flag.is_positional:
+            found |= {flag.name, *flag.aliases}
+            if flag.type is bool:
+                found.add(f"--{flag.prefix}no-{flag.path[-1].replace('_', '-')}")
+    return found
+
+
+def _own(values: Any) -> str:
+    """Where the defaults of a shared group are others in one command, which."""
+    mine = group_of(type(values), values).all_flags()
+    usual = group_of(type(values), type(values)()).all_flags()
+    others = [
+        f"`{one.name.removeprefix('--')}` {shown(one.default)}"
+        for one, other in zip(mine, usual, strict=True)
+        if one.default != other.default
+    ]
+    return f" (other defaults here: {', '.join(others)})" if others else ""
+
+
+def _some(flag: Flag) -> str:
+    """A value, or a word for one."""
+    choices = typing.get_args(flag.type)
+    return str(choices[0]) if choices else flag.path[-1].upper()
+
+
+def usage(name: str, group: Group) -> str:
+    """The shortest command that can work."""
+    positional = [flag.name for flag in group.flags if flag.is_positional]
+    needed = [
+        f"{flag.aliases[0] if flag.aliases else flag.name} {_some(flag)}"
+        for flag in group.flags
+        if not flag.is_positional and flag.default is dataclasses.MISSING
+    ]
+    return " ".join(["planfit", name, *positional, *needed])
+
+
+def commands_page() -> str:
+    """docs/command-line.md."""
+    exit_codes = cli.HELP.split("exit codes: ")[1].strip()
+    lines = [
+        NOTE, "", "# Command line", "",
+        "`planfit --help` lists the commands, `planfit COMMAND --help` the flags of one, "
+        "`planfit --version` tells the version.", "",
+        f"Exit codes: {exit_codes}. Messages of bad input are one line on stderr: the file, what was "
+        "expected, what was found, the next step.", "",
+        "`--config` names a TOML file of [options](options.md); flags overrule it.",
+    ]  # fmt: skip
+    for name, cls in command_types().items():
+        group = command_group(name)
+        lines += ["", f"## planfit {name}", "", one_line(cls.__doc__ or ""), ""]
+        lines += [f"    {usage(name, group)}", "", *group_lines(group, 3)]
+        if group.shared:
+            also = [
+                SHARED[kind] + (f", each name behind `--{prefix}`" if prefix else "") + _own(values)
+                for prefix, kind, values in group.shared
+            ]
+            lines += ["", f"Also: {'; '.join(also)}."]
+    for title, (prefix, cls) in SECTIONS.items():
+        users = [
+            f"`{name}`"
+            for name in command_types()
+            if any(kind is cls for _, kind, _ in command_group(name).shared)
+        ]
+        group = group_of(cls, cls(), prefix)
+        lines += ["", f"## {title}", "", f"Flags of {', '.join(users)}.", ""]
+        lines += group_lines(group, 3)
+    return tidy(lines)
+
+
+def scans_page() -> str:
+    """docs/scan-formats.md: what each reader says of its format."""
+    lines = [
+        NOTE.replace("docstrings of the options", "readers' docstrings"), "", "# Scans", "",
+        "A scan is a folder, a zip archive of one, or a bag. The format is told by what lies in it; "
+        "`--format` names one. `planfit inspect SCAN -o SCAN.png` tells what is found.", "",
+        "All need colour, depth and a pose of each frame. Frames that lack one are left out and named. Poses "
+        "of another tracker take the place of the scan's own with `--poses FILE` (TUM, KITTI, Open3D log). "
+        "Lenses are undone and colour is shrunk when a frame is read. Refined poses are written in the form "
+        "of the scan.", "",
+        "Some need a library more: video (stray) `planfit[video]`, bags `planfit[bag]`, record3d "
+        "`planfit[record3d]`.", "",
+        "| format | told by |", "| --- | --- |",
+    ]  # fmt: skip
+    modules = {name: import_module(f"planfit.scan.{module}") for name, module in READERS.items()}
+    lines += [f"| [{name}](#{name}) | {module.LOOKS_FOR} |" for name, module in modules.items()]
+    for name, module in modules.items():
+        lines += ["", f"## {name}", "", inspect.cleandoc(module.__doc__ or "")]
+    return tidy(lines)
+
+
+PAGES = {
+    "options.md": options_page,
+    "command-line.md": commands_page,
+    "scan-formats.md": scans_page,
+}
+
+
+def main() -> None:
+    """Write all pages."""
+    for name, page in PAGES.items():
+        (DOCS / name).write_text(page(), encoding="utf-8")
+        print(f"written: {DOCS / name}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""The commands, flags, warnings and code that the pages show are those of planfit."""
+
+import ast
+import re
+import shlex
+import types
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import planfit
+import reference
+from planfit import cli
+from planfit.floorplan import PlanOptions
+from planfit.scan import ScanOptions
+from planfit.scan.source import FolderSource
+from scan_samples import make_sample, matrix_text, png, put
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+OTHERS = {"--help", "--version", "--seeds", "--tables"}
+"""Flags that every command has, and those of benchmarks."""
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+
+
+def shown_commands(text: str) -> list[str]:
+    """Lines of code that begin with planfit, and `planfit ...` within sentences."""
+    lines = re.findall(r"^ {4}(?:\S*/)?(planfit .*)$", text, re.MULTILINE)
+    fenced = re.findall(r"^```[a-z]*\n(.*?)```", text, re.DOTALL | re.MULTILINE)
+    lines += [line for code in fenced for line in code.splitlines() if line.startswith("planfit ")]
+    plain = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    inline = re.findall(r"`(planfit [^`]+)`", plain)
+    return lines + [" ".join(one.split()) for one in inline]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_shown_parse(page: Path) -> None:
+    for line in shown_commands(page.read_text()):
+        words = shlex.split(line, comments=True)[1:]
+        if words[0] in ("COMMAND", "--help", "--version"):
+            continue
+        types_by_name = reference.command_types()
+        n_words = 2 if " ".join(words[:2]) in types_by_name else 1
+        name, rest = " ".join(words[:n_words]), words[n_words:]
+        if any(other.startswith(f"{name} ") for other in types_by_name) and not rest:
+            continue  # a command with commands of its own, named
+        assert name in types_by_name, f"{page.name}: {line}"
+        if rest and rest != ["--help"] and rest != ["..."]:
+            try:
+                cli._parse(types_by_name[name], name, _with_needed(name, rest))
+            except SystemExit:
+                pytest.fail(f"{page.name}: does not parse: {line}")
+
+
+def _with_needed(name: str, rest: list[str]) -> list[str]:
+    """Sentences may leave out what another sentence has said: `planfit plan FILE -o ...`."""
+    rest = ["4" if word == "METRES_PER_UNIT" else word for word in rest]
+    if name in ("refine", "align") and "-o" not in rest:
+        rest = [*rest, "-o", "OUT"]
+    return rest
+
+
+@cache
+def known_flags() -> set[str]:
+    """Of all commands."""
+    return set().union(*(reference.all_flags(name) for name in reference.command_types()))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_flags_named_exist(page: Path) -> None:
+    known = known_flags()
+    for flag in re.findall(r"`(--[a-z][\w.-]*\w)[^`]*`", page.read_text()):
+        is_group = any(one.startswith(f"{flag}.") for one in known)
+        assert is_group or flag in known | OTHERS, f"{page.name}: {flag}"
+
+
+def test_warnings_explained_are_words_of_planfit() -> None:
+    sources = "\n".join(path.read_text() for path in sorted((ROOT / "src").rglob("*.py")))
+    whole = re.sub(r'"\s*\n\s*f?"', "", sources)
+    page = (DOCS / "getting-started.md").read_text()
+    said = re.findall(r"^\| `([^`]+)` \|", page, re.MULTILINE)
+    assert len(said) > 20
+    for words in said:
+        assert words in whole, f"getting-started.md explains {words!r}, which planfit never says"
+
+
+def test_every_doubt_is_explained() -> None:
+    page = (DOCS / "getting-started.md").read_text()
+    said = re.findall(r"^\| `([^`]+)` \|", page, re.MULTILINE)
+    told = sentences_of(ROOT / "src/planfit/doubts.py")
+    assert len(told) >= 8
+    for sentence in told:
+        assert any(words in sentence for words in said), f"not explained: {sentence}"
+
+
+def sentences_of(path: Path) -> list[str]:
+    """Texts of a module that are no docstrings and long enough to be sentences."""
+    tree = ast.parse(path.read_text())
+    inside = {
+        id(part) for one in ast.walk(tree) if isinstance(one, ast.JoinedStr) for part in one.values
+    }
+    inside |= {id(one.value) for one in ast.walk(tree) if isinstance(one, ast.Expr)}
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            found.append(
+                "".join(
+                    str(getattr(part, "value", ""))
+                    for part in node.values
+                    if isinstance(part, ast.Constant)
+                )
+            )
+        elif (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and id(node) not in inside
+        ):
+            found.append(node.value)
+    return [one for one in found if len(one) > 40]
+
+
+def example_module(number: int) -> types.ModuleType:
+    """A Python module that docs/extending.md shows in full."""
+    code = re.findall(r"```python\n(.*?)```", (DOCS / "extending.md").read_text(), re.DOTALL)
+    module = types.ModuleType(f"example_{number}")
+    exec(compile(code[number], "extending.md", "exec"), module.__dict__)
+    return module
+
+
+def test_scan_reader_of_the_page_reads_and_writes(tmp_path: Path) -> None:
+    reader, sample = example_module(0), make_sample()
+    n, camera = len(sample.poses), sample.camera
+    put(tmp_path / "camera.txt", f"{camera.fx:.9f} {camera.fy:.9f} {camera.cx} {camera.cy}\n")
+    put(tmp_path / "poses.txt", matrix_text(sample.poses.reshape(-1, 16)))
+    for i in range(n):
+        put(tmp_path / "color" / f"{i}.png", png(sample.color[i]))
+        put(tmp_path / "depth" / f"{i}.png", png(sample.depth_mm[i]))
+    source = FolderSource(tmp_path)
+    assert reader.recognise(source)
+    scan = reader.read(source, ScanOptions())
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
+    depth = np.nan_to_num(scan.files.depth(2))
+    assert_allclose(depth, sample.depth_mm[2] / 1000, atol=1e-6)
+    np.testing.assert_array_equal(scan.files.color(1), sample.color[1])
+    out = tmp_path / "out"
+    out.mkdir()
+    scan.files.write_poses(out, scan.world_from_cams)
+    again = np.loadtxt(out / "poses.txt").reshape(-1, 4, 4)
+    assert_allclose(again, sample.poses, atol=1e-6)
+    put(tmp_path / "poses.txt", "1 2 3\n")
+    with pytest.raises(planfit.errors.ScanError, match="expected 16 numbers a line, found 3"):
+        reader.read(source, ScanOptions())
+
+
+def test_plan_reader_of_the_page_reads(tmp_path: Path) -> None:
+    reader = example_module(1)
+    path = tmp_path / "plan.txt"
+    # Two faces of a wall 0.2 m thick.
+    path.write_text("0 0 4000 0\n0 200 4000 200\n")
+    plan = reader.read_lines(path, PlanOptions(unit="mm"))
+    assert_allclose(plan.ends, [[[0, 0], [4, 0]], [[0, 0.2], [4, 0.2]]])
+    assert_allclose(plan.normals, [[0, -1], [0, 1]], atol=1e-9)
+    assert plan.is_oriented.all()
+    assert plan.source.unit_from == "--unit"
+    path.write_text("1 2 3\n")
+    with pytest.raises(planfit.errors.FloorplanError, match="found 3 numbers a line"):
+        reader.read_lines(path, PlanOptions())
