@@ -57,6 +57,8 @@ def read(source: Source, options: ScanOptions) -> Scan:
         where = f"{path}, frame {i}"
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
             raise ScanError(f"{where}: expected an object with file_path, found none")
+        if not isinstance(frame.get("depth_file_path") or "", str):
+            raise ScanError(f"{where}: expected a name as depth_file_path, found another value")
         matrix = number_list(frame.get("transform_matrix"), 16, f"{where}, transform_matrix")
         pose = from_opengl(matrix.reshape(4, 4))
         check_pose(pose, where)
@@ -89,7 +91,8 @@ def _lens(values: dict[str, Any], size: tuple[int, int], where: str) -> Lens:
             "undistort the images first"
         )
     if "fl_x" not in values and "camera_angle_x" in values:
-        focal = size[0] / 2 / np.tan(float(values["camera_angle_x"]) / 2)
+        (angle,) = number_list(values["camera_angle_x"], 1, f"{where}, camera_angle_x")
+        focal = size[0] / 2 / np.tan(angle / 2)
         values = {**values, "fl_x": focal, "cx": size[0] / 2, "cy": size[1] / 2, "w": size[0]}
     missing = [key for key in ("fl_x", "cx", "cy") if key not in values]
     if missing:

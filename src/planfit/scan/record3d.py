@@ -33,6 +33,7 @@ from planfit.scan.types import Scan
 
 LOOKS_FOR = "metadata and rgbd/N.jpg, N.depth (a .r3d)"
 METADATA = "metadata"
+PARTS = (METADATA, "rgbd/")
 
 
 def recognise(source: Source) -> bool:
@@ -156,7 +157,8 @@ def _size(
 def _intrinsics(content: dict[str, Any], number: int, where: str) -> tuple[float, ...]:
     each = content.get("perFrameIntrinsicCoeffs")
     if isinstance(each, list) and number < len(each):
-        return tuple(number_list(each[number][:4], 4, f"{where}, perFrameIntrinsicCoeffs"))
+        own = each[number][:4] if isinstance(each[number], list) else each[number]
+        return tuple(number_list(own, 4, f"{where}, perFrameIntrinsicCoeffs"))
     k = number_list(content.get("K"), 9, f"{where}, K")
     return (k[0], k[4], k[6], k[7])
 
@@ -164,7 +166,10 @@ def _intrinsics(content: dict[str, Any], number: int, where: str) -> tuple[float
 def _times(content: dict[str, Any], count: int, where: str) -> np.ndarray:
     if content.get("frameTimestamps"):
         return number_list(content["frameTimestamps"], count, f"{where}, frameTimestamps")
-    return np.arange(count) / float(content.get("fps") or 1.0)
+    rate = float(number_list(content.get("fps") or 1.0, 1, f"{where}, fps")[0])
+    if not rate > 0:
+        raise ScanError(f"{where}: expected fps above 0, found {rate}")
+    return np.arange(count) / rate
 
 
 def _write(

@@ -33,7 +33,7 @@ def read_tum(path: Path) -> tuple[np.ndarray, np.ndarray]:
         if len(row) != 8 or not np.isfinite(row).all() or np.linalg.norm(row[4:]) < 1e-6:
             raise ScanError(
                 f"{path}, line {number}: expected eight finite numbers "
-                f"(time tx ty tz qx qy qz qw), found {line.strip()!r}"
+                f"(time tx ty tz qx qy qz qw), found {line.strip()[:80]!r}"
             )
         rows.append(row)
     if not rows:

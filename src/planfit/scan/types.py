@@ -117,6 +117,13 @@ class Scan:
                 f"found {len(self.cameras)} and {len(self.timestamps)}"
             )
 
+        if not np.isfinite(self.timestamps).all():
+            frame_id = self.frame_ids[int(np.argmin(np.isfinite(self.timestamps)))]
+            raise ScanError(
+                f"{self.name}: frame {frame_id}: expected a time, found NaN or infinity; "
+                "remove the frame or export the scan again"
+            )
+
     def __len__(self) -> int:
         return len(self.frame_ids)
 
