@@ -61,6 +61,13 @@ def read(source: Source, options: ScanOptions) -> Scan:
         for i, image in enumerate(images)
     ]
 
+    lone = [n for n in source.names(colors) if f"{colors}/{n}" not in image_of]
+    skipped = [
+        f"frame {PurePosixPath(name).stem}: images.{kind} has no pose"
+        for name in lone
+        if source.exists(_depth_name(source, depths, name))
+    ]
+
     def lens(entry: Entry, _: tuple[int, int]) -> Lens:
         camera = cameras[image_of[entry.color].camera_id]
         where = source.path / folder / f"cameras.{kind}, camera {camera.camera_id}"
@@ -85,6 +92,7 @@ def read(source: Source, options: ScanOptions) -> Scan:
             for name in (f"{prefix}{stem}.bin", f"{prefix}{stem}.txt")
             if source.exists(name)
         ],
+        skipped=skipped,
     )
     return scan_of_layout(source, layout, options)
 

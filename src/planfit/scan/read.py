@@ -30,8 +30,8 @@ READERS = {
 }
 """Module of this package that reads each format, in the order in which they are tried. Each has `LOOKS_FOR`,
 `recognise(source)` and `read(source, options)`, and `PARTS` where several files (or folders, with a slash)
-make the format. They are imported when they are asked for, and import the libraries of their own (video, bags)
-only when they read."""
+make the format. They are imported when they are asked for, and import the libraries of their own (video,
+bags) only when they read."""
 
 
 def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | None = None) -> Scan:
@@ -93,8 +93,8 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Source]:
         f"{n}: {m.LOOKS_FOR}" for n, m in zip([*names, "bag"], [*modules, bag], strict=True)
     )
     raise ScanError(
-        f"{path}: expected a scan, found none of what was looked for ({looked}); "
-        f"see docs/formats.md{_nearest(source, names, modules)}.{hint}"
+        f"{path}: expected a scan, found none{_nearest(source, names, modules)}; looked for {looked}; "
+        f"see docs/formats.md.{hint}"
     )
 
 
@@ -109,9 +109,8 @@ def _nearest(source: Source, names: list[str], modules: list[ModuleType]) -> str
     if not found:
         return ""
     n_missing, _, name, missing = min(found)
-    return (
-        f"; nearest is {name}, but {', '.join(missing)} {'is' if n_missing == 1 else 'are'} missing"
-    )
+    verb = "is" if n_missing == 1 else "are"
+    return f" (nearest is {name}, but {', '.join(missing)} {verb} missing)"
 
 
 def _has(source: Source, part: str) -> bool:

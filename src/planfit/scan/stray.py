@@ -33,7 +33,7 @@ from planfit.scan.video import Video
 LOOKS_FOR = "rgb.mp4, odometry.csv and camera_matrix.csv"
 VIDEO, POSES, CALIBRATION = "rgb.mp4", "odometry.csv", "camera_matrix.csv"
 COLUMNS = ("timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw")
-PARTS = (VIDEO, POSES)
+PARTS = (VIDEO, POSES, CALIBRATION, "depth/")
 
 
 def recognise(source: Source) -> bool:
