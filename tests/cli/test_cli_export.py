@@ -115,6 +115,17 @@ def test_points_of_a_colmap_model_lie_where_the_cloud_does(finished: Path, tmp_p
     assert np.mean(heights < -0.15) < 0.005
 
 
+def test_pycolmap_reads_the_model(finished: Path, refined, tmp_path: Path) -> None:
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    assert run(["export", str(finished), "--to", "colmap", "-o", str(tmp_path / "set")]) == 0
+    model = pycolmap.Reconstruction(str(tmp_path / "set" / "sparse" / "0"))
+    assert len(model.images) == 58
+    assert len(model.points3D) > 1000
+    for number in (1, 30, 58):
+        cam_from_world = model.images[number].cam_from_world()
+        assert_allclose(cam_from_world.matrix(), np.linalg.inv(refined[number - 1])[:3], atol=1e-6)
+
+
 def test_a_cloud(finished: Path, tmp_path: Path) -> None:
     path = tmp_path / "cloud.ply"
     assert run(["export", str(finished), "--to", "ply", "-o", str(path)]) == 0
