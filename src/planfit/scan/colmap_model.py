@@ -102,7 +102,7 @@ def write_model(
     """
     lines = ["# Camera list: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     for camera in cameras:
-        parameters = " ".join(f"{v:.12g}" for v in camera.parameters)
+        parameters = " ".join(repr(float(v)) for v in camera.parameters)  # to the last bit
         lines.append(
             f"{camera.camera_id} {camera.model} {camera.width} {camera.height} {parameters}"
         )
