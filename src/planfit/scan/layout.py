@@ -123,7 +123,16 @@ def check_proportions(color_size: tuple[int, int], depth_size: tuple[int, int], 
         )
 
 
+MAX_DISTORTION = 1e3
+"""Coefficients of real lenses are below 100."""
+
+
 def _check_lens(source: Source, name: str, size: tuple[int, int], lens: Lens) -> None:
+    if not all(abs(v) < MAX_DISTORTION for v in lens.distortion):
+        raise ScanError(
+            f"{source.path / name}: expected finite distortion of its lens, found "
+            f"{', '.join(f'{v:g}' for v in lens.distortion)}; export the calibration again"
+        )
     if (lens.camera.width, lens.camera.height) != size:
         raise ScanError(
             f"{source.path / name}: expected {lens.camera.width} x {lens.camera.height} px as the "

@@ -29,7 +29,7 @@ from planfit.scan.lzfse import decompress
 from planfit.scan.options import ScanOptions
 from planfit.scan.source import Source, fingerprint
 from planfit.scan.tables import number_list, read_json
-from planfit.scan.types import Scan
+from planfit.scan.types import MAX_ENTRY, Scan
 
 LOOKS_FOR = "metadata and rgbd/N.jpg, N.depth (a .r3d)"
 METADATA = "metadata"
@@ -135,7 +135,8 @@ def _poses(content: dict[str, Any], where: str) -> np.ndarray:
             f"{where}: expected a list `poses`, found none; record with camera tracking"
         )
     rows = np.array([number_list(row, 7, f"{where}, pose {i}") for i, row in enumerate(listed)])
-    lost = ~np.isfinite(rows).all(axis=1) | (np.linalg.norm(rows[:, :4], axis=1) < 1e-6)
+    largest = np.abs(rows[:, :4]).max(axis=1)
+    lost = ~(np.abs(rows) < MAX_ENTRY).all(axis=1) | (largest < 1e-6)
     if lost.any():
         raise ScanError(f"{where}: expected finite poses, found none in pose {np.argmax(lost)}")
     turns = Rotation.from_quat(rows[:, :4]).as_matrix()

@@ -27,7 +27,7 @@ from planfit.scan.lens import Lens
 from planfit.scan.options import ScanOptions
 from planfit.scan.source import Source, fingerprint, read_text
 from planfit.scan.tables import read_matrix, shorten
-from planfit.scan.types import Scan
+from planfit.scan.types import MAX_ENTRY, Scan
 from planfit.scan.video import Video
 
 LOOKS_FOR = "rgb.mp4, odometry.csv and camera_matrix.csv"
@@ -150,8 +150,10 @@ def _read_rows(source: Source) -> tuple[list[str], list[list[float]]]:
             row = [float(word) for word in line.split(",")]
         except ValueError:
             row = []
-        ok = len(row) == len(header) and np.isfinite(row).all()
-        if not ok or np.linalg.norm(row[5:9]) < 1e-6 or row[1] < 0:
+        ok = (
+            len(row) == len(header) and np.isfinite(row).all() and np.abs(row[2:]).max() < MAX_ENTRY
+        )
+        if not ok or np.abs(row[5:9]).max() < 1e-6 or row[1] < 0:
             raise ScanError(
                 f"{source.path / POSES}, line {number}: expected {len(header)} finite numbers "
                 f"({', '.join(header)}), found {shorten(line.strip())!r}"

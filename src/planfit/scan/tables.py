@@ -91,7 +91,7 @@ def number_list(value: Any, count: int, where: str) -> np.ndarray:
     """
     try:
         array = np.array(value, dtype=float).ravel()
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise ScanError(f"{where}: expected {count} numbers, found {shorten(value)!r}") from error
     if array.size != count:
         raise ScanError(f"{where}: expected {count} numbers, found {array.size}")
