@@ -3,13 +3,11 @@
 import json
 import os
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from planfit.cli import run
 from scan_samples import (
     WRITERS,
     N,
@@ -26,6 +24,7 @@ from scan_samples import (
     write_video,
     write_zip,
 )
+from spoiled_scans import files_of, refused, spoken, write_all
 
 FOLDERS = [kind for kind in WRITERS if kind != "record3d"]
 PICTURES = (".png", ".jpg", ".mp4", ".depth", ".conf")
@@ -39,47 +38,6 @@ HAVE_DEFAULTS = {"cam_params.json", "camera-intrinsics.txt", "intrinsic_depth.tx
 @pytest.fixture(scope="module")
 def sample() -> Sample:
     return make_sample()
-
-
-def spoken(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, list[str], str]:
-    """Exit code, lines that begin with `planfit:`, and all notes as one line."""
-    code = run([str(word) for word in words])
-    said = capsys.readouterr()
-    assert "Traceback" not in said.err
-    errors = [line for line in said.err.splitlines() if line.startswith("planfit: ")]
-    if code == 2:
-        assert said.err.splitlines()[-1:] == errors, said.err
-    return code, errors, " ".join(line for line in said.out.splitlines() if "note:" in line)
-
-
-def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
-    """The line of a command that ends with exit code 2, without `planfit: `."""
-    code, errors, _ = spoken(capsys, *words)
-    assert code == 2
-    assert len(errors[0]) < 2500
-    return errors[0].removeprefix("planfit: ")
-
-
-def files_of(kind: str, sample: Sample, folder: Path) -> dict[str, bytes]:
-    if kind == "record3d":
-        return record3d_files(sample)
-    WRITERS[kind](folder / "scan", sample)
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-    }
-
-
-def write_all(kind: str, files: dict[str, bytes], folder: Path) -> Path:
-    shutil.rmtree(folder, ignore_errors=True)
-    if kind == "record3d":
-        folder.mkdir()
-        write_zip(folder / "scan.r3d", files)
-        return folder / "scan.r3d"
-    for name, data in files.items():
-        put(folder / name, data)
-    return folder / "scan"
 
 
 def numbers_to(word: bytes):
@@ -140,47 +98,6 @@ def test_every_file_missing_or_spoiled(
                 later = kind == "record3d" and last.endswith(".jpg")  # colour is not looked at here
                 no_conf = kind == "record3d" and last.endswith(".conf")
                 assert named or shortened or default or later or no_conf or last in UNREAD, case
-
-
-WRONG_VALUES = [None, "x", [], {}, [1], -1, 0, 1e308, True, "", [[1, 2], [3]], 10**400]
-
-
-def places_in(value, place=()):
-    """Ways to every value of nested JSON, of long lists to the first two."""
-    items = value.items() if isinstance(value, dict) else enumerate(value[:2])
-    for key, inner in items:
-        yield (*place, key)
-        if isinstance(inner, dict | list):
-            yield from places_in(inner, (*place, key))
-
-
-@pytest.mark.parametrize("kind", ["nerfstudio", "polycam", "scanner-app", "record3d", "replica"])
-def test_json_of_other_values_is_one_line_or_read(
-    kind: str, sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    files = files_of(kind, sample, tmp_path / "whole")
-    name = "metadata" if kind == "record3d" else next(n for n in files if n.endswith(".json"))
-    path = write_all(kind, files, tmp_path / "spoiled")
-    places = list(places_in(json.loads(files[name])))
-    choose = np.random.default_rng(7)
-    for number in choose.permutation(len(places))[:15]:
-        for wrong in choose.permutation(len(WRONG_VALUES))[:3]:
-            content = json.loads(files[name])
-            at = content
-            for key in places[number][:-1]:
-                at = at[key]
-            at[places[number][-1]] = WRONG_VALUES[wrong]
-            data = json.dumps(content).encode()
-            if kind == "record3d":
-                write_zip(path, files | {name: data})
-            else:
-                put(tmp_path / "spoiled" / name, data)
-            code, errors, _ = spoken(
-                capsys, "export", path, "--to", "kitti", "-o", tmp_path / "poses.txt"
-            )
-            (tmp_path / "poses.txt").unlink(missing_ok=True)
-            assert code in (0, 2)
-            assert len(errors) == (code == 2)
 
 
 @pytest.mark.parametrize("kind", FOLDERS)
