@@ -1,6 +1,7 @@
 """`planfit export`: what is written is what a run found, read back by readers of the forms."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.testing import assert_allclose
 
 from planfit.cli import run
 from planfit.evaluate import position_errors
+from planfit.floorplan import read_floorplan
+from planfit.geometry.segments import nearest_distance
 from planfit.scan import ScanOptions, read_scan, read_tum
 from planfit.scan.pose_files import read_poses
 
@@ -112,11 +115,73 @@ def test_points_of_a_colmap_model_lie_where_the_cloud_does(finished: Path, tmp_p
     assert np.mean(heights < -0.15) < 0.005
 
 
+def test_pycolmap_reads_the_model(finished: Path, refined, tmp_path: Path) -> None:
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    assert run(["export", str(finished), "--to", "colmap", "-o", str(tmp_path / "set")]) == 0
+    model = pycolmap.Reconstruction(str(tmp_path / "set" / "sparse" / "0"))
+    assert len(model.images) == 58
+    assert len(model.points3D) > 1000
+    for number in (1, 30, 58):
+        cam_from_world = model.images[number].cam_from_world()
+        assert_allclose(cam_from_world.matrix(), np.linalg.inv(refined[number - 1])[:3], atol=1e-6)
+
+
 def test_a_cloud(finished: Path, tmp_path: Path) -> None:
     path = tmp_path / "cloud.ply"
     assert run(["export", str(finished), "--to", "ply", "-o", str(path)]) == 0
     cloud = trimesh.load(path)
     assert len(cloud.vertices) > 10_000
+
+
+def test_a_mesh_lies_on_the_building(finished: Path, tmp_path: Path) -> None:
+    pytest.importorskip("open3d", reason="Open3D is not installed (pip install planfit[map])")
+    path = tmp_path / "mesh.ply"
+    words = ["export", str(finished), "--to", "mesh", "--frame", "plan", "--voxel-m", "0.04"]
+    assert run([*words, "-o", str(path)]) == 0
+    mesh = trimesh.load(path)
+    assert len(mesh.faces) > 5000
+    assert np.ptp(mesh.visual.vertex_colors[:, :3].astype(int), axis=0).min() > 60
+    # Plan axes: the floor is at 0, and next to nothing is below it.
+    heights, upward = mesh.triangles_center[:, 2], mesh.face_normals[:, 2]
+    floor = (np.abs(heights) < 0.06) & (upward > 0.9)
+    assert mesh.area_faces[floor].sum() > 4.0
+    assert mesh.area_faces[heights < -0.2].sum() < 0.01 * mesh.area
+    # Upright faces are walls and what stands at them: much of them within 8 cm of a wall of the plan.
+    record = json.loads((finished / "run.json").read_text())
+    plan = read_floorplan(record["inputs"]["plan"])
+    upright = (np.abs(upward) < 0.1) & (heights > 1.9)
+    distance = nearest_distance(mesh.triangles_center[upright][:, :2], plan.ends)
+    assert np.mean(distance < 0.08) > 0.8
+    # Triangles look to where they were seen from: walls to the inside, the floor upwards.
+    assert (
+        mesh.area_faces[floor].sum()
+        > 5 * mesh.area_faces[(np.abs(heights) < 0.06) & (upward < -0.9)].sum()
+    )
+    for suffix in (".glb", ".obj"):
+        assert run([*words, "-o", str(path.with_suffix(suffix))]) == 0
+        again = trimesh.load(path.with_suffix(suffix), force="mesh", process=False)
+        assert len(again.faces) == len(mesh.faces)
+
+
+def test_a_mesh_without_open3d_says_what_to_install(
+    small_scan: Path, tmp_path: Path, capsys, monkeypatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    words = ["export", str(small_scan), "--to", "mesh", "-o", str(tmp_path / "mesh.ply")]
+    assert run(words) == 2
+    message = capsys.readouterr().err
+    assert message.startswith("planfit: meshes: expected the library Open3D, found none (")
+    assert message.endswith("; install planfit[map]\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_mesh_under_a_name_of_something_else(small_scan: Path, tmp_path: Path, capsys) -> None:
+    words = ["export", str(small_scan), "--to", "mesh", "-o", str(tmp_path / "mesh.txt")]
+    assert run(words) == 2
+    assert "expected a file of .ply, .obj, .glb for a mesh, found .txt" in capsys.readouterr().err
+    words = ["export", str(small_scan), "--to", "mesh", "-o", str(tmp_path / "mesh.ply")]
+    assert run([*words, "--voxel-m", "0"]) == 2
+    assert "voxel_m: expected a number above 0, found 0" in capsys.readouterr().err
 
 
 def test_a_scan_is_exported_as_recorded(small_scan: Path, tmp_path: Path) -> None:

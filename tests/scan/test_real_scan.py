@@ -66,3 +66,26 @@ def test_its_plan_is_read_in_metres_with_two_faced_walls(scan):
     plan = read_floorplan(scan.floorplan_path)
     assert 40 < max(plan.size) < 120
     assert plan.is_oriented.mean() > 0.5
+
+
+def test_the_kitchen_is_read_as_published():
+    kitchen = read_scan(DATA / "kitchen")
+    assert kitchen.format == "7-scenes"
+    assert kitchen.skipped == kitchen.warnings == ()
+    numbers = np.array([int(frame_id) for frame_id in kitchen.frame_ids])
+    assert np.all(np.diff(numbers) == 4)
+    assert kitchen.cameras[0].fx == kitchen.cameras[0].fy == 585
+    assert kitchen.files.color(0).shape == (480, 640, 3)
+    # Frames that follow each other see the same surfaces where their poses say: axes and unit are right.
+    near, far = kitchen.world_from_cams[0], kitchen.world_from_cams[3]
+    depth = kitchen.files.depth(3)
+    rows, columns = np.mgrid[20:460:20, 20:620:20]
+    at = depth[rows, columns]
+    uv = np.stack([columns, rows], axis=-1)[np.isfinite(at)].astype(float)
+    points = kitchen.cameras[3].lift(uv, at[np.isfinite(at)])
+    seen = se3.transform(se3.inverse(near) @ far, points)
+    place = np.rint(kitchen.cameras[0].project(seen)).astype(int)
+    inside = ((place >= 0) & (place < (640, 480))).all(axis=1)
+    other = kitchen.files.depth(0)[place[inside, 1], place[inside, 0]]
+    gap = np.abs(other - seen[inside, 2])
+    assert np.nanmedian(gap) < 0.02

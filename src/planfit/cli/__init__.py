@@ -21,7 +21,7 @@ commands:
   inspect SCAN [-o FILE.png]         show what is found in a scan: frames, depth, path, up, gaps, jumps
   plan FILE [-o FILE.png|svg|dxf|json]   show what is read of a floorplan
   evaluate OUT [--truth FILE]        how good refined poses are, before and after (also SCAN --poses FILE)
-  export OUT --to KIND -o FILE       write poses for other programs: tum, kitti, open3d, g2o, ply, colmap, ...
+  export OUT --to KIND -o FILE       write poses for other programs: tum, kitti, open3d, g2o, ply, mesh, ...
   demo [-o OUT]                      make a synthetic scan, drift it, refine it, and compare with the truth
   synth OUT                          write a synthetic scan with its plan and its truth
   bench paper|page|compare           measure the paper's tables on synthetic scans; compare two results

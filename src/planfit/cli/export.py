@@ -13,9 +13,10 @@ import tyro
 from planfit.cli.config import scan_options_of
 from planfit.cli.console import StageBars, out
 from planfit.cli.scan_notes import tell_scan
-from planfit.errors import OutputError, ScanError
+from planfit.errors import OutputError, ScanError, require_positive
 from planfit.export.cloud import place_cloud, sample_cloud, write_ply
 from planfit.export.datasets import write_colmap, write_nerfstudio
+from planfit.export.mesh import check_suffix, fuse_mesh, load_open3d, write_mesh
 from planfit.export.poses import write_g2o, write_kitti
 from planfit.geometry import se3
 from planfit.scan import Scan, ScanOptions, read_scan, read_tum, write_tum
@@ -32,13 +33,18 @@ class ExportArguments:
 
     source: tyro.conf.Positional[Path]
     """Output folder of `planfit refine` (refined poses), or a scan (poses as recorded)."""
-    to: Literal["tum", "kitti", "open3d", "g2o", "ply", "colmap", "nerfstudio"]
-    """Form: trajectory files (`tum`, `kitti`, `open3d` log, `g2o` pose graph), coloured points (`ply`), or
-    folders with images and depth (`colmap` model, `nerfstudio`)."""
+    to: Literal["tum", "kitti", "open3d", "g2o", "ply", "mesh", "colmap", "nerfstudio"]
+    """Form: trajectory files (`tum`, `kitti`, `open3d` log, `g2o` pose graph), coloured points (`ply`), a
+    coloured `mesh` (.ply, .obj or .glb; needs planfit[map]), or folders with images and depth (`colmap`
+    model, `nerfstudio`)."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """File to write; a folder for `colmap` and `nerfstudio`. It must not be there yet."""
     frame: Literal["world", "plan"] = "world"
     """Axes of the poses: the scan's own, or those of the plan (z up, floor at 0; of a run alone)."""
+    voxel_m: float = 0.02
+    """Edge of a voxel of the mesh; half of it takes four times the memory."""
+    max_depth_m: float = 6.0
+    """Depth beyond this takes no part in the mesh."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
     scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
@@ -51,6 +57,10 @@ def export_command(arguments: ExportArguments) -> int:
     target = arguments.out
     if target.exists() or target.is_symlink():
         raise OutputError(f"{target}: expected no such file or folder; choose another with -o")
+    if arguments.to == "mesh":
+        check_suffix(target)
+        require_positive(arguments, "voxel_m", "max_depth_m")
+        load_open3d()  # before the scan is read, which can take long
     scan, poses = _load(arguments)
     partial = target.with_name(target.name + ".part")
     with StageBars() as bars:
@@ -62,7 +72,7 @@ def export_command(arguments: ExportArguments) -> int:
                 write(partial, scan, poses, sample_cloud(scan, work, 100_000), work)
             else:
                 target.parent.mkdir(parents=True, exist_ok=True)
-                _write_file(arguments.to, partial, scan, poses, work)
+                _write_file(arguments, partial, scan, poses, work)
             partial.replace(target)
         except BaseException:
             # Half of a folder looks like a whole one.
@@ -75,7 +85,10 @@ def export_command(arguments: ExportArguments) -> int:
     return 0
 
 
-def _write_file(kind: str, path: Path, scan: Scan, poses: np.ndarray, work: Work) -> None:
+def _write_file(
+    arguments: ExportArguments, path: Path, scan: Scan, poses: np.ndarray, work: Work
+) -> None:
+    kind = arguments.to
     if kind == "tum":
         write_tum(path, scan.timestamps, poses)
     elif kind == "kitti":
@@ -84,6 +97,9 @@ def _write_file(kind: str, path: Path, scan: Scan, poses: np.ndarray, work: Work
         write_log(path, range(len(scan)), poses)
     elif kind == "g2o":
         write_g2o(path, poses, make_odometry(scan.world_from_cams, OdometryOptions()))
+    elif kind == "mesh":
+        mesh = fuse_mesh(scan, poses, arguments.voxel_m, arguments.max_depth_m, work)
+        write_mesh(path, mesh, arguments.out.suffix)
     else:
         cloud = sample_cloud(scan, work)
         write_ply(path, place_cloud(cloud, poses), cloud.colors)

@@ -12,4 +12,5 @@ UP_Z = np.array([0.0, 0.0, 1.0])
 
 def from_opengl(world_from_gl_cams: np.ndarray) -> np.ndarray:
     """Poses (..., 4, 4) of cameras with OpenGL axes, as poses of cameras with ours; also the way back."""
-    return world_from_gl_cams @ OPENGL_FROM_OPENCV
+    # Signs instead of a product: infinity times 0 is no number.
+    return world_from_gl_cams * np.diag(OPENGL_FROM_OPENCV)

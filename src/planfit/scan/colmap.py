@@ -12,7 +12,6 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from planfit.errors import ScanError
 from planfit.scan.colmap_model import ColmapImage, read_model, write_model
 from planfit.scan.image_files import Entry
 from planfit.scan.layout import Layout, scan_of_layout
@@ -27,6 +26,7 @@ LOOKS_FOR = (
 MODEL_FOLDERS = ("sparse/0", "sparse", "")
 COLOR_FOLDERS = ("images", "color", "rgb")
 DEPTH_FOLDERS = ("depth", "depths")
+PARTS = ("sparse/", "depth/")
 
 
 def recognise(source: Source) -> bool:
@@ -44,9 +44,9 @@ def read(source: Source, options: ScanOptions) -> Scan:
     """
     folder = _model_folder(source)
     assert folder is not None
+    prefix = f"{folder}/" if folder else ""
+    kind = "bin" if source.exists(f"{prefix}images.bin") else "txt"
     cameras, images = read_model(source, folder)
-    if not images:
-        raise ScanError(f"{source.path / folder}: expected posed images in the model, found none")
     colors = next((n for n in COLOR_FOLDERS if n in source.folders()), COLOR_FOLDERS[0])
     depths = next(n for n in DEPTH_FOLDERS if n in source.folders())
     image_of = {f"{colors}/{image.name}": image for image in images}
@@ -61,9 +61,17 @@ def read(source: Source, options: ScanOptions) -> Scan:
         for i, image in enumerate(images)
     ]
 
+    lone = [n for n in source.names(colors) if f"{colors}/{n}" not in image_of]
+    skipped = [
+        f"frame {PurePosixPath(name).stem}: images.{kind} has no pose"
+        for name in lone
+        if source.exists(_depth_name(source, depths, name))
+    ]
+
     def lens(entry: Entry, _: tuple[int, int]) -> Lens:
         camera = cameras[image_of[entry.color].camera_id]
-        return camera.lens(f"{source.path / folder}, camera {camera.camera_id}")
+        where = source.path / folder / f"cameras.{kind}, camera {camera.camera_id}"
+        return camera.lens(str(where))
 
     def write_poses(directory: Path, written: Sequence[Entry], poses: np.ndarray) -> None:
         refined = [
@@ -72,7 +80,6 @@ def read(source: Source, options: ScanOptions) -> Scan:
         ]
         write_model(directory, list(cameras.values()), refined)
 
-    prefix = f"{folder}/" if folder else ""
     layout = Layout(
         "colmap",
         entries,
@@ -85,6 +92,7 @@ def read(source: Source, options: ScanOptions) -> Scan:
             for name in (f"{prefix}{stem}.bin", f"{prefix}{stem}.txt")
             if source.exists(name)
         ],
+        skipped=skipped,
     )
     return scan_of_layout(source, layout, options)
 

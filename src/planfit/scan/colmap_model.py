@@ -14,6 +14,7 @@ from planfit.geometry import se3
 from planfit.scan.frames import make_camera
 from planfit.scan.lens import Lens
 from planfit.scan.source import Source, read_text
+from planfit.scan.tables import shorten
 
 # Name, number of parameters, by number.
 MODELS = {
@@ -72,16 +73,18 @@ def read_model(source: Source, folder: str) -> tuple[dict[int, ColmapCamera], li
     """
     prefix = f"{folder}/" if folder else ""
     if source.exists(f"{prefix}images.bin"):
-        cameras = _binary_cameras(source, f"{prefix}cameras.bin")
-        images = _binary_images(source, f"{prefix}images.bin")
+        names = f"{prefix}cameras.bin", f"{prefix}images.bin"
+        cameras, images = _binary_cameras(source, names[0]), _binary_images(source, names[1])
     else:
-        cameras = _text_cameras(source, f"{prefix}cameras.txt")
-        images = _text_images(source, f"{prefix}images.txt")
+        names = f"{prefix}cameras.txt", f"{prefix}images.txt"
+        cameras, images = _text_cameras(source, names[0]), _text_images(source, names[1])
+    if not images:
+        raise ScanError(f"{source.path / names[1]}: expected posed images, found none")
     for image in images:
         if image.camera_id not in cameras:
             raise ScanError(
-                f"{source.path / folder}: expected camera {image.camera_id} of {image.name}, found "
-                "none of this number"
+                f"{source.path / names[0]}: expected camera {image.camera_id} of {image.name}, found "
+                "none of this number; export the model again"
             )
     return cameras, sorted(images, key=lambda image: image.name)
 
@@ -99,7 +102,7 @@ def write_model(
     """
     lines = ["# Camera list: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     for camera in cameras:
-        parameters = " ".join(f"{v:.12g}" for v in camera.parameters)
+        parameters = " ".join(repr(float(v)) for v in camera.parameters)  # to the last bit
         lines.append(
             f"{camera.camera_id} {camera.model} {camera.width} {camera.height} {parameters}"
         )
@@ -159,7 +162,7 @@ def _text_cameras(source: Source, name: str) -> dict[int, ColmapCamera]:
         except (ValueError, IndexError) as error:
             raise ScanError(
                 f"{where}: expected lines of a camera's id, model, width, height and parameters, found "
-                f"{line[:60]!r}"
+                f"{shorten(line)!r}"
             ) from error
         cameras[number] = _camera(number, words[1], size, parameters, where)
     return cameras
@@ -178,7 +181,7 @@ def _text_images(source: Source, name: str) -> list[ColmapImage]:
             image_id, camera_id, image_name = int(words[0]), int(words[8]), words[9]
         except (ValueError, IndexError) as error:
             raise ScanError(
-                f"{where}: expected two lines an image, the first of 10 words, found {line[:60]!r}"
+                f"{where}: expected two lines an image, the first of 10 words, found {shorten(line)!r}"
             ) from error
         pose = _pose(numbers[:4], numbers[4:], f"{where}, {image_name}")
         images.append(ColmapImage(image_id, camera_id, image_name, pose))

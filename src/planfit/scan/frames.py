@@ -29,6 +29,9 @@ class StoredImages(Protocol):
         ...
 
 
+MAX_SIZE_PX = 100_000
+
+
 @dataclass(frozen=True)
 class Recording:
     """Frames that have colour, depth and a pose, in the order they were recorded."""
@@ -152,6 +155,8 @@ def make_camera(width: float, height: float, intrinsics: Sequence[float], where:
     """
     try:
         fx, fy, cx, cy = (float(v) for v in intrinsics)
+        if max(width, height) > MAX_SIZE_PX:
+            raise ValueError(f"width and height must be at most {MAX_SIZE_PX}")
         return Camera(int(width), int(height), fx, fy, cx, cy)
     except (ValueError, TypeError, OverflowError) as error:
         raise ScanError(

@@ -67,6 +67,9 @@ def scan_of_layout(source: Source, layout: Layout, options: ScanOptions) -> Scan
     for entry, color, depth in zip(entries, color_lenses, depth_lenses, strict=True):
         _check_lens(source, entry.color, usable.color_size, color)
         _check_lens(source, entry.depth, usable.depth_size, depth)
+    warnings = [*layout.warnings]
+    if layout.least_confidence > 0:
+        warnings += missing_confidence(source, [e.confidence for e in entries])
     images = ImageFiles(
         source,
         tuple(entry.color for entry in entries),
@@ -93,9 +96,20 @@ def scan_of_layout(source: Source, layout: Layout, options: ScanOptions) -> Scan
         fingerprint=fingerprint(source, files, layout.kind, options),
         up_world=layout.up_world,
         skipped=skipped,
-        warnings=layout.warnings,
+        warnings=warnings,
     )
     return scan_from(source.path, layout.kind, recording, options)
+
+
+def missing_confidence(source: Source, names: Sequence[str]) -> list[str]:
+    """A warning where files of confidence are missing; none where the recording has none at all."""
+    missing = [name for name in names if name and not source.exists(name)]
+    if not missing or len(missing) == len(names):
+        return []
+    return [
+        f"{len(missing)} of {len(names)} frames have no confidence ({missing[0]} is missing): all of their "
+        "depth is used"
+    ]
 
 
 def check_proportions(color_size: tuple[int, int], depth_size: tuple[int, int], name: str) -> None:
@@ -109,7 +123,16 @@ def check_proportions(color_size: tuple[int, int], depth_size: tuple[int, int], 
         )
 
 
+MAX_DISTORTION = 1e3
+"""Coefficients of real lenses are below 100."""
+
+
 def _check_lens(source: Source, name: str, size: tuple[int, int], lens: Lens) -> None:
+    if not all(abs(v) < MAX_DISTORTION for v in lens.distortion):
+        raise ScanError(
+            f"{source.path / name}: expected finite distortion of its lens, found "
+            f"{', '.join(f'{v:g}' for v in lens.distortion)}; export the calibration again"
+        )
     if (lens.camera.width, lens.camera.height) != size:
         raise ScanError(
             f"{source.path / name}: expected {lens.camera.width} x {lens.camera.height} px as the "

@@ -55,16 +55,19 @@ def read(source: Source, options: ScanOptions) -> Scan:
     entries = []
     for i, frame in enumerate(frames):
         where = f"{path}, frame {i}"
-        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+        name = frame.get("file_path") if isinstance(frame, dict) else None
+        if not isinstance(name, str) or not PurePosixPath(name).name:
             raise ScanError(f"{where}: expected an object with file_path, found none")
+        if not isinstance(frame.get("depth_file_path") or "", str):
+            raise ScanError(f"{where}: expected a name as depth_file_path, found another value")
         matrix = number_list(frame.get("transform_matrix"), 16, f"{where}, transform_matrix")
         pose = from_opengl(matrix.reshape(4, 4))
         check_pose(pose, where)
-        color = str(PurePosixPath(frame["file_path"]))
+        color = str(PurePosixPath(name))
         depth = str(PurePosixPath(frame.get("depth_file_path") or ""))
         frame_of[color] = frame
-        name = str(PurePosixPath(color).with_suffix("")).replace("../", "").replace("/", "_")
-        entries.append(Entry(name, float(i), pose, color, depth if depth != "." else ""))
+        title = str(PurePosixPath(color).with_suffix("")).replace("../", "").replace("/", "_")
+        entries.append(Entry(title, float(i), pose, color, depth if depth != "." else ""))
 
     def lens(entry: Entry, size: tuple[int, int]) -> Lens:
         return _lens({**content, **frame_of[entry.color]}, size, f"{path}, {entry.color}")
@@ -89,7 +92,8 @@ def _lens(values: dict[str, Any], size: tuple[int, int], where: str) -> Lens:
             "undistort the images first"
         )
     if "fl_x" not in values and "camera_angle_x" in values:
-        focal = size[0] / 2 / np.tan(float(values["camera_angle_x"]) / 2)
+        (angle,) = number_list(values["camera_angle_x"], 1, f"{where}, camera_angle_x")
+        focal = size[0] / 2 / np.tan(angle / 2)
         values = {**values, "fl_x": focal, "cx": size[0] / 2, "cy": size[1] / 2, "w": size[0]}
     missing = [key for key in ("fl_x", "cx", "cy") if key not in values]
     if missing:

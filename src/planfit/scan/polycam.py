@@ -28,6 +28,7 @@ TOP = "keyframes"
 KEYS = tuple(f"t_{row}{column}" for row in range(3) for column in range(4))
 LEAST_STORED = (0, 64, 192)
 """Stored confidence that is at least low, medium, high."""
+PARTS = (f"{TOP}/cameras/", f"{TOP}/images/", f"{TOP}/depth/")
 
 
 def recognise(source: Source) -> bool:
@@ -69,6 +70,10 @@ def read(source: Source, options: ScanOptions) -> Scan:
             )
         )
 
+    stems = {Path(name).stem for name in source.names(images) if name.endswith(".jpg")}
+    lone = sorted(stems - contents.keys())
+    skipped = [f"frame {stem}: {cameras}/{stem}.json is missing" for stem in lone]
+
     def lens(entry: Entry, size: tuple[int, int]) -> Lens:
         content, where = contents[entry.frame_id], f"{source.path / cameras / entry.frame_id}.json"
         width, height = content.get("width", size[0]), content.get("height", size[1])
@@ -89,6 +94,7 @@ def read(source: Source, options: ScanOptions) -> Scan:
         lens,
         other_files=[f"{cameras}/{entry.frame_id}.json" for entry in entries],
         up_world=UP_Y,
+        skipped=skipped,
         least_confidence=LEAST_STORED[options.min_confidence],
     )
     return scan_of_layout(source, layout, options)

@@ -8,6 +8,7 @@ import numpy as np
 
 from planfit.errors import ScanError
 from planfit.scan.association import poses_at
+from planfit.scan.tables import shorten
 from planfit.scan.trajectory import read_tum
 from planfit.scan.types import Scan, check_pose
 from planfit.scan.wrappers import select_frames
@@ -126,4 +127,4 @@ def _numbers(rows: list[list[str]], path: Path) -> list[list[float]]:
     try:
         return [[float(word) for word in row] for row in rows]
     except ValueError as error:
-        raise ScanError(f"{path}: expected numbers alone, found {error}") from error
+        raise ScanError(f"{path}: expected numbers alone, found {shorten(error)}") from error

@@ -29,8 +29,9 @@ READERS = {
     "bag": "bag",
 }
 """Module of this package that reads each format, in the order in which they are tried. Each has `LOOKS_FOR`,
-`recognise(source)` and `read(source, options)`; they are imported when they are asked for, and import the
-libraries of their own (video, bags) only when they read."""
+`recognise(source)` and `read(source, options)`, and `PARTS` where several files (or folders, with a slash)
+make the format. They are imported when they are asked for, and import the libraries of their own (video,
+bags) only when they read."""
 
 
 def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | None = None) -> Scan:
@@ -84,6 +85,7 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Source]:
     if name != "auto":
         raise ScanError(
             f"{path}: expected a scan of the format {name}: {modules[0].LOOKS_FOR}; found none"
+            f"{_nearest(source, names, modules)}"
         )
     below = [n for n in source.folders() if n.startswith(("seq-", "room", "office", "scene"))][:3]
     hint = f" Is it one of the folders inside: {', '.join(below)}?" if below else ""
@@ -91,6 +93,27 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Source]:
         f"{n}: {m.LOOKS_FOR}" for n, m in zip([*names, "bag"], [*modules, bag], strict=True)
     )
     raise ScanError(
-        f"{path}: expected a scan, found none of what was looked for ({looked}); "
+        f"{path}: expected a scan, found none{_nearest(source, names, modules)}; looked for {looked}; "
         f"see docs/formats.md.{hint}"
     )
+
+
+def _nearest(source: Source, names: list[str], modules: list[ModuleType]) -> str:
+    """The format most of whose parts are there, and which are not; nothing where none is near."""
+    found = []
+    for name, module in zip(names, modules, strict=True):
+        parts = getattr(module, "PARTS", ())
+        missing = [part for part in parts if not _has(source, part)]
+        if missing and 2 * len(missing) <= len(parts):
+            found.append((len(missing), -len(parts), name, missing))
+    if not found:
+        return ""
+    n_missing, _, name, missing = min(found)
+    verb = "is" if n_missing == 1 else "are"
+    return f" (nearest is {name}, but {', '.join(missing)} {verb} missing)"
+
+
+def _has(source: Source, part: str) -> bool:
+    if part.endswith("/"):
+        return part[:-1] in source.folders() or bool(source.names(part[:-1]))
+    return source.exists(part)

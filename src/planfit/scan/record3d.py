@@ -29,10 +29,11 @@ from planfit.scan.lzfse import decompress
 from planfit.scan.options import ScanOptions
 from planfit.scan.source import Source, fingerprint
 from planfit.scan.tables import number_list, read_json
-from planfit.scan.types import Scan
+from planfit.scan.types import MAX_ENTRY, Scan
 
 LOOKS_FOR = "metadata and rgbd/N.jpg, N.depth (a .r3d)"
 METADATA = "metadata"
+PARTS = (METADATA, "rgbd/")
 
 
 def recognise(source: Source) -> bool:
@@ -134,7 +135,8 @@ def _poses(content: dict[str, Any], where: str) -> np.ndarray:
             f"{where}: expected a list `poses`, found none; record with camera tracking"
         )
     rows = np.array([number_list(row, 7, f"{where}, pose {i}") for i, row in enumerate(listed)])
-    lost = ~np.isfinite(rows).all(axis=1) | (np.linalg.norm(rows[:, :4], axis=1) < 1e-6)
+    largest = np.abs(rows[:, :4]).max(axis=1)
+    lost = ~(np.abs(rows) < MAX_ENTRY).all(axis=1) | (largest < 1e-6)
     if lost.any():
         raise ScanError(f"{where}: expected finite poses, found none in pose {np.argmax(lost)}")
     turns = Rotation.from_quat(rows[:, :4]).as_matrix()
@@ -156,7 +158,8 @@ def _size(
 def _intrinsics(content: dict[str, Any], number: int, where: str) -> tuple[float, ...]:
     each = content.get("perFrameIntrinsicCoeffs")
     if isinstance(each, list) and number < len(each):
-        return tuple(number_list(each[number][:4], 4, f"{where}, perFrameIntrinsicCoeffs"))
+        own = each[number][:4] if isinstance(each[number], list) else each[number]
+        return tuple(number_list(own, 4, f"{where}, perFrameIntrinsicCoeffs"))
     k = number_list(content.get("K"), 9, f"{where}, K")
     return (k[0], k[4], k[6], k[7])
 
@@ -164,7 +167,10 @@ def _intrinsics(content: dict[str, Any], number: int, where: str) -> tuple[float
 def _times(content: dict[str, Any], count: int, where: str) -> np.ndarray:
     if content.get("frameTimestamps"):
         return number_list(content["frameTimestamps"], count, f"{where}, frameTimestamps")
-    return np.arange(count) / float(content.get("fps") or 1.0)
+    rate = float(number_list(content.get("fps") or 1.0, 1, f"{where}, fps")[0])
+    if not rate > 0:
+        raise ScanError(f"{where}: expected fps above 0, found {rate}")
+    return np.arange(count) / rate
 
 
 def _write(

@@ -23,7 +23,7 @@ from planfit.scan.layout import Layout, scan_of_layout
 from planfit.scan.lens import Lens
 from planfit.scan.options import ScanOptions
 from planfit.scan.source import Source
-from planfit.scan.tables import number_list, read_json, read_rows
+from planfit.scan.tables import number_list, read_json, read_rows, shorten
 from planfit.scan.types import Scan
 
 LOOKS_FOR = "trajectory.log (or scene/trajectory.log) with folders color/ (image/, rgb/) and depth/"
@@ -31,6 +31,7 @@ LOGS = ("trajectory.log", "scene/trajectory.log")
 COLOR_FOLDERS = ("color", "image", "rgb")
 INTRINSICS = ("camera_intrinsic.json", "intrinsic.json", "camera_intrinsics.json")
 PRIMESENSE = (525.0, 525.0, 319.5, 239.5)
+PARTS = (LOGS[0], "color/", "depth/")
 
 
 def recognise(source: Source) -> bool:
@@ -58,6 +59,8 @@ def read(source: Source, options: ScanOptions) -> Scan:
             skipped.append(f"frame {number}: {log} has no pose")
             continue
         entries.append(Entry(number, float(i), poses[i], f"{folder}/{color}", f"depth/{depth}"))
+    lone = sorted(set(depths) - {depth for _, depth in pair})
+    skipped += [f"frame {Path(name).stem}: it has depth/{name} and no colour" for name in lone]
     index = {f"{folder}/{color}": i for i, (color, _) in enumerate(pair)}
     intrinsics_name = next((name for name in INTRINSICS if source.exists(name)), "")
     intrinsics = _intrinsics(source, intrinsics_name) if intrinsics_name else PRIMESENSE
@@ -120,7 +123,8 @@ def _read_log(source: Source, name: str) -> dict[int, np.ndarray]:
             raise ValueError(f"{len(values)} lines that do not make such blocks")
     except ValueError as error:
         raise ScanError(
-            f"{source.path / name}: expected blocks of a line of 3 numbers and four of 4, found {error}"
+            f"{source.path / name}: expected blocks of a line of 3 numbers and four of 4, found "
+            f"{shorten(error)}"
         ) from error
     return {int(values[i][0]): np.array(values[i + 1 : i + 5]) for i in range(0, len(values), 5)}
 

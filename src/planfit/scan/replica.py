@@ -22,14 +22,16 @@ from planfit.scan.layout import Layout, scan_of_layout
 from planfit.scan.lens import Lens
 from planfit.scan.options import ScanOptions
 from planfit.scan.source import FolderSource, Source
-from planfit.scan.tables import read_json, read_matrix
+from planfit.scan.tables import number_list, read_json, read_matrix
 from planfit.scan.types import Scan, check_pose
 
 LOOKS_FOR = "traj.txt with results/frameNNNNNN.jpg and results/depthNNNNNN.png"
 POSES, CALIBRATION = "traj.txt", "cam_params.json"
 PUBLISHED = {"fx": 600.0, "fy": 600.0, "cx": 599.5, "cy": 339.5, "scale": 6553.5}
 
+_DEPTH = re.compile(r"depth(\d+)\.png$", re.IGNORECASE)
 _COLOR = re.compile(r"frame(\d+)\.(jpg|jpeg|png)$", re.IGNORECASE)
+PARTS = (POSES, "results/")
 
 
 def recognise(source: Source) -> bool:
@@ -69,6 +71,13 @@ def read(source: Source, options: ScanOptions) -> Scan:
                 f"results/depth{match[1]}.png",
             )
         )
+    listed = {entry.frame_id for entry in entries}
+    numbers = {found[1] for name in source.names("results") if (found := _DEPTH.match(name))}
+    skipped += [
+        f"frame {number}: results/frame{number}.jpg is missing"
+        for number in sorted(numbers - listed)
+        if int(number) < len(poses)
+    ]
     values, others = _calibration(source)
 
     def lens(_: Entry, size: tuple[int, int]) -> Lens:
@@ -81,8 +90,9 @@ def read(source: Source, options: ScanOptions) -> Scan:
         lines = [" ".join(f"{v:.10g}" for v in row.ravel()) for row in rows]
         (directory / POSES).write_text("\n".join(lines) + "\n")
 
-    scale = float(values.get("scale", PUBLISHED["scale"]))
-    if not scale > 0:
+    stored = values.get("scale", PUBLISHED["scale"])
+    scale = float(number_list(stored, 1, f"{source.path}: {CALIBRATION}, scale")[0])
+    if not 0 < scale < np.inf:
         raise ScanError(f"{source.path}: expected a scale above 0 in {CALIBRATION}, found {scale}")
     layout = Layout(
         "replica",
@@ -99,8 +109,17 @@ def read(source: Source, options: ScanOptions) -> Scan:
 
 def _calibration(source: Source) -> tuple[dict[str, float], list[str]]:
     if source.exists(CALIBRATION):
-        return read_json(source, CALIBRATION).get("camera", {}), [CALIBRATION]
+        return _camera(source), [CALIBRATION]
     above = FolderSource(source.path.resolve().parent)
     if source.path.is_dir() and above.exists(CALIBRATION):
-        return read_json(above, CALIBRATION).get("camera", {}), []
+        return _camera(above), []
     return PUBLISHED, []
+
+
+def _camera(source: Source) -> dict[str, float]:
+    camera = read_json(source, CALIBRATION).get("camera")
+    if not isinstance(camera, dict):
+        raise ScanError(
+            f"{source.path / CALIBRATION}: expected an object `camera` with fx fy cx cy scale, found none"
+        )
+    return camera

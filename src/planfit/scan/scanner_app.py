@@ -26,6 +26,7 @@ from planfit.scan.tables import number_list, read_json
 from planfit.scan.types import Scan, check_pose
 
 LOOKS_FOR = "frame_NNNNN.json with cameraPoseARFrame, frame_NNNNN.jpg and depth_NNNNN.png"
+_COLOR = re.compile(r"frame_(\d+)\.jpg$")
 _FRAME = re.compile(r"frame_(\d+)\.json$")
 
 
@@ -54,7 +55,7 @@ def read(source: Source, options: ScanOptions) -> Scan:
         k = number_list(content.get("intrinsics"), 9, f"{where}, intrinsics")
         intrinsics[number] = (k[0], k[4], k[2], k[5])
         contents[number] = content
-        time = float(content.get("time", int(number)))
+        time = float(number_list(content.get("time", int(number)), 1, f"{where}, time")[0])
         entries.append(
             Entry(
                 number,
@@ -65,6 +66,9 @@ def read(source: Source, options: ScanOptions) -> Scan:
                 f"conf_{number}.png",
             )
         )
+
+    images = {match[1] for name in source.names() if (match := _COLOR.match(name))}
+    skipped = [f"frame {n}: frame_{n}.json is missing" for n in sorted(images - contents.keys())]
 
     def lens(entry: Entry, size: tuple[int, int]) -> Lens:
         where = str(source.path / f"frame_{entry.frame_id}.json")
@@ -84,6 +88,7 @@ def read(source: Source, options: ScanOptions) -> Scan:
         lens,
         other_files=[f"frame_{entry.frame_id}.json" for entry in entries],
         up_world=UP_Y,
+        skipped=skipped,
         least_confidence=options.min_confidence,
     )
     return scan_of_layout(source, layout, options)

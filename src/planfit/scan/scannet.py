@@ -27,6 +27,7 @@ from planfit.scan.types import Scan
 LOOKS_FOR = "intrinsic/intrinsic_color.txt with folders color/, depth/, pose/"
 COLOR, DEPTH = "intrinsic/intrinsic_color.txt", "intrinsic/intrinsic_depth.txt"
 EXTRINSICS = ("intrinsic/extrinsic_color.txt", "intrinsic/extrinsic_depth.txt")
+PARTS = (COLOR, "color/", "depth/", "pose/")
 
 
 def recognise(source: Source) -> bool:
@@ -58,6 +59,10 @@ def read(source: Source, options: ScanOptions) -> Scan:
             continue
         pose = read_pose(source, pose_name)
         entries.append(Entry(number, float(number), pose, f"color/{name}", f"depth/{number}.png"))
+    colored = {Path(name).stem for name in names}
+    others = {Path(n).stem for folder in ("depth", "pose") for n in source.names(folder)}
+    lone = sorted((n for n in others - colored if n.isdigit()), key=int)
+    skipped += [f"frame {number}: color/{number}.jpg is missing" for number in lone]
 
     color = _intrinsics(source, COLOR)
     depth = _intrinsics(source, DEPTH) if source.exists(DEPTH) else None

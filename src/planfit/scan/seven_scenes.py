@@ -27,6 +27,7 @@ PUBLISHED = (585.0, 585.0, 320.0, 240.0)
 INTRINSICS = "camera-intrinsics.txt"
 
 _COLOR = re.compile(r"frame-(\d+)\.color\.(png|jpg|jpeg)$", re.IGNORECASE)
+_OTHER = re.compile(r"frame-(\d+)\.(depth\.png|pose\.txt)$", re.IGNORECASE)
 
 
 def recognise(source: Source) -> bool:
@@ -52,6 +53,9 @@ def read(source: Source, options: ScanOptions) -> Scan:
             continue
         pose = read_pose(source, pose_name)
         entries.append(Entry(number, float(number), pose, name, f"frame-{number}.depth.png"))
+    colored = {match[1] for name in source.names() if (match := _COLOR.match(name))}
+    others = {match[1] for name in source.names() if (match := _OTHER.match(name))}
+    skipped += [f"frame {n}: frame-{n}.color.png is missing" for n in sorted(others - colored)]
     has_own = source.exists(INTRINSICS)
     intrinsics = PUBLISHED
     if has_own:

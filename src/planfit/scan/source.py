@@ -223,7 +223,10 @@ def read_text(source: Source, name: str) -> str:
     try:
         return source.read(name).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ScanError(f"{source.path / name}: expected text, found {error}") from error
+        raise ScanError(
+            f"{source.path / name}: expected text, found other bytes ({error.reason} at "
+            f"{error.start}); export it again"
+        ) from error
 
 
 def fingerprint(source: Source, names: Iterable[str], *parts: object) -> str:

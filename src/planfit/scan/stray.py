@@ -22,17 +22,18 @@ from planfit.geometry import se3
 from planfit.scan.axes import UP_Y
 from planfit.scan.frames import Recording, make_camera, matrix_intrinsics, scan_from
 from planfit.scan.image_files import ImageFiles, whole_image_size
-from planfit.scan.layout import check_proportions
+from planfit.scan.layout import check_proportions, missing_confidence
 from planfit.scan.lens import Lens
 from planfit.scan.options import ScanOptions
 from planfit.scan.source import Source, fingerprint, read_text
-from planfit.scan.tables import read_matrix
-from planfit.scan.types import Scan
+from planfit.scan.tables import read_matrix, shorten
+from planfit.scan.types import MAX_ENTRY, Scan
 from planfit.scan.video import Video
 
 LOOKS_FOR = "rgb.mp4, odometry.csv and camera_matrix.csv"
 VIDEO, POSES, CALIBRATION = "rgb.mp4", "odometry.csv", "camera_matrix.csv"
 COLUMNS = ("timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw")
+PARTS = (VIDEO, POSES, CALIBRATION, "depth/")
 
 
 def recognise(source: Source) -> bool:
@@ -88,10 +89,12 @@ def read(source: Source, options: ScanOptions) -> Scan:
             depth_size = size
             kept.append(row)
             depths.append(depth)
+    last = max((int(row[1]) for row in rows), default=-1)
+    skipped += [f"frame {n:06d}: {POSES} has no row" for n in range(last + 1, len(video))]
     values = np.array(kept).reshape(len(kept), len(header))
     turns = Rotation.from_quat(values[:, 5:9]).as_matrix() if kept else np.zeros((0, 3, 3))
     own = [header.index(name) for name in ("fx", "fy", "cx", "cy") if name in header]
-    where = str(source.path / POSES)
+    where = str(source.path / (POSES if len(own) == 4 else CALIBRATION))
     lenses = [
         Lens(
             make_camera(
@@ -128,6 +131,7 @@ def read(source: Source, options: ScanOptions) -> Scan:
         fingerprint=fingerprint(source, [*tables, *depths], options),
         up_world=UP_Y,
         skipped=skipped,
+        warnings=missing_confidence(source, confidences) if options.min_confidence else (),
     )
     return scan_from(source.path, "stray", recording, options)
 
@@ -137,7 +141,8 @@ def _read_rows(source: Source) -> tuple[list[str], list[list[float]]]:
     header = [word.strip() for word in lines[0].split(",")] if lines else []
     if tuple(header[: len(COLUMNS)]) != COLUMNS:
         raise ScanError(
-            f"{source.path / POSES}: expected columns {', '.join(COLUMNS)}, found {', '.join(header)}"
+            f"{source.path / POSES}: expected columns {', '.join(COLUMNS)}, found "
+            f"{shorten(', '.join(header)) or 'an empty file'}"
         )
     rows = []
     for number, line in enumerate(lines[1:], start=2):
@@ -145,11 +150,13 @@ def _read_rows(source: Source) -> tuple[list[str], list[list[float]]]:
             row = [float(word) for word in line.split(",")]
         except ValueError:
             row = []
-        ok = len(row) == len(header) and np.isfinite(row).all()
-        if not ok or np.linalg.norm(row[5:9]) < 1e-6 or row[1] < 0:
+        ok = (
+            len(row) == len(header) and np.isfinite(row).all() and np.abs(row[2:]).max() < MAX_ENTRY
+        )
+        if not ok or np.abs(row[5:9]).max() < 1e-6 or row[1] < 0:
             raise ScanError(
                 f"{source.path / POSES}, line {number}: expected {len(header)} finite numbers "
-                f"({', '.join(header)}), found {line.strip()!r}"
+                f"({', '.join(header)}), found {shorten(line.strip())!r}"
             )
         rows.append(row)
     return header, rows

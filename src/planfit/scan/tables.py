@@ -9,6 +9,14 @@ import numpy as np
 from planfit.errors import ScanError
 from planfit.scan.source import Source, read_text
 
+MAX_QUOTED = 80
+
+
+def shorten(found: object) -> str:
+    """What was found in a file, fit for a message: printable, one line, not too long."""
+    text = "".join(c if c.isprintable() else "?" for c in str(found).replace("\\x00", "?"))
+    return text if len(text) <= MAX_QUOTED else text[: MAX_QUOTED - 3] + "..."
+
 
 def read_rows(
     source: Source, name: str, expected: str, separator: str | None = None
@@ -37,11 +45,17 @@ def read_matrix(
         ScanError: it is none.
     """
     rows = read_rows(source, name, expected, separator)
+    lengths = sorted({len(row) for row in rows})
+    if len(lengths) > 1:
+        raise ScanError(
+            f"{source.path / name}: expected {expected}, found lines of {lengths[0]} to {lengths[-1]} "
+            "numbers; export it again"
+        )
     try:
         return np.array([[float(word) for word in row] for row in rows])
     except ValueError as error:
         raise ScanError(
-            f"{source.path / name}: expected {expected}, found text that is not ({error})"
+            f"{source.path / name}: expected {expected}, found text that is not ({shorten(error)})"
         ) from error
 
 
@@ -62,7 +76,7 @@ def parse_json(text: str, path: Path) -> dict[str, Any]:
     """
     try:
         value = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ScanError(f"{path}: expected JSON, found text that is not ({error})") from error
     if not isinstance(value, dict):
         raise ScanError(f"{path}: expected a JSON object, found {type(value).__name__}")
@@ -77,8 +91,8 @@ def number_list(value: Any, count: int, where: str) -> np.ndarray:
     """
     try:
         array = np.array(value, dtype=float).ravel()
-    except (ValueError, TypeError) as error:
-        raise ScanError(f"{where}: expected {count} numbers, found {str(value)[:60]!r}") from error
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ScanError(f"{where}: expected {count} numbers, found {shorten(value)!r}") from error
     if array.size != count:
         raise ScanError(f"{where}: expected {count} numbers, found {array.size}")
     return array

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
+from planfit.scan.types import MAX_ENTRY
 
 
 def read_tum(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -30,10 +31,11 @@ def read_tum(path: Path) -> tuple[np.ndarray, np.ndarray]:
             row = [float(v) for v in text]
         except ValueError:
             row = []
-        if len(row) != 8 or not np.isfinite(row).all() or np.linalg.norm(row[4:]) < 1e-6:
+        ok = len(row) == 8 and np.isfinite(row).all() and np.abs(row[1:]).max() < MAX_ENTRY
+        if not ok or np.abs(row[4:]).max() < 1e-6:
             raise ScanError(
                 f"{path}, line {number}: expected eight finite numbers "
-                f"(time tx ty tz qx qy qz qw), found {line.strip()!r}"
+                f"(time tx ty tz qx qy qz qw), found {line.strip()[:80]!r}"
             )
         rows.append(row)
     if not rows:

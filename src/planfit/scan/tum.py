@@ -23,7 +23,7 @@ from planfit.scan.lens import Lens
 from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import read_poses
 from planfit.scan.source import Source
-from planfit.scan.tables import read_matrix, read_rows
+from planfit.scan.tables import read_matrix, read_rows, shorten
 from planfit.scan.trajectory import write_tum
 from planfit.scan.types import Scan
 
@@ -38,6 +38,7 @@ PUBLISHED: dict[str, tuple[float, ...]] = {
 }
 """fx fy cx cy k1 k2 p1 p2 k3 of the benchmark's three cameras; the images of the third are undistorted."""
 DEFAULT = (525.0, 525.0, 319.5, 239.5)
+PARTS = ("rgb.txt", "depth.txt", POSES)
 
 
 def recognise(source: Source) -> bool:
@@ -105,9 +106,11 @@ def _list(source: Source, name: str) -> tuple[np.ndarray, list[str]]:
     try:
         times = np.array([float(row[0]) for row in rows])
         names = [row[1] for row in rows]
+        if not np.isfinite(times).all():
+            raise ValueError(" ".join(rows[int(np.argmin(np.isfinite(times)))]))
     except (ValueError, IndexError) as error:
         raise ScanError(
-            f"{source.path / name}: expected lines `time filename`, found another ({error})"
+            f"{source.path / name}: expected lines `time filename`, found another ({shorten(error)})"
         ) from error
     order = np.argsort(times, kind="stable")
     return times[order], [names[i] for i in order]

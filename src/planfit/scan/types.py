@@ -16,6 +16,9 @@ MAX_STEP_M = 20.0
 """Half of the steps between frames are shorter: nobody scans a building at strides of 20 m, but poses in
 millimetres look like it."""
 
+MAX_ENTRY = 1e9
+"""Nothing is further from an origin, not even in millimetres around the Earth's axis."""
+
 MAX_ROTATION_DEFECT = 0.02
 """Largest entry of R^T R - I that is taken for rounding. Recorded poses with four decimals are off
 by 1e-4; a matrix that is off by more than this was not a rotation when it was written."""
@@ -117,6 +120,13 @@ class Scan:
                 f"found {len(self.cameras)} and {len(self.timestamps)}"
             )
 
+        if not np.isfinite(self.timestamps).all():
+            frame_id = self.frame_ids[int(np.argmin(np.isfinite(self.timestamps)))]
+            raise ScanError(
+                f"{self.name}: frame {frame_id}: expected a time, found NaN or infinity; "
+                "remove the frame or export the scan again"
+            )
+
     def __len__(self) -> int:
         return len(self.frame_ids)
 
@@ -133,9 +143,10 @@ def check_pose(pose: np.ndarray, where: str) -> None:
     """Raise `ScanError`, beginning with `where`, unless `pose` is a rigid 4x4 transform up to rounding."""
     if pose.shape != (4, 4):
         raise ScanError(f"{where}: expected a 4x4 pose matrix, found shape {pose.shape}")
-    if not np.isfinite(pose).all():
+    if not (np.isfinite(pose).all() and np.abs(pose).max() < MAX_ENTRY):
         raise ScanError(
-            f"{where}: expected finite numbers in the pose, found NaN or infinity; "
+            f"{where}: expected finite numbers in the pose, found NaN, infinity or beyond "
+            f"{MAX_ENTRY:g}; "
             "remove the frame or repair the tracker's output"
         )
     rotation = pose[:3, :3]
