@@ -47,11 +47,10 @@ def test_a_few_points_below_do_not_pass_for_the_floor(rng):
     assert mapped(level_glance(rng, (-1.0, 50), (0.0, 900))).floor_m == pytest.approx(0, abs=0.01)
 
 
-def test_a_table_over_things_is_no_floor_where_the_floor_is_out_of_view(rng):
-    table, below = level_glance(rng, (0.75, 900)), level_glance(rng, (0.3, 300))
-    sideways = replace(below, normal_z=np.zeros(300, np.float32))
-    assert mapped(table).floor_m == pytest.approx(0.75, abs=0.01)
-    assert np.isnan(mapped(table, sideways).floor_m)
+def test_points_below_the_floor_leave_it_the_floor(rng):
+    floor, below = level_glance(rng, (0.0, 900)), level_glance(rng, (-0.6, 250))
+    sideways = replace(below, normal_z=np.zeros(250, np.float32))
+    assert mapped(floor, sideways).floor_m == pytest.approx(0.0, abs=0.01)
 
 
 def test_floor_of_the_storey_that_the_camera_is_on(rng):
