@@ -96,6 +96,15 @@ def test_a_fill_tells_walls_from_the_lines_of_other_things(tmp_path: Path, style
     assert recall > 0.93
 
 
+@pytest.mark.parametrize(("seed", "pixels_per_metre"), [(0, 70), (1, 55), (1, 90), (2, 70)])
+def test_hatching_longer_than_the_outlines_of_walls(
+    tmp_path: Path, seed: int, pixels_per_metre: float
+) -> None:
+    drawing = drawn(seed, style="hatched", pixels_per_metre=pixels_per_metre)
+    plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
+    assert min(scores(plan, drawing)) > 0.95
+
+
 @pytest.mark.parametrize("change", [
     {}, {"is_cluttered": True},
     {"is_cluttered": True, "skew_deg": 3.2, "noise": 4.0, "jpeg_quality": 70},
@@ -318,6 +327,26 @@ def test_skew_is_found(angle: float) -> None:
     darkness = make_darkness(drawn(skew_deg=angle).image, "x")
     # Drawings turn clockwise as seen, skew is counted the other way.
     assert abs(find_skew_deg(darkness) + angle) < 0.1
+
+
+@pytest.mark.parametrize("angle", [0.0, 3.2, -20.0])
+@pytest.mark.parametrize(("seed", "pixels_per_metre"), [(0, 70), (1, 55), (1, 90), (2, 70)])
+def test_hatching_does_not_turn_the_sheet(seed: int, pixels_per_metre: float, angle: float) -> None:
+    # Oblique lines had more length here than the outlines of the walls: the sheet was turned by 45 deg.
+    drawing = drawn(seed, style="hatched", pixels_per_metre=pixels_per_metre, skew_deg=angle)
+    assert abs(find_skew_deg(make_darkness(drawing.image, "x")) + angle) < 0.1
+
+
+@pytest.mark.parametrize("angle", [-20.0, 17.0, 30.0])
+def test_the_turn_of_thin_lines_is_found(angle: float) -> None:
+    # Their gradients are off by more than 1 deg at such angles.
+    darkness = make_darkness(drawn(style="double", skew_deg=angle).image, "x")
+    assert abs(find_skew_deg(darkness) + angle) < 0.1
+
+
+def test_dense_hatching_does_not_turn_the_sheet() -> None:
+    drawing = drawn(0, style="hatched", pixels_per_metre=110, hatch_m=0.05)
+    assert abs(find_skew_deg(make_darkness(drawing.image, "x"))) < 0.1
 
 
 def test_upright_leads_back_to_the_picture() -> None:

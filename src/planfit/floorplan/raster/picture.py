@@ -17,6 +17,17 @@ _PAPER = 0.12
 MIN_PAPER_SHARE = 0.25
 """Drawings are mostly paper; photographs of other things are not."""
 
+_PEAK = 0.25
+"""Walls have at least this share of the line work of the most frequent direction."""
+_APART_BINS = 16
+"""Peaks are at least so many quarters of a degree apart."""
+_SAME_DEG = 3.0
+"""Edges belong to a direction up to this angle from it."""
+_MAX_WINDOWS = 3
+"""Windows of 1.2 deg that the turn is looked for in, each about the end of the one before."""
+_LONG_LINE = 1 / 12
+"""Walls have lines longer than this share of the drawing; hatching, as long as walls are thick, has none."""
+
 
 @dataclass(frozen=True)
 class Upright:
@@ -143,7 +154,7 @@ def make_upright(darkness: np.ndarray) -> Upright:
 
 
 def find_skew_deg(darkness: np.ndarray) -> float:
-    """Angle in (-45, 45] that most line work makes with the axes, counter-clockwise as seen."""
+    """Angle in (-45, 45] that most long lines make with the axes, counter-clockwise as seen."""
     shrink = max(1.0, max(darkness.shape) / 1600)
     small = cv2.resize(darkness, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
     small = cv2.GaussianBlur(small, (0, 0), 0.8)
@@ -154,18 +165,79 @@ def find_skew_deg(darkness: np.ndarray) -> float:
     counts, _ = np.histogram(angle, 360, (0.0, 90.0), weights=size[strong])
     if counts.sum() == 0:
         return 0.0
-    kernel = np.exp(-0.5 * (np.arange(-8, 9) / 3.0) ** 2)
-    smooth = np.convolve(np.concatenate([counts[-8:], counts, counts[:8]]), kernel, "valid")
-    coarse = (int(np.argmax(smooth)) + 0.5) * 0.25
-    coarse = coarse - 90.0 if coarse > 45.0 else coarse
-    fine = [coarse + step for step in np.arange(-0.6, 0.61, 0.1)] + [0.0] * (abs(coarse) < 0.7)
-    scores = np.array([_sharpness(small, a) for a in fine])
-    best = int(np.argmax(scores))
+    coarse = _longest_lines(_peaks(counts), strong, gu, gv)
+    # Gradients of thin lines are off by up to 1 deg between the axes and 45 deg: the window follows the top.
+    fine, scores, best = _window(small, coarse)
+    for _ in range(_MAX_WINDOWS - 1):
+        if best in (0, 12):
+            fine, scores, best = _window(small, fine[best])
     if 0 < best < 12:  # the top of the parabola through the best and its neighbours
         a, b, c = scores[best - 1 : best + 2]
         bend = a - 2 * b + c
         return float(fine[best] + (0.05 * (a - c) / bend if bend < 0 else 0.0))
     return float(fine[best])
+
+
+def _window(small: np.ndarray, coarse: float) -> tuple[list[float], np.ndarray, int]:
+    """Angles about a coarse one, how sharp the line work is at each, and the number of the sharpest."""
+    fine = [float(coarse + step) for step in np.arange(-0.6, 0.61, 0.1)]
+    fine += [0.0] * (abs(coarse) < 0.7)
+    scores = np.array([_sharpness(small, a) for a in fine])
+    return fine, scores, int(np.argmax(scores))
+
+
+def _peaks(counts: np.ndarray) -> list[float]:
+    """Angles in (-45, 45], deg, that much line work has, most first; `counts` (360,) over 0 to 90 deg."""
+    kernel = np.exp(-0.5 * (np.arange(-8, 9) / 3.0) ** 2)
+    smooth = np.convolve(np.concatenate([counts[-8:], counts, counts[:8]]), kernel, "valid")
+    top = smooth.max()
+    result = []
+    while smooth.max() > _PEAK * top:
+        k = int(np.argmax(smooth))
+        angle = (k + 0.5) * 0.25
+        result.append(angle - 90.0 if angle > 45.0 else angle)
+        smooth[np.arange(k - _APART_BINS, k + _APART_BINS + 1) % len(smooth)] = 0.0
+    return result
+
+
+def _longest_lines(
+    angles_deg: list[float], strong: np.ndarray, gu: np.ndarray, gv: np.ndarray
+) -> float:
+    """The angle with the greatest length of long lines: hatching may have more length, all in short lines.
+
+    Args:
+        angles_deg: at least one; the first is kept where no line is long.
+        strong: (h, w) bool, edges.
+        gu: (h, w) gradient along columns' numbers.
+        gv: (h, w) gradient along rows' numbers.
+    """
+    if len(angles_deg) == 1:
+        return angles_deg[0]
+    angle = np.rad2deg(np.arctan2(-gv, gu))
+    v, u = np.nonzero(strong)
+    long_px = max(int(_LONG_LINE * max(np.ptp(u), np.ptp(v))), 12)
+    h, w = strong.shape
+    length = []
+    for at in angles_deg:
+        off = np.abs((angle - at + 45.0) % 90.0 - 45.0)
+        edges = (strong & (off < _SAME_DEG)).astype(np.uint8)
+        c, s = np.cos(np.deg2rad(at)), np.sin(np.deg2rad(at))
+        turn = np.array([[c, -s], [s, c]])
+        corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ turn.T
+        size = np.ceil(np.ptp(corners, axis=0)).astype(int) + 1
+        turned = cv2.warpAffine(
+            edges, np.column_stack([turn, -corners.min(axis=0)]), (int(size[0]), int(size[1])),
+            flags=cv2.INTER_NEAREST,
+        )  # fmt: skip
+        length.append(_length_along_rows(turned, long_px) + _length_along_rows(turned.T, long_px))
+    return angles_deg[int(np.argmax(length))]
+
+
+def _length_along_rows(edges: np.ndarray, least_px: int) -> float:
+    """Pixels on edges along rows at least so long, up to a slant of a pixel or two over that length."""
+    thick = cv2.dilate(np.ascontiguousarray(edges), np.ones((3, 3), np.uint8))
+    long = cv2.morphologyEx(thick, cv2.MORPH_OPEN, np.ones((1, least_px), np.uint8))
+    return float((long & edges).sum())
 
 
 def _sharpness(small: np.ndarray, angle_deg: float) -> float:
