@@ -123,6 +123,7 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
             np.zeros(0),
             4,
             True,
+            12,
         ),
         solved_frame_idx=np.arange(n_frames),
         cost_by_term={"points": (200.0, 50.0), "trajectory": (0.0, 3.0)},
@@ -137,7 +138,9 @@ def walls_of(floorplan, association, offsets_m=None, sigmas_m=None):
     solution = Solution(np.eye(4)[None], Stop.COST, 3, {})
     ties = make_ties(floorplan, association, 1)
     offsets_m = np.zeros(len(floorplan)) if offsets_m is None else offsets_m
-    return WallsPulled(solution, ties, offsets_m, none if sigmas_m is None else sigmas_m, 4, True)
+    return WallsPulled(
+        solution, ties, offsets_m, none if sigmas_m is None else sigmas_m, 4, True, 12
+    )
 
 
 def without_walls(result):

@@ -61,7 +61,7 @@ def pulled(world, n_associated, settled=True):
     face_idx = np.where(np.arange(n) < n_associated, 0, -1)
     solution = Solution(world.plan_from_cams, Stop.COST, 3, {})
     ties = make_ties(world.floorplan, Association(face_idx, np.zeros(n)), len(world.plan_from_cams))
-    return WallsPulled(solution, ties, np.zeros(4), np.full(4, np.nan), 5, settled)
+    return WallsPulled(solution, ties, np.zeros(4), np.full(4, np.nan), 5, settled, 15)
 
 
 def doubts_of_fit(world, **changes):
