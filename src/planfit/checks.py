@@ -94,8 +94,8 @@ def match_distances(matches: Matches, target_from_cams: np.ndarray) -> np.ndarra
     """Distances (m,) m between matched points at poses (n, 4, 4)."""
     pair = np.repeat(np.arange(len(matches.pairs)), np.diff(matches.start))
     first, second = matches.pairs[pair].T
-    a = _transform_each(target_from_cams[first], matches.points_a)
-    b = _transform_each(target_from_cams[second], matches.points_b)
+    a = se3.transform_each(target_from_cams[first], matches.points_a)
+    b = se3.transform_each(target_from_cams[second], matches.points_b)
     return np.linalg.norm(a - b, axis=1)
 
 
@@ -106,7 +106,7 @@ def wall_points_plan(
     frame_idx = np.concatenate([structure.walls.point_frame_idx, structure.loose_frame_idx])
     points_cam = np.concatenate([structure.walls.points_cam, structure.loose_points_cam])
     keep = _thinned(len(points_cam), max_points)
-    return _transform_each(plan_from_cams[frame_idx[keep]], points_cam[keep])
+    return se3.transform_each(plan_from_cams[frame_idx[keep]], points_cam[keep])
 
 
 def wall_distances(
@@ -130,7 +130,7 @@ def floor_points(
     """Floor points (n, 3) m of the scan, the paper's P_F, in the target frame; evenly thinned."""
     keep = _thinned(len(structure.floor.points_cam), max_points)
     poses = target_from_cams[structure.floor.frame_idx[keep]]
-    return _transform_each(poses, structure.floor.points_cam[keep])
+    return se3.transform_each(poses, structure.floor.points_cam[keep])
 
 
 def surface_metrics(
@@ -158,11 +158,6 @@ def surface_metrics(
 def _thinned(n_points: int, max_points: int | None) -> slice:
     """Evenly thinned to about `max_points`: each point takes a transform of its own, 128 bytes."""
     return slice(None, None, max(1, n_points // max_points) if max_points else 1)
-
-
-def _transform_each(target_from_cams: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Each point (n, 3) by its own transform (n, 4, 4)."""
-    return se3.transform(target_from_cams, points[:, None])[:, 0]
 
 
 def _keep(matches: Matches, keep: np.ndarray) -> Matches:

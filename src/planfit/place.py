@@ -111,9 +111,5 @@ def scan_points(structure: Structure, level_from_cams: np.ndarray) -> np.ndarray
         (structure.loose_points_cam, structure.loose_frame_idx),
     )
     return np.concatenate(
-        [
-            np.einsum("nab,nb->na", level_from_cams[frame][:, :3, :3], points)
-            + level_from_cams[frame][:, :3, 3]
-            for points, frame in parts
-        ]
+        [se3.transform_each(level_from_cams[frame], points) for points, frame in parts]
     )

@@ -236,3 +236,11 @@ def test_weights_of_zero_leave_pairs_out(rng):
     target[:4] += 5.0
     weights = np.r_[np.zeros(4), np.ones(6)]
     assert_allclose(se3.fit_rigid(source, target, weights), truth, atol=1e-12)
+
+
+def test_each_point_has_its_own_transform(rng):
+    poses, points = random_transforms(rng, 5), rng.normal(size=(5, 3))
+    expected = [
+        se3.transform(pose, point[None])[0] for pose, point in zip(poses, points, strict=True)
+    ]
+    assert_allclose(se3.transform_each(poses, points), expected, atol=1e-12)

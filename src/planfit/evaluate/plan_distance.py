@@ -7,6 +7,7 @@ import numba
 import numpy as np
 
 from planfit.floorplan import Floorplan
+from planfit.geometry import se3
 from planfit.structure import Structure
 
 _CHUNK = 300_000
@@ -50,7 +51,7 @@ def wall_distances(
         return None
 
     def total_of(part: slice) -> np.ndarray:
-        xy = _placed(plan_from_cams, frame_idx[part], points_cam[part])[:, :2]
+        xy = se3.transform_each(plan_from_cams[frame_idx[part]], points_cam[part])[:, :2]
         eyes = plan_from_cams[frame_idx[part], :2, 3]
         return nearest_distances(xy, eyes, floorplan).sum(axis=0)
 
@@ -84,7 +85,7 @@ def floor_flatness(structure: Structure, target_from_cams: np.ndarray) -> FloorF
         return None
     points = np.concatenate(
         [
-            _placed(target_from_cams, frame_idx[part], points_cam[part])[on_storey[part]]
+            se3.transform_each(target_from_cams[frame_idx[part]], points_cam[part])[on_storey[part]]
             for part in _chunks(len(points_cam))
         ]
     )
@@ -98,13 +99,6 @@ def floor_flatness(structure: Structure, target_from_cams: np.ndarray) -> FloorF
 
 def _chunks(n: int) -> list[slice]:
     return [slice(first, first + _CHUNK) for first in range(0, n, _CHUNK)]
-
-
-def _placed(
-    plan_from_cams: np.ndarray, frame_idx: np.ndarray, points_cam: np.ndarray
-) -> np.ndarray:
-    poses = plan_from_cams[frame_idx]
-    return np.einsum("nij,nj->ni", poses[:, :3, :3], points_cam) + poses[:, :3, 3]
 
 
 @numba.njit(cache=True, nogil=True)

@@ -20,6 +20,12 @@ def transform(target_from_source: np.ndarray, points: np.ndarray) -> np.ndarray:
     return points @ np.swapaxes(rotation, -1, -2) + target_from_source[..., None, :3, 3]
 
 
+def transform_each(target_from_sources: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Map points (n, 3), each by its own transform (n, 4, 4)."""
+    turned = np.einsum("nij,nj->ni", target_from_sources[:, :3, :3], points)
+    return turned + target_from_sources[:, :3, 3]
+
+
 def inverse(target_from_source: np.ndarray) -> np.ndarray:
     """Inverse of rigid transforms (..., 4, 4)."""
     source_from_target = np.zeros_like(target_from_source)
