@@ -31,9 +31,9 @@ class WallOptions:
     loss: Loss = field(default_factory=lambda: Loss(LossKind.GEMAN_MCCLURE, 0.8))
     """Robust loss of the distance in spreads. It levels off, because a wall that is drawn decimetres
     off is seen by many frames, which must not pull together: with 30 % of walls drawn 0.1 to 0.5 m off,
-    20 runs err by 0.0085 m in the median, 0.09 m at worst; with a Cauchy loss of scale 2 by several times
-    that. A scale of 0.7 keeps the worst at 0.03 m, but lets go of right walls where no loop is closed and
-    costs 4 % of accuracy on an 80-frame scan with a right plan (benchmarks/robustness.py)."""
+    20 runs err by 0.0084 m in the median, 0.04 m at worst (benchmarks/robustness.py); with a Cauchy loss of
+    scale 2 by several times that. A scale of 0.7 lets go of right walls where no loop is closed and costs
+    4 % of accuracy on an 80-frame scan with a right plan."""
     max_readings: float = 4.0
     """Independent readings that a piece of wall is worth at most."""
     points_per_reading: float = 60.0
