@@ -14,8 +14,9 @@ from bag_writer import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.errors import ScanError
+from planfit.geometry import se3
 from planfit.scan import ScanOptions, read_scan, read_tum
-from scan_samples import N
+from scan_samples import HEIGHT, WIDTH, N
 
 KINDS = {"ros1": (1, None), "sqlite": (2, "sqlite"), "mcap": (2, "mcap")}
 
@@ -134,7 +135,43 @@ def test_depth_in_metres_and_in_another_frame(sample, tmp_path):
     path = write_bag(tmp_path, "ros1", images, lambda b: write_tf(b, sample))
     scan = read_scan(path)
     assert "depth_frame" in scan.warnings[0]
+    assert "no static tf joins them" in scan.warnings[0]
     assert_is_sample(scan, sample)
+
+
+def test_depth_of_a_camera_beside_is_registered_by_static_tf(sample, tmp_path):
+    """A plane square to the depth camera, which stands 5 cm left of the colour camera and squints."""
+    link_from_color = BODY_FROM_CAM
+    color_from_depth = se3.make_transform(
+        se3.exp_so3(np.array([0.0, 0.03, 0.0])), np.array([-0.05, 0.0, 0.0])
+    )
+
+    def images(bag):
+        plane = np.full((HEIGHT, WIDTH), 2000, dtype=np.uint16)
+        for i, time in enumerate(sample.times):
+            bag.image("/camera/color/image_raw", time, COLOR_FRAME, sample.color[i], "rgb8")
+            bag.info("/camera/color/camera_info", time, COLOR_FRAME, sample.camera)
+            bag.image("/camera/depth/image_raw", time, "depth_optical", plane, "16UC1")
+            bag.info("/camera/depth/camera_info", time, "depth_optical", sample.camera)
+
+    def tf(bag):
+        start = sample.times[0]
+        bag.tf("/tf_static", start, "link", COLOR_FRAME, link_from_color)
+        bag.tf("/tf_static", start, "link", "depth_link", np.eye(4))
+        bag.tf(
+            "/tf_static", start, "depth_link", "depth_optical", link_from_color @ color_from_depth
+        )
+        for time, pose in zip(sample.times, sample.poses, strict=True):
+            bag.tf("/tf", time, "world", "link", pose @ se3.inverse(link_from_color))
+
+    scan = read_scan(write_bag(tmp_path, "ros1", images, tf))
+    assert scan.warnings == ()
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
+    points = scan.cameras[0].lift_image(scan.files.depth(2)).reshape(-1, 3)
+    seen = points[np.isfinite(points).all(axis=1)]
+    assert 0.5 * HEIGHT * WIDTH < len(seen) < HEIGHT * WIDTH
+    in_depth_camera = se3.transform(se3.inverse(color_from_depth), seen)
+    assert_allclose(in_depth_camera[:, 2], 2.0, atol=5e-3)
 
 
 def test_refined_poses_are_written_as_tum(sample, tmp_path):

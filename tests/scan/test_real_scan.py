@@ -74,7 +74,7 @@ def test_the_kitchen_is_read_as_published():
     assert kitchen.skipped == kitchen.warnings == ()
     numbers = np.array([int(frame_id) for frame_id in kitchen.frame_ids])
     assert np.all(np.diff(numbers) == 4)
-    assert kitchen.cameras[0].fx == kitchen.cameras[0].fy == 585
+    assert kitchen.cameras[0].fx == kitchen.cameras[0].fy == 525  # the colour camera's
     assert kitchen.files.color(0).shape == (480, 640, 3)
     # Frames that follow each other see the same surfaces where their poses say: axes and unit are right.
     near, far = kitchen.world_from_cams[0], kitchen.world_from_cams[3]

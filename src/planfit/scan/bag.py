@@ -3,8 +3,8 @@
 Topics are named by the options, or guessed: colour and depth images (raw, compressed or compressedDepth),
 the colour camera's CameraInfo, and poses from tf (the chain from the camera's frame up), else from
 PoseStamped, Odometry, TransformStamped or the last Path. Times are those of the messages' headers. Depth
-must be registered to colour. Refined poses are written as `trajectory.tum`, world_from_cam: a bag is not
-rewritten.
+that is not registered to colour is, by the static tf between the two cameras. Refined poses are written as
+`trajectory.tum`, world_from_cam: a bag is not rewritten.
 """
 
 import weakref
@@ -18,7 +18,7 @@ import numpy as np
 from planfit.errors import ScanError
 from planfit.scan.association import pair_times
 from planfit.scan.bag_messages import camera_info_lens, color_of_message, depth_of_message
-from planfit.scan.bag_poses import poses_of_bag
+from planfit.scan.bag_poses import fixed_transform, poses_of_bag, read_tf
 from planfit.scan.bag_topics import IMAGE_TYPES, choose_topics
 from planfit.scan.frames import Recording, scan_from
 from planfit.scan.lens import Lens
@@ -144,8 +144,9 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Scan:
             "give another topic or --max-time-gap-s"
         )
     camera_frame = first[topics.color].header.frame_id
+    tree = read_tf(reader)
     poses, known, warnings = poses_of_bag(
-        path, reader, topics.pose, camera_frame, color_times[mine], options.max_time_gap_s
+        path, reader, tree, topics.pose, camera_frame, color_times[mine], options.max_time_gap_s
     )
     skipped = [
         f"frame at {color_times[i]:.6f} s: no depth within {options.max_time_gap_s:g} s"
@@ -153,11 +154,15 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Scan:
     ] + [f"frame at {t:.6f} s: no pose" for t in color_times[mine[~known]]]
     depth_frame = first[topics.depth].header.frame_id
     is_registered = any(word in topics.depth for word in ("aligned", "registered"))
+    color_from_depth = None
     if depth_frame != camera_frame and not is_registered:
-        warnings.append(
-            f"depth is in the frame {depth_frame}, colour in {camera_frame}: it is taken as registered to "
-            "colour; give --depth-topic where the bag has registered depth"
-        )
+        color_from_depth = fixed_transform(tree, camera_frame, depth_frame)
+        if color_from_depth is None:
+            warnings.append(
+                f"depth is in the frame {depth_frame}, colour in {camera_frame}, and no static tf joins "
+                "them: depth is taken as registered to colour; give --depth-topic where the bag has "
+                "registered depth"
+            )
     mine, other, poses = mine[known], other[known], poses[known]
     times = color_times[mine]
     images = BagImages(
@@ -190,6 +195,7 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Scan:
         fingerprint=_fingerprint(path, options),
         skipped=skipped,
         warnings=warnings,
+        color_from_depth=color_from_depth,
     )
     return scan_from(path, "bag", recording, options)
 

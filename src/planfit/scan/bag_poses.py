@@ -30,14 +30,19 @@ class Edge:
 
 
 def poses_of_bag(
-    path: Path, reader: Any, topic: str, camera_frame: str, times: np.ndarray, max_gap_s: float
+    path: Path,
+    reader: Any,
+    tree: dict[str, Edge],
+    topic: str,
+    camera_frame: str,
+    times: np.ndarray,
+    max_gap_s: float,
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """world_from_cams (k, 4, 4) at times (k,), which are known, and warnings. Without a topic: by tf.
 
     Raises:
         ScanError: nothing is known at any of the times.
     """
-    tree = _read_tf(reader)
     camera = camera_frame.lstrip("/")
     warnings: list[str] = []
     if topic:
@@ -70,8 +75,8 @@ def poses_of_bag(
     return poses, known, warnings
 
 
-def _read_tf(reader: Any) -> dict[str, Edge]:
-    """Edges by child frame."""
+def read_tf(reader: Any) -> dict[str, Edge]:
+    """All transforms of a bag: edges by child frame."""
     tree: dict[str, Edge] = {}
     connections = [
         c for c in reader.connections if c.msgtype.endswith(("/TFMessage", "/tfMessage"))
@@ -91,6 +96,24 @@ def _read_tf(reader: Any) -> dict[str, Edge]:
                 _transform(item.transform.translation, item.transform.rotation)
             )
     return tree
+
+
+def fixed_transform(tree: dict[str, Edge], to_frame: str, from_frame: str) -> np.ndarray | None:
+    """to_frame_from_from_frame (4, 4) of two frames on one body; None where tf has no static way."""
+    ways = []
+    for frame in (to_frame.lstrip("/"), from_frame.lstrip("/")):
+        edges = []
+        while frame in tree and tree[frame].is_static and len(edges) < len(tree):
+            edges.append(tree[frame])
+            frame = tree[frame].parent
+        ways.append((frame, edges))
+    (to_root, to_edges), (from_root, from_edges) = ways
+    if to_root != from_root:
+        return None
+    now = np.zeros(1)
+    root_from_to, _ = _along(to_edges, now, 0.0)
+    root_from_from, _ = _along(from_edges, now, 0.0)
+    return se3.inverse(root_from_to[0]) @ root_from_from[0]
 
 
 def _chain(tree: dict[str, Edge], start: str, end: str | None) -> list[Edge] | None:

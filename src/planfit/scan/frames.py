@@ -11,6 +11,7 @@ from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
 from planfit.scan.lens import Lens, resample_color, resample_depth, working_camera
 from planfit.scan.options import ScanOptions
+from planfit.scan.registration import register_depth
 from planfit.scan.types import Scan
 
 PoseWriter = Callable[[Path, np.ndarray, np.ndarray], None]
@@ -40,7 +41,7 @@ class Recording:
     times: np.ndarray
     """(n,) s, or numbers."""
     world_from_cams: np.ndarray
-    """(n, 4, 4), camera axes of OpenCV."""
+    """(n, 4, 4) of the colour camera, axes of OpenCV."""
     images: StoredImages
     color_lenses: Sequence[Lens]
     depth_lenses: Sequence[Lens]
@@ -50,6 +51,8 @@ class Recording:
     skipped: Sequence[str] = field(default_factory=tuple)
     """Frames that lack something, one line each."""
     warnings: Sequence[str] = field(default_factory=tuple)
+    color_from_depth: np.ndarray | None = None
+    """(4, 4) between the two cameras' axes; without, depth was stored as the colour camera sees it."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,7 @@ class FrameFiles:
     cameras: tuple[Camera, ...]
     pose_writer: PoseWriter
     name: str
+    color_from_depth: np.ndarray | None = None
 
     def color(self, frame_idx: int) -> np.ndarray:
         """Colour image (h, w, 3) uint8, RGB."""
@@ -75,7 +79,11 @@ class FrameFiles:
         lens = self.depth_lenses[frame_idx]
         depth = self.images.depth(frame_idx)
         self._check_size(frame_idx, "depth", depth, lens)
-        return resample_depth(depth, lens, self.cameras[frame_idx])
+        camera = self.cameras[frame_idx]
+        if self.color_from_depth is None:
+            return resample_depth(depth, lens, camera)
+        straight = resample_depth(depth, lens, lens.camera)
+        return register_depth(straight, lens.camera, self.color_from_depth, camera)
 
     def labels(self, frame_idx: int) -> np.ndarray:
         """These formats have no labels."""
@@ -120,6 +128,7 @@ def scan_from(name: Path, kind: str, recording: Recording, options: ScanOptions)
         cameras,
         recording.write_poses,
         str(name),
+        recording.color_from_depth,
     )
     return Scan(
         name=str(name),

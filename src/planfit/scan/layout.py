@@ -40,6 +40,8 @@ class Layout:
     least_confidence: int = 0
     """Depth of less confidence, in stored units, is left out."""
     warnings: Sequence[str] = ()
+    color_from_depth: np.ndarray | None = None
+    """(4, 4) between the axes of two cameras that stand apart; needs `depth_lens`."""
 
 
 def scan_of_layout(source: Source, layout: Layout, options: ScanOptions) -> Scan:
@@ -97,6 +99,7 @@ def scan_of_layout(source: Source, layout: Layout, options: ScanOptions) -> Scan
         up_world=layout.up_world,
         skipped=skipped,
         warnings=warnings,
+        color_from_depth=layout.color_from_depth,
     )
     return scan_from(source.path, layout.kind, recording, options)
 

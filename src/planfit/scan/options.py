@@ -28,7 +28,7 @@ class ScanOptions:
     color_topic: str = ""
     """Topic of the colour images in a bag; by default the one whose name and type fit best."""
     depth_topic: str = ""
-    """Topic of the depth images in a bag, registered to the colour."""
+    """Topic of the depth images in a bag; by default the one registered to colour, if there is one."""
     info_topic: str = ""
     """Topic of the colour camera's intrinsics in a bag."""
     pose_topic: str = ""
