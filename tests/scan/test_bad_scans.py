@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import struct
 import zipfile
 
 import numpy as np
@@ -13,6 +14,8 @@ from planfit.errors import ScanError
 from planfit.scan import ScanOptions, read_scan
 from planfit.scan.read import READERS
 from scan_samples import (
+    HEIGHT,
+    WIDTH,
     WRITERS,
     N,
     png,
@@ -406,6 +409,26 @@ def test_a_colmap_model_that_is_cut_off(sample, tmp_path):
     path = tmp_path / "sparse" / "0" / "images.bin"
     path.write_bytes(path.read_bytes()[:-30])
     refused(tmp_path, "images.bin", "cut off")
+
+
+@pytest.mark.parametrize("is_binary", [True, False])
+def test_a_colmap_model_with_a_lens_that_is_not_known(sample, tmp_path, is_binary):
+    WRITERS["colmap"](tmp_path, sample, binary=is_binary)
+    folder = tmp_path / "sparse" / "0"
+    parameters = [0.5] * 12
+    if is_binary:
+        data = struct.pack("<QIiQQ12d", 1, 1, 10, WIDTH, HEIGHT, *parameters)
+        (folder / "cameras.bin").write_bytes(data)
+    else:
+        row = " ".join(map(str, [1, "THIN_PRISM_FISHEYE", WIDTH, HEIGHT, *parameters]))
+        (folder / "cameras.txt").write_text(f"{row}\n")
+    refused(tmp_path, "cameras", "found THIN_PRISM_FISHEYE; undistort the images first")
+
+
+def test_a_colmap_model_without_cameras(sample, tmp_path):
+    WRITERS["colmap"](tmp_path, sample, binary=True)
+    (tmp_path / "sparse" / "0" / "cameras.bin").unlink()
+    refused(tmp_path, "sparse/0", "found neither cameras.bin and images.bin")
 
 
 def test_record3d_depth_of_another_size(sample, tmp_path):
