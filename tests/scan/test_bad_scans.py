@@ -98,7 +98,11 @@ def test_an_archive_that_is_cut_off(sample, tmp_path):
     refused(path, "scan.r3d")
 
 
-@pytest.mark.parametrize("kind", ["7-scenes", "scannet", "polycam", "scanner-app", "redwood"])
+@pytest.mark.parametrize(
+    "kind",
+    ["tum", "7-scenes", "scannet", "polycam", "scanner-app", "redwood", "nerfstudio", "replica",
+     "colmap"],
+)  # fmt: skip
 def test_a_zipped_folder_reads_like_the_folder(kind, sample, tmp_path):
     folder, path = tmp_path / "scan", tmp_path / "scan.zip"
     WRITERS[kind](folder, sample)
@@ -110,6 +114,14 @@ def test_a_zipped_folder_reads_like_the_folder(kind, sample, tmp_path):
     assert_array_equal(plain.world_from_cams, zipped.world_from_cams)
     assert_array_equal(plain.files.depth(2), zipped.files.depth(2))
     assert_array_equal(plain.files.color(N - 1), zipped.files.color(N - 1))
+
+
+def test_a_zipped_scan_with_a_video_says_to_unpack_it(sample, tmp_path):
+    write_stray(tmp_path / "scan", sample)
+    with zipfile.ZipFile(tmp_path / "scan.zip", "w") as archive:
+        for file in sorted((tmp_path / "scan").rglob("*")):
+            archive.write(file, file.relative_to(tmp_path))
+    refused(tmp_path / "scan.zip", "scan.zip", "unpack the archive first")
 
 
 @pytest.mark.parametrize("kind", WRITERS)

@@ -108,9 +108,9 @@ def read_poses(
 ) -> Compared:
     """Poses from a file, after, against those that the scan was recorded with, before.
 
-    The scan is read by `scan_options`. Poses in the scan's own axes are placed on the plan as `planfit
-    refine` would place them, by the walls they make, and the recorded ones with them by the same motion. Poses
-    in the plan frame stay; the recorded ones are moved onto them by the rigid motion that fits best.
+    The scan is read by `scan_options`. Poses in its own axes are placed on the plan as `planfit refine` would
+    place them, by the walls they make, and the recorded ones with them by the same motion. Poses in the plan
+    frame stay; the recorded ones are moved onto them by the rigid motion that fits best.
 
     Raises:
         ScanError: a file cannot be used, or frames have no pose.
