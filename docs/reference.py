@@ -54,7 +54,7 @@ def takes(hint: Any) -> str:
     if hint in WORDS:
         return WORDS[hint]
     if isinstance(hint, type) and issubclass(hint, Enum):
-        return "{" + ",".join(member.name for member in hint) + "}"
+        return "{" + ",".join(member.name.lower() for member in hint) + "}"
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin is typing.Literal:
         return "{" + ",".join(str(value) for value in inner) + "}"
@@ -77,7 +77,7 @@ def shown(value: Any) -> str:
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, Enum):
-        return f"`{value.name}`"
+        return f"`{value.name.lower()}`"
     if isinstance(value, tuple):
         return "`" + " ".join(f"{one}" for one in value) + "`"
     return f"`{value}`"
@@ -180,9 +180,9 @@ Flags overrule the file, the file overrules `--preset`. Where the preset {others
 default, it is said. `OUT/run.json` and the report hold the values of a run. Options of a term whose weight
 is 0, or that is not chosen, do nothing.
 
-Every robust loss (`...loss.kind`, `...loss.scale`) is one of: `SQUARED`, no outlier is expected; `HUBER`,
-outliers pull no harder than inliers at the scale; `CAUCHY`, they pull less the further off they are;
-`GEMAN_MCCLURE`, they stop pulling; `NORM`, the unsquared distance, as the paper has it. The scale is in
+Every robust loss (`...loss.kind`, `...loss.scale`) is one of: `squared`, no outlier is expected; `huber`,
+outliers pull no harder than inliers at the scale; `cauchy`, they pull less the further off they are;
+`geman_mcclure`, they stop pulling; `norm`, the unsquared distance, as the paper has it. The scale is in
 spreads (`sigma`).
 
 ## General

@@ -1,6 +1,6 @@
 """Refine with options of your own: here, another loss of the walls on a plan that is wrong.
 
-On the command line: `planfit refine SCAN -o OUT --adjust.walls.loss.kind SQUARED`; see docs/options.md.
+On the command line: `planfit refine SCAN -o OUT --adjust.walls.loss.kind squared`; see docs/options.md.
 Takes a few seconds; writes nothing.
 """
 

@@ -124,6 +124,25 @@ def test_evaluate_poses_of_a_scan(finished: Path, small_scan: Path, capsys) -> N
     assert "ate_rms" not in on_plan
 
 
+def test_evaluate_reads_a_scan_by_the_flags_of_refine(
+    finished: Path, small_scan: Path, capsys
+) -> None:
+    poses = finished / "trajectory.tum"
+    words = (small_scan, "--poses", poses, "--poses-frame", "plan", "--map.frame-step", 10)
+    usual = evaluated(capsys, *words)["figures"]
+    others = evaluated(capsys, *words, "--format", "facap", "--no-use-masks")["figures"]
+    # Walls are then found by geometry: other points of them, of the same walls.
+    assert others["nsd"]["after"] != usual["nsd"]["after"]
+    assert others["nsd"]["after"] == pytest.approx(usual["nsd"]["after"], rel=0.5)
+    assert others["mpv"] == usual["mpv"]
+    assert run(["evaluate", *map(str, words), "--depth-scale", "0.001"]) == 2
+    assert "leave out --depth-scale" in capsys.readouterr().err
+    assert run(["evaluate", *map(str, words), "--format", "tum"]) == 2
+    assert "tum" in capsys.readouterr().err
+    assert run(["evaluate", str(finished), "--depth-scale", "0.001"]) == 2
+    assert "is read as the run did, found some; leave them out" in capsys.readouterr().err
+
+
 def test_evaluate_against_a_true_scan(finished: Path, small_scan: Path, capsys) -> None:
     cloud = finished / "cloud_after.ply"
     words = (finished, "--true-cloud", cloud, "--map.frame-step", 4, "--map.mom-frames", 1)

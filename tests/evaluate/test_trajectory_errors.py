@@ -111,6 +111,14 @@ def test_max_difference_s():
     assert_array_equal(true, [0])
 
 
+def test_a_true_pose_belongs_to_one_frame_only():
+    """Three frames a true pose: the nearest has it, as its neighbours were elsewhere at that time."""
+    times = np.arange(9) / 30
+    mine, true = associate_times(times, times[1::3] + 0.002, 0.1)
+    assert_array_equal(mine, [1, 4, 7])
+    assert_array_equal(true, [0, 1, 2])
+
+
 def test_a_single_true_pose():
     mine, true = associate_times(np.array([0.0, 5.0]), np.array([5.0]))
     assert_array_equal(mine, [1])

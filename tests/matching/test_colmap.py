@@ -150,6 +150,25 @@ def test_an_image_without_points_in_a_text_model(scan, seen, tmp_path):
     assert_array_equal(found.pairs, [(0, 1), (0, 2), (1, 2)])
 
 
+@pytest.mark.parametrize(
+    ("number", "name", "count"), [(9, "RADIAL_FISHEYE", 5), (10, "THIN_PRISM_FISHEYE", 12)]
+)
+def test_a_model_of_any_lens_gives_matches(scan, seen, tmp_path, number, name, count):
+    """Only sizes are used: points are lifted by the scan's own lens."""
+    size = CAMERA.width, CAMERA.height
+    for kind in ("binary", "text"):
+        folder = tmp_path / kind
+        folder.mkdir()
+        write_model(folder, seen, kind == "binary")
+        if kind == "binary":
+            data = struct.pack(f"<QiiQQ{count}d", 1, 7, number, *size, *range(count))
+            (folder / "cameras.bin").write_bytes(data)
+        else:
+            row = " ".join(["7", name, *map(str, (*size, *range(count)))])
+            (folder / "cameras.txt").write_text(f"{row}\n")
+        check(read_colmap_matches(folder, scan), seen)
+
+
 def matched(scan, path):
     odometry = make_odometry(scan.world_from_cams, OdometryOptions())
     return find_matches(scan, odometry, MatchingOptions(colmap=str(path)), Work(2))

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import struct
 import zipfile
 
 import numpy as np
@@ -13,6 +14,8 @@ from planfit.errors import ScanError
 from planfit.scan import ScanOptions, read_scan
 from planfit.scan.read import READERS
 from scan_samples import (
+    HEIGHT,
+    WIDTH,
     WRITERS,
     N,
     png,
@@ -95,7 +98,11 @@ def test_an_archive_that_is_cut_off(sample, tmp_path):
     refused(path, "scan.r3d")
 
 
-@pytest.mark.parametrize("kind", ["7-scenes", "scannet", "polycam", "scanner-app", "redwood"])
+@pytest.mark.parametrize(
+    "kind",
+    ["tum", "7-scenes", "scannet", "polycam", "scanner-app", "redwood", "nerfstudio", "replica",
+     "colmap"],
+)  # fmt: skip
 def test_a_zipped_folder_reads_like_the_folder(kind, sample, tmp_path):
     folder, path = tmp_path / "scan", tmp_path / "scan.zip"
     WRITERS[kind](folder, sample)
@@ -107,6 +114,14 @@ def test_a_zipped_folder_reads_like_the_folder(kind, sample, tmp_path):
     assert_array_equal(plain.world_from_cams, zipped.world_from_cams)
     assert_array_equal(plain.files.depth(2), zipped.files.depth(2))
     assert_array_equal(plain.files.color(N - 1), zipped.files.color(N - 1))
+
+
+def test_a_zipped_scan_with_a_video_says_to_unpack_it(sample, tmp_path):
+    write_stray(tmp_path / "scan", sample)
+    with zipfile.ZipFile(tmp_path / "scan.zip", "w") as archive:
+        for file in sorted((tmp_path / "scan").rglob("*")):
+            archive.write(file, file.relative_to(tmp_path))
+    refused(tmp_path / "scan.zip", "scan.zip", "unpack the archive first")
 
 
 @pytest.mark.parametrize("kind", WRITERS)
@@ -406,6 +421,26 @@ def test_a_colmap_model_that_is_cut_off(sample, tmp_path):
     path = tmp_path / "sparse" / "0" / "images.bin"
     path.write_bytes(path.read_bytes()[:-30])
     refused(tmp_path, "images.bin", "cut off")
+
+
+@pytest.mark.parametrize("is_binary", [True, False])
+def test_a_colmap_model_with_a_lens_that_is_not_known(sample, tmp_path, is_binary):
+    WRITERS["colmap"](tmp_path, sample, binary=is_binary)
+    folder = tmp_path / "sparse" / "0"
+    parameters = [0.5] * 12
+    if is_binary:
+        data = struct.pack("<QIiQQ12d", 1, 1, 10, WIDTH, HEIGHT, *parameters)
+        (folder / "cameras.bin").write_bytes(data)
+    else:
+        row = " ".join(map(str, [1, "THIN_PRISM_FISHEYE", WIDTH, HEIGHT, *parameters]))
+        (folder / "cameras.txt").write_text(f"{row}\n")
+    refused(tmp_path, "cameras", "found THIN_PRISM_FISHEYE; undistort the images first")
+
+
+def test_a_colmap_model_without_cameras(sample, tmp_path):
+    WRITERS["colmap"](tmp_path, sample, binary=True)
+    (tmp_path / "sparse" / "0" / "cameras.bin").unlink()
+    refused(tmp_path, "sparse/0", "found neither cameras.bin and images.bin")
 
 
 def test_record3d_depth_of_another_size(sample, tmp_path):

@@ -82,6 +82,7 @@ def _parse(arguments_type: Any, name: str, argv: list[str]) -> Any:
     import tyro
 
     from planfit.cli.config import read_options
+    from planfit.cli.enum_flags import registry
 
     default = None
     is_plain = dataclasses.is_dataclass(arguments_type)  # else a choice of subcommands
@@ -101,8 +102,15 @@ def _parse(arguments_type: Any, name: str, argv: list[str]) -> Any:
         default = arguments_type(**required, options=options)
     prog = f"planfit {name}"
     if default is None:
-        return tyro.cli(arguments_type, prog=prog, args=argv, use_underscores=False)
-    return tyro.cli(arguments_type, prog=prog, args=argv, default=default, use_underscores=False)
+        default = tyro.MISSING_NONPROP
+    return tyro.cli(
+        arguments_type,
+        prog=prog,
+        args=argv,
+        default=default,
+        use_underscores=False,
+        registry=registry(),
+    )
 
 
 def _value_of(argv: list[str], flag: str) -> str | None:

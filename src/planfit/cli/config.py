@@ -6,6 +6,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar
 
+from planfit.cli.enum_flags import member_of
 from planfit.errors import OptionError, ScanError
 from planfit.export.record import plain
 from planfit.scan import ScanOptions
@@ -84,10 +85,10 @@ def _converted(default: Any, value: Any, where: str) -> Any:
             raise OptionError(f"{where}expected a table of options, found {value!r}")
         return _replaced(default, value, where)
     if isinstance(default, Enum):
-        names = {member.name.lower(): member for member in type(default)}
-        if str(value).lower() not in names:
-            raise OptionError(f"{where}expected one of {', '.join(names)}, found {value!r}")
-        return names[str(value).lower()]
+        try:
+            return member_of(type(default), str(value))
+        except ValueError as error:
+            raise OptionError(f"{where}{error}") from error
     if isinstance(default, tuple) and isinstance(value, list):
         # An empty default tells no kind; the only such options hold text.
         return tuple(_converted(default[0] if default else "", item, where) for item in value)

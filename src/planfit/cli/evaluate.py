@@ -24,7 +24,7 @@ from planfit.evaluate import (
     surface_figures,
     trajectory_figures,
 )
-from planfit.scan import read_tum
+from planfit.scan import ScanOptions, read_tum
 from planfit.work import Work
 
 _FAR_CM = 30.0
@@ -35,12 +35,15 @@ _SHOWN_UNITS: dict[str, str] = {"1": "", "cm^2": "cm²", "deg": "°"}
 @dataclass(frozen=True)
 class EvaluateArguments:
     """How good the poses of a scan are, before and after: by the map they make, against the plan, and against
-    true poses and a true scan where there are any. docs/metrics.md defines each figure."""
+    true poses and a true scan where there are any. docs/metrics.md defines each figure. With --poses, which
+    are then those after, a scan is judged instead of a run, and is read by the flags of a scan; a run's scan
+    is read as the run read it."""
 
     folder: tyro.conf.Positional[Path]
-    """Output folder of `planfit refine`; or, with --poses, the folder of a scan."""
-    poses: Path | None = None
-    """Poses of a scan to judge against its recorded ones, in TUM form."""
+    """Output folder of `planfit refine`; or, with --poses, a scan: folder, zip archive of one, or bag."""
+    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
+        default_factory=ScanOptions
+    )
     poses_frame: Literal["world", "plan"] = "world"
     """Axes of --poses: `world`, the scan's own, or `plan`."""
     scan: Path | None = None
@@ -93,7 +96,13 @@ def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, A
     """
     require_plain_numbers(arguments.options)
     plan_options = arguments.plan_flags.options
-    if arguments.poses is None:
+    poses = arguments.scan_options.poses
+    if poses is None:
+        require(
+            arguments.scan_options == ScanOptions(),
+            f"{arguments.folder}: expected no flags of how a scan is read, as that of a run is read as the "
+            "run did, found some; leave them out, or give --poses and a scan",
+        )
         is_run = (arguments.folder / "run.json").exists()
         cache = arguments.folder / "cache" if is_run else None
         work = Work(arguments.workers, cache, bars.update)
@@ -107,8 +116,8 @@ def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, A
             )
         work = Work(arguments.workers, None, bars.update)
         compared = read_poses(
-            arguments.folder, arguments.plan, arguments.poses, arguments.poses_frame,
-            plan_options, work,
+            arguments.folder, dataclasses.replace(arguments.scan_options, poses=None), arguments.plan,
+            poses, arguments.poses_frame, plan_options, work,
         )  # fmt: skip
     notes = list(compared.notes)
     before, after = compared.world if arguments.truth_frame == "world" else compared.plan
@@ -134,7 +143,7 @@ def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, A
         figures += map_figures(compared.scan, before, after, options, work, true_cloud)
         notes += _cloud_notes(arguments, figures)
     return {
-        "of": str(arguments.poses or arguments.folder),
+        "of": str(poses or arguments.folder),
         "scan": compared.scan.name,
         "plan": compared.floorplan.name if compared.floorplan else None,
         "frames": len(compared.scan),

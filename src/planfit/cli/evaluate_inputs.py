@@ -99,6 +99,7 @@ def read_run(
 
 def read_poses(
     scan_path: Path,
+    scan_options: ScanOptions,
     plan_path: Path | None,
     poses_path: Path,
     poses_frame: Literal["world", "plan"],
@@ -107,17 +108,17 @@ def read_poses(
 ) -> Compared:
     """Poses from a file, after, against those that the scan was recorded with, before.
 
-    Poses in the scan's own axes are placed on the plan as `planfit refine` would place them, by the walls
-    they make, and the recorded ones with them by the same motion. Poses in the plan frame stay; the recorded
-    ones are moved onto them by the rigid motion that fits best.
+    The scan is read by `scan_options`. Poses in its own axes are placed on the plan as `planfit refine` would
+    place them, by the walls they make, and the recorded ones with them by the same motion. Poses in the plan
+    frame stay; the recorded ones are moved onto them by the rigid motion that fits best.
 
     Raises:
         ScanError: a file cannot be used, or frames have no pose.
         FloorplanError: the plan cannot be read, or its unit cannot be found.
     """
     options = RefineOptions()
-    scan = _read_scan(scan_path, options.structure, ScanOptions())
-    given = _poses_of(scan, poses_path)
+    scan = _read_scan(scan_path, options.structure, scan_options)
+    given = _poses_of(scan, poses_path, scan_options.max_time_gap_s)
     plan_path = plan_path or scan.floorplan_path
     floorplan = read_floorplan(plan_path, plan) if plan_path else None
     recorded = scan.world_from_cams
@@ -181,9 +182,9 @@ def _read_record(folder: Path) -> dict[str, Any]:
     return record if isinstance(record, dict) else {}
 
 
-def _poses_of(scan: Scan, path: Path) -> np.ndarray:
+def _poses_of(scan: Scan, path: Path, max_gap_s: float) -> np.ndarray:
     """Poses (n, 4, 4) of all frames of a scan from a file."""
-    posed = take_poses(scan, path, ScanOptions().max_time_gap_s)
+    posed = take_poses(scan, path, max_gap_s)
     if len(posed) < len(scan):
         raise ScanError(
             f"{path}: expected a pose for each of {len(scan)} frames, found {len(posed)}; times, or "

@@ -6,6 +6,7 @@ import numpy as np
 
 from planfit.errors import ScanError, require
 from planfit.geometry import se3
+from planfit.scan.association import pair_times
 
 
 @dataclass(frozen=True)
@@ -90,23 +91,19 @@ def step_errors(
 def associate_times(
     times: np.ndarray, true_times: np.ndarray, max_difference_s: float = 0.02
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of poses and of true poses that belong together by time.
+    """Indices of poses and of true poses that belong together by time, as `planfit.scan.association` pairs
+    them: each at most once, nearest first.
 
     Raises:
         ScanError: none do.
     """
-    order = np.argsort(true_times)
-    at = np.clip(np.searchsorted(true_times[order], times), 1, max(len(true_times) - 1, 1))
-    before, after = order[at - 1], order[np.minimum(at, len(order) - 1)]
-    nearer = np.abs(true_times[before] - times) <= np.abs(true_times[after] - times)
-    nearest = np.where(nearer, before, after)
-    ok = np.abs(true_times[nearest] - times) <= max_difference_s
-    if not ok.any():
+    mine, true = pair_times(times, true_times, max_difference_s)
+    if len(mine) == 0:
         raise ScanError(
             f"truth: expected times or frame numbers between {times.min():g} and {times.max():g}, "
             f"found {true_times.min():g} to {true_times.max():g}; is it the truth of this scan?"
         )
-    return np.flatnonzero(ok), nearest[ok]
+    return mine, true
 
 
 def _rms(values: np.ndarray) -> float:

@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from planfit.errors import ScanError
-from planfit.matching.colmap_model import ModelImage, read_model
 from planfit.scan import Scan
+from planfit.scan.colmap_model import read_model
+from planfit.scan.source import FolderSource
 
 MAX_IMAGE_ID = 2_147_483_647
 MIN_SHARED = 8
@@ -46,12 +47,9 @@ def read_colmap_matches(path: Path, scan: Scan) -> Imported:
         ScanError: the file is not such, or its images are not those of the scan.
     """
     if path.is_dir():
-        images = read_model(path)
-        sizes = {i: (image.width, image.height) for i, image in images.items()}
-        names = {i: image.name for i, image in images.items()}
+        names, sizes, uv, point_id = _read_model(path)
         frame_of = _frames(names, scan, path)
-        uv = {i: image.uv for i, image in images.items()}
-        pairs = _shared(images, frame_of)
+        pairs = _shared(point_id, frame_of)
     elif path.is_file():
         names, sizes, uv, pairs = _read_database(path)
         frame_of = _frames(names, scan, path)
@@ -118,6 +116,21 @@ def _number(name: str) -> int | None:
     return int(found[1]) if found else None
 
 
+def _read_model(path: Path) -> tuple[
+    dict[int, str], dict[int, tuple[int, int]], dict[int, np.ndarray], dict[int, np.ndarray]
+]:  # fmt: skip
+    """Names, sizes, keypoints and their 3D points by image id."""
+    cameras, images = read_model(FolderSource(path), observations=True)
+    uv, point_id = {}, {}
+    for image in images:
+        assert image.uv is not None
+        assert image.point_id is not None
+        uv[image.image_id], point_id[image.image_id] = image.uv, image.point_id
+    size_of = {number: (camera.width, camera.height) for number, camera in cameras.items()}
+    names = {image.image_id: image.name for image in images}
+    return names, {image.image_id: size_of[image.camera_id] for image in images}, uv, point_id
+
+
 def _read_database(path: Path) -> tuple[
     dict[int, str], dict[int, tuple[int, int]], dict[int, np.ndarray], dict[tuple[int, int], np.ndarray]
 ]:  # fmt: skip
@@ -166,13 +179,13 @@ def _array(data: bytes | None, rows: int, cols: int, dtype: type) -> np.ndarray:
 
 
 def _shared(
-    images: dict[int, ModelImage], frame_of: dict[int, int]
+    point_id: dict[int, np.ndarray], frame_of: dict[int, int]
 ) -> dict[tuple[int, int], np.ndarray]:
     """Matches by pair of images, from the 3D points that both see."""
     ids = sorted(frame_of)
-    image = np.concatenate([np.full(len(images[i].point_id), i) for i in ids])
-    point = np.concatenate([images[i].point_id for i in ids])
-    at = np.concatenate([np.arange(len(images[i].point_id)) for i in ids])
+    image = np.concatenate([np.full(len(point_id[i]), i) for i in ids])
+    point = np.concatenate([point_id[i] for i in ids])
+    at = np.concatenate([np.arange(len(point_id[i])) for i in ids])
     seen = point >= 0
     order = np.lexsort((image[seen], point[seen]))
     image, point, at = image[seen][order], point[seen][order], at[seen][order]

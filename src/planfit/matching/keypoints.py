@@ -30,7 +30,7 @@ class KeypointOptions:
     weights: str = "magic-leap-community/superpoint"
     """Hub name or folder of SuperPoint's weights."""
     device: str = "cpu"
-    """Where SuperPoint runs, as torch calls it."""
+    """Where SuperPoint runs: `cpu`, `cuda`, `cuda:1` and so on; `auto` takes a GPU where there is one."""
 
     def __post_init__(self) -> None:
         require_choice(self, "kind", "sift", "orb", "superpoint")

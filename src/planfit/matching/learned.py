@@ -4,15 +4,22 @@ Keypoints are found once a frame and matched once a pair. The matchers of transf
 themselves, from two images; here their detector is replaced by one that hands over those found already.
 """
 
-import importlib
 from threading import Lock
 from typing import Any
 
 import numpy as np
 
+from planfit.errors import OptionError
+from planfit.learned_models import find_weights, load_model
 from planfit.matching.detectors import Detections, Detector
 from planfit.matching.matchers import Matcher
-from planfit.matching.weights import load_model
+
+_CLASSES = {
+    "superpoint": "SuperPointForKeypointDetection",
+    "lightglue": "LightGlueForKeypointMatching",
+    "superglue": "SuperGlueForKeypointMatching",
+}
+"""What transformers calls the models."""
 
 
 def superpoint(weights: str, device: str, max_per_frame: int) -> Detector:
@@ -21,15 +28,11 @@ def superpoint(weights: str, device: str, max_per_frame: int) -> Detector:
     Raises:
         OptionError: the weights cannot be had.
     """
-    model = load_model(
-        "keypoints.weights", weights, "SuperPointForKeypointDetection", "superpoint", device
-    )
-    torch = importlib.import_module("torch")
-
+    torch, model, place = _load("keypoints", weights, "superpoint", device)
     lock = Lock()
 
     def detect(grey: np.ndarray) -> Detections:
-        image = torch.from_numpy(grey.astype(np.float32) / 255.0)[None, None].to(device)
+        image = torch.from_numpy(grey.astype(np.float32) / 255.0)[None, None].to(place)
         with lock, torch.inference_mode():
             found = model(image.expand(1, 3, -1, -1))
         scores = found.scores[0].cpu().numpy()
@@ -49,12 +52,9 @@ def glue(kind: str, weights: str, device: str) -> Matcher:
     Raises:
         OptionError: the weights cannot be had.
     """
-    class_name = {"lightglue": "LightGlue", "superglue": "SuperGlue"}[kind] + "ForKeypointMatching"
-    model = load_model("matcher.weights", weights, class_name, kind, device)
-    given = _given_keypoints()
+    torch, model, place = _load("matcher", weights, kind, device)
+    given = _given_keypoints(torch)
     model.keypoint_detector = given
-    torch = importlib.import_module("torch")
-
     lock = Lock()
 
     def match(a: Any, b: Any, size_a: tuple[int, int], size_b: tuple[int, int]) -> np.ndarray:
@@ -64,7 +64,7 @@ def glue(kind: str, weights: str, device: str) -> Matcher:
         size = np.array([width, height], np.float32)
         most = max(len(a), len(b))
         tensors = [
-            torch.from_numpy(np.stack([_filled(part, most) for part in both])).to(device)
+            torch.from_numpy(np.stack([_filled(part, most) for part in both])).to(place)
             for both in (
                 (a.uv / size, b.uv / size),
                 (a.scores, b.scores),
@@ -75,7 +75,7 @@ def glue(kind: str, weights: str, device: str) -> Matcher:
         with lock, torch.inference_mode():
             given.found = tuple(tensors)
             # Of the images, the model now looks at the size alone.
-            matches = model(torch.zeros(1, 2, 1, height, width, device=device)).matches
+            matches = model(torch.zeros(1, 2, 1, height, width, device=place)).matches
         other = matches.reshape(2, most)[0, : len(a)].cpu().numpy()
         first = np.flatnonzero((other >= 0) & (other < len(b)))
         return np.column_stack([first, other[first]]).astype(int)
@@ -83,9 +83,19 @@ def glue(kind: str, weights: str, device: str) -> Matcher:
     return match
 
 
-def _given_keypoints() -> Any:
+def _load(part: str, name: str, kind: str, device: str) -> tuple[Any, Any, Any]:
+    """torch, a model of the kind that an option of matching names, and the device that it is on."""
+    weights = find_weights(f"matching.{part}.weights", name, "--matching.keypoints.kind sift")
+    found = weights.config.model_type
+    if found != kind:
+        raise OptionError(f"{weights.where}: expected weights of {kind}, found those of {found}")
+    model_class = getattr(weights.transformers, _CLASSES[kind])
+    model, place = load_model(weights, model_class, kind, f"matching.{part}.device", device)
+    return weights.torch, model, place
+
+
+def _given_keypoints(torch: Any) -> Any:
     """A detector that returns what it was given, in the order of SuperPoint's output."""
-    torch = importlib.import_module("torch")
 
     class Given(torch.nn.Module):
         found: tuple = ()

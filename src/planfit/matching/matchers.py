@@ -27,7 +27,8 @@ class MatcherOptions:
     """Hub name or folder of a learned matcher's weights; empty takes ETH-CVG/lightglue_superpoint or
     magic-leap-community/superglue_indoor."""
     device: str = "cpu"
-    """Where a learned matcher runs, as torch calls it."""
+    """Where a learned matcher runs: `cpu`, `cuda`, `cuda:1` and so on; `auto` takes a GPU where there
+    is one."""
 
     def __post_init__(self) -> None:
         require_choice(self, "kind", "nearest", "lightglue", "superglue")

@@ -45,7 +45,8 @@ def read(source: Source, options: ScanOptions) -> Scan:
     folder = _model_folder(source)
     assert folder is not None
     prefix = f"{folder}/" if folder else ""
-    kind = "bin" if source.exists(f"{prefix}images.bin") else "txt"
+    is_binary = all(source.exists(f"{prefix}{stem}.bin") for stem in ("cameras", "images"))
+    kind = "bin" if is_binary else "txt"
     cameras, images = read_model(source, folder)
     colors = next((n for n in COLOR_FOLDERS if n in source.folders()), COLOR_FOLDERS[0])
     depths = next(n for n in DEPTH_FOLDERS if n in source.folders())

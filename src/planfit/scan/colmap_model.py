@@ -1,9 +1,11 @@
-"""COLMAP's sparse models: cameras and images, as text or binary. Poses in the files are cam_from_world."""
+"""COLMAP's sparse models: cameras, images, and what they observed, as text or binary.
+
+Poses in the files are cam_from_world; pixels count from the corner of the first.
+"""
 
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -16,16 +18,27 @@ from planfit.scan.lens import Lens
 from planfit.scan.source import Source, read_text
 from planfit.scan.tables import shorten
 
-# Name, number of parameters, by number.
-MODELS = {
-    0: ("SIMPLE_PINHOLE", 3),
-    1: ("PINHOLE", 4),
-    2: ("SIMPLE_RADIAL", 4),
-    3: ("RADIAL", 5),
-    4: ("OPENCV", 8),
-    5: ("OPENCV_FISHEYE", 8),
-    6: ("FULL_OPENCV", 12),
-}
+MODELS = (
+    ("SIMPLE_PINHOLE", 3),
+    ("PINHOLE", 4),
+    ("SIMPLE_RADIAL", 4),
+    ("RADIAL", 5),
+    ("OPENCV", 8),
+    ("OPENCV_FISHEYE", 8),
+    ("FULL_OPENCV", 12),
+    ("FOV", 5),
+    ("SIMPLE_RADIAL_FISHEYE", 4),
+    ("RADIAL_FISHEYE", 5),
+    ("THIN_PRISM_FISHEYE", 12),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    ("SIMPLE_DIVISION", 4),
+    ("DIVISION", 5),
+    ("SIMPLE_FISHEYE", 3),
+    ("FISHEYE", 4),
+)
+"""Name and number of parameters of each camera model, by its number."""
+N_LENSES = 7
+"""The first so many models are lenses that can be undone here; of the others only the size is of use."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +55,16 @@ class ColmapCamera:
         """Its lens; COLMAP counts from the corner of the first pixel, half a pixel more than we.
 
         Raises:
-            ScanError: the parameters cannot be those of a camera; it begins with `where`.
+            ScanError: the model is none of the lenses known here, or the parameters cannot be those of
+                a camera; it begins with `where`.
         """
         p = self.parameters
+        known = [name for name, _ in MODELS[:N_LENSES]]
+        if self.model not in known:
+            raise ScanError(
+                f"{where}: expected a camera of {', '.join(known)}, found {self.model}; undistort the "
+                "images first (colmap image_undistorter)"
+            )
         if self.model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"):
             focal, center, rest = (p[0], p[0]), p[1:3], p[3:]
             distortion = (*rest, *([0.0] * (4 - len(rest)))) if rest else ()
@@ -63,21 +83,39 @@ class ColmapImage:
     camera_id: int
     name: str
     world_from_cam: np.ndarray  # (4, 4)
+    uv: np.ndarray | None = None  # (k, 2) px from the corner of the first pixel; None: not read
+    point_id: np.ndarray | None = None  # (k,) int64, -1 where no 3D point
 
 
-def read_model(source: Source, folder: str) -> tuple[dict[int, ColmapCamera], list[ColmapImage]]:
+def read_model(
+    source: Source, folder: str = "", observations: bool = False
+) -> tuple[dict[int, ColmapCamera], list[ColmapImage]]:
     """Cameras by number, and images sorted by name.
 
+    Args:
+        source: where the files lie.
+        folder: the model's, inside the source.
+        observations: whether to read where each image saw which 3D point.
+
     Raises:
-        ScanError: files are missing, cut off, or have cameras of another model.
+        ScanError: files are missing or damaged.
     """
     prefix = f"{folder}/" if folder else ""
-    if source.exists(f"{prefix}images.bin"):
-        names = f"{prefix}cameras.bin", f"{prefix}images.bin"
-        cameras, images = _binary_cameras(source, names[0]), _binary_images(source, names[1])
+    for suffix in ("bin", "txt"):
+        names = f"{prefix}cameras.{suffix}", f"{prefix}images.{suffix}"
+        if all(source.exists(name) for name in names):
+            break
     else:
-        names = f"{prefix}cameras.txt", f"{prefix}images.txt"
-        cameras, images = _text_cameras(source, names[0]), _text_images(source, names[1])
+        raise ScanError(
+            f"{source.path / folder}: expected a COLMAP model, found neither cameras.bin and images.bin "
+            "nor cameras.txt and images.txt"
+        )
+    if suffix == "bin":
+        cameras = _binary_cameras(source, names[0])
+        images = _binary_images(source, names[1], observations)
+    else:
+        cameras = _text_cameras(source, names[0])
+        images = _text_images(source, names[1], observations)
     if not images:
         raise ScanError(f"{source.path / names[1]}: expected posed images, found none")
     for image in images:
@@ -128,16 +166,9 @@ def write_model(
 
 def _camera(number: int, model: str, size: tuple[int, int], parameters: Sequence[float], where: str
             ) -> ColmapCamera:  # fmt: skip
-    counts = dict(MODELS.values())
-    if model not in counts:
-        raise ScanError(
-            f"{where}: expected a camera of {', '.join(counts)}, found {model}; undistort the images "
-            "first (colmap image_undistorter)"
-        )
-    if len(parameters) != counts[model]:
-        raise ScanError(
-            f"{where}: expected {counts[model]} parameters of {model}, found {len(parameters)}"
-        )
+    count = dict(MODELS).get(model)
+    if count is not None and len(parameters) != count:
+        raise ScanError(f"{where}: expected {count} parameters of {model}, found {len(parameters)}")
     return ColmapCamera(number, model, *size, tuple(float(v) for v in parameters))
 
 
@@ -168,12 +199,12 @@ def _text_cameras(source: Source, name: str) -> dict[int, ColmapCamera]:
     return cameras
 
 
-def _text_images(source: Source, name: str) -> list[ColmapImage]:
+def _text_images(source: Source, name: str, observations: bool) -> list[ColmapImage]:
     where = str(source.path / name)
     lines = [line for line in read_text(source, name).splitlines() if not line.startswith("#")]
     images = []
-    for line in lines[::2]:  # every second line holds the image's points
-        words = line.split(maxsplit=9)
+    for k in range(0, len(lines), 2):  # every second line holds the image's points, or is empty
+        words = lines[k].split(maxsplit=9)
         if not words:
             continue
         try:
@@ -181,10 +212,21 @@ def _text_images(source: Source, name: str) -> list[ColmapImage]:
             image_id, camera_id, image_name = int(words[0]), int(words[8]), words[9]
         except (ValueError, IndexError) as error:
             raise ScanError(
-                f"{where}: expected two lines an image, the first of 10 words, found {shorten(line)!r}"
+                f"{where}: expected two lines an image, the first of 10 words, found "
+                f"{shorten(lines[k])!r}, which is damaged; export the model again"
             ) from error
         pose = _pose(numbers[:4], numbers[4:], f"{where}, {image_name}")
-        images.append(ColmapImage(image_id, camera_id, image_name, pose))
+        seen: tuple[np.ndarray, ...] = ()
+        if observations:
+            try:
+                values = np.array(lines[k + 1].split(), dtype=float).reshape(-1, 3)
+            except (ValueError, IndexError) as error:
+                raise ScanError(
+                    f"{where}: expected a line of x, y and point of each observation behind "
+                    f"{image_name}, found a damaged one ({error}); export the model again"
+                ) from error
+            seen = values[:, :2], values[:, 2].astype(np.int64)
+        images.append(ColmapImage(image_id, camera_id, image_name, pose, *seen))
     return images
 
 
@@ -192,32 +234,34 @@ class _Bytes:
     """Values one after another; running out of bytes is an error that names the file."""
 
     def __init__(self, source: Source, name: str) -> None:
-        self._file = BytesIO(source.read(name))
+        self._data, self._at = source.read(name), 0
         self._where = source.path / name
 
     def take(self, layout: str) -> tuple:
-        data = self._file.read(struct.calcsize(f"<{layout}"))
-        try:
-            return struct.unpack(f"<{layout}", data)
-        except struct.error as error:
-            raise self._cut_off() from error
+        return struct.unpack_from(
+            f"<{layout}", self._data, self._next(struct.calcsize(f"<{layout}"))
+        )
 
     def text(self) -> str:
-        begin = self._file.tell()
-        end = self._file.getvalue().find(b"\0", begin)
+        end = self._data.find(b"\0", self._at)
         if end < 0:
             raise self._cut_off()
-        self._file.seek(end + 1)
-        return self._file.getvalue()[begin:end].decode("utf-8", "replace")
+        begin = self._next(end + 1 - self._at)
+        return self._data[begin:end].decode("utf-8", "replace")
 
-    def skip(self, n_bytes: int) -> None:
-        if self._file.tell() + n_bytes > len(self._file.getvalue()):
+    def array(self, layout: np.dtype, count: int) -> np.ndarray:
+        return np.frombuffer(self._data, layout, count, self._next(count * layout.itemsize))
+
+    def _next(self, n_bytes: int) -> int:
+        begin = self._at
+        if begin + n_bytes > len(self._data):
             raise self._cut_off()
-        self._file.seek(n_bytes, 1)
+        self._at += n_bytes
+        return begin
 
     def _cut_off(self) -> ScanError:
         return ScanError(
-            f"{self._where}: expected a whole binary model of COLMAP, found one that is cut off; "
+            f"{self._where}: expected a whole binary model of COLMAP, found a damaged one, cut off; "
             "export it again"
         )
 
@@ -226,10 +270,10 @@ def _binary_cameras(source: Source, name: str) -> dict[int, ColmapCamera]:
     data, where = _Bytes(source, name), str(source.path / name)
     cameras = {}
     for _ in range(data.take("Q")[0]):
-        number, model, width, height = data.take("iiQQ")
-        if model not in MODELS:
+        number, model, width, height = data.take("IiQQ")
+        if not 0 <= model < len(MODELS):
             raise ScanError(
-                f"{where}: expected a camera model of numbers 0 to {max(MODELS)}, found {model}; "
+                f"{where}: expected a camera model of numbers 0 to {len(MODELS) - 1}, found {model}; "
                 "undistort the images first (colmap image_undistorter)"
             )
         title, count = MODELS[model]
@@ -238,13 +282,15 @@ def _binary_cameras(source: Source, name: str) -> dict[int, ColmapCamera]:
     return cameras
 
 
-def _binary_images(source: Source, name: str) -> list[ColmapImage]:
+def _binary_images(source: Source, name: str, observations: bool) -> list[ColmapImage]:
     data, where = _Bytes(source, name), str(source.path / name)
+    layout = np.dtype([("uv", "<f8", 2), ("point", "<i8")])
     images = []
     for _ in range(data.take("Q")[0]):
-        image_id, *numbers, camera_id = data.take("i7di")
+        image_id, *numbers, camera_id = data.take("I7dI")
         image_name = data.text()
-        data.skip(24 * data.take("Q")[0])
+        points = data.array(layout, data.take("Q")[0])
         pose = _pose(numbers[:4], numbers[4:], f"{where}, {image_name}")
-        images.append(ColmapImage(image_id, camera_id, image_name, pose))
+        seen = (points["uv"].copy(), points["point"].copy()) if observations else ()
+        images.append(ColmapImage(image_id, camera_id, image_name, pose, *seen))
     return images

@@ -9,7 +9,7 @@ import numpy as np
 from planfit.errors import ScanError
 from planfit.scan.association import poses_at
 from planfit.scan.tables import shorten
-from planfit.scan.trajectory import read_tum
+from planfit.scan.trajectory import parse_tum
 from planfit.scan.types import Scan, check_pose
 from planfit.scan.wrappers import select_frames
 
@@ -33,16 +33,27 @@ def read_poses(path: Path) -> PoseTable:
         ScanError: it is missing or of none of these kinds.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ScanError(f"{path}: expected a file of poses, cannot be read ({reason})") from error
+    return parse_poses(text, path)
+
+
+def parse_poses(content: str, path: Path) -> PoseTable:
+    """As `read_poses`, of the text of a file; `path` is where it came from, for messages.
+
+    Raises:
+        ScanError: it is of none of these kinds.
+    """
     rows = [
-        text.split() for line in lines if (text := line.split("#")[0].replace(",", " ")).strip()
+        text.split()
+        for line in content.splitlines()
+        if (text := line.split("#")[0].replace(",", " ")).strip()
     ]
     lengths = [len(row) for row in rows]
     if lengths and set(lengths) == {8}:
-        return PoseTable("tum", *read_tum(path))
+        return PoseTable("tum", *parse_tum(content, path))
     values = _numbers(rows, path)
     if lengths and set(lengths) == {12}:
         poses = np.tile(np.eye(4), (len(rows), 1, 1))

@@ -19,11 +19,20 @@ def read_tum(path: Path) -> tuple[np.ndarray, np.ndarray]:
     if not path.exists():
         raise ScanError(f"{path}: expected a TUM trajectory, found nothing; check the path")
     try:
-        lines = path.read_text().splitlines()
+        text = path.read_text()
     except (OSError, UnicodeDecodeError) as error:
         raise ScanError(f"{path}: expected a TUM trajectory as text, found {error}") from error
+    return parse_tum(text, path)
+
+
+def parse_tum(content: str, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """As `read_tum`, of the text of a file; `path` is where it came from, for messages.
+
+    Raises:
+        ScanError: it is empty, or not eight numbers a line.
+    """
     rows = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(content.splitlines(), start=1):
         text = line.split("#")[0].split()
         if not text:
             continue

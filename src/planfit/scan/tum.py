@@ -21,8 +21,8 @@ from planfit.scan.image_files import Entry
 from planfit.scan.layout import Layout, scan_of_layout
 from planfit.scan.lens import Lens
 from planfit.scan.options import ScanOptions
-from planfit.scan.pose_files import read_poses
-from planfit.scan.source import Source
+from planfit.scan.pose_files import parse_poses
+from planfit.scan.source import Source, read_text
 from planfit.scan.tables import read_matrix, read_rows, shorten
 from planfit.scan.trajectory import write_tum
 from planfit.scan.types import Scan
@@ -54,11 +54,7 @@ def read(source: Source, options: ScanOptions) -> Scan:
     """
     color_times, color_names = _list(source, "rgb.txt")
     depth_times, depth_names = _list(source, "depth.txt")
-    if not source.path.is_dir():
-        raise ScanError(
-            f"{source.path}: expected this layout in a folder; unpack the archive first"
-        )
-    table = read_poses(source.path / POSES)
+    table = parse_poses(read_text(source, POSES), source.path / POSES)
     gap = options.max_time_gap_s
     mine, depth = pair_times(color_times, depth_times, gap)
     poses, known = poses_at(table.keys, table.poses, color_times[mine], gap)

@@ -121,13 +121,7 @@ def load_model(options: LearnedOptions) -> Model:
     path = Path(name).expanduser()
     if path.suffix.lower() == ".onnx":
         return OnnxModel(path, options.device)
-    is_path = path.is_absolute() or name.startswith((".", "~")) or len(path.parts) > 2
-    if is_path and not path.is_dir():
-        raise OptionError(
-            f"structure.learned.model: {name}: expected a folder with config.json and weights, found "
-            "no such folder; check the path, or give the name of a model on the Hugging Face hub"
-        )
-    return TransformersModel(str(path) if path.is_dir() else name, options.device)
+    return TransformersModel(name, options.device)
 
 
 def _fingerprint(name: str) -> str:
