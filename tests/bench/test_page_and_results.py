@@ -40,6 +40,15 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     assert [p.name for p in path.parent.iterdir()] == ["results.json"]
 
 
+def test_true_poses_stand_beside_the_presets() -> None:
+    truth = [measured(scan, "default/true poses", mme=-4.0 - k) for k, scan in enumerate(SCANS)]
+    page = make_page(replace(two_presets(), measured=(*two_presets().measured, *truth)))
+    assert "| MME | -4.500 | -4.500 | -4.500 |" in page
+    assert "| ATE, cm | - | 6.000 | 1.500 |" in page
+    assert "| true poses | -4.50 ± 0.71 |" in page
+    assert "| MME | - | -4.500 |" in make_page(two_presets())
+
+
 @pytest.mark.parametrize(
     "text", ["", "[]", "{}", '{"planfit": "1", "conditions": "", "measured": [1]}']
 )
@@ -65,7 +74,7 @@ def test_cells_are_mean_and_standard_deviation_beside_the_papers_number() -> Non
 def test_presets_are_compared_scan_by_scan() -> None:
     lines = make_page(two_presets()).splitlines()
     (row,) = [x for x in lines if x.startswith("| ATE, cm |") and "of 2" in x]
-    assert row == "| ATE, cm | 6.000 | 1.500 | -4.500 | 2.121 | 2 of 2 |"
+    assert row == "| ATE, cm | - | 6.000 | 1.500 | -4.500 | 2.121 | 2 of 2 |"
 
 
 @pytest.mark.parametrize(("with_walls", "holds"), [((1.0, 1.1), "yes"), ((1.0, 4.0), "no")])

@@ -9,7 +9,7 @@ import pytest
 from planfit.bench import VARIANTS, BenchOptions, Measured, run_bench, small_scans
 from planfit.bench.measure import load_case, measure
 from planfit.bench.scans import paper_scans
-from planfit.bench.variants import UNADJUSTED
+from planfit.bench.variants import TRUE_POSES, UNADJUSTED
 from planfit.errors import OutputError
 from planfit.evaluate import position_errors
 from planfit.synth import CameraOptions, WalkOptions
@@ -38,7 +38,7 @@ def options_of(key: str):
 
 
 def test_each_row_of_the_tables_is_there_once_with_both_presets():
-    assert len(BY_KEY) == len(VARIANTS) == 24
+    assert len(BY_KEY) == len(VARIANTS) == 25
     for preset in ("paper", "default"):
         assert options_of(f"{preset}/geometric").floor.weight == 0
         assert options_of(f"{preset}/geometric").walls.weight == 0
@@ -78,6 +78,13 @@ def test_figures_of_a_variant(tiny):
     assert default.figures["mme"] < none.figures["mme"]
     assert default.figures["nsd"] < none.figures["nsd"]
     assert default.figures["step_ms"] > 0
+
+
+def test_true_poses_are_measured_unrefined(tiny):
+    true = measure(tiny, TRUE_POSES, Work())
+    assert true.figures["nnd"] == tiny.judge.values(tiny.true_plan_from_cams)["nnd"]
+    assert true.figures["nsd"] > 0
+    assert not {"ate", "ate_aligned", "solve_s", "step_ms"} & set(true.figures)
 
 
 def test_truth_has_the_smallest_distance_to_the_true_scan(tiny):

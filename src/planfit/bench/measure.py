@@ -20,6 +20,7 @@ from planfit.evaluate import (
     wall_distances,
     wall_layers,
 )
+from planfit.evaluate.sampling import thin
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.options import RefineOptions
 from planfit.pipeline import refine
@@ -58,7 +59,7 @@ def load_case(bench_scan: BenchScan, work: Work) -> Case:
     clean = make_scan(replace(bench_scan.synth, depth_noise=NoDepthNoise()))
     true_map = replace(MAP, frame_step=_TRUE_FRAME_STEP, voxel_m=_TRUE_SPACING_M)
     points = sample_depth_maps(clean.scan, true_map, work).placed(synthetic.true_plan_from_cams)
-    cloud = make_true_cloud(_thinned(points, _TRUE_SPACING_M), normal_radius_m=0.1)
+    cloud = make_true_cloud(thin(points, _TRUE_SPACING_M), normal_radius_m=0.1)
     scan = synthetic.scan
     return Case(
         set_name=bench_scan.set_name,
@@ -105,6 +106,9 @@ def load_real_case(folder: Path, work: Work) -> Case:
 
 def measure(case: Case, variant: Variant, work: Work) -> Measured:
     """Refine a scan in one way, and take all figures. A run that refuses is recorded with its reason."""
+    if variant.has_true_poses:
+        figures = _of_map(case, case.true_plan_from_cams, work.workers)
+        return Measured(case.set_name, case.name, variant.key, figures)
     try:
         result = refine(
             case.scan, case.floorplan, variant.options(case.lambda_walls), work, case.seen
@@ -118,11 +122,16 @@ def measure(case: Case, variant: Variant, work: Work) -> Measured:
         figures["solve_s"] = result.seconds_by_stage["pull walls"]
         figures["step_ms"] = 1e3 * figures["solve_s"] / max(1, result.walls.iterations)
         figures["solve_s"] += result.seconds_by_stage.get("close loops", 0.0)
-    figures |= case.judge.values(poses, work.workers) | _against_plan(case, poses, work.workers)
+    figures |= _of_map(case, poses, work.workers)
     errors = position_errors(poses, case.true_plan_from_cams)
     figures |= {"ate": errors.rms_m, "ate_aligned": errors.aligned_rms_m}
-    finite = {name: float(value) for name, value in figures.items() if np.isfinite(value)}
-    return Measured(case.set_name, case.name, variant.key, finite, result.doubts)
+    return Measured(case.set_name, case.name, variant.key, figures, result.doubts)
+
+
+def _of_map(case: Case, poses: np.ndarray, workers: int) -> dict[str, float]:
+    """Figures that need no true poses; those that could not be taken are absent."""
+    figures = case.judge.values(poses, workers) | _against_plan(case, poses, workers)
+    return {name: float(value) for name, value in figures.items() if np.isfinite(value)}
 
 
 def _against_plan(case: Case, poses: np.ndarray, workers: int) -> dict[str, float]:
@@ -135,12 +144,3 @@ def _against_plan(case: Case, poses: np.ndarray, workers: int) -> dict[str, floa
     if floor is not None:
         figures["floor_plane_rms"] = 100 * floor.plane_rms_m
     return figures
-
-
-def _thinned(points: np.ndarray, spacing_m: float) -> np.ndarray:
-    """One point (k, 3) of each cube of `spacing_m`."""
-    cells = np.floor(points / spacing_m).astype(np.int64)
-    cells -= cells.min(axis=0)
-    size = cells.max(axis=0) + 1
-    flat = np.ravel_multi_index(tuple(cells.T), tuple(size))
-    return points[np.sort(np.unique(flat, return_index=True)[1])]

@@ -23,6 +23,8 @@ class Variant:
     paper_alignment: bool = False
     """Whether the scan is placed as the paper does. Else all variants search, so that they differ in their
     adjustment alone."""
+    has_true_poses: bool = False
+    """Nothing is refined: the map is that of the true poses, so it shows what the sensor's noise leaves."""
 
     @property
     def key(self) -> str:
@@ -109,7 +111,9 @@ _CHANGES: dict[str, Change] = {
 
 UNADJUSTED = Variant("default", "none", None)
 PAPER_TO_THE_LETTER = Variant("paper", "all, paper's alignment", _as_it_is, paper_alignment=True)
+TRUE_POSES = Variant("default", "true poses", None, has_true_poses=True)
 VARIANTS: tuple[Variant, ...] = (
+    TRUE_POSES,
     UNADJUSTED,
     *(Variant("paper", name, change) for name, change in _CHANGES.items()),
     PAPER_TO_THE_LETTER,
