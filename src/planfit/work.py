@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
-import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
@@ -27,20 +26,14 @@ def cache_key(*parts: object) -> str:
 
 
 @contextmanager
-def libraries_on_one_thread() -> Iterator[None]:
-    """BLAS and OpenCV start no threads of their own inside.
+def blas_on_one_thread() -> Iterator[None]:
+    """BLAS starts no threads of its own inside.
 
     On small matrices they cost more than they give: descriptions of 300 frames took 1.3 s of CPU time on
-    two threads of BLAS, 0.3 s on one. And beside a pool of workers they fight over cores: SIFT took a
-    quarter more CPU time with OpenCV's threads.
+    two threads, 0.3 s on one. And beside a pool of workers they fight over cores.
     """
-    n_opencv = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        with threadpool_limits(1, user_api="blas"):
-            yield
-    finally:
-        cv2.setNumThreads(n_opencv)
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 @dataclass(frozen=True)
@@ -97,7 +90,7 @@ class Work:
         self.report(stage, done, n_items)
         pool = ThreadPoolExecutor(self.workers)
         # Set here and not in the workers: the limit is the process's, and they would undo each other's.
-        with libraries_on_one_thread():
+        with blas_on_one_thread():
             try:
                 futures = {pool.submit(one_chunk, start): start for start in missing}
                 for future in as_completed(futures):

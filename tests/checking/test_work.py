@@ -6,14 +6,13 @@ import threading
 import time
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from threadpoolctl import threadpool_info
 
 from planfit.errors import OutputError
-from planfit.work import Work, cache_key, libraries_on_one_thread
+from planfit.work import Work, blas_on_one_thread, cache_key
 
 
 class Counter:
@@ -74,26 +73,18 @@ def test_blas_threads_are_one_inside_and_as_before_afterwards():
     assert blas_threads() == before
 
 
-def test_opencv_starts_no_threads_beside_the_workers():
-    def inside(_):
-        return {"n": np.array(cv2.getNumThreads())}
+def test_blas_has_its_threads_back_after_an_error():
+    before, inside = blas_threads(), []
 
-    given = cv2.getNumThreads()
-    try:
-        cv2.setNumThreads(3)
-        assert {int(item["n"]) for item in Work(2).map("threads", "key", 4, inside, 1)} == {1}
-        assert cv2.getNumThreads() == 3
-    finally:
-        cv2.setNumThreads(given)
+    def fail():
+        with blas_on_one_thread():
+            inside.extend(blas_threads())
+            raise RuntimeError("inside")
 
-
-def test_libraries_have_their_threads_back_after_an_error():
-    before = (cv2.getNumThreads(), blas_threads())
-    with pytest.raises(RuntimeError, match="inside"), libraries_on_one_thread():
-        assert cv2.getNumThreads() == 1
-        assert set(blas_threads()) <= {1}
-        raise RuntimeError("inside")
-    assert (cv2.getNumThreads(), blas_threads()) == before
+    with pytest.raises(RuntimeError, match="inside"):
+        fail()
+    assert set(inside) <= {1}
+    assert blas_threads() == before
 
 
 def test_nothing_to_do():

@@ -71,7 +71,9 @@ def test_normals_against_a_plain_computation(rng, radius):
 def test_normals_at_some_pixels_are_those_of_all(rng, step_px, first_px):
     points = holed(rng)
     some = depth_normals(points, 4, step_px, first_px)
-    np.testing.assert_array_equal(some, depth_normals(points, 4)[first_px::step_px, first_px::step_px])
+    np.testing.assert_array_equal(
+        some, depth_normals(points, 4)[first_px::step_px, first_px::step_px]
+    )
 
 
 def test_the_border_is_unsure_and_the_rest_is_not():

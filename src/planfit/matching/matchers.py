@@ -64,7 +64,7 @@ def match_descriptors(a: np.ndarray, b: np.ndarray, max_ratio: float) -> np.ndar
         return np.zeros((0, 2), dtype=int)
     a, b = a.astype(np.float32), b.astype(np.float32)
     norms_a, norms_b = np.einsum("ij,ij->i", a, a), np.einsum("ij,ij->i", b, b)
-    nearest = _mutual_nearest(a @ b.T, norms_a, norms_b, np.float32(max_ratio**2))
+    nearest = _mutual_nearest(a @ b.T, norms_a, norms_b, max_ratio**2)
     idx = np.flatnonzero(nearest >= 0)
     return np.stack([idx, nearest[idx]], axis=1)
 
@@ -93,7 +93,7 @@ def _mutual_nearest(
                     second = distance_sq
             if distance_sq < best_of_column[j]:
                 best_of_column[j], row_of_column[j] = distance_sq, i
-        is_clear[i] = best < max_ratio_sq * second
+        is_clear[i] = best < np.float32(max_ratio_sq) * second
     for i in range(k):
         if not is_clear[i] or row_of_column[nearest[i]] != i:
             nearest[i] = -1

@@ -82,7 +82,14 @@ def verify(
     is_inlier = np.zeros(m, dtype=bool)
     for _ in range(4):
         is_inlier = agreeing(
-            a_from_b, points_a, points_b, uv_a, uv_b, cameras, tolerance, options.max_reprojection_px
+            a_from_b,
+            points_a,
+            points_b,
+            uv_a,
+            uv_b,
+            cameras,
+            tolerance,
+            options.max_reprojection_px,
         )
         if is_inlier.sum() < max(options.min_inliers, options.min_inlier_ratio * m):
             return None

@@ -115,5 +115,5 @@ def _moved(transform: np.ndarray, p: np.ndarray) -> tuple:
 
 
 @numba.njit(cache=True, nogil=True)
-def _distance_sq(a: np.ndarray, b: np.ndarray) -> float:
+def _distance_sq(a: np.ndarray | tuple, b: np.ndarray) -> float:
     return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2

@@ -15,7 +15,6 @@ from planfit.structure.storeys import StoreyOptions, storey_heights
 from planfit.structure.surfaces import find_surfaces
 from planfit.work import Arrays, Work, cache_key
 
-
 GLANCE_WIDTH_PX = 40
 """About as many points of a row tell what a frame sees over what."""
 

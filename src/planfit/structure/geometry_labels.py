@@ -87,9 +87,7 @@ def label_by_geometry(
         some = seeds[:: max(1, len(seeds) // MOST_SEEDS)]
         plane = _level_plane(points.reshape(-1, 3)[some].astype(float))
         if plane is not None:
-            _lay_level(
-                labels, planes, points, nz, near, tolerance, plane, np.float32(facing), int(label)
-            )
+            _lay_level(labels, planes, points, nz, near, tolerance, plane, facing, int(label))
     grow = max(1, round(options.grow_px * points.shape[1] / 320))
     _grow(labels, planes, points, normals, tolerance, grow)
     return labels

@@ -59,5 +59,5 @@ def find_surfaces(
     np.copyto(near, far, where=is_far[..., None])
     # OpenCV's product: NumPy's takes five times as long for matrices this narrow.
     turn = upright_from_cam[:3, :3].astype(np.float32)
-    turned = (cv2.transform(np.ascontiguousarray(v), turn) for v in (points[kept], near))
-    return Surfaces(*turned, thin[kept], step * keep)
+    points_upright = cv2.transform(np.ascontiguousarray(points[kept]), turn)
+    return Surfaces(points_upright, cv2.transform(near, turn), thin[kept], step * keep)
