@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from threadpoolctl import threadpool_info
 
 from planfit.errors import OutputError
-from planfit.work import Work, cache_key
+from planfit.work import Work, blas_on_one_thread, cache_key
 
 
 class Counter:
@@ -70,6 +70,20 @@ def test_blas_threads_are_one_inside_and_as_before_afterwards():
 
     Work(2).map("overlap", "key", 2, overlap, chunk_size=1)
     assert all(n == 1 for threads in inside for n in threads)
+    assert blas_threads() == before
+
+
+def test_blas_has_its_threads_back_after_an_error():
+    before, inside = blas_threads(), []
+
+    def fail():
+        with blas_on_one_thread():
+            inside.extend(blas_threads())
+            raise RuntimeError("inside")
+
+    with pytest.raises(RuntimeError, match="inside"):
+        fail()
+    assert set(inside) <= {1}
     assert blas_threads() == before
 
 

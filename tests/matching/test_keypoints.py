@@ -6,7 +6,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import CAMERA, look, room_scan
-from planfit.matching.keypoints import KeypointOptions, detect, sample_depth, sharpness
+from planfit.matching.keypoints import (
+    KeypointOptions,
+    detect,
+    lift,
+    make_detector,
+    may_have_depth,
+    sample_depth,
+    sharpness,
+)
 
 
 def ramp(slope_u=0.004, slope_v=0.003):
@@ -51,6 +59,20 @@ def test_depth_edges_have_no_depth_and_edge_step_says_what_one_is():
     assert np.isfinite(sample_depth(depth, uv, 0.11)).all()
 
 
+def test_where_there_may_be_depth_is_all_where_there_is_some(rng):
+    depth = ramp()
+    depth[10:14, 50:] += 0.3
+    depth[rng.random(depth.shape) < 0.005] = np.nan
+    uv = rng.uniform([0, 0], [79, 59], (5000, 2)).astype(np.float32)
+    nearest = np.floor(uv + 0.5).astype(int)
+    may = may_have_depth(depth, 0.05)[nearest[:, 1], nearest[:, 0]] > 0
+    has = np.isfinite(sample_depth(depth, uv, 0.05))
+    assert may[has].all()
+    inner = (uv >= 3).all(axis=1) & (uv < [76, 56]).all(axis=1)
+    assert has[may & inner].mean() > 0.7  # the 6x6 pixels that it is asked of see a few holes more
+    assert not may[inner].all()
+
+
 def test_no_points():
     assert sample_depth(ramp(), np.zeros((0, 2)), 0.05).shape == (0,)
 
@@ -87,6 +109,23 @@ def test_a_blank_image_has_none(view):
 
 def test_no_depth_no_keypoints(view):
     assert len(detect(view[0], np.full_like(view[1], np.nan), CAMERA, KeypointOptions())) == 0
+
+
+@pytest.mark.parametrize("kind", ["sift", "orb"])
+@pytest.mark.parametrize("max_per_frame", [60, 1500])
+def test_keypoints_of_no_use_are_left_out_and_the_rest_are_as_they_were(
+    view, rng, kind, max_per_frame
+):
+    color, depth = view[0], view[1].copy()
+    depth[30:50, 20:70] = np.nan
+    depth[60:, 80:] += 0.5
+    options = KeypointOptions(kind=kind, max_per_frame=max_per_frame)
+    every = make_detector(options)(cv2.cvtColor(color, cv2.COLOR_RGB2GRAY), None)
+    expected, kept = lift(color, depth, CAMERA, options, every)
+    assert 10 < len(kept) < 0.9 * len(every.uv)
+    found = detect(color, depth, CAMERA, options)
+    for name, value in vars(expected).items():
+        np.testing.assert_array_equal(getattr(found, name), value)
 
 
 def test_max_per_frame(view):

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import look, room_scan
 from planfit.geometry import se3
 from planfit.scan import Label
 from planfit.structure import Gravity, StructureOptions, choose_back_end
-from planfit.structure.geometry_labels import GeometryLabelOptions
+from planfit.structure.evidence_map import CELL_M, Stretch
+from planfit.structure.geometry_labels import GeometryLabelOptions, _lay_level, _lay_walls
 from planfit.work import Work
 
 POSE = look([1.0, 2.0, 1.5], 10, 20)
@@ -189,3 +191,58 @@ def test_a_larger_radius_is_steadier():
     fine, _ = labelled(views(20.0), normal_radius_px=2)
     blurred, _ = labelled(views(20.0), normal_radius_px=8)
     assert 0.8 < np.mean(fine == blurred) < 1.0
+
+
+def wild_surfaces(rng, shape=(40, 60)):
+    """Points about the origin and normals that face anywhere, a tenth of each NaN."""
+    points = rng.uniform(-2, 2, (*shape, 3)).astype(np.float32)
+    normals = rng.normal(size=(*shape, 3))
+    normals = (normals / np.linalg.norm(normals, axis=-1, keepdims=True)).astype(np.float32)
+    points[rng.random(shape) < 0.1] = np.nan
+    normals[rng.random(shape) < 0.1] = np.nan
+    return points, normals
+
+
+def test_walls_are_laid_as_in_numpy(rng):
+    points, normals = wild_surfaces(rng)
+    cells = rng.random((50, 43)) < 0.5
+    stretch = Stretch(np.array([-1.0, 0.5]), np.packbits(cells, axis=1), 43, 0.0, np.zeros(0))
+    centre = np.array([0.4, 1.5, 1.2])
+    with np.errstate(invalid="ignore"):
+        cell = np.floor((points[..., :2] + centre[:2] - stretch.low_xy) / CELL_M)
+        inside = (cell >= 0).all(axis=-1) & (cell < cells.shape).all(axis=-1)
+        is_upright = np.abs(normals[..., 2]) < 0.5
+    i, j = np.where(inside[..., None], cell, 0).astype(int).transpose(2, 0, 1)
+    is_wall = is_upright & inside & cells[i, j]
+    assert 50 < is_wall.sum() < 2000
+    level = normals[..., :2] / np.linalg.norm(normals[..., :2], axis=-1, keepdims=True)
+    expected = np.zeros((*is_wall.shape, 4))
+    expected[is_wall, :2] = level[is_wall]
+    expected[is_wall, 3] = np.sum(level * points[..., :2], axis=-1)[is_wall]
+    labels, planes = np.zeros(is_wall.shape, np.uint8), np.zeros((*is_wall.shape, 4), np.float32)
+    _lay_walls(
+        labels, planes, points, normals, 0.5,
+        centre, stretch.low_xy, stretch.is_wall, stretch.n_y, int(Label.WALL),
+    )  # fmt: skip
+    assert_array_equal(labels, np.where(is_wall, Label.WALL, Label.NONE))
+    assert_allclose(planes, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("facing", [1.0, -1.0])
+def test_a_level_is_laid_as_in_numpy(rng, facing):
+    points, normals = wild_surfaces(rng)
+    plane = np.array([0.02, -0.01, 1.0, 0.3], np.float32)
+    tolerance = rng.uniform(0.1, 0.8, points.shape[:2]).astype(np.float32)
+    near = rng.random(points.shape[:2]) < 0.7
+    with np.errstate(invalid="ignore"):
+        off = np.abs(points @ plane[:3] - plane[3])
+        on_it = near & (off < tolerance) & ~(facing * normals[..., 2] < 0.7)
+    assert on_it[np.isnan(normals[..., 2])].any()
+    labels, planes = np.full(on_it.shape, Label.WALL, np.uint8), np.zeros((*on_it.shape, 4))
+    planes = planes.astype(np.float32)
+    _lay_level(
+        labels, planes, points, np.ascontiguousarray(normals[..., 2]), near, tolerance, plane,
+        np.float32(facing), int(Label.FLOOR),
+    )  # fmt: skip
+    assert_array_equal(labels, np.where(on_it, Label.FLOOR, Label.WALL))
+    assert_array_equal(planes, np.where(on_it[..., None], plane, np.float32(0)))

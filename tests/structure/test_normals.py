@@ -1,5 +1,6 @@
 """Normals and edges of depth images, with holes."""
 
+import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -35,6 +36,44 @@ def test_normals_of_a_plane_point_to_the_camera(truth, step_px):
     assert normals.shape == points[::step_px, ::step_px].shape
     assert angles_deg(normals, truth).max() < 0.2
     assert_allclose(np.nanmax(np.linalg.norm(normals, axis=-1)), 1.0, atol=1e-5)
+
+
+def holed(rng):
+    depth = plane_depth(NORMALS[3]) + rng.normal(0, 0.01, (CAMERA.height, CAMERA.width))
+    depth[:, 50:] += 0.7
+    depth[rng.random(depth.shape) < 0.3] = np.nan
+    depth[20:40, 20:40] = np.nan
+    return CAMERA.lift_image(depth)
+
+
+@pytest.mark.parametrize("radius", [3, 6])
+def test_normals_against_a_plain_computation(rng, radius):
+    points = holed(rng)
+    is_reading = np.isfinite(points[..., 2])
+    share = cv2.blur(is_reading.astype(float), (radius, radius))[..., None]
+    total = cv2.blur(np.where(is_reading[..., None], points, 0.0), (radius, radius))
+    mean = total / np.where(share > 0.5 - 1e-9, share, np.nan)
+    expected = np.full(points.shape, np.nan)
+    r = slice(radius, -radius)
+    across = mean[r, 2 * radius :] - mean[r, : -2 * radius]
+    down = mean[2 * radius :, r] - mean[: -2 * radius, r]
+    normal = np.cross(down, across)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    faces_away = np.sum(normal * np.nan_to_num(points[r, r]), axis=-1, keepdims=True) > 0
+    expected[r, r] = np.where(faces_away, -normal, normal)
+    found = depth_normals(points, radius)
+    assert 0.3 < np.isfinite(expected).mean() < 0.9
+    assert_allclose(found, expected, atol=2e-3)
+    assert found.dtype == np.float32
+
+
+@pytest.mark.parametrize(("step_px", "first_px"), [(3, 1), (8, 4), (2, 0)])
+def test_normals_at_some_pixels_are_those_of_all(rng, step_px, first_px):
+    points = holed(rng)
+    some = depth_normals(points, 4, step_px, first_px)
+    np.testing.assert_array_equal(
+        some, depth_normals(points, 4)[first_px::step_px, first_px::step_px]
+    )
 
 
 def test_the_border_is_unsure_and_the_rest_is_not():

@@ -16,8 +16,12 @@ class Detections:
     descriptors: np.ndarray  # (k, d): near in Euclidean distance where they show the same
 
 
-Detector = Callable[[np.ndarray], Detections]
-"""Finds keypoints in a grey image (h, w) uint8; safe to call from several threads."""
+Detector = Callable[[np.ndarray, np.ndarray | None], Detections]
+"""Finds keypoints in a grey image (h, w) uint8; safe to call from several threads.
+
+The second argument (h, w) uint8 is 0 where keypoints are of no use, or None: those may be left out, which
+saves time, and no other may change for it.
+"""
 
 
 def sift(max_per_frame: int, contrast_threshold: float) -> Detector:
@@ -27,10 +31,11 @@ def sift(max_per_frame: int, contrast_threshold: float) -> Detector:
     (k, 128) uint8, scaled by 512.
     """
 
-    def detect(grey: np.ndarray) -> Detections:
+    def detect(grey: np.ndarray, useful: np.ndarray | None) -> Detections:
+        # OpenCV heeds the mask after it has chosen the strongest, before it describes them.
         found, raw = cv2.SIFT.create(
             nfeatures=max_per_frame, contrastThreshold=contrast_threshold
-        ).detectAndCompute(grey, np.array([]))
+        ).detectAndCompute(grey, np.array([]) if useful is None else useful)
         if not found:
             return _nothing(128)
         normalised = raw / np.maximum(raw.sum(axis=1, keepdims=True), 1e-6)
@@ -47,7 +52,8 @@ def orb(max_per_frame: int) -> Detector:
     the Hamming distance, and all that follows need not know which kind it is given.
     """
 
-    def detect(grey: np.ndarray) -> Detections:
+    # With a mask OpenCV's ORB would choose other keypoints; describing them takes little time anyway.
+    def detect(grey: np.ndarray, _: np.ndarray | None) -> Detections:
         found, raw = cv2.ORB.create(nfeatures=max_per_frame, fastThreshold=8).detectAndCompute(
             grey, np.array([])
         )

@@ -75,7 +75,8 @@ def detect(
 ) -> Keypoints:
     """Keypoints of a colour image (h, w, 3) with depth (h, w) m; `detector` saves making one a frame."""
     grey = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
-    found = (detector or make_detector(options))(grey)
+    useful = may_have_depth(depth, options.edge_step)
+    found = (detector or make_detector(options))(grey, useful)
     return lift(color, depth, camera, options, found)[0]
 
 
@@ -111,6 +112,17 @@ def sharpness(grey: np.ndarray) -> np.ndarray:
     half = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     edges = cv2.Laplacian(half, cv2.CV_32F)
     return np.float32(edges.std() / max(float(half.std()), 1.0)) * np.ones((), np.float32)
+
+
+def may_have_depth(depth: np.ndarray, edge_step: float) -> np.ndarray:
+    """Where (h, w) uint8 keypoints may have a depth: 0 where `sample_depth` gives NaN all about.
+
+    The 5x5 pixels about the nearest one are part of the 6x6 that it looks at.
+    """
+    filled = np.where(np.isfinite(depth), depth, np.float32(0.0))
+    window = np.ones((5, 5), np.uint8)
+    low, high = cv2.erode(filled, window), cv2.dilate(filled, window)
+    return ((low > 0) & (high - low <= edge_step * low)).astype(np.uint8)
 
 
 def sample_depth(depth: np.ndarray, uv: np.ndarray, edge_step: float) -> np.ndarray:

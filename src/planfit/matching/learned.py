@@ -31,7 +31,7 @@ def superpoint(weights: str, device: str, max_per_frame: int) -> Detector:
     torch, model, place = _load("keypoints", weights, "superpoint", device)
     lock = Lock()
 
-    def detect(grey: np.ndarray) -> Detections:
+    def detect(grey: np.ndarray, _: np.ndarray | None) -> Detections:
         image = torch.from_numpy(grey.astype(np.float32) / 255.0)[None, None].to(place)
         with lock, torch.inference_mode():
             found = model(image.expand(1, 3, -1, -1))

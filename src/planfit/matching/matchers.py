@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+import numba
 import numpy as np
 
 from planfit.errors import require_choice, require_share
@@ -63,12 +64,38 @@ def match_descriptors(a: np.ndarray, b: np.ndarray, max_ratio: float) -> np.ndar
     if len(a) < 2 or len(b) < 2:
         return np.zeros((0, 2), dtype=int)
     a, b = a.astype(np.float32), b.astype(np.float32)
-    distance_sq = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2.0 * (a @ b.T)
-    nearest = np.argmin(distance_sq, axis=1)
-    rows = np.arange(len(a))
-    best = distance_sq[rows, nearest]
-    mutual = np.argmin(distance_sq, axis=0)[nearest] == rows
-    distance_sq[rows, nearest] = np.inf
-    clear = best < max_ratio**2 * distance_sq.min(axis=1)
-    idx = np.flatnonzero(mutual & clear)
+    norms_a, norms_b = np.einsum("ij,ij->i", a, a), np.einsum("ij,ij->i", b, b)
+    nearest = _mutual_nearest(a @ b.T, norms_a, norms_b, max_ratio**2)
+    idx = np.flatnonzero(nearest >= 0)
     return np.stack([idx, nearest[idx]], axis=1)
+
+
+@numba.njit(cache=True, nogil=True)
+def _mutual_nearest(
+    product: np.ndarray, norms_a: np.ndarray, norms_b: np.ndarray, max_ratio_sq: float
+) -> np.ndarray:
+    """For each row of scalar products (k, l) its match, or -1, in one pass over them.
+
+    Squared distances of descriptors of small integers are exact in float32, in whatever order summed.
+    """
+    k, n_columns = product.shape
+    nearest = np.full(k, -1, np.int64)
+    is_clear = np.zeros(k, np.bool_)
+    best_of_column = np.full(n_columns, np.float32(np.inf))
+    row_of_column = np.full(n_columns, -1, np.int64)
+    for i in range(k):
+        best = second = np.float32(np.inf)
+        for j in range(n_columns):
+            distance_sq = norms_a[i] + norms_b[j] - np.float32(2.0) * product[i, j]
+            if distance_sq < second:
+                if distance_sq < best:
+                    best, second, nearest[i] = distance_sq, best, j
+                else:
+                    second = distance_sq
+            if distance_sq < best_of_column[j]:
+                best_of_column[j], row_of_column[j] = distance_sq, i
+        is_clear[i] = best < np.float32(max_ratio_sq) * second
+    for i in range(k):
+        if not is_clear[i] or row_of_column[nearest[i]] != i:
+            nearest[i] = -1
+    return nearest

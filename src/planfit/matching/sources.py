@@ -26,7 +26,7 @@ from planfit.matching.retrieval import describe_frames
 from planfit.matching.views import distinct_views
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
-from planfit.work import Arrays, Work, cache_key
+from planfit.work import Arrays, Work, blas_on_one_thread, cache_key
 
 Tentative = Callable[[int, int], np.ndarray]
 """Matches (m, 2) of the keypoints of a pair of frames, before they are verified."""
@@ -52,8 +52,11 @@ def own_source(scan: Scan, odometry: Odometry, options: MatchingOptions, work: W
     compute = partial(_detect_frame, scan, options.keypoints, detector)
     items = work.map("keypoints", key, len(scan), compute, chunk_size=16)
     keypoints = [Keypoints(**item) for item in items]
+    rng = np.random.default_rng(options.seed)
+    with blas_on_one_thread():
+        appearance = describe_frames([k.descriptors for k in keypoints], rng)
     looks = Looks(
-        describe_frames([k.descriptors for k in keypoints], np.random.default_rng(options.seed)),
+        appearance,
         np.array([k.sharpness for k in keypoints], dtype=float),
         sample_views([k.points_cam for k in keypoints], scan.cameras),
     )

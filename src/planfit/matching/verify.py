@@ -7,6 +7,7 @@ import numpy as np
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
+from planfit.matching.verify_kernels import agreeing, best_motion, rigid_triples
 
 
 @dataclass(frozen=True)
@@ -70,18 +71,25 @@ def verify(
     tolerance = options.max_sigmas * np.hypot(
         point_sigma(points_a[:, 2], options), point_sigma(points_b[:, 2], options)
     )
-    triples = _rigid_triples(points_a, points_b, tolerance, options.rounds, rng)
+    # Most wrong triples fall before any fit; four times the rounds are drawn for that reason.
+    drawn = rng.integers(m, size=(4 * options.rounds, 3))
+    triples = drawn[rigid_triples(drawn, points_a, points_b, tolerance, options.rounds)]
     if len(triples) == 0:
         return None
     candidates = _fit_triples(points_a[triples], points_b[triples])
-    distance = np.linalg.norm(se3.transform(candidates, points_b) - points_a, axis=-1)
-    # Truncated squares rather than counts (MSAC): ties among good hypotheses go to the tighter one.
-    score = np.minimum((distance / tolerance) ** 2, 1.0).sum(axis=1)
-    a_from_b = candidates[np.argmin(score)]
+    a_from_b = candidates[best_motion(candidates, points_a, points_b, tolerance)]
+    cameras = np.array([[c.fx, c.fy, c.cx, c.cy] for c in (camera_a, camera_b)])
     is_inlier = np.zeros(m, dtype=bool)
     for _ in range(4):
-        is_inlier = _agree(
-            a_from_b, points_a, points_b, uv_a, uv_b, camera_a, camera_b, tolerance, options
+        is_inlier = agreeing(
+            a_from_b,
+            points_a,
+            points_b,
+            uv_a,
+            uv_b,
+            cameras,
+            tolerance,
+            options.max_reprojection_px,
         )
         if is_inlier.sum() < max(options.min_inliers, options.min_inlier_ratio * m):
             return None
@@ -91,54 +99,9 @@ def verify(
     return RelativePose(a_from_b, is_inlier)
 
 
-def _rigid_triples(
-    points_a: np.ndarray,
-    points_b: np.ndarray,
-    tolerance: np.ndarray,
-    rounds: int,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """Triples (r, 3) of matches whose three mutual distances agree in both frames.
-
-    A rigid motion keeps distances, so most wrong triples fall here, before any fit; four times the
-    rounds are drawn for that reason.
-    """
-    triples = rng.integers(len(points_a), size=(4 * rounds, 3))
-    a, b, t = points_a[triples], points_b[triples], tolerance[triples]
-    ok = np.ones(len(triples), dtype=bool)
-    for j, k in ((0, 1), (1, 2), (2, 0)):
-        side_a = np.linalg.norm(a[:, j] - a[:, k], axis=1)
-        side_b = np.linalg.norm(b[:, j] - b[:, k], axis=1)
-        ok &= (np.abs(side_a - side_b) < np.hypot(t[:, j], t[:, k])) & (side_a > 0.2)
-    return triples[ok][:rounds]
-
-
 def _fit_triples(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Rigid a_from_b (r, 4, 4) of triples (r, 3, 3), all at once (Kabsch)."""
     mean_a, mean_b = a.mean(axis=1), b.mean(axis=1)
     covariance = np.swapaxes(a - mean_a[:, None], 1, 2) @ (b - mean_b[:, None])
     rotation = se3.project_to_so3(covariance)
     return se3.make_transform(rotation, mean_a - (rotation @ mean_b[..., None])[..., 0])
-
-
-def _agree(
-    a_from_b: np.ndarray,
-    points_a: np.ndarray,
-    points_b: np.ndarray,
-    uv_a: np.ndarray,
-    uv_b: np.ndarray,
-    camera_a: Camera,
-    camera_b: Camera,
-    tolerance: np.ndarray,
-    options: VerifyOptions,
-) -> np.ndarray:
-    """Which matches (m,) lie together in 3D and in both images."""
-    b_in_a = se3.transform(a_from_b, points_b)
-    a_in_b = se3.transform(se3.inverse(a_from_b), points_a)
-    error_a = np.linalg.norm(camera_a.project(b_in_a) - uv_a, axis=1)
-    error_b = np.linalg.norm(camera_b.project(a_in_b) - uv_b, axis=1)
-    return (
-        (np.linalg.norm(b_in_a - points_a, axis=1) < tolerance)
-        & (error_a < options.max_reprojection_px)
-        & (error_b < options.max_reprojection_px)
-    )

@@ -15,6 +15,9 @@ from planfit.structure.storeys import StoreyOptions, storey_heights
 from planfit.structure.surfaces import find_surfaces
 from planfit.work import Arrays, Work, cache_key
 
+GLANCE_WIDTH_PX = 40
+"""About as many points of a row tell what a frame sees over what."""
+
 
 class BackEnd(Protocol):
     """Labels the pixels of one frame at a time; safe to use from several threads."""
@@ -124,10 +127,12 @@ def _glance(
 ) -> Glance:
     centre = upright_from_cams[i, :3, 3]
     found = find_surfaces(
-        scan.files.depth(i), scan.cameras[i], upright_from_cams[i], options.normal_radius_px
+        scan.files.depth(i),
+        scan.cameras[i],
+        upright_from_cams[i],
+        options.normal_radius_px,
+        GLANCE_WIDTH_PX,
     )
-    step = max(1, found.points.shape[1] // 40)
-    points = found.points[step // 2 :: step, step // 2 :: step].reshape(-1, 3)
-    normal_z = found.normals[step // 2 :: step, step // 2 :: step, 2].ravel()
-    seen = np.isfinite(points[:, 2])
-    return Glance(centre, points[seen] + centre.astype(np.float32), normal_z[seen])
+    seen = np.isfinite(found.points[..., 2])
+    points = found.points[seen] + centre.astype(np.float32)
+    return Glance(centre, points, found.normals[seen, 2])

@@ -47,12 +47,26 @@ class Stretch:
 
     def wall_at(self, xy: np.ndarray) -> np.ndarray:
         """Whether upright surfaces at places (..., 2) m are wall; False off the map and at NaN."""
-        with np.errstate(invalid="ignore"):
-            i = np.floor((xy[..., 0] - self.low_xy[0]) / CELL_M)
-            j = np.floor((xy[..., 1] - self.low_xy[1]) / CELL_M)
-            inside = (i >= 0) & (j >= 0) & (i < len(self.is_wall)) & (j < self.n_y)
-        i, j = np.where(inside, i, 0).astype(np.int32), np.where(inside, j, 0).astype(np.int32)
-        return inside & ((self.is_wall[i, j >> 3] >> (7 - (j & 7))) & 1).astype(bool)
+        flat = np.asarray(xy, dtype=float).reshape(-1, 2)
+        return _walls_at(flat, self.low_xy, self.is_wall, self.n_y).reshape(xy.shape[:-1])
+
+
+@numba.njit(cache=True, nogil=True)
+def is_wall_at(x: float, y: float, low_xy: np.ndarray, is_wall: np.ndarray, n_y: int) -> bool:
+    """`Stretch.wall_at` for one place, to be compiled into loops over places."""
+    i, j = np.floor((x - low_xy[0]) / CELL_M), np.floor((y - low_xy[1]) / CELL_M)
+    if not (i >= 0 and j >= 0 and i < len(is_wall) and j < n_y):  # NaN too
+        return False
+    row, column = int(i), int(j)
+    return (is_wall[row, column >> 3] >> (7 - (column & 7))) & 1 == 1
+
+
+@numba.njit(cache=True, nogil=True)
+def _walls_at(xy: np.ndarray, low_xy: np.ndarray, is_wall: np.ndarray, n_y: int) -> np.ndarray:
+    found = np.zeros(len(xy), dtype=np.bool_)
+    for k in range(len(xy)):
+        found[k] = is_wall_at(xy[k, 0], xy[k, 1], low_xy, is_wall, n_y)
+    return found
 
 
 def map_stretch(

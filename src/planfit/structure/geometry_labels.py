@@ -7,7 +7,7 @@ import numpy as np
 
 from planfit.errors import require_positive
 from planfit.scan import Label
-from planfit.structure.evidence_map import Stretch
+from planfit.structure.evidence_map import Stretch, is_wall_at
 from planfit.structure.surfaces import Surfaces
 
 
@@ -49,6 +49,10 @@ class GeometryLabelOptions:
         )
 
 
+MOST_SEEDS = 3000
+"""A plane is fitted to at least this many points where there are as many, and to less than twice."""
+
+
 def label_by_geometry(
     surfaces: Surfaces,
     centre: np.ndarray,
@@ -60,8 +64,8 @@ def label_by_geometry(
     `centre` (3,) is where the camera is in the world turned upright, the frame of `stretch`.
     """
     points, normals = surfaces.points, surfaces.normals
+    nz = np.ascontiguousarray(normals[..., 2])
     height = points[..., 2] + centre[2]
-    nz = normals[..., 2]
     cosine, sine = (
         np.cos(np.deg2rad(options.max_tilt_deg)),
         np.sin(np.deg2rad(options.max_tilt_deg)),
@@ -70,31 +74,22 @@ def label_by_geometry(
     planes = np.zeros((*height.shape, 4), dtype=np.float32)
     with np.errstate(invalid="ignore"):
         tolerance = options.tolerance_m + options.tolerance_per_m2 * surfaces.depth**2
-        row, column = np.nonzero(np.abs(nz) < sine)
-    is_wall = stretch.wall_at(points[row, column, :2] + centre[:2])
-    row, column = row[is_wall], column[is_wall]
-    level = normals[row, column, :2]
-    level = level / np.hypot(level[:, 0], level[:, 1])[:, None]
-    labels[row, column] = Label.WALL
-    planes[row, column, :2] = level
-    planes[row, column, 3] = np.einsum("ni,ni->n", level, points[row, column, :2])
+    _lay_walls(
+        labels, planes, points, normals, sine,
+        centre, stretch.low_xy, stretch.is_wall, stretch.n_y, int(Label.WALL),
+    )  # fmt: skip
     levels = [(Label.FLOOR, stretch.floor_m, 1.0)]
     levels += [(Label.CEILING, z, -1.0) for z in stretch.ceilings_m]
     for label, level_m, facing in levels:
         with np.errstate(invalid="ignore"):
             near = np.abs(height - level_m) < options.floor_band_m
-            seeds = near & (facing * nz > cosine)
-        plane = _level_plane(points[seeds])
-        if plane is None:
-            continue
-        with np.errstate(invalid="ignore"):
-            off = np.abs(points @ plane[:3] - plane[3])
-            # Seen at a flat angle normals are wild; whatever lies on the plane and is not upright is it.
-            on_it = near & (off < tolerance) & ~(facing * nz < 0.7)
-        labels[on_it] = label
-        planes[on_it] = plane
+            seeds = np.flatnonzero(near & (facing * nz > cosine))
+        some = seeds[:: max(1, len(seeds) // MOST_SEEDS)]
+        plane = _level_plane(points.reshape(-1, 3)[some].astype(float))
+        if plane is not None:
+            _lay_level(labels, planes, points, nz, near, tolerance, plane, facing, int(label))
     grow = max(1, round(options.grow_px * points.shape[1] / 320))
-    _grow(labels, planes, points, normals, tolerance.astype(np.float32), grow)
+    _grow(labels, planes, points, normals, tolerance, grow)
     return labels
 
 
@@ -114,7 +109,6 @@ def _level_plane(points: np.ndarray) -> np.ndarray | None:
     """
     if len(points) < 100:
         return None
-    points = points[:: max(1, len(points) // 3000)].astype(float)
     middle = np.array([*points[:, :2].mean(axis=0), np.median(points[:, 2])])
     near = np.abs(points[:, 2] - middle[2]) < 0.1
     slope = np.zeros(2)
@@ -129,6 +123,63 @@ def _level_plane(points: np.ndarray) -> np.ndarray | None:
         near = np.abs(off) < 0.05
     normal = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1 + slope @ slope)
     return np.array([*normal, normal @ middle], dtype=np.float32)
+
+
+@numba.njit(cache=True, nogil=True)
+def _lay_walls(
+    labels: np.ndarray,
+    planes: np.ndarray,
+    points: np.ndarray,
+    normals: np.ndarray,
+    tilt_sine: float,
+    centre: np.ndarray,
+    low_xy: np.ndarray,
+    is_wall: np.ndarray,
+    n_y: int,
+    label: int,
+) -> None:
+    """Label upright pixels (h, w) at places that are wall, each with the upright plane it lies on, in
+    place."""
+    h, w = labels.shape
+    for r in range(h):
+        for c in range(w):
+            n, p = normals[r, c], points[r, c]
+            if abs(n[2]) < tilt_sine and is_wall_at(
+                p[0] + centre[0], p[1] + centre[1], low_xy, is_wall, n_y
+            ):
+                length = np.hypot(n[0], n[1])
+                labels[r, c] = label
+                planes[r, c, 0], planes[r, c, 1] = n[0] / length, n[1] / length
+                planes[r, c, 3] = planes[r, c, 0] * p[0] + planes[r, c, 1] * p[1]
+
+
+@numba.njit(cache=True, nogil=True)
+def _lay_level(
+    labels: np.ndarray,
+    planes: np.ndarray,
+    points: np.ndarray,
+    normal_z: np.ndarray,
+    near: np.ndarray,
+    tolerance: np.ndarray,
+    plane: np.ndarray,
+    facing: float,
+    label: int,
+) -> None:
+    """Give pixels (h, w) `near` a level its label where they lie on its plane (4,), in place.
+
+    Seen at a flat angle normals are wild; whatever lies on the plane and is not upright is it.
+    """
+    h, w = labels.shape
+    for r in range(h):
+        for c in range(w):
+            if not near[r, c] or facing * normal_z[r, c] < np.float32(0.7):
+                continue
+            off = -plane[3]
+            for a in range(3):
+                off += plane[a] * points[r, c, a]
+            if abs(off) < tolerance[r, c]:
+                labels[r, c] = label
+                planes[r, c] = plane
 
 
 @numba.njit(cache=True, nogil=True)
