@@ -182,7 +182,7 @@ def test_a_device_of_its_own_choice_gives_the_same_keypoints_as_cpu(models):
         options = KeypointOptions(
             kind="superpoint", weights=str(models / "superpoint"), device=device
         )
-        found.append(make_detector(options)(grey))
+        found.append(make_detector(options)(grey, None))
     assert len(found[0].uv) > 50
     assert np.array_equal(found[0].uv, found[1].uv)
 
