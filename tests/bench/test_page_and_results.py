@@ -47,6 +47,10 @@ def test_true_poses_stand_beside_the_presets() -> None:
     assert "| ATE, cm | - | 6.000 | 1.500 |" in page
     assert "| true poses | -4.50 ± 0.71 |" in page
     assert "| MME | - | -4.500 |" in make_page(two_presets())
+    # A scan that one preset refused is left out of all columns.
+    refused = [m for m in two_presets().measured if (m.variant, m.scan) != ("paper/all", SCANS[1])]
+    page = make_page(results(*refused, *truth))
+    assert "| MME | -4.000 | -4.000 | -4.000 |" in page
 
 
 @pytest.mark.parametrize(

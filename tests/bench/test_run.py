@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planfit.adjust.solver import SolverOptions
 from planfit.bench import VARIANTS, BenchOptions, Measured, run_bench, small_scans
 from planfit.bench.measure import load_case, measure
 from planfit.bench.scans import paper_scans
-from planfit.bench.variants import TRUE_POSES, UNADJUSTED
+from planfit.bench.variants import TRUE_POSES, UNADJUSTED, setup_digest
 from planfit.errors import OutputError
 from planfit.evaluate import position_errors
 from planfit.synth import CameraOptions, WalkOptions
@@ -58,6 +59,14 @@ def test_each_row_of_the_tables_is_there_once_with_both_presets():
     assert sides == [False, True, True, False]
     assert options_of("paper/all").walls.weight == 0.6
     assert BY_KEY["paper/all, paper's alignment"].options(0.6).align.method == "paper"
+
+
+def test_the_setup_changes_with_the_defaults(monkeypatch):
+    before = setup_digest()
+    assert setup_digest() == before
+    assert setup_digest("other maps") != before
+    monkeypatch.setattr(SolverOptions, "__repr__", lambda _: "a default that has changed")
+    assert setup_digest() != before
 
 
 def test_ten_scans_in_two_sets():
@@ -110,5 +119,9 @@ def test_a_run_that_stopped_goes_on(tmp_path: Path):
     assert [p.name for p in tmp_path.iterdir()] == ["out.json"]
     run_bench(replace(options, variants=variants), "1", "here", Work(), told.append)
     assert len(told) == 2
+    stale = replace(both, setup="of a default that has changed")
+    stale.write(tmp_path / "stale.json")
+    with pytest.raises(OutputError, match="a default has changed since"):
+        run_bench(replace(options, out=tmp_path / "stale.json"), "1", "here", Work(), told.append)
     with pytest.raises(OutputError, match="results of planfit 2, found those of 1"):
         run_bench(options, "2", "here", Work(), told.append)

@@ -138,7 +138,7 @@ def test_evaluate_reads_a_scan_by_the_flags_of_refine(
     assert run(["evaluate", *map(str, words), "--depth-scale", "0.001"]) == 2
     assert "leave out --depth-scale" in capsys.readouterr().err
     assert run(["evaluate", *map(str, words), "--format", "tum"]) == 2
-    assert "tum" in capsys.readouterr().err
+    assert "expected a scan of the format tum: rgb.txt" in capsys.readouterr().err
     assert run(["evaluate", str(finished), "--depth-scale", "0.001"]) == 2
     assert "is read as the run did, found some; leave them out" in capsys.readouterr().err
 

@@ -135,11 +135,12 @@ def test_depth_in_metres_and_in_another_frame(sample, tmp_path):
     path = write_bag(tmp_path, "ros1", images, lambda b: write_tf(b, sample))
     scan = read_scan(path)
     assert "depth_frame" in scan.warnings[0]
-    assert "no static tf joins them" in scan.warnings[0]
+    assert "depth has no CameraInfo of its own" in scan.warnings[0]
     assert_is_sample(scan, sample)
 
 
-def test_depth_of_a_camera_beside_is_registered_by_static_tf(sample, tmp_path):
+@pytest.mark.parametrize("lack", ["", "static tf", "CameraInfo"])
+def test_depth_of_a_camera_beside_is_registered_by_static_tf(lack, sample, tmp_path):
     """A plane square to the depth camera, which stands 5 cm left of the colour camera and squints."""
     link_from_color = BODY_FROM_CAM
     color_from_depth = se3.make_transform(
@@ -152,12 +153,14 @@ def test_depth_of_a_camera_beside_is_registered_by_static_tf(sample, tmp_path):
             bag.image("/camera/color/image_raw", time, COLOR_FRAME, sample.color[i], "rgb8")
             bag.info("/camera/color/camera_info", time, COLOR_FRAME, sample.camera)
             bag.image("/camera/depth/image_raw", time, "depth_optical", plane, "16UC1")
-            bag.info("/camera/depth/camera_info", time, "depth_optical", sample.camera)
+            if lack != "CameraInfo":
+                bag.info("/camera/depth/camera_info", time, "depth_optical", sample.camera)
 
     def tf(bag):
         start = sample.times[0]
         bag.tf("/tf_static", start, "link", COLOR_FRAME, link_from_color)
-        bag.tf("/tf_static", start, "link", "depth_link", np.eye(4))
+        if lack != "static tf":
+            bag.tf("/tf_static", start, "link", "depth_link", np.eye(4))
         bag.tf(
             "/tf_static", start, "depth_link", "depth_optical", link_from_color @ color_from_depth
         )
@@ -165,6 +168,10 @@ def test_depth_of_a_camera_beside_is_registered_by_static_tf(sample, tmp_path):
             bag.tf("/tf", time, "world", "link", pose @ se3.inverse(link_from_color))
 
     scan = read_scan(write_bag(tmp_path, "ros1", images, tf))
+    if lack:
+        assert lack in scan.warnings[0]
+        assert_allclose(scan.files.depth(2), 2.0)
+        return
     assert scan.warnings == ()
     assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
     points = scan.cameras[0].lift_image(scan.files.depth(2)).reshape(-1, 3)

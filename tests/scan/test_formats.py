@@ -6,6 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.errors import OptionError, ScanError
 from planfit.scan import ScanOptions, read_scan
+from planfit.scan.colmap_model import read_model
+from planfit.scan.source import FolderSource
 from scan_samples import HALF_DEPTH, HAS_CONFIDENCE, LOSSY_COLOR, WRITERS, N, write_colmap
 
 
@@ -134,6 +136,24 @@ def test_formats_that_know_up_say_so(kind, sample, tmp_path):
 @pytest.mark.parametrize("kind", ["tum", "nerfstudio", "scannet", "record3d"])
 def test_formats_that_do_not_know_up_do_not_guess(kind, sample, tmp_path):
     assert read_scan(written(kind, sample, tmp_path)).up_world is None
+
+
+def test_a_text_model_without_its_last_empty_line(sample, tmp_path):
+    """The line of the last image's points is empty where it has none, and editors trim it."""
+    write_colmap(tmp_path, sample)
+    path = tmp_path / "sparse" / "0" / "images.txt"
+    whole, seen = colmap_poses(tmp_path)
+    assert seen == 2
+    path.write_text("\n".join(path.read_text().splitlines()[:-1]) + "\n")
+    trimmed, seen = colmap_poses(tmp_path)
+    assert_allclose(trimmed, whole)
+    assert seen == 0
+
+
+def colmap_poses(folder):
+    """Poses of a model, and how many points its last image saw."""
+    _, images = read_model(FolderSource(folder), "sparse/0", observations=True)
+    return np.stack([image.world_from_cam for image in images]), len(images[-1].uv)
 
 
 def test_a_binary_model_reads_like_a_text_model(sample, tmp_path):

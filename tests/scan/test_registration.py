@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.scan import read_scan
@@ -96,6 +97,17 @@ def test_nothing_behind_the_camera_or_without_a_reading_is_seen():
         assert np.isnan(register_depth(depth, DEPTH, behind, COLOR)).all()
 
 
+def test_a_reading_beside_the_colour_camera_does_not_cover_the_image():
+    ahead = np.eye(4)
+    ahead[2, 3] = -0.3
+    depth = np.full((120, 160), 2.0, dtype=np.float32)
+    without = register_depth(depth, DEPTH, ahead, COLOR)
+    depth[60, 80] = 0.301
+    found = register_depth(depth, DEPTH, ahead, COLOR)
+    assert np.count_nonzero(found != without) < np.isnan(without).sum() + 9
+    assert np.nanmin(found) > 1.6
+
+
 def write_kinect(folder, intrinsics):
     """Raw images of one plane at 2 m, square to the depth camera, as 7-Scenes has them."""
     poses = se3.make_transform(
@@ -138,6 +150,16 @@ def test_refined_poses_of_raw_frames_are_the_depth_cameras_again(tmp_path):
     scan.files.write_poses(tmp_path / "out", scan.world_from_cams)
     for i, pose in enumerate(poses):
         assert_allclose(np.loadtxt(tmp_path / "out" / f"frame-{i:06d}.pose.txt"), pose, atol=1e-8)
+
+
+def test_raw_frames_of_another_size_need_intrinsics(tmp_path):
+    write_kinect(tmp_path, None)
+    for path in tmp_path.glob("*.color.png"):
+        path.write_bytes(png(np.zeros((720, 1280, 3), dtype=np.uint8)))
+    with pytest.raises(
+        ScanError, match=r"color\.png: expected 640 x 480 px .* add camera-intrinsics\.txt"
+    ):
+        read_scan(tmp_path)
 
 
 def test_other_intrinsics_mean_depth_registered_to_colour(tmp_path):

@@ -83,7 +83,7 @@ class AdjustOptions:
     """Schedule of the gradient descent."""
     loops_first: bool = True
     """Close loops by matches before the scan is placed and walls pull."""
-    graduation: tuple[float, ...] = (8.0, 4.0, 2.0, 1.0)
+    graduation: tuple[float, ...] = (4.0, 2.0, 1.0)
     """Factors on the scale of the matches' loss while loops close, one after the other: wide at first,
     so that matches which are far apart only because of drift still pull, then as it stands."""
     wall_distances_m: tuple[float, ...] = (1.2, 0.8, 0.6, 0.45, 0.35)

@@ -1,4 +1,4 @@
-"""The page of results, made of a file of results: every number in it is computed here."""
+"""The page of results, made of a file of results: every figure in its tables is computed here."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -202,7 +202,8 @@ def _published(set_name: str, variant: str, figure: str) -> str:
 
 def _against(results: Results, set_name: str) -> str:
     a, b = (results.figures_of(f"{preset}/all", set_name) for preset in ("paper", "default"))
-    if not set(a) & set(b):
+    both, truth = a.keys() & b.keys(), results.figures_of(_TRUTH, set_name)
+    if not both:
         return "Not measured."
     lines = [
         "| | true poses | paper | default | mean difference | spread of differences | default better |",
@@ -213,8 +214,8 @@ def _against(results: Results, set_name: str) -> str:
             continue
         factor = _FACTORS.get(row.name, 1.0)
         spread = "-" if np.isnan(row.spread) else f"{factor * row.spread:.3f}"
-        true = _values(results, set_name, _TRUTH, row.name)
-        least = f"{true.mean():.3f}" if len(true) else "-"
+        true = [truth[scan][row.name] for scan in both if row.name in truth.get(scan, {})]
+        least = f"{factor * np.mean(true):.3f}" if len(true) == row.n else "-"
         lines.append(
             f"| {_TITLES[row.name]} | {least} | {factor * row.mean_a:.3f} | {factor * row.mean_b:.3f} | "
             f"{factor * row.mean_difference:+.3f} | {spread} | {row.wins} of {row.n} |"
@@ -263,9 +264,9 @@ _WHY = """\
 - Nearest point leaves wall points that drift has brought nearer to a wrong face where they are, in a minimum
   of its own; it is slow to leave, and so ends further from the plan than the fixed nearest wall does.
 - The floor's RMS is lower with the paper's cost, whose weight of the floor is ten times that of the matches:
-  it flattens what the depth camera bends, to below what true poses leave. Flattening more is easily had
-  (`--adjust.floor.weight 40` gives 1.0 cm on phone-like scans) and dearly paid where the floor is not flat or
-  its points are not all floor: with that weight ConSLAM ends 1.1 m off, as it does with the paper's cost.
+  it flattens what the depth camera bends, to below what true poses leave. So does `--adjust.floor.weight 40`,
+  and it is dearly paid where the floor is not flat or its points are not all floor: ConSLAM then ends as far
+  off as it does with the paper's cost.
 - Other figures fall below those of true poses as well, NSD for one: walls are pulled to a plan that is drawn
   2 cm off. The nearer to the true poses the better is what ATE alone says.
 - Levenberg-Marquardt ends in the minimum of the paper's cost. The paper's gradient descent stops long before

@@ -48,6 +48,8 @@ class Results:
     conditions: str
     """What the machine was, and how the figures were taken."""
     measured: tuple[Measured, ...]
+    setup: str = ""
+    """Changes when the options compared, the scans or the maps do."""
 
     def figures_of(self, variant: str, set_name: str | None = None) -> dict[str, dict[str, float]]:
         """Figures of a variant by scan, for all sets or for one."""

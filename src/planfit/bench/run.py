@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from planfit.bench.measure import Case, load_case, load_real_case, measure
+from planfit.bench.measure import MAP, Case, load_case, load_real_case, measure
 from planfit.bench.results import Measured, Results, read_results
 from planfit.bench.scans import BenchScan
-from planfit.bench.variants import VARIANTS, Variant
+from planfit.bench.variants import VARIANTS, Variant, setup_digest
 from planfit.errors import OutputError
 from planfit.work import Work
 
@@ -43,12 +43,18 @@ def run_bench(
         on_measured: told of each result.
 
     Raises:
-        OutputError: the file has results of another version.
+        OutputError: the file has results of another version, or of other defaults.
         ScanError: a real scan cannot be used.
     """
-    results = Results(planfit, conditions, ())
+    setup = setup_digest(MAP)
+    results = Results(planfit, conditions, (), setup)
     if options.out.exists():
         results = read_results(options.out)
+        if results.setup != setup:
+            raise OutputError(
+                f"{options.out}: expected results of the options and maps of this planfit, found those of "
+                "others (a default has changed since); choose another file with -o"
+            )
         if results.planfit != planfit:
             raise OutputError(
                 f"{options.out}: expected results of planfit {planfit}, found those of "

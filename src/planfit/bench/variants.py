@@ -1,5 +1,6 @@
 """What is compared: each row of the paper's three tables, with the paper's cost and with planfit's own."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -119,3 +120,9 @@ VARIANTS: tuple[Variant, ...] = (
     PAPER_TO_THE_LETTER,
     *(Variant("default", name, change) for name, change in _CHANGES.items()),
 )
+
+
+def setup_digest(*parts: object) -> str:
+    """Changes when what any variant does changes, or any of the other `parts`."""
+    options = [(v.key, v.has_true_poses, v.change and v.options(0.5)) for v in VARIANTS]
+    return hashlib.sha256(repr((options, *parts)).encode()).hexdigest()[:16]

@@ -14,6 +14,7 @@ from planfit.learned_models import find_weights, load_model
 from planfit.matching.detectors import Detections, Detector
 from planfit.matching.matchers import Matcher
 
+_WITHOUT = "--matching.keypoints.kind sift and --matching.matcher.kind nearest"
 _CLASSES = {
     "superpoint": "SuperPointForKeypointDetection",
     "lightglue": "LightGlueForKeypointMatching",
@@ -85,10 +86,12 @@ def glue(kind: str, weights: str, device: str) -> Matcher:
 
 def _load(part: str, name: str, kind: str, device: str) -> tuple[Any, Any, Any]:
     """torch, a model of the kind that an option of matching names, and the device that it is on."""
-    weights = find_weights(f"matching.{part}.weights", name, "--matching.keypoints.kind sift")
+    weights = find_weights(f"matching.{part}.weights", name, _WITHOUT)
     found = weights.config.model_type
     if found != kind:
-        raise OptionError(f"{weights.where}: expected weights of {kind}, found those of {found}")
+        raise OptionError(
+            f"{weights.where}: expected weights of {kind}, found those of {found}; give a model of that kind"
+        )
     model_class = getattr(weights.transformers, _CLASSES[kind])
     model, place = load_model(weights, model_class, kind, f"matching.{part}.device", device)
     return weights.torch, model, place

@@ -156,12 +156,16 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Scan:
     is_registered = any(word in topics.depth for word in ("aligned", "registered"))
     color_from_depth = None
     if depth_frame != camera_frame and not is_registered:
-        color_from_depth = fixed_transform(tree, camera_frame, depth_frame)
+        has_own_info = topics.depth_info not in ("", topics.info)
+        if has_own_info:
+            color_from_depth = fixed_transform(tree, camera_frame, depth_frame)
         if color_from_depth is None:
+            lack = (
+                "no static tf joins them" if has_own_info else "depth has no CameraInfo of its own"
+            )
             warnings.append(
-                f"depth is in the frame {depth_frame}, colour in {camera_frame}, and no static tf joins "
-                "them: depth is taken as registered to colour; give --depth-topic where the bag has "
-                "registered depth"
+                f"depth is in the frame {depth_frame}, colour in {camera_frame}, and {lack}: it is taken as "
+                "registered to colour; give --depth-topic where the bag has registered depth"
             )
     mine, other, poses = mine[known], other[known], poses[known]
     times = color_times[mine]

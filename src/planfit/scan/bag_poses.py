@@ -99,7 +99,7 @@ def read_tf(reader: Any) -> dict[str, Edge]:
 
 
 def fixed_transform(tree: dict[str, Edge], to_frame: str, from_frame: str) -> np.ndarray | None:
-    """to_frame_from_from_frame (4, 4) of two frames on one body; None where tf has no static way."""
+    """From the axes of one frame to those of another on the same body, (4, 4); None without a static way."""
     ways = []
     for frame in (to_frame.lstrip("/"), from_frame.lstrip("/")):
         edges = []

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from planfit.scan.colmap_model import ColmapImage, read_model, write_model
+from planfit.scan.colmap_model import ColmapImage, model_files, read_model, write_model
 from planfit.scan.image_files import Entry
 from planfit.scan.layout import Layout, scan_of_layout
 from planfit.scan.lens import Lens
@@ -45,8 +45,7 @@ def read(source: Source, options: ScanOptions) -> Scan:
     folder = _model_folder(source)
     assert folder is not None
     prefix = f"{folder}/" if folder else ""
-    is_binary = all(source.exists(f"{prefix}{stem}.bin") for stem in ("cameras", "images"))
-    kind = "bin" if is_binary else "txt"
+    cameras_file, images_file = (PurePosixPath(name).name for name in model_files(source, folder))
     cameras, images = read_model(source, folder)
     colors = next((n for n in COLOR_FOLDERS if n in source.folders()), COLOR_FOLDERS[0])
     depths = next(n for n in DEPTH_FOLDERS if n in source.folders())
@@ -64,14 +63,14 @@ def read(source: Source, options: ScanOptions) -> Scan:
 
     lone = [n for n in source.names(colors) if f"{colors}/{n}" not in image_of]
     skipped = [
-        f"frame {PurePosixPath(name).stem}: images.{kind} has no pose"
+        f"frame {PurePosixPath(name).stem}: {images_file} has no pose"
         for name in lone
         if source.exists(_depth_name(source, depths, name))
     ]
 
     def lens(entry: Entry, _: tuple[int, int]) -> Lens:
         camera = cameras[image_of[entry.color].camera_id]
-        where = source.path / folder / f"cameras.{kind}, camera {camera.camera_id}"
+        where = source.path / folder / f"{cameras_file}, camera {camera.camera_id}"
         return camera.lens(str(where))
 
     def write_poses(directory: Path, written: Sequence[Entry], poses: np.ndarray) -> None:

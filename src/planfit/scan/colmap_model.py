@@ -87,6 +87,23 @@ class ColmapImage:
     point_id: np.ndarray | None = None  # (k,) int64, -1 where no 3D point
 
 
+def model_files(source: Source, folder: str = "") -> tuple[str, str]:
+    """Names of a model's files of cameras and of images; binary ones first.
+
+    Raises:
+        ScanError: there are none.
+    """
+    prefix = f"{folder}/" if folder else ""
+    for suffix in ("bin", "txt"):
+        names = f"{prefix}cameras.{suffix}", f"{prefix}images.{suffix}"
+        if all(source.exists(name) for name in names):
+            return names
+    raise ScanError(
+        f"{source.path / folder}: expected a COLMAP model, found neither cameras.bin and images.bin nor "
+        "cameras.txt and images.txt; export the model again"
+    )
+
+
 def read_model(
     source: Source, folder: str = "", observations: bool = False
 ) -> tuple[dict[int, ColmapCamera], list[ColmapImage]]:
@@ -100,17 +117,8 @@ def read_model(
     Raises:
         ScanError: files are missing or damaged.
     """
-    prefix = f"{folder}/" if folder else ""
-    for suffix in ("bin", "txt"):
-        names = f"{prefix}cameras.{suffix}", f"{prefix}images.{suffix}"
-        if all(source.exists(name) for name in names):
-            break
-    else:
-        raise ScanError(
-            f"{source.path / folder}: expected a COLMAP model, found neither cameras.bin and images.bin "
-            "nor cameras.txt and images.txt"
-        )
-    if suffix == "bin":
+    names = model_files(source, folder)
+    if names[0].endswith(".bin"):
         cameras = _binary_cameras(source, names[0])
         images = _binary_images(source, names[1], observations)
     else:
@@ -219,7 +227,9 @@ def _text_images(source: Source, name: str, observations: bool) -> list[ColmapIm
         seen: tuple[np.ndarray, ...] = ()
         if observations:
             try:
-                values = np.array(lines[k + 1].split(), dtype=float).reshape(-1, 3)
+                values = np.array(" ".join(lines[k + 1 : k + 2]).split(), dtype=float).reshape(
+                    -1, 3
+                )
             except (ValueError, IndexError) as error:
                 raise ScanError(
                     f"{where}: expected a line of x, y and point of each observation behind "

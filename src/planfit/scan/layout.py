@@ -43,6 +43,10 @@ class Layout:
     color_from_depth: np.ndarray | None = None
     """(4, 4) between the axes of two cameras that stand apart; needs `depth_lens`."""
 
+    def __post_init__(self) -> None:
+        if self.color_from_depth is not None and self.depth_lens is None:
+            raise ValueError("a depth camera of its own needs a lens of its own")
+
 
 def scan_of_layout(source: Source, layout: Layout, options: ScanOptions) -> Scan:
     """The scan of a layout; frames without pose, colour or depth are left out and named.

@@ -15,7 +15,8 @@ class ScanOptions:
     use_masks: bool = True
     """Whether floor and wall masks that lie beside the images are used."""
     poses: Path | None = None
-    """Poses of another tracker (TUM, KITTI or Open3D log) that take the place of the scan's own."""
+    """Poses of another tracker (TUM, KITTI or Open3D log), of the colour camera, that take the place of the
+    scan's own; `planfit evaluate` judges them against the scan's own."""
     depth_scale: float | None = None
     """Metres of one unit of the stored depth; overrules what the format says."""
     max_time_gap_s: float = 0.02

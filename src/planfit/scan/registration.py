@@ -18,7 +18,7 @@ def register_depth(
 
     Each reading becomes a patch a little larger than its pixel, at least one pixel of `camera`, so that no
     gaps open where pixels grow; of several, the nearest surface hides the others. What only the colour
-    camera sees stays NaN.
+    camera sees stays NaN, and so does what is right before the colour camera.
 
     Args:
         depth: (h, w) m along the depth camera's optical axis; NaN where there is no reading.
@@ -40,6 +40,9 @@ def register_depth(
 
 HALF_PATCH = 0.6
 """Of the distance between readings. Half would leave gaps where the cameras are turned against each other."""
+NEAREST = 0.1
+"""Readings nearer to the colour camera than this share of their depth are left out: beside the lens, one of
+them would cover the image."""
 
 
 @numba.njit(cache=True, nogil=True)
@@ -56,7 +59,7 @@ def _splat(depth, intrinsics, color_from_depth, target, result):  # pragma: no c
                 continue
             x, y = (column - cx) / fx * z, ray_y * z
             z_color = t[2, 0] * x + t[2, 1] * y + t[2, 2] * z + t[2, 3]
-            if z_color <= 0.0:
+            if z_color <= NEAREST * z:
                 continue
             u = gx * (t[0, 0] * x + t[0, 1] * y + t[0, 2] * z + t[0, 3]) / z_color + hx
             v = gy * (t[1, 0] * x + t[1, 1] * y + t[1, 2] * z + t[1, 3]) / z_color + hy

@@ -8,7 +8,9 @@ the images are a Kinect's as they came from it: 585 is the depth camera, the pos
 camera stood 2.5 cm beside it. Its calibration was never published; those who work with 7-Scenes (DSAC*, ACE,
 the pseudo ground truth of Brachmann et al. 2021) take fx = 525 and the mount that LIRIS measured on another
 Kinect (https://projet.liris.cnrs.fr/voir/activities-dataset/kinect-calibration.html), and so does this
-reader. With other intrinsics, as 3DMatch exports of other datasets have them, depth is registered to colour.
+reader. The scan's poses are then the colour camera's, and so must those of `--poses` be; the files read and
+written are the depth camera's. With other intrinsics, as 3DMatch exports of other datasets have them, depth
+is registered to colour, and there is one camera.
 """
 
 import re
@@ -18,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.frames import make_camera, matrix_intrinsics
 from planfit.scan.image_files import Entry
@@ -31,6 +34,7 @@ from planfit.scan.types import Scan
 
 LOOKS_FOR = "frame-NNNNNN.color.png, .depth.png and .pose.txt"
 PUBLISHED = (585.0, 585.0, 320.0, 240.0)
+KINECT_SIZE = (640, 480)
 KINECT_COLOR = (525.0, 525.0, 320.0, 240.0)
 COLOR_FROM_DEPTH = np.array(
     [
@@ -93,7 +97,12 @@ def read(source: Source, options: ScanOptions) -> Scan:
     def lens(_: Entry, size: tuple[int, int]) -> Lens:
         return Lens(make_camera(*size, intrinsics, str(source.path / INTRINSICS)))
 
-    def kinect_color(_: Entry, size: tuple[int, int]) -> Lens:
+    def kinect_color(entry: Entry, size: tuple[int, int]) -> Lens:
+        if size != KINECT_SIZE:
+            raise ScanError(
+                f"{source.path / entry.color}: expected 640 x 480 px of 7-Scenes' Kinect, found {size[0]} x "
+                f"{size[1]}; add {INTRINSICS} where another camera recorded the scan"
+            )
         return Lens(make_camera(*size, KINECT_COLOR, str(source.path)))
 
     def write_poses(directory: Path, entries: Sequence[Entry], poses: np.ndarray) -> None:

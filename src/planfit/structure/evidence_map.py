@@ -52,20 +52,13 @@ class Stretch:
 
 
 @numba.njit(cache=True, nogil=True)
-def is_wall_at(x: float, y: float, low_xy: np.ndarray, is_wall: np.ndarray, n_y: int) -> bool:
-    """`Stretch.wall_at` for one place, to be compiled into loops over places."""
-    i, j = np.floor((x - low_xy[0]) / CELL_M), np.floor((y - low_xy[1]) / CELL_M)
-    if not (i >= 0 and j >= 0 and i < len(is_wall) and j < n_y):  # NaN too
-        return False
-    row, column = int(i), int(j)
-    return (is_wall[row, column >> 3] >> (7 - (column & 7))) & 1 == 1
-
-
-@numba.njit(cache=True, nogil=True)
 def _walls_at(xy: np.ndarray, low_xy: np.ndarray, is_wall: np.ndarray, n_y: int) -> np.ndarray:
     found = np.zeros(len(xy), dtype=np.bool_)
     for k in range(len(xy)):
-        found[k] = is_wall_at(xy[k, 0], xy[k, 1], low_xy, is_wall, n_y)
+        i, j = np.floor((xy[k, 0] - low_xy[0]) / CELL_M), np.floor((xy[k, 1] - low_xy[1]) / CELL_M)
+        if i >= 0 and j >= 0 and i < len(is_wall) and j < n_y:  # never of NaN
+            row, column = int(i), int(j)
+            found[k] = (is_wall[row, column >> 3] >> (7 - (column & 7))) & 1 == 1
     return found
 
 

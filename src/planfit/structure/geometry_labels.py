@@ -7,7 +7,7 @@ import numpy as np
 
 from planfit.errors import require_positive
 from planfit.scan import Label
-from planfit.structure.evidence_map import Stretch, is_wall_at
+from planfit.structure.evidence_map import Stretch
 from planfit.structure.surfaces import Surfaces
 
 
@@ -49,7 +49,7 @@ class GeometryLabelOptions:
         )
 
 
-MOST_SEEDS = 3000
+MIN_SEEDS = 3000
 """A plane is fitted to at least this many points where there are as many, and to less than twice."""
 
 
@@ -74,17 +74,15 @@ def label_by_geometry(
     planes = np.zeros((*height.shape, 4), dtype=np.float32)
     with np.errstate(invalid="ignore"):
         tolerance = options.tolerance_m + options.tolerance_per_m2 * surfaces.depth**2
-    _lay_walls(
-        labels, planes, points, normals, sine,
-        centre, stretch.low_xy, stretch.is_wall, stretch.n_y, int(Label.WALL),
-    )  # fmt: skip
+    is_wall = stretch.wall_at(points[..., :2] + centre[:2])
+    _lay_walls(labels, planes, points, normals, sine, is_wall, int(Label.WALL))
     levels = [(Label.FLOOR, stretch.floor_m, 1.0)]
     levels += [(Label.CEILING, z, -1.0) for z in stretch.ceilings_m]
     for label, level_m, facing in levels:
         with np.errstate(invalid="ignore"):
             near = np.abs(height - level_m) < options.floor_band_m
             seeds = np.flatnonzero(near & (facing * nz > cosine))
-        some = seeds[:: max(1, len(seeds) // MOST_SEEDS)]
+        some = seeds[:: max(1, len(seeds) // MIN_SEEDS)]
         plane = _level_plane(points.reshape(-1, 3)[some].astype(float))
         if plane is not None:
             _lay_level(labels, planes, points, nz, near, tolerance, plane, facing, int(label))
@@ -132,21 +130,15 @@ def _lay_walls(
     points: np.ndarray,
     normals: np.ndarray,
     tilt_sine: float,
-    centre: np.ndarray,
-    low_xy: np.ndarray,
     is_wall: np.ndarray,
-    n_y: int,
     label: int,
 ) -> None:
-    """Label upright pixels (h, w) at places that are wall, each with the upright plane it lies on, in
-    place."""
+    """Label upright pixels (h, w) where it `is_wall`, each with the upright plane it lies on, in place."""
     h, w = labels.shape
     for r in range(h):
         for c in range(w):
             n, p = normals[r, c], points[r, c]
-            if abs(n[2]) < tilt_sine and is_wall_at(
-                p[0] + centre[0], p[1] + centre[1], low_xy, is_wall, n_y
-            ):
+            if is_wall[r, c] and abs(n[2]) < tilt_sine:
                 length = np.hypot(n[0], n[1])
                 labels[r, c] = label
                 planes[r, c, 0], planes[r, c, 1] = n[0] / length, n[1] / length
