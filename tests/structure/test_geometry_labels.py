@@ -220,10 +220,8 @@ def test_walls_are_laid_as_in_numpy(rng):
     expected[is_wall, :2] = level[is_wall]
     expected[is_wall, 3] = np.sum(level * points[..., :2], axis=-1)[is_wall]
     labels, planes = np.zeros(is_wall.shape, np.uint8), np.zeros((*is_wall.shape, 4), np.float32)
-    _lay_walls(
-        labels, planes, points, normals, 0.5,
-        centre, stretch.low_xy, stretch.is_wall, stretch.n_y, int(Label.WALL),
-    )  # fmt: skip
+    places = stretch.wall_at(points[..., :2] + centre[:2])
+    _lay_walls(labels, planes, points, normals, 0.5, places, int(Label.WALL))
     assert_array_equal(labels, np.where(is_wall, Label.WALL, Label.NONE))
     assert_allclose(planes, expected, atol=1e-5)
 
