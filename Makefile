@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check format docs reference bench tables clean
+.PHONY: demo test check format docs reference bench tables tables-small clean
 
 demo: $(VENV)/installed
 	$(BIN)/planfit demo -o demo
@@ -37,6 +37,12 @@ bench: $(VENV)/installed-bench
 tables: $(VENV)/installed
 	$(BIN)/planfit bench paper -o benchmarks/results/paper.json $(if $(REAL),--real $(REAL)) \
 		--page docs/results.md
+
+# The same of two small scans, in two minutes: whether they can be made, not what they say.
+tables-small: $(VENV)/installed
+	rm -rf $(VENV)/tables-small
+	$(BIN)/planfit bench paper --small -o $(VENV)/tables-small/paper.json \
+		--page $(VENV)/tables-small/results.md
 
 clean:
 	rm -rf $(VENV) demo site
