@@ -25,6 +25,12 @@ def test_axes_are_right_down_forward():
     assert_allclose(right_below, [[1, 1, 1]])
 
 
+def test_the_matrix_projects(rng):
+    points = rng.uniform([-2, -2, 1], [2, 2, 5], (20, 3))
+    pixels = points @ CAMERA.matrix.T
+    assert_allclose(pixels[:, :2] / pixels[:, 2:], CAMERA.project(points))
+
+
 def test_lifting_an_image_is_lifting_its_pixels(rng):
     depth = rng.uniform(1, 5, (480, 640)).astype(np.float32)
     depth[10, 20] = np.nan

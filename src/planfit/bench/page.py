@@ -8,9 +8,11 @@ import numpy as np
 from planfit.bench.published import FIGURES as PUBLISHED_FIGURES
 from planfit.bench.published import MS_A_STEP, PUBLISHED
 from planfit.bench.results import FIGURES, Results
+from planfit.bench.variants import PAPER_TO_THE_LETTER, TRUE_POSES, UNADJUSTED
 from planfit.errors import OutputError
 from planfit.evaluate import compare_paired
 
+_NONE, _LETTER, _TRUTH = UNADJUSTED.key, PAPER_TO_THE_LETTER.key, TRUE_POSES.key
 _TITLES = {
     "mme": "MME",
     "mpv": "MPV, cm²",
@@ -94,7 +96,7 @@ def make_page(results: Results) -> str:
             "### Default against the paper's cost, scan by scan",
             _against(results, set_name),
             "### T1: terms",
-            _table(results, set_name, ("default/none", *_both(_T1), _LETTER, _TRUTH), _QUALITY),
+            _table(results, set_name, (_NONE, *_both(_T1), _LETTER, _TRUTH), _QUALITY),
             "### T2: wall strategies (no floor term)",
             _table(
                 results,
@@ -112,10 +114,6 @@ def make_page(results: Results) -> str:
         ]
     parts += ["## Do the directions of the paper hold?", _directions(results), _WHY]
     return "\n\n".join(parts) + "\n"
-
-
-_LETTER = "paper/all, paper's alignment"
-_TRUTH = "default/true poses"
 
 
 def _both(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -250,7 +248,7 @@ def _directions(results: Results) -> str:
 
 
 def _key(name: str) -> str:
-    return "default/none" if name == "none" else f"paper/{name}"
+    return _NONE if name == "none" else f"paper/{name}"
 
 
 _WHY = """\

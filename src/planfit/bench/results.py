@@ -49,7 +49,7 @@ class Results:
     """What the machine was, and how the figures were taken."""
     measured: tuple[Measured, ...]
     setup: str = ""
-    """Changes when the options compared, the scans or the maps do."""
+    """Changes when the options compared or the maps do; results of another are not added to."""
 
     def figures_of(self, variant: str, set_name: str | None = None) -> dict[str, dict[str, float]]:
         """Figures of a variant by scan, for all sets or for one."""

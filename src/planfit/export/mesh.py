@@ -75,11 +75,8 @@ def fuse_mesh(
         metres = np.nan_to_num(scan.files.depth(i), nan=0.0).astype(np.float32)
         if ((metres > 0) & (metres < max_depth_m)).any():
             n_seen += 1
-            camera = scan.cameras[i]
             # Open3D rounds to the nearest pixel: an integer is a pixel centre there too.
-            lens = core.Tensor(
-                np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
-            )
+            lens = core.Tensor(scan.cameras[i].matrix)
             cam_from_target = core.Tensor(np.ascontiguousarray(se3.inverse(pose)))
             depth = geometry.Image(core.Tensor(metres[..., None]))
             color = geometry.Image(core.Tensor(scan.files.color(i).astype(np.float32) / 255))

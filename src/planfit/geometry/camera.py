@@ -24,6 +24,11 @@ class Camera:
         if self.fx <= 0 or self.fy <= 0:
             raise ValueError(f"focal lengths must be positive, found fx {self.fx}, fy {self.fy}")
 
+    @property
+    def matrix(self) -> np.ndarray:
+        """Calibration matrix (3, 3): rays with z = 1 to homogeneous pixels."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
     def rays(self, uv: np.ndarray) -> np.ndarray:
         """Directions (n, 3) with z = 1, camera frame, through pixels uv (n, 2)."""
         return np.stack(

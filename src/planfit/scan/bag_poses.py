@@ -1,6 +1,7 @@
 """Camera poses out of a bag: from tf, or from a topic of poses."""
 
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -102,11 +103,8 @@ def fixed_transform(tree: dict[str, Edge], to_frame: str, from_frame: str) -> np
     """From the axes of one frame to those of another on the same body, (4, 4); None without a static way."""
     ways = []
     for frame in (to_frame.lstrip("/"), from_frame.lstrip("/")):
-        edges = []
-        while frame in tree and tree[frame].is_static and len(edges) < len(tree):
-            edges.append(tree[frame])
-            frame = tree[frame].parent
-        ways.append((frame, edges))
+        edges = list(takewhile(lambda edge: edge.is_static, _chain(tree, frame, None) or []))
+        ways.append((edges[-1].parent if edges else frame, edges))
     (to_root, to_edges), (from_root, from_edges) = ways
     if to_root != from_root:
         return None

@@ -34,10 +34,9 @@ class Lens:
     def pixels(self, rays: np.ndarray) -> np.ndarray:
         """Where rays (n, 3), z = 1, fall in the stored image: uv (n, 2)."""
         camera = self.camera
-        matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
         if not self.is_distorted:
             return rays[:, :2] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-        coefficients = np.array(self.distortion, dtype=float)
+        matrix, coefficients = camera.matrix, np.array(self.distortion, dtype=float)
         if self.is_fisheye:
             uv, _ = cv2.fisheye.projectPoints(
                 rays.reshape(1, -1, 3), np.zeros(3), np.zeros(3), matrix, coefficients
