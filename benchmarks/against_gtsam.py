@@ -6,7 +6,7 @@ from inputs import largest_difference
 from problems import make_problem
 from records import Record, machine, median_times
 
-from planfit.adjust.solver import SolverOptions, solve
+from planfit.lsq.solver import SolverOptions, solve
 
 TOLERANCE = 1e-6
 REPEATS = 3
@@ -27,10 +27,13 @@ def records(n_frames: int = 500) -> list[Record]:
     theirs = runs[0]
     costs = cost(terms, ours.target_from_cams), cost(terms, theirs.plan_from_cams)
     apart_m, apart_rad = largest_difference(ours.target_from_cams, theirs.plan_from_cams)
-    evidence = problem.evidence
-    n_points = len(evidence.structure.floor.points_cam) + len(evidence.structure.walls.points_cam)
+    measurements = problem.measurements
+    n_points = len(measurements.structure.floor.points_cam) + len(
+        measurements.structure.walls.points_cam
+    )
     conditions = (
-        f"{n_frames} frames, {len(evidence.matches.pairs)} pairs, {evidence.matches.n_matches} matches, "
+        f"{n_frames} frames, {len(measurements.matches.pairs)} pairs, "
+        f"{measurements.matches.n_matches} matches, "
         f"{n_points} floor and wall points, squared losses, given association; both stop at a relative "
         f"decrease below {TOLERANCE:g}; CPU time of all threads (wall ratio "
         f"{theirs_s / wall_s:.1f}); planfit {wall_s:.3f} s wall, {cpu_s:.3f} s CPU (passes over the "

@@ -30,11 +30,11 @@ from planfit.align import Alignment, AlignOptions, align, align_paper, metric_pl
 from planfit.errors import PlanfitError
 from planfit.floorplan import Floorplan, PlanOptions
 from planfit.geometry import se3
-from planfit.options import RefineOptions
-from planfit.place import align_scan
+from planfit.pipeline.align import align_scan
+from planfit.pipeline.options import RefineOptions
+from planfit.runtime import Runtime
 from planfit.scan import Scan, read_tum
-from planfit.scan.facap import PLAN_FROM_WORLD
-from planfit.work import Work
+from planfit.scan.formats.facap import PLAN_FROM_WORLD
 
 MAX_M, MAX_DEG, MAX_SCALE = 0.3, 1.0, 0.01
 
@@ -141,7 +141,7 @@ def conslam(arguments: argparse.Namespace) -> None:
     floorplan = planfit.read_floorplan(CONSLAM / "floorplan.npy")
     _, true_world_from_cams = read_tum(CONSLAM / "groundtruth.tum")
     truth = (PLAN_FROM_WORLD @ true_world_from_cams)[:, :2, 3]
-    work, options = Work(cache_dir=CACHE), RefineOptions()
+    runtime, options = Runtime(cache_dir=CACHE), RefineOptions()
     rng = np.random.default_rng(7)
     results = []
     for case in range(arguments.cases):
@@ -150,25 +150,25 @@ def conslam(arguments: argparse.Namespace) -> None:
         disguised = disguise(floorplan, yaw, scale, shift)
         begin = time.perf_counter()
         if arguments.refine:
-            run = planfit.refine(scan, disguised, options, work)
+            run = planfit.refine(scan, disguised, options, runtime)
             assert run.alignment is not None
             found, on_plan = run.alignment, run.plan_from_cams
         else:
-            placed = align_scan(scan, disguised, options, work)
+            placed = align_scan(scan, disguised, options, runtime)
             assert placed is not None
             found = placed[0]
-            on_plan = found.plan_from_level @ level_poses(scan, options, work)
+            on_plan = found.plan_from_level @ level_poses(scan, options, runtime)
         seconds = time.perf_counter() - begin
         xy = undisguise(on_plan[:, :2, 3] / found.metres_per_unit, yaw, scale, shift)
         results.append(xy)
         print(
             f"case {case}: turned {np.rad2deg(yaw):7.1f} deg, unit {scale:8.4f} m: scale off by "
-            f"{found.metres_per_unit / scale - 1:+.3%} (said: {found.scale_spread:.2%}), position RMS "
+            f"{found.metres_per_unit / scale - 1:+.3%} (said: {found.scale_sigma:.2%}), position RMS "
             f"{rms(xy, truth):.3f} m, {rms(xy, results[0]):.4f} m from case 0, "
             f"score {found.score:.2f}, {'sure' if found.is_sure else 'NOT SURE'}, {seconds:.1f} s"
         )
     if arguments.refine:
-        run = planfit.refine(scan, floorplan, options, work)
+        run = planfit.refine(scan, floorplan, options, runtime)
         xy = run.plan_from_cams[:, :2, 3]
         gaps = [rms(xy, other) for other in results]
         print(f"plan in metres: position RMS {rms(xy, truth):.3f} m; the cases are {min(gaps):.4f} "
@@ -181,7 +181,7 @@ def picture(arguments: argparse.Namespace) -> None:  # noqa: ARG001
     floorplan = planfit.read_floorplan(CONSLAM / "floorplan.png")
     truth = json.loads((CONSLAM / "floorplan_png_truth.json").read_text())
     _, true_world_from_cams = read_tum(CONSLAM / "groundtruth.tum")
-    run = planfit.refine(scan, floorplan, RefineOptions(), Work(cache_dir=CACHE))
+    run = planfit.refine(scan, floorplan, RefineOptions(), Runtime(cache_dir=CACHE))
     assert run.alignment is not None
     uv = run.plan_from_cams[:, :2, 3] / run.alignment.metres_per_unit * (1.0, -1.0)
     xz = (uv + truth["origin_px"]) / truth["pixels_per_metre"] @ np.array(truth["rotation"])
@@ -193,15 +193,15 @@ def picture(arguments: argparse.Namespace) -> None:  # noqa: ARG001
         f"(horizontal {np.sqrt((apart[:, :2] ** 2).sum(axis=1).mean()):.3f} m), score "
         f"{run.alignment.score:.2f}, {'sure' if run.alignment.is_sure else 'NOT SURE'}"
     )
-    print(*run.doubts, sep="\n")
+    print(*run.warnings, sep="\n")
 
 
-def level_poses(scan: Scan, options: RefineOptions, work: Work) -> np.ndarray:
+def level_poses(scan: Scan, options: RefineOptions, runtime: Runtime) -> np.ndarray:
     """(n, 4, 4) recorded poses, levelled; what the alignment alone would place."""
-    from planfit.structure import extract_structure, find_gravity, level_from_world
+    from planfit.segmentation import extract_structure, find_gravity, level_from_world
 
-    gravity = find_gravity(scan, options.structure.gravity, work)
-    structure = extract_structure(scan, gravity, options.structure, work)
+    gravity = find_gravity(scan, options.structure.gravity, runtime)
+    structure = extract_structure(scan, gravity, options.structure, runtime)
     return level_from_world(gravity, structure.floor_height_m) @ scan.world_from_cams
 
 
@@ -228,11 +228,11 @@ def rms(a: np.ndarray, b: np.ndarray) -> float:
 def speed(arguments: argparse.Namespace) -> None:
     """Alignment alone, loops already closed, of the real scan; first call apart (it compiles)."""
     scan = planfit.read_scan(CONSLAM)
-    work, options = Work(cache_dir=CACHE), RefineOptions()
+    runtime, options = Runtime(cache_dir=CACHE), RefineOptions()
     floorplan = planfit.read_floorplan(arguments.plan)
     if floorplan.is_metric:
         floorplan = disguise(floorplan, 0.4, 0.05, np.zeros(2))
-    placed = align_scan(scan, floorplan, options, work)
+    placed = align_scan(scan, floorplan, options, runtime)
     assert placed is not None
     walls = placed[1]
     for name, plan in (

@@ -183,8 +183,8 @@ def _seen(
     """Pieces of wall that each camera sees: ends (k, 2, 2), normals (k, 2) and camera (k,), true frame."""
     is_wall = building.faces.parts != Part.LINTEL
     ends = [building.faces.ends[is_wall]]
-    for piece in building.furniture:
-        foot = piece.footprint
+    for patch in building.furniture:
+        foot = patch.footprint
         c, s = np.cos(foot.yaw), np.sin(foot.yaw)
         corners = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]]) * foot.half @ np.array(
             [[c, s], [-s, c]]
@@ -194,7 +194,7 @@ def _seen(
     keep = [ends[0], *(e for e in ends[1:] if rng.random() < 0.35)]
     all_ends = np.concatenate(keep)
     normals = segments.left_normals(all_ends)
-    pieces, piece_normals, camera = [], [], []
+    patches, piece_normals, camera = [], [], []
     fan = np.deg2rad(np.linspace(-FOV_DEG / 2, FOV_DEG / 2, N_RAYS))
     for i, (x, y, yaw) in enumerate(poses):
         rays = np.stack([np.cos(yaw + fan), np.sin(yaw + fan)], axis=1)
@@ -204,20 +204,20 @@ def _seen(
             f = face[run[0]]
             if f < 0 or len(run) < 3:
                 continue
-            piece = hit[[run[0], run[-1]]]
-            if np.linalg.norm(piece[1] - piece[0]) < MIN_PIECE_M:
+            patch = hit[[run[0], run[-1]]]
+            if np.linalg.norm(patch[1] - patch[0]) < MIN_PIECE_M:
                 continue
             normal = normals[f]
-            if normal @ (np.array([x, y]) - piece[0]) < 0:
+            if normal @ (np.array([x, y]) - patch[0]) < 0:
                 continue
             tilt = rng.normal(0.0, np.deg2rad(1.0))
             c, s = np.cos(tilt), np.sin(tilt)
-            middle = piece.mean(axis=0) + rng.normal(0.0, 0.02) * normal
+            middle = patch.mean(axis=0) + rng.normal(0.0, 0.02) * normal
             turn = np.array([[c, -s], [s, c]])
-            pieces.append((piece - piece.mean(axis=0)) @ turn.T + middle)
+            patches.append((patch - patch.mean(axis=0)) @ turn.T + middle)
             piece_normals.append(turn @ normal)
             camera.append(i)
-    return np.array(pieces), np.array(piece_normals), np.array(camera)
+    return np.array(patches), np.array(piece_normals), np.array(camera)
 
 
 def _cast(eye: np.ndarray, rays: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

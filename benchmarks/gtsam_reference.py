@@ -29,13 +29,13 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from problems import Problem
 
-from planfit.adjust.robust import Loss, LossKind
-from planfit.adjust.terms.base import Term, Weighting
 from planfit.adjust.terms.levels import FLOOR_PLANE, LevelOptions, floor_term
+from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions, PointTerm
-from planfit.adjust.terms.trajectory import TrajectoryOptions, TrajectoryTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm, face_planes
 from planfit.geometry import se3
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.term import Term, Weighting
 
 SQUARED = Loss(LossKind.SQUARED)
 POINTS, FLOOR, WALLS = (
@@ -66,28 +66,28 @@ class Reference:
 
 def squared_terms(problem: Problem) -> list[Term]:
     """planfit's terms of the same cost."""
-    evidence = problem.evidence
+    measurements = problem.measurements
     return [
-        PointTerm(evidence.matches, POINTS),
-        floor_term(evidence.structure, FLOOR),
-        WallTerm(evidence.structure.walls, problem.floorplan, problem.association, WALLS),
-        TrajectoryTerm(evidence.odometry, TrajectoryOptions(loss=SQUARED)),
+        PointTerm(measurements.matches, POINTS),
+        floor_term(measurements.structure, FLOOR),
+        WallTerm(measurements.structure.walls, problem.floorplan, problem.association, WALLS),
+        OdometryTerm(measurements.odometry, OdometryTermOptions(loss=SQUARED)),
     ]
 
 
 def make_graph(problem: Problem, watch: Stopwatch) -> gtsam.NonlinearFactorGraph:
     """The factors; not counted in any time."""
     graph = gtsam.NonlinearFactorGraph()
-    matches, structure = problem.evidence.matches, problem.evidence.structure
-    information = Weighting(POINTS.max_readings).information(np.diff(matches.start))
+    matches, structure = problem.measurements.matches, problem.measurements.structure
+    information = Weighting(POINTS.max_observations).information(np.diff(matches.start))
     for k, (i, j) in enumerate(matches.pairs):
         part = slice(matches.start[k], matches.start[k + 1])
         root = np.sqrt(information[k]) / matches.sigma[part].astype(float)
         points = matches.points_a[part].astype(float), matches.points_b[part].astype(float)
         graph.push_back(_pair_factor(int(i), int(j), *points, root, watch))
     n = len(structure.floor.start) - 1
-    floor = Weighting(FLOOR.max_readings, FLOOR.points_per_reading)
-    walls = Weighting(WALLS.max_readings, WALLS.points_per_reading)
+    floor = Weighting(FLOOR.max_observations, FLOOR.points_per_observation)
+    walls = Weighting(WALLS.max_observations, WALLS.points_per_observation)
     groups = [
         (structure.floor.points_cam, structure.floor.start, np.arange(n),
          np.tile(FLOOR_PLANE, (n, 1)), floor, FLOOR.sigma_m),
@@ -99,9 +99,9 @@ def make_graph(problem: Problem, watch: Stopwatch) -> gtsam.NonlinearFactorGraph
         for k, frame in enumerate(frames):
             part = points[start[k] : start[k + 1]].astype(float)
             graph.push_back(_plane_factor(int(frame), part, planes[k], root[k], watch))
-    odometry = problem.evidence.odometry
+    odometry = problem.measurements.odometry
     for k, step in enumerate(odometry.cam_from_next):
-        sigmas = np.repeat([odometry.sigma_turn[k], odometry.sigma_shift[k]], 3)
+        sigmas = np.repeat([odometry.sigma_rotation[k], odometry.sigma_translation[k]], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
         graph.push_back(gtsam.BetweenFactorPose3(X(k), X(k + 1), gtsam.Pose3(step), noise))
     return graph

@@ -14,11 +14,11 @@ from planfit.adjust.association import Association, AssociationOptions, associat
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
+from planfit.runtime import Runtime
 from planfit.scan import read_tum
-from planfit.scan.facap import PLAN_FROM_WORLD
-from planfit.structure import LevelPoints, Structure
+from planfit.scan.formats.facap import PLAN_FROM_WORLD
+from planfit.segmentation import LevelPoints, Structure
 from planfit.synth import DriftOptions
-from planfit.work import Work
 
 CONSLAM = Path(os.environ.get("PLANFIT_SHARED", "../shared/data")) / "conslam"
 CACHE = Path(os.environ.get("PLANFIT_BENCH_CACHE", Path(tempfile.gettempdir()) / "planfit-bench"))
@@ -61,7 +61,7 @@ def real_case() -> Case | None:
     scan = planfit.read_scan(CONSLAM)
     assert scan.floorplan_path is not None
     floorplan = planfit.read_floorplan(scan.floorplan_path)
-    run = planfit.refine(scan, floorplan, planfit.RefineOptions(), Work(cache_dir=CACHE))
+    run = planfit.refine(scan, floorplan, planfit.RefineOptions(), Runtime(cache_dir=CACHE))
     _, true_world_from_cams = read_tum(CONSLAM / "groundtruth.tum")
     structure = thinned(run.structure, N_FLOOR, N_WALL)
     return Case(
@@ -87,11 +87,11 @@ def synthetic_case(n_frames: int = 250, seed: int = 0) -> Case:
         points_per_frame=180,
         drift=DriftOptions(yaw_deg=0.15, tilt_share=0.3, shift_m=0.02, vertical_share=0.3),
     )
-    evidence = problem.evidence
+    measurements = problem.measurements
     return Case(
         "synthetic scan",
-        evidence.matches,
-        evidence.structure,
+        measurements.matches,
+        measurements.structure,
         problem.floorplan,
         problem.association,
         problem.initial_plan_from_cams,

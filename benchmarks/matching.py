@@ -25,12 +25,12 @@ from matching_truth import find_revisits, judge
 
 from planfit.geometry.camera import Camera
 from planfit.matching import MatchingOptions, find_matches
+from planfit.matching.covisibility import sample_views
 from planfit.matching.keypoints import detect
-from planfit.matching.overlap import sample_views
-from planfit.matching.pairs import Looks, PairOptions, choose_pairs
+from planfit.matching.pairs import FrameDescriptors, PairOptions, choose_pairs
+from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.structure import StructureOptions, extract_structure, find_gravity
-from planfit.work import Work
+from planfit.segmentation import StructureOptions, extract_structure, find_gravity
 
 
 def main() -> None:
@@ -79,7 +79,7 @@ def show(test: TestScan) -> None:
 def matched(test: TestScan):
     scan = test.scan
     odometry = make_odometry(scan.world_from_cams, OdometryOptions())
-    return find_matches(scan, odometry, MatchingOptions(), Work(2))
+    return find_matches(scan, odometry, MatchingOptions(), Runtime(2))
 
 
 def speed(n_frames: int, width: int, n_rooms: int) -> None:
@@ -103,7 +103,7 @@ def speed(n_frames: int, width: int, n_rooms: int) -> None:
 
 def run_stages(scan, times: dict[str, tuple[float, float]]):
     """Matches; fills wall and CPU seconds by stage."""
-    work = Work(2)
+    runtime = Runtime(2)
     options = MatchingOptions()
 
     def timed(name, call):
@@ -112,20 +112,20 @@ def run_stages(scan, times: dict[str, tuple[float, float]]):
         times[name] = (time.perf_counter() - wall, time.process_time() - cpu)
         return result
 
-    timed("read", lambda: work.map("read", "", len(scan), lambda i: _read(scan, i)))
-    timed("read and keypoints", lambda: work.map(
+    timed("read", lambda: runtime.map("read", "", len(scan), lambda i: _read(scan, i)))
+    timed("read and keypoints", lambda: runtime.map(
         "keypoints", "", len(scan), lambda i: {"n": np.array(len(detect(
             scan.files.color(i), scan.files.depth(i), scan.cameras[i], options.keypoints)))}))  # fmt: skip
     both = times["read and keypoints"]
     odometry = make_odometry(scan.world_from_cams, OdometryOptions())
-    matches = timed("matching", lambda: find_matches(scan, odometry, options, work))
+    matches = timed("matching", lambda: find_matches(scan, odometry, options, runtime))
     everything = times.pop("matching")
     times["read and keypoints"] = both
     times["match"] = (everything[0] - both[0], everything[1] - both[1])
     del times["read"]
-    gravity = timed("level", lambda: find_gravity(scan, StructureOptions().gravity, work))
+    gravity = timed("level", lambda: find_gravity(scan, StructureOptions().gravity, runtime))
     timed("structure", lambda: extract_structure(
-        scan, gravity, StructureOptions(back_end="geometry"), work))  # fmt: skip
+        scan, gravity, StructureOptions(back_end="geometry"), runtime))  # fmt: skip
     return matches
 
 
@@ -149,13 +149,13 @@ def pairs(n: int) -> None:
         )
 
 
-def looks_of(n: int, rng: np.random.Generator) -> Looks:
+def looks_of(n: int, rng: np.random.Generator) -> FrameDescriptors:
     """Looks that tell nothing, so that retrieval has the most to do."""
     appearance = rng.normal(size=(n, 256)).astype(np.float32)
     appearance /= np.linalg.norm(appearance, axis=1, keepdims=True)
     points = [rng.uniform([-2, -1, 2], [2, 1, 4], (24, 3)) for _ in range(n)]
     camera = Camera(640, 480, 500.0, 500.0, 319.5, 239.5)
-    return Looks(appearance, np.zeros(n), sample_views(points, (camera,) * n))
+    return FrameDescriptors(appearance, np.zeros(n), sample_views(points, (camera,) * n))
 
 
 def lingering(n: int, rng: np.random.Generator) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 import planfit
 from planfit.geometry import se3
 from planfit.scan import Scan, read_tum
-from planfit.scan.facap import PLAN_FROM_WORLD, UP_WORLD
+from planfit.scan.formats.facap import PLAN_FROM_WORLD, UP_WORLD
 from planfit.scan.types import Scan as ScanType
 from planfit.synth import (
     BuildingOptions,

@@ -27,7 +27,13 @@ from planfit.evaluate import (
 )
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
-from planfit.structure import LevelPoints, Pieces, Structure, no_level_points, no_pieces
+from planfit.segmentation import (
+    LevelPoints,
+    Structure,
+    WallPatches,
+    no_level_points,
+    no_wall_patches,
+)
 
 THREADS = 2
 RADIUS_M = 0.2
@@ -69,30 +75,30 @@ def walls_and_floor(
     plan = Floorplan("benchmark", ends, segments.left_normals(ends), np.ones(400, dtype=bool))
     poses = np.tile(np.eye(4), (n_frames, 1, 1))
     poses[:, :2, 3] = rng.uniform(0, side, (n_frames, 2))
-    n_pieces = n // 150
-    frames = np.sort(rng.integers(0, n_frames, n_pieces))
-    face = rng.integers(0, 400, n_pieces)
-    t = rng.random((n_pieces, 150, 1))
+    n_patches = n // 150
+    frames = np.sort(rng.integers(0, n_frames, n_patches))
+    face = rng.integers(0, 400, n_patches)
+    t = rng.random((n_patches, 150, 1))
     xy = ends[face, None, 0] * (1 - t) + ends[face, None, 1] * t - poses[frames, None, :2, 3]
-    points = np.concatenate([xy, rng.uniform(0, 2.5, (n_pieces, 150, 1))], axis=2)
-    normals = np.concatenate([plan.normals[face], np.zeros((n_pieces, 1))], axis=1)
-    pieces = Pieces(
+    points = np.concatenate([xy, rng.uniform(0, 2.5, (n_patches, 150, 1))], axis=2)
+    normals = np.concatenate([plan.normals[face], np.zeros((n_patches, 1))], axis=1)
+    patches = WallPatches(
         points.reshape(-1, 3),
-        np.arange(0, 150 * n_pieces + 1, 150),
+        np.arange(0, 150 * n_patches + 1, 150),
         frames,
         normals,
-        np.zeros((n_pieces, 2, 3)),
+        np.zeros((n_patches, 2, 3)),
     )
     floor = rng.uniform(0, 5, (n, 3))
     floor[:, 2] = 0.01 * rng.standard_normal(n)
     structure = Structure(
         floor=LevelPoints(floor, np.linspace(0, n, n_frames + 1).astype(int)),
         floor_heights_m=np.zeros(n_frames),
-        walls=pieces,
-        loose_points_cam=np.zeros((0, 3)),
-        loose_frame_idx=np.zeros(0, dtype=int),
+        walls=patches,
+        unassigned_points_cam=np.zeros((0, 3)),
+        unassigned_frame_idx=np.zeros(0, dtype=int),
         ceiling=no_level_points(n_frames),
-        columns=no_pieces(),
+        columns=no_wall_patches(),
         back_end="masks",
         floor_height_m=0.0,
     )

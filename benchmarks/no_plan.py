@@ -21,10 +21,10 @@ import numpy as np
 import planfit
 from planfit.evaluate import position_errors
 from planfit.geometry import se3
-from planfit.prepare import Clock, look_through, prepare
-from planfit.structure import StructureOptions, find_gravity
+from planfit.pipeline.prepare import StageTimer, extract_observations, prepare
+from planfit.runtime import Runtime
+from planfit.segmentation import StructureOptions, find_gravity
 from planfit.synth import DriftOptions, drift_poses
-from planfit.work import Work
 
 DEFAULT = Path(os.environ.get("PLANFIT_SHARED", "../shared/data")) / "kitchen"
 
@@ -43,14 +43,14 @@ def main() -> None:
     for seed in range(arguments.seeds):
         # A cache a seed: neither gravity nor matches may know the poses before drift.
         with tempfile.TemporaryDirectory() as cache:
-            work = Work(cache_dir=Path(cache))
-            up = find_gravity(scan, options.structure.gravity, work).up_world
+            runtime = Runtime(cache_dir=Path(cache))
+            up = find_gravity(scan, options.structure.gravity, runtime).up_world
             drifted = drift_poses(given, DriftOptions(), np.random.default_rng(seed), up)
             begin = time.perf_counter()
             spoiled = dataclasses.replace(scan, world_from_cams=drifted)
-            clock = Clock(work)
-            seen = look_through(spoiled, options, work, clock)
-            prepared = prepare(spoiled, seen, options, clock)
+            timer = StageTimer(runtime)
+            seen = extract_observations(spoiled, options, runtime, timer)
+            prepared = prepare(spoiled, seen, options, timer)
             seconds = time.perf_counter() - begin
         closed = se3.inverse(prepared.level_from_world) @ prepared.level_from_keys
         before = position_errors(drifted, given).aligned_rms_m

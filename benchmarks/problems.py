@@ -9,13 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit.adjust import Evidence
+from planfit.adjust import Measurements
 from planfit.adjust.association import Association
 from planfit.floorplan import Floorplan, make_floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.structure import LevelPoints, Pieces, Structure, no_level_points, no_pieces
+from planfit.segmentation import (
+    LevelPoints,
+    Structure,
+    WallPatches,
+    no_level_points,
+    no_wall_patches,
+)
 from planfit.synth import DriftOptions, drift_poses
 
 STEP_M = 0.1
@@ -27,7 +33,7 @@ NOISE_M = 0.02
 class Problem:
     """Evidence, its truth, and where a solve begins."""
 
-    evidence: Evidence
+    measurements: Measurements
     floorplan: Floorplan
     association: Association
     true_plan_from_cams: np.ndarray
@@ -57,7 +63,7 @@ def make_problem(
     matches = _matches(true, frames_per_lap, neighbours, revisits, matches_per_pair, rng)
     structure, face_idx = _structure(true, floorplan, points_per_frame, rng)
     return Problem(
-        Evidence(matches, structure, make_odometry(recorded, OdometryOptions())),
+        Measurements(matches, structure, make_odometry(recorded, OdometryOptions())),
         floorplan,
         Association(face_idx, np.zeros(len(face_idx))),
         true,
@@ -67,15 +73,15 @@ def make_problem(
 
 def _ring_corridor(side_m: float, piece_m: float) -> Floorplan:
     """A square corridor 3 m wide about the walk, walls 0.2 m thick, drawn in pieces."""
-    pieces = []
+    patches = []
     for out in (-1.7, -1.5, 1.5, 1.7):
         low, high = -out, side_m + out
         corners = np.array([[low, low], [high, low], [high, high], [low, high]])
         for first, last in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             share = np.linspace(0, 1, max(1, round(side_m / piece_m)) + 1)[:, None]
             cuts = first * (1 - share) + last * share
-            pieces.append(np.stack([cuts[:-1], cuts[1:]], axis=1))
-    return make_floorplan("ring corridor", np.concatenate(pieces))
+            patches.append(np.stack([cuts[:-1], cuts[1:]], axis=1))
+    return make_floorplan("ring corridor", np.concatenate(patches))
 
 
 def _walk(n: int, frames_per_lap: int, side_m: float, rng: np.random.Generator) -> np.ndarray:
@@ -161,17 +167,17 @@ def _structure(
     structure = Structure(
         floor=LevelPoints(_to_cam(cams_from_plan, floor), np.arange(n + 1) * half),
         floor_heights_m=np.zeros(n),
-        walls=Pieces(
+        walls=WallPatches(
             points_cam=_to_cam(cams_from_plan, wall.reshape(n, 2 * quarter, 3)),
             start=np.arange(2 * n + 1) * quarter,
             frame_idx=np.repeat(np.arange(n), 2),
             normals_cam=(turn @ normals[..., None])[..., 0].reshape(2 * n, 3),
             ends_cam=_to_cam(cams_from_plan, edge.reshape(n, 4, 3)).reshape(2 * n, 2, 3),
         ),
-        loose_points_cam=np.zeros((0, 3)),
-        loose_frame_idx=np.zeros(0, dtype=int),
+        unassigned_points_cam=np.zeros((0, 3)),
+        unassigned_frame_idx=np.zeros(0, dtype=int),
         ceiling=no_level_points(n),
-        columns=no_pieces(),
+        columns=no_wall_patches(),
         back_end="masks",
         floor_height_m=0.0,
     )

@@ -20,11 +20,11 @@ import numpy as np
 import planfit
 from planfit.evaluate import position_errors
 from planfit.geometry import se3
+from planfit.runtime import Runtime
 from planfit.scan import read_tum
-from planfit.scan.facap import PLAN_FROM_WORLD
-from planfit.structure import StructureOptions
+from planfit.scan.formats.facap import PLAN_FROM_WORLD
+from planfit.segmentation import StructureOptions
 from planfit.synth import DriftOptions, drift_poses
-from planfit.work import Work
 
 DEFAULT = Path(os.environ.get("PLANFIT_SHARED", "../shared/data")) / "conslam"
 
@@ -46,7 +46,7 @@ def main() -> None:
     print("seed      before m   after m   aligned m   turn deg   seconds")
     rows = []
     with tempfile.TemporaryDirectory() as cache:
-        work = Work(cache_dir=Path(cache))
+        runtime = Runtime(cache_dir=Path(cache))
         for seed in [None, *range(arguments.seeds)]:
             drifted = scan.world_from_cams
             if seed is not None:
@@ -54,7 +54,7 @@ def main() -> None:
                 drifted = drift_poses(true_world_from_cams, drift, rng, scan.up_world)
             begin = time.perf_counter()
             run = planfit.refine(
-                dataclasses.replace(scan, world_from_cams=drifted), floorplan, options, work
+                dataclasses.replace(scan, world_from_cams=drifted), floorplan, options, runtime
             )
             seconds = time.perf_counter() - begin
             true_plan = PLAN_FROM_WORLD @ true_world_from_cams
@@ -70,13 +70,13 @@ def main() -> None:
                 "aligned_m": after.aligned_rms_m,
                 "turn_deg": float(np.rad2deg(turn).mean()),
                 "seconds": seconds,
-                "doubts": run.doubts,
+                "warnings": run.warnings,
             }
             rows.append(row)
             print(
                 f"{row['seed']!s:8} {row['before_m']:9.3f} {row['after_m']:9.3f} "
                 f"{row['aligned_m']:10.3f} {row['turn_deg']:10.2f} {seconds:9.1f}  "
-                + "; ".join(run.doubts),
+                + "; ".join(run.warnings),
                 flush=True,
             )
     own = np.array([row["after_m"] for row in rows[1:]])

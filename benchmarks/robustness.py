@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from problems import Problem, make_problem
 
-from planfit.adjust import AdjustOptions, close_loops, pull_walls
+from planfit.adjust import AdjustOptions, adjust_to_plan, close_loops
 from planfit.evaluate import position_errors
 from planfit.floorplan import Floorplan
 from planfit.matching import Matches
@@ -42,7 +42,7 @@ class Way:
 
 WAYS = (
     Way("default", AdjustOptions()),
-    Way("no graduation", AdjustOptions(graduation=(1.0,))),
+    Way("no graduation", AdjustOptions(gnc_schedule=(1.0,))),
     Way("walls at once", AdjustOptions(), loops_first=False),
 )
 
@@ -60,9 +60,11 @@ def drifted(seed: int, percent: float, turn_deg: float) -> Problem:
 def final_error(problem: Problem, way: Way) -> float:
     poses = problem.initial_plan_from_cams
     if way.loops_first:
-        poses = close_loops(problem.evidence, poses, way.options).target_from_cams
-    pulled = pull_walls(problem.evidence, problem.floorplan, poses, way.options)
-    return position_errors(pulled.solution.target_from_cams, problem.true_plan_from_cams).rms_m
+        poses = close_loops(problem.measurements, poses, way.options).target_from_cams
+    plan_adjustment = adjust_to_plan(problem.measurements, problem.floorplan, poses, way.options)
+    return position_errors(
+        plan_adjustment.solution.target_from_cams, problem.true_plan_from_cams
+    ).rms_m
 
 
 def convergence(seeds: int) -> list[dict]:
@@ -94,12 +96,12 @@ def convergence(seeds: int) -> list[dict]:
 
 def with_wrong_matches(problem: Problem, share: float, rng: np.random.Generator) -> Problem:
     """A share of matches led astray by up to 2 m each way, as look-alike texture does."""
-    matches: Matches = problem.evidence.matches
+    matches: Matches = problem.measurements.matches
     wrong = rng.random(matches.n_matches) < share
     points = matches.points_a.copy()
     points[wrong] += rng.uniform(-2, 2, (int(wrong.sum()), 3)).astype(points.dtype)
-    evidence = replace(problem.evidence, matches=replace(matches, points_a=points))
-    return replace(problem, evidence=evidence)
+    measurements = replace(problem.measurements, matches=replace(matches, points_a=points))
+    return replace(problem, measurements=measurements)
 
 
 def _with_faces(problem: Problem, keep: np.ndarray, ends: np.ndarray) -> Problem:

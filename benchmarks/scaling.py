@@ -19,7 +19,7 @@ from planfit.adjust import (
     KeyframeOptions,
     choose_keyframes,
     follow_keyframes,
-    reduce_evidence,
+    reduce_measurements,
 )
 from planfit.adjust import solver as adjust_solver
 from planfit.adjust.terms.walls import WallTerm
@@ -44,10 +44,10 @@ def main() -> None:
         "peak_gb": _peak_gb(),
         "held_before_gb": before_gb,
         "whole_process_peak_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
-        "n_matches": problem.evidence.matches.n_matches,
-        "n_points": len(problem.evidence.structure.floor.points_cam)
-        + len(problem.evidence.structure.walls.points_cam),
-        "n_pairs": len(problem.evidence.matches.pairs),
+        "n_matches": problem.measurements.matches.n_matches,
+        "n_points": len(problem.measurements.structure.floor.points_cam)
+        + len(problem.measurements.structure.walls.points_cam),
+        "n_pairs": len(problem.measurements.matches.pairs),
         "before_m": _rms_m(problem, problem.initial_plan_from_cams),
         "after_m": _rms_m(problem, solution.target_from_cams),
     }
@@ -56,23 +56,23 @@ def main() -> None:
 
 def solve_problem(problem):
     """All frames as unknowns."""
-    return _solve(problem.evidence, problem, problem.initial_plan_from_cams)
+    return _solve(problem.measurements, problem, problem.initial_plan_from_cams)
 
 
 def solve_keyframes(problem):
     """Choose keyframes, move the evidence into their axes, solve for them, carry the others along."""
     recorded = problem.initial_plan_from_cams
     keyframes = choose_keyframes(recorded, KeyframeOptions(min_frames=0))
-    evidence = reduce_evidence(problem.evidence, keyframes)
-    solution = _solve(evidence, problem, recorded[keyframes.frame_idx])
+    measurements = reduce_measurements(problem.measurements, keyframes)
+    solution = _solve(measurements, problem, recorded[keyframes.frame_idx])
     every_frame = follow_keyframes(solution.target_from_cams, keyframes)
     return replace(solution, target_from_cams=every_frame)
 
 
-def _solve(evidence, problem, initial_plan_from_cams):
-    options, pieces = AdjustOptions(), evidence.structure.walls
-    walls = WallTerm(pieces, problem.floorplan, problem.association, options.walls)
-    terms = [*evidence.terms(options), walls]
+def _solve(measurements, problem, initial_plan_from_cams):
+    options, patches = AdjustOptions(), measurements.structure.walls
+    walls = WallTerm(patches, problem.floorplan, problem.association, options.walls)
+    terms = [*measurements.terms(options), walls]
     return adjust_solver.solve(terms, initial_plan_from_cams, options.solver)
 
 

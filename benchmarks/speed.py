@@ -8,13 +8,13 @@ from problems import Problem, make_problem
 from records import Record, machine, median_times, memory_gb_per_s
 
 from planfit.adjust import AdjustOptions
-from planfit.adjust.moments import pair_moments, plane_moments
-from planfit.adjust.normal_equations import NormalEquations
-from planfit.adjust.robust import Loss, LossKind
-from planfit.adjust.terms.base import Quadratic
 from planfit.adjust.terms.levels import FLOOR_PLANE
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
+from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.moments import pair_moments, plane_moments
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.term import Quadratic
 
 N_POSES, N_POINTS = 1000, 5_000_000
 
@@ -83,11 +83,11 @@ def reweighting() -> list[Record]:
 
 def _frozen(problem: Problem) -> list[Quadratic]:
     options = AdjustOptions()
-    evidence = problem.evidence
+    measurements = problem.measurements
     walls = WallTerm(
-        evidence.structure.walls, problem.floorplan, problem.association, options.walls
+        measurements.structure.walls, problem.floorplan, problem.association, options.walls
     )
-    terms = [*evidence.terms(options), walls]
+    terms = [*measurements.terms(options), walls]
     return [term.reweight(problem.initial_plan_from_cams)[0] for term in terms]
 
 

@@ -29,8 +29,9 @@ import numpy as np
 
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
+from planfit.runtime import Runtime
 from planfit.scan import Label, Scan
-from planfit.structure import (
+from planfit.segmentation import (
     StructureOptions,
     choose_back_end,
     extract_structure,
@@ -52,7 +53,6 @@ from planfit.synth import (
     walk_through,
 )
 from planfit.synth.options import DriftOptions
-from planfit.work import Work
 
 CEILINGS = ("built", "none", "looked at")
 
@@ -147,10 +147,10 @@ def run_gravity(arguments: argparse.Namespace) -> None:
         case = make_case(seed, arguments.frames, arguments.width)
         still = replace(case.scan, world_from_cams=case.true_world_from_cams)
         begin = time.perf_counter()
-        gravity = find_gravity(still, options, Work(1))
+        gravity = find_gravity(still, options, Runtime(1))
         ms = (time.perf_counter() - begin) * 1e3 / len(still)
         errors.append(angle_deg(gravity.up_world, case.up_world))
-        on_drift = find_gravity(case.scan, options, Work(1)).up_world
+        on_drift = find_gravity(case.scan, options, Runtime(1)).up_world
         drifted.append(angle_deg(on_drift, case.up_world))
         print(
             f"{seed:4d}  {case.ceiling:10} {errors[-1]:9.3f} {gravity.confidence:11.2f} "
@@ -172,10 +172,10 @@ def run_labels(arguments: argparse.Namespace) -> None:
     seconds, n_frames = 0.0, 0
     for seed in range(arguments.seed, arguments.seed + arguments.scans):
         case = make_case(seed, arguments.frames, arguments.width)
-        gravity = find_gravity(case.scan, options.gravity, Work(1))
+        gravity = find_gravity(case.scan, options.gravity, Runtime(1))
         counts = np.zeros((len(judged), 3))
         begin = time.perf_counter()
-        found = choose_back_end(case.scan, gravity, options, Work(1))
+        found = choose_back_end(case.scan, gravity, options, Runtime(1))
         for i, true in enumerate(case.labels):
             depth = case.scan.files.depth(i)
             labels = found.labels(i, depth)
@@ -219,8 +219,8 @@ def run_memory(arguments: argparse.Namespace) -> None:
             files=Frames([case.scan.files.depth(i % 20) for i in range(20)] * (n // 20)),
         )
         tracemalloc.start()
-        gravity = find_gravity(long, options.gravity, Work(2))
-        structure = extract_structure(long, gravity, options, Work(2))
+        gravity = find_gravity(long, options.gravity, Runtime(2))
+        structure = extract_structure(long, gravity, options, Runtime(2))
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         kept = sum(
@@ -229,7 +229,7 @@ def run_memory(arguments: argparse.Namespace) -> None:
                 structure.floor.points_cam,
                 structure.ceiling.points_cam,
                 structure.walls.points_cam,
-                structure.loose_points_cam,
+                structure.unassigned_points_cam,
             )
         )
         print(f"{n:6d} frames: peak {peak / 1e6:7.1f} MB, kept points {kept / 1e6:7.1f} MB")
@@ -238,15 +238,15 @@ def run_memory(arguments: argparse.Namespace) -> None:
 def run_level(arguments: argparse.Namespace) -> None:
     scan = _read_7_scenes(arguments.scan)
     options = StructureOptions(back_end="geometry")
-    gravity = find_gravity(scan, options.gravity, Work(2))
-    structure = extract_structure(scan, gravity, options, Work(2))
+    gravity = find_gravity(scan, options.gravity, Runtime(2))
+    structure = extract_structure(scan, gravity, options, Runtime(2))
     print(
         f"up {np.round(gravity.up_world, 4).tolist()}, confidence {gravity.confidence:.2f}, "
         f"{gravity.source}; floor at {structure.floor_height_m:.3f} m"
     )
     panels = []
     level = level_from_world(gravity, structure.floor_height_m)
-    found = choose_back_end(scan, gravity, options, Work(2))
+    found = choose_back_end(scan, gravity, options, Runtime(2))
     for name, turn, axis in (
         ("as recorded", se3.make_transform(_y_down_to_z_up(), np.zeros(3)), 0),
         ("levelled, from the side", level, 0),

@@ -16,17 +16,17 @@ from PIL import Image
 
 import planfit
 from planfit import synth
-from planfit.adjust.association import pieces_in_plan
+from planfit.adjust.association import wall_patches_in_plan
 from planfit.align import metric_plan
 from planfit.floorplan import Floorplan
-from planfit.place import align_scan
-from planfit.prepare import Clock, Prepared, prepare
+from planfit.pipeline.align import align_scan
+from planfit.pipeline.prepare import Prepared, StageTimer, prepare
 from planfit.report import draw_overlay, draw_place
 from planfit.report.drawing import AFTER, BEFORE, FONT_PT, GREY, INK, new_figure
 from planfit.report.plan_picture import draw_plan_picture
+from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.synth.drawing import DrawingOptions, draw_building
-from planfit.work import Work
 
 IMAGES = Path(__file__).parent / "images"
 N_LINES = 60
@@ -73,12 +73,12 @@ def title(axes: Axes, words: str) -> None:
 def draw_structure(scan: Scan, prepared: Prepared) -> Figure:
     """Colour, depth, and what is floor and which pieces are wall, of one frame."""
     figure, axes = panels(3, 9.0, 2.6)
-    frame = int(np.argmax(np.bincount(prepared.evidence.structure.walls.frame_idx)))
+    frame = int(np.argmax(np.bincount(prepared.measurements.structure.walls.frame_idx)))
     color, camera = scan.files.color(frame), scan.cameras[frame]
     axes[0].imshow(color)
     axes[1].imshow(scan.files.depth(frame), cmap="viridis")
     axes[2].imshow(color, alpha=0.45)
-    structure = prepared.evidence.structure
+    structure = prepared.measurements.structure
     level = structure.floor
     points = [(level.points_cam[level.start[frame] : level.start[frame + 1]], FLOOR)]
     pieces = np.flatnonzero(structure.walls.frame_idx == frame)
@@ -121,7 +121,7 @@ def draw_loops(scan: Scan, prepared: Prepared) -> Figure:
     recorded = prepared.level_from_world @ scan.world_from_cams
     both = ((recorded, BEFORE, "as recorded"), (prepared.level_from_keys, AFTER, "loops closed"))
     for one, (poses, paint, words) in zip(axes, both, strict=True):
-        _, ends = pieces_in_plan(prepared.evidence.structure.walls, poses)
+        _, ends = wall_patches_in_plan(prepared.measurements.structure.walls, poses)
         one.plot(*ends.transpose(2, 1, 0), "-", color=paint, lw=1.0)
         one.plot(*poses[:, :2, 3].T, "-", color=GREY, lw=0.8)
         one.set_aspect("equal")
@@ -165,15 +165,15 @@ def main() -> None:
     save("plan", draw_plan_picture(plan, sheet), 720)
     sheet.unlink()
 
-    options, work = planfit.RefineOptions(), Work(2)
-    prepared = prepare(scan, options, work, Clock(work))
+    options, runtime = planfit.RefineOptions(), Runtime(2)
+    prepared = prepare(scan, options, runtime, StageTimer(runtime))
     save("structure", draw_structure(scan, prepared))
     save("matches", draw_matches(scan, prepared))
     save("loops", draw_loops(scan, prepared))
-    save("places", draw_places(align_scan(scan, plan, options, work), plan))
-    result = planfit.refine(scan, plan, options, work)
+    save("places", draw_places(align_scan(scan, plan, options, runtime), plan))
+    result = planfit.refine(scan, plan, options, runtime)
     save("walls", draw_overlay(result.floorplan, result))
-    print(*result.checks, *result.doubts, sep="\n")
+    print(*result.checks, *result.warnings, sep="\n")
 
 
 if __name__ == "__main__":

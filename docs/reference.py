@@ -17,8 +17,8 @@ from flags import Flag, Group, group_of, one_line
 from planfit import cli
 from planfit.cli.plan_flags import PlanFlags
 from planfit.evaluate import EvaluateOptions
-from planfit.options import RefineOptions
-from planfit.presets import PRESETS
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.presets import PRESETS
 from planfit.scan import ScanOptions
 from planfit.scan.read import READERS
 from planfit.synth import SynthOptions
@@ -303,7 +303,9 @@ def scans_page() -> str:
         "`planfit[record3d]`.", "",
         "| format | told by |", "| --- | --- |",
     ]  # fmt: skip
-    modules = {name: import_module(f"planfit.scan.{module}") for name, module in READERS.items()}
+    modules = {
+        name: import_module(f"planfit.scan.formats.{module}") for name, module in READERS.items()
+    }
     lines += [f"| [{name}](#{name}) | {module.LOOKS_FOR} |" for name, module in modules.items()]
     for name, module in modules.items():
         lines += ["", f"## {name}", "", inspect.cleandoc(module.__doc__ or "")]

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planfit.place import align_scan
+from planfit.pipeline.align import align_scan
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 
 UNITS_PER_METRE = 37.0
@@ -29,7 +29,7 @@ assert found is not None, "no wall was seen"
 alignment, walls = found
 
 print(f"{len(walls.xy)} samples of wall; one unit is {alignment.metres_per_unit:.5f} m")
-print(f"  true: {1 / UNITS_PER_METRE:.5f} m; said spread: {alignment.scale_spread:.1%}")
+print(f"  true: {1 / UNITS_PER_METRE:.5f} m; said spread: {alignment.scale_sigma:.1%}")
 print(f"sure: {alignment.is_sure}, ahead of the next place by {alignment.margin:.0%} of the wall")
 for number, place in enumerate(alignment.candidates, start=1):
     print(

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 import planfit
-from planfit.adjust.robust import Loss, LossKind
 from planfit.evaluate import position_errors
+from planfit.lsq.robust import Loss, LossKind
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 
 synthetic = make_scan(

@@ -8,8 +8,8 @@ import numpy as np
 
 import planfit
 from planfit.evaluate import MapOptions, Truth, map_figures, surface_figures, trajectory_figures
+from planfit.runtime import Runtime
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
-from planfit.work import Work
 
 synthetic = make_scan(
     SynthOptions(
@@ -28,7 +28,7 @@ figures = [
     *surface_figures(
         result.structure, result.floorplan, result.initial_plan_from_cams, result.plan_from_cams
     ),
-    *map_figures(scan, before, after, MapOptions(stride_px=4), Work()),
+    *map_figures(scan, before, after, MapOptions(stride_px=4), Runtime()),
 ]
 for figure in figures:  # lower is better in all of them
     print(f"{figure.meaning:45} {figure.before:9.3f} to {figure.after:9.3f} {figure.unit}")

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit.adjust.normal_equations import NormalBlocks
-from planfit.adjust.solver import solve
-from planfit.options import RefineOptions
-from planfit.prepare import Clock, look_through, prepare
+from planfit.lsq.linear.normal_equations import NormalBlocks
+from planfit.lsq.solver import solve
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.prepare import StageTimer, extract_observations, prepare
+from planfit.runtime import Runtime
 from planfit.synth import CameraOptions, SynthOptions, WalkOptions, make_scan
-from planfit.work import Work
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class HeightTerm:
 
 walk, camera = WalkOptions(n_frames=30, sway_m=0.0), CameraOptions(width_px=160, height_px=120)
 synthetic = make_scan(SynthOptions(walk=walk, camera=camera))
-options, clock = RefineOptions(), Clock(Work())
-seen = look_through(synthetic.scan, options, Work(), clock)
+options, clock = RefineOptions(), StageTimer(Runtime())
+seen = extract_observations(synthetic.scan, options, Runtime(), clock)
 prepared = prepare(synthetic.scan, seen, options, clock)
-poses, evidence = prepared.level_from_keys, prepared.evidence
-terms = [*evidence.terms(options.adjust), evidence.anchor(poses, options.adjust)]
+poses, measurements = prepared.level_from_keys, prepared.measurements
+terms = [*measurements.terms(options.adjust), measurements.pose_prior(poses, options.adjust)]
 for more in ([], [HeightTerm(height_m=1.5, sigma_m=0.01)]):
     solution = solve([*terms, *more], poses, options.adjust.solver)
     off = np.sqrt(np.mean((solution.target_from_cams[:, 2, 3] - 1.5) ** 2))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from planfit.adjust import Evidence, Ties
+from planfit.adjust import Measurements, PlanCorrespondences
 from planfit.adjust.association import Association
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
@@ -13,7 +13,13 @@ from planfit.geometry.camera import Camera
 from planfit.matching import Matches
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry, OdometryOptions, make_odometry
-from planfit.structure import LevelPoints, Pieces, Structure, no_level_points, no_pieces
+from planfit.segmentation import (
+    LevelPoints,
+    Structure,
+    WallPatches,
+    no_level_points,
+    no_wall_patches,
+)
 
 CAMERA = Camera(160, 120, 130.0, 130.0, 79.5, 59.5)
 
@@ -93,17 +99,17 @@ def make_structure(plan_from_cams, floor=(), patches=()):
     return Structure(
         floor=LevelPoints(np.concatenate(floors), np.cumsum([0, *(len(f) for f in floors)])),
         floor_heights_m=np.zeros(n),
-        walls=Pieces(
+        walls=WallPatches(
             points_cam=np.concatenate(points),
             start=np.cumsum([0, *(len(p) for p in points[1:])]),
             frame_idx=np.array([i for i, _, _ in patches], dtype=int),
             normals_cam=np.array(normals).reshape(-1, 3),
             ends_cam=np.array(ends).reshape(-1, 2, 3),
         ),
-        loose_points_cam=np.zeros((0, 3)),
-        loose_frame_idx=np.zeros(0, dtype=int),
+        unassigned_points_cam=np.zeros((0, 3)),
+        unassigned_frame_idx=np.zeros(0, dtype=int),
         ceiling=no_level_points(n),
-        columns=no_pieces(),
+        columns=no_wall_patches(),
         back_end="masks",
         floor_height_m=0.0,
     )
@@ -130,7 +136,23 @@ def make_matches(plan_from_cams, pairs, points_plan, sigma_m=0.03):
 def make_ties(floorplan, association, n_frames):
     """What walls alone hold a scan to."""
     columns = Association(np.zeros(0, dtype=int), np.zeros(0))
-    return Ties(floorplan, association, columns, np.full(n_frames, np.nan), 0.5)
+    return PlanCorrespondences(floorplan, association, columns, np.full(n_frames, np.nan), 0.5)
+
+
+class NoFiles:
+    """Files of a scan that nobody should ask; tests give those that they need."""
+
+    def color(self, frame_idx):
+        raise AssertionError("colour was not expected to be read")
+
+    def depth(self, frame_idx):
+        raise AssertionError("depth was not expected to be read")
+
+    def labels(self, frame_idx):
+        raise AssertionError("labels were not expected to be read")
+
+    def write_poses(self, directory, world_from_cams, frame_idx=None):
+        raise AssertionError("poses were not expected to be written")
 
 
 @dataclass(frozen=True)
@@ -144,8 +166,8 @@ class World:
     odometry: Odometry
 
     @property
-    def evidence(self):
-        return Evidence(self.matches, self.structure, self.odometry)
+    def measurements(self):
+        return Measurements(self.matches, self.structure, self.odometry)
 
 
 def make_world(rng, n=8, n_points=80):

@@ -1,7 +1,11 @@
-"""Numerical accidents are errors; seeded randomness; builders live in `builders.py`."""
+"""Numerical accidents are errors; shapes are checked; seeded randomness; builders live in `builders.py`."""
 
 import numpy as np
 import pytest
+
+import shape_checks
+
+shape_checks.install()  # before planfit is imported anywhere
 
 
 @pytest.fixture(autouse=True)

@@ -2,18 +2,18 @@
 
 import pytest
 
-from planfit.adjust.robust import Loss
-from planfit.adjust.solver import SolverOptions
-from planfit.adjust.terms.base import Weighting
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.align import AlignOptions
 from planfit.errors import OptionError
+from planfit.lsq.robust import Loss
+from planfit.lsq.solver import SolverOptions
+from planfit.lsq.term import Weighting
 from planfit.matching.matchers import MatcherOptions
-from planfit.options import RefineOptions
+from planfit.pipeline.options import RefineOptions
+from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions
-from planfit.structure import StructureOptions
-from planfit.work import Work
+from planfit.segmentation import StructureOptions
 
 
 @pytest.mark.parametrize(
@@ -23,13 +23,13 @@ from planfit.work import Work
         (SolverOptions, "max_iterations", 0),
         (LevelOptions, "sigma_m", 0.0),
         (WallOptions, "sigma_m", -0.1),
-        (WallOptions, "points_per_reading", 0.0),
+        (WallOptions, "points_per_observation", 0.0),
         (AlignOptions, "cell_m", 0.0),
         (MatcherOptions, "max_ratio", 1.2),
         (RefineOptions, "held_out_share", -0.1),
         (OdometryOptions, "sigma_base_m", float("nan")),
         (StructureOptions, "stride_px", 0),
-        (Work, "workers", 0),
+        (Runtime, "workers", 0),
     ],
 )
 def test_value_is_refused_by_name(options, name, value):
@@ -38,5 +38,5 @@ def test_value_is_refused_by_name(options, name, value):
 
 
 def test_weighting_is_refused_too():
-    with pytest.raises(OptionError, match="max_readings"):
+    with pytest.raises(OptionError, match="max_observations"):
         Weighting(0.0)

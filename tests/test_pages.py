@@ -90,7 +90,7 @@ def test_warnings_explained_are_words_of_planfit() -> None:
 def test_every_doubt_is_explained() -> None:
     page = (DOCS / "getting-started.md").read_text()
     said = re.findall(r"^\| `([^`]+)` \|", page, re.MULTILINE)
-    told = sentences_of(ROOT / "src/planfit/doubts.py")
+    told = sentences_of(ROOT / "src/planfit/pipeline/diagnostics.py")
     assert len(told) >= 8
     for sentence in told:
         assert any(words in sentence for words in said), f"not explained: {sentence}"

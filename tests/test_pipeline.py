@@ -9,13 +9,14 @@ import pytest
 import planfit
 from planfit.adjust import AdjustOptions, KeyframeOptions
 from planfit.adjust.terms.levels import LevelOptions
+from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
-from planfit.adjust.terms.trajectory import TrajectoryOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.evaluate import position_errors
 from planfit.geometry import se3
+from planfit.runtime import Runtime
 from planfit.scan import Label, Scan, ScanFiles
-from planfit.structure import StructureOptions
+from planfit.segmentation import StructureOptions
 from planfit.synth import (
     BuildingOptions,
     CameraOptions,
@@ -26,7 +27,6 @@ from planfit.synth import (
     WalkOptions,
     make_scan,
 )
-from planfit.work import Work
 
 BASE = SynthOptions(
     seed=5,
@@ -104,13 +104,13 @@ def synthetic() -> SyntheticScan:
 
 
 @pytest.fixture(scope="module")
-def work(tmp_path_factory) -> Work:
-    return Work(cache_dir=tmp_path_factory.mktemp("cache"))
+def runtime(tmp_path_factory) -> Runtime:
+    return Runtime(cache_dir=tmp_path_factory.mktemp("cache"))
 
 
 @pytest.fixture(scope="module")
-def refined(synthetic, work) -> planfit.RefineResult:
-    return planfit.refine(synthetic.scan, synthetic.floorplan, work=work)
+def refined(synthetic, runtime) -> planfit.RefineResult:
+    return planfit.refine(synthetic.scan, synthetic.floorplan, runtime=runtime)
 
 
 def rms(poses, truth):
@@ -122,17 +122,17 @@ def test_error_falls_to_centimetres(synthetic, refined):
     assert rms(synthetic.scan.world_from_cams, truth) > 0.12
     assert rms(refined.world_from_cams, truth) < 0.02
     assert refined.is_better
-    assert refined.doubts == ()
+    assert refined.warnings == ()
 
 
 def test_same_input_same_bits(synthetic, refined):
-    again = planfit.refine(synthetic.scan, synthetic.floorplan, work=Work(workers=1))
+    again = planfit.refine(synthetic.scan, synthetic.floorplan, runtime=Runtime(workers=1))
     np.testing.assert_array_equal(again.plan_from_cams, refined.plan_from_cams)
 
 
-def test_plan_places_the_scan_better_than_loops_alone(synthetic, refined, work):
+def test_plan_places_the_scan_better_than_loops_alone(synthetic, refined, runtime):
     no_walls = planfit.RefineOptions(adjust=AdjustOptions(walls=WallOptions(weight=0.0)))
-    alone = planfit.refine(synthetic.scan, synthetic.floorplan, no_walls, work)
+    alone = planfit.refine(synthetic.scan, synthetic.floorplan, no_walls, runtime)
     truth = synthetic.true_plan_from_cams
     assert rms(refined.plan_from_cams, truth) < rms(alone.plan_from_cams, truth)
     assert "walls" not in alone.cost_by_term
@@ -143,21 +143,21 @@ def test_plan_places_the_scan_better_than_loops_alone(synthetic, refined, work):
     [
         ("points", AdjustOptions(points=PointOptions(weight=0.0))),
         ("floor", AdjustOptions(floor=LevelOptions(weight=0.0))),
-        ("trajectory", AdjustOptions(trajectory=TrajectoryOptions(weight=0.0))),
+        ("odometry", AdjustOptions(odometry=OdometryTermOptions(weight=0.0))),
     ],
 )
-def test_a_term_of_no_weight_is_left_out(name, adjust, synthetic, work):
+def test_a_term_of_no_weight_is_left_out(name, adjust, synthetic, runtime):
     options = planfit.RefineOptions(adjust=adjust)
-    result = planfit.refine(synthetic.scan, synthetic.floorplan, options, work)
+    result = planfit.refine(synthetic.scan, synthetic.floorplan, options, runtime)
     assert name not in result.cost_by_term
     truth = synthetic.true_world_from_cams
     assert rms(result.world_from_cams, truth) < 0.06
 
 
-def test_keyframes_alone_are_nearly_as_good(synthetic, work):
+def test_keyframes_alone_are_nearly_as_good(synthetic, runtime):
     keyframes = KeyframeOptions(min_frames=0, max_step_m=1.0, max_turn_deg=50.0)
     options = planfit.RefineOptions(adjust=AdjustOptions(keyframes=keyframes))
-    result = planfit.refine(synthetic.scan, synthetic.floorplan, options, work)
+    result = planfit.refine(synthetic.scan, synthetic.floorplan, options, runtime)
     solved = result.walls.solution.target_from_cams
     assert len(solved) < 0.8 * len(synthetic.scan)
     assert rms(result.world_from_cams, synthetic.true_world_from_cams) < 0.05
@@ -184,7 +184,7 @@ def test_phone_depth_and_geometry_labels():
 def test_ten_frames_are_refined_with_a_word_of_doubt(synthetic):
     frames = np.arange(10)
     result = planfit.refine(subset(synthetic.scan, frames), synthetic.floorplan)
-    assert any("only 10 frames" in doubt for doubt in result.doubts)
+    assert any("only 10 frames" in doubt for doubt in result.warnings)
     truth = synthetic.true_world_from_cams[frames]
     before = rms(synthetic.scan.world_from_cams[frames], truth)
     assert rms(result.world_from_cams, truth) < max(before, 0.05)
@@ -193,7 +193,7 @@ def test_ten_frames_are_refined_with_a_word_of_doubt(synthetic):
 def test_path_without_a_loop_says_so(synthetic):
     frames = np.arange(0, 40, 8)  # apart in time means apart in space, neighbours are all there is
     result = planfit.refine(subset(synthetic.scan, frames), synthetic.floorplan)
-    assert any("no loop" in doubt or "no two frames" in doubt for doubt in result.doubts)
+    assert any("no loop" in doubt or "no two frames" in doubt for doubt in result.warnings)
 
 
 def test_no_wall_seen_keeps_the_recorded_place(synthetic):
@@ -201,7 +201,7 @@ def test_no_wall_seen_keeps_the_recorded_place(synthetic):
     result = planfit.refine(subset(synthetic.scan, n, (Label.WALL,)), synthetic.floorplan)
     assert result.alignment is None
     assert not result.is_better
-    assert any("no wall was seen" in doubt for doubt in result.doubts)
+    assert any("no wall was seen" in doubt for doubt in result.warnings)
     truth = synthetic.true_world_from_cams
     assert rms(result.world_from_cams, truth) < rms(synthetic.scan.world_from_cams, truth)
 
@@ -209,17 +209,17 @@ def test_no_wall_seen_keeps_the_recorded_place(synthetic):
 def test_no_floor_seen_is_refined_by_the_rest(synthetic):
     n = np.arange(len(synthetic.scan))
     result = planfit.refine(subset(synthetic.scan, n, (Label.FLOOR,)), synthetic.floorplan)
-    assert any("no floor was seen" in doubt for doubt in result.doubts)
+    assert any("no floor was seen" in doubt for doubt in result.warnings)
     truth = synthetic.true_world_from_cams
     assert rms(result.world_from_cams, truth) < 0.5 * rms(synthetic.scan.world_from_cams, truth)
 
 
 @pytest.mark.parametrize("seed", [78, 79, 80])
-def test_plan_of_another_building_is_doubted(seed, synthetic, work):
+def test_plan_of_another_building_is_doubted(seed, synthetic, runtime):
     other = make_scan(dataclasses.replace(BASE, seed=seed)).floorplan
     scan = dataclasses.replace(synthetic.scan, plan_from_world_axes=None)
-    result = planfit.refine(scan, other, work=work)
-    assert result.doubts
+    result = planfit.refine(scan, other, runtime=runtime)
+    assert result.warnings
     assert not result.is_better
 
 

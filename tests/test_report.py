@@ -10,17 +10,17 @@ import pytest
 from PIL import Image
 
 from builders import make_ties, room_plan
-from planfit import checks
-from planfit.adjust import WallsPulled
+from planfit.adjust import PlanAdjustment
 from planfit.adjust.association import Association
-from planfit.adjust.solver import Cost, Solution, Stop
 from planfit.align import Alignment
-from planfit.align.refine import Fit
-from planfit.checks import Check
+from planfit.align.refine import AlignmentHypothesis
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
+from planfit.lsq.solver import Cost, Solution, Stop
 from planfit.matching import Matches
-from planfit.pipeline import RefineResult
+from planfit.pipeline import validation as checks
+from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.validation import Check
 from planfit.report import TruthErrors, amounts, draw_overlay, make_report
 from planfit.report.close_ups import choose_close_ups
 from planfit.report.cross_sections import cut_walls
@@ -32,7 +32,14 @@ from planfit.report.missing_walls import undrawn_walls, unseen_faces
 from planfit.report.top_view import Crop, crop_to_scan, find_gaps
 from planfit.report.wall_table import wall_table
 from planfit.report.walls import seen_faces
-from planfit.structure import Gravity, LevelPoints, Pieces, Structure, no_level_points, no_pieces
+from planfit.segmentation import (
+    Gravity,
+    LevelPoints,
+    Structure,
+    WallPatches,
+    no_level_points,
+    no_wall_patches,
+)
 
 WIDTH, DEPTH = 8.0, 6.0  # m, of the room
 SHIFT = np.array([0.3, 0.0, 0.0])  # m, recorded poses against true ones
@@ -84,17 +91,17 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
     structure = Structure(
         floor=LevelPoints(np.concatenate(floor), 40 * np.arange(n_frames + 1)),
         floor_heights_m=np.zeros(n_frames),
-        walls=Pieces(
+        walls=WallPatches(
             points_cam=np.concatenate(patches),
             start=PER_PATCH * np.arange(n_frames + 1),
             frame_idx=np.arange(n_frames),
             normals_cam=np.array(normals),
             ends_cam=np.array(ends),
         ),
-        loose_points_cam=np.zeros((0, 3)),
-        loose_frame_idx=np.zeros(0, dtype=int),
+        unassigned_points_cam=np.zeros((0, 3)),
+        unassigned_frame_idx=np.zeros(0, dtype=int),
         ceiling=no_level_points(n_frames),
-        columns=no_pieces(),
+        columns=no_wall_patches(),
         back_end="masks",
         floor_height_m=0.0,
     )
@@ -115,8 +122,8 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
         matches=Matches(
             pairs, np.array([0, 2, 3]), np.zeros((3, 3)), np.zeros((3, 3)), np.ones(3), 7, 1234
         ),
-        alignment=Alignment(np.eye(4), 0.8, Fit(0.1, np.zeros(2), 0.3), True),
-        walls=WallsPulled(
+        alignment=Alignment(np.eye(4), 0.8, AlignmentHypothesis(0.1, np.zeros(2), 0.3), True),
+        walls=PlanAdjustment(
             solution,
             make_ties(room_plan(), association, n_frames),
             np.zeros(0),
@@ -126,9 +133,9 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
             12,
         ),
         solved_frame_idx=np.arange(n_frames),
-        cost_by_term={"points": (200.0, 50.0), "trajectory": (0.0, 3.0)},
+        cost_by_term={"points": (200.0, 50.0), "odometry": (0.0, 3.0)},
         checks=judged if is_checked else (),
-        doubts=(),
+        warnings=(),
         seconds_by_stage={"level": 0.01, "pull walls": 2.5},
     )
 
@@ -136,21 +143,23 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
 def walls_of(floorplan, association, offsets_m=None, sigmas_m=None):
     none = np.full(len(floorplan), np.nan)
     solution = Solution(np.eye(4)[None], Stop.COST, 3, {})
-    ties = make_ties(floorplan, association, 1)
+    correspondences = make_ties(floorplan, association, 1)
     offsets_m = np.zeros(len(floorplan)) if offsets_m is None else offsets_m
-    return WallsPulled(
-        solution, ties, offsets_m, none if sigmas_m is None else sigmas_m, 4, True, 12
+    return PlanAdjustment(
+        solution, correspondences, offsets_m, none if sigmas_m is None else sigmas_m, 4, True, 12
     )
 
 
 def without_walls(result):
-    bare = replace(result.structure, walls=no_pieces())
+    bare = replace(result.structure, walls=no_wall_patches())
     none = Association(np.zeros(0, dtype=int), np.zeros(0))
     return replace(
         result,
         structure=bare,
         alignment=None,
-        walls=replace(result.walls, ties=replace(result.walls.ties, walls=none)),
+        walls=replace(
+            result.walls, correspondences=replace(result.walls.correspondences, walls=none)
+        ),
         checks=(),
     )
 
@@ -176,7 +185,12 @@ def without_matches(result):
 def without_association(result):
     n = len(result.structure.walls)
     none = Association(np.full(n, -1), np.full(n, np.nan))
-    return replace(result, walls=replace(result.walls, ties=replace(result.walls.ties, walls=none)))
+    return replace(
+        result,
+        walls=replace(
+            result.walls, correspondences=replace(result.walls.correspondences, walls=none)
+        ),
+    )
 
 
 def alone(result):
@@ -248,7 +262,7 @@ def test_report_is_self_contained(floorplan):
 
 
 def test_text_is_escaped(floorplan, no_pictures):
-    result = replace(make_result(), doubts=("wall <b>7</b> & others are unsure",))
+    result = replace(make_result(), warnings=("wall <b>7</b> & others are unsure",))
     html = make_report("<scan> & co", floorplan, result, "[a]\nname = '<script>'\n")
     for raw in ("<b>", "<scan>", "'<script>'", "<room>", "<most>"):
         assert raw not in html
@@ -258,7 +272,7 @@ def test_text_is_escaped(floorplan, no_pictures):
 
 
 def test_doubts_are_shown_before_the_numbers(floorplan, no_pictures):
-    result = replace(make_result(), doubts=("no loop", "few frames"))
+    result = replace(make_result(), warnings=("no loop", "few frames"))
     words = read(floorplan, result).words
     assert "Before you use this result" in words
     assert words.index("no loop") < words.index("few frames") < words.index("Key figures")
@@ -282,7 +296,7 @@ def test_measures_equal_those_of_the_checks(floorplan):
     result = make_result()
     loose = np.random.default_rng(1).normal(size=(70_000, 3))  # enough to be thinned
     structure = replace(
-        result.structure, loose_points_cam=loose, loose_frame_idx=np.full(len(loose), 3)
+        result.structure, unassigned_points_cam=loose, unassigned_frame_idx=np.full(len(loose), 3)
     )
     both = measure(floorplan, replace(result, structure=structure))
     expected = checks.wall_distances(structure, floorplan, result.initial_plan_from_cams)
@@ -360,7 +374,9 @@ def test_overlay_where_little_was_seen(small_pictures, floorplan, strip):
 def test_not_placed_shows_no_distances_to_the_plan(floorplan, no_pictures):
     result = without_walls(make_result())
     loose = replace(
-        result.structure, loose_points_cam=np.ones((50, 3)), loose_frame_idx=np.zeros(50, dtype=int)
+        result.structure,
+        unassigned_points_cam=np.ones((50, 3)),
+        unassigned_frame_idx=np.zeros(50, dtype=int),
     )
     words = read(floorplan, replace(result, structure=loose)).words
     assert "NSD" not in words
@@ -425,7 +441,7 @@ def test_close_ups_are_left_out_of_small_scans(floorplan):
 def test_walls_are_listed_by_support_with_their_offset(floorplan, no_pictures):
     result = make_result(n_frames=14, wall_offsets=(0.01, 0.07, -0.12, 0.0))
     faces = seen_faces(floorplan, result.walls)
-    assert [(face.face_idx, face.n_pieces) for face in faces] == [(0, 4), (1, 4), (2, 3), (3, 3)]
+    assert [(face.face_idx, face.n_patches) for face in faces] == [(0, 4), (1, 4), (2, 3), (3, 3)]
     assert [face.number for face in faces] == [1, 2, 3, 4]
     assert faces[0].agrees
     assert faces[1].verdict == f"shifted by 7.0{amounts.SPACE}cm into the room"
@@ -528,7 +544,7 @@ def pieces_at(ends):
     ends = np.asarray(ends, dtype=float)
     normals = segments.left_normals(ends)
     k = len(ends)
-    return Pieces(
+    return WallPatches(
         points_cam=np.zeros((k, 3)),
         start=np.arange(k + 1),
         frame_idx=np.zeros(k, dtype=int),
@@ -557,7 +573,7 @@ def test_walls_that_the_plan_lacks_are_joined_from_their_pieces():
     walls = undrawn_walls(
         pieces_at(ends), Association(face_idx, np.zeros(len(ends))), np.eye(4)[None]
     )
-    assert [wall.n_pieces for wall in walls] == [5, 3]
+    assert [wall.n_patches for wall in walls] == [5, 3]
     assert walls[0].length == pytest.approx(2.5, abs=0.01)
     assert walls[0].middle_xy == pytest.approx((1.25, 0.01), abs=0.02)
     assert walls[1].length == pytest.approx(1.6)
@@ -576,7 +592,7 @@ def test_missing_and_unseen_walls_stand_in_the_table(floorplan, no_pictures):
     face_idx = result.walls.association.face_idx.copy()
     face_idx[face_idx == 2] = -1
     none = Association(face_idx, np.where(face_idx < 0, np.nan, 0.0))
-    walls = replace(result.walls, ties=replace(result.walls.ties, walls=none))
+    walls = replace(result.walls, correspondences=replace(result.walls.correspondences, walls=none))
     words = read(floorplan, replace(result, walls=walls)).words
     assert "missing in the plan32.00 m3.0, 6.0" in words
     assert "not seen08.00 m4.0, 6.0" in words

@@ -4,7 +4,7 @@ __version__ = "0.1.0"
 
 from planfit import errors as errors
 from planfit.floorplan import read_floorplan as read_floorplan
-from planfit.options import RefineOptions as RefineOptions
-from planfit.pipeline import RefineResult as RefineResult
-from planfit.pipeline import refine as refine
+from planfit.pipeline.options import RefineOptions as RefineOptions
+from planfit.pipeline.refine import RefineResult as RefineResult
+from planfit.pipeline.refine import refine as refine
 from planfit.scan import read_scan as read_scan

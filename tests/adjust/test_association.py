@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import faces_plan, look, make_structure, make_world, moved_plan, room_plan
-from planfit.adjust.association import AssociationOptions, associate, pieces_in_plan
+from planfit.adjust.association import AssociationOptions, associate, wall_patches_in_plan
 from planfit.floorplan import Floorplan, make_floorplan
 from planfit.geometry import se3
 
@@ -146,9 +146,9 @@ def test_many_patches_are_done_in_parts_with_the_same_answer(rng):
 def test_pieces_in_plan_are_unit_normals_and_true_ends(rng):
     world = make_world(rng)
     tilted = se3.retract(world.plan_from_cams, np.tile([0.1, -0.1, 0, 0, 0, 0], (8, 1)))
-    normals, _ = pieces_in_plan(world.structure.walls, tilted)
+    normals, _ = wall_patches_in_plan(world.structure.walls, tilted)
     assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-    normals, ends = pieces_in_plan(world.structure.walls, world.plan_from_cams)
+    normals, ends = wall_patches_in_plan(world.structure.walls, world.plan_from_cams)
     faces = np.stack([np.arange(8) % 4, (np.arange(8) + 1) % 4], axis=1).ravel()
     assert_allclose(normals, world.floorplan.normals[faces], atol=1e-9)
     gap = np.einsum("kei,ki->ke", ends, world.floorplan.normals[faces])

@@ -6,18 +6,18 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import gradient_by_differences, make_world, nudged, room_plan
 from facing import drifted, facing_cameras, facing_matches, facing_poses, with_noise, with_outliers
-from planfit.adjust import bounded
 from planfit.adjust.association import AssociationOptions, associate
-from planfit.adjust.bounded import BarrierTerm, BoundedOptions, robust_cost, solve_bounded
-from planfit.adjust.normal_equations import NormalEquations
-from planfit.adjust.robust import Loss, LossKind
-from planfit.adjust.solver import SolverOptions, Stop, solve
-from planfit.adjust.terms.anchor import AnchorTerm
 from planfit.adjust.terms.levels import LevelOptions, floor_term
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.errors import OptionError
+from planfit.lsq import bounded
+from planfit.lsq.bounded import BarrierTerm, BoundedOptions, robust_cost, solve_bounded
+from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.solver import SolverOptions, Stop, solve
+from planfit.lsq.terms.prior import PosePriorTerm
 
 QUICK = SolverOptions(max_iterations=30)
 
@@ -27,7 +27,7 @@ def disagreeing(world, weight=1.0):
     poses, structure = world.plan_from_cams, world.structure
     association = associate(structure.walls, world.floorplan, poses, 0.5, AssociationOptions())
     options = WallOptions(
-        weight=weight, sigma_m=0.05, loss=Loss(LossKind.CAUCHY, 2.0), max_readings=4.0
+        weight=weight, sigma_m=0.05, loss=Loss(LossKind.CAUCHY, 2.0), max_observations=4.0
     )
     walls = WallTerm(structure.walls, room_plan(6.4, 4.2), association, options)
     return [floor_term(structure, LevelOptions()), walls]
@@ -82,7 +82,7 @@ def test_reprojection_never_exceeds_the_bound_at_any_iterate(accepted, seed):
     matches = with_outliers(rng, with_noise(rng, facing_matches(rng, poses), 0.005), 0.1)
     term = ReprojectionTerm(matches, facing_cameras(len(poses)), ReprojectionOptions())
     # Anchors where the poses are not.
-    wrong = AnchorTerm(np.arange(len(poses)), nudged(rng, poses, 3.0, 0.2), np.full(6, 0.02))
+    wrong = PosePriorTerm(np.arange(len(poses)), nudged(rng, poses, 3.0, 0.2), np.full(6, 0.02))
     start = drifted(rng, poses)
     result = solve_bounded([term], [wrong], start, BoundedOptions(), QUICK)
     costs = [robust_cost([term], at) for at in accepted]

@@ -7,14 +7,14 @@ from numpy.testing import assert_allclose
 from builders import make_world
 from planfit.adjust import AdjustOptions
 from planfit.adjust.association import AssociationOptions, associate
-from planfit.adjust.covariance import covariances, offset_spreads
-from planfit.adjust.normal_equations import NormalEquations
-from planfit.adjust.solver import SolverOptions, solve
-from planfit.adjust.terms.anchor import AnchorTerm
 from planfit.adjust.terms.wall_offsets import OffsetWallTerm, offset_prior, with_offsets
 from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError
 from planfit.geometry import se3
+from planfit.lsq.covariance import covariances, offset_sigmas
+from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.solver import SolverOptions, solve
+from planfit.lsq.terms.prior import PosePriorTerm
 
 
 @pytest.fixture
@@ -25,8 +25,8 @@ def world(rng):
 def test_blocks_are_those_of_the_dense_inverse(world):
     poses = world.plan_from_cams
     terms = [
-        *world.evidence.terms(AdjustOptions()),
-        AnchorTerm(np.array([0]), poses[:1], np.full(6, 0.01)),
+        *world.measurements.terms(AdjustOptions()),
+        PosePriorTerm(np.array([0]), poses[:1], np.full(6, 0.01)),
     ]
     quadratics = [t.reweight(poses)[0] for t in terms]
     equations = NormalEquations([q.normal_blocks(poses) for q in quadratics], len(poses))
@@ -44,19 +44,19 @@ def test_scatter_of_anchored_poses_is_what_covariances_say(rng):
     ends = []
     for _ in range(300):
         anchors = se3.retract(np.tile(np.eye(4), (2, 1, 1)), rng.normal(size=(2, 6)) * sigma)
-        terms = [AnchorTerm(np.zeros(2, dtype=int), anchors, sigma)]
+        terms = [PosePriorTerm(np.zeros(2, dtype=int), anchors, sigma)]
         solution = solve(terms, truth, SolverOptions(cost_tolerance=1e-12))
         ends.append(se3.difference(solution.target_from_cams[0], truth[0]))
-    predicted = covariances([AnchorTerm(np.zeros(2, dtype=int), np.tile(truth, (2, 1, 1)), sigma)],
+    predicted = covariances([PosePriorTerm(np.zeros(2, dtype=int), np.tile(truth, (2, 1, 1)), sigma)],
                             truth, np.array([0]))[0]  # fmt: skip
     assert_allclose(np.std(ends, axis=0), np.sqrt(np.diagonal(predicted)), rtol=0.15)
 
 
 def test_a_pose_that_nothing_holds_is_named(world):
     poses = world.plan_from_cams
-    anchor = AnchorTerm(np.array([1]), poses[1:2], np.full(6, 0.01))
+    pose_prior = PosePriorTerm(np.array([1]), poses[1:2], np.full(6, 0.01))
     with pytest.raises(OptionError, match="unknown 3"):
-        covariances([anchor], poses, np.array([3]))
+        covariances([pose_prior], poses, np.array([3]))
 
 
 def test_offsets_that_are_seen_are_surer_than_their_prior(world):
@@ -65,10 +65,10 @@ def test_offsets_that_are_seen_are_surer_than_their_prior(world):
         world.structure.walls, floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
     term = OffsetWallTerm(world.structure.walls, floorplan, association, WallOptions(), n)
-    terms = [*world.evidence.terms(AdjustOptions()), term, offset_prior(n, floorplan, 0.05)]
+    terms = [*world.measurements.terms(AdjustOptions()), term, offset_prior(n, floorplan, 0.05)]
     unknowns = with_offsets(world.plan_from_cams, floorplan)
     faces = n + np.arange(len(floorplan))
-    spreads = offset_spreads(terms, unknowns, faces, floorplan.normals)
+    spreads = offset_sigmas(terms, unknowns, faces, floorplan.normals)
     seen = np.isin(np.arange(len(floorplan)), association.face_idx)
     assert np.all(spreads[seen] < 0.05)
     assert_allclose(spreads[~seen], 0.05, rtol=1e-6)

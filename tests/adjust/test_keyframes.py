@@ -9,7 +9,7 @@ from planfit.adjust import AdjustOptions, KeyframeOptions, close_loops, costs
 from planfit.adjust.keyframes import (
     choose_keyframes,
     follow_keyframes,
-    reduce_evidence,
+    reduce_measurements,
 )
 from planfit.geometry import se3
 from planfit.synth import DriftOptions, drift_poses
@@ -84,11 +84,11 @@ def test_evidence_costs_the_same_at_poses_that_keep_to_the_record(rng):
         recorded, KeyframeOptions(min_frames=0, max_step_m=4.0, max_turn_deg=150)
     )
     assert len(found.frame_idx) < len(recorded)
-    reduced = reduce_evidence(world.evidence, found)
+    reduced = reduce_measurements(world.measurements, found)
     motion = se3.yaw_transform(0.01, np.array([0.02, 0.03, 0.01]))
-    full = costs(world.evidence, motion @ recorded, AdjustOptions())
+    full = costs(world.measurements, motion @ recorded, AdjustOptions())
     few = costs(reduced, motion @ recorded[found.frame_idx], AdjustOptions())
-    assert few["trajectory"] == pytest.approx(0.0, abs=1e-12)
+    assert few["odometry"] == pytest.approx(0.0, abs=1e-12)
     assert few["points"] <= full["points"] + 1e-9
     assert len(reduced.structure.walls) == len(world.structure.walls)
     assert len(reduced.structure.floor.points_cam) == len(world.structure.floor.points_cam)
@@ -101,7 +101,7 @@ def test_solving_for_keyframes_is_nearly_as_good(rng):
     found = choose_keyframes(
         recorded, KeyframeOptions(min_frames=0, max_step_m=4.0, max_turn_deg=150)
     )
-    reduced = reduce_evidence(world.evidence, found)
+    reduced = reduce_measurements(world.measurements, found)
     solved = close_loops(reduced, recorded[found.frame_idx], AdjustOptions())
     after = follow_keyframes(solved.target_from_cams, found)
 

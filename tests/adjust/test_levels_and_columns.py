@@ -7,15 +7,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import faces_plan, look, make_matches, make_structure, make_world, moved_plan
-from planfit.adjust import AdjustOptions, Evidence, pull_walls
+from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan
 from planfit.adjust.ceilings import CeilingOptions, find_ceilings
 from planfit.adjust.terms.levels import LevelOptions
-from planfit.adjust.terms.trajectory import TrajectoryOptions
+from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.structure import LevelPoints
-from planfit.structure.storeys import StoreyOptions, find_storeys
+from planfit.segmentation import LevelPoints
+from planfit.segmentation.storeys import StoreyOptions, find_storeys
 
 
 def heights(levels_m, frames_each, rng, points=20, noise_m=0.02):
@@ -81,12 +81,14 @@ def test_frames_of_two_storeys_are_held_to_their_own_floor(rng):
         floor.append((i, np.column_stack([xy, np.full(60, 3.0 * (i // 4))])))
     structure = replace(make_structure(poses, floor), floor_heights_m=np.repeat([0.0, 3.0], 4))
     empty = make_matches(poses, [], np.zeros((0, 3)))
-    evidence = Evidence(empty, structure, make_odometry(poses, OdometryOptions()))
+    measurements = Measurements(empty, structure, make_odometry(poses, OdometryOptions()))
     lifted = poses.copy()
     lifted[:, 2, 3] += rng.uniform(-0.2, 0.2, 8)
-    options = AdjustOptions(trajectory=TrajectoryOptions(weight=0.0))
-    pulled = pull_walls(evidence, faces_plan([[0, 0], [6, 0], [6, 4], [0, 4]]), lifted, options)
-    assert_allclose(pulled.solution.target_from_cams[:, 2, 3], poses[:, 2, 3], atol=0.01)
+    options = AdjustOptions(odometry=OdometryTermOptions(weight=0.0))
+    plan_adjustment = adjust_to_plan(
+        measurements, faces_plan([[0, 0], [6, 0], [6, 4], [0, 4]]), lifted, options
+    )
+    assert_allclose(plan_adjustment.solution.target_from_cams[:, 2, 3], poses[:, 2, 3], atol=0.01)
 
 
 def with_ceiling(world, heights_m, rng, wrong=0.1):
@@ -124,13 +126,13 @@ def test_ceilings_hold_frames_that_see_no_floor(rng):
     start = np.cumsum([0, *counts])
     floor = LevelPoints(structure.floor.points_cam[: start[-1]], start)
     empty = make_matches(world.plan_from_cams, [], np.zeros((0, 3)))
-    evidence = Evidence(empty, replace(structure, floor=floor), world.odometry)
+    measurements = Measurements(empty, replace(structure, floor=floor), world.odometry)
     lifted = world.plan_from_cams.copy()
     lifted[9:, 2, 3] += 0.06
-    no_prior = AdjustOptions(trajectory=TrajectoryOptions(weight=0.0))
-    on = pull_walls(evidence, world.floorplan, lifted, no_prior)
-    off = pull_walls(
-        evidence, world.floorplan, lifted, replace(no_prior, ceiling=LevelOptions(weight=0.0))
+    no_prior = AdjustOptions(odometry=OdometryTermOptions(weight=0.0))
+    on = adjust_to_plan(measurements, world.floorplan, lifted, no_prior)
+    off = adjust_to_plan(
+        measurements, world.floorplan, lifted, replace(no_prior, ceiling=LevelOptions(weight=0.0))
     )
     assert "ceiling" in on.solution.cost_by_term
     assert "ceiling" not in off.solution.cost_by_term
@@ -161,13 +163,13 @@ def test_columns_hold_the_scan_to_their_faces(rng):
     plan, poses, structure = column_world(rng)
     points = rng.uniform([3, 3, 0], [6, 6, 2.5], (30, 3))
     matches = make_matches(poses, [(i, i + 1) for i in range(4)], points)
-    evidence = Evidence(matches, structure, make_odometry(poses, OdometryOptions()))
+    measurements = Measurements(matches, structure, make_odometry(poses, OdometryOptions()))
     moved = se3.make_transform(np.eye(3), np.array([0.08, -0.05, 0.0])) @ poses
-    on = pull_walls(evidence, plan, moved, AdjustOptions())
+    on = adjust_to_plan(measurements, plan, moved, AdjustOptions())
     assert {"columns"} <= set(on.solution.cost_by_term)
-    assert "anchor" not in on.solution.cost_by_term
+    assert "pose prior" not in on.solution.cost_by_term
     assert_allclose(on.solution.target_from_cams[:, :2, 3], poses[:, :2, 3], atol=0.02)
-    off = pull_walls(evidence, plan, moved, AdjustOptions(columns=WallOptions(weight=0.0)))
+    off = adjust_to_plan(measurements, plan, moved, AdjustOptions(columns=WallOptions(weight=0.0)))
     assert "columns" not in off.solution.cost_by_term
     assert_allclose(off.solution.target_from_cams[:, :2, 3], moved[:, :2, 3], atol=0.02)
 
@@ -175,11 +177,11 @@ def test_columns_hold_the_scan_to_their_faces(rng):
 def test_moving_world_and_plan_together_changes_nothing_for_columns(rng):
     plan, poses, structure = column_world(rng)
     empty = make_matches(poses, [], np.zeros((0, 3)))
-    evidence = Evidence(empty, structure, make_odometry(poses, OdometryOptions()))
+    measurements = Measurements(empty, structure, make_odometry(poses, OdometryOptions()))
     start = se3.make_transform(np.eye(3), np.array([0.04, 0.03, 0.0])) @ poses
     move = se3.yaw_transform(1.1, np.array([20.0, -7.0, 0.0]))
-    here = pull_walls(evidence, plan, start, AdjustOptions())
-    there = pull_walls(evidence, moved_plan(plan, move), move @ start, AdjustOptions())
+    here = adjust_to_plan(measurements, plan, start, AdjustOptions())
+    there = adjust_to_plan(measurements, moved_plan(plan, move), move @ start, AdjustOptions())
     assert_allclose(
         there.solution.target_from_cams, move @ here.solution.target_from_cams, atol=1e-4
     )

@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import gradient_by_differences, jacobian_by_differences, random_transforms
-from planfit.adjust.moments import pair_moments, plane_moments
-from planfit.adjust.normal_equations import NormalEquations
-from planfit.adjust.robust import Loss, LossKind, loss_value
+from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.moments import pair_moments, plane_moments
+from planfit.lsq.robust import Loss, LossKind, loss_value
 
 LOSSES = [Loss(kind, 1.5) for kind in LossKind]
 

@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 
 from builders import make_world, nudged
 from planfit.adjust import AdjustOptions, close_loops
-from planfit.adjust.pardiso import Pardiso
-from planfit.adjust.solver import SolverOptions
 from planfit.errors import OptionError
+from planfit.lsq.linear.pardiso import Pardiso
+from planfit.lsq.solver import SolverOptions
 
 
 def test_the_same_poses_as_by_our_own_factorisation(rng):
@@ -22,7 +22,7 @@ def test_the_same_poses_as_by_our_own_factorisation(rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     own, other = (
         close_loops(
-            world.evidence, start, AdjustOptions(solver=SolverOptions(linear_solver=name))
+            world.measurements, start, AdjustOptions(solver=SolverOptions(linear_solver=name))
         ).target_from_cams
         for name in ("direct", "pardiso")
     )
@@ -35,4 +35,4 @@ def test_absent_it_is_an_error_with_the_next_step(monkeypatch, rng):
     world = make_world(rng)
     options = AdjustOptions(solver=SolverOptions(linear_solver="pardiso"))
     with pytest.raises(OptionError, match=r"pip install 'planfit\[fast\]'`, or use auto"):
-        close_loops(world.evidence, world.plan_from_cams, options)
+        close_loops(world.measurements, world.plan_from_cams, options)

@@ -5,7 +5,7 @@ import pytest
 
 from builders import make_world
 from planfit.adjust import AdjustOptions, refit_scale
-from planfit.adjust.refit_scale import STEP, about_middle
+from planfit.adjust.scale import STEP, about_middle
 
 
 @pytest.mark.parametrize("wrong", [0.996, 1.0, 1.005])
@@ -13,7 +13,7 @@ def test_the_scale_at_which_walls_pull_least_is_the_true_one(rng, wrong):
     world = make_world(rng)
     plan = world.floorplan.scaled(wrong)
     start = about_middle(world.plan_from_cams, wrong)
-    refit = refit_scale(world.evidence, plan, start, AdjustOptions())
+    refit = refit_scale(world.measurements, plan, start, AdjustOptions())
     assert wrong * refit.factor == pytest.approx(1.0, abs=4e-4)
     assert 0 < refit.spread < 0.01
     assert refit.n_pulls <= 6
@@ -23,7 +23,7 @@ def test_without_walls_there_is_no_bottom(rng):
     world = make_world(rng)
     far = world.plan_from_cams.copy()
     far[:, :2, 3] += 100.0
-    refit = refit_scale(world.evidence, world.floorplan, far, AdjustOptions())
+    refit = refit_scale(world.measurements, world.floorplan, far, AdjustOptions())
     assert refit.factor == pytest.approx(1.0, abs=STEP)
     assert refit.spread > 0.05
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planfit.adjust.robust import Loss, LossKind, loss_value
+from planfit.lsq.robust import Loss, LossKind, loss_value
 
 LOSSES = [Loss(kind, scale) for kind in LossKind for scale in (0.5, 2.0)]
 SQUARES = np.concatenate([[0.0], np.geomspace(1e-6, 1e4, 60)])

@@ -8,12 +8,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import gradient_by_differences, make_world, nudged
-from planfit.adjust import sgd
 from planfit.adjust.association import Association, AssociationOptions, associate
-from planfit.adjust.paper import paper_terms
-from planfit.adjust.sgd import DescentOptions, DescentStop, PaperWeights
-from planfit.adjust.solver import SolverOptions, solve
+from planfit.adjust.paper import descent as sgd
+from planfit.adjust.paper.descent import DescentOptions, DescentStop, PaperWeights
+from planfit.adjust.paper.preset import paper_terms
 from planfit.errors import OptionError
+from planfit.lsq.solver import SolverOptions, solve
 
 QUICK = DescentOptions(max_steps=300, record_every_steps=50, tolerance=0.0)
 

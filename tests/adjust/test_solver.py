@@ -9,18 +9,18 @@ from scipy.optimize import least_squares
 
 from builders import make_matches, make_world, nudged, position_rms_m, random_transforms
 from planfit.adjust import AdjustOptions
-from planfit.adjust.normal_equations import NormalBlocks
-from planfit.adjust.robust import Loss, LossKind
-from planfit.adjust.solver import SolverOptions, Stop, solve
-from planfit.adjust.terms.anchor import AnchorTerm
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.geometry import se3
+from planfit.lsq.linear.normal_equations import NormalBlocks
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.solver import SolverOptions, Stop, solve
+from planfit.lsq.terms.prior import PosePriorTerm
 
 TIGHT = SolverOptions(max_iterations=200, cost_tolerance=1e-12)
 
 
 def first_anchor(poses, sigma=1e-3):
-    return AnchorTerm(np.array([0]), poses[:1], np.full(6, sigma))
+    return PosePriorTerm(np.array([0]), poses[:1], np.full(6, sigma))
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def test_agrees_with_scipy(world, rng):
         world.matches,
         points_a=world.matches.points_a + rng.normal(0, 0.02, world.matches.points_a.shape),
     )
-    options = PointOptions(loss=Loss(LossKind.SQUARED), max_readings=1e9)
+    options = PointOptions(loss=Loss(LossKind.SQUARED), max_observations=1e9)
     terms = [PointTerm(noisy, options), first_anchor(world.plan_from_cams, 0.01)]
     start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     solution = solve(terms, start, TIGHT)
@@ -103,13 +103,13 @@ def test_stop_limit(points_and_anchor, world, rng):
 
 
 def test_nothing_to_gain_is_a_settled_cost(world):
-    anchor = first_anchor(world.plan_from_cams)
-    solution = solve([anchor], world.plan_from_cams, SolverOptions())
+    pose_prior = first_anchor(world.plan_from_cams)
+    solution = solve([pose_prior], world.plan_from_cams, SolverOptions())
     assert solution.stop is Stop.COST
     assert_array_equal(solution.target_from_cams, world.plan_from_cams)
 
 
-class Uphill(AnchorTerm):
+class Uphill(PosePriorTerm):
     """A term whose gradient points the wrong way."""
 
     def normal_blocks(self, target_from_cams):
@@ -159,7 +159,7 @@ def test_initial_damping_shortens_the_first_step(points_and_anchor, world, rng):
 @pytest.mark.parametrize("turn_deg", [1.0, 10.0, 60.0])
 def test_never_raises_the_cost(world, turn_deg, rng):
     poses = nudged(rng, world.plan_from_cams, turn_deg, turn_deg / 20)
-    terms = [*world.evidence.terms(AdjustOptions()), first_anchor(world.plan_from_cams)]
+    terms = [*world.measurements.terms(AdjustOptions()), first_anchor(world.plan_from_cams)]
     total = np.inf
     for _ in range(12):
         solution = solve(terms, poses, SolverOptions(max_iterations=1))
@@ -172,9 +172,9 @@ def test_never_raises_the_cost(world, turn_deg, rng):
 
 def test_reports_the_cost_of_every_term(world, rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.1)
-    terms = [*world.evidence.terms(AdjustOptions()), first_anchor(world.plan_from_cams)]
+    terms = [*world.measurements.terms(AdjustOptions()), first_anchor(world.plan_from_cams)]
     solution = solve(terms, start, SolverOptions())
-    assert set(solution.cost_by_term) == {"points", "floor", "trajectory", "anchor"}
+    assert set(solution.cost_by_term) == {"points", "floor", "odometry", "pose prior"}
     for term in terms:
         cost = solution.cost_by_term[term.name]
         assert_allclose(cost.before, term.reweight(start)[1])

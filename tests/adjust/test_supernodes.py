@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from planfit.adjust.elimination import eliminate
-from planfit.adjust.supernodes import MAX_SMALL, MAX_ZEROS, find_supernodes
+from planfit.lsq.linear.ordering import eliminate
+from planfit.lsq.linear.supernodes import MAX_SMALL, MAX_ZEROS, find_supernodes
 
 
 def walk(n, lap):

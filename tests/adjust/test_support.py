@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from builders import make_matches, make_structure, make_world, position_rms_m, room_plan
-from planfit.adjust import AdjustOptions, Evidence, pull_walls
+from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan
 from planfit.adjust.terms.levels import LevelOptions
-from planfit.adjust.terms.trajectory import TrajectoryOptions
+from planfit.adjust.terms.odometry import OdometryTermOptions
 
-NO_PRIOR = AdjustOptions(trajectory=TrajectoryOptions(weight=0.0))
+NO_PRIOR = AdjustOptions(odometry=OdometryTermOptions(weight=0.0))
 
 
 @pytest.fixture
@@ -40,48 +40,48 @@ def without_frames(world, frames):
             normal = (poses[i, :3, :3] @ s.walls.normals_cam[k])[:2]
             patches.append((int(i), seen(s.walls.points_cam[part], i), normal))
     structure = make_structure(poses, floor, patches)
-    return Evidence(make_matches(poses, pairs, points), structure, world.odometry)
+    return Measurements(make_matches(poses, pairs, points), structure, world.odometry)
 
 
-def weakly_held(evidence, world, options=None, floorplan=None):
+def weakly_constrained(measurements, world, options=None, floorplan=None):
     options = options or AdjustOptions()
-    pulled = pull_walls(
-        evidence, floorplan or world.floorplan, world.plan_from_cams.copy(), options
+    plan_adjustment = adjust_to_plan(
+        measurements, floorplan or world.floorplan, world.plan_from_cams.copy(), options
     )
-    assert np.isfinite(pulled.solution.target_from_cams).all()
-    return pulled.weakly_held
+    assert np.isfinite(plan_adjustment.solution.target_from_cams).all()
+    return plan_adjustment.weakly_constrained
 
 
 def test_nothing_is_said_of_a_scan_that_is_held(world):
-    assert weakly_held(world.evidence, world) == ()
-    assert weakly_held(world.evidence, world, NO_PRIOR) == ()
+    assert weakly_constrained(world.measurements, world) == ()
+    assert weakly_constrained(world.measurements, world, NO_PRIOR) == ()
 
 
 def test_frames_held_by_the_prior_alone_are_named(world):
-    evidence = without_frames(world, {2, 3, 6})
-    (sentence,) = weakly_held(evidence, world)
+    measurements = without_frames(world, {2, 3, 6})
+    (sentence,) = weakly_constrained(measurements, world)
     assert sentence.startswith("frames 2-3 and 6 are held by the trajectory prior alone")
 
 
 def test_frames_that_nothing_holds_are_named_and_stay(world):
-    evidence = without_frames(world, {4})
+    measurements = without_frames(world, {4})
     moved = world.plan_from_cams.copy()
     moved[4, :3, 3] += 0.3
-    pulled = pull_walls(evidence, world.floorplan, moved, NO_PRIOR)
-    assert pulled.weakly_held[0].startswith("frame 4 is not held by anything")
-    np.testing.assert_allclose(pulled.solution.target_from_cams[4], moved[4], atol=1e-6)
+    plan_adjustment = adjust_to_plan(measurements, world.floorplan, moved, NO_PRIOR)
+    assert plan_adjustment.weakly_constrained[0].startswith("frame 4 is not held by anything")
+    np.testing.assert_allclose(plan_adjustment.solution.target_from_cams[4], moved[4], atol=1e-6)
 
 
 def test_frame_numbers_are_those_of_the_scan_where_only_some_are_solved_for(world):
-    evidence = replace(without_frames(world, {2, 3}), frame_idx=10 * np.arange(8))
-    (sentence,) = weakly_held(evidence, world)
+    measurements = replace(without_frames(world, {2, 3}), frame_idx=10 * np.arange(8))
+    (sentence,) = weakly_constrained(measurements, world)
     assert sentence.startswith("frames 20-30 are held")
 
 
 def test_a_plan_with_a_single_wall_leaves_the_way_along_it_free(world):
     one = room_plan()
     one = replace(one, ends=one.ends[:1], normals=one.normals[:1], is_oriented=one.is_oriented[:1])
-    (sentence,) = weakly_held(world.evidence, world, floorplan=one)
+    (sentence,) = weakly_constrained(world.measurements, world, floorplan=one)
     assert "nothing holds the scan along the plan's direction (1.00, 0.00)" in sentence
 
 
@@ -100,22 +100,24 @@ def test_a_piece_of_the_scan_that_sees_no_wall_of_the_plan_is_named(world):
         normals_cam=s.walls.normals_cam[keep],
         ends_cam=s.walls.ends_cam[keep],
     )
-    evidence = Evidence(make_matches(poses, pairs, points), replace(s, walls=walls), world.odometry)
-    assert weakly_held(evidence, world) == ()  # the recorded motion joins them
-    (sentence,) = weakly_held(evidence, world, NO_PRIOR)
+    measurements = Measurements(
+        make_matches(poses, pairs, points), replace(s, walls=walls), world.odometry
+    )
+    assert weakly_constrained(measurements, world) == ()  # the recorded motion joins them
+    (sentence,) = weakly_constrained(measurements, world, NO_PRIOR)
     assert sentence.startswith("no wall of the plan holds frames 4-7")
 
 
 def test_coincident_frames_and_points_on_one_plane_are_solved(world):
     still = np.tile(world.plan_from_cams[:1], (8, 1, 1))
     flat = np.column_stack([np.random.default_rng(0).uniform(1, 3, (25, 2)), np.zeros(25)])
-    evidence = Evidence(
+    measurements = Measurements(
         make_matches(still, [(i, i + 1) for i in range(7)], flat),
         make_structure(still, floor=[(i, flat) for i in range(8)]),
         world.odometry,
     )
-    pulled = pull_walls(evidence, world.floorplan, still, NO_PRIOR)
-    assert position_rms_m(pulled.solution.target_from_cams, still) < 1e-3
+    plan_adjustment = adjust_to_plan(measurements, world.floorplan, still, NO_PRIOR)
+    assert position_rms_m(plan_adjustment.solution.target_from_cams, still) < 1e-3
 
 
 def test_a_scan_with_floor_alone_stays_where_it_was_put(world):
@@ -124,9 +126,9 @@ def test_a_scan_with_floor_alone_stays_where_it_was_put(world):
         floor=[(0, np.random.default_rng(0).uniform(0, 4, (50, 3)) * (1, 1, 0))],
     )
     empty = make_matches(world.plan_from_cams, [], np.zeros((0, 3)))
-    options = AdjustOptions(floor=LevelOptions(), trajectory=TrajectoryOptions(weight=0.0))
-    pulled = pull_walls(
-        Evidence(empty, s, world.odometry), world.floorplan, world.plan_from_cams, options
+    options = AdjustOptions(floor=LevelOptions(), odometry=OdometryTermOptions(weight=0.0))
+    plan_adjustment = adjust_to_plan(
+        Measurements(empty, s, world.odometry), world.floorplan, world.plan_from_cams, options
     )
-    assert position_rms_m(pulled.solution.target_from_cams, world.plan_from_cams) < 1e-6
-    assert pulled.weakly_held[0].startswith("frames 1-7 are not held by anything")
+    assert position_rms_m(plan_adjustment.solution.target_from_cams, world.plan_from_cams) < 1e-6
+    assert plan_adjustment.weakly_constrained[0].startswith("frames 1-7 are not held by anything")

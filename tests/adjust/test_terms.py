@@ -15,23 +15,23 @@ from builders import (
     random_transforms,
 )
 from planfit.adjust.association import Association, AssociationOptions, associate
-from planfit.adjust.normal_equations import NormalEquations
-from planfit.adjust.robust import Loss, LossKind
-from planfit.adjust.terms.anchor import AnchorTerm
-from planfit.adjust.terms.base import Weighting
 from planfit.adjust.terms.levels import LevelOptions, floor_term
-from planfit.adjust.terms.points import PointOptions, PointTerm
-from planfit.adjust.terms.trajectory import (
-    TrajectoryOptions,
-    TrajectoryTerm,
+from planfit.adjust.terms.odometry import (
+    OdometryTerm,
+    OdometryTermOptions,
     step_departure,
     step_jacobians,
 )
+from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.geometry import se3
+from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.term import Weighting
+from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
-NAMES = ["points", "floor", "walls", "trajectory", "anchor"]
+NAMES = ["points", "floor", "walls", "odometry", "pose prior"]
 SQUARED = Loss(LossKind.SQUARED)
 
 
@@ -50,8 +50,8 @@ def terms(world):
         PointTerm(world.matches, PointOptions()),
         floor_term(world.structure, LevelOptions()),
         WallTerm(world.structure.walls, world.floorplan, association, WallOptions()),
-        TrajectoryTerm(world.odometry, TrajectoryOptions()),
-        AnchorTerm(np.array([0, 3]), world.plan_from_cams[[0, 3]], np.full(6, 0.1)),
+        OdometryTerm(world.odometry, OdometryTermOptions()),
+        PosePriorTerm(np.array([0, 3]), world.plan_from_cams[[0, 3]], np.full(6, 0.1)),
     ]
     return {term.name: term for term in made}
 
@@ -72,7 +72,7 @@ def test_costs_more_away_from_truth(name, terms, world, rng):
 @pytest.mark.parametrize("name", NAMES)
 def test_gradient_is_that_of_the_robust_cost_where_the_weights_were_taken(name, terms, world, rng):
     # rho'(s) are the weights, so the frozen squares and the robust cost share their slope.
-    turn_deg = 0.1 if name in ("trajectory", "anchor") else 2.0  # their log is taken as linear
+    turn_deg = 0.1 if name in ("odometry", "pose prior") else 2.0  # their log is taken as linear
     poses = nudged(rng, world.plan_from_cams, turn_deg, 0.08)
     quadratic, _ = terms[name].reweight(poses)
     gradient = quadratic.normal_blocks(poses).gradient
@@ -94,7 +94,7 @@ def test_frozen_squares_bound_the_robust_cost(name, terms, world, rng):
         assert terms[name].reweight(other)[1] <= bound + 1e-9 * bound
 
 
-@pytest.mark.parametrize("name", ["points", "trajectory"])
+@pytest.mark.parametrize("name", ["points", "odometry"])
 def test_moving_the_world_changes_nothing(name, terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     moved = random_transforms(rng, 1)[0] @ poses
@@ -121,16 +121,16 @@ def test_moving_world_and_plan_together_changes_no_wall_cost(terms, world, rng):
 def test_moving_poses_and_anchors_together_changes_no_cost(terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     move = random_transforms(rng, 1)[0]
-    anchor = terms["anchor"]
-    moved = replace(anchor, target_from_anchors=move @ anchor.target_from_anchors)
-    assert_allclose(moved.reweight(move @ poses)[1], anchor.reweight(poses)[1], rtol=1e-9)
+    pose_prior = terms["pose prior"]
+    moved = replace(pose_prior, target_from_priors=move @ pose_prior.target_from_priors)
+    assert_allclose(moved.reweight(move @ poses)[1], pose_prior.reweight(poses)[1], rtol=1e-9)
 
 
 def rebuilt(term, **options):
     return replace(term, options=replace(term.options, **options))
 
 
-@pytest.mark.parametrize("name", ["points", "floor", "walls", "trajectory"])
+@pytest.mark.parametrize("name", ["points", "floor", "walls", "odometry"])
 def test_weight_multiplies_the_term(name, terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 0.5, 0.02)
     one, cost = terms[name].reweight(poses)
@@ -150,7 +150,7 @@ def test_sigma_divides_the_residual(name, terms, world, rng):
     assert_allclose(wide.reweight(poses)[1], term.reweight(poses)[1] / 4)
 
 
-@pytest.mark.parametrize("name", ["points", "floor", "walls", "trajectory"])
+@pytest.mark.parametrize("name", ["points", "floor", "walls", "odometry"])
 def test_loss_is_the_one_chosen(name, terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 5.0, 0.5)
     kinds = [kind for kind in LossKind if kind != LossKind.NORM]
@@ -164,8 +164,8 @@ def test_loss_is_the_one_chosen(name, terms, world, rng):
 @pytest.mark.parametrize("name", ["points", "floor", "walls"])
 def test_max_readings_bounds_what_a_bundle_of_points_is_worth(name, terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 0.5, 0.02)
-    one = rebuilt(terms[name], max_readings=1.0).reweight(poses)[1]
-    half = rebuilt(terms[name], max_readings=0.5).reweight(poses)[1]
+    one = rebuilt(terms[name], max_observations=1.0).reweight(poses)[1]
+    half = rebuilt(terms[name], max_observations=0.5).reweight(poses)[1]
     assert_allclose(half, one / 2)
 
 
@@ -173,8 +173,8 @@ def test_max_readings_bounds_what_a_bundle_of_points_is_worth(name, terms, world
 def test_points_per_reading_thins_small_bundles(name, terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 0.5, 0.02)
     # 80 points a bundle: one reading, and two.
-    one = rebuilt(terms[name], points_per_reading=80.0).reweight(poses)[1]
-    two = rebuilt(terms[name], points_per_reading=40.0).reweight(poses)[1]
+    one = rebuilt(terms[name], points_per_observation=80.0).reweight(poses)[1]
+    two = rebuilt(terms[name], points_per_observation=40.0).reweight(poses)[1]
     assert_allclose(two, 2 * one)
 
 
@@ -216,7 +216,7 @@ def test_trajectory_jacobians_meet_finite_differences(world, rng):
 
 def test_trajectory_blocks_are_those_of_the_residuals(world, terms, rng):
     poses = nudged(rng, world.plan_from_cams, 0.5, 0.05)
-    quadratic, _ = terms["trajectory"].reweight(poses)
+    quadratic, _ = terms["odometry"].reweight(poses)
     weight = np.sqrt(quadratic.information)
     jacobian = jacobian_by_differences(
         lambda at: (weight * step_departure(world.odometry, at)).ravel(), poses
@@ -234,16 +234,16 @@ def test_a_recorded_jump_is_not_spread_over_the_path(world):
     # With the robust loss the one wrong step has next to no weight.
     poses = world.plan_from_cams.copy()
     poses[4:, 0, 3] += 3.0
-    term = TrajectoryTerm(make_odometry(poses, OdometryOptions()), TrajectoryOptions())
+    term = OdometryTerm(make_odometry(poses, OdometryOptions()), OdometryTermOptions())
     quadratic, _ = term.reweight(world.plan_from_cams)
-    sure = quadratic.information[:, 3] * term.odometry.sigma_shift**2
+    sure = quadratic.information[:, 3] * term.odometry.sigma_translation**2
     assert sure[3] < 0.05
     assert_allclose(np.delete(sure, 3), 1.0)
 
 
 def test_an_infinite_spread_leaves_a_direction_free(world):
     sigma = np.array([np.inf, np.inf, 0.1, 0.1, 0.1, np.inf])
-    term = AnchorTerm(np.array([2]), world.plan_from_cams[2:3], sigma)
+    term = PosePriorTerm(np.array([2]), world.plan_from_cams[2:3], sigma)
     for axis, costs in enumerate([False, False, True, True, True, False]):
         delta = np.zeros((len(world.plan_from_cams), 6))
         delta[2, axis] = 0.3
@@ -252,7 +252,7 @@ def test_an_infinite_spread_leaves_a_direction_free(world):
 
 
 def test_an_anchor_acts_on_its_own_pose_only(world):
-    term = AnchorTerm(np.array([2]), world.plan_from_cams[2:3], np.full(6, 0.1))
+    term = PosePriorTerm(np.array([2]), world.plan_from_cams[2:3], np.full(6, 0.1))
     poses = world.plan_from_cams.copy()
     poses[:, 0, 3] += 0.1
     gradient = term.normal_blocks(poses).gradient
@@ -264,7 +264,7 @@ def test_two_anchors_of_one_pose_both_pull(world):
     there = world.plan_from_cams[[2, 2]].copy()
     there[0, 0, 3] += 0.1
     there[1, 0, 3] += 0.3
-    term = AnchorTerm(np.array([2, 2]), there, np.full(6, 0.1))
+    term = PosePriorTerm(np.array([2, 2]), there, np.full(6, 0.1))
     expected = gradient_by_differences(term.cost, world.plan_from_cams)
     gradient = term.normal_blocks(world.plan_from_cams).gradient
     assert_allclose(gradient, expected, atol=1e-4)

@@ -20,15 +20,15 @@ from builders import (
     room_plan,
 )
 from planfit.adjust.face_grid import make_face_grid
-from planfit.adjust.normal_equations import NormalEquations
-from planfit.adjust.robust import Loss, LossKind, loss_value
-from planfit.adjust.solver import SolverOptions, solve
 from planfit.adjust.terms.nearest import NearestTerm, Pull
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
+from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.robust import Loss, LossKind, loss_value
+from planfit.lsq.solver import SolverOptions, solve
 
 PULLS = ["point", "line"]
 SQUARED = Loss(LossKind.SQUARED)
@@ -43,9 +43,9 @@ def make_term(world, **options):
     return nearest_term(world.structure.walls, world.floorplan, **options)
 
 
-def nearest_term(pieces, floorplan, pull_to="line", max_distance_m=1.0, oriented=True, **options):
+def nearest_term(patches, floorplan, pull_to="line", max_distance_m=1.0, oriented=True, **options):
     chosen = WallOptions(**{"loss": Loss(LossKind.CAUCHY, 2.0), **options})
-    return NearestTerm(pieces, floorplan, chosen, Pull(pull_to, max_distance_m, oriented))
+    return NearestTerm(patches, floorplan, chosen, Pull(pull_to, max_distance_m, oriented))
 
 
 def twin_nearest(xy, floorplan, is_allowed):
@@ -115,7 +115,12 @@ def test_gradient_is_that_of_the_frozen_and_of_the_robust_cost(pull_to, kind, wo
 @pytest.mark.parametrize("pull_to", PULLS)
 def test_blocks_are_those_of_the_residuals(pull_to, world, rng):
     at = nudged(rng, world.plan_from_cams, 1.0, 0.05)
-    options = {"sigma_m": 0.1, "loss": SQUARED, "max_readings": 1e9, "points_per_reading": 1.0}
+    options = {
+        "sigma_m": 0.1,
+        "loss": SQUARED,
+        "max_observations": 1e9,
+        "points_per_observation": 1.0,
+    }
     quadratic, cost = make_term(world, pull_to=pull_to, **options).reweight(at)
     frame = world.structure.walls.point_frame_idx
     towards = np.repeat(world.structure.walls.normals_cam, np.diff(world.structure.walls.start), 0)
@@ -166,7 +171,7 @@ def one_point(xy, floorplan, normal=(0.0, 1.0), at=(3.0, 2.0, 1.5), **options):
     """A camera in the middle of a room that sees one wall point, its wall facing `normal`."""
     poses = look(at, -90.0)[None]
     structure = make_structure(poses, patches=[(0, np.array([[*xy, 1.0]]), normal)])
-    chosen = {"loss": SQUARED, "sigma_m": 1.0, "points_per_reading": 1.0, **options}
+    chosen = {"loss": SQUARED, "sigma_m": 1.0, "points_per_observation": 1.0, **options}
     return poses, nearest_term(structure.walls, floorplan, **chosen)
 
 
@@ -272,8 +277,8 @@ def test_sigma_and_readings_and_loss_are_those_given(pull_to, world, rng):
         return make_term(world, pull_to=pull_to, **{"loss": SQUARED, **options}).reweight(at)[1]
 
     assert_allclose(cost(sigma_m=0.1), cost(sigma_m=0.05) / 4)
-    assert_allclose(cost(max_readings=0.5), cost(max_readings=1.0) / 2)
-    assert_allclose(cost(points_per_reading=40.0), 2 * cost(points_per_reading=80.0))
+    assert_allclose(cost(max_observations=0.5), cost(max_observations=1.0) / 2)
+    assert_allclose(cost(points_per_observation=40.0), 2 * cost(points_per_observation=80.0))
     assert cost(loss=Loss(LossKind.GEMAN_MCCLURE, 1.0)) < 0.7 * cost()
 
 

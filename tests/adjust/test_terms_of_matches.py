@@ -14,14 +14,14 @@ from builders import (
     random_transforms,
 )
 from facing import drifted, facing_cameras, facing_matches, facing_poses, with_noise, with_outliers
-from planfit.adjust.normal_equations import NormalEquations
-from planfit.adjust.relative import blocks_of_pairs, relative_poses
-from planfit.adjust.robust import Loss, LossKind
-from planfit.adjust.solver import SolverOptions, Stop, solve
-from planfit.adjust.terms.anchor import AnchorTerm
 from planfit.adjust.terms.rays import RayOptions, RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
 from planfit.geometry import se3
+from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.relative import blocks_of_pairs, relative_poses
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.solver import SolverOptions, Stop, solve
+from planfit.lsq.terms.prior import PosePriorTerm
 
 NAMES = ["reprojection", "rays"]
 LOSSES = [Loss(kind, 2.0) for kind in LossKind if kind != LossKind.NORM] + [
@@ -151,8 +151,8 @@ def test_loss_is_the_one_chosen(name, terms, poses, rng):
 @pytest.mark.parametrize("name", NAMES)
 def test_max_readings_bounds_what_a_pair_is_worth(name, terms, poses, rng):
     at = nudged(rng, poses, 0.5, 0.02)
-    one = rebuilt(terms[name], max_readings=1.0).reweight(at)[1]
-    assert_allclose(rebuilt(terms[name], max_readings=0.5).reweight(at)[1], one / 2)
+    one = rebuilt(terms[name], max_observations=1.0).reweight(at)[1]
+    assert_allclose(rebuilt(terms[name], max_observations=0.5).reweight(at)[1], one / 2)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -228,9 +228,9 @@ def test_brings_drifted_poses_back(name, outliers, matches, poses, rng):
     # Rays do not hold the scale, hence two anchors; nor do they bear outliers (see there).
     noisy = with_outliers(rng, with_noise(rng, matches, 0.001), share=outliers)
     ends = np.array([0, len(poses) - 1])
-    anchor = AnchorTerm(ends, poses[ends], np.full(6, 1e-4))
+    pose_prior = PosePriorTerm(ends, poses[ends], np.full(6, 1e-4))
     start = drifted(rng, poses, 1.0, 0.1)
-    terms = [make_terms(noisy, len(poses))[name], anchor]
+    terms = [make_terms(noisy, len(poses))[name], pose_prior]
     solution = solve(terms, start, SolverOptions(max_iterations=100, cost_tolerance=1e-7))
     assert solution.stop is Stop.COST
     shift_m = [

@@ -6,10 +6,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import jacobian_by_differences, make_matches, nudged, random_transforms
 from facing import facing_matches, facing_poses
-from planfit.adjust.normal_equations import NormalEquations
-from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.rays import RayOptions, RayTerm
 from planfit.errors import OptionError
+from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.robust import Loss, LossKind
 
 SQUARED = Loss(LossKind.SQUARED)
 
@@ -62,7 +62,7 @@ def test_distance_fades_with_the_angle(matches, poses, rng):
 
 def test_blocks_are_those_of_the_residuals(matches, poses, rng):
     at = nudged(rng, poses, 1.0, 0.05)
-    term = RayTerm(matches, RayOptions(loss=SQUARED, max_readings=1e9))
+    term = RayTerm(matches, RayOptions(loss=SQUARED, max_observations=1e9))
 
     def residuals(here):
         return term.ray_pairs.distances(here) / matches.sigma
@@ -152,7 +152,7 @@ def test_a_match_without_direction_is_quiet(matches, poses):
     assert np.isfinite(quadratic.normal_blocks(poses).blocks).all()
 
 
-@pytest.mark.parametrize("name", ["max_readings", "parallel_deg"])
+@pytest.mark.parametrize("name", ["max_observations", "parallel_deg"])
 def test_refuses_options_that_cannot_work(name):
     with pytest.raises(OptionError, match=name):
         RayOptions(**{name: 0.0})

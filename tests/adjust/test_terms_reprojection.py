@@ -8,11 +8,11 @@ from numpy.testing import assert_allclose
 
 from builders import jacobian_by_differences, make_matches, nudged
 from facing import facing_cameras, facing_matches, facing_poses
-from planfit.adjust.normal_equations import NormalEquations
-from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
 from planfit.errors import OptionError
 from planfit.geometry import se3
+from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.robust import Loss, LossKind
 
 SQUARED = Loss(LossKind.SQUARED)
 
@@ -46,14 +46,14 @@ def residuals_px(matches, cameras, poses):
 
 def test_cost_is_that_of_projected_points(matches, poses, rng):
     at = nudged(rng, poses, 1.0, 0.05)
-    term = make_term(matches, len(poses), loss=SQUARED, sigma_px=1.0, max_readings=1e9)
+    term = make_term(matches, len(poses), loss=SQUARED, sigma_px=1.0, max_observations=1e9)
     gap = residuals_px(matches, term.cameras, at)
     assert_allclose(term.reweight(at)[1], 0.25 * np.sum(gap**2))
 
 
 def test_blocks_are_those_of_the_residuals(matches, poses, rng):
     at = nudged(rng, poses, 1.0, 0.05)
-    term = make_term(matches, len(poses), loss=SQUARED, sigma_px=np.sqrt(0.5), max_readings=1e9)
+    term = make_term(matches, len(poses), loss=SQUARED, sigma_px=np.sqrt(0.5), max_observations=1e9)
 
     def residuals(here):
         return residuals_px(matches, term.cameras, here).ravel()
@@ -94,7 +94,7 @@ def turned_away(poses):
 
 def test_points_behind_the_camera_have_no_weight(matches, poses):
     at = turned_away(poses)
-    term = make_term(matches, len(poses), loss=SQUARED, max_readings=1e9)
+    term = make_term(matches, len(poses), loss=SQUARED, max_observations=1e9)
     quadratic, cost = term.reweight(at)
     frames = np.repeat(quadratic.sightings.pairs, np.diff(quadratic.sightings.start), axis=0)
     with_second = np.any(frames == 1, axis=1)
@@ -146,7 +146,7 @@ def test_a_point_lifted_at_no_depth_has_no_weight(poses, rng):
     assert np.isfinite(cost)
 
 
-@pytest.mark.parametrize("name", ["sigma_px", "max_readings", "min_depth_m"])
+@pytest.mark.parametrize("name", ["sigma_px", "max_observations", "min_depth_m"])
 def test_refuses_options_that_cannot_work(name):
     with pytest.raises(OptionError, match=name):
         ReprojectionOptions(**{name: 0.0})

@@ -7,14 +7,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import make_world, nudged
-from planfit.adjust import AdjustOptions, pull_walls, torch_moments
-from planfit.adjust.moments import pair_moments, plane_moments
-from planfit.adjust.robust import Loss, LossKind
-from planfit.adjust.solver import SolverOptions, solve
+from planfit.adjust import AdjustOptions, adjust_to_plan
 from planfit.adjust.terms.levels import LevelOptions, floor_term
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.errors import OptionError
+from planfit.lsq.moments import pair_moments, plane_moments
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.solver import SolverOptions, solve
+from planfit.lsq.torch import moments as torch_moments
 
 LOSSES = [Loss(kind, 1e-3 if kind is LossKind.NORM else 1.5) for kind in LossKind]
 
@@ -101,7 +102,9 @@ def test_no_points(device):
 def test_a_solve_ends_at_the_same_poses(device, rng, monkeypatch):
     world = make_world(rng)
     start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
-    association = pull_walls(world.evidence, world.floorplan, start, AdjustOptions()).association
+    association = adjust_to_plan(
+        world.measurements, world.floorplan, start, AdjustOptions()
+    ).association
 
     def terms(where):
         return [
@@ -134,7 +137,7 @@ def test_a_gpu_that_is_not_there_is_refused(rng):
     world = make_world(rng)
     options = AdjustOptions(solver=SolverOptions(device="cuda"))
     with pytest.raises(OptionError, match=r"expected a GPU .* --adjust.solver.device cpu"):
-        pull_walls(world.evidence, world.floorplan, world.plan_from_cams, options)
+        adjust_to_plan(world.measurements, world.floorplan, world.plan_from_cams, options)
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import gradient_by_differences, make_world, nudged
-from planfit.adjust import AdjustOptions, pull_walls
+from planfit.adjust import AdjustOptions, adjust_to_plan
 from planfit.adjust.association import AssociationOptions, associate
-from planfit.adjust.normal_equations import NormalEquations
-from planfit.adjust.robust import Loss, LossKind
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
     offset_prior,
@@ -19,6 +17,8 @@ from planfit.adjust.terms.wall_offsets import (
 )
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.geometry import se3
+from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.robust import Loss, LossKind
 
 
 @pytest.fixture
@@ -90,23 +90,25 @@ def test_a_face_drawn_off_is_found_and_does_not_bend_the_scan(world):
     for sigma_m in (0.0, 0.05):
         # A loss that does not reject the wall outright, so that it has to go somewhere.
         walls = WallOptions(offset_sigma_m=sigma_m, loss=Loss(LossKind.CAUCHY, 2.0))
-        pulled = pull_walls(world.evidence, wrong, world.plan_from_cams, AdjustOptions(walls=walls))
-        costs = pulled.solution.cost_by_term
-        strain[sigma_m] = costs["points"].after + costs["trajectory"].after
+        plan_adjustment = adjust_to_plan(
+            world.measurements, wrong, world.plan_from_cams, AdjustOptions(walls=walls)
+        )
+        costs = plan_adjustment.solution.cost_by_term
+        strain[sigma_m] = costs["points"].after + costs["odometry"].after
         if sigma_m:
             # Which of two opposite walls is off, the scan cannot tell: they share it.
-            assert pulled.offsets_m[1] + pulled.offsets_m[3] > 0.055
-            assert_allclose(pulled.offsets_m[[0, 2]], 0.0, atol=0.005)
+            assert plan_adjustment.offsets_m[1] + plan_adjustment.offsets_m[3] > 0.055
+            assert_allclose(plan_adjustment.offsets_m[[0, 2]], 0.0, atol=0.005)
         else:
-            assert_allclose(pulled.offsets_m, 0.0)
+            assert_allclose(plan_adjustment.offsets_m, 0.0)
     assert strain[0.05] < 0.5 * strain[0.0]
 
 
 def test_a_tight_prior_keeps_faces_where_they_are_drawn(world):
     wrong = moved_plan(world.floorplan, 1, -0.08)
     options = AdjustOptions(walls=WallOptions(offset_sigma_m=1e-4))
-    pulled = pull_walls(world.evidence, wrong, world.plan_from_cams, options)
-    assert np.abs(pulled.offsets_m).max() < 1e-3
+    plan_adjustment = adjust_to_plan(world.measurements, wrong, world.plan_from_cams, options)
+    assert np.abs(plan_adjustment.offsets_m).max() < 1e-3
 
 
 def test_offsets_are_read_along_the_normals(world):

@@ -7,18 +7,25 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import CAMERA, make_world, nudged, position_rms_m
-from planfit.adjust import AdjustOptions, Evidence, close_loops, costs, paper_options, pull_walls
+from planfit.adjust import (
+    AdjustOptions,
+    Measurements,
+    adjust_to_plan,
+    close_loops,
+    costs,
+    paper_options,
+)
 from planfit.adjust.association import AssociationOptions
-from planfit.adjust.bounded import BoundedOptions, robust_cost
-from planfit.adjust.robust import Loss, LossKind
-from planfit.adjust.sgd import DescentOptions, DescentStop, PaperWeights
-from planfit.adjust.solver import solve
+from planfit.adjust.paper.descent import DescentOptions, DescentStop, PaperWeights
 from planfit.adjust.terms.levels import LevelOptions
+from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
-from planfit.adjust.terms.trajectory import TrajectoryOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
+from planfit.lsq.bounded import BoundedOptions, robust_cost
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.solver import solve
 
 
 @pytest.fixture
@@ -27,9 +34,9 @@ def world(rng):
 
 
 @pytest.fixture
-def evidence(world):
+def measurements(world):
     cameras = (CAMERA,) * len(world.plan_from_cams)
-    return replace(world.evidence, cameras=cameras)
+    return replace(world.measurements, cameras=cameras)
 
 
 @pytest.fixture
@@ -44,33 +51,35 @@ def name_of_geometry(solution):
 @pytest.mark.parametrize(
     ("geometric", "atol_m"), [("points", 0.01), ("reprojection", 0.01), ("rays", 0.03)]
 )
-def test_the_geometric_term_is_the_chosen_one(geometric, atol_m, world, evidence, start):
+def test_the_geometric_term_is_the_chosen_one(geometric, atol_m, world, measurements, start):
     options = AdjustOptions(geometric=geometric)
-    pulled = pull_walls(evidence, world.floorplan, start, options)
-    assert name_of_geometry(pulled.solution) == {geometric}
-    assert position_rms_m(pulled.solution.target_from_cams, world.plan_from_cams) < atol_m
+    plan_adjustment = adjust_to_plan(measurements, world.floorplan, start, options)
+    assert name_of_geometry(plan_adjustment.solution) == {geometric}
+    assert position_rms_m(plan_adjustment.solution.target_from_cams, world.plan_from_cams) < atol_m
 
 
 @pytest.mark.parametrize("geometric", ["points", "reprojection", "rays"])
-def test_loops_close_by_the_chosen_term_and_its_loss_is_graduated(geometric, evidence, start):
-    options = AdjustOptions(geometric=geometric, graduation=(3.0,))
-    closed = close_loops(evidence, start, options)
+def test_loops_close_by_the_chosen_term_and_its_loss_is_graduated(geometric, measurements, start):
+    options = AdjustOptions(geometric=geometric, gnc_schedule=(3.0,))
+    closed = close_loops(measurements, start, options)
     assert name_of_geometry(closed) == {geometric}
     chosen = getattr(options, geometric)
     wide = replace(chosen, loss=replace(chosen.loss, scale=3 * chosen.loss.scale))
     final = closed.target_from_cams
-    expected = costs(evidence, final, replace(options, **{geometric: wide}))[geometric]
+    expected = costs(measurements, final, replace(options, **{geometric: wide}))[geometric]
     assert_allclose(closed.cost_by_term[geometric].after, expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("strategy", ["fixed", "iterative", "nearest-point"])
-def test_every_wall_strategy_brings_the_scan_onto_the_plan(strategy, world, evidence, start):
+def test_every_wall_strategy_brings_the_scan_onto_the_plan(strategy, world, measurements, start):
     moved = se3.yaw_transform(0.01, np.array([0.08, -0.06, 0.0])) @ start
-    pulled = pull_walls(evidence, world.floorplan, moved, AdjustOptions(wall_strategy=strategy))
-    assert position_rms_m(pulled.solution.target_from_cams, world.plan_from_cams) < 0.03
+    plan_adjustment = adjust_to_plan(
+        measurements, world.floorplan, moved, AdjustOptions(wall_strategy=strategy)
+    )
+    assert position_rms_m(plan_adjustment.solution.target_from_cams, world.plan_from_cams) < 0.03
 
 
-def test_nearest_point_holds_along_a_wall_and_the_others_do_not(world, evidence):
+def test_nearest_point_holds_along_a_wall_and_the_others_do_not(world, measurements):
     # One wall with ends: only its ends, or nothing, hold the scan along it.
     first = replace(
         world.floorplan,
@@ -87,29 +96,31 @@ def test_nearest_point_holds_along_a_wall_and_the_others_do_not(world, evidence)
             wall_distances_m=(4.0,),
             walls=WallOptions(loss=Loss(LossKind.SQUARED)),
         )
-        pulled = pull_walls(evidence, first, beyond, options)
-        found[strategy] = pulled.solution.target_from_cams[:, 0, 3].mean()
+        plan_adjustment = adjust_to_plan(measurements, first, beyond, options)
+        found[strategy] = plan_adjustment.solution.target_from_cams[:, 0, 3].mean()
     assert found["nearest-point"] < found["iterative"] - 0.1
 
 
-def test_geometry_never_pays_more_than_the_bound(world, evidence, start):
+def test_geometry_never_pays_more_than_the_bound(world, measurements, start):
     wide = replace(world.floorplan, ends=world.floorplan.ends * 1.04)
     bound = BoundedOptions()
     options = AdjustOptions(is_bounded=True, bounded=bound)
-    pulled = pull_walls(evidence, wide, start, options)
-    terms = evidence.geometric_terms(options)
+    plan_adjustment = adjust_to_plan(measurements, wide, start, options)
+    terms = measurements.geometric_terms(options)
     least = robust_cost(terms, solve(terms, start, options.solver).target_from_cams)
-    paid = robust_cost(terms, pulled.solution.target_from_cams)
+    paid = robust_cost(terms, plan_adjustment.solution.target_from_cams)
     assert paid <= bound.error_factor**2 * least + bound.slack
-    free = pull_walls(evidence, wide, start, AdjustOptions())
+    free = adjust_to_plan(measurements, wide, start, AdjustOptions())
     assert robust_cost(terms, free.solution.target_from_cams) > paid
-    assert "barrier" in pulled.solution.cost_by_term
+    assert "barrier" in plan_adjustment.solution.cost_by_term
 
 
-def test_terms_of_the_paper_are_means(world, evidence, start):
+def test_terms_of_the_paper_are_means(world, measurements, start):
     options = paper_options(PaperWeights(10.0, 0.5))
-    pulled = pull_walls(evidence, world.floorplan, start, replace(options, max_alternations=1))
-    found = costs(evidence, start, options, pulled.ties)
+    plan_adjustment = adjust_to_plan(
+        measurements, world.floorplan, start, replace(options, max_alternations=1)
+    )
+    found = costs(measurements, start, options, plan_adjustment.correspondences)
     assert set(found) == {"points", "floor", "walls"}
     poses = start[world.structure.floor.frame_idx]
     points = world.structure.floor.points_cam
@@ -118,12 +129,12 @@ def test_terms_of_the_paper_are_means(world, evidence, start):
 
 
 @pytest.mark.parametrize("strategy", ["iterative", "nearest-point"])
-def test_the_papers_other_strategies_are_means_too(strategy, world, evidence):
+def test_the_papers_other_strategies_are_means_too(strategy, world, measurements):
     options = replace(paper_options(PaperWeights(10.0, 0.5)), wall_strategy=strategy)
     moved = world.plan_from_cams.copy()
     moved[:, 0, 3] += 0.05
-    ties = pull_walls(evidence, world.floorplan, moved, options).ties
-    found = costs(evidence, moved, options, ties)["walls"]
+    correspondences = adjust_to_plan(measurements, world.floorplan, moved, options).correspondences
+    found = costs(measurements, moved, options, correspondences)["walls"]
     # Half of the wall points see a wall across x, and stand 5 cm off it; the others slide along.
     across = np.abs(world.structure.walls.normals_cam[:, None] @ np.eye(3)[None])  # any axes
     assert len(across) == len(world.structure.walls)
@@ -132,22 +143,22 @@ def test_the_papers_other_strategies_are_means_too(strategy, world, evidence):
 
 def test_paper_preset_has_no_prior_and_pulls_from_both_sides():
     options = paper_options()
-    assert options.trajectory.weight == options.ceiling.weight == options.columns.weight == 0
+    assert options.odometry.weight == options.ceiling.weight == options.columns.weight == 0
     assert not options.association.oriented
     assert not options.loops_first
     assert options.walls.loss.kind is options.points.loss.kind is LossKind.NORM
     assert (options.floor.weight, options.walls.weight) == (10.0, 0.5)
 
 
-def test_descent_runs_where_asked_for(world, evidence, start):
+def test_descent_runs_where_asked_for(world, measurements, start):
     pytest.importorskip("torch", reason="PyTorch is not installed (pip install planfit[torch])")
     short = DescentOptions(max_steps=400, tolerance=0.0)
     options = replace(paper_options(), method="sgd", descent=short, max_alternations=1)
-    pulled = pull_walls(evidence, world.floorplan, start, options)
-    assert pulled.solution.stop is DescentStop.LIMIT
-    assert pulled.solution.iterations == 400
+    plan_adjustment = adjust_to_plan(measurements, world.floorplan, start, options)
+    assert plan_adjustment.solution.stop is DescentStop.LIMIT
+    assert plan_adjustment.solution.iterations == 400
     before, after = (
-        sum(getattr(cost, when) for cost in pulled.solution.cost_by_term.values())
+        sum(getattr(cost, when) for cost in plan_adjustment.solution.cost_by_term.values())
         for when in ("before", "after")
     )
     assert after < 0.6 * before
@@ -160,7 +171,7 @@ def test_descent_runs_where_asked_for(world, evidence, start):
         {"wall_strategy": "iterative"},
         {"averaging": "readings"},
         {"is_bounded": True},
-        {"trajectory": TrajectoryOptions()},
+        {"odometry": OdometryTermOptions()},
     ],
 )
 def test_descent_refuses_what_it_does_not_minimise(changes):
@@ -191,38 +202,40 @@ def test_no_term_at_all_is_refused():
             ceiling=nothing,
             walls=WallOptions(weight=0.0),
             columns=WallOptions(weight=0.0),
-            trajectory=TrajectoryOptions(weight=0.0),
+            odometry=OdometryTermOptions(weight=0.0),
         )
 
 
-def test_faces_may_be_taken_from_either_side(world, evidence):
+def test_faces_may_be_taken_from_either_side(world, measurements):
     turned = replace(world.floorplan, normals=-world.floorplan.normals)
     for oriented, expected in ((True, 0), (False, len(world.structure.walls))):
         options = AdjustOptions(association=AssociationOptions(oriented=oriented))
-        pulled = pull_walls(evidence, turned, world.plan_from_cams, options)
-        assert pulled.association.n_associated == expected
+        plan_adjustment = adjust_to_plan(measurements, turned, world.plan_from_cams, options)
+        assert plan_adjustment.association.n_associated == expected
 
 
-def test_offsets_come_with_their_spreads(world, evidence):
+def test_offsets_come_with_their_spreads(world, measurements):
     ends = world.floorplan.ends.copy()
     ends[2, :, 1] += 0.06  # drawn 6 cm off, away from the room
     drawn = replace(world.floorplan, ends=ends)
     options = AdjustOptions(walls=WallOptions(offset_sigma_m=0.05))
-    pulled = pull_walls(evidence, drawn, world.plan_from_cams, options)
+    plan_adjustment = adjust_to_plan(measurements, drawn, world.plan_from_cams, options)
     # Its normal looks into the room: the wall stands 6 cm further in than drawn; the scan gives a little.
-    assert 0.02 < pulled.offsets_m[2] < 0.07
-    assert np.all((pulled.offset_sigmas_m > 0) & (pulled.offset_sigmas_m < 0.05))
-    without = pull_walls(evidence, drawn, world.plan_from_cams, AdjustOptions())
+    assert 0.02 < plan_adjustment.offsets_m[2] < 0.07
+    assert np.all((plan_adjustment.offset_sigmas_m > 0) & (plan_adjustment.offset_sigmas_m < 0.05))
+    without = adjust_to_plan(measurements, drawn, world.plan_from_cams, AdjustOptions())
     assert np.isnan(without.offset_sigmas_m).all()
 
 
-def test_covariances_are_given_where_asked_for(world, evidence):
+def test_covariances_are_given_where_asked_for(world, measurements):
     assert (
-        pull_walls(evidence, world.floorplan, world.plan_from_cams, AdjustOptions()).covariances
+        adjust_to_plan(
+            measurements, world.floorplan, world.plan_from_cams, AdjustOptions()
+        ).covariances
         is None
     )
     options = AdjustOptions(covariances=True)
-    found = pull_walls(evidence, world.floorplan, world.plan_from_cams, options).covariances
+    found = adjust_to_plan(measurements, world.floorplan, world.plan_from_cams, options).covariances
     assert found.shape == (len(world.plan_from_cams), 6, 6)
     assert np.all(np.linalg.eigvalsh(found) > 0)
 
@@ -239,4 +252,4 @@ def test_points_that_are_not_finite_are_refused(where, bad, world):
         points[3, 2] = bad
         structure = replace(structure, **{where: replace(surface, points_cam=points)})
     with pytest.raises(ScanError, match=r"found \d+ .* with NaN or infinity"):
-        Evidence(matches, structure, world.odometry)
+        Measurements(matches, structure, world.odometry)

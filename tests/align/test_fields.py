@@ -5,13 +5,18 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import room_plan
-from planfit.align.fields import N_SECTORS, ShiftSearch, make_face_fields, sector_angle
+from planfit.align.likelihood_field import (
+    N_SECTORS,
+    ShiftSearch,
+    make_likelihood_field,
+    sector_angle,
+)
 from planfit.floorplan import make_floorplan
 
 
 @pytest.fixture
 def fields():
-    return make_face_fields(room_plan(), cell_m=0.25, reach_m=0.4, margin_m=1.0)
+    return make_likelihood_field(room_plan(), cell_m=0.25, reach_m=0.4, margin_m=1.0)
 
 
 def at(fields, sector, x, y):
@@ -36,7 +41,7 @@ def test_neighbouring_sectors_overlap_and_opposite_ones_do_not(fields):
 
 def test_a_face_of_unknown_side_is_in_both_sectors():
     plan = make_floorplan("stroke", np.array([[[0, 0], [5, 0]]], dtype=float))
-    fields = make_face_fields(plan, 0.25, 0.4, 1.0)
+    fields = make_likelihood_field(plan, 0.25, 0.4, 1.0)
     assert at(fields, 2, 2.5, 0) == pytest.approx(1.0)
     assert at(fields, 6, 2.5, 0) == pytest.approx(1.0)
 

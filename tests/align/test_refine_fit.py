@@ -10,15 +10,15 @@ from builders import room_plan
 from planfit.align.refine import (
     CROSSED_WEIGHT,
     SCORE_SIGMA_M,
-    Fit,
+    AlignmentHypothesis,
     RefineSteps,
     explained,
     part_covariance,
-    refine_fit,
+    refine_hypothesis,
     stretch_scores,
 )
-from planfit.align.sight import SIGHT_MARGIN_M, crosses_face, nearest_faces
-from planfit.align.walls import WallSamples, thin
+from planfit.align.visibility import SIGHT_MARGIN_M, crosses_face, nearest_faces
+from planfit.align.wall_samples import WallSamples, thin
 from planfit.floorplan import make_floorplan
 from planfit.geometry import segments
 
@@ -31,9 +31,9 @@ def samples():
 
 
 def refined(walls, plan, yaw, shift, n_scales=0, scale=1.0):
-    start = Fit(yaw, np.array(shift, dtype=float), 0.0, (scale, scale))
+    start = AlignmentHypothesis(yaw, np.array(shift, dtype=float), 0.0, (scale, scale))
     steps = RefineSteps(n_scales=n_scales)
-    return refine_fit(walls, np.ones(len(walls.xy)), plan, start, steps)
+    return refine_hypothesis(walls, np.ones(len(walls.xy)), plan, start, steps)
 
 
 def test_a_near_start_ends_at_the_truth(samples):
@@ -117,7 +117,7 @@ def test_wall_seen_through_a_face_counts_less(samples):
         is_oriented=np.ones(5, dtype=bool),
     )
     weights = np.ones(len(walls.xy))
-    place = Fit(0.0, np.zeros(2), 0.0)
+    place = AlignmentHypothesis(0.0, np.zeros(2), 0.0)
     free, crossed_free = explained(walls, weights, room, place)
     barred, crossed = explained(walls, weights, plan, place)
     assert (free, crossed_free) == (pytest.approx(1.0), 0.0)
@@ -145,7 +145,11 @@ def test_lines_of_sight_against_one_at_a_time(rng):
 
 def test_leaving_out_stretches_shows_a_bend(samples):
     straight = part_covariance(
-        samples, np.ones(len(samples.xy)), room_plan(), Fit(0.0, np.zeros(2), 0.0), RefineSteps()
+        samples,
+        np.ones(len(samples.xy)),
+        room_plan(),
+        AlignmentHypothesis(0.0, np.zeros(2), 0.0),
+        RefineSteps(),
     )
     xy = samples.xy.copy()
     xy[: len(xy) // 3] += [0.0, 0.25]
@@ -153,7 +157,7 @@ def test_leaving_out_stretches_shows_a_bend(samples):
         replace(samples, xy=xy),
         np.ones(len(xy)),
         room_plan(),
-        Fit(0.0, np.zeros(2), 0.0),
+        AlignmentHypothesis(0.0, np.zeros(2), 0.0),
         RefineSteps(),
     )
     assert np.sqrt(np.trace(straight)) < 0.01
@@ -164,7 +168,10 @@ def test_stretch_scores_point_at_the_stretch_that_does_not_fit(samples):
     xy = samples.xy.copy()
     xy[-len(xy) // 5 :] += 50.0
     scores = stretch_scores(
-        replace(samples, xy=xy), np.ones(len(xy)), room_plan(), Fit(0.0, np.zeros(2), 0.0)
+        replace(samples, xy=xy),
+        np.ones(len(xy)),
+        room_plan(),
+        AlignmentHypothesis(0.0, np.zeros(2), 0.0),
     )
     assert_allclose(scores, [1, 1, 1, 1, 0], atol=0.03)
 

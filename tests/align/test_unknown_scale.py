@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from builders import faces_plan, moved_plan, room_plan
-from planfit.align import AlignOptions, Pin, align, find_unit, metric_plan, sample_walls
+from planfit.align import AlignOptions, ControlPoint, align, find_unit, metric_plan, sample_walls
 from planfit.align.scales import scale_range, scale_steps, wall_thickness
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
@@ -67,7 +67,7 @@ def test_turn_shift_and_scale_of_the_drawing_do_not_matter(
     assert_found(found, yaw, metres_per_unit, shift)
     assert found.is_sure
     assert found.warnings == ()
-    assert 0 < found.scale_spread < 0.01
+    assert 0 < found.scale_sigma < 0.01
 
 
 def test_moving_the_scan_moves_the_answer_against_it(office, scan):
@@ -206,7 +206,7 @@ def test_a_known_scale_is_taken_as_it_is(office, scan):
     plan = unitless(office, 0.3, 0.02, (5, 5))
     found = align(scan, plan, AlignOptions(metres_per_unit=0.02))
     assert found.scale_xy == (0.02, 0.02)
-    assert found.scale_spread == 0.0
+    assert found.scale_sigma == 0.0
     assert_found(found, 0.3, 0.02, (5, 5))
     wrong = align(scan, plan, AlignOptions(metres_per_unit=0.024))
     assert wrong.scale_xy == (0.024, 0.024)
@@ -232,8 +232,8 @@ def test_two_scales_undo_a_stretch(office, scan):
 def test_one_pin_chooses_between_two_places():
     plan = twins()
     blind = sample_walls(plan.normals[:6], plan.ends[:6])
-    pin = Pin(np.array([1.0, 1.0]), np.array([11.2, 1.1]))
-    found = align(blind, plan, AlignOptions(), pins=(pin,))
+    pin = ControlPoint(np.array([1.0, 1.0]), np.array([11.2, 1.1]))
+    found = align(blind, plan, AlignOptions(), control_points=(pin,))
     assert found.is_sure
     assert found.plan_from_level[0, 3] == pytest.approx(10.0, abs=0.02)
 
@@ -244,15 +244,17 @@ def test_two_pins_give_scale_and_turn(office, scan):
     truth = se3.yaw_transform(yaw, np.array([*shift, 0.0]))
     points = np.array([[0.0, 0.0], [14.4, 7.0]])
     on_plan = (points @ truth[:2, :2].T + truth[:2, 3] + [[0.2, 0.0], [0.0, -0.2]]) / scale
-    pins = tuple(Pin(a, b) for a, b in zip(points, on_plan, strict=True))
-    assert_found(align(scan, plan, AlignOptions(), pins=pins), yaw, scale, shift)
+    control_points = tuple(ControlPoint(a, b) for a, b in zip(points, on_plan, strict=True))
+    assert_found(
+        align(scan, plan, AlignOptions(), control_points=control_points), yaw, scale, shift
+    )
 
 
 def test_pin_tolerance_m_says_how_far_a_pin_may_be_off(office, scan):
-    off = Pin(np.array([1.0, 1.0]), np.array([1.0, 4.0]))
-    strict = align(scan, office, AlignOptions(), pins=(off,))
+    off = ControlPoint(np.array([1.0, 1.0]), np.array([1.0, 4.0]))
+    strict = align(scan, office, AlignOptions(), control_points=(off,))
     assert abs(strict.plan_from_level[1, 3] - 3.0) < 1.6
-    loose = align(scan, office, AlignOptions(pin_tolerance_m=4.0), pins=(off,))
+    loose = align(scan, office, AlignOptions(control_point_tolerance_m=4.0), control_points=(off,))
     assert np.linalg.norm(loose.plan_from_level[:2, 3]) < 0.02
 
 

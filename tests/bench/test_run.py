@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planfit.adjust.solver import SolverOptions
 from planfit.bench import VARIANTS, BenchOptions, Measured, run_bench, small_scans
 from planfit.bench.measure import load_case, measure
 from planfit.bench.scans import paper_scans
 from planfit.bench.variants import TRUE_POSES, UNADJUSTED, setup_digest
 from planfit.errors import OutputError
 from planfit.evaluate import position_errors
+from planfit.lsq.solver import SolverOptions
+from planfit.runtime import Runtime
 from planfit.synth import CameraOptions, WalkOptions
-from planfit.work import Work
 
 BY_KEY = {variant.key: variant for variant in VARIANTS}
 
@@ -31,7 +31,7 @@ def tiny_scan():
 
 @pytest.fixture(scope="module")
 def tiny():
-    return load_case(tiny_scan(), Work())
+    return load_case(tiny_scan(), Runtime())
 
 
 def options_of(key: str):
@@ -81,7 +81,7 @@ def test_ten_scans_in_two_sets():
 
 
 def test_figures_of_a_variant(tiny):
-    none, default = (measure(tiny, v, Work()) for v in (UNADJUSTED, BY_KEY["default/all"]))
+    none, default = (measure(tiny, v, Runtime()) for v in (UNADJUSTED, BY_KEY["default/all"]))
     assert "solve_s" not in none.figures
     assert default.figures["ate"] < 0.5 * none.figures["ate"]
     assert default.figures["mme"] < none.figures["mme"]
@@ -90,7 +90,7 @@ def test_figures_of_a_variant(tiny):
 
 
 def test_true_poses_are_measured_unrefined(tiny):
-    true = measure(tiny, TRUE_POSES, Work())
+    true = measure(tiny, TRUE_POSES, Runtime())
     assert true.figures["nnd"] == tiny.judge.values(tiny.true_plan_from_cams)["nnd"]
     assert true.figures["nsd"] > 0
     assert not {"ate", "ate_aligned", "solve_s", "step_ms"} & set(true.figures)
@@ -111,17 +111,19 @@ def test_a_run_that_stopped_goes_on(tmp_path: Path):
     variants = (UNADJUSTED, BY_KEY["default/all"])
     options = BenchOptions(tmp_path / "out.json", (tiny_scan(),), variants=variants[:1])
     told: list[Measured] = []
-    first = run_bench(options, "1", "here", Work(), told.append)
+    first = run_bench(options, "1", "here", Runtime(), told.append)
     assert [m.variant for m in told] == ["default/none"]
-    both = run_bench(replace(options, variants=variants), "1", "here", Work(), told.append)
+    both = run_bench(replace(options, variants=variants), "1", "here", Runtime(), told.append)
     assert [m.variant for m in told] == ["default/none", "default/all"]
     assert both.measured[0] == first.measured[0]
     assert [p.name for p in tmp_path.iterdir()] == ["out.json"]
-    run_bench(replace(options, variants=variants), "1", "here", Work(), told.append)
+    run_bench(replace(options, variants=variants), "1", "here", Runtime(), told.append)
     assert len(told) == 2
     stale = replace(both, setup="of a default that has changed")
     stale.write(tmp_path / "stale.json")
     with pytest.raises(OutputError, match="a default has changed since"):
-        run_bench(replace(options, out=tmp_path / "stale.json"), "1", "here", Work(), told.append)
+        run_bench(
+            replace(options, out=tmp_path / "stale.json"), "1", "here", Runtime(), told.append
+        )
     with pytest.raises(OutputError, match="results of planfit 2, found those of 1"):
-        run_bench(options, "2", "here", Work(), told.append)
+        run_bench(options, "2", "here", Runtime(), told.append)

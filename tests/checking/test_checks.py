@@ -7,17 +7,17 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import make_matches, make_structure, make_world, nudged, room_plan
-from planfit.checks import (
+from planfit.geometry import se3
+from planfit.pipeline.validation import (
+    consistency_check,
     floor_heights,
     hold_out,
     match_check,
     match_distances,
-    tension_check,
     wall_check,
     wall_distances,
     wall_points_plan,
 )
-from planfit.geometry import se3
 
 
 @pytest.fixture
@@ -96,8 +96,10 @@ def test_wall_points_are_all_there_and_on_the_plan(world):
     assert_allclose(distances, 0, atol=1e-9)
     loose = replace(
         world.structure,
-        loose_points_cam=se3.transform(se3.inverse(world.plan_from_cams[2]), [[3.0, 2.0, 1.0]]),
-        loose_frame_idx=np.array([2]),
+        unassigned_points_cam=se3.transform(
+            se3.inverse(world.plan_from_cams[2]), [[3.0, 2.0, 1.0]]
+        ),
+        unassigned_frame_idx=np.array([2]),
     )
     assert_allclose(wall_points_plan(loose, world.plan_from_cams)[-1], [3, 2, 1])
     assert wall_distances(loose, world.floorplan, world.plan_from_cams).max() == pytest.approx(2.0)
@@ -112,13 +114,13 @@ def test_floor_heights(world):
 
 
 def test_tension_is_quiet_until_the_walls_pull_costs_a_quarter():
-    assert tension_check(1000.0, 1200.0, n_frames=10) is None
-    found = tension_check(1000.0, 1300.0, n_frames=10)
+    assert consistency_check(1000.0, 1200.0, n_frames=10) is None
+    found = consistency_check(1000.0, 1300.0, n_frames=10)
     assert found is not None
     assert found.is_worse
     assert found.after == pytest.approx(1.3)
 
 
 def test_drift_that_only_walls_correct_is_no_tension():
-    assert tension_check(0.0, 300.0, n_frames=100) is None
-    assert tension_check(0.0, 400.0, n_frames=100) is not None
+    assert consistency_check(0.0, 300.0, n_frames=100) is None
+    assert consistency_check(0.0, 400.0, n_frames=100) is not None

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from builders import make_matches, make_structure, make_ties, make_world, room_scan
-from planfit.adjust import Solution, WallsPulled
+from planfit.adjust import PlanAdjustment, Solution
 from planfit.adjust.association import Association
-from planfit.adjust.solver import Stop
 from planfit.align import Alignment
-from planfit.checks import Check
-from planfit.doubts import MIN_NEAR_SHARE, fit_doubts, scan_doubts
-from planfit.structure import Gravity, no_level_points
+from planfit.lsq.solver import Stop
+from planfit.pipeline.diagnostics import MIN_NEAR_SHARE, alignment_warnings, scan_warnings
+from planfit.pipeline.validation import Check
+from planfit.segmentation import Gravity, no_level_points
 
 GRAVITY = Gravity(np.array([0, 0, 1.0]), 0.8, "the most common normal")
 
@@ -30,7 +30,7 @@ def doubts_of_scan(world, **changes):
         "matches": world.matches,
         "neighbours": 4,
     }
-    return scan_doubts(**(given | changes))
+    return scan_warnings(**(given | changes))
 
 
 def test_a_good_scan_raises_none(world):
@@ -56,31 +56,35 @@ def test_doubts_about_the_scan(world, rng):
     assert "no wall was seen" in blind[1]
 
 
-def pulled(world, n_associated, settled=True):
+def plan_adjustment(world, n_associated, settled=True):
     n = len(world.structure.walls)
     face_idx = np.where(np.arange(n) < n_associated, 0, -1)
     solution = Solution(world.plan_from_cams, Stop.COST, 3, {})
-    ties = make_ties(world.floorplan, Association(face_idx, np.zeros(n)), len(world.plan_from_cams))
-    return WallsPulled(solution, ties, np.zeros(4), np.full(4, np.nan), 5, settled, 15)
+    correspondences = make_ties(
+        world.floorplan, Association(face_idx, np.zeros(n)), len(world.plan_from_cams)
+    )
+    return PlanAdjustment(
+        solution, correspondences, np.zeros(4), np.full(4, np.nan), 5, settled, 15
+    )
 
 
 def doubts_of_fit(world, **changes):
     given = {
         "alignment": Alignment(np.eye(4), 0.9, None),
-        "is_place_claimed": False,
-        "pulled": pulled(world, len(world.structure.walls)),
+        "is_alignment_claimed": False,
+        "plan_adjustment": plan_adjustment(world, len(world.structure.walls)),
         "structure": world.structure,
         "checks": (
             Check("held-out matches", 0.1, 0.05, "m", False),
             Check("wall points near the plan", 0.5, 0.9, "share", False),
         ),
     }
-    return fit_doubts(**(given | changes))
+    return alignment_warnings(**(given | changes))
 
 
 def test_a_good_fit_raises_none(world):
     assert doubts_of_fit(world) == ()
-    assert doubts_of_fit(world, alignment=None, is_place_claimed=True) == ()
+    assert doubts_of_fit(world, alignment=None, is_alignment_claimed=True) == ()
     assert doubts_of_fit(world, checks=()) == ()
 
 
@@ -92,7 +96,7 @@ def test_doubts_about_the_fit(world):
         "so and so": {"alignment": Alignment(np.eye(4), 0.9, None, warnings=("so and so",))},
         "lie near the plan": {"checks": (few,)},
         "raise adjust.max-alternations": {
-            "pulled": pulled(world, len(world.structure.walls), settled=False)
+            "plan_adjustment": plan_adjustment(world, len(world.structure.walls), settled=False)
         },
         "worse than before: held-out matches went from 0.05 to 0.1 m": {"checks": (bad,)},
     }

@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from threadpoolctl import threadpool_info
 
 from planfit.errors import OutputError
-from planfit.work import Work, blas_on_one_thread, cache_key
+from planfit.runtime import Runtime, blas_on_one_thread, cache_key
 
 
 class Counter:
@@ -39,7 +39,7 @@ def test_results_are_in_order_whatever_the_threads_do(workers, chunk_size):
         time.sleep(0.002 if i < 5 else 0)
         return {"square": np.array([i * i])}
 
-    items = Work(workers).map("squares", "key", 23, slow_first, chunk_size)
+    items = Runtime(workers).map("squares", "key", 23, slow_first, chunk_size)
     assert squares(items) == [i * i for i in range(23)]
 
 
@@ -50,7 +50,7 @@ def test_threads_are_used():
         barrier.wait()
         return {"i": np.array(i)}
 
-    Work(2).map("meet", "key", 2, meet, chunk_size=1)
+    Runtime(2).map("meet", "key", 2, meet, chunk_size=1)
 
 
 def blas_threads():
@@ -68,7 +68,7 @@ def test_blas_threads_are_one_inside_and_as_before_afterwards():
         inside.append(blas_threads())
         return {"i": np.array(i)}
 
-    Work(2).map("overlap", "key", 2, overlap, chunk_size=1)
+    Runtime(2).map("overlap", "key", 2, overlap, chunk_size=1)
     assert all(n == 1 for threads in inside for n in threads)
     assert blas_threads() == before
 
@@ -88,23 +88,23 @@ def test_blas_has_its_threads_back_after_an_error():
 
 
 def test_nothing_to_do():
-    assert Work().map("none", "key", 0, Counter()) == []
+    assert Runtime().map("none", "key", 0, Counter()) == []
 
 
 def test_without_a_folder_nothing_is_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     count = Counter()
     for _ in range(2):
-        Work().map("squares", "key", 3, count)
+        Runtime().map("squares", "key", 3, count)
     assert len(count.asked) == 6
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_second_run_takes_everything_from_the_cache(tmp_path):
-    work = Work(2, tmp_path / "cache")
-    first = work.map("squares", "key", 10, Counter(), 4)
+    runtime = Runtime(2, tmp_path / "cache")
+    first = runtime.map("squares", "key", 10, Counter(), 4)
     count = Counter()
-    second = work.map("squares", "key", 10, count, 4)
+    second = runtime.map("squares", "key", 10, count, 4)
     assert count.asked == []
     assert squares(second) == squares(first)
     for one, two in zip(first, second, strict=True):
@@ -120,9 +120,9 @@ def test_arrays_come_back_as_they_were(tmp_path):
         "n_items": np.array(7),
         "a/b": np.array([1.0]),
     }
-    work = Work(1, tmp_path)
-    work.map("kept", "key", 1, lambda _: arrays)
-    back = work.map("kept", "key", 1, Counter())[0]
+    runtime = Runtime(1, tmp_path)
+    runtime.map("kept", "key", 1, lambda _: arrays)
+    back = runtime.map("kept", "key", 1, Counter())[0]
     assert back.keys() == arrays.keys()
     for name, value in arrays.items():
         assert_array_equal(back[name], value)
@@ -131,10 +131,10 @@ def test_arrays_come_back_as_they_were(tmp_path):
 
 @pytest.mark.parametrize("other", [("squares", "another"), ("cubes", "key")])
 def test_another_key_or_stage_is_computed(tmp_path, other):
-    work = Work(1, tmp_path)
-    work.map("squares", "key", 3, Counter())
+    runtime = Runtime(1, tmp_path)
+    runtime.map("squares", "key", 3, Counter())
     count = Counter()
-    work.map(*other, 3, count)
+    runtime.map(*other, 3, count)
     assert sorted(count.asked) == [0, 1, 2]
 
 
@@ -163,35 +163,35 @@ DAMAGE = {
 
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_a_damaged_chunk_is_made_again_and_the_others_are_not(tmp_path, damage):
-    work = Work(1, tmp_path)
-    work.map("squares", "key", 12, Counter(), 4)
+    runtime = Runtime(1, tmp_path)
+    runtime.map("squares", "key", 12, Counter(), 4)
     chunk = sorted(tmp_path.rglob("*.npz"))[1]
     chunk.write_bytes(DAMAGE[damage](chunk.read_bytes()))
     count = Counter()
-    items = work.map("squares", "key", 12, count, 4)
+    items = runtime.map("squares", "key", 12, count, 4)
     assert squares(items) == [i * i for i in range(12)]
     assert sorted(count.asked) == [4, 5, 6, 7]
     again = Counter()
-    work.map("squares", "key", 12, again, 4)
+    runtime.map("squares", "key", 12, again, 4)
     assert again.asked == []
 
 
 def test_a_chunk_that_holds_a_bare_array_is_made_again(tmp_path):
-    work = Work(1, tmp_path)
-    work.map("squares", "key", 3, Counter())
+    runtime = Runtime(1, tmp_path)
+    runtime.map("squares", "key", 3, Counter())
     chunk = next(tmp_path.rglob("*.npz"))
     with chunk.open("wb") as file:
         np.save(file, np.zeros(3))
     count = Counter()
-    work.map("squares", "key", 3, count)
+    runtime.map("squares", "key", 3, count)
     assert len(count.asked) == 3
 
 
 def test_a_chunk_of_another_length_is_made_again(tmp_path):
     # The same key with other chunks: the first file holds 4 items where 8 are asked for.
-    work = Work(1, tmp_path)
-    work.map("squares", "key", 8, Counter(), 4)
-    items = work.map("squares", "key", 8, Counter(), 8)
+    runtime = Runtime(1, tmp_path)
+    runtime.map("squares", "key", 8, Counter(), 4)
+    items = runtime.map("squares", "key", 8, Counter(), 8)
     assert squares(items) == [i * i for i in range(8)]
 
 
@@ -202,7 +202,7 @@ def test_an_error_inside_comes_out_as_it_is(tmp_path):
         return {"square": np.array([i])}
 
     with pytest.raises(KeyError, match="item five"):
-        Work(2, tmp_path).map("squares", "key", 10, fails, 2)
+        Runtime(2, tmp_path).map("squares", "key", 10, fails, 2)
 
 
 def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
@@ -212,9 +212,9 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
         return {"square": np.array([i * i])}
 
     with pytest.raises(KeyboardInterrupt):
-        Work(1, tmp_path).map("squares", "key", 10, stops, 2)
+        Runtime(1, tmp_path).map("squares", "key", 10, stops, 2)
     count = Counter()
-    items = Work(1, tmp_path).map("squares", "key", 10, count, 2)
+    items = Runtime(1, tmp_path).map("squares", "key", 10, count, 2)
     assert squares(items) == [i * i for i in range(10)]
     assert sorted(count.asked)[:2] == [6, 7]  # 8 and 9 may have ended before the stop was seen
 
@@ -230,9 +230,9 @@ def test_a_chunk_that_ends_while_another_fails_is_kept(tmp_path):
         return {"square": np.array([i * i])}
 
     with pytest.raises(ValueError, match="first"):
-        Work(2, tmp_path).map("squares", "key", 2, one_fails, 1)
+        Runtime(2, tmp_path).map("squares", "key", 2, one_fails, 1)
     count = Counter()
-    Work(1, tmp_path).map("squares", "key", 2, count, 1)
+    Runtime(1, tmp_path).map("squares", "key", 2, count, 1)
     assert count.asked == [0]
 
 
@@ -244,7 +244,7 @@ def test_after_an_error_chunks_not_begun_are_dropped():
         raise ValueError("all do")
 
     with pytest.raises(ValueError, match="all do"):
-        Work(1).map("squares", "key", 200, fails, 1)
+        Runtime(1).map("squares", "key", 200, fails, 1)
     assert len(count.asked) < 100
 
 
@@ -254,15 +254,15 @@ def test_progress_rises_to_the_total(tmp_path):
     def listen(stage, done, total):
         told.append((stage, done, total))
 
-    work = Work(2, tmp_path, listen)
-    work.map("squares", "key", 10, Counter(), 3)
+    runtime = Runtime(2, tmp_path, listen)
+    runtime.map("squares", "key", 10, Counter(), 3)
     assert {(stage, total) for stage, _, total in told} == {("squares", 10)}
     done = [d for _, d, _ in told]
     assert done[0] == 0
     assert done[-1] == 10
     assert all(b - a in (1, 3) for a, b in itertools.pairwise(done))
     told.clear()
-    work.map("squares", "key", 10, Counter(), 3)
+    runtime.map("squares", "key", 10, Counter(), 3)
     assert told == [("squares", 10, 10)]
 
 
@@ -274,7 +274,7 @@ def full_disk(*args, **options):
 def test_a_full_disk_is_an_output_error_and_leaves_no_partial_file(tmp_path, monkeypatch, step):
     monkeypatch.setattr(Path, step, full_disk)
     with pytest.raises(OutputError, match=r"squares-key.*No space left.*free disk space"):
-        Work(2, tmp_path).map("squares", "key", 3, Counter())
+        Runtime(2, tmp_path).map("squares", "key", 3, Counter())
     monkeypatch.undo()
     assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
 
@@ -282,11 +282,11 @@ def test_a_full_disk_is_an_output_error_and_leaves_no_partial_file(tmp_path, mon
 def test_a_disk_that_fills_while_writing(tmp_path, monkeypatch):
     monkeypatch.setattr(np, "savez", full_disk)
     with pytest.raises(OutputError, match="No space left"):
-        Work(1, tmp_path).map("squares", "key", 3, Counter())
+        Runtime(1, tmp_path).map("squares", "key", 3, Counter())
     assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
 
 
 def test_a_cache_that_cannot_be_made(tmp_path):
     (tmp_path / "cache").write_text("a file is in the way")
     with pytest.raises(OutputError, match="cannot be made"):
-        Work(1, tmp_path / "cache").map("squares", "key", 3, Counter())
+        Runtime(1, tmp_path / "cache").map("squares", "key", 3, Counter())

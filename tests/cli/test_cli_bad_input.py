@@ -153,7 +153,7 @@ def test_stopping_keeps_what_was_finished(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("planfit.prepare.close_loops", interrupted)
+    monkeypatch.setattr("planfit.pipeline.prepare.close_loops", interrupted)
     assert run(["refine", str(small_scan), "-o", str(out)]) == 130
     assert "goes on from there" in capsys.readouterr().err
     monkeypatch.undo()

@@ -8,10 +8,10 @@ import pytest
 from PIL import Image
 
 from planfit.cli import run
+from planfit.runtime import Runtime
 from planfit.scan import read_scan
-from planfit.scan.facts import depth_facts, path_facts
+from planfit.scan.statistics import depth_statistics, path_statistics
 from planfit.synth import SynthOptions, WalkOptions, make_scan
-from planfit.work import Work
 
 
 def spoken(capsys) -> str:
@@ -84,17 +84,17 @@ def test_gaps_and_jumps_are_found_where_they_were_put(walk) -> None:
     poses = walk.world_from_cams.copy()
     poses[31:, :3, 3] += (1.5, 0.0, 0.0)  # explained by the gap
     poses[60:, :3, 3] += (0.0, 0.0, 6.0)
-    facts = path_facts(replace(walk, timestamps=times, world_from_cams=poses))
+    facts = path_statistics(replace(walk, timestamps=times, world_from_cams=poses))
     assert facts.gaps.tolist() == [30]
     assert facts.jumps.tolist() == [59]
     assert facts.interval_s == pytest.approx(1 / 30)
-    plain = path_facts(walk)
+    plain = path_statistics(walk)
     assert plain.gaps.tolist() == plain.jumps.tolist() == []
 
 
 def test_depth_facts_are_those_of_the_images(small_scan: Path) -> None:
     walk = read_scan(small_scan)
-    facts = depth_facts(walk, Work(2))
+    facts = depth_statistics(walk, Runtime(2))
     every = np.concatenate([walk.files.depth(int(i)).ravel() for i in facts.frame_idx[::6]])
     known = every[np.isfinite(every)]
     assert facts.median_m == pytest.approx(np.median(known), rel=0.1)

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from planfit.adjust.robust import LossKind
 from planfit.cli import _parse
 from planfit.cli.refine import RefineArguments
+from planfit.lsq.robust import LossKind
 
 
 @pytest.mark.parametrize("word", ["geman_mcclure", "GEMAN_MCCLURE", "Geman-McClure"])

@@ -57,7 +57,7 @@ def test_record_tells_what_was_done(finished: Path, small_scan: Path) -> None:
     assert record["inputs"]["scan"] == str(small_scan.resolve())
     assert record["options"]["matching"]["verify"]["min_inliers"] == 15
     assert record["is_better"] is True
-    assert set(record["cost_by_term"]) == {"points", "floor", "trajectory", "ceiling", "walls"}
+    assert set(record["cost_by_term"]) == {"points", "floor", "odometry", "ceiling", "walls"}
     assert record["metrics"]["nsd_m"]["after"] < record["metrics"]["nsd_m"]["before"]
     assert record["stop"]
 
@@ -258,7 +258,7 @@ def test_preset_offsets_and_covariances_reach_the_run(small_scan: Path, tmp_path
     record = json.loads((out / "run.json").read_text())
     adjust = record["options"]["adjust"]
     assert adjust["averaging"] == "mean"
-    assert adjust["trajectory"]["weight"] == 0
+    assert adjust["odometry"]["weight"] == 0
     assert adjust["walls"]["sigma_m"] == 0.5  # flags come after the preset
     assert set(record["cost_by_term"]) == {"points", "floor", "walls"}
     with np.load(out / "covariances.npz") as kept:

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from builders import CAMERA, random_transforms
+from builders import CAMERA, NoFiles, random_transforms
 from planfit.errors import OptionError
 from planfit.evaluate import MapOptions, MapSample, sample_depth_maps
 from planfit.evaluate.sampling import thin
 from planfit.geometry import se3
+from planfit.runtime import Runtime
 from planfit.scan import Scan
-from planfit.work import Work
 
 
-class Depths:
+class Depths(NoFiles):
     """Depth maps from memory."""
 
     def __init__(self, maps):
@@ -52,7 +52,7 @@ def flat_maps(n=4, depth_m=2.0):
 def test_points_lie_where_the_depth_says_and_nothing_without_a_reading():
     maps = flat_maps()
     maps[2][:] = np.nan
-    sample = sample_depth_maps(scan_of(maps), MapOptions(voxel_m=0.05), Work(1))
+    sample = sample_depth_maps(scan_of(maps), MapOptions(voxel_m=0.05), Runtime(1))
     assert len(sample.of_frame(2)) == 0
     points = sample.of_frame(1)
     assert_allclose(points[:, 2], 2.0)
@@ -65,10 +65,10 @@ def test_points_lie_where_the_depth_says_and_nothing_without_a_reading():
 def test_each_option_does_what_it_says():
     maps = flat_maps()
     maps[0][60:] = 5.0
-    scan, work = scan_of(maps), Work(1)
+    scan, runtime = scan_of(maps), Runtime(1)
 
     def sizes(**options):
-        return np.diff(sample_depth_maps(scan, MapOptions(**options), work).start)
+        return np.diff(sample_depth_maps(scan, MapOptions(**options), runtime).start)
 
     every = sizes()
     assert np.all(every > 0)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import shapely
 
-from planfit.floorplan.regions import faces_of_regions
+from planfit.floorplan.vector.regions import faces_of_regions
 
 
 def room(thickness: float) -> shapely.Geometry:

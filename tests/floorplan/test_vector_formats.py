@@ -19,7 +19,7 @@ from plan_files import (
     write_svg,
 )
 from planfit.floorplan import PlanOptions, read_floorplan
-from planfit.floorplan.regions import faces_of_regions
+from planfit.floorplan.vector.regions import faces_of_regions
 
 WALLS, BUILDING = make_plan(n_rooms=6)
 VILLA = make_villa()

@@ -9,13 +9,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import CAMERA, look, room_scan
-from planfit.checks import match_distances
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.matching import MatchingOptions, find_matches
 from planfit.matching.colmap import read_colmap_matches
+from planfit.pipeline.validation import match_distances
+from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.work import Work
 
 POSES = np.stack([look([1.0 + 0.15 * i, 2.0, 1.3], 4.0 * i, 5) for i in range(4)])
 
@@ -171,7 +171,7 @@ def test_a_model_of_any_lens_gives_matches(scan, seen, tmp_path, number, name, c
 
 def matched(scan, path):
     odometry = make_odometry(scan.world_from_cams, OdometryOptions())
-    return find_matches(scan, odometry, MatchingOptions(colmap=str(path)), Work(2))
+    return find_matches(scan, odometry, MatchingOptions(colmap=str(path)), Runtime(2))
 
 
 def test_imported_matches_are_lifted_and_verified(scan, seen, tmp_path):
@@ -249,10 +249,10 @@ def test_a_changed_file_is_read_again(scan, seen, tmp_path):
     write_database(path, seen)
     odometry = make_odometry(scan.world_from_cams, OdometryOptions())
     scan = replace(scan, fingerprint="room")
-    work = Work(1, tmp_path / "cache")
-    assert find_matches(scan, odometry, MatchingOptions(colmap=str(path)), work).n_matches > 100
+    runtime = Runtime(1, tmp_path / "cache")
+    assert find_matches(scan, odometry, MatchingOptions(colmap=str(path)), runtime).n_matches > 100
     path.unlink()
     write_database(path, [np.where(np.arange(120)[:, None] < 50, uv, np.nan) for uv in seen])
-    again = find_matches(scan, odometry, MatchingOptions(colmap=str(path)), work)
-    fresh = find_matches(scan, odometry, MatchingOptions(colmap=str(path)), Work(1))
+    again = find_matches(scan, odometry, MatchingOptions(colmap=str(path)), runtime)
+    fresh = find_matches(scan, odometry, MatchingOptions(colmap=str(path)), Runtime(1))
     assert_array_equal(again.points_a, fresh.points_a)

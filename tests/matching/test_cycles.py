@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import look
 from planfit.geometry import se3
-from planfit.matching.cycles import CycleOptions, Loops, agree_with_cycles
-from planfit.matching.ways import Ways
+from planfit.matching.loop_closure import CycleOptions, RelativePoses, agree_with_cycles
+from planfit.matching.pose_graph import PoseGraph
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 DRIFT = OdometryOptions()
@@ -52,11 +52,11 @@ def loops(poses, pairs, as_seen_from=None):
     seen = poses if as_seen_from is None else as_seen_from
     pairs = np.array(pairs)
     motion = se3.inverse(seen[pairs[:, 0]]) @ seen[pairs[:, 1]]
-    return Loops(pairs, motion, np.full(len(pairs), 50))
+    return RelativePoses(pairs, motion, np.full(len(pairs), 50))
 
 
 def joined(*parts):
-    return Loops(*(np.concatenate([getattr(p, f) for p in parts])
+    return RelativePoses(*(np.concatenate([getattr(p, f) for p in parts])
                    for f in ("pairs", "a_from_b", "n_inliers")))  # fmt: skip
 
 
@@ -86,7 +86,7 @@ def test_a_look_alike_room_within_reach_of_drift_is_refused_by_what_ties_the_two
     poses, begins = walk((0, 0), (0, 0), (0, 0), (0, 4), (0, 4), (0, 4))
     recorded = drifted(poses, 1)
     odometry = make_odometry(recorded, UNSURE)
-    _, shift = odometry.spread_between(np.array([0]), np.array([len(poses) - 1]))
+    _, shift = odometry.sigma_between(np.array([0]), np.array([len(poses) - 1]))
     assert 6 * shift[0] > 4.5
     false = look_alikes(poses, begins[0], begins[5], np.array([0, 4.0, 0]))
     true = loops(poses, [(begins[i] + k, begins[i + 1] + k) for i in (0, 1, 3, 4)
@@ -109,7 +109,7 @@ def test_order_does_not_matter():
 
 def test_no_loops_at_all():
     poses, _ = walk((0, 0))
-    none = Loops(np.zeros((0, 2), dtype=int), np.zeros((0, 4, 4)), np.zeros(0))
+    none = RelativePoses(np.zeros((0, 2), dtype=int), np.zeros((0, 4, 4)), np.zeros(0))
     assert believed(none, poses).shape == (0,)
 
 
@@ -124,7 +124,7 @@ def test_slack_and_sigmas():
     turned.a_from_b[0, :3, :3] @= se3.exp_so3(np.array([0.1, 0, 0]))
     assert not believed(turned, poses, exact).any()
     assert believed(turned, poses, exact, slack_deg=7.0).all()
-    _, shift = make_odometry(poses, DRIFT).spread_between(np.array([a]), np.array([c]))
+    _, shift = make_odometry(poses, DRIFT).sigma_between(np.array([a]), np.array([c]))
     far = loops(poses, [(a, c)])
     far.a_from_b[0, 2, 3] += 5.0 * shift[0] + 0.25
     assert not believed(far, poses, sure_m=0.1).any()
@@ -147,10 +147,10 @@ def test_a_way_over_a_loop_is_surer_than_the_long_way_round():
     odometry = make_odometry(drifted(poses, 3), DRIFT)
     recorded = drifted(poses, 3)
     pairs = np.array([(a, c), (a + 5, c + 5), (a + 5, a + 9)])
-    ways = Ways(recorded, odometry, pairs)
+    ways = PoseGraph(recorded, odometry, pairs)
     motion, turn, shift = ways.between(pairs)
     assert_allclose(motion, se3.inverse(recorded[pairs[:, 0]]) @ recorded[pairs[:, 1]], atol=1e-9)
-    expected = odometry.spread_between(*pairs.T)
+    expected = odometry.sigma_between(*pairs.T)
     assert_allclose(turn, expected[0])
     assert_allclose(shift, expected[1])
     true = loops(poses, [(a, c)])
@@ -170,7 +170,7 @@ def test_a_way_over_a_loop_is_surer_than_the_long_way_round():
 def test_the_way_back_is_the_inverse():
     poses, (a, _, c) = walk((0, 0), (12, 0), (0, 0))
     pairs = np.array([(a, c), (c, a), (c + 5, a + 5)])
-    ways = Ways(poses, make_odometry(poses, DRIFT), pairs)
+    ways = PoseGraph(poses, make_odometry(poses, DRIFT), pairs)
     true = loops(poses, [(a, c)])
     ways.add(true.pairs, true.a_from_b, 0.5, 0.03)
     motion, _, _ = ways.between(pairs)

@@ -5,9 +5,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import CAMERA, look
 from planfit.geometry import se3
-from planfit.matching.cycles import Loops
-from planfit.matching.expand import around_loops
-from planfit.matching.overlap import MARGIN, N_POINTS, sample_views
+from planfit.matching.covisibility import MARGIN, N_POINTS, sample_views
+from planfit.matching.guided_proposals import around_loops
+from planfit.matching.loop_closure import RelativePoses
 from planfit.matching.pairs import PairOptions
 
 
@@ -63,7 +63,12 @@ def case(rng, off_m=4.0):
     recorded = true.copy()
     recorded[20:, 1, 3] += off_m
     motion = se3.inverse(true[[5]]) @ true[[25]]
-    return true, recorded, Loops(np.array([[5, 25]]), motion, np.array([40])), views(rng, 40)
+    return (
+        true,
+        recorded,
+        RelativePoses(np.array([[5, 25]]), motion, np.array([40])),
+        views(rng, 40),
+    )
 
 
 def test_neighbours_of_a_loop_are_tried_by_its_motion(rng):
@@ -105,6 +110,6 @@ def test_expanded_per_frame(rng):
 
 def test_neighbours_in_time_are_no_loops(rng):
     _, recorded, _, samples = case(rng)
-    near = Loops(np.array([[5, 7]]), np.eye(4)[None], np.array([40]))
+    near = RelativePoses(np.array([[5, 7]]), np.eye(4)[None], np.array([40]))
     none = np.zeros((0, 2), dtype=int)
     assert len(around_loops(near, none, np.arange(40), recorded, samples, PairOptions())) == 0

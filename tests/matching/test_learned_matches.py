@@ -12,8 +12,8 @@ from planfit.matching import MatchingOptions, find_matches
 from planfit.matching.keypoints import KeypointOptions, detect, make_detector
 from planfit.matching.matchers import MatcherOptions, make_matcher
 from planfit.matching.verify import VerifyOptions
+from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.work import Work
 
 HAS_LIBRARIES = all(importlib.util.find_spec(name) for name in ("torch", "transformers"))
 needs_libraries = pytest.mark.skipif(
@@ -74,7 +74,7 @@ def options_of(models, matcher="nearest"):
 def test_ten_frames_end_to_end(models, matcher):
     scan = room_scan(POSES)
     odometry = make_odometry(scan.world_from_cams, OdometryOptions())
-    found = find_matches(scan, odometry, options_of(models, matcher), Work(2))
+    found = find_matches(scan, odometry, options_of(models, matcher), Runtime(2))
     assert found.n_keypoints > 500
     assert found.n_tried >= 30
     if matcher == "nearest":  # random convolutions describe a place well enough for neighbours
@@ -122,7 +122,7 @@ def test_the_same_input_gives_the_same(models):
     scan = room_scan(POSES[:3])
     odometry = make_odometry(scan.world_from_cams, OdometryOptions())
     one, two = (
-        find_matches(scan, odometry, options_of(models, "superglue"), Work(n)) for n in (1, 2)
+        find_matches(scan, odometry, options_of(models, "superglue"), Runtime(n)) for n in (1, 2)
     )
     assert np.array_equal(one.points_a, two.points_a)
 

@@ -6,24 +6,24 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from builders import look, make_matches, random_transforms, room_scan
-from planfit.checks import match_distances
+from builders import NoFiles, look, make_matches, random_transforms, room_scan
 from planfit.geometry import se3
 from planfit.matching import MatchingOptions, find_matches
-from planfit.matching.cycles import CycleOptions
 from planfit.matching.keypoints import KeypointOptions
+from planfit.matching.loop_closure import CycleOptions
 from planfit.matching.matchers import match_descriptors
 from planfit.matching.pairs import PairOptions
 from planfit.matching.verify import VerifyOptions, point_sigma
+from planfit.pipeline.validation import match_distances
+from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.work import Work
 
 POSES = np.stack([look([1.0 + 0.15 * i, 2.0, 1.3], 4.0 * i, 5) for i in range(6)])
 
 
-def found(scan, options=None, drift=None, work=None):
+def found(scan, options=None, drift=None, runtime=None):
     odometry = make_odometry(scan.world_from_cams, drift or OdometryOptions())
-    return find_matches(scan, odometry, options or MatchingOptions(), work or Work(2))
+    return find_matches(scan, odometry, options or MatchingOptions(), runtime or Runtime(2))
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_sigma_is_that_of_both_ends(matches):
 
 def test_threads_and_cache_do_not_change_the_result(scan, matches, tmp_path):
     for _ in range(2):
-        again = found(scan, work=Work(1, tmp_path))
+        again = found(scan, runtime=Runtime(1, tmp_path))
         assert_array_equal(again.points_a, matches.points_a)
         assert_array_equal(again.pairs, matches.pairs)
 
@@ -105,7 +105,7 @@ def test_slack_and_sigmas_set_how_far_a_motion_may_depart():
 
 
 def test_no_texture_no_matches(scan):
-    class Blank:
+    class Blank(NoFiles):
         def color(self, _):
             return np.full((120, 160, 3), 128, np.uint8)
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from builders import look
-from planfit.matching.overlap import ViewSamples
-from planfit.matching.pairs import Looks, PairOptions, choose_pairs
+from planfit.matching.covisibility import ViewSamples
+from planfit.matching.pairs import FrameDescriptors, PairOptions, choose_pairs
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 
@@ -117,7 +117,7 @@ def test_retrieval_finds_the_loop_that_the_gate_misses():
     odometry = make_odometry(poses, unsure)
     points = np.tile([[0.0, 0.0, 3.0]], (60, 24, 1))
     views = ViewSamples(points, np.tile([[-0.6, 0.6], [-0.5, 0.5]], (60, 1, 1)))
-    looks = Looks(looks, np.zeros(60), views)
+    looks = FrameDescriptors(looks, np.zeros(60), views)
     truth = {(i, 59 - i) for i in range(16)}
     options = PairOptions(max_distance_m=4.0)
     found = {n: {(int(i), int(j)) for i, j in choose_pairs(poses, odometry, o, looks)}

@@ -8,8 +8,8 @@ import pytest
 import planfit
 from builders import position_rms_m
 from planfit.errors import ScanError
-from planfit.scan.damage import Damage
-from planfit.scan.wrappers import TolerantFiles, select_frames
+from planfit.scan.corrupt_frames import CorruptFrames
+from planfit.scan.views import TolerantFiles, select_frames
 from planfit.synth import (
     BuildingOptions,
     CameraOptions,
@@ -60,7 +60,7 @@ def synthetic():
 
 
 def test_refinement_goes_on_without_the_frame(synthetic) -> None:
-    damage = Damage(1000)  # as if the scan were long: two of a thousand are stood
+    damage = CorruptFrames(1000)  # as if the scan were long: two of a thousand are stood
     scan = synthetic.scan
     files = TolerantFiles(Spoiled(scan.files), scan.cameras, damage)
     spoiled = replace(scan, files=files, damage=damage, fingerprint="")
@@ -77,7 +77,7 @@ def test_refinement_goes_on_without_the_frame(synthetic) -> None:
 
 def test_more_than_one_in_a_hundred_is_an_error(synthetic) -> None:
     scan = synthetic.scan
-    files = TolerantFiles(Spoiled(scan.files), scan.cameras, Damage(len(scan)))
+    files = TolerantFiles(Spoiled(scan.files), scan.cameras, CorruptFrames(len(scan)))
     with pytest.raises(ScanError, match=r"depth-5\.png: cannot be decoded"):
         files.depth(5)
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan import Label, read_scan
-from planfit.scan.facap import PLAN_FROM_WORLD, write_pose
+from planfit.scan.formats.facap import PLAN_FROM_WORLD, write_pose
 
 WIDTH, HEIGHT = 32, 20
 IDS = ("0003", "0004", "0010")

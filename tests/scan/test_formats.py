@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.errors import OptionError, ScanError
 from planfit.scan import ScanOptions, read_scan
-from planfit.scan.colmap_model import read_model
+from planfit.scan.formats.colmap_model import read_model
 from planfit.scan.source import FolderSource
 from scan_samples import HALF_DEPTH, HAS_CONFIDENCE, LOSSY_COLOR, WRITERS, N, write_colmap
 

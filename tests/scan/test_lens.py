@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.geometry.camera import Camera
-from planfit.scan.lens import Lens, resample_color, resample_depth, working_camera
+from planfit.scan.images.lens import Lens, resample_color, resample_depth, working_camera
 
 CAMERA = Camera(160, 120, 130.0, 131.0, 78.5, 61.0)
 BARREL = Lens(CAMERA, (-0.25, 0.08, 0.001, -0.002))

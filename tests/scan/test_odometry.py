@@ -28,11 +28,11 @@ def test_steps_chain_to_the_recorded_poses(rng):
 def test_options_set_the_spread_of_a_step():
     poses = straight(3, step_m=0.5, turn=np.deg2rad(10))
     odometry = make_odometry(poses, OdometryOptions(0.01, 0.02, 0.1, 0.01))
-    assert_allclose(odometry.sigma_shift, 0.01 + 0.02 * 0.5)
-    assert_allclose(odometry.sigma_turn, np.deg2rad(0.1 + 0.01 * 10))
+    assert_allclose(odometry.sigma_translation, 0.01 + 0.02 * 0.5)
+    assert_allclose(odometry.sigma_rotation, np.deg2rad(0.1 + 0.01 * 10))
     odometry = make_odometry(poses, OdometryOptions(0.03, 0.0, 0.5, 0.0))
-    assert_allclose(odometry.sigma_shift, 0.03)
-    assert_allclose(odometry.sigma_turn, np.deg2rad(0.5))
+    assert_allclose(odometry.sigma_translation, 0.03)
+    assert_allclose(odometry.sigma_rotation, np.deg2rad(0.5))
 
 
 def test_walked_is_the_length_of_the_path():
@@ -42,20 +42,20 @@ def test_walked_is_the_length_of_the_path():
 
 def test_spread_between_neighbours_is_that_of_the_step_and_a_little_swing():
     odometry = make_odometry(straight(5), OdometryOptions())
-    turn, shift = odometry.spread_between(np.array([1]), np.array([2]))
-    assert_allclose(turn, odometry.sigma_turn[1])
-    swing = odometry.sigma_turn[1] * 0.5 / np.sqrt(3)
-    assert_allclose(shift, np.hypot(odometry.sigma_shift[1], swing))
+    turn, shift = odometry.sigma_between(np.array([1]), np.array([2]))
+    assert_allclose(turn, odometry.sigma_rotation[1])
+    swing = odometry.sigma_rotation[1] * 0.5 / np.sqrt(3)
+    assert_allclose(shift, np.hypot(odometry.sigma_translation[1], swing))
 
 
 def test_spread_grows_with_distance_and_does_not_depend_on_the_order():
     odometry = make_odometry(straight(50), OdometryOptions())
     last = np.arange(50)
-    turn, shift = odometry.spread_between(np.zeros(50, dtype=int), last)
+    turn, shift = odometry.sigma_between(np.zeros(50, dtype=int), last)
     assert turn[0] == shift[0] == 0
     assert np.all(np.diff(turn) > 0)
     assert np.all(np.diff(shift) > 0)
-    back_turn, back_shift = odometry.spread_between(last, np.zeros(50, dtype=int))
+    back_turn, back_shift = odometry.sigma_between(last, np.zeros(50, dtype=int))
     assert_allclose(back_turn, turn)
     assert_allclose(back_shift, shift)
 
@@ -73,7 +73,7 @@ def test_spread_covers_simulated_drift(rng):
             pose = pose @ step
         ends.append(pose)
     ends = np.stack(ends)
-    turn, shift = odometry.spread_between(np.array([0]), np.array([n - 1]))
+    turn, shift = odometry.sigma_between(np.array([0]), np.array([n - 1]))
     off = ends[:, :3, 3] - poses[-1, :3, 3]
     assert np.sqrt(np.mean(off[:, 1:] ** 2)) == pytest.approx(shift[0], rel=0.15)
     angle = se3.log_so3(ends[:, :3, :3])

@@ -10,7 +10,7 @@ from planfit.evaluate import associate_times, position_errors
 from planfit.floorplan import read_floorplan
 from planfit.geometry import se3
 from planfit.scan import Label, read_scan, read_tum
-from planfit.scan.facap import PLAN_FROM_WORLD
+from planfit.scan.formats.facap import PLAN_FROM_WORLD
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
 

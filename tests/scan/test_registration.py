@@ -8,7 +8,7 @@ from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.scan import read_scan
-from planfit.scan.registration import register_depth
+from planfit.scan.images.depth_registration import register_depth
 from scan_samples import matrix_text, png, put
 
 DEPTH = Camera(160, 120, 146.0, 147.0, 80.0, 59.0)

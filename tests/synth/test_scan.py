@@ -8,7 +8,7 @@ from planfit.errors import OptionError, OutputError, ScanError
 from planfit.floorplan import read_floorplan
 from planfit.geometry import se3
 from planfit.scan import Label, read_scan, read_tum
-from planfit.scan.facap import PLAN_FROM_WORLD
+from planfit.scan.formats.facap import PLAN_FROM_WORLD
 from planfit.synth import (
     CameraOptions,
     DriftOptions,

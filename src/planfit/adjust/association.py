@@ -7,7 +7,7 @@ import numpy as np
 from planfit.errors import require_positive, require_share
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.structure import Pieces
+from planfit.segmentation import WallPatches
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Association:
 
 
 def associate(
-    pieces: Pieces,
+    patches: WallPatches,
     floorplan: Floorplan,
     plan_from_cams: np.ndarray,
     max_distance_m: float,
@@ -54,8 +54,8 @@ def associate(
     A face that looks into a room is matched only by wall seen from inside that room: normals must
     agree in sign. Faces whose free side is unknown are matched from either side.
     """
-    normals, ends = pieces_in_plan(pieces, plan_from_cams)
-    k = len(pieces)
+    normals, ends = wall_patches_in_plan(patches, plan_from_cams)
+    k = len(patches)
     face_idx, best = np.full(k, -1), np.full(k, np.inf)
     signed = np.full(k, np.nan)
     one_sided = floorplan.is_oriented & options.oriented
@@ -78,12 +78,14 @@ def associate(
     return Association(face_idx, signed)
 
 
-def pieces_in_plan(pieces: Pieces, plan_from_cams: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def wall_patches_in_plan(
+    patches: WallPatches, plan_from_cams: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Normals (k, 2), unit, and ends (k, 2, 2) m of upright pieces, plan frame, seen from above."""
-    poses = plan_from_cams[pieces.frame_idx]
-    normals = np.einsum("kab,kb->ka", poses[:, :2, :3], pieces.normals_cam)
+    poses = plan_from_cams[patches.frame_idx]
+    normals = np.einsum("kab,kb->ka", poses[:, :2, :3], patches.normals_cam)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    ends = se3.transform(poses, pieces.ends_cam)[..., :2]
+    ends = se3.transform(poses, patches.ends_cam)[..., :2]
     return normals, ends
 
 

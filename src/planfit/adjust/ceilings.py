@@ -10,7 +10,7 @@ import numpy as np
 
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
-from planfit.structure import Structure
+from planfit.segmentation import Structure
 
 _BIN_M = 0.02
 

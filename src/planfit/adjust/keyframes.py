@@ -10,12 +10,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from planfit.adjust.evidence import Evidence
+from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import KeyframeOptions
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.scan.odometry import Odometry
-from planfit.structure import LevelPoints, Pieces, Structure
+from planfit.segmentation import LevelPoints, Structure, WallPatches
 
 
 @dataclass(frozen=True)
@@ -71,15 +71,15 @@ def _sharpest(last: int, i: int, share: float, sharpness: np.ndarray | None) -> 
     return i - int(np.argmax(sharpness[first : i + 1][::-1]))
 
 
-def reduce_evidence(evidence: Evidence, keyframes: Keyframes) -> Evidence:
+def reduce_measurements(measurements: Measurements, keyframes: Keyframes) -> Measurements:
     """The same evidence with keyframes as its only frames."""
     if len(keyframes.frame_idx) == len(keyframes.nearest):
-        return evidence
-    return Evidence(
-        _reduce_matches(evidence.matches, keyframes),
-        _reduce_structure(evidence.structure, keyframes),
-        _reduce_odometry(evidence.odometry, keyframes),
-        tuple(evidence.cameras[i] for i in keyframes.frame_idx) if evidence.cameras else (),
+        return measurements
+    return Measurements(
+        _reduce_matches(measurements.matches, keyframes),
+        _reduce_structure(measurements.structure, keyframes),
+        _reduce_odometry(measurements.odometry, keyframes),
+        tuple(measurements.cameras[i] for i in keyframes.frame_idx) if measurements.cameras else (),
         keyframes.frame_idx,
     )
 
@@ -133,11 +133,13 @@ def _reduce_structure(structure: Structure, keyframes: Keyframes) -> Structure:
         structure,
         floor=_reduce_level(structure.floor, keyframes),
         floor_heights_m=structure.floor_heights_m[keyframes.frame_idx],
-        walls=_reduce_pieces(structure.walls, keyframes),
-        loose_points_cam=_move(move, structure.loose_frame_idx, structure.loose_points_cam),
-        loose_frame_idx=nearest[structure.loose_frame_idx],
+        walls=_reduce_patches(structure.walls, keyframes),
+        unassigned_points_cam=_move(
+            move, structure.unassigned_frame_idx, structure.unassigned_points_cam
+        ),
+        unassigned_frame_idx=nearest[structure.unassigned_frame_idx],
         ceiling=_reduce_level(structure.ceiling, keyframes),
-        columns=_reduce_pieces(structure.columns, keyframes),
+        columns=_reduce_patches(structure.columns, keyframes),
     )
 
 
@@ -148,21 +150,21 @@ def _reduce_level(level: LevelPoints, keyframes: Keyframes) -> LevelPoints:
     return LevelPoints(moved, level.start[first_frame])
 
 
-def _reduce_pieces(pieces: Pieces, keyframes: Keyframes) -> Pieces:
-    move, frame = keyframes.key_from_cam, pieces.frame_idx
-    ends = _move(move, np.repeat(frame, 2), pieces.ends_cam.reshape(-1, 3))
+def _reduce_patches(patches: WallPatches, keyframes: Keyframes) -> WallPatches:
+    move, frame = keyframes.key_from_cam, patches.frame_idx
+    ends = _move(move, np.repeat(frame, 2), patches.ends_cam.reshape(-1, 3))
     return replace(
-        pieces,
-        points_cam=_move(move, pieces.point_frame_idx, pieces.points_cam),
+        patches,
+        points_cam=_move(move, patches.point_frame_idx, patches.points_cam),
         frame_idx=keyframes.nearest[frame],
-        normals_cam=np.einsum("kij,kj->ki", move[frame, :3, :3], pieces.normals_cam),
+        normals_cam=np.einsum("kij,kj->ki", move[frame, :3, :3], patches.normals_cam),
         ends_cam=ends.reshape(-1, 2, 3),
     )
 
 
 def _reduce_odometry(odometry: Odometry, keyframes: Keyframes) -> Odometry:
     key = keyframes.frame_idx
-    turn, shift = odometry.spread_between(key[:-1], key[1:])
+    turn, shift = odometry.sigma_between(key[:-1], key[1:])
     recorded = keyframes.first_from_keys
     return Odometry(se3.inverse(recorded[:-1]) @ recorded[1:], turn, shift)
 

@@ -4,17 +4,17 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from planfit.adjust.association import AssociationOptions
-from planfit.adjust.bounded import BoundedOptions
 from planfit.adjust.ceilings import CeilingOptions
-from planfit.adjust.sgd import DescentOptions
-from planfit.adjust.solver import SolverOptions
+from planfit.adjust.paper.descent import DescentOptions
 from planfit.adjust.terms.levels import LevelOptions
+from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
 from planfit.adjust.terms.rays import RayOptions
 from planfit.adjust.terms.reprojection import ReprojectionOptions
-from planfit.adjust.terms.trajectory import TrajectoryOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError, require, require_choice, require_positive, require_share
+from planfit.lsq.bounded import BoundedOptions
+from planfit.lsq.solver import SolverOptions
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class AdjustOptions:
     """Least distance of viewing rays."""
     floor: LevelOptions = field(default_factory=LevelOptions)
     """Floor term."""
-    ceiling: LevelOptions = field(default_factory=lambda: LevelOptions(max_readings=3.0))
+    ceiling: LevelOptions = field(default_factory=lambda: LevelOptions(max_observations=3.0))
     """Ceiling term, where masks name the ceiling."""
     ceiling_heights: CeilingOptions = field(default_factory=CeilingOptions)
     """How ceilings of several heights are told apart."""
@@ -59,9 +59,9 @@ class AdjustOptions:
     wall_strategy: Literal["fixed", "iterative", "nearest-point"] = "fixed"
     """What wall points are pulled to: the plane of a face chosen for the whole piece (fixed nearest wall),
     that of the face nearest to each point at each round (iterative nearest wall), or its nearest point."""
-    columns: WallOptions = field(default_factory=lambda: WallOptions(max_readings=2.0))
+    columns: WallOptions = field(default_factory=lambda: WallOptions(max_observations=2.0))
     """The same for the sides of columns, where masks name columns."""
-    trajectory: TrajectoryOptions = field(default_factory=TrajectoryOptions)
+    odometry: OdometryTermOptions = field(default_factory=OdometryTermOptions)
     """Trajectory prior."""
     averaging: Literal["readings", "mean"] = "readings"
     """What a term adds up: independent readings in spreads, or, as in the paper, the mean over its points,
@@ -83,7 +83,7 @@ class AdjustOptions:
     """Schedule of the gradient descent."""
     loops_first: bool = True
     """Close loops by matches before the scan is placed and walls pull."""
-    graduation: tuple[float, ...] = (4.0, 2.0, 1.0)
+    gnc_schedule: tuple[float, ...] = (4.0, 2.0, 1.0)
     """Factors on the scale of the matches' loss while loops close, one after the other: wide at first,
     so that matches which are far apart only because of drift still pull, then as it stands."""
     wall_distances_m: tuple[float, ...] = (1.2, 0.8, 0.6, 0.45, 0.35)
@@ -99,8 +99,8 @@ class AdjustOptions:
         require_choice(self, "wall_strategy", "fixed", "iterative", "nearest-point")
         require_choice(self, "averaging", "readings", "mean")
         require_choice(self, "method", "lm", "sgd")
-        if not self.graduation or min(self.graduation) <= 0:
-            raise OptionError(f"graduation: expected factors above 0, found {self.graduation}")
+        if not self.gnc_schedule or min(self.gnc_schedule) <= 0:
+            raise OptionError(f"graduation: expected factors above 0, found {self.gnc_schedule}")
         if not self.wall_distances_m or min(self.wall_distances_m) <= 0:
             raise OptionError(
                 f"wall_distances_m: expected positive distances, found {self.wall_distances_m}"
@@ -122,7 +122,7 @@ class AdjustOptions:
             is_papers = (
                 (self.geometric, self.wall_strategy, self.averaging) == ("points", "fixed", "mean")
                 and not self.is_bounded
-                and self.trajectory.weight == self.ceiling.weight == self.columns.weight == 0
+                and self.odometry.weight == self.ceiling.weight == self.columns.weight == 0
             )
             require(
                 is_papers,
@@ -132,5 +132,5 @@ class AdjustOptions:
 
     def _weights(self) -> tuple[float, ...]:
         geometric = getattr(self, self.geometric).weight
-        others = (self.floor, self.ceiling, self.walls, self.columns, self.trajectory)
+        others = (self.floor, self.ceiling, self.walls, self.columns, self.odometry)
         return geometric, *(options.weight for options in others)

@@ -8,24 +8,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planfit.align.bend import refine_bent
-from planfit.align.fields import wrap_angle
+from planfit.align.control_points import ControlPoint, fit_control_points, parse_start
+from planfit.align.likelihood_field import wrap_angle
+from planfit.align.nonrigid import refine_bent
 from planfit.align.options import AlignOptions
-from planfit.align.pins import Pin, fit_pins, parse_start
 from planfit.align.refine import (
-    Fit,
+    AlignmentHypothesis,
     RefineSteps,
     explained,
     part_covariance,
-    refine_fit,
+    refine_hypothesis,
     rotation_2d,
     stretch_scores,
 )
 from planfit.align.scales import scale_range
-from planfit.align.search import Region, search_places
+from planfit.align.search import Region, search_hypotheses
+from planfit.align.selection import Stretches, Verdict, is_distinct, judge, with_stretches
 from planfit.align.turns import candidate_turns
-from planfit.align.verdict import Stretches, Verdict, is_distinct, judge, with_stretches
-from planfit.align.walls import WallSamples, thin
+from planfit.align.wall_samples import WallSamples, thin
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
 
@@ -47,7 +47,7 @@ class Alignment:
     plan_from_level: np.ndarray  # (4, 4), to the plan in metres
     score: float
     """Share of seen wall that the plan explains."""
-    runner_up: Fit | None
+    runner_up: AlignmentHypothesis | None
     """The best place elsewhere."""
     is_as_recorded: bool = False
     """Whether it agrees with the place that the scan's format claims."""
@@ -59,7 +59,7 @@ class Alignment:
     """Metres of one unit of the plan, along its x and its y; 1 for a plan in metres."""
     covariance: np.ndarray | None = None
     """(4, 4) of turn (rad), x and y (m) of the scan's middle, and log scale."""
-    candidates: tuple[Fit, ...] = ()
+    candidates: tuple[AlignmentHypothesis, ...] = ()
     """Distinct places, best first, the taken one among them."""
     is_mirrored: bool = False
     """Whether the scan fits the plan clearly better when left and right are swapped."""
@@ -75,7 +75,7 @@ class Alignment:
         return float(np.sqrt(self.scale_xy[0] * self.scale_xy[1]))
 
     @property
-    def scale_spread(self) -> float:
+    def scale_sigma(self) -> float:
         """Standard deviation of the scale, as a share of it; 0 where it was known."""
         return 0.0 if self.covariance is None else float(np.sqrt(max(self.covariance[3, 3], 0.0)))
 
@@ -101,7 +101,7 @@ def align(
     floorplan: Floorplan,
     options: AlignOptions,
     recorded: np.ndarray | None = None,
-    pins: tuple[Pin, ...] = (),
+    control_points: tuple[ControlPoint, ...] = (),
 ) -> Alignment:
     """Find the turn, shift and scale that bring most scanned wall onto faces that look the same way.
 
@@ -118,9 +118,9 @@ def align(
         OptionError: pins disagree, or there is no such candidate.
     """
     require_walls(walls, floorplan)
-    scales, turns, regions = _narrowed(walls, floorplan, options, pins)
+    scales, turns, regions = _narrowed(walls, floorplan, options, control_points)
     recorded = recorded if floorplan.is_metric else None
-    starts = [] if recorded is None else [Fit(_yaw(recorded), recorded[:2, 3], 0.0)]
+    starts = [] if recorded is None else [AlignmentHypothesis(_yaw(recorded), recorded[:2, 3], 0.0)]
     fits = _fits(walls, floorplan, scales, turns, regions, starts, options)
     mirrored = None
     if not _is_clear(fits, walls, options) and not regions:
@@ -178,7 +178,10 @@ def _alignment(verdict: Verdict) -> Alignment:
 
 
 def _narrowed(
-    walls: WallSamples, floorplan: Floorplan, options: AlignOptions, pins: tuple[Pin, ...]
+    walls: WallSamples,
+    floorplan: Floorplan,
+    options: AlignOptions,
+    control_points: tuple[ControlPoint, ...],
 ) -> tuple[tuple[float, float], np.ndarray, tuple[Region, ...]]:
     """Scales, turns and regions to search, after all that the user knows."""
     known = 1.0 if floorplan.is_metric else options.metres_per_unit or None
@@ -188,10 +191,13 @@ def _narrowed(
         slack = 0.0 if floorplan.is_metric else options.scale_tolerance
         scales = (known / (1 + slack), known * (1 + slack))
     turns = candidate_turns(walls, floorplan, options.max_turns)
-    regions = [Region(pin.level_xy, pin.plan_xy, options.pin_tolerance_m) for pin in pins]
-    if len(pins) > 1:
+    regions = [
+        Region(pin.level_xy, pin.plan_xy, options.control_point_tolerance_m)
+        for pin in control_points
+    ]
+    if len(control_points) > 1:
         exact = known if scales[0] == scales[1] else None
-        yaw, _, scale = fit_pins(pins, exact, options.pin_tolerance_m)
+        yaw, _, scale = fit_control_points(control_points, exact, options.control_point_tolerance_m)
         turns = np.array([yaw])
         scales = scales if exact else (scale / 1.02, scale * 1.02)
     if options.start:
@@ -215,23 +221,23 @@ def _fits(
     scales: tuple[float, float],
     turns: np.ndarray,
     regions: tuple[Region, ...],
-    starts: list[Fit],
+    starts: list[AlignmentHypothesis],
     options: AlignOptions,
-) -> list[Fit]:
+) -> list[AlignmentHypothesis]:
     """Refined places, best first; the given starts are refined beside those found."""
     coarse, _ = thin(walls, COARSE_SAMPLES)
-    places = search_places(coarse, floorplan, scales, turns, options, regions) + starts
+    places = search_hypotheses(coarse, floorplan, scales, turns, options, regions) + starts
     n_scales = _n_scales(floorplan, scales, options)
     # The first look holds a scale common to both axes: few samples do not tell two.
     quick = RefineSteps((1.5, 1.0, 0.7, 0.5), min(n_scales, 1))
     full = RefineSteps(FULL_DISTANCES_M, n_scales)
     samples, weights = thin(walls, QUICK_SAMPLES)
-    fits = [refine_fit(samples, weights, floorplan, place, quick) for place in places]
+    fits = [refine_hypothesis(samples, weights, floorplan, place, quick) for place in places]
     fits = [fit for fit in fits if _is_allowed(fit, scales, regions)] or fits[-1:]
     fits.sort(key=lambda fit: -fit.score)
     samples, weights = thin(walls, FULL_SAMPLES)
     best = _distinct(fits, samples, options)[:FULL_PLACES]
-    refined = [refine_fit(samples, weights, floorplan, fit, full) for fit in best]
+    refined = [refine_hypothesis(samples, weights, floorplan, fit, full) for fit in best]
     return sorted(refined, key=lambda fit: -fit.score)
 
 
@@ -242,13 +248,15 @@ def _n_scales(floorplan: Floorplan, scales: tuple[float, float], options: AlignO
     return int(scales[0] < scales[1])
 
 
-def _is_clear(fits: list[Fit], walls: WallSamples, options: AlignOptions) -> bool:
+def _is_clear(fits: list[AlignmentHypothesis], walls: WallSamples, options: AlignOptions) -> bool:
     """Whether the best place stands alone."""
     rivals = (f.score for f in fits if is_distinct(f, fits[0], walls, options))
     return fits[0].score >= CLEAR_SCORE and fits[0].score - max(rivals, default=0.0) >= CLEAR_MARGIN
 
 
-def _is_allowed(fit: Fit, scales: tuple[float, float], regions: tuple[Region, ...]) -> bool:
+def _is_allowed(
+    fit: AlignmentHypothesis, scales: tuple[float, float], regions: tuple[Region, ...]
+) -> bool:
     """Whether refinement left the place within what the user knows, with some slack for drift."""
     if not 0.97 * scales[0] <= fit.metres_per_unit <= 1.03 * scales[1]:
         return False
@@ -260,10 +268,12 @@ def _is_allowed(fit: Fit, scales: tuple[float, float], regions: tuple[Region, ..
     )
 
 
-def _distinct(fits: list[Fit], walls: WallSamples, options: AlignOptions) -> list[Fit]:
+def _distinct(
+    fits: list[AlignmentHypothesis], walls: WallSamples, options: AlignOptions
+) -> list[AlignmentHypothesis]:
     """The first of each group of fits that ended at the same place."""
     slim = replace(options, distinct_m=0.3, distinct_deg=1.0, distinct_scale=0.005)
-    kept: list[Fit] = []
+    kept: list[AlignmentHypothesis] = []
     for fit in fits:
         if all(is_distinct(fit, other, walls, slim) for other in kept):
             kept.append(fit)

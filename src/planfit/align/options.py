@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from planfit.align.pins import parse_pin, parse_start
+from planfit.align.control_points import parse_control_point, parse_start
 from planfit.errors import OptionError, require_positive, require_share
 
 
@@ -41,10 +41,10 @@ class AlignOptions:
     """Share by which `metres_per_unit` may be off; 0 takes it as exact."""
     two_scales: bool = False
     """Look for a scale along each axis of the plan: drawings that were stretched."""
-    pins: tuple[str, ...] = ()
+    control_points: tuple[str, ...] = ()
     """Known pairs "x,y,z=u,v": a point of the scan in its own axes (m) and the same point on the plan
     (pixels of a picture, else the plan frame in the plan's unit)."""
-    pin_tolerance_m: float = 1.0
+    control_point_tolerance_m: float = 1.0
     """How far off a pinned point may end."""
     start: str = ""
     """Rough place "x,y,turn": plan point (m) of the level frame's origin, and turn (deg); the search
@@ -60,9 +60,9 @@ class AlignOptions:
         if self.method not in ("search", "paper"):
             raise OptionError(f"align.method: expected search or paper, found {self.method!r}")
         require_positive(self, "cell_m", "reach_m", "max_turns", "max_candidates", "candidate")
-        require_positive(self, "pin_tolerance_m")
+        require_positive(self, "control_point_tolerance_m")
         require_share(self, "scale_tolerance")
-        for pin in self.pins:
-            parse_pin(pin)
+        for pin in self.control_points:
+            parse_control_point(pin)
         if self.start:
             parse_start(self.start)

@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 
 from planfit.align.align import Alignment, require_walls
 from planfit.align.options import AlignOptions
-from planfit.align.refine import Fit, explained, rotation_2d
+from planfit.align.refine import AlignmentHypothesis, explained, rotation_2d
 from planfit.align.scales import metric_plan
-from planfit.align.walls import WallSamples, thin
+from planfit.align.wall_samples import WallSamples, thin
 from planfit.errors import ScanError
 from planfit.floorplan import Floorplan
 
@@ -33,7 +33,7 @@ MIN_ORTHOGONAL_SHARE = 0.6
 class PaperPlace:
     """One of the four rotations."""
 
-    fit: Fit
+    fit: AlignmentHypothesis
     distance_m: float
     """Mean distance from the boundary scan to the 3D floorplan."""
 
@@ -76,7 +76,7 @@ def align_paper(
     for place in places:
         score, crossed = explained(samples, weights, floorplan, place.fit)
         fit = place.fit
-        fits.append(Fit(fit.yaw, fit.shift, score, fit.scale_xy, crossed))
+        fits.append(AlignmentHypothesis(fit.yaw, fit.shift, score, fit.scale_xy, crossed))
     best = fits[0]
     if best.score < options.min_score:
         warnings.append(
@@ -172,7 +172,7 @@ def _place(
     model = floorplan_3d(metric_plan(floorplan, scale_xy), *heights, rng)
     placed = np.column_stack([xy + shift, boundary[:, 2]])
     distance = float(np.mean(cKDTree(model).query(placed)[0]))
-    return PaperPlace(Fit(yaw, shift, 0.0, scale_xy), distance)
+    return PaperPlace(AlignmentHypothesis(yaw, shift, 0.0, scale_xy), distance)
 
 
 def _broken_assumptions(

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planfit.align.sight import crosses_face, nearest_faces
-from planfit.align.walls import WallSamples
+from planfit.align.visibility import crosses_face, nearest_faces
+from planfit.align.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 
@@ -23,7 +23,7 @@ N_STRETCHES = 5
 
 
 @dataclass(frozen=True)
-class Fit:
+class AlignmentHypothesis:
     """One place of the scan on the plan."""
 
     yaw: float  # rad
@@ -61,13 +61,13 @@ class RefineSteps:
     """Largest change of a log scale at once."""
 
 
-def refine_fit(
+def refine_hypothesis(
     walls: WallSamples,
     weights: np.ndarray,
     floorplan: Floorplan,
-    start: Fit,
+    start: AlignmentHypothesis,
     steps: RefineSteps | None = None,
-) -> Fit:
+) -> AlignmentHypothesis:
     """Move a start so that wall samples lie on faces of the plan.
 
     Args:
@@ -112,17 +112,17 @@ def refine_fit(
         scale = scale * factor
         middle = factor * middle + step[1:3]
     shift = middle - rotation_2d(yaw) @ centre
-    place = Fit(yaw, shift, 0.0, (float(scale[0]), float(scale[1])))
+    place = AlignmentHypothesis(yaw, shift, 0.0, (float(scale[0]), float(scale[1])))
     score, crossed_share = explained(walls, weights, floorplan, place)
     covariance = _covariance(hessian, spread, weights, walls.xy)
-    return Fit(yaw, shift, score, place.scale_xy, crossed_share, covariance)
+    return AlignmentHypothesis(yaw, shift, score, place.scale_xy, crossed_share, covariance)
 
 
 def part_covariance(
     walls: WallSamples,
     weights: np.ndarray,
     floorplan: Floorplan,
-    fit: Fit,
+    fit: AlignmentHypothesis,
     steps: RefineSteps,
 ) -> np.ndarray:
     """(4, 4) as `Fit.covariance`, from how the fit changes when parts of the walk are left out.
@@ -138,14 +138,14 @@ def part_covariance(
         kept = np.flatnonzero(part != k)
         if len(kept) < 3:
             return np.zeros((4, 4))
-        other = refine_fit(walls.picked(kept), weights[kept], floorplan, fit, steps)
+        other = refine_hypothesis(walls.picked(kept), weights[kept], floorplan, fit, steps)
         found.append(_apart(other, fit, middle))
     apart = np.array(found) - np.mean(found, axis=0)
     return (N_STRETCHES - 1) / N_STRETCHES * apart.T @ apart
 
 
 def stretch_scores(
-    walls: WallSamples, weights: np.ndarray, floorplan: Floorplan, place: Fit
+    walls: WallSamples, weights: np.ndarray, floorplan: Floorplan, place: AlignmentHypothesis
 ) -> np.ndarray:
     """Score (N_STRETCHES,) of each stretch of the walk by itself."""
     part = _stretches(len(walls.xy))
@@ -162,7 +162,7 @@ def _stretches(n: int) -> np.ndarray:
     return np.arange(n) * N_STRETCHES // max(n, 1)
 
 
-def _apart(a: Fit, b: Fit, middle: np.ndarray) -> np.ndarray:
+def _apart(a: AlignmentHypothesis, b: AlignmentHypothesis, middle: np.ndarray) -> np.ndarray:
     """Turn (rad), shift (2,) m of the scan's middle on the drawing, and log scale from b to a."""
     places = [(rotation_2d(f.yaw) @ middle + f.shift) / np.array(f.scale_xy) for f in (a, b)]
     turn = (a.yaw - b.yaw + np.pi) % (2 * np.pi) - np.pi
@@ -171,9 +171,9 @@ def _apart(a: Fit, b: Fit, middle: np.ndarray) -> np.ndarray:
 
 
 def explained(
-    walls: WallSamples, weights: np.ndarray, floorplan: Floorplan, place: Fit
+    walls: WallSamples, weights: np.ndarray, floorplan: Floorplan, place: AlignmentHypothesis
 ) -> tuple[float, float]:
-    """Score of a place, and the share of samples seen through a face; see `Fit`."""
+    """Score of a place, and the share of samples seen through a face; see `AlignmentHypothesis`."""
     ends, face_normals = scaled_faces(floorplan, np.array(place.scale_xy))
     turn = rotation_2d(place.yaw)
     xy = walls.xy @ turn.T + place.shift

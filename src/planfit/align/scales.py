@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from planfit.align.refine import scaled_faces
-from planfit.align.walls import WallSamples
+from planfit.align.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
 

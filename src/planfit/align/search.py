@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit.align.fields import ShiftSearch, make_face_fields
+from planfit.align.likelihood_field import ShiftSearch, make_likelihood_field
 from planfit.align.options import AlignOptions
-from planfit.align.refine import Fit, rotation_2d
+from planfit.align.refine import AlignmentHypothesis, rotation_2d
 from planfit.align.scales import scale_steps
-from planfit.align.walls import WallSamples
+from planfit.align.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
 
 CELLS_ACROSS = 100
@@ -28,14 +28,14 @@ class Region:
     radius_m: float
 
 
-def search_places(
+def search_hypotheses(
     walls: WallSamples,
     floorplan: Floorplan,
     scales: tuple[float, float],
     turns: np.ndarray,
     options: AlignOptions,
     regions: tuple[Region, ...] = (),
-) -> list[Fit]:
+) -> list[AlignmentHypothesis]:
     """Best places of the coarse search, best first, with their coarse score; not more than asked for.
 
     Args:
@@ -51,10 +51,10 @@ def search_places(
     all_scales = scale_steps(*scales, step=4.0 * cell_m / max(walls.extent_m, 1.0))
     everything = np.concatenate([walls.xy, free_xy])
     reach_m = float(np.linalg.norm(np.ptp(everything, axis=0)))
-    found: list[Fit] = []
+    found: list[AlignmentHypothesis] = []
     for group in _octaves(all_scales):
         middle = float(np.sqrt(group[0] * group[-1]))
-        fields = make_face_fields(
+        fields = make_likelihood_field(
             floorplan.scaled(middle), cell_m, options.reach_m, 2.0, walls.extent_m
         )
         search = ShiftSearch(fields, reach_m * middle / group[0])
@@ -125,7 +125,7 @@ class _Grid:
             radius = max(region.radius_m, self.cell_m)
             self.table[np.hypot(x[None, :], y[:, None]) > radius] = -np.inf
 
-    def peaks(self, yaw: float, scale: float, distinct_m: float) -> list[Fit]:
+    def peaks(self, yaw: float, scale: float, distinct_m: float) -> list[AlignmentHypothesis]:
         """The best shifts, apart by `distinct_m`."""
         radius = int(np.ceil(distinct_m * self.ratio / self.cell_m))
         table, fits = self.table.copy(), []
@@ -134,7 +134,9 @@ class _Grid:
             score = float(table[row, column])
             if not np.isfinite(score):
                 break
-            fits.append(Fit(yaw, self.shift(int(row), int(column)), score, (scale, scale)))
+            fits.append(
+                AlignmentHypothesis(yaw, self.shift(int(row), int(column)), score, (scale, scale))
+            )
             rows = slice(max(row - radius, 0), row + radius + 1)
             columns = slice(max(column - radius, 0), column + radius + 1)
             table[rows, columns] = -np.inf
@@ -147,10 +149,12 @@ def _octaves(scales: np.ndarray) -> list[np.ndarray]:
     return [scales[number == k] for k in np.unique(number)]
 
 
-def _spread(fits: list[Fit], walls: WallSamples, options: AlignOptions) -> list[Fit]:
+def _spread(
+    fits: list[AlignmentHypothesis], walls: WallSamples, options: AlignOptions
+) -> list[AlignmentHypothesis]:
     """The first of each heap: neighbouring scales find the same place again."""
     middle = walls.xy.mean(axis=0)
-    kept: list[Fit] = []
+    kept: list[AlignmentHypothesis] = []
     at: list[np.ndarray] = []
     for fit in fits:
         on_plan = (rotation_2d(fit.yaw) @ middle + fit.shift) / fit.metres_per_unit

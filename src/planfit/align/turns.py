@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planfit.align.walls import WallSamples
+from planfit.align.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
 
 MIN_AGREEMENT = 0.35

@@ -6,7 +6,7 @@ import numpy as np
 
 from planfit.align.align import Alignment, align
 from planfit.align.options import AlignOptions
-from planfit.align.walls import WallSamples
+from planfit.align.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
 
 METRES_PER_UNIT = {
@@ -33,7 +33,7 @@ def find_unit(
     if not floorplan.is_metric or alignment.score >= options.min_score:
         return None
     unknown = replace(floorplan, is_metric=False)
-    free = replace(options, metres_per_unit=0.0, candidate=1, start="", pins=())
+    free = replace(options, metres_per_unit=0.0, candidate=1, start="", control_points=())
     found = align(walls, unknown, free)
     if not found.is_sure or found.score < alignment.score + BETTER_SCORE:
         return None

@@ -22,12 +22,12 @@ from planfit.evaluate import (
 )
 from planfit.evaluate.sampling import thin
 from planfit.floorplan import Floorplan, read_floorplan
-from planfit.options import RefineOptions
-from planfit.pipeline import refine
-from planfit.prepare import Clock, Seen, look_through
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.prepare import Observations, StageTimer, extract_observations
+from planfit.pipeline.refine import refine
+from planfit.runtime import Runtime
 from planfit.scan import Scan, read_scan, read_tum
 from planfit.synth import NoDepthNoise, drawn_plan, make_scan
-from planfit.work import Work
 
 MAP = MapOptions(frame_step=2)
 """Points that maps are judged by: of every second frame, one in a voxel of 5 cm, radius 0.2 m."""
@@ -45,11 +45,11 @@ class Case:
     floorplan: Floorplan
     lambda_walls: float
     true_plan_from_cams: np.ndarray  # (n, 4, 4)
-    seen: Seen
+    seen: Observations
     judge: MapJudge
 
 
-def load_case(bench_scan: BenchScan, work: Work) -> Case:
+def load_case(bench_scan: BenchScan, runtime: Runtime) -> Case:
     """Render a synthetic scan, look through it, and take the points it is judged by."""
     synthetic = make_scan(bench_scan.synth)
     plan = synthetic.floorplan
@@ -58,7 +58,7 @@ def load_case(bench_scan: BenchScan, work: Work) -> Case:
         plan = drawn_plan(synthetic.building, bench_scan.habits, rng)
     clean = make_scan(replace(bench_scan.synth, depth_noise=NoDepthNoise()))
     true_map = replace(MAP, frame_step=_TRUE_FRAME_STEP, voxel_m=_TRUE_SPACING_M)
-    points = sample_depth_maps(clean.scan, true_map, work).placed(synthetic.true_plan_from_cams)
+    points = sample_depth_maps(clean.scan, true_map, runtime).placed(synthetic.true_plan_from_cams)
     cloud = make_true_cloud(thin(points, _TRUE_SPACING_M), normal_radius_m=0.1)
     scan = synthetic.scan
     return Case(
@@ -68,12 +68,12 @@ def load_case(bench_scan: BenchScan, work: Work) -> Case:
         floorplan=plan,
         lambda_walls=bench_scan.lambda_walls,
         true_plan_from_cams=synthetic.true_plan_from_cams,
-        seen=look_through(scan, RefineOptions(), work, Clock(work)),
-        judge=make_map_judge(scan, MAP, work, cloud),
+        seen=extract_observations(scan, RefineOptions(), runtime, StageTimer(runtime)),
+        judge=make_map_judge(scan, MAP, runtime, cloud),
     )
 
 
-def load_real_case(folder: Path, work: Work) -> Case:
+def load_real_case(folder: Path, runtime: Runtime) -> Case:
     """A scan in files whose format records poses in the plan's axes, with its plan and `groundtruth.tum`.
 
     Raises:
@@ -99,19 +99,19 @@ def load_real_case(folder: Path, work: Work) -> Case:
         floorplan=read_floorplan(scan.floorplan_path),
         lambda_walls=0.5,
         true_plan_from_cams=scan.plan_from_world_axes @ poses,
-        seen=look_through(scan, RefineOptions(), work, Clock(work)),
-        judge=make_map_judge(scan, replace(MAP, frame_step=1), work),
+        seen=extract_observations(scan, RefineOptions(), runtime, StageTimer(runtime)),
+        judge=make_map_judge(scan, replace(MAP, frame_step=1), runtime),
     )
 
 
-def measure(case: Case, variant: Variant, work: Work) -> Measured:
+def measure(case: Case, variant: Variant, runtime: Runtime) -> Measured:
     """Refine a scan in one way, and take all figures. A run that refuses is recorded with its reason."""
     if variant.has_true_poses:
-        figures = _of_map(case, case.true_plan_from_cams, work.workers)
+        figures = _of_map(case, case.true_plan_from_cams, runtime.workers)
         return Measured(case.set_name, case.name, variant.key, figures)
     try:
         result = refine(
-            case.scan, case.floorplan, variant.options(case.lambda_walls), work, case.seen
+            case.scan, case.floorplan, variant.options(case.lambda_walls), runtime, case.seen
         )
     except PlanfitError as error:
         return Measured(case.set_name, case.name, variant.key, {}, failed=str(error))
@@ -122,10 +122,10 @@ def measure(case: Case, variant: Variant, work: Work) -> Measured:
         figures["solve_s"] = result.seconds_by_stage["pull walls"]
         figures["step_ms"] = 1e3 * figures["solve_s"] / max(1, result.walls.iterations)
         figures["solve_s"] += result.seconds_by_stage.get("close loops", 0.0)
-    figures |= _of_map(case, poses, work.workers)
+    figures |= _of_map(case, poses, runtime.workers)
     errors = position_errors(poses, case.true_plan_from_cams)
     figures |= {"ate": errors.rms_m, "ate_aligned": errors.aligned_rms_m}
-    return Measured(case.set_name, case.name, variant.key, figures, result.doubts)
+    return Measured(case.set_name, case.name, variant.key, figures, result.warnings)
 
 
 def _of_map(case: Case, poses: np.ndarray, workers: int) -> dict[str, float]:

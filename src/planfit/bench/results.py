@@ -33,7 +33,7 @@ class Measured:
     """`preset/name`."""
     figures: dict[str, float]
     """By the names of `FIGURES`; those that could not be taken are absent."""
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     """What the run itself said of its result."""
     failed: str = ""
     """Why there is no result: the run refused."""
@@ -79,7 +79,8 @@ def read_results(path: Path) -> Results:
     try:
         values = json.loads(path.read_text())
         measured = tuple(
-            Measured(**{**row, "doubts": tuple(row["doubts"])}) for row in values.pop("measured")
+            Measured(**{**row, "warnings": tuple(row["warnings"])})
+            for row in values.pop("measured")
         )
         return Results(**values, measured=measured)
     except OSError as error:

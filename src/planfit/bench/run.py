@@ -11,7 +11,7 @@ from planfit.bench.results import Measured, Results, read_results
 from planfit.bench.scans import BenchScan
 from planfit.bench.variants import VARIANTS, Variant, setup_digest
 from planfit.errors import OutputError
-from planfit.work import Work
+from planfit.runtime import Runtime
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ def run_bench(
     options: BenchOptions,
     planfit: str,
     conditions: str,
-    work: Work,
+    runtime: Runtime,
     on_measured: Callable[[Measured], None],
 ) -> Results:
     """Measure what is not yet in the file, scan by scan; the file is written after each figure.
@@ -39,7 +39,7 @@ def run_bench(
         options: what is run.
         planfit: version, for the record; results of another version are not added to.
         conditions: the machine, for the record.
-        work: threads and progress; finished stages are kept in `OUT.cache` until their scan is done.
+        runtime: threads and progress; finished stages are kept in `OUT.cache` until their scan is done.
         on_measured: told of each result.
 
     Raises:
@@ -61,14 +61,14 @@ def run_bench(
                 f"{results.planfit}; choose another file with -o"
             )
     cache = options.out.with_name(options.out.name + ".cache")
-    work = replace(work, cache_dir=cache)
+    runtime = replace(runtime, cache_dir=cache)
     for name, load in _loaders(options.scans, options.real):
         missing = _missing(results, name, options.variants)
         if not missing:
             continue
-        case = load(work)
+        case = load(runtime)
         for variant in missing:
-            measured = measure(case, variant, work)
+            measured = measure(case, variant, runtime)
             results = replace(results, measured=(*results.measured, measured))
             results.write(options.out)
             on_measured(measured)
@@ -78,7 +78,7 @@ def run_bench(
 
 def _loaders(
     scans: Sequence[BenchScan], real: Sequence[Path]
-) -> list[tuple[str, Callable[[Work], Case]]]:
+) -> list[tuple[str, Callable[[Runtime], Case]]]:
     synthetic = [(scan.name, partial(load_case, scan)) for scan in scans]
     return [*synthetic, *((path.name, partial(load_real_case, path)) for path in real)]
 

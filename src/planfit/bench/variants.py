@@ -7,7 +7,7 @@ from typing import Literal
 
 from planfit.adjust import AdjustOptions, PaperWeights, paper_options
 from planfit.align import AlignOptions
-from planfit.options import RefineOptions
+from planfit.pipeline.options import RefineOptions
 
 Preset = Literal["paper", "default"]
 Change = Callable[[AdjustOptions], AdjustOptions]

@@ -89,7 +89,7 @@ def _parse(arguments_type: Any, name: str, argv: list[str]) -> Any:
     fields = {f.name: f for f in dataclasses.fields(arguments_type)} if is_plain else {}
     preset_name, config = _value_of(argv, "--preset"), _value_of(argv, "--config")
     if "config" in fields and (preset_name or config):
-        from planfit.presets import preset
+        from planfit.pipeline.presets import preset
 
         options = preset(preset_name or "default")
         if config:

@@ -9,17 +9,17 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from planfit.align import Alignment, Fit, WallSamples, metric_plan
+from planfit.align import Alignment, AlignmentHypothesis, WallSamples, metric_plan
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.plan_flags import PlanFlags
 from planfit.cli.scan_notes import tell_scan
 from planfit.errors import OutputError, ScanError
 from planfit.floorplan import Floorplan, read_floorplan
-from planfit.options import RefineOptions
-from planfit.place import align_scan
+from planfit.pipeline.align import align_scan
+from planfit.pipeline.options import RefineOptions
 from planfit.report import draw_place
+from planfit.runtime import Runtime
 from planfit.scan import ScanOptions, read_scan
-from planfit.work import Work
 
 
 @dataclass(frozen=True)
@@ -55,15 +55,15 @@ def align_command(arguments: AlignArguments) -> int:
     chosen = replace(
         options.align,
         candidate=arguments.candidate if arguments.candidate != 1 else options.align.candidate,
-        pins=options.align.pins + arguments.pin,
+        control_points=options.align.control_points + arguments.pin,
     )
     options = replace(options, align=chosen)
     folder = _claim(arguments.out)
     scan = read_scan(arguments.scan, options.structure.reads_masks, arguments.scan_options)
     floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
     with StageBars() as bars:
-        work = Work(arguments.workers, folder / "cache", bars.update)
-        found = align_scan(scan, floorplan, options, work)
+        runtime = Runtime(arguments.workers, folder / "cache", bars.update)
+        found = align_scan(scan, floorplan, options, runtime)
     if found is None:
         raise ScanError(
             f"{arguments.scan}: expected walls to place the scan by, found none; give wall masks, or "
@@ -84,7 +84,7 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
         "plan_from_level": alignment.plan_from_level.tolist(),
         "metres_per_unit": alignment.metres_per_unit,
         "metres_per_unit_xy": list(alignment.scale_xy),
-        "metres_per_unit_spread_share": alignment.scale_spread,
+        "metres_per_unit_spread_share": alignment.scale_sigma,
         "score": alignment.score,
         "margin": alignment.margin,
         "covariance_turn_x_y_log_scale": None
@@ -150,7 +150,7 @@ def _replace(path: Path, data: bytes) -> None:
     temporary.replace(path)
 
 
-def _title(number: int, fit: Fit, is_metric: bool) -> str:
+def _title(number: int, fit: AlignmentHypothesis, is_metric: bool) -> str:
     scale = "" if is_metric else f", {_scale(fit.scale_xy)}"
     return (
         f"place {number}: {fit.score:.0%} of the scanned wall explained, turned by "
@@ -180,9 +180,9 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
             ]
         )
     out.print(table("", ["place", "wall explained", "turn", "shift", "scale"], rows))
-    if not floorplan.is_metric and alignment.scale_spread > 0:
+    if not floorplan.is_metric and alignment.scale_sigma > 0:
         out.print(
-            f"scale: {_scale(alignment.scale_xy)}, known within {alignment.scale_spread:.2%} "
+            f"scale: {_scale(alignment.scale_xy)}, known within {alignment.scale_sigma:.2%} "
             "(one standard deviation)"
         )
     out.print(f"margin over the next place: {100 * alignment.margin:.0f} percentage points")

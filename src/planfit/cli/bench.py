@@ -21,7 +21,7 @@ from planfit.bench import (
 from planfit.cli.console import StageBars, out, table
 from planfit.errors import OptionError, require
 from planfit.evaluate import compare_paired
-from planfit.work import Work
+from planfit.runtime import Runtime
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ def _measure(arguments: PaperArguments) -> None:
     )
     conditions = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
     with StageBars() as bars:
-        work = Work(arguments.workers, None, bars.update)
-        results = run_bench(options, __version__, conditions, work, _tell)
+        runtime = Runtime(arguments.workers, None, bars.update)
+        results = run_bench(options, __version__, conditions, runtime, _tell)
     if arguments.page is not None:
         write_page(results, arguments.page)
         out.print(f"written: {arguments.page}", soft_wrap=True)

@@ -11,7 +11,7 @@ err = Console(stderr=True, highlight=False)
 
 
 class StageBars:
-    """A bar for each stage; use as a context, and give `update` to `planfit.work.Work`."""
+    """A bar for each stage; use as a context, and give `update` to `planfit.runtime.Work`."""
 
     def __init__(self) -> None:
         self._progress = Progress(

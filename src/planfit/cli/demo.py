@@ -15,8 +15,8 @@ from planfit.errors import OutputError
 from planfit.evaluate import position_errors
 from planfit.export.record import surface_metrics
 from planfit.floorplan import read_floorplan
-from planfit.options import RefineOptions
-from planfit.pipeline import RefineResult
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.refine import RefineResult
 from planfit.report import TruthErrors
 from planfit.scan import read_scan, read_tum
 from planfit.synth import CameraOptions, DriftOptions, SynthOptions, make_scan, write_facap
@@ -93,7 +93,7 @@ def demo_command(arguments: DemoArguments) -> int:
     stages = [[name, f"{value:.1f} s"] for name, value in seconds.items() if value > 0.05]
     out.print()
     out.print(table("time per stage", ["", ""], stages))
-    for doubt in result.doubts:
+    for doubt in result.warnings:
         out.print(f"[yellow]note:[/] {doubt}")
     out.print(f"\n{time.perf_counter() - begin:.0f} s in all. Report: {run_folder / 'report.html'}")
     return 0 if result.is_better else 1

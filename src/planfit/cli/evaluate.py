@@ -24,8 +24,8 @@ from planfit.evaluate import (
     surface_figures,
     trajectory_figures,
 )
+from planfit.runtime import Runtime
 from planfit.scan import ScanOptions, read_tum
-from planfit.work import Work
 
 _FAR_CM = 30.0
 """A map this far from the true scan on average was not registered to it."""
@@ -105,8 +105,8 @@ def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, A
         )
         is_run = (arguments.folder / "run.json").exists()
         cache = arguments.folder / "cache" if is_run else None
-        work = Work(arguments.workers, cache, bars.update)
-        compared = read_run(arguments.folder, arguments.scan, arguments.plan, plan_options, work)
+        runtime = Runtime(arguments.workers, cache, bars.update)
+        compared = read_run(arguments.folder, arguments.scan, arguments.plan, plan_options, runtime)
     else:
         if arguments.poses_frame == "plan" and arguments.truth_frame == "world":
             require(
@@ -114,10 +114,10 @@ def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, A
                 "--truth-frame: expected plan, as poses in the plan's frame do not tell where the "
                 "scan's own axes are; give the truth in the plan's frame too",
             )
-        work = Work(arguments.workers, None, bars.update)
+        runtime = Runtime(arguments.workers, None, bars.update)
         compared = read_poses(
             arguments.folder, dataclasses.replace(arguments.scan_options, poses=None), arguments.plan,
-            poses, arguments.poses_frame, plan_options, work,
+            poses, arguments.poses_frame, plan_options, runtime,
         )  # fmt: skip
     notes = list(compared.notes)
     before, after = compared.world if arguments.truth_frame == "world" else compared.plan
@@ -140,7 +140,7 @@ def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, A
         true_cloud = None
         if arguments.true_cloud is not None:
             true_cloud = read_true_cloud(arguments.true_cloud, options.voxel_m)
-        figures += map_figures(compared.scan, before, after, options, work, true_cloud)
+        figures += map_figures(compared.scan, before, after, options, runtime, true_cloud)
         notes += _cloud_notes(arguments, figures)
     return {
         "of": str(poses or arguments.folder),

@@ -12,18 +12,18 @@ from planfit.cli.config import options_of, scan_options_of
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry import se3
-from planfit.options import RefineOptions
-from planfit.place import claimed_place, wall_samples
+from planfit.pipeline.align import claimed_alignment, wall_samples
+from planfit.pipeline.options import RefineOptions
+from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan, read_tum
 from planfit.scan.pose_files import take_poses
-from planfit.structure import (
+from planfit.segmentation import (
     Structure,
     StructureOptions,
     extract_structure,
     find_gravity,
     level_from_world,
 )
-from planfit.work import Work
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,11 @@ class Compared:
 
 
 def read_run(
-    folder: Path, scan_path: Path | None, plan_path: Path | None, plan: PlanOptions, work: Work
+    folder: Path,
+    scan_path: Path | None,
+    plan_path: Path | None,
+    plan: PlanOptions,
+    runtime: Runtime,
 ) -> Compared:
     """Poses of a run of `planfit refine`, before and after.
 
@@ -51,7 +55,7 @@ def read_run(
         scan_path: where the scan is now, if it was moved.
         plan_path: where the plan is now, if it was moved.
         plan: how to read it; as in the run.
-        work: its cache is the run's.
+        runtime: its cache is the run's.
 
     Raises:
         ScanError: the folder is not that of a run, or the scan is another.
@@ -87,7 +91,7 @@ def read_run(
         )
     if not floorplan.is_metric:
         floorplan = metric_plan(floorplan, scale_xy)
-    _, structure = _structure(scan, structure_options, work)
+    _, structure = _structure(scan, structure_options, runtime)
     return Compared(
         scan,
         floorplan,
@@ -104,7 +108,7 @@ def read_poses(
     poses_path: Path,
     poses_frame: Literal["world", "plan"],
     plan: PlanOptions,
-    work: Work,
+    runtime: Runtime,
 ) -> Compared:
     """Poses from a file, after, against those that the scan was recorded with, before.
 
@@ -129,16 +133,16 @@ def read_poses(
                 f"{plan_path}: expected a plan in metres, as the poses are in its frame; give its "
                 "unit with --unit or --scale"
             )
-        _, structure = _structure(scan, options.structure, work)
+        _, structure = _structure(scan, options.structure, runtime)
         on_plan = (plan_from_world @ recorded, given)
         return Compared(
             scan, floorplan, structure, (recorded, se3.inverse(plan_from_world) @ given), on_plan
         )
-    level, structure = _structure(scan, options.structure, work)
+    level, structure = _structure(scan, options.structure, runtime)
     notes: list[str] = []
     if floorplan is not None:
         walls = wall_samples(structure, level @ given)
-        claimed = claimed_place(scan, floorplan, level)
+        claimed = claimed_alignment(scan, floorplan, level)
         if len(walls.xy) == 0:
             raise ScanError(
                 f"{scan_path}: expected walls to place the scan by, found none; give poses in the "
@@ -153,10 +157,12 @@ def read_poses(
     return Compared(scan, floorplan, structure, (recorded, given), on_plan, tuple(notes))
 
 
-def _structure(scan: Scan, options: StructureOptions, work: Work) -> tuple[np.ndarray, Structure]:
+def _structure(
+    scan: Scan, options: StructureOptions, runtime: Runtime
+) -> tuple[np.ndarray, Structure]:
     """level_from_world (4, 4), and floor and walls: found once, by the recorded poses, for both."""
-    gravity = find_gravity(scan, options.gravity, work)
-    structure = extract_structure(scan, gravity, options, work)
+    gravity = find_gravity(scan, options.gravity, runtime)
+    structure = extract_structure(scan, gravity, options, runtime)
     return level_from_world(gravity, structure.floor_height_m), structure
 
 

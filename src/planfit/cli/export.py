@@ -19,10 +19,10 @@ from planfit.export.datasets import write_colmap, write_nerfstudio
 from planfit.export.mesh import check_suffix, fuse_mesh, load_open3d, write_mesh
 from planfit.export.poses import write_g2o, write_kitti
 from planfit.geometry import se3
+from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan, read_tum, write_tum
+from planfit.scan.formats.redwood import write_log
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.scan.redwood import write_log
-from planfit.work import Work
 
 FOLDERS = ("colmap", "nerfstudio")
 
@@ -64,15 +64,15 @@ def export_command(arguments: ExportArguments) -> int:
     scan, poses = _load(arguments)
     partial = target.with_name(target.name + ".part")
     with StageBars() as bars:
-        work = Work(arguments.workers, None, bars.update)
+        runtime = Runtime(arguments.workers, None, bars.update)
         try:
             if arguments.to in FOLDERS:
                 partial.mkdir(parents=True)
                 write = write_colmap if arguments.to == "colmap" else write_nerfstudio
-                write(partial, scan, poses, sample_cloud(scan, work, 100_000), work)
+                write(partial, scan, poses, sample_cloud(scan, runtime, 100_000), runtime)
             else:
                 target.parent.mkdir(parents=True, exist_ok=True)
-                _write_file(arguments, partial, scan, poses, work)
+                _write_file(arguments, partial, scan, poses, runtime)
             partial.replace(target)
         except BaseException:
             # Half of a folder looks like a whole one.
@@ -86,7 +86,7 @@ def export_command(arguments: ExportArguments) -> int:
 
 
 def _write_file(
-    arguments: ExportArguments, path: Path, scan: Scan, poses: np.ndarray, work: Work
+    arguments: ExportArguments, path: Path, scan: Scan, poses: np.ndarray, runtime: Runtime
 ) -> None:
     kind = arguments.to
     if kind == "tum":
@@ -98,10 +98,10 @@ def _write_file(
     elif kind == "g2o":
         write_g2o(path, poses, make_odometry(scan.world_from_cams, OdometryOptions()))
     elif kind == "mesh":
-        mesh = fuse_mesh(scan, poses, arguments.voxel_m, arguments.max_depth_m, work)
+        mesh = fuse_mesh(scan, poses, arguments.voxel_m, arguments.max_depth_m, runtime)
         write_mesh(path, mesh, arguments.out.suffix)
     else:
-        cloud = sample_cloud(scan, work)
+        cloud = sample_cloud(scan, runtime)
         write_ply(path, place_cloud(cloud, poses), cloud.colors)
 
 

@@ -12,10 +12,15 @@ from planfit.cli.console import StageBars, out, table
 from planfit.cli.scan_notes import tell_scan
 from planfit.errors import OutputError
 from planfit.report import draw_scan_view
+from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan
-from planfit.scan.facts import DepthFacts, PathFacts, depth_facts, path_facts
-from planfit.structure.gravity import Gravity, GravityOptions, find_gravity
-from planfit.work import Work
+from planfit.scan.statistics import (
+    DepthStatistics,
+    PathStatistics,
+    depth_statistics,
+    path_statistics,
+)
+from planfit.segmentation.gravity import Gravity, GravityOptions, find_gravity
 
 
 @dataclass(frozen=True)
@@ -42,10 +47,10 @@ def inspect_command(arguments: InspectArguments) -> int:
         )
     scan = read_scan(arguments.scan, options=arguments.scan_options)
     with StageBars() as bars:
-        work = Work(arguments.workers, None, bars.update)
-        depth = depth_facts(scan, work)
-        path = path_facts(scan)
-        gravity = find_gravity(scan, GravityOptions(), work)
+        runtime = Runtime(arguments.workers, None, bars.update)
+        depth = depth_statistics(scan, runtime)
+        path = path_statistics(scan)
+        gravity = find_gravity(scan, GravityOptions(), runtime)
     out.print(f"scan {scan.name}\n", soft_wrap=True)
     text = table("", ["", ""], _rows(scan, depth, path, gravity))
     text.columns[1].justify = "left"
@@ -67,7 +72,9 @@ def inspect_command(arguments: InspectArguments) -> int:
     return 0
 
 
-def _rows(scan: Scan, depth: DepthFacts, path: PathFacts, gravity: Gravity) -> list[list[str]]:
+def _rows(
+    scan: Scan, depth: DepthStatistics, path: PathStatistics, gravity: Gravity
+) -> list[list[str]]:
     sizes = sorted({(camera.width, camera.height) for camera in scan.cameras})
     focal = sorted(camera.fx for camera in scan.cameras)
     one = f"fx {focal[0]:.1f} px"
@@ -99,7 +106,7 @@ def _rows(scan: Scan, depth: DepthFacts, path: PathFacts, gravity: Gravity) -> l
     return rows
 
 
-def _times(scan: Scan, path: PathFacts) -> str:
+def _times(scan: Scan, path: PathStatistics) -> str:
     first, last = float(scan.timestamps.min()), float(scan.timestamps.max())
     if np.all(scan.timestamps == np.round(scan.timestamps)):
         return f"none; numbers {first:.0f} to {last:.0f}, usually {path.interval_s:.3g} apart"

@@ -17,11 +17,11 @@ from planfit.cli.scan_notes import tell_scan
 from planfit.errors import FloorplanError
 from planfit.export import RunFolder, make_record, sample_cloud, write_results
 from planfit.floorplan import Floorplan, read_floorplan
-from planfit.options import RefineOptions
-from planfit.pipeline import RefineResult, refine
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.refine import RefineResult, refine
 from planfit.report import TruthErrors, draw_overlay, make_report
+from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan
-from planfit.work import Work
 
 
 @dataclass(frozen=True)
@@ -98,9 +98,9 @@ def refine_into(
     }
     run = RunFolder.claim(folder, inputs, overwrite)
     with StageBars() as bars:
-        work = Work(workers, run.cache_dir, bars.update)
-        result = refine(scan, floorplan, options, work)
-        cloud = sample_cloud(scan, work)
+        runtime = Runtime(workers, run.cache_dir, bars.update)
+        result = refine(scan, floorplan, options, runtime)
+        cloud = sample_cloud(scan, runtime)
         with run.writing() as staging:
             bars.update("write results", 0, 0)
             record = make_record(__version__, inputs, scan, result.floorplan, options, result)
@@ -136,10 +136,10 @@ def summarise(
     if alignment is not None and not floorplan.is_metric:
         out.print(
             f"the plan's unit was found to be {alignment.metres_per_unit:.5g} m, within "
-            f"{alignment.scale_spread:.2%} (one standard deviation)"
+            f"{alignment.scale_sigma:.2%} (one standard deviation)"
         )
     tell_scan(scan)
-    for doubt in result.doubts:
+    for doubt in result.warnings:
         out.print(f"[yellow]note:[/] {doubt}")
     verdict = "refined" if result.is_better else "[red]not better than before[/]"
     out.print(f"{verdict}: {folder / 'report.html'}", soft_wrap=True)

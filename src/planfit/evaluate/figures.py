@@ -13,9 +13,9 @@ from planfit.evaluate.sampling import MapOptions, MapSample, sample_depth_maps
 from planfit.evaluate.trajectory import position_errors, step_errors
 from planfit.evaluate.truth_cloud import TrueCloud, nearest_neighbours
 from planfit.floorplan import Floorplan
+from planfit.runtime import Runtime
 from planfit.scan import Scan
-from planfit.structure import Structure
-from planfit.work import Work
+from planfit.segmentation import Structure
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def map_figures(
     before: np.ndarray,
     after: np.ndarray,
     options: MapOptions,
-    work: Work,
+    runtime: Runtime,
     truth: TrueCloud | None = None,
 ) -> list[Figure]:
     """MME, MPV, MOM, and NND where there is a true scan, at poses (n, 4, 4) in the truth's frame.
@@ -147,12 +147,12 @@ def map_figures(
     Raises:
         ScanError: a depth image cannot be used.
     """
-    judge = make_map_judge(scan, options, work, truth)
+    judge = make_map_judge(scan, options, runtime, truth)
     values = []
     for k, poses in enumerate((before, after)):
-        work.report("map", k, 2)
-        values.append(judge.values(poses, work.workers))
-    work.report("map", 2, 2)
+        runtime.report("map", k, 2)
+        values.append(judge.values(poses, runtime.workers))
+    runtime.report("map", 2, 2)
     figures = [
         Figure(name, meaning, unit, values[0][name], values[1][name])
         for name, (meaning, unit) in MAP_FIGURES.items()
@@ -194,13 +194,13 @@ class MapJudge:
 
 
 def make_map_judge(
-    scan: Scan, options: MapOptions, work: Work, truth: TrueCloud | None = None
+    scan: Scan, options: MapOptions, runtime: Runtime, truth: TrueCloud | None = None
 ) -> MapJudge:
     """Read the points that maps of a scan are judged by.
 
     Raises:
         ScanError: a depth image cannot be used.
     """
-    sample = sample_depth_maps(scan, options, work)
+    sample = sample_depth_maps(scan, options, runtime)
     sets = find_orthogonal_sets(sample, options.radius_m, options.mom_frames)
     return MapJudge(sample, sets, options.radius_m, truth)

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
-from planfit.structure import Pieces
+from planfit.segmentation import WallPatches
 
 _PARALLEL = np.cos(np.deg2rad(15.0))
 
@@ -62,7 +62,7 @@ class Layers:
 
 
 def wall_layers(
-    walls: Pieces, target_from_cams: np.ndarray, options: LayerOptions | None = None
+    walls: WallPatches, target_from_cams: np.ndarray, options: LayerOptions | None = None
 ) -> Layers:
     """Judge the flat pieces of wall of a scan at poses (n, 4, 4), z up."""
     options = options or LayerOptions()
@@ -117,28 +117,28 @@ def _gap(before: np.ndarray, frame_idx: np.ndarray, options: LayerOptions) -> fl
 
 
 def _readings(
-    walls: Pieces, target_from_cams: np.ndarray, options: LayerOptions
+    walls: WallPatches, target_from_cams: np.ndarray, options: LayerOptions
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean place (m, 3) m, level normal (m, 3) and frame (m,) of the points of each piece in each square.
 
     Squares are half a window wide, so that every window holds readings of every frame that shows it.
     """
-    piece = np.repeat(np.arange(len(walls)), np.diff(walls.start))
-    frames = walls.frame_idx[piece]
+    patch = np.repeat(np.arange(len(walls)), np.diff(walls.start))
+    frames = walls.frame_idx[patch]
     normals = np.einsum(
         "kij,kj->ki", target_from_cams[walls.frame_idx][:, :3, :3], walls.normals_cam
     )
     normals[:, 2] = 0.0
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    points = np.zeros((len(piece), 3))
-    for first in range(0, len(piece), 1_000_000):
+    points = np.zeros((len(patch), 3))
+    for first in range(0, len(patch), 1_000_000):
         part = slice(first, first + 1_000_000)
         placed = se3.transform(target_from_cams[frames[part]], walls.points_cam[part, None])
         points[part] = placed[:, 0]
     side = options.window_m / 2
-    along = points[:, 1] * normals[piece, 0] - points[:, 0] * normals[piece, 1]
+    along = points[:, 1] * normals[patch, 0] - points[:, 0] * normals[patch, 1]
     square = np.stack(
-        [piece, np.floor(along / side).astype(int), np.floor(points[:, 2] / side).astype(int)],
+        [patch, np.floor(along / side).astype(int), np.floor(points[:, 2] / side).astype(int)],
         axis=1,
     )
     order = np.lexsort(square.T[::-1])
@@ -150,5 +150,5 @@ def _readings(
     sizes = np.diff(np.concatenate([start, [len(square)]]))
     places = np.add.reduceat(points[order], start, axis=0) / sizes[:, None]
     kept = sizes >= options.min_points
-    of_piece = square[start, 0][kept]
-    return places[kept], normals[of_piece], walls.frame_idx[of_piece]
+    of_patch = square[start, 0][kept]
+    return places[kept], normals[of_patch], walls.frame_idx[of_patch]

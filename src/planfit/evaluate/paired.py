@@ -29,7 +29,7 @@ class Paired:
     """Cases in which B is worse."""
 
     @property
-    def ties(self) -> int:
+    def correspondences(self) -> int:
         """Cases in which neither is."""
         return self.n - self.wins - self.losses
 

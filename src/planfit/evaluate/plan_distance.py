@@ -8,7 +8,7 @@ import numpy as np
 
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.structure import Structure
+from planfit.segmentation import Structure
 
 _CHUNK = 300_000
 """Points placed at a time by a thread: each takes a transform of its own, 128 bytes."""
@@ -45,8 +45,8 @@ def wall_distances(
     `workers` (threads) change no bit of the result.
     """
     walls = structure.walls
-    frame_idx = np.concatenate([walls.point_frame_idx, structure.loose_frame_idx])
-    points_cam = np.concatenate([walls.points_cam, structure.loose_points_cam])
+    frame_idx = np.concatenate([walls.point_frame_idx, structure.unassigned_frame_idx])
+    points_cam = np.concatenate([walls.points_cam, structure.unassigned_points_cam])
     if len(points_cam) == 0:
         return None
 

@@ -8,8 +8,8 @@ import numpy as np
 from planfit.errors import require_positive
 from planfit.evaluate.map_quality import DEPTH_RADIUS_M
 from planfit.geometry import se3
+from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
-from planfit.work import Arrays, Work, cache_key
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class MapSample:
         return points
 
 
-def sample_depth_maps(scan: Scan, options: MapOptions, work: Work) -> MapSample:
+def sample_depth_maps(scan: Scan, options: MapOptions, runtime: Runtime) -> MapSample:
     """Read and thin the depth maps of a scan.
 
     Raises:
@@ -64,7 +64,7 @@ def sample_depth_maps(scan: Scan, options: MapOptions, work: Work) -> MapSample:
     how = (options.voxel_m, options.max_depth_m, options.stride_px)
     key = cache_key("map sample", scan.fingerprint, *how, options.frame_step)
     compute = partial(_sample, scan, options)
-    items = work.map("depth maps", key, len(read), lambda k: compute(read[k]))
+    items = runtime.map("depth maps", key, len(read), lambda k: compute(read[k]))
     sizes = np.zeros(len(scan), dtype=int)
     sizes[read] = [len(item["points"]) for item in items]
     points = np.concatenate([item["points"] for item in items])

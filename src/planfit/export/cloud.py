@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from planfit.geometry import se3
+from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
-from planfit.work import Arrays, Work, cache_key
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Cloud:
 
 def sample_cloud(
     scan: Scan,
-    work: Work,
+    runtime: Runtime,
     max_points: int = 500_000,
     max_per_frame: int = 2500,
     max_depth_m: float = 8.0,
@@ -30,7 +30,7 @@ def sample_cloud(
     """A regular sample of every frame's pixels that have a depth below `max_depth_m`."""
     per_frame = max(1, min(max_per_frame, max_points // len(scan)))
     key = cache_key(scan.fingerprint, per_frame, max_depth_m)
-    items = work.map("clouds", key, len(scan), partial(_sample, scan, per_frame, max_depth_m))
+    items = runtime.map("clouds", key, len(scan), partial(_sample, scan, per_frame, max_depth_m))
     return Cloud(
         points_cam=np.concatenate([item["points"] for item in items]),
         colors=np.concatenate([item["colors"] for item in items]),

@@ -8,16 +8,16 @@ import numpy as np
 
 from planfit.errors import OutputError
 from planfit.export.cloud import Cloud, place_cloud, write_ply
+from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.scan.axes import from_opengl
-from planfit.scan.colmap_model import ColmapCamera, ColmapImage, write_model
-from planfit.work import Work
+from planfit.scan.formats.colmap_model import ColmapCamera, ColmapImage, write_model
 
 COLOR_FOLDER, DEPTH_FOLDER = "images", "depth"
 
 
 def write_colmap(
-    folder: Path, scan: Scan, target_from_cams: np.ndarray, cloud: Cloud, work: Work
+    folder: Path, scan: Scan, target_from_cams: np.ndarray, cloud: Cloud, runtime: Runtime
 ) -> None:
     """`sparse/0` (text), `images/`, and `depth/` in millimetres, in an empty folder; `cloud` becomes points.
 
@@ -46,11 +46,11 @@ def write_colmap(
     model = folder / "sparse" / "0"
     model.mkdir(parents=True)
     write_model(model, cameras, images, place_cloud(cloud, target_from_cams), cloud.colors)
-    _write_images(folder, scan, work)
+    _write_images(folder, scan, runtime)
 
 
 def write_nerfstudio(
-    folder: Path, scan: Scan, target_from_cams: np.ndarray, cloud: Cloud, work: Work
+    folder: Path, scan: Scan, target_from_cams: np.ndarray, cloud: Cloud, runtime: Runtime
 ) -> None:
     """`transforms.json`, `images/`, `depth/` in millimetres, and `sparse_pc.ply`, in an empty folder.
 
@@ -76,10 +76,10 @@ def write_nerfstudio(
     content = {"camera_model": "PINHOLE", "ply_file_path": "sparse_pc.ply", "frames": frames}
     (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n")
     write_ply(folder / "sparse_pc.ply", place_cloud(cloud, target_from_cams), cloud.colors)
-    _write_images(folder, scan, work)
+    _write_images(folder, scan, runtime)
 
 
-def _write_images(folder: Path, scan: Scan, work: Work) -> None:
+def _write_images(folder: Path, scan: Scan, runtime: Runtime) -> None:
     for name in (COLOR_FOLDER, DEPTH_FOLDER):
         (folder / name).mkdir()
 
@@ -94,7 +94,7 @@ def _write_images(folder: Path, scan: Scan, work: Work) -> None:
         _write_image(folder / DEPTH_FOLDER / f"{name}.png", stored, [])
         return {}
 
-    Work(work.workers, None, work.on_progress).map("images", "", len(scan), one_frame)
+    Runtime(runtime.workers, None, runtime.on_progress).map("images", "", len(scan), one_frame)
 
 
 def _write_image(path: Path, image: np.ndarray, parameters: list[int]) -> None:

@@ -9,8 +9,8 @@ import trimesh
 
 from planfit.errors import OutputError
 from planfit.geometry import se3
+from planfit.runtime import Runtime
 from planfit.scan import Scan
-from planfit.work import Work
 
 SUFFIXES = (".ply", ".obj", ".glb")
 TRUNCATION_VOXELS = 4.0
@@ -42,7 +42,7 @@ def load_open3d() -> ModuleType:
 
 
 def fuse_mesh(
-    scan: Scan, target_from_cams: np.ndarray, voxel_m: float, max_depth_m: float, work: Work
+    scan: Scan, target_from_cams: np.ndarray, voxel_m: float, max_depth_m: float, runtime: Runtime
 ) -> trimesh.Trimesh:
     """Coloured triangles in the target frame.
 
@@ -53,7 +53,7 @@ def fuse_mesh(
         target_from_cams: (n, 4, 4) poses.
         voxel_m: edge of a voxel; details below about two of them are lost.
         max_depth_m: depth beyond is left out.
-        work: whose progress is told.
+        runtime: whose progress is told.
 
     Raises:
         OutputError: Open3D is missing, or no frame has depth that is near enough.
@@ -83,7 +83,7 @@ def fuse_mesh(
             view = (1.0, max_depth_m, TRUNCATION_VOXELS)
             blocks = volume.compute_unique_block_coordinates(depth, lens, cam_from_target, *view)
             volume.integrate(blocks, depth, color, lens, lens, cam_from_target, *view)
-        work.report("mesh", i + 1, len(scan))
+        runtime.report("mesh", i + 1, len(scan))
     if n_seen == 0:
         raise OutputError(
             f"{scan.name}: expected surfaces to fuse, found no depth below {max_depth_m:g} m in any frame"

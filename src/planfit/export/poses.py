@@ -22,7 +22,9 @@ def write_g2o(path: Path, target_from_cams: np.ndarray, odometry: Odometry) -> N
     lines = [f"VERTEX_SE3:QUAT {i} {_numbers(pose)}" for i, pose in enumerate(target_from_cams)]
     lines.append("FIX 0")
     for i, step in enumerate(odometry.cam_from_next):
-        diagonal = [odometry.sigma_shift[i] ** -2.0] * 3 + [4 * odometry.sigma_turn[i] ** -2.0] * 3
+        diagonal = [odometry.sigma_translation[i] ** -2.0] * 3 + [
+            4 * odometry.sigma_rotation[i] ** -2.0
+        ] * 3
         upper = np.diag(diagonal)[np.triu_indices(6)]
         information = " ".join(f"{v:.9g}" for v in upper)
         lines.append(f"EDGE_SE3:QUAT {i} {i + 1} {_numbers(step)} {information}")

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from planfit import checks
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.options import RefineOptions
-from planfit.pipeline import RefineResult
+from planfit.pipeline import validation as checks
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.refine import RefineResult
 from planfit.scan import Scan
 
 
@@ -54,7 +54,7 @@ def make_record(
             "is_as_recorded": alignment.is_as_recorded,
             "is_sure": alignment.is_sure,
             "metres_per_unit_xy": list(alignment.scale_xy),
-            "metres_per_unit_spread_share": alignment.scale_spread,
+            "metres_per_unit_spread_share": alignment.scale_sigma,
         },
         "world_from_plan": result.world_from_plan.tolist(),
         "plan_from_world_before": (
@@ -78,7 +78,7 @@ def make_record(
         "metrics": surface_metrics(floorplan, result),
         "checks": [plain(check) for check in result.checks],
         "is_better": result.is_better,
-        "doubts": list(result.doubts),
+        "warnings": list(result.warnings),
         "seconds_by_stage": result.seconds_by_stage,
     }
 
@@ -93,7 +93,7 @@ def wall_offsets(result: RefineResult) -> list[dict[str, float]]:
 
 
 def surface_metrics(floorplan: Floorplan, result: RefineResult) -> dict[str, dict[str, float]]:
-    """`planfit.checks.surface_metrics` before and after, by figure."""
+    """`planfit.pipeline.validation.surface_metrics` before and after, by figure."""
     before, after = (
         checks.surface_metrics(result.structure, floorplan, poses)
         for poses in (result.initial_plan_from_cams, result.plan_from_cams)

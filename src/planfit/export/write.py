@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from planfit.export.cloud import Cloud, place_cloud, write_ply
-from planfit.pipeline import RefineResult
+from planfit.pipeline.refine import RefineResult
 from planfit.scan import Scan, write_tum
 
 

@@ -9,9 +9,9 @@ import trimesh
 from planfit.errors import FloorplanError
 from planfit.floorplan.file import fingerprint_of
 from planfit.floorplan.options import METRES_PER_UNIT, PlanOptions
-from planfit.floorplan.scan_lines import wall_lines
-from planfit.floorplan.shown_lines import MAX_LINES
 from planfit.floorplan.types import Floorplan, PlanSource
+from planfit.floorplan.vector.scan_lines import wall_lines
+from planfit.floorplan.vector.shown_lines import MAX_LINES
 
 N_SAMPLES = 400_000
 HALF_BAND_M = 0.35

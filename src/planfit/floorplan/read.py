@@ -10,19 +10,19 @@ from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
 
 READERS = {
-    ".npy": "own_formats:read_npy",
-    ".json": "own_formats:read_json",
+    ".npy": "formats.own_formats:read_npy",
+    ".json": "formats.own_formats:read_json",
     **dict.fromkeys((".png", ".jpg", ".jpeg", ".tif", ".tiff"), "raster:read_raster"),
-    **dict.fromkeys((".svg", ".svgz"), "svg:read_svg"),
-    ".dxf": "dxf:read_dxf",
-    ".pdf": "pdf:read_pdf",
-    ".ifc": "ifc:read_ifc",
-    **dict.fromkeys((".geojson", ".zip"), "geojson:read_geojson"),
+    **dict.fromkeys((".svg", ".svgz"), "formats.svg:read_svg"),
+    ".dxf": "formats.dxf:read_dxf",
+    ".pdf": "formats.pdf:read_pdf",
+    ".ifc": "formats.ifc:read_ifc",
+    **dict.fromkeys((".geojson", ".zip"), "formats.geojson:read_geojson"),
     **dict.fromkeys((".ply", ".obj", ".glb", ".gltf", ".stl", ".off"), "model:read_model"),
 }
 """Module and function of this package that read each kind of file, by suffix. They are imported when
 they are asked for: together they bring half a dozen libraries."""
-FOLDER_READER = "geojson:read_geojson"
+FOLDER_READER = "formats.geojson:read_geojson"
 """A folder is IMDF."""
 
 

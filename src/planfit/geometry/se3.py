@@ -95,7 +95,7 @@ def project_to_so3(matrices: np.ndarray) -> np.ndarray:
     return (u * sign[..., None, :]) @ vt
 
 
-def rotation_angle(rotations: np.ndarray) -> np.ndarray:
+def rotation_angle(rotations: np.ndarray) -> np.ndarray | np.float64:
     """Angles (...,) in radians of rotations (..., 3, 3)."""
     return np.linalg.norm(log_so3(rotations), axis=-1)
 

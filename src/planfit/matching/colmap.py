@@ -15,7 +15,7 @@ import numpy as np
 
 from planfit.errors import ScanError
 from planfit.scan import Scan
-from planfit.scan.colmap_model import read_model
+from planfit.scan.formats.colmap_model import read_model
 from planfit.scan.source import FolderSource
 
 MAX_IMAGE_ID = 2_147_483_647

@@ -45,7 +45,7 @@ class Keypoints:
     points_cam: np.ndarray  # (k, 3) float32 m
     scores: np.ndarray  # (k,) float32, how strong each is
     descriptors: np.ndarray  # (k, d), compared by Euclidean distance
-    sharpness: np.ndarray  # () float32, of the image
+    sharpness: np.ndarray | np.float32  # () float32, of the image
 
     def __len__(self) -> int:
         return len(self.uv)
@@ -103,7 +103,7 @@ def lift(
     return keypoints, kept
 
 
-def sharpness(grey: np.ndarray) -> np.ndarray:
+def sharpness(grey: np.ndarray) -> np.float32:
     """How sharp an image (h, w) uint8 is, () float32: spread of its Laplacian over that of its grey.
 
     Dividing makes a dark frame of a scene no less sharp than a bright one.
@@ -111,7 +111,7 @@ def sharpness(grey: np.ndarray) -> np.ndarray:
     # At half size: noise of single pixels, and the blocks of JPEG, are no sharpness.
     half = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     edges = cv2.Laplacian(half, cv2.CV_32F)
-    return np.float32(edges.std() / max(float(half.std()), 1.0)) * np.ones((), np.float32)
+    return np.float32(edges.std() / max(float(half.std()), 1.0))
 
 
 def may_have_depth(depth: np.ndarray, edge_step: float) -> np.ndarray:

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from planfit.geometry import se3
-from planfit.matching.cycles import Loops, agree_with_cycles
+from planfit.matching.loop_closure import RelativePoses, agree_with_cycles
 from planfit.matching.options import MatchingOptions
 from planfit.matching.sources import Source, imported_source, own_source
 from planfit.matching.verify import point_sigma, verify
+from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
-from planfit.work import Arrays, Work, cache_key
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,9 @@ class Matches:
         return int(np.sum(self.pairs[:, 1] - self.pairs[:, 0] > neighbours))
 
 
-def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work: Work) -> Matches:
+def find_matches(
+    scan: Scan, odometry: Odometry, options: MatchingOptions, runtime: Runtime
+) -> Matches:
     """Detect, match and verify; see the options for each step.
 
     Raises:
@@ -50,15 +52,17 @@ def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work:
         ScanError: an image cannot be read, or the COLMAP files are not those of this scan.
     """
     if options.colmap:
-        source = imported_source(scan, Path(options.colmap).expanduser(), options, work)
+        source = imported_source(scan, Path(options.colmap).expanduser(), options, runtime)
     else:
-        source = own_source(scan, odometry, options, work)
-    found = _verified(scan, source, source.pairs, odometry, options, work, "pairs")
+        source = own_source(scan, odometry, options, runtime)
+    found = _verified(scan, source, source.pairs, odometry, options, runtime, "pairs")
     believed = _believed(found, scan, odometry, options)
     n_tried = len(source.pairs)
     if source.more is not None:
         more = source.more(found.loops[believed])
-        found = found.joined(_verified(scan, source, more, odometry, options, work, "more pairs"))
+        found = found.joined(
+            _verified(scan, source, more, odometry, options, runtime, "more pairs")
+        )
         believed = _believed(found, scan, odometry, options)
         n_tried += len(more)
     some = np.flatnonzero(believed)
@@ -85,14 +89,16 @@ def find_matches(scan: Scan, odometry: Odometry, options: MatchingOptions, work:
 class _Found:
     """Verified pairs, in the order they were tried."""
 
-    loops: Loops
+    loops: RelativePoses
     points_a: list[np.ndarray]
     points_b: list[np.ndarray]
 
     def joined(self, other: "_Found") -> "_Found":
         fields = ("pairs", "a_from_b", "n_inliers")
         both = (np.concatenate([getattr(f.loops, name) for f in (self, other)]) for name in fields)
-        return _Found(Loops(*both), self.points_a + other.points_a, self.points_b + other.points_b)
+        return _Found(
+            RelativePoses(*both), self.points_a + other.points_a, self.points_b + other.points_b
+        )
 
 
 def _verified(
@@ -101,21 +107,21 @@ def _verified(
     pairs: np.ndarray,
     odometry: Odometry,
     options: MatchingOptions,
-    work: Work,
+    runtime: Runtime,
     stage: str,
 ) -> _Found:
     """Those of the pairs that hold together."""
-    spreads = (odometry.sigma_turn.tobytes(), odometry.sigma_shift.tobytes())
+    spreads = (odometry.sigma_rotation.tobytes(), odometry.sigma_translation.tobytes())
     key = cache_key(
         "matches", source.key, options, scan.world_from_cams.tobytes(), spreads, pairs.tobytes()
     )
     compute = partial(_verify_pair, scan, source, pairs, odometry, options)
-    items = work.map(stage, key, len(pairs), compute, chunk_size=64)
+    items = runtime.map(stage, key, len(pairs), compute, chunk_size=64)
     sizes = np.array([len(item["points_a"]) for item in items], dtype=int)
     some = np.flatnonzero(sizes)
     motions = np.array([items[k]["a_from_b"] for k in some]).reshape(-1, 4, 4)
     return _Found(
-        Loops(pairs[some], motions, sizes[some]),
+        RelativePoses(pairs[some], motions, sizes[some]),
         [items[k]["points_a"] for k in some],
         [items[k]["points_b"] for k in some],
     )
@@ -177,11 +183,11 @@ def _is_possible(
     options: MatchingOptions,
 ) -> bool:
     """Whether drift can explain how a verified motion departs from the recorded one."""
-    sigma_turn, sigma_shift = odometry.spread_between(np.array(i), np.array(j))
+    sigma_rotation, sigma_translation = odometry.sigma_between(np.array(i), np.array(j))
     turn = float(se3.rotation_angle(recorded[:3, :3].T @ a_from_b[:3, :3]))
     shift = float(np.linalg.norm(recorded[:3, 3] - a_from_b[:3, 3]))
     most = options.cycles.max_sigmas
     return bool(
-        turn < most * sigma_turn + np.deg2rad(options.cycles.slack_deg)
-        and shift < most * sigma_shift + options.cycles.slack_m
+        turn < most * sigma_rotation + np.deg2rad(options.cycles.slack_deg)
+        and shift < most * sigma_translation + options.cycles.slack_m
     )

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 
 from planfit.errors import require
-from planfit.matching.cycles import CycleOptions
 from planfit.matching.keypoints import (
     KeypointOptions,
 )
+from planfit.matching.loop_closure import CycleOptions
 from planfit.matching.matchers import MatcherOptions
 from planfit.matching.pairs import PairOptions
 from planfit.matching.verify import VerifyOptions

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from planfit.errors import require_positive
-from planfit.matching.overlap import ViewSamples
+from planfit.matching.covisibility import ViewSamples
 from planfit.matching.retrieval import most_similar, similarity_of
 from planfit.matching.views import Views, distinct_views
 from planfit.scan.odometry import Odometry
@@ -47,7 +47,7 @@ class PairOptions:
 
 
 @dataclass(frozen=True)
-class Looks:
+class FrameDescriptors:
     """What is known of frames besides their poses."""
 
     appearance: np.ndarray  # (n, d) unit descriptions of whole frames (`retrieval.py`)
@@ -59,7 +59,7 @@ def choose_pairs(
     world_from_cams: np.ndarray,
     odometry: Odometry,
     options: PairOptions,
-    looks: Looks | None = None,
+    looks: FrameDescriptors | None = None,
 ) -> np.ndarray:
     """Pairs (p, 2) of frame indices, first < second, sorted.
 
@@ -80,7 +80,10 @@ def choose_pairs(
 
 
 def _revisits(
-    world_from_cams: np.ndarray, odometry: Odometry, options: PairOptions, looks: Looks | None
+    world_from_cams: np.ndarray,
+    odometry: Odometry,
+    options: PairOptions,
+    looks: FrameDescriptors | None,
 ) -> np.ndarray:
     walked = odometry.walked_m
     views = distinct_views(world_from_cams, walked, looks.sharpness if looks else None)
@@ -90,7 +93,7 @@ def _revisits(
         # By what they show: the gap between views knows neither walls nor the width of the image.
         alike = similarity_of(looks.appearance, pairs)
         # Drift of a metre moves views of rooms so far that only looks can tell.
-        _, drift = odometry.spread_between(*pairs.T)
+        _, drift = odometry.sigma_between(*pairs.T)
         gap = -looks.samples.overlap(world_from_cams, pairs) / (1.0 + drift / DRIFT_M) - 2 * alike
         retrieved, similarity = _look_alikes(views, odometry, options, looks.appearance)
         order = in_order_of_visits(retrieved, -similarity)
@@ -127,7 +130,7 @@ def _near_views(
     a, b = np.minimum(a[exists], b[exists]), np.maximum(a[exists], b[exists])
     a, b = np.unique(np.column_stack([a, b]), axis=0).T
     i, j = views.frame_idx[a], views.frame_idx[b]
-    _, drift = odometry.spread_between(i, j)
+    _, drift = odometry.sigma_between(i, j)
     distance = np.linalg.norm(views.centres[a] - views.centres[b], axis=1)
     ok = (
         (j - i > options.neighbours)
@@ -145,7 +148,7 @@ def _look_alikes(
 
     def possible(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         i, j = views.frame_idx[a], views.frame_idx[b]
-        turn, shift = odometry.spread_between(i, j)
+        turn, shift = odometry.sigma_between(i, j)
         distance = np.linalg.norm(views.centres[a] - views.centres[b], axis=-1)
         angle = np.deg2rad(options.max_angle_deg) + options.max_drift_sigmas * turn
         return (

@@ -6,7 +6,7 @@ import numpy as np
 
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.pipeline import RefineResult
+from planfit.pipeline.refine import RefineResult
 from planfit.report.drawing import (
     AFTER,
     BEFORE,
@@ -20,7 +20,7 @@ from planfit.report.drawing import (
     to_picture,
 )
 from planfit.report.top_view import Crop, draw_points
-from planfit.report.walls import FEW_PIECES, SeenFace
+from planfit.report.walls import FEW_PATCHES, SeenFace
 
 _HEIGHT_IN = 3.6
 _LEAST_RANGE_M, _LARGEST_RANGE_M = 0.1, 3.0
@@ -46,17 +46,17 @@ def cut_walls(
     A wall counts by its mean change of distance times the root of its points: a long wall that came
     together says more than a stub.
     """
-    association, pieces = result.walls.association, result.structure.walls
+    association, patches = result.walls.association, result.structure.walls
     scored = []
     for face in faces:
-        if face.n_pieces < FEW_PIECES:
+        if face.n_patches < FEW_PATCHES:
             continue
         own = np.flatnonzero(association.face_idx == face.face_idx)
-        points = np.concatenate([np.arange(*pieces.start[k : k + 2]) for k in own])
+        points = np.concatenate([np.arange(*patches.start[k : k + 2]) for k in own])
         points = points[:: max(1, len(points) // _MAX_POINTS)]
-        frames = pieces.point_frame_idx[points]
+        frames = patches.point_frame_idx[points]
         before, after = (
-            _across(floorplan, face.face_idx, poses[frames], pieces.points_cam[points])
+            _across(floorplan, face.face_idx, poses[frames], patches.points_cam[points])
             for poses in (result.initial_plan_from_cams, result.plan_from_cams)
         )
         change = float(np.abs(np.minimum(np.abs(before[:, 0]), 1.0) - np.abs(after[:, 0])).mean())

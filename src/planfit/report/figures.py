@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from planfit import checks
-from planfit.adjust.association import pieces_in_plan
+from planfit.adjust.association import wall_patches_in_plan
 from planfit.floorplan import Floorplan
-from planfit.pipeline import RefineResult
+from planfit.pipeline import validation as checks
+from planfit.pipeline.refine import RefineResult
 from planfit.report.drawing import (
     AFTER,
     AGREES,
@@ -149,7 +149,7 @@ def wall_map(
     figure = new_figure(width_in, BOTTOM_IN + axes_height + 0.08)
     axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
     set_up_view(axes, crop)
-    _, ends = pieces_in_plan(result.structure.walls, result.plan_from_cams)
+    _, ends = wall_patches_in_plan(result.structure.walls, result.plan_from_cams)
     draw_faces(axes, crop, floorplan.ends, NOT_SEEN, 0.7, 2)
     draw_faces(axes, crop, ends[result.walls.association.face_idx < 0], UNMATCHED, 1.2, 3)
     for is_shifted, color, width_pt in ((False, AGREES, 1.8), (True, SHIFTED, 2.2)):

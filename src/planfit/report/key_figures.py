@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from planfit import checks
-from planfit.pipeline import RefineResult
+from planfit.pipeline import validation as checks
+from planfit.pipeline.refine import RefineResult
 from planfit.report import amounts
 from planfit.report.measures import BeforeAfter
 

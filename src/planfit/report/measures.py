@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit import checks
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
-from planfit.pipeline import RefineResult
+from planfit.pipeline import validation as checks
+from planfit.pipeline.refine import RefineResult
 
 _MAX_DISTANCES = 60_000  # as checks.wall_distances, so that both give the same numbers
 _MAX_DRAWN = 600_000  # bounds memory; more dots than a picture has pixels show nothing new

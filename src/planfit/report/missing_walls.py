@@ -7,11 +7,11 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from planfit.adjust.association import Association, pieces_in_plan
+from planfit.adjust.association import Association, wall_patches_in_plan
 from planfit.floorplan import Floorplan
 from planfit.report.top_view import Crop
-from planfit.report.walls import FEW_PIECES
-from planfit.structure import Pieces
+from planfit.report.walls import FEW_PATCHES
+from planfit.segmentation import WallPatches
 
 _MIN_LENGTH_M = 0.5
 _SAME_WALL_M = 0.15
@@ -28,17 +28,17 @@ class UndrawnWall:
     """Plan frame, m."""
     length: float
     """m"""
-    n_pieces: int
+    n_patches: int
 
 
 def undrawn_walls(
-    pieces: Pieces, association: Association, plan_from_cams: np.ndarray
+    patches: WallPatches, association: Association, plan_from_cams: np.ndarray
 ) -> list[UndrawnWall]:
     """Pieces without a face, joined where they are in line and near; longest first.
 
-    A line of fewer than `FEW_PIECES` pieces or of less than half a metre is left out.
+    A line of fewer than `FEW_PATCHES` pieces or of less than half a metre is left out.
     """
-    normals, ends = pieces_in_plan(pieces, plan_from_cams)
+    normals, ends = wall_patches_in_plan(patches, plan_from_cams)
     alone = association.face_idx < 0
     normals, ends = normals[alone], ends[alone]
     if len(ends) == 0:
@@ -60,7 +60,7 @@ def undrawn_walls(
     )
     _, group = connected_components(graph, directed=False)
     walls = []
-    for k in np.flatnonzero(np.bincount(group) >= FEW_PIECES):
+    for k in np.flatnonzero(np.bincount(group) >= FEW_PATCHES):
         own = ends[group == k].reshape(-1, 2)
         centre = own.mean(axis=0)
         direction = np.linalg.svd(own - centre, full_matrices=False)[2][0]

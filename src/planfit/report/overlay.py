@@ -5,9 +5,9 @@ from typing import Literal
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from planfit import checks
 from planfit.floorplan import Floorplan
-from planfit.pipeline import RefineResult
+from planfit.pipeline import validation as checks
+from planfit.pipeline.refine import RefineResult
 from planfit.report import amounts
 from planfit.report.drawing import (
     AFTER,

@@ -9,7 +9,7 @@ import numpy as np
 
 from planfit import __version__
 from planfit.floorplan import Floorplan
-from planfit.pipeline import RefineResult
+from planfit.pipeline.refine import RefineResult
 from planfit.report import sections, tables
 from planfit.report.key_figures import KeyFigure, TruthErrors, key_figures, verdict
 from planfit.report.measures import measure
@@ -70,7 +70,7 @@ def _top(
     truth: TruthErrors | None,
 ) -> str:
     """Title, verdict, doubts, key figures."""
-    doubts = "".join(f"<li>{escape(doubt)}</li>" for doubt in result.doubts)
+    warnings = "".join(f"<li>{escape(doubt)}</li>" for doubt in result.warnings)
     parts = [
         f"<h1>{escape(scan_name)}</h1>",
         f'<p class="under">fitted to the floorplan {escape(plan_name)} by planfit '
@@ -78,9 +78,9 @@ def _top(
         f'<p class="verdict {"good" if result.is_better else "bad"}">'
         f"{escape(verdict(result, numbers, truth))}</p>",
     ]
-    if doubts:
+    if warnings:
         parts.append(
-            f'<div class="doubts"><h2>Before you use this result</h2><ul>{doubts}</ul></div>'
+            f'<div class="warnings"><h2>Before you use this result</h2><ul>{warnings}</ul></div>'
         )
     parts.append("<h2>Key figures</h2>")
     if numbers:

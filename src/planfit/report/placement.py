@@ -4,7 +4,7 @@ import textwrap
 
 import numpy as np
 
-from planfit.align import Fit, WallSamples
+from planfit.align import AlignmentHypothesis, WallSamples
 from planfit.floorplan import Floorplan
 from planfit.report.drawing import AFTER, FONT_PT, INK, PATH, add_axes, new_figure, to_picture
 from planfit.report.overlay import Entry, add_legend
@@ -18,7 +18,9 @@ MARGIN = 0.04
 """Free space around the plan, as a share of its extent."""
 
 
-def draw_place(floorplan: Floorplan, walls: WallSamples, place: Fit, words: str) -> bytes:
+def draw_place(
+    floorplan: Floorplan, walls: WallSamples, place: AlignmentHypothesis, words: str
+) -> bytes:
     """PNG of scanned wall, placed, over the whole plan.
 
     Args:

@@ -6,10 +6,10 @@ from html import escape
 
 import numpy as np
 
-from planfit import checks
 from planfit.floorplan import Floorplan
 from planfit.matching import Matches
-from planfit.pipeline import RefineResult
+from planfit.pipeline import validation as checks
+from planfit.pipeline.refine import RefineResult
 from planfit.report import amounts, figures, tables
 from planfit.report.close_ups import choose_close_ups
 from planfit.report.cross_sections import CrossSection, cut_walls, draw_section
@@ -20,7 +20,7 @@ from planfit.report.missing_walls import undrawn_walls, unseen_faces
 from planfit.report.overlay import WIDE_IN, fit_in_words, is_wide, side_picture
 from planfit.report.top_view import Crop, Mark
 from planfit.report.wall_table import wall_table
-from planfit.report.walls import AGREES_WITHIN_M, FEW_PIECES, SeenFace, seen_faces
+from planfit.report.walls import AGREES_WITHIN_M, FEW_PATCHES, SeenFace, seen_faces
 
 
 def overview(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
@@ -113,12 +113,12 @@ def floor(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
 
 def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
     """Which walls of the plan were seen, and how far each is from where it is drawn."""
-    n_pieces = len(result.structure.walls)
-    if n_pieces == 0:
+    n_patches = len(result.structure.walls)
+    if n_patches == 0:
         return "<h2>Walls of the plan</h2><p>No flat piece of wall was seen in this scan.</p>"
     faces = seen_faces(floorplan, result.walls)
     association = result.walls.association
-    n_lost = n_pieces - association.n_associated
+    n_lost = n_patches - association.n_associated
     keys = (
         (AGREES, "agrees with the scan"),
         (SHIFTED, "scanned elsewhere (number: see table)"),
@@ -135,7 +135,7 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
         "Walls of the plan by agreement with the scan",
     )
     html = [
-        f"<h2>Walls of the plan</h2><p>{escape(_walls_in_words(faces))} {n_lost} of {n_pieces} "
+        f"<h2>Walls of the plan</h2><p>{escape(_walls_in_words(faces))} {n_lost} of {n_patches} "
         "flat pieces of scanned wall found no wall on the plan: furniture, what the plan does not "
         f"draw, or walls that were moved.</p>{_side_by_side([picture], crop)}"
     ]
@@ -239,7 +239,7 @@ def _walls_in_words(faces: Sequence[SeenFace]) -> str:
     if few:
         parts.append(
             f"{few} {_plural(few, 'seems', 'seem')} to lie elsewhere, but with fewer than "
-            f"{FEW_PIECES} pieces that may be an accident."
+            f"{FEW_PATCHES} pieces that may be an accident."
         )
     return " ".join(parts)
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from planfit.pipeline import RefineResult
+from planfit.pipeline.refine import RefineResult
 from planfit.report import amounts
 from planfit.report.key_figures import KeyFigure
 
@@ -17,7 +17,7 @@ _TERMS = {
     "walls": "walls",
     "ceiling": "ceiling",
     "columns": "columns",
-    "trajectory": "recorded motion",
+    "odometry": "recorded motion",
 }
 
 
@@ -155,7 +155,7 @@ def _alignment_facts(result: RefineResult) -> list[tuple[str, str]]:
         ),
     ]
     if alignment.scale_xy != (1.0, 1.0):
-        spread = f", within {alignment.scale_spread:.2%}" if alignment.scale_spread > 0 else ""
+        spread = f", within {alignment.scale_sigma:.2%}" if alignment.scale_sigma > 0 else ""
         facts.append(
             ("one unit of the plan", f"{alignment.metres_per_unit:.5g}{amounts.SPACE}m{spread}")
         )

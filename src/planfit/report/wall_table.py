@@ -52,7 +52,7 @@ def wall_table(
                 _Cell("missing in the plan", "missing in the plan"),
                 _NONE,
                 _NONE,
-                _Cell(str(wall.n_pieces), wall.n_pieces),
+                _Cell(str(wall.n_patches), wall.n_patches),
                 _length(wall.length),
                 _place(*wall.middle_xy),
                 *blank,
@@ -92,7 +92,7 @@ def _seen(face: SeenFace, has_solved: bool) -> tuple[_Cell, ...]:
         _Cell(escape(face.verdict), face.verdict),
         _Cell(amounts.centimetres(face.offset, signed=True), face.offset),
         _Cell(amounts.centimetres(face.spread), face.spread),
-        _Cell(str(face.n_pieces), face.n_pieces),
+        _Cell(str(face.n_patches), face.n_patches),
         _length(face.length),
         _place(*face.middle_xy),
     )

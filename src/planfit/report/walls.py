@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit.adjust import WallsPulled
+from planfit.adjust import PlanAdjustment
 from planfit.floorplan import Floorplan
 from planfit.report import amounts
 
 AGREES_WITHIN_M = 0.05
-FEW_PIECES = 3
+FEW_PATCHES = 3
 """With fewer pieces of wall a face's offset may be an accident."""
 
 
@@ -24,7 +24,7 @@ class SeenFace:
     """Plan frame, m."""
     length: float
     """m"""
-    n_pieces: int
+    n_patches: int
     offset: float
     """Median of the pieces' offsets, m; positive towards the face's normal."""
     spread: float
@@ -41,7 +41,7 @@ class SeenFace:
     @property
     def is_shifted(self) -> bool:
         """Whether enough pieces say that it does not."""
-        return not self.agrees and self.n_pieces >= FEW_PIECES
+        return not self.agrees and self.n_patches >= FEW_PATCHES
 
     @property
     def verdict(self) -> str:
@@ -52,12 +52,12 @@ class SeenFace:
             words = f"shifted by {amounts.centimetres(abs(self.offset))}"
             if self.is_oriented:
                 words += " into the room" if self.offset > 0 else " into the wall"
-        if self.n_pieces < FEW_PIECES:
-            words += f" (only {self.n_pieces} piece{'s' if self.n_pieces > 1 else ''})"
+        if self.n_patches < FEW_PATCHES:
+            words += f" (only {self.n_patches} piece{'s' if self.n_patches > 1 else ''})"
         return words
 
 
-def seen_faces(floorplan: Floorplan, walls: WallsPulled) -> list[SeenFace]:
+def seen_faces(floorplan: Floorplan, walls: PlanAdjustment) -> list[SeenFace]:
     """Faces with pieces of wall, most pieces first."""
     association, sigmas_m = walls.association, walls.offset_sigmas_m
     seen, counts = np.unique(association.face_idx[association.face_idx >= 0], return_counts=True)
@@ -73,7 +73,7 @@ def seen_faces(floorplan: Floorplan, walls: WallsPulled) -> list[SeenFace]:
                 face_idx=face,
                 middle_xy=(float(x), float(y)),
                 length=float(floorplan.lengths[face]),
-                n_pieces=int(counts[k]),
+                n_patches=int(counts[k]),
                 offset=median,
                 spread=float(np.median(np.abs(offsets - median))),
                 is_oriented=bool(floorplan.is_oriented[face]),

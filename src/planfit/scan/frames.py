@@ -3,21 +3,22 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
-from planfit.scan.lens import Lens, resample_color, resample_depth, working_camera
+from planfit.scan.images.depth_registration import register_depth
+from planfit.scan.images.lens import Lens, resample_color, resample_depth, working_camera
 from planfit.scan.options import ScanOptions
-from planfit.scan.registration import register_depth
 from planfit.scan.types import Scan
 
 PoseWriter = Callable[[Path, np.ndarray, np.ndarray], None]
 """Writes poses (k, 4, 4) of frames (k,) int into an existing folder, in the format's own way."""
 
 
+@runtime_checkable
 class StoredImages(Protocol):
     """Images as they are stored, before lens and size are seen to. Safe to use from several threads."""
 

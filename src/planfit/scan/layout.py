@@ -8,8 +8,8 @@ import numpy as np
 
 from planfit.errors import ScanError
 from planfit.scan.frames import Recording, scan_from
-from planfit.scan.image_files import Entry, ImageFiles, find_usable
-from planfit.scan.lens import Lens
+from planfit.scan.images.image_files import Entry, ImageFiles, find_usable
+from planfit.scan.images.lens import Lens
 from planfit.scan.options import ScanOptions
 from planfit.scan.source import Source, fingerprint
 from planfit.scan.types import Scan

@@ -33,17 +33,17 @@ class Odometry:
     """Recorded steps, and how sure they are."""
 
     cam_from_next: np.ndarray  # (n - 1, 4, 4), frame i from frame i + 1
-    sigma_turn: np.ndarray  # (n - 1,) rad, each axis
-    sigma_shift: np.ndarray  # (n - 1,) m, each axis
+    sigma_rotation: np.ndarray  # (n - 1,) rad, each axis
+    sigma_translation: np.ndarray  # (n - 1,) m, each axis
 
-    def spread_between(self, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def sigma_between(self, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Spread of turn (k,) rad and shift (k,) m, each axis, from frames `first` to `last` (k,).
 
         Steps err independently, so variances add up; a turn early on swings all that follows, which
         the distance walked times the spread of the turn bounds.
         """
-        turn_sq = np.concatenate([[0.0], np.cumsum(self.sigma_turn**2)])
-        shift_sq = np.concatenate([[0.0], np.cumsum(self.sigma_shift**2)])
+        turn_sq = np.concatenate([[0.0], np.cumsum(self.sigma_rotation**2)])
+        shift_sq = np.concatenate([[0.0], np.cumsum(self.sigma_translation**2)])
         walked = self.walked_m
         low, high = np.minimum(first, last), np.maximum(first, last)
         turn = np.sqrt(turn_sq[high] - turn_sq[low])
@@ -66,6 +66,6 @@ def make_odometry(world_from_cams: np.ndarray, options: OdometryOptions) -> Odom
     length = np.linalg.norm(steps[:, :3, 3], axis=1)
     return Odometry(
         cam_from_next=steps,
-        sigma_turn=np.deg2rad(options.sigma_base_deg) + options.sigma_per_deg * turn,
-        sigma_shift=options.sigma_base_m + options.sigma_per_m * length,
+        sigma_rotation=np.deg2rad(options.sigma_base_deg) + options.sigma_per_deg * turn,
+        sigma_translation=options.sigma_base_m + options.sigma_per_m * length,
     )

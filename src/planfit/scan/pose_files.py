@@ -11,7 +11,7 @@ from planfit.scan.association import poses_at
 from planfit.scan.tables import shorten
 from planfit.scan.trajectory import parse_tum
 from planfit.scan.types import Scan, check_pose
-from planfit.scan.wrappers import select_frames
+from planfit.scan.views import select_frames
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,15 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from planfit.errors import OptionError, ScanError
-from planfit.scan.depth_check import questions_of_depth
+from planfit.scan.depth_unit import check_depth_unit
 from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import take_poses
 from planfit.scan.source import Source, open_source
 from planfit.scan.types import Scan
-from planfit.scan.wrappers import with_tolerance
+from planfit.scan.views import with_tolerance
 
 READERS = {
     "facap": "facap",
@@ -54,7 +55,7 @@ def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | N
     if options.poses is not None:
         scan = take_poses(scan, options.poses, options.max_time_gap_s)
     scan = with_tolerance(scan)
-    return replace(scan, warnings=(*scan.warnings, *questions_of_depth(scan)))
+    return replace(scan, warnings=(*scan.warnings, *check_depth_unit(scan)))
 
 
 def _check_path(path: Path) -> None:
@@ -70,15 +71,15 @@ def _check_path(path: Path) -> None:
         ) from error
 
 
-def _reader(path: Path, name: str) -> tuple[ModuleType, Source]:
+def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
     if name not in ("auto", *READERS):
         raise OptionError(f"format: expected auto, {', '.join(READERS)}, found {name!r}")
-    bag = import_module("planfit.scan.bag")
+    bag = import_module("planfit.scan.formats.bag")
     if name == "bag" or (name == "auto" and bag.is_bag(path)):
         return bag, bag.BagSource(path)
     source = open_source(path)
     names = [name] if name != "auto" else [n for n in READERS if n != "bag"]
-    modules = [import_module(f"planfit.scan.{READERS[n]}") for n in names]
+    modules = [import_module(f"planfit.scan.formats.{READERS[n]}") for n in names]
     for module in modules:
         if module.recognise(source):
             return module, source

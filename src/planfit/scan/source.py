@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from planfit.errors import ScanError
 
@@ -18,6 +18,7 @@ MAX_ENTRY_BYTES = 500_000_000
 HEAD_BYTES, TAIL_BYTES = 32_768, 4096
 
 
+@runtime_checkable
 class Source(Protocol):
     """Files by name; names are relative, with forward slashes."""
 

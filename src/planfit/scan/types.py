@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.scan.damage import Damage
+from planfit.scan.corrupt_frames import CorruptFrames
 
 MAX_STEP_M = 20.0
 """Half of the steps between frames are shorter: nobody scans a building at strides of 20 m, but poses in
@@ -35,6 +35,7 @@ class Label(IntEnum):
     OTHER = 5
 
 
+@runtime_checkable
 class ScanFiles(Protocol):
     """The images behind a scan, read one frame at a time, and its own way of writing poses."""
 
@@ -95,7 +96,7 @@ class Scan:
     """Frames of the recording that are left out, and why, one line each."""
     warnings: tuple[str, ...] = ()
     """What to look at before trusting the scan."""
-    damage: Damage | None = None
+    damage: CorruptFrames | None = None
     """Frames that could not be decoded, noted as they are read."""
 
     def __post_init__(self) -> None:

@@ -10,12 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from planfit.adjust.moments import PlaneMoments, plane_moments
-from planfit.adjust.robust import Loss, LossKind
-from planfit.adjust.terms.base import Weighting
-from planfit.adjust.torch_moments import GroupedPoints, TorchPlaneMoments, plane_moments_on
 from planfit.errors import require_positive
-from planfit.structure import LevelPoints, Structure
+from planfit.lsq.moments import PlaneMoments, plane_moments
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.term import Weighting
+from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments, plane_moments_on
+from planfit.segmentation import LevelPoints, Structure
 
 FLOOR_PLANE = np.array([0.0, 0.0, 1.0, 0.0])
 """z = 0 of the level and the plan frame."""
@@ -31,13 +31,13 @@ class LevelOptions:
     """Spread of points about the plane: depth noise and an uneven surface."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
     """Robust loss of the distance in spreads."""
-    max_readings: float = 6.0
+    max_observations: float = 6.0
     """Independent readings that a frame's points are worth at most."""
-    points_per_reading: float = 30.0
+    points_per_observation: float = 30.0
     """Points that make one reading."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "sigma_m", "max_readings", "points_per_reading")
+        require_positive(self, "sigma_m", "max_observations", "points_per_observation")
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ class LevelTerm:
     def reweight(
         self, target_from_cams: np.ndarray
     ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
-        """One pass over the points; see `planfit.adjust.moments`."""
+        """One pass over the points; see `planfit.lsq.moments`."""
         start = self.points.start
-        weighting = Weighting(self.options.max_readings, self.options.points_per_reading)
+        weighting = Weighting(self.options.max_observations, self.options.points_per_observation)
         is_on = np.isfinite(self.heights_m)
         information = self.options.weight * weighting.information(np.diff(start))
         rest = (

@@ -17,16 +17,16 @@ from typing import Literal
 
 import numpy as np
 
-from planfit.adjust.association import pieces_in_plan
+from planfit.adjust.association import wall_patches_in_plan
 from planfit.adjust.face_grid import FaceGrid, make_face_grid
 from planfit.adjust.nearest_kernels import aim_pulls, pull_cost, square_gaps, sum_pulls
-from planfit.adjust.normal_equations import NormalBlocks
-from planfit.adjust.robust import loss_value
-from planfit.adjust.terms.base import Weighting
 from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError, require_positive
 from planfit.floorplan import Floorplan
-from planfit.structure import Pieces
+from planfit.lsq.linear.normal_equations import NormalBlocks
+from planfit.lsq.robust import loss_value
+from planfit.lsq.term import Weighting
+from planfit.segmentation import WallPatches
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Pull:
 class NearestTerm:
     """Sum over wall points of rho(distance to the nearest face's nearest point, or its line / sigma)."""
 
-    pieces: Pieces
+    patches: WallPatches
     floorplan: Floorplan
     options: WallOptions
     pull: Pull
@@ -69,41 +69,41 @@ class NearestTerm:
 
     def reweight(self, target_from_cams: np.ndarray) -> tuple["Pulls", float]:
         """Nearest faces and weights at plan_from_cams (n, 4, 4)."""
-        o, pieces = self.options, self.pieces
-        points, start = pieces.points_cam, pieces.start
-        poses = target_from_cams[pieces.frame_idx]
-        patch_normals, _ = pieces_in_plan(pieces, target_from_cams)
+        o, patches = self.options, self.patches
+        points, start = patches.points_cam, patches.start
+        poses = target_from_cams[patches.frame_idx]
+        patch_normals, _ = wall_patches_in_plan(patches, target_from_cams)
         face_idx, feet, gaps = self.grid.nearest(points, start, poses, patch_normals)
         normals, to_line = np.ascontiguousarray(self.floorplan.normals), self.pull.to == "line"
         squared = square_gaps(face_idx, gaps, normals, to_line, self.pull.max_distance_m)
         squared /= o.sigma_m**2
         rho, weight = loss_value(squared, o.loss)
         counts = np.diff(start)
-        information = Weighting(o.max_readings, o.points_per_reading).information(counts)
+        information = Weighting(o.max_observations, o.points_per_observation).information(counts)
         information = o.weight * information
         per_m2 = information / o.sigma_m**2
         matrices = aim_pulls(face_idx, normals, to_line, start, per_m2, weight)
         cost = 0.5 * float(np.repeat(information, counts) @ rho)
-        return Pulls(pieces, feet, matrices), cost
+        return Pulls(patches, feet, matrices), cost
 
 
 @dataclass(frozen=True)
 class Pulls:
     """Wall points with the points of the plan they are pulled to, weights frozen."""
 
-    pieces: Pieces
+    patches: WallPatches
     feet: np.ndarray  # (m, 2) m, plan frame
     information: np.ndarray  # (m, 3) 1/m^2: xx, xy and yy of the pull of each point
 
     def cost(self, target_from_cams: np.ndarray) -> float:
         """Half the weighted sum of squares."""
-        s = self.pieces
+        s = self.patches
         poses = target_from_cams[s.frame_idx]
         return float(pull_cost(s.points_cam, s.start, poses, self.feet, self.information))
 
     def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
         """Gauss-Newton blocks of each frame."""
-        s, n = self.pieces, len(target_from_cams)
+        s, n = self.patches, len(target_from_cams)
         poses = target_from_cams[s.frame_idx]
         blocks, gradient = np.zeros((n, 6, 6)), np.zeros((n, 6))
         args = (s.points_cam, s.start, s.frame_idx, poses)

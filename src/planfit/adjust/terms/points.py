@@ -11,11 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
-from planfit.adjust.moments import PairMoments, pair_moments
-from planfit.adjust.robust import Loss, LossKind
-from planfit.adjust.terms.base import Weighting
-from planfit.adjust.torch_moments import GroupedPoints, TorchPairMoments, pair_moments_on
 from planfit.errors import require_positive
+from planfit.lsq.moments import PairMoments, pair_moments
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.term import Weighting
+from planfit.lsq.torch.moments import GroupedPoints, TorchPairMoments, pair_moments_on
 from planfit.matching import Matches
 
 
@@ -28,13 +28,13 @@ class PointOptions:
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
     """Robust loss of |p - p'| in spreads. With a scale of 1, ConSLAM errs by 0.098 m instead of 0.100, but a
     plan with 30 % of its walls moved by 0.09 m instead of 0.04 at worst (benchmarks/robustness.py)."""
-    max_readings: float = 40.0
+    max_observations: float = 40.0
     """Independent readings that a pair's matches are worth at most: they share depth calibration and
     the interpolation of the depth image. With 20, an 80-frame synthetic scan errs by 0.020 m instead of
     0.019 and a plan with 30 % of its walls moved by 0.09 m instead of 0.04 at worst; 80 changes little."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "max_readings")
+        require_positive(self, "max_observations")
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class PointTerm:
     def reweight(
         self, target_from_cams: np.ndarray
     ) -> tuple[PairMoments | TorchPairMoments, float]:
-        """One pass over the matches; see `planfit.adjust.moments`."""
+        """One pass over the matches; see `planfit.lsq.moments`."""
         m = self.matches
-        weighting = Weighting(self.options.max_readings)
+        weighting = Weighting(self.options.max_observations)
         information = self.options.weight * weighting.information(np.diff(m.start))
         if self.device != "cpu":
             return pair_moments_on(

@@ -22,12 +22,12 @@ from functools import cached_property
 
 import numpy as np
 
-from planfit.adjust.match_kernels import ray_distances, sum_ray_distances
-from planfit.adjust.normal_equations import NormalBlocks
-from planfit.adjust.relative import blocks_of_pairs, relative_poses
-from planfit.adjust.robust import Loss, LossKind, loss_value
-from planfit.adjust.terms.base import Weighting
+from planfit.adjust.terms.match_kernels import ray_distances, sum_ray_distances
 from planfit.errors import require_positive
+from planfit.lsq.linear.normal_equations import NormalBlocks
+from planfit.lsq.relative import blocks_of_pairs, relative_poses
+from planfit.lsq.robust import Loss, LossKind, loss_value
+from planfit.lsq.term import Weighting
 from planfit.matching import Matches
 
 
@@ -39,14 +39,14 @@ class RayOptions:
     """Factor on the term; 0 switches it off."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
     """Robust loss of the distance in spreads, those of the lifted match (`Matches.sigma`)."""
-    max_readings: float = 20.0
+    max_observations: float = 20.0
     """Independent readings that a pair's matches are worth at most."""
     parallel_deg: float = 0.3
     """Angle between rays at which half the squared distance counts; well above it all, below it
     nothing: directions are known to about a pixel, 0.1 deg."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "max_readings", "parallel_deg")
+        require_positive(self, "max_observations", "parallel_deg")
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class RayTerm:
         distance, sigma_sq = self.ray_pairs.distances(target_from_cams), self.matches.sigma**2
         rho, weight = loss_value(distance**2 / sigma_sq, self.options.loss)
         counts = np.diff(self.matches.start)
-        readings = Weighting(self.options.max_readings).information(counts)
+        readings = Weighting(self.options.max_observations).information(counts)
         information = np.repeat(self.options.weight * readings, counts)
         quadratic = RayQuadratic(self.ray_pairs, information * weight / sigma_sq)
         return quadratic, 0.5 * float(information @ rho)

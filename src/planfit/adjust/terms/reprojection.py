@@ -10,13 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from planfit.adjust.match_kernels import reproject, sum_reprojections
-from planfit.adjust.normal_equations import NormalBlocks
-from planfit.adjust.relative import blocks_of_pairs, relative_poses
-from planfit.adjust.robust import Loss, LossKind, loss_value
-from planfit.adjust.terms.base import Weighting
+from planfit.adjust.terms.match_kernels import reproject, sum_reprojections
 from planfit.errors import require_positive
 from planfit.geometry.camera import Camera
+from planfit.lsq.linear.normal_equations import NormalBlocks
+from planfit.lsq.relative import blocks_of_pairs, relative_poses
+from planfit.lsq.robust import Loss, LossKind, loss_value
+from planfit.lsq.term import Weighting
 from planfit.matching import Matches
 
 
@@ -30,7 +30,7 @@ class ReprojectionOptions:
     """Spread of a reprojected keypoint, each axis: detection, and depth seen from the side."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
     """Robust loss of the error in spreads, of each way on its own."""
-    max_readings: float = 20.0
+    max_observations: float = 20.0
     """Independent readings that a pair's matches are worth at most; the two ways share one."""
     min_depth_m: float = 0.1
     """A point nearer to the other image's plane, or behind it, has no weight until weights are renewed:
@@ -38,7 +38,7 @@ class ReprojectionOptions:
     nothing is gained by turning away."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "sigma_px", "max_readings", "min_depth_m")
+        require_positive(self, "sigma_px", "max_observations", "min_depth_m")
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class ReprojectionTerm:
         counts = np.diff(sightings.start)
         squared = np.where(is_on, squared, np.repeat(sightings.diagonals**2, counts))
         rho, weight = loss_value(squared / o.sigma_px**2, o.loss)
-        readings = Weighting(o.max_readings).information(counts)
+        readings = Weighting(o.max_observations).information(counts)
         information = np.repeat(0.5 * o.weight * readings, counts)
         quadratic = ReprojectionQuadratic(sightings, information * weight * is_on / o.sigma_px**2)
         return quadratic, 0.5 * float(information @ rho)

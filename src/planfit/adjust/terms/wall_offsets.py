@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from planfit.adjust.association import Association
-from planfit.adjust.moments import PlaneMoments
-from planfit.adjust.normal_equations import NormalBlocks, sum_by_pose
-from planfit.adjust.terms.anchor import AnchorTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.structure import Pieces
+from planfit.lsq.linear.normal_equations import NormalBlocks, sum_by_pose
+from planfit.lsq.moments import PlaneMoments
+from planfit.lsq.terms.prior import PosePriorTerm
+from planfit.segmentation import WallPatches
 
 _FREE_TURN = 1.0  # rad: no wall point says anything of a face's turn; any finite spread holds it
 
@@ -26,7 +26,7 @@ _FREE_TURN = 1.0  # rad: no wall point says anything of a face's turn; any finit
 class OffsetWallTerm:
     """Sum over wall points of rho((dist(T_i p, face) - offset of the face) / sigma)."""
 
-    pieces: Pieces
+    patches: WallPatches
     floorplan: Floorplan
     association: Association
     options: WallOptions
@@ -39,7 +39,7 @@ class OffsetWallTerm:
         shifts = unknowns[self.n_cams :, :3, 3]
         offsets_m = np.einsum("ni,ni->n", self.floorplan.normals, shifts[:, :2])
         term = WallTerm(
-            self.pieces, self.floorplan, self.association, self.options, offsets_m=offsets_m
+            self.patches, self.floorplan, self.association, self.options, offsets_m=offsets_m
         )
         quadratic, cost = term.reweight(unknowns[: self.n_cams])
         assert isinstance(quadratic, PlaneMoments)  # offsets run on the CPU
@@ -96,11 +96,11 @@ class OffsetPlaneMoments:
         return PlaneMoments(self.drawn.pose_idx, planes, self.drawn.moments)
 
 
-def offset_prior(n_cams: int, floorplan: Floorplan, sigma_m: float) -> AnchorTerm:
+def offset_prior(n_cams: int, floorplan: Floorplan, sigma_m: float) -> PosePriorTerm:
     """Faces stand where they are drawn, within a spread."""
     sigma = np.array([_FREE_TURN] * 3 + [sigma_m] * 3)
     faces = n_cams + np.arange(len(floorplan))
-    return AnchorTerm(faces, np.tile(np.eye(4), (len(floorplan), 1, 1)), sigma, "wall offsets")
+    return PosePriorTerm(faces, np.tile(np.eye(4), (len(floorplan), 1, 1)), sigma, "wall offsets")
 
 
 def with_offsets(plan_from_cams: np.ndarray, floorplan: Floorplan) -> np.ndarray:

@@ -11,13 +11,13 @@ from functools import cached_property
 import numpy as np
 
 from planfit.adjust.association import Association
-from planfit.adjust.moments import PlaneMoments, plane_moments
-from planfit.adjust.robust import Loss, LossKind
-from planfit.adjust.terms.base import Weighting
-from planfit.adjust.torch_moments import GroupedPoints, TorchPlaneMoments, plane_moments_on
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
-from planfit.structure import Pieces
+from planfit.lsq.moments import PlaneMoments, plane_moments
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.term import Weighting
+from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments, plane_moments_on
+from planfit.segmentation import WallPatches
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class WallOptions:
     20 runs err by 0.0084 m in the median, 0.04 m at worst (benchmarks/robustness.py); with a Cauchy loss of
     scale 2 by several times that. A scale of 0.7 lets go of right walls where no loop is closed and costs
     4 % of accuracy on an 80-frame scan with a right plan."""
-    max_readings: float = 4.0
+    max_observations: float = 4.0
     """Independent readings that a piece of wall is worth at most."""
-    points_per_reading: float = 60.0
+    points_per_observation: float = 60.0
     """Wall points that make one reading."""
     offset_sigma_m: float = 0.0
     """Spread of faces about where they are drawn, one unknown offset a face; 0: faces are as drawn. Worth
@@ -45,14 +45,14 @@ class WallOptions:
     it lets them pull (0.013 to 0.08 m), so it is off by default."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "sigma_m", "max_readings", "points_per_reading")
+        require_positive(self, "sigma_m", "max_observations", "points_per_observation")
 
 
 @dataclass(frozen=True)
 class WallTerm:
     """Sum over associated wall points of rho(dist(T_i p, face) / sigma)."""
 
-    pieces: Pieces
+    patches: WallPatches
     floorplan: Floorplan
     association: Association
     options: WallOptions
@@ -64,20 +64,20 @@ class WallTerm:
 
     @cached_property
     def _on_device(self) -> GroupedPoints:
-        return GroupedPoints(self.device, self.pieces.start, self.pieces.points_cam)
+        return GroupedPoints(self.device, self.patches.start, self.patches.points_cam)
 
     def reweight(
         self, target_from_cams: np.ndarray
     ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
-        """One pass over the wall points; see `planfit.adjust.moments`."""
-        pieces, face = self.pieces, self.association.face_idx
+        """One pass over the wall points; see `planfit.lsq.moments`."""
+        patches, face = self.patches, self.association.face_idx
         planes = face_planes(self.floorplan, face)
         if self.offsets_m is not None:
             planes[:, 3] -= self.offsets_m[face]
-        weighting = Weighting(self.options.max_readings, self.options.points_per_reading)
-        information = weighting.information(np.diff(pieces.start))
+        weighting = Weighting(self.options.max_observations, self.options.points_per_observation)
+        information = weighting.information(np.diff(patches.start))
         rest = (
-            pieces.frame_idx,
+            patches.frame_idx,
             planes,
             self.options.weight * np.where(face >= 0, information, 0.0),
             target_from_cams,
@@ -86,7 +86,7 @@ class WallTerm:
         )
         if self.device != "cpu":
             return plane_moments_on(self._on_device, *rest)
-        return plane_moments(pieces.points_cam, pieces.start, *rest)
+        return plane_moments(patches.points_cam, patches.start, *rest)
 
 
 def face_planes(floorplan: Floorplan, face_idx: np.ndarray) -> np.ndarray:

@@ -52,10 +52,10 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     extent = _extent(lines)
     if extent < 30:
         return []
-    work = find_line_work(lines, max(int(extent / 14), 6))
-    line_px = work.line_px
+    runtime = find_line_work(lines, max(int(extent / 14), 6))
+    line_px = runtime.line_px
     result = [*_black(darkness, line_px, extent), *_grey(darkness, line_px, extent)]
-    result += _hatched(lines, work, extent)
+    result += _hatched(lines, runtime, extent)
     cells = find_wall_cells(lines, line_px, extent)
     if cells.any():
         grow = line_px / 2
@@ -66,7 +66,7 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     bars = opened(lines, max(round(1.5 * line_px), round(line_px) + 2))
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
     bars = cv2.erode(bars, np.ones((int(line_px) | 1,) * 2, np.uint8))
-    for inside in between_lines(work, bars):
+    for inside in between_lines(runtime, bars):
         grow = line_px / 2
         result.append(
             Candidate("double lines", inside.strips, "stroke", LINE, grow, 1.0, inside.bars)
@@ -194,13 +194,13 @@ def _inside_outlines(
     return opened(closed(inner, int(line_px) + 2), 3)  # texts and lines across are filled
 
 
-def _hatched(lines: np.ndarray, work: LineWork, extent: float) -> list[Candidate]:
+def _hatched(lines: np.ndarray, runtime: LineWork, extent: float) -> list[Candidate]:
     """Walls that become solid when gaps as wide as those of the hatching are filled."""
-    empty = work.empty_strips(lines)
+    empty = runtime.empty_strips(lines)
     result, size = [], 3
     while size <= max(extent / 60, 5):
-        least = int(max(size, 2 * work.line_px)) + 1
-        walls = fill_hatching(lines, work, empty, size, least)
+        least = int(max(size, 2 * runtime.line_px)) + 1
+        walls = fill_hatching(lines, runtime, empty, size, least)
         result.append(
             Candidate("hatched", walls.mask, "stroke", LINE, walls.grow_px, least,
                       hatched_share=walls.share)

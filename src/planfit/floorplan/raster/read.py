@@ -17,9 +17,9 @@ from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import Upright, load_picture, make_darkness, make_upright
 from planfit.floorplan.raster.storeys import find_storeys, storey_words
 from planfit.floorplan.raster.trace import settle_faces
-from planfit.floorplan.regions import RegionFaces, faces_of_regions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
+from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
 from planfit.geometry import segments
 
 WORK_SIDE_PX = 2000

@@ -122,14 +122,14 @@ class InsideWalls:
     """1 inside walls so thin that their two lines touch."""
 
 
-def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
+def between_lines(runtime: LineWork, bars: np.ndarray) -> list[InsideWalls]:
     """The inside of walls, for each likely range of thickness; empty where there is none.
 
     Args:
-        work: lines and the strips between them.
+        runtime: lines and the strips between them.
         bars: (h, w) uint8, 1 inside bars as thick as two lines.
     """
-    rows, columns = work.strips
+    rows, columns = runtime.strips
     # Tiles are between lines along rows and along columns; the corners of walls are in neither strip.
     grid = (rows > 0) & (columns > 0)
     rows, columns = (
@@ -137,11 +137,11 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
         np.where(grid, 0, columns).astype(np.int16),
     )
     tiles = np.asarray(cv2.dilate(grid.astype(np.uint8), np.ones((3, 3), np.uint8)), np.uint8)
-    thickest = int(2 * work.line_px) + 2
+    thickest = int(2 * runtime.line_px) + 2
     sides = [
-        _Strips.between(rows, work.along[0], thickest),
+        _Strips.between(rows, runtime.along[0], thickest),
         _Strips.between(
-            np.ascontiguousarray(columns.T), np.ascontiguousarray(work.along[1].T), thickest
+            np.ascontiguousarray(columns.T), np.ascontiguousarray(runtime.along[1].T), thickest
         ),
     ]
     alone = np.concatenate([side.width[(side.above == 0) & (side.below == 0)] for side in sides])
@@ -150,7 +150,7 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
     # Each pixel of a strip stands for one part in its width of a pixel of length.
     length = np.bincount(alone) / np.maximum(np.arange(int(alone.max()) + 1), 1)
     share = np.cumsum(length) / length.sum()
-    all_bars = _Bars.find(bars, work.line_px)
+    all_bars = _Bars.find(bars, runtime.line_px)
     result = []
     ranges = set()
     for quantile in (0.45, 0.65, 0.8, 0.9, 0.97):
@@ -163,8 +163,8 @@ def between_lines(work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
         along_rows = sides[0].walls(least, limit, usual)
         along_columns = np.ascontiguousarray(sides[1].walls(least, limit, usual).T)
         seeds = along_rows | along_columns
-        narrow = closed(work.along[0] | work.along[1], limit + 2)
-        narrow &= 1 - (work.along[0] | work.along[1] | tiles)
+        narrow = closed(runtime.along[0] | runtime.along[1], limit + 2)
+        narrow &= 1 - (runtime.along[0] | runtime.along[1] | tiles)
         mask = np.bitwise_or(
             _grown(seeds, narrow, limit, usual), _junctions(along_rows, along_columns, limit)
         )

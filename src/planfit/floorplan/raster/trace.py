@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.regions import RegionFaces
+from planfit.floorplan.vector.regions import RegionFaces
 from planfit.geometry import segments
 
 _CORNER_PX = 1.6

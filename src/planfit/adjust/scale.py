@@ -1,0 +1,95 @@
+"""The scale of a plan without unit, by all evidence: at the right one the walls pull least against the rest.
+
+The alignment finds the scale from walls alone, and a scan that drift has bent is a little too large or too
+small as a whole. What depth, matches and steps say of lengths is not bent: a wrong scale makes the walls pull
+the poses apart or together everywhere. So the total cost after the walls pulled, as a function of the scale,
+is a bowl (`docs/adr/0005-alignment-search.md` has the figures).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planfit.adjust.correspondences import costs
+from planfit.adjust.measurements import Measurements
+from planfit.adjust.options import AdjustOptions
+from planfit.adjust.schedule import adjust_to_plan
+from planfit.floorplan import Floorplan
+
+STEP = 0.003
+"""Scales are tried this far apart, as a share: several spreads of the answer, and little enough that the
+same pieces of wall find the same faces."""
+MAX_MOVES = 3
+"""Windows that are tried where the bowl's bottom lies outside."""
+
+
+@dataclass(frozen=True)
+class ScaleRefit:
+    """A better scale, as a factor on the one that was tried."""
+
+    factor: float
+    spread: float
+    """Standard deviation of the factor, as a share; infinite where no bottom was found."""
+    n_pulls: int
+    """Solves it took."""
+
+
+def refit_scale(
+    measurements: Measurements,
+    floorplan: Floorplan,
+    plan_from_cams: np.ndarray,
+    options: AdjustOptions,
+) -> ScaleRefit:
+    """Factor on the scale of a plan at which the walls pull least against everything else.
+
+    Args:
+        measurements: what the scan says.
+        floorplan: in metres, at the scale that the alignment found.
+        plan_from_cams: (n, 4, 4) poses placed on it, loops closed.
+        options: of the adjustment.
+    """
+    cost_at: dict[int, float] = {}
+
+    def cost(step: int) -> float:
+        if step not in cost_at:
+            factor = float(np.exp(step * STEP))
+            poses = about_middle(plan_from_cams, factor)
+            cost_at[step] = _adjusted_cost(measurements, floorplan.scaled(factor), poses, options)
+        return cost_at[step]
+
+    centre = 0
+    for _ in range(MAX_MOVES):
+        low, here, high = (cost(centre + k) for k in (-1, 0, 1))
+        if here <= min(low, high):
+            break
+        centre += 1 if high < low else -1
+    low, here, high = (cost(centre + k) for k in (-1, 0, 1))
+    curvature = low + high - 2 * here
+    if here > min(low, high) or curvature <= 1e-9:
+        return ScaleRefit(1.0, float("inf"), len(cost_at))
+    bottom = centre + 0.5 * (low - high) / curvature
+    # A robust cost is a sum of squares, near enough: it rises by one at one spread from the bottom.
+    spread = STEP * float(np.sqrt(2.0 / curvature))
+    return ScaleRefit(float(np.exp(bottom * STEP)), spread, len(cost_at))
+
+
+def about_middle(plan_from_cams: np.ndarray, factor: float) -> np.ndarray:
+    """Poses (n, 4, 4) shifted as a whole so that their middle stays at the same spot of a scaled drawing."""
+    moved = plan_from_cams.copy()
+    moved[:, :2, 3] += (factor - 1.0) * plan_from_cams[:, :2, 3].mean(axis=0)
+    return moved
+
+
+def _adjusted_cost(
+    measurements: Measurements,
+    floorplan: Floorplan,
+    plan_from_cams: np.ndarray,
+    options: AdjustOptions,
+) -> float:
+    """Robust cost of all terms after the walls pulled; a piece without face costs like the mean one."""
+    adjusted = adjust_to_plan(measurements, floorplan, plan_from_cams, options)
+    poses = adjusted.solution.target_from_cams
+    found = costs(measurements, poses, options, adjusted.correspondences)
+    n_found = adjusted.association.n_associated
+    n_lost = len(measurements.structure.walls) - n_found
+    return sum(found.values()) + found.get("walls", 0.0) / max(n_found, 1) * n_lost

@@ -1,0 +1,226 @@
+"""DXF: blocks, curves and hatches flattened, hidden layers left out, the unit of the header."""
+
+import io
+import logging
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import ezdxf
+import ezdxf.recover
+import numpy as np
+from ezdxf import colors
+from ezdxf import path as ezpath
+from ezdxf.disassemble import recursive_decompose
+from ezdxf.document import Drawing as Document
+from ezdxf.entities.dxfgfx import DXFGraphic
+from ezdxf.lldxf.const import DXFError
+
+from planfit.errors import FloorplanError
+from planfit.floorplan.file import fingerprint_of
+from planfit.floorplan.formats.dxf_damage import lost_parts
+from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.types import Floorplan
+from planfit.floorplan.vector.drawing import Drawing, DrawingBuilder, Text
+from planfit.floorplan.vector.drawing_plan import plan_of_drawing
+
+_UNITS = {
+    1: ("in", 0.0254), 2: ("ft", 0.3048), 4: ("mm", 0.001), 5: ("cm", 0.01), 6: ("m", 1.0),
+    10: ("yd", 0.9144), 14: ("dm", 0.1), 21: ("US survey ft", 1200 / 3937),
+}  # fmt: skip
+_CURVED = {"ARC", "CIRCLE", "ELLIPSE", "SPLINE", "HELIX"}
+_PATHS = {"LINE", "LWPOLYLINE", "POLYLINE", *_CURVED}
+_MAX_ENTITIES = 2_000_000
+
+
+def read_dxf(path: Path, options: PlanOptions) -> Floorplan:
+    """Wall faces of the model space of a DXF.
+
+    Raises:
+        FloorplanError: the file is no DXF, is cut off, or has no walls.
+    """
+    # ezdxf warns of every odd table entry; what matters comes back as an error or in `dropped`.
+    logging.getLogger("ezdxf").setLevel(logging.ERROR)
+    document, lost = _open(path)
+    drawing = _drawing(document)
+    floorplan = plan_of_drawing(
+        drawing, path, fingerprint_of(path), options, "DXF drawing", np.eye(3)
+    )
+    return floorplan if not lost else floorplan.with_warning(
+        f"the file is damaged: {len(lost)} of its parts or numbers were lost or guessed; first: {lost[0]}"
+    )  # fmt: skip
+
+
+def _open(path: Path) -> tuple[Document, list[str]]:
+    data = path.read_bytes()
+    if not data.strip():
+        raise FloorplanError(
+            f"{path}: expected a DXF drawing, found an empty file; export it again"
+        )
+    try:
+        document, auditor = ezdxf.recover.read(io.BytesIO(data))
+    except (
+        DXFError,
+        OSError,
+        ValueError,
+        KeyError,
+        IndexError,
+        TypeError,
+        AttributeError,
+    ) as error:
+        raise FloorplanError(
+            f"{path}: expected a DXF drawing, found a file that is damaged or of another kind "
+            f"({type(error).__name__}); export it again as DXF"
+        ) from error
+    is_cut = b"EOF" not in data[-64:] and not data.startswith(b"AutoCAD Binary DXF")
+    if is_cut:
+        raise FloorplanError(
+            f"{path}: expected a whole DXF drawing, found one that is cut off (no EOF at its end); "
+            "copy or export it again"
+        )
+    return document, lost_parts(auditor)
+
+
+def _drawing(document: Document) -> Drawing:
+    builder = DrawingBuilder()
+    hidden = {layer.dxf.name for layer in document.layers if layer.is_off() or layer.is_frozen()}
+    # Layer 0 stands for the layer of the block's insertion; on its own it may be frozen too.
+    space = document.modelspace()
+    flatten = _flattening_distance(space)
+    seen_hidden: set[str] = set()
+    for count, (entity, layer) in enumerate(_entities(space)):
+        if count > _MAX_ENTITIES:
+            break
+        if layer in hidden:
+            seen_hidden.add(layer)
+        elif not entity.dxf.get("invisible", 0):
+            _add(builder, entity, layer, flatten)
+    lines, fills, texts, layers = builder.build()
+    unit, metres = _UNITS.get(document.header.get("$INSUNITS", 0), ("unknown", None))
+    return Drawing(lines, fills, texts, layers, metres, unit, tuple(sorted(seen_hidden)))
+
+
+def _entities(space) -> Iterator[tuple[Any, str]]:
+    """Entities with blocks exploded, and the layer that decides on each: that of the entity, or of the
+    block it came in where the entity is on layer 0."""
+    for entity in space:
+        outer = entity.dxf.get("layer", "0")
+        if entity.dxftype() == "INSERT" or entity.dxftype() in ("DIMENSION", "LEADER", "MLINE"):
+            for part in recursive_decompose([entity]):
+                inner = part.dxf.get("layer", "0")
+                dimension = entity.dxftype() in ("DIMENSION", "LEADER")
+                name = f"{outer} (dimension)" if dimension else outer if inner == "0" else inner
+                yield part, name
+        else:
+            yield entity, outer
+
+
+def _add(builder: DrawingBuilder, entity: DXFGraphic, layer: str, flatten: float) -> None:
+    kind = entity.dxftype()
+    style = (entity.dxf.get("color", 256), entity.dxf.get("lineweight", -1), layer)
+    if kind in _PATHS:
+        try:
+            made = ezpath.make_path(entity)
+        except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+            return
+        _add_path(builder, made, layer, style, flatten)
+    elif kind in ("HATCH", "MPOLYGON"):
+        rings = []
+        for boundary in ezpath.from_hatch(entity):  # type: ignore[arg-type]
+            rings.append(_xy(boundary.flattening(flatten)))
+        builder.add_fill(rings, layer, _colour(entity))
+    elif kind in ("SOLID", "TRACE", "3DFACE"):
+        corners = _xy(entity.wcs_vertices())  # type: ignore[attr-defined]
+        builder.add_fill([corners], layer, _colour(entity))
+    elif kind in ("TEXT", "MTEXT", "ATTRIB"):
+        _add_text(builder, entity, layer)
+
+
+def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten: float) -> None:
+    """Straight and curved pieces of a path apart: an arc between two walls is a door."""
+    if len(made) == 0:
+        return
+    points, is_curved = [np.array(made.start)[:2]], []
+    at = made.start
+    for command in made.commands():
+        if command.type == ezpath.Command.LINE_TO or command.type == ezpath.Command.MOVE_TO:
+            points.append(np.array(command.end)[:2])
+            is_curved.append(command.type == ezpath.Command.MOVE_TO)
+        else:
+            piece = ezpath.Path(at)
+            piece.append_path(_single(at, command))
+            flat = _xy(piece.flattening(flatten, segments=4))[1:]
+            is_bent = _is_bent(np.array([np.array(at)[:2], *flat]))
+            flat = flat if is_bent else flat[-1:]
+            points.extend(flat)
+            is_curved.extend([is_bent] * len(flat))
+        at = command.end
+    builder.add_polyline(np.array(points), np.array(is_curved), layer, style)
+
+
+def _single(start, command):
+    piece = ezpath.Path(start)
+    if command.type == ezpath.Command.CURVE4_TO:
+        piece.curve4_to(command.end, command.ctrl1, command.ctrl2)
+    else:
+        piece.curve3_to(command.end, command.ctrl)
+    return piece
+
+
+def _is_bent(points: np.ndarray) -> bool:
+    """Some programs write straight walls as splines."""
+    chord = points[-1] - points[0]
+    length = math.hypot(*chord)
+    if length == 0:
+        return True
+    offset = points - points[0]
+    return bool(np.abs(offset[:, 0] * chord[1] - offset[:, 1] * chord[0]).max() > 1e-3 * length**2)
+
+
+def _add_text(builder: DrawingBuilder, entity: DXFGraphic, layer: str) -> None:
+    if entity.dxftype() == "MTEXT":
+        text, height = entity.plain_text(), entity.dxf.char_height  # type: ignore[attr-defined]
+        at = np.array(entity.dxf.insert)[:2]
+        is_centred = entity.dxf.get("attachment_point", 1) in (2, 5, 8)
+    else:
+        text, height = entity.dxf.text, entity.dxf.height
+        is_centred = entity.dxf.get("halign", 0) in (1, 4)
+        has_second = is_centred and entity.dxf.hasattr("align_point")
+        at = np.array(entity.dxf.align_point if has_second else entity.dxf.insert)[:2]
+    rotation = math.radians(entity.dxf.get("rotation", 0.0))
+    if not is_centred:
+        # A letter is about 0.6 of its height wide.
+        at = at + 0.3 * height * len(text) * np.array([math.cos(rotation), math.sin(rotation)])
+    if np.isfinite(at).all():
+        builder.texts.append(Text(text, at, float(height), builder.layer(layer)))
+
+
+def _colour(entity: DXFGraphic) -> tuple[int, int, int] | None:
+    """RGB of the entity's own colour; the layer's, and black for white on black, are unknown."""
+    if entity.rgb is not None:
+        red, green, blue = entity.rgb
+        return (red, green, blue)
+    index = entity.dxf.get("color", 256)
+    if index in (0, 7, 256) or not 0 < index < 256:
+        return None
+    red, green, blue = colors.aci2rgb(index)
+    return (red, green, blue)
+
+
+def _xy(points) -> np.ndarray:
+    return np.array([(p[0], p[1]) for p in points], dtype=float).reshape(-1, 2)
+
+
+def _flattening_distance(space) -> float:
+    """A thousandth of a likely extent: curves of walls keep their course, circles stay small."""
+    points = [e.dxf.start for e in space.query("LINE")]
+    points += [p for e in space.query("LWPOLYLINE") for p in e.get_points("xy")]
+    if len(points) < 2:
+        return 0.01
+    flat = np.array([(p[0], p[1]) for p in points], dtype=float)
+    flat = flat[np.isfinite(flat).all(axis=1) & (np.abs(flat) < 1e9).all(axis=1)]
+    if len(flat) < 2:
+        return 0.01
+    low, high = np.percentile(flat, [2, 98], axis=0)
+    return max(float(max(high - low)) * 1e-3, 1e-6)

@@ -1,0 +1,181 @@
+"""IFC: the walls of one storey, cut level so that doors and windows are gaps."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from planfit.errors import FloorplanError
+from planfit.floorplan.file import fingerprint_of
+from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.types import Floorplan, PlanSource
+from planfit.floorplan.vector.regions import faces_of_regions
+from planfit.floorplan.vector.section import section_area
+from planfit.floorplan.vector.shown_lines import longest, outlines
+
+WALL_KINDS = ("IfcWall", "IfcCurtainWall", "IfcColumn")
+"""With all that derive from them, as IfcWallStandardCase does."""
+TOLERANCE_M = 0.005
+MIN_FACE_M = 0.03
+
+
+def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
+    """Wall faces of a storey at `options.cut_height_m` above its floor, in metres.
+
+    Without `options.storey` the lowest storey with doors is read (foundations have walls too), else
+    the lowest with walls.
+
+    Raises:
+        FloorplanError: ifcopenshell is missing, the file is no IFC, has no such storey or no walls.
+    """
+    try:
+        import ifcopenshell
+        import ifcopenshell.geom
+        import ifcopenshell.util.element
+        import ifcopenshell.util.placement
+        import ifcopenshell.util.unit
+    except ImportError as error:
+        raise FloorplanError(
+            f"{path}: expected the package ifcopenshell to read IFC, found it missing; "
+            "install planfit[ifc]"
+        ) from error
+    try:
+        model = ifcopenshell.open(str(path))
+        if not isinstance(model, ifcopenshell.file):
+            raise TypeError("not a building model")
+    except Exception as error:  # ifcopenshell raises bare Exceptions of several kinds
+        raise FloorplanError(
+            f"{path}: expected an IFC model, found a file that is damaged or of another kind; "
+            "export it again as IFC2x3 or IFC4"
+        ) from error
+    walls = [wall for kind in WALL_KINDS[:2] for wall in model.by_type(kind)]
+    if not walls:
+        raise FloorplanError(
+            f"{path}: expected walls (IfcWall), found none in {len(model.by_type('IfcElement'))} "
+            "elements; export the architect's model, not that of the structure or the services"
+        )
+    unit_scale = float(ifcopenshell.util.unit.calculate_unit_scale(model))
+    columns = model.by_type(WALL_KINDS[2])
+    by_storey: dict[int, list[Any]] = {}
+    for element in [*walls, *columns, *model.by_type("IfcDoor")]:
+        storey = _storey_of(element, ifcopenshell.util.element)
+        by_storey.setdefault(storey.id() if storey is not None else 0, []).append(element)
+    storeys = sorted(model.by_type("IfcBuildingStorey"), key=lambda s: _elevation(s, unit_scale))
+    names = tuple(storey.Name or f"storey {i}" for i, storey in enumerate(storeys))
+    chosen = _choose(path, options.storey, storeys, names, by_storey)
+    floor = 0.0 if chosen is None else _elevation(storeys[chosen], unit_scale)
+    elements = [*walls, *columns]
+    areas, failed = _cut(ifcopenshell, elements, floor + options.cut_height_m)
+    if not areas:
+        raise FloorplanError(
+            f"{path}: expected walls {options.cut_height_m:g} m above the floor of "
+            f"{names[chosen] if chosen is not None else 'the model'!r}, found none; "
+            "choose another storey or height of the cut"
+        )
+    # Neighbouring walls are often mitred and meet up to rounding: close seams of 4 mm.
+    solid = shapely.buffer(shapely.union_all(areas), 0.002, join_style="mitre")
+    solid = shapely.buffer(solid, -0.002, join_style="mitre")
+    faces = faces_of_regions(solid, TOLERANCE_M, MIN_FACE_M)
+    units = [u for u in model.by_type("IfcUnitAssignment")[:1]]
+    return Floorplan(
+        str(path),
+        faces.ends,
+        faces.normals,
+        np.ones(len(faces.ends), dtype=bool),
+        fingerprint_of(path),
+        thickness=faces.thickness,
+        source=PlanSource(
+            kind=f"IFC model ({model.schema})",
+            unit=_unit_name(unit_scale),
+            unit_from="the project's units" if units else "the standard of the format (metres)",
+            storey=names[chosen] if chosen is not None else "",
+            storeys=names,
+            dropped=(f"{failed} elements without geometry",) if failed else (),
+            file_from_plan=np.diag([1 / unit_scale, 1 / unit_scale, 1.0]),
+            drawn_lines=longest(outlines(areas)) / unit_scale,
+        ),
+    )
+
+
+def _storey_of(element: Any, util_element: Any) -> Any:
+    container = util_element.get_container(element, ifc_class="IfcBuildingStorey")
+    if container is None:
+        parent = util_element.get_aggregate(element)
+        return None if parent is None else _storey_of(parent, util_element)
+    return container
+
+
+def _elevation(storey: Any, unit_scale: float) -> float:
+    """Height of a storey's floor, m: of its placement, which its geometry stands on."""
+    import ifcopenshell.util.placement
+
+    if storey.ObjectPlacement is not None:
+        matrix = ifcopenshell.util.placement.get_local_placement(storey.ObjectPlacement)
+        return float(matrix[2][3]) * unit_scale
+    return float(storey.Elevation or 0.0) * unit_scale
+
+
+def _choose(
+    path: Path,
+    wanted: str,
+    storeys: list[Any],
+    names: tuple[str, ...],
+    by_storey: dict[int, list[Any]],
+) -> int | None:
+    """Index of the storey to read; None where the model has none."""
+    listed = ", ".join(f"{i} {name!r}" for i, name in enumerate(names)) or "none"
+    if wanted:
+        lower = [name.lower() for name in names]
+        if wanted.lower() in lower:
+            return lower.index(wanted.lower())
+        if wanted.lstrip("-").isdigit() and 0 <= int(wanted) < len(names):
+            return int(wanted)
+        raise FloorplanError(
+            f"{path}: expected a storey {wanted!r}, found {listed}; pass one of them"
+        )
+    kinds = [{e.is_a() for e in by_storey.get(storey.id(), [])} for storey in storeys]
+    with_doors = [i for i, kind in enumerate(kinds) if "IfcDoor" in kind]
+    with_walls = [i for i, kind in enumerate(kinds) if kind - {"IfcDoor", "IfcColumn"}]
+    return next(iter([*with_doors, *with_walls, *range(len(storeys))]), None)
+
+
+def _cut(ifcopenshell: Any, elements: list[Any], height: float) -> tuple[list[BaseGeometry], int]:
+    """Areas of solid at a height, m, and the number of elements without geometry.
+
+    All elements of the building are cut, not those of the storey alone: walls may go on through
+    several, and hang on the one they begin in.
+    """
+    settings = ifcopenshell.geom.settings()
+    settings.set("use-world-coords", True)
+    areas: list[BaseGeometry] = []
+    failed = 0
+    for element in elements:
+        parts = [element, *_parts(element)]
+        shapes = [part for part in parts if part.Representation is not None]
+        failed += not shapes
+        for part in shapes:
+            try:
+                shape = ifcopenshell.geom.create_shape(settings, part)
+            except RuntimeError:
+                failed += 1
+                continue
+            corners = np.array(shape.geometry.verts, dtype=float).reshape(-1, 3)
+            triangles = np.array(shape.geometry.faces, dtype=int).reshape(-1, 3)
+            area = section_area(corners, triangles, height)
+            if not area.is_empty:
+                areas.append(area)
+    return areas, failed
+
+
+def _parts(element: Any) -> list[Any]:
+    """Panels and posts of a curtain wall."""
+    if not element.is_a("IfcCurtainWall"):
+        return []
+    return [p for rel in element.IsDecomposedBy or () for p in rel.RelatedObjects]
+
+
+def _unit_name(scale: float) -> str:
+    names = {1.0: "m", 0.1: "dm", 0.01: "cm", 0.001: "mm", 0.0254: "in", 0.3048: "ft"}
+    return next((name for s, name in names.items() if abs(scale / s - 1) < 1e-6), f"{scale:g} m")

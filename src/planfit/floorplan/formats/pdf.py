@@ -1,0 +1,259 @@
+"""PDF: the vector paths of a page as it is shown, or its picture where the page holds no more."""
+
+import ctypes
+from pathlib import Path
+
+import numpy as np
+import pypdfium2 as pdfium
+import pypdfium2.raw as raw
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from planfit.errors import FloorplanError
+from planfit.floorplan.file import fingerprint_of
+from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.types import Floorplan
+from planfit.floorplan.vector.curves import flatten_cubic
+from planfit.floorplan.vector.drawing import Drawing, DrawingBuilder, Text
+from planfit.floorplan.vector.drawing_plan import plan_of_drawing
+
+MIN_PIECES = 20
+"""A page with fewer lines and areas, and a picture on it, is the picture."""
+PICTURE_DPI = 300.0
+MAX_PICTURE_PX = 10_000
+_MAX_FORM_DEPTH = 12
+
+
+def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
+    """Wall faces of one page; the file's coordinates are points, from the lower left of the page as it
+    is shown, y up.
+
+    Raises:
+        FloorplanError: the file is no PDF, is encrypted, has no such page, or shows no walls.
+    """
+    document = _open(path)
+    try:
+        if options.page > len(document):
+            raise FloorplanError(
+                f"{path}: expected a page {options.page}, found {len(document)} pages; "
+                "pass a page that there is"
+            )
+        page = document[options.page - 1]
+        drawing, has_picture = _drawing(page)
+        if has_picture and len(drawing.lines) + len(drawing.fills) < MIN_PIECES:
+            return _read_as_picture(page, path, options)
+    finally:
+        document.close()
+    return plan_of_drawing(drawing, path, fingerprint_of(path), options, "PDF drawing", np.eye(3))
+
+
+def _open(path: Path) -> pdfium.PdfDocument:
+    if path.stat().st_size == 0:
+        raise FloorplanError(f"{path}: expected a PDF, found an empty file; export it again")
+    try:
+        document = pdfium.PdfDocument(path)
+        len(document)
+    except pdfium.PdfiumError as error:
+        if "password" in str(error).lower():
+            raise FloorplanError(
+                f"{path}: expected a PDF that opens without a password, found an encrypted one; "
+                "save it without a password"
+            ) from error
+        raise FloorplanError(
+            f"{path}: expected a PDF, found a file that is damaged or of another kind; "
+            "export it again"
+        ) from error
+    return document
+
+
+def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> Floorplan:
+    # Here, not above: drawings need no OpenCV.
+    from planfit.floorplan.raster import read_picture
+
+    longer = max(page.get_size())
+    scale = min(PICTURE_DPI / 72.0, MAX_PICTURE_PX / longer)
+    bitmap = page.render(scale=scale, rev_byteorder=False)  # type: ignore[arg-type] - any number
+    picture = bitmap.to_numpy()[..., :3]
+    return read_picture(
+        np.ascontiguousarray(picture), str(path), fingerprint_of(path), options, "picture in a PDF"
+    )
+
+
+def _drawing(page: pdfium.PdfPage) -> tuple[Drawing, bool]:
+    builder = DrawingBuilder()
+    shown_from_page = _shown_from_page(page)
+    has_picture = False
+    clips = _Clips()
+    stack = [(page.raw, None, shown_from_page, 0)]
+    while stack:
+        owner, form, transform, depth = stack.pop()
+        count = (
+            raw.FPDFPage_CountObjects(owner) if form is None else raw.FPDFFormObj_CountObjects(form)
+        )
+        for i in range(count):
+            item = (
+                raw.FPDFPage_GetObject(owner, i)
+                if form is None
+                else raw.FPDFFormObj_GetObject(form, i)
+            )
+            kind = raw.FPDFPageObj_GetType(item)
+            shown_from_item = transform @ _matrix(item)
+            if kind == raw.FPDF_PAGEOBJ_PATH:
+                builder.clip = clips.of(item, transform)
+                _add_path(builder, item, shown_from_item, _layer(item))
+            elif kind == raw.FPDF_PAGEOBJ_IMAGE:
+                has_picture = True
+            elif kind == raw.FPDF_PAGEOBJ_FORM and depth < _MAX_FORM_DEPTH:
+                stack.append((owner, item, shown_from_item, depth + 1))
+    _add_texts(builder, page, shown_from_page)
+    lines, fills, texts, layers = builder.build()
+    return Drawing(lines, fills, texts, layers, None, "paper"), has_picture
+
+
+def _shown_from_page(page: pdfium.PdfPage) -> np.ndarray:
+    """(3, 3) undoing the page's own turn and the corner of its box."""
+    left, bottom, right, top = page.get_bbox()
+    width, height = right - left, top - bottom
+    to_corner = np.array([[1, 0, -left], [0, 1, -bottom], [0, 0, 1]], dtype=float)
+    turns = {
+        0: np.eye(3),
+        90: np.array([[0, 1, 0], [-1, 0, width], [0, 0, 1]], dtype=float),
+        180: np.array([[-1, 0, width], [0, -1, height], [0, 0, 1]], dtype=float),
+        270: np.array([[0, -1, height], [1, 0, 0], [0, 0, 1]], dtype=float),
+    }
+    return turns[page.get_rotation() % 360] @ to_corner
+
+
+def _matrix(item) -> np.ndarray:
+    m = raw.FS_MATRIX()
+    raw.FPDFPageObj_GetMatrix(item, m)
+    return np.array([[m.a, m.c, m.e], [m.b, m.d, m.f], [0.0, 0.0, 1.0]])
+
+
+def _layer(item) -> str:
+    """Name of the optional content group that an object is marked with, where there is one."""
+    for i in range(raw.FPDFPageObj_CountMarks(item)):
+        mark = raw.FPDFPageObj_GetMark(item, i)
+        name = ctypes.create_string_buffer(256)
+        size = ctypes.c_ulong()
+        if not raw.FPDFPageObjMark_GetParamStringValue(mark, b"Name", name, 256, size):
+            continue
+        return name.raw[: max(size.value - 2, 0)].decode("utf-16-le", errors="replace")
+    return ""
+
+
+class _Clips:
+    """Clip areas by their corners, each made once: thousands of objects share a few."""
+
+    def __init__(self) -> None:
+        self._made: dict[bytes, BaseGeometry] = {}
+
+    def of(self, item, transform: np.ndarray) -> BaseGeometry | None:
+        """Area that an object shows in, as shown; None where nothing clips it."""
+        clip = raw.FPDFPageObj_GetClipPath(item)
+        count = raw.FPDFClipPath_CountPaths(clip) if clip else 0
+        paths = [_clip_rings(clip, i) for i in range(max(count, 0))]
+        paths = [rings for rings in paths if rings]
+        if not paths:
+            return None
+        key = b"|".join(ring.tobytes() for rings in paths for ring in rings) + transform.tobytes()
+        if key not in self._made:
+            self._made[key] = shapely.intersection_all([_area(rings, transform) for rings in paths])
+        return self._made[key]
+
+
+def _area(rings: list[np.ndarray], transform: np.ndarray) -> BaseGeometry:
+    """Inside of an odd number of rings."""
+    area: BaseGeometry = shapely.Polygon()
+    for ring in rings:
+        shown = ring @ transform[:2, :2].T + transform[:2, 2]
+        area = shapely.symmetric_difference(area, shapely.make_valid(shapely.Polygon(shown)))
+    return area
+
+
+def _clip_rings(clip, path_index: int) -> list[np.ndarray]:
+    """Corners (k, 2) of each ring of one clip path; control points of its curves count as corners."""
+    x, y = ctypes.c_float(), ctypes.c_float()
+    rings: list[list[tuple[float, float]]] = []
+    for i in range(max(raw.FPDFClipPath_CountPathSegments(clip, path_index), 0)):
+        segment = raw.FPDFClipPath_GetPathSegment(clip, path_index, i)
+        raw.FPDFPathSegment_GetPoint(segment, x, y)
+        if raw.FPDFPathSegment_GetType(segment) == raw.FPDF_SEGMENT_MOVETO or not rings:
+            rings.append([])
+        rings[-1].append((x.value, y.value))
+    return [np.array(ring) for ring in rings if len(ring) >= 3]
+
+
+def _add_path(builder: DrawingBuilder, item, transform: np.ndarray, layer: str) -> None:
+    fill_mode, has_stroke = ctypes.c_int(), ctypes.c_int()
+    raw.FPDFPath_GetDrawMode(item, fill_mode, has_stroke)
+    if not (fill_mode.value or has_stroke.value):
+        return  # clips only
+    pieces = _pieces(item, transform)
+    if has_stroke.value:
+        width = ctypes.c_float()
+        raw.FPDFPageObj_GetStrokeWidth(item, width)
+        style = (_colour(item, raw.FPDFPageObj_GetStrokeColor), round(width.value, 3))
+        for points, is_curved in pieces:
+            builder.add_polyline(points, is_curved, layer, style)
+    if fill_mode.value:
+        colour = _colour(item, raw.FPDFPageObj_GetFillColor)
+        builder.add_fill([points for points, _ in pieces], layer, colour)
+
+
+def _colour(item, getter) -> tuple[int, int, int]:
+    red, green, blue, alpha = (ctypes.c_uint() for _ in range(4))
+    getter(item, red, green, blue, alpha)
+    return (red.value, green.value, blue.value)
+
+
+def _pieces(item, transform: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Each sub-path as points (k, 2) and which of its pieces (k - 1,) are curved, as shown."""
+    result: list[tuple[np.ndarray, np.ndarray]] = []
+    points: list[np.ndarray] = []
+    curved: list[bool] = []
+    controls: list[np.ndarray] = []
+    x, y = ctypes.c_float(), ctypes.c_float()
+
+    def finish() -> None:
+        if len(points) > 1:
+            result.append((np.array(points), np.array(curved, dtype=bool)))
+
+    for i in range(raw.FPDFPath_CountSegments(item)):
+        segment = raw.FPDFPath_GetPathSegment(item, i)
+        raw.FPDFPathSegment_GetPoint(segment, x, y)
+        at = transform[:2, :2] @ (x.value, y.value) + transform[:2, 2]
+        kind = raw.FPDFPathSegment_GetType(segment)
+        if kind == raw.FPDF_SEGMENT_MOVETO:
+            finish()
+            points, curved, controls = [at], [], []
+        elif kind == raw.FPDF_SEGMENT_BEZIERTO:
+            controls.append(at)
+            if len(controls) == 3:
+                flat, is_bent = flatten_cubic(np.array([points[-1], *controls]))
+                points.extend(flat)
+                curved.extend([is_bent] * len(flat))
+                controls = []
+        else:
+            points.append(at)
+            curved.append(False)
+        if raw.FPDFPathSegment_GetClose(segment) and len(points) > 1:
+            if np.abs(points[-1] - points[0]).max() > 0:
+                points.append(points[0])
+                curved.append(False)
+            finish()
+            points, curved = [points[0]], []
+    finish()
+    return result
+
+
+def _add_texts(builder: DrawingBuilder, page: pdfium.PdfPage, transform: np.ndarray) -> None:
+    text_page = page.get_textpage()
+    for i in range(text_page.count_rects()):
+        left, bottom, right, top = text_page.get_rect(i)
+        text = text_page.get_text_bounded(left, bottom, right, top).strip()
+        middle = transform @ ((left + right) / 2, (bottom + top) / 2, 1.0)
+        height = min(right - left, top - bottom)
+        if text:
+            builder.texts.append(Text(text, middle[:2], float(height), builder.layer("")))
+    text_page.close()

@@ -1,0 +1,1 @@
+"""From line work to walls."""

@@ -1,0 +1,160 @@
+"""What filled areas mean: solid wall, or the floors of rooms with the walls left white between."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.vector.drawing import Fill
+from planfit.floorplan.vector.layer_names import Role
+
+
+@dataclass(frozen=True)
+class Areas:
+    """Areas by meaning."""
+
+    walls: list[BaseGeometry]
+    rooms: list[BaseGeometry]
+
+
+def sort_fills(fills: tuple[Fill, ...], roles: list[Role], extent: float) -> Areas:
+    """Sort fills by what their colour and shape say; white ones and specks say nothing.
+
+    Fills of one layer and colour mean one thing. Walls are dark or grey (or on a layer of that name),
+    slim, and cover little of the ground they enclose. Rooms are wide and cover most of it.
+    """
+    groups: dict[object, list[BaseGeometry]] = {}
+    for fill in fills:
+        role = roles[fill.layer]
+        is_white = fill.colour is not None and min(fill.colour) > 245
+        if role in (Role.NO_WALL, Role.OPENING) or (is_white and role != Role.WALL):
+            continue
+        groups.setdefault((fill.layer, fill.colour), []).append(fill.polygon)
+    walls: list[BaseGeometry] = []
+    rooms: list[BaseGeometry] = []
+    for key, polygons in groups.items():
+        layer, colour = key  # type: ignore[misc]
+        # As one area: a wall is often filled piece by piece, triangle by triangle.
+        area = shapely.union_all([p.buffer(1e-6 * extent, join_style="mitre") for p in polygons])
+        parts = shapely.get_parts(area)
+        sizes = shapely.area(parts)
+        perimeters = np.array([_outline_length(p) for p in parts])
+        parts = parts[sizes > (1e-3 * extent) ** 2]
+        if len(parts) == 0:
+            continue
+        slim = _weighted_median(perimeters**2 / (16 * np.maximum(sizes, 1e-300)), sizes)
+        coverage = sizes.sum() / max(shapely.convex_hull(area).area, 1e-300)
+        is_called_wall = roles[layer] == Role.WALL
+        looks_like_wall = slim > 2.5 and coverage < 0.45
+        # Text drawn as outlines is dark and slim too, but small.
+        reach = max(np.ptp(np.array(area.bounds).reshape(2, 2), axis=0))
+        if is_called_wall or (looks_like_wall and _is_dark(colour) and _is_large(parts, extent)):
+            walls.extend(parts)
+        elif reach > 0.02 * extent and not looks_like_wall:
+            rooms.extend(parts)
+        elif looks_like_wall and not _is_dark(colour):
+            rooms.extend(parts)  # corridors
+    return Areas(walls, rooms)
+
+
+def _is_large(parts: np.ndarray, extent: float) -> bool:
+    reach = np.ptp(shapely.bounds(parts).reshape(-1, 2, 2), axis=1).max()
+    return bool(reach > 0.1 * extent)
+
+
+def _outline_length(polygon: BaseGeometry) -> float:
+    return float(shapely.length(polygon))
+
+
+def _is_dark(colour: tuple[int, int, int] | None) -> bool:
+    """Black to light grey, or unknown: colours are for rooms."""
+    return colour is None or (max(colour) - min(colour) < 40 and max(colour) < 230)
+
+
+def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    order = np.argsort(values)
+    share = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(share, 0.5 * share[-1])])
+
+
+def main_rooms(rooms: list[BaseGeometry], extent: float) -> list[BaseGeometry]:
+    """Rooms of the largest group of near neighbours, each once: the samples of a legend stand apart.
+
+    None where there are fewer than three: one or two filled areas are no plan of rooms.
+    """
+    if len(rooms) < 3:
+        return []
+    rooms = _each_once(rooms)
+    a, b = shapely.STRtree(rooms).query(rooms, predicate="dwithin", distance=0.03 * extent)
+    n = len(rooms)
+    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
+    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    size = np.bincount(group, shapely.area(np.array(rooms)), minlength=count)
+    chosen = [room for room, g in zip(rooms, group, strict=True) if g == size.argmax()]
+    return chosen if len(chosen) >= 3 else []
+
+
+def _each_once(rooms: list[BaseGeometry]) -> list[BaseGeometry]:
+    """Without those that lie half or more in a smaller one kept before: fill and hatch of one room."""
+    tree = shapely.STRtree(rooms)
+    area = shapely.area(np.array(rooms))
+    is_kept = np.zeros(len(rooms), dtype=bool)
+    for i in np.argsort(area, kind="stable"):
+        others = [j for j in tree.query(rooms[i], "intersects") if is_kept[j]]
+        shared = sum(rooms[i].intersection(rooms[j]).area for j in others)
+        is_kept[i] = shared < 0.5 * area[i]
+    return [room for room, keep in zip(rooms, is_kept, strict=True) if keep]
+
+
+def hatched_areas(
+    ends: np.ndarray, path: np.ndarray, is_hatch: np.ndarray, extent: float
+) -> list[BaseGeometry]:
+    """Areas whose outline is a closed path and whose inside is covered by hatch lines.
+
+    Args:
+        ends: (n, 2, 2) all lines, in the order of the file.
+        path: (n,) the path of each.
+        is_hatch: (n,) bool.
+        extent: of the drawing, to tell what counts as closed.
+    """
+    middles = shapely.points(ends[is_hatch].mean(axis=1))
+    if len(middles) == 0:
+        return []
+    tree = shapely.STRtree(middles)
+    hatches = ends[is_hatch]
+    areas: list[BaseGeometry] = []
+    starts = np.flatnonzero(np.diff(path, prepend=-1, append=-1) != 0)
+    for begin, end in itertools.pairwise(starts):
+        if end - begin < 3:
+            continue
+        ring = np.concatenate([ends[begin:end, 0], ends[end - 1 : end, 1]])
+        steps = np.linalg.norm(ends[begin + 1 : end, 0] - ends[begin : end - 1, 1], axis=1)
+        if max(np.linalg.norm(ring[0] - ring[-1]), steps.max()) > 1e-4 * extent:
+            continue
+        area = shapely.make_valid(shapely.Polygon(ring))
+        if area.area < (5e-3 * extent) ** 2:
+            continue
+        inside = tree.query(area, predicate="contains")
+        if len(inside) >= 3 and _covers(hatches[inside], area):
+            areas.append(area)
+    return areas
+
+
+def _covers(hatches: np.ndarray, area: BaseGeometry) -> bool:
+    """Whether lines (n, 2, 2), each as wide as they are apart, cover most of an area: a flight of stairs
+    in a room does not."""
+    along = hatches[:, 1] - hatches[:, 0]
+    longest = along[np.argmax(np.linalg.norm(along, axis=1))]
+    across = np.array([-longest[1], longest[0]]) / np.linalg.norm(longest)
+    steps = np.diff(np.sort(hatches.mean(axis=1) @ across))
+    # Lines in one row, and pieces of one line, are no step.
+    steps = steps[steps > 0.2 * steps.max()] if len(steps) else steps
+    if len(steps) == 0:
+        return False
+    # Hatches of two strokes have two distances: the wider one counts.
+    reach = 0.6 * float(np.percentile(np.asarray(steps, dtype=float), 75))
+    bands = shapely.buffer(shapely.linestrings(hatches), reach, cap_style="square")
+    return shapely.intersection(shapely.union_all(bands), area).area > 0.6 * area.area

@@ -1,0 +1,80 @@
+"""The normal equations of a least-squares step: 6x6 blocks, one row of blocks a pose."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import sparse
+
+from planfit.lsq.linear.banded_cg import solve_banded_cg
+from planfit.lsq.linear.block_pattern import BlockPattern
+
+LinearSolver = Literal["auto", "direct", "cg", "pardiso"]
+"""How a step is solved for: factorisation, conjugate gradients, or the one that suits the pattern."""
+
+
+@dataclass(frozen=True)
+class NormalBlocks:
+    """A term's share of J^T J and J^T r; tangent vectors as in `planfit.geometry.se3`."""
+
+    rows: np.ndarray  # (b,) pose of each block's rows
+    columns: np.ndarray  # (b,) pose of each block's columns; rows <= columns
+    blocks: np.ndarray  # (b, 6, 6); blocks off the diagonal also stand for their transpose
+    gradient: np.ndarray  # (n, 6)
+
+
+def sum_by_pose(idx: np.ndarray, values: np.ndarray, n_poses: int) -> np.ndarray:
+    """Sum values (k, ...) into their poses: (n_poses, ...)."""
+    flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
+    pick = sparse.csr_array(
+        (np.ones(len(idx)), (idx, np.arange(len(idx)))), shape=(n_poses, len(idx))
+    )
+    return (pick @ flat).reshape(n_poses, *values.shape[1:])
+
+
+class NormalEquations:
+    """Sum of all terms' blocks, and its damped solution."""
+
+    def __init__(
+        self, parts: Sequence[NormalBlocks], n_poses: int, earlier: BlockPattern | None = None
+    ) -> None:
+        """Sum `parts`; the pattern of an `earlier` step is used again where it fits."""
+        rows = np.concatenate([p.rows for p in parts])
+        columns = np.concatenate([p.columns for p in parts])
+        if earlier is None or not earlier.fits(rows, columns, n_poses):
+            earlier = BlockPattern(rows, columns, n_poses)
+        self.pattern = earlier
+        self.gradient = np.sum([p.gradient for p in parts], axis=0)
+        self._upper = self.pattern.sum_blocks(np.concatenate([p.blocks for p in parts]))
+        self.matrix = self.pattern.symmetric(self._upper)
+        self.diagonal = np.diagonal(self._upper[self.pattern.diagonal], axis1=1, axis2=2).ravel()
+
+    def step(self, damping: float, solver: LinearSolver = "auto") -> np.ndarray:
+        """Damped step (n, 6): (H + damping * D) delta = -gradient, D the diagonal of H (Marquardt).
+
+        Directions that nothing measures have a zero diagonal; a floor on D keeps them still.
+        `auto` factorises where the pattern's elimination is little work, else iterates.
+
+        Raises:
+            numpy.linalg.LinAlgError: rounding has made the matrix indefinite; more damping mends it.
+        """
+        floor = 1e-9 * max(float(self.diagonal.max()), 1e-12)
+        added = damping * np.maximum(self.diagonal, floor) + floor
+        right = -self.gradient.ravel()
+        if solver == "pardiso":
+            return self.pattern.pardiso.solve(self.matrix, added, right).reshape(-1, 6)
+        cholesky = None
+        if solver == "direct":
+            cholesky = self.pattern.any_cholesky
+        elif solver == "auto" and not self.pattern.is_banded:
+            cholesky = self.pattern.cholesky
+        if cholesky is not None:
+            return cholesky.solve(self._upper, added, right).reshape(-1, 6)
+        band = self.pattern.banded(self._upper)
+        return solve_banded_cg(self.matrix, band, added, right).reshape(-1, 6)
+
+    def predicted_decrease(self, delta: np.ndarray) -> float:
+        """How much half the squared residuals fall by a step, if they are linear."""
+        flat = delta.ravel()
+        return float(-(self.gradient.ravel() @ flat) - 0.5 * flat @ (self.matrix @ flat))

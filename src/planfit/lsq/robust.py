@@ -1,0 +1,49 @@
+"""Robust losses, as functions of the squared residual in spreads: s = (residual / sigma)^2.
+
+Each is a cost rho(s) that begins as s (the unsquared norm apart), and the weight rho'(s) that
+iterated least squares gives to a residual. rho is concave in s for all of them, so the weighted
+squares lie above the robust cost and touch it where the weights were taken: lowering the one lowers
+the other.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from planfit.errors import require_positive
+from planfit.lsq import kernels
+
+
+class LossKind(IntEnum):
+    """Shape of a loss beyond its scale."""
+
+    SQUARED = kernels.SQUARED
+    """The parabola: no outlier is expected."""
+    HUBER = kernels.HUBER
+    """Grows linearly: outliers pull, but no harder than inliers at the scale."""
+    CAUCHY = kernels.CAUCHY
+    """Grows like the logarithm: outliers pull less the further off they are."""
+    GEMAN_MCCLURE = kernels.GEMAN_MCCLURE
+    """Levels off: outliers stop pulling."""
+    NORM = kernels.NORM
+    """The unsquared norm, as the paper has it: half the cost is the distance in spreads, rounded off
+    below `scale`, which should be tiny: weights grow as one over it."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A loss and the residual, in spreads, at which it leaves the parabola."""
+
+    kind: LossKind = LossKind.CAUCHY
+    """Shape beyond the scale."""
+    scale: float = 2.0
+    """Residual, in spreads, at which it leaves the parabola."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "scale")
+
+
+def loss_value(s: np.ndarray, loss: Loss) -> tuple[np.ndarray, np.ndarray]:
+    """Costs (n,) and weights (n,) of squared residuals (n,) in spreads."""
+    return kernels.weigh_all(np.asarray(s, dtype=float), int(loss.kind), float(loss.scale))

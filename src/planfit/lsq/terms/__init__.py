@@ -1,0 +1,1 @@
+"""Terms that any problem over poses may need."""

@@ -1,0 +1,83 @@
+"""What a user should know before trusting a result: each doubt in plain words, with what to do."""
+
+from planfit.adjust import PlanAdjustment
+from planfit.align import Alignment
+from planfit.matching import Matches
+from planfit.pipeline.validation import Check
+from planfit.scan import Scan
+from planfit.segmentation import Gravity, Structure
+
+MIN_NEAR_SHARE = {"masks": 0.75, "geometry": 0.5, "learned": 0.5}
+"""Share of wall points that should lie near the plan in the end, by where labels come from. Right plans
+leave 0.86 to 1.00 with masks; geometry takes tall furniture for wall and leaves 0.64 to 0.90."""
+
+
+def scan_warnings(
+    scan: Scan, gravity: Gravity, structure: Structure, matches: Matches, neighbours: int
+) -> tuple[str, ...]:
+    """Doubts about what the scan shows."""
+    warnings = []
+    if len(scan) < 20:
+        warnings.append(
+            f"only {len(scan)} frames: there is little to hold the poses together; "
+            "more frames with overlap give a surer result"
+        )
+    if gravity.confidence < 0.05:
+        warnings.append(
+            f"gravity is unsure (from {gravity.source}); check that the floor is level in the report"
+        )
+    if not structure.has_floor:
+        warnings.append(
+            "no floor was seen: height and tilt follow the recorded poses; "
+            "tilt the camera down while scanning, or give floor masks"
+        )
+    if not structure.has_walls:
+        warnings.append(
+            "no wall was seen: the scan cannot be placed on the plan by its walls, and only the "
+            "matches and the floor were used; give wall masks, or scan more of the walls"
+        )
+    if matches.n_matches == 0:
+        warnings.append(
+            "no two frames could be matched: poses were refined by floor and walls alone; "
+            "check that colour images are sharp and belong to the depth"
+        )
+    elif matches.n_loops(neighbours) == 0:
+        warnings.append(
+            "no place was seen to be visited again (no loop): drift along the path is corrected by "
+            "walls and floor only"
+        )
+    return tuple(warnings)
+
+
+def alignment_warnings(
+    alignment: Alignment | None,
+    is_alignment_claimed: bool,
+    plan_adjustment: PlanAdjustment,
+    structure: Structure,
+    checks: tuple[Check, ...],
+) -> tuple[str, ...]:
+    """Doubts about how scan and plan came together."""
+    warnings = list(alignment.warnings) if alignment else []
+    if alignment is None and not is_alignment_claimed:
+        warnings.append("the scan is not placed on the plan: its own axes were kept, levelled")
+    near = next((check.after for check in checks if check.unit == "share"), 1.0)
+    if near < MIN_NEAR_SHARE[structure.back_end]:
+        n_patches, n_associated = len(structure.walls), plan_adjustment.association.n_associated
+        warnings.append(
+            f"only {near:.0%} of the wall points lie near the plan in the end ({n_associated} of "
+            f"{n_patches} pieces of wall found a face): parts of the plan may be missing, moved or "
+            "out of date, or it is the plan of another place; look at the overlay"
+        )
+    warnings += plan_adjustment.weakly_constrained
+    if not plan_adjustment.settled:
+        warnings.append(
+            "walls and faces were still changing partners when the rounds ran out; "
+            "raise adjust.max-alternations"
+        )
+    warnings += [
+        f"worse than before: {check.name} went from {check.before:.3g} to {check.after:.3g} "
+        f"{check.unit}; {check.advice}"
+        for check in checks
+        if check.is_worse
+    ]
+    return tuple(warnings)

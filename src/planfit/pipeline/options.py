@@ -1,0 +1,37 @@
+"""Everything that can be chosen about a run."""
+
+from dataclasses import dataclass, field
+
+from planfit.adjust import AdjustOptions
+from planfit.align import AlignOptions
+from planfit.errors import OptionError
+from planfit.matching import MatchingOptions
+from planfit.scan.odometry import OdometryOptions
+from planfit.segmentation import StructureOptions
+
+
+@dataclass(frozen=True)
+class RefineOptions:
+    """Everything that can be chosen about a run."""
+
+    odometry: OdometryOptions = field(default_factory=OdometryOptions)
+    """How far the recorded motion may be off."""
+    structure: StructureOptions = field(default_factory=StructureOptions)
+    """Gravity, floor and walls in the scan."""
+    matching: MatchingOptions = field(default_factory=MatchingOptions)
+    """Keypoint matches between frames."""
+    align: AlignOptions = field(default_factory=AlignOptions)
+    """The scan's place on the plan."""
+    adjust: AdjustOptions = field(default_factory=AdjustOptions)
+    """The bundle adjustment."""
+    held_out_share: float = 0.1
+    """Share of matches kept out of the solve, to check that it did not make things worse."""
+    seed: int = 0
+    """Seed of that choice."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.held_out_share <= 0.5:
+            raise OptionError(
+                f"held_out_share: expected 0 to 0.5, found {self.held_out_share}; what is held out "
+                "takes no part in the solve"
+            )

@@ -1,0 +1,1 @@
+"""Readers of scans, one module a format."""

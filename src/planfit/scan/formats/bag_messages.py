@@ -1,0 +1,115 @@
+"""ROS messages of images and cameras as arrays and lenses."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from planfit.errors import ScanError
+from planfit.scan.frames import make_camera
+from planfit.scan.images.images import decode_color, decode_image, depth_from_metres, depth_from_raw
+from planfit.scan.images.lens import Lens
+
+# Bytes a channel, channels, and the conversion to RGB.
+_COLORS: dict[str, tuple[int, int | None]] = {
+    "rgb8": (3, None),
+    "bgr8": (3, cv2.COLOR_BGR2RGB),
+    "8uc3": (3, cv2.COLOR_BGR2RGB),
+    "rgba8": (4, cv2.COLOR_RGBA2RGB),
+    "bgra8": (4, cv2.COLOR_BGRA2RGB),
+    "mono8": (1, cv2.COLOR_GRAY2RGB),
+    "8uc1": (1, cv2.COLOR_GRAY2RGB),
+    "yuv422_yuy2": (2, cv2.COLOR_YUV2RGB_YUYV),
+    "yuv422": (2, cv2.COLOR_YUV2RGB_UYVY),
+}
+_DEPTHS = {"16uc1": np.uint16, "mono16": np.uint16, "32fc1": np.float32}
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def color_of_message(message: Any, topic: str) -> np.ndarray:
+    """(h, w, 3) uint8, RGB, of an Image or CompressedImage.
+
+    Raises:
+        ScanError: it is damaged or of an encoding that is not read.
+    """
+    if hasattr(message, "format"):
+        return decode_color(bytes(message.data), Path(topic))
+    encoding = message.encoding.lower()
+    if encoding not in _COLORS:
+        raise ScanError(
+            f"{topic}: expected colour as {', '.join(_COLORS)}, found {message.encoding!r}; "
+            "give another --color-topic"
+        )
+    channels, conversion = _COLORS[encoding]
+    image = _rows(message, np.dtype(np.uint8), channels, topic)
+    return np.array(image) if conversion is None else cv2.cvtColor(image, conversion)
+
+
+def depth_of_message(message: Any, topic: str, metres_per_unit: float | None = None) -> np.ndarray:
+    """(h, w) float32 m of an Image (16UC1 in millimetres, 32FC1 in metres) or a compressedDepth.
+
+    Raises:
+        ScanError: it is damaged or of an encoding that is not read.
+    """
+    if hasattr(message, "format"):
+        data = bytes(message.data)
+        start = data.find(_PNG, 0, 64)  # compressedDepth has a header of 12 bytes before the PNG
+        if start < 0 or "32fc1" in message.format.lower():
+            raise ScanError(
+                f"{topic}: expected compressed depth as 16-bit PNG, found {message.format!r}; "
+                "give another --depth-topic"
+            )
+        raw = decode_image(data[start:], Path(topic), cv2.IMREAD_UNCHANGED)
+        return depth_from_raw(raw, metres_per_unit or 1e-3, Path(topic))
+    kind = _DEPTHS.get(message.encoding.lower())
+    if kind is None:
+        raise ScanError(
+            f"{topic}: expected depth as {', '.join(_DEPTHS)}, found {message.encoding!r}; "
+            "give another --depth-topic"
+        )
+    raw = _rows(message, np.dtype(kind), 1, topic)
+    if kind is np.float32:
+        return depth_from_metres(raw * np.float32(metres_per_unit or 1.0))
+    return depth_from_raw(np.ascontiguousarray(raw), metres_per_unit or 1e-3, Path(topic))
+
+
+def _rows(message: Any, kind: np.dtype, channels: int, topic: str) -> np.ndarray:
+    """Pixels without the padding at the end of rows, in this machine's byte order."""
+    width, height, step = message.width, message.height, message.step
+    used = width * channels * kind.itemsize
+    data = np.asarray(message.data, dtype=np.uint8)
+    if step < used or data.size < step * height:
+        raise ScanError(
+            f"{topic}: expected {width} x {height} px in {step * height} bytes, found {data.size}"
+        )
+    stored = kind.newbyteorder(">" if message.is_bigendian else "<")
+    rows = np.ascontiguousarray(data[: step * height].reshape(height, step)[:, :used])
+    pixels = rows.view(stored).astype(kind.newbyteorder("="), copy=False)
+    return pixels.reshape(height, width, channels) if channels > 1 else pixels
+
+
+def camera_info_lens(message: Any, info: str, topic: str, size: tuple[int, int]) -> Lens:
+    """Lens of the images (width, height) px of a topic; rectified images have the projection's intrinsics and
+    no distortion.
+
+    Raises:
+        ScanError: the message has no usable intrinsics, or a distortion that is not known.
+    """
+    k, d, p = (getattr(message, n, getattr(message, n.upper(), None)) for n in ("k", "d", "p"))
+    is_rectified = "rect" in topic.rsplit("/", 1)[-1] and p is not None and p[0] > 0
+    values = (p[0], p[5], p[2], p[6]) if is_rectified else (k[0], k[4], k[2], k[5])  # type: ignore[index]
+    camera = make_camera(message.width or size[0], message.height or size[1], values, info)
+    if (camera.width, camera.height) != size:
+        camera = camera.scaled(*size)
+    if is_rectified or d is None or not np.any(d):
+        return Lens(camera)
+    model = message.distortion_model.lower()
+    if model in ("plumb_bob", "rational_polynomial", "") and len(d) in (4, 5, 8):
+        return Lens(camera, tuple(float(v) for v in d))
+    if model in ("equidistant", "fisheye") and len(d) == 4:
+        return Lens(camera, tuple(float(v) for v in d), is_fisheye=True)
+    raise ScanError(
+        f"{info}: expected distortion as plumb_bob, rational_polynomial or equidistant, found {model!r} "
+        f"with {len(d)} numbers; give a rectified --color-topic"
+    )

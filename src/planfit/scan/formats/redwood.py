@@ -1,0 +1,137 @@
+"""Redwood and Open3D: folders of images and a trajectory log.
+
+    SCAN/color/, image/ or rgb/    colour, sorted by name
+    SCAN/depth/                    16-bit, millimetres
+    SCAN/trajectory.log            blocks `i i i+1` and a 4x4 world_from_cam, OpenCV camera axes; also
+                                   scene/trajectory.log or SCAN.log beside the folder's images
+    SCAN/camera_intrinsic.json     Open3D's (optional; intrinsic.json too); else PrimeSense's defaults
+
+The first number of a block is the place of the frame among the images, from 0. Where names of colour and
+depth hold times (`000123-000004100.png`), depth belongs to colour by number, not by time.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from planfit.errors import ScanError
+from planfit.scan.frames import make_camera
+from planfit.scan.images.image_files import Entry
+from planfit.scan.images.lens import Lens
+from planfit.scan.layout import Layout, scan_of_layout
+from planfit.scan.options import ScanOptions
+from planfit.scan.source import Source
+from planfit.scan.tables import number_list, read_json, read_rows, shorten
+from planfit.scan.types import Scan
+
+LOOKS_FOR = "trajectory.log (or scene/trajectory.log) with folders color/ (image/, rgb/) and depth/"
+LOGS = ("trajectory.log", "scene/trajectory.log")
+COLOR_FOLDERS = ("color", "image", "rgb")
+INTRINSICS = ("camera_intrinsic.json", "intrinsic.json", "camera_intrinsics.json")
+PRIMESENSE = (525.0, 525.0, 319.5, 239.5)
+PARTS = (LOGS[0], "color/", "depth/")
+
+
+def recognise(source: Source) -> bool:
+    """Whether a folder has this layout."""
+    folders = source.folders()
+    has_images = "depth" in folders and any(name in folders for name in COLOR_FOLDERS)
+    return has_images and any(source.exists(name) for name in LOGS)
+
+
+def read(source: Source, options: ScanOptions) -> Scan:
+    """Read a scan.
+
+    Raises:
+        ScanError: its files are missing, unreadable, or contradict each other.
+    """
+    log = next(name for name in LOGS if source.exists(name))
+    folder = next(name for name in COLOR_FOLDERS if source.names(name))
+    colors, depths = _images(source, folder), _images(source, "depth")
+    pair = _pair(colors, depths)
+    poses = _read_log(source, log)
+    entries, skipped = [], []
+    for i, (color, depth) in enumerate(pair):
+        number = Path(color).stem
+        if i not in poses:
+            skipped.append(f"frame {number}: {log} has no pose")
+            continue
+        entries.append(Entry(number, float(i), poses[i], f"{folder}/{color}", f"depth/{depth}"))
+    lone = sorted(set(depths) - {depth for _, depth in pair})
+    skipped += [f"frame {Path(name).stem}: it has depth/{name} and no colour" for name in lone]
+    index = {f"{folder}/{color}": i for i, (color, _) in enumerate(pair)}
+    intrinsics_name = next((name for name in INTRINSICS if source.exists(name)), "")
+    intrinsics = _intrinsics(source, intrinsics_name) if intrinsics_name else PRIMESENSE
+
+    def lens(_: Entry, size: tuple[int, int]) -> Lens:
+        return Lens(make_camera(*size, intrinsics, str(source.path / intrinsics_name)))
+
+    def write_poses(directory: Path, written: Sequence[Entry], poses: np.ndarray) -> None:
+        write_log(directory / "trajectory.log", [index[e.color] for e in written], poses)
+
+    layout = Layout(
+        "redwood",
+        entries,
+        1e-3,
+        write_poses,
+        lens,
+        other_files=[log, *([intrinsics_name] if intrinsics_name else [])],
+        skipped=skipped,
+        warnings=[]
+        if intrinsics_name
+        else ["no camera_intrinsic.json: the intrinsics are PrimeSense's defaults (fx 525)"],
+    )
+    return scan_of_layout(source, layout, options)
+
+
+def write_log(path: Path, numbers: Sequence[int], poses: np.ndarray) -> None:
+    """Poses (n, 4, 4) as Open3D's trajectory log."""
+    lines = []
+    for number, pose in zip(numbers, poses, strict=True):
+        lines.append(f"{number} {number} {number + 1}")
+        lines += [" ".join(f"{v:.10f}" for v in row) for row in pose]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _images(source: Source, folder: str) -> list[str]:
+    names = [n for n in source.names(folder) if n.lower().endswith((".png", ".jpg", ".jpeg"))]
+    if not names:
+        raise ScanError(f"{source.path / folder}: expected images, found none")
+    return names
+
+
+def _pair(colors: list[str], depths: list[str]) -> list[tuple[str, str]]:
+    """Colour and depth of the same number, or in order where names have none."""
+
+    def number(name: str) -> str:
+        found = re.search(r"\d+", name)
+        return str(int(found[0])) if found else name
+
+    depth_of = {number(name): name for name in depths}
+    if len(depth_of) < len(depths):  # names do not tell frames apart
+        return list(zip(colors, depths, strict=False))
+    return [(name, depth_of.get(number(name), "")) for name in colors]
+
+
+def _read_log(source: Source, name: str) -> dict[int, np.ndarray]:
+    rows = read_rows(source, name, "blocks of a line of 3 numbers and four of 4")
+    try:
+        values = [[float(word) for word in row] for row in rows]
+        if [len(v) for v in values] != [3, 4, 4, 4, 4] * (len(values) // 5):
+            raise ValueError(f"{len(values)} lines that do not make such blocks")
+    except ValueError as error:
+        raise ScanError(
+            f"{source.path / name}: expected blocks of a line of 3 numbers and four of 4, found "
+            f"{shorten(error)}"
+        ) from error
+    return {int(values[i][0]): np.array(values[i + 1 : i + 5]) for i in range(0, len(values), 5)}
+
+
+def _intrinsics(source: Source, name: str) -> tuple[float, ...]:
+    where = str(source.path / name)
+    matrix = number_list(
+        read_json(source, name).get("intrinsic_matrix"), 9, f"{where}, intrinsic_matrix"
+    ).reshape(3, 3, order="F")
+    return (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])

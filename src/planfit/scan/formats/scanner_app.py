@@ -1,0 +1,94 @@
+"""3D Scanner App (Laan Labs), "All data" export of a LiDAR scan.
+
+    SCAN/frame_NNNNN.jpg, depth_NNNNN.png, conf_NNNNN.png    depth 16-bit millimetres, confidence 0 1 2
+    SCAN/frame_NNNNN.json      intrinsics (9 numbers, by row, of the colour image), cameraPoseARFrame (16, by
+                               row, world_from_cam, ARKit axes), time
+
+ARKit's world is y-up and level. Depth (256 x 192) shows what colour shows. The app keeps colour of only
+some frames.
+"""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from planfit.scan.axes import UP_Y, from_opengl
+from planfit.scan.frames import make_camera
+from planfit.scan.images.image_files import Entry
+from planfit.scan.images.lens import Lens
+from planfit.scan.layout import Layout, scan_of_layout
+from planfit.scan.options import ScanOptions
+from planfit.scan.source import Source
+from planfit.scan.tables import number_list, read_json
+from planfit.scan.types import Scan, check_pose
+
+LOOKS_FOR = "frame_NNNNN.json with cameraPoseARFrame, frame_NNNNN.jpg and depth_NNNNN.png"
+_COLOR = re.compile(r"frame_(\d+)\.jpg$")
+_FRAME = re.compile(r"frame_(\d+)\.json$")
+
+
+def recognise(source: Source) -> bool:
+    """Whether a folder has this layout."""
+    return any(_FRAME.match(name) for name in source.names())
+
+
+def read(source: Source, options: ScanOptions) -> Scan:
+    """Read a scan.
+
+    Raises:
+        ScanError: its files are missing, unreadable, or contradict each other.
+    """
+    entries, intrinsics, contents = [], {}, {}
+    for name in source.names():
+        match = _FRAME.match(name)
+        if match is None:
+            continue
+        number, where = match[1], str(source.path / name)
+        content = read_json(source, name)
+        matrix = number_list(content.get("cameraPoseARFrame"), 16, f"{where}, cameraPoseARFrame")
+        pose = from_opengl(matrix.reshape(4, 4))
+        if np.isfinite(pose).all():
+            check_pose(pose, where)
+        k = number_list(content.get("intrinsics"), 9, f"{where}, intrinsics")
+        intrinsics[number] = (k[0], k[4], k[2], k[5])
+        contents[number] = content
+        time = float(number_list(content.get("time", int(number)), 1, f"{where}, time")[0])
+        entries.append(
+            Entry(
+                number,
+                time,
+                pose,
+                f"frame_{number}.jpg",
+                f"depth_{number}.png",
+                f"conf_{number}.png",
+            )
+        )
+
+    images = {match[1] for name in source.names() if (match := _COLOR.match(name))}
+    skipped = [f"frame {n}: frame_{n}.json is missing" for n in sorted(images - contents.keys())]
+
+    def lens(entry: Entry, size: tuple[int, int]) -> Lens:
+        where = str(source.path / f"frame_{entry.frame_id}.json")
+        return Lens(make_camera(*size, intrinsics[entry.frame_id], where))
+
+    def write_poses(directory: Path, written: Sequence[Entry], poses: np.ndarray) -> None:
+        for entry, pose in zip(written, from_opengl(poses), strict=True):
+            content = {**contents[entry.frame_id], "cameraPoseARFrame": pose.ravel().tolist()}
+            path = directory / f"frame_{entry.frame_id}.json"
+            path.write_text(json.dumps(content, indent=1) + "\n")
+
+    layout = Layout(
+        "scanner-app",
+        entries,
+        1e-3,
+        write_poses,
+        lens,
+        other_files=[f"frame_{entry.frame_id}.json" for entry in entries],
+        up_world=UP_Y,
+        skipped=skipped,
+        least_confidence=options.min_confidence,
+    )
+    return scan_of_layout(source, layout, options)

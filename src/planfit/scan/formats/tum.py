@@ -1,0 +1,131 @@
+"""The TUM RGB-D benchmark: images named by their time, three lists, poses of a motion capture system.
+
+    SCAN/rgb.txt, depth.txt     `time filename`
+    SCAN/groundtruth.txt        `time tx ty tz qx qy qz qw`, world_from_cam, OpenCV camera axes
+    SCAN/calibration.txt        fx fy cx cy [k1 k2 p1 p2 [k3]] (optional; the form of ETH3D SLAM)
+
+Depth is registered to colour; 16-bit, 5000 a metre, 0 no reading. Without a calibration file the
+intrinsics are those the benchmark publishes for freiburg1, 2 or 3, where a name in the path says which,
+else its default of the driver.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from planfit.errors import ScanError
+from planfit.scan.association import pair_times, poses_at
+from planfit.scan.frames import make_camera
+from planfit.scan.images.image_files import Entry
+from planfit.scan.images.lens import Lens
+from planfit.scan.layout import Layout, scan_of_layout
+from planfit.scan.options import ScanOptions
+from planfit.scan.pose_files import parse_poses
+from planfit.scan.source import Source, read_text
+from planfit.scan.tables import read_matrix, read_rows, shorten
+from planfit.scan.trajectory import write_tum
+from planfit.scan.types import Scan
+
+LOOKS_FOR = "rgb.txt, depth.txt and groundtruth.txt"
+POSES, CALIBRATION = "groundtruth.txt", "calibration.txt"
+METRES_PER_UNIT = 1 / 5000
+
+PUBLISHED: dict[str, tuple[float, ...]] = {
+    "freiburg1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
+    "freiburg2": (520.9, 521.0, 325.1, 249.7, 0.2312, -0.7849, -0.0033, -0.0001, 0.9172),
+    "freiburg3": (535.4, 539.2, 320.1, 247.6),
+}
+"""fx fy cx cy k1 k2 p1 p2 k3 of the benchmark's three cameras; the images of the third are undistorted."""
+DEFAULT = (525.0, 525.0, 319.5, 239.5)
+PARTS = ("rgb.txt", "depth.txt", POSES)
+
+
+def recognise(source: Source) -> bool:
+    """Whether a folder has this layout."""
+    return source.exists("rgb.txt") and source.exists("depth.txt") and source.exists(POSES)
+
+
+def read(source: Source, options: ScanOptions) -> Scan:
+    """Read a scan.
+
+    Raises:
+        ScanError: its files are missing, unreadable, or contradict each other.
+    """
+    color_times, color_names = _list(source, "rgb.txt")
+    depth_times, depth_names = _list(source, "depth.txt")
+    table = parse_poses(read_text(source, POSES), source.path / POSES)
+    gap = options.max_time_gap_s
+    mine, depth = pair_times(color_times, depth_times, gap)
+    poses, known = poses_at(table.keys, table.poses, color_times[mine], gap)
+    skipped = [
+        f"frame {color_names[i]}: no depth within {gap:g} s"
+        for i in np.setdiff1d(np.arange(len(color_times)), mine)
+    ]
+    skipped += [f"frame {color_names[i]}: no pose within {gap:g} s" for i in mine[~known]]
+    if not known.any():
+        what = "depth" if not len(mine) else "poses"
+        other = depth_times if not len(mine) else table.keys
+        raise ScanError(
+            f"{source.path}: expected {what} within {gap:g} s of colour images (times "
+            f"{color_times.min():.6f} to {color_times.max():.6f}), found times {other.min():.6f} to "
+            f"{other.max():.6f}; are the lists of one recording? Else give --max-time-gap-s"
+        )
+    entries = [
+        Entry(
+            Path(color_names[i]).stem, float(color_times[i]), pose, color_names[i], depth_names[j]
+        )
+        for i, j, pose, ok in zip(mine, depth, poses, known, strict=True)
+        if ok
+    ]
+    intrinsics, warning = _intrinsics(source)
+
+    def lens(_: Entry, size: tuple[int, int]) -> Lens:
+        where = str(source.path / CALIBRATION)
+        return Lens(make_camera(*size, intrinsics[:4], where), tuple(intrinsics[4:]))
+
+    has_own = source.exists(CALIBRATION)
+    others = ["rgb.txt", "depth.txt", POSES, *([CALIBRATION] if has_own else [])]
+    layout = Layout(
+        "tum", entries, METRES_PER_UNIT, _write_poses, lens,
+        other_files=others, skipped=skipped, warnings=warning,
+    )  # fmt: skip
+    return scan_of_layout(source, layout, options)
+
+
+def _write_poses(directory: Path, entries: Sequence[Entry], poses: np.ndarray) -> None:
+    write_tum(directory / POSES, np.array([entry.time for entry in entries]), poses)
+
+
+def _list(source: Source, name: str) -> tuple[np.ndarray, list[str]]:
+    rows = read_rows(source, name, "lines `time filename`")
+    try:
+        times = np.array([float(row[0]) for row in rows])
+        names = [row[1] for row in rows]
+        if not np.isfinite(times).all():
+            raise ValueError(" ".join(rows[int(np.argmin(np.isfinite(times)))]))
+    except (ValueError, IndexError) as error:
+        raise ScanError(
+            f"{source.path / name}: expected lines `time filename`, found another ({shorten(error)})"
+        ) from error
+    order = np.argsort(times, kind="stable")
+    return times[order], [names[i] for i in order]
+
+
+def _intrinsics(source: Source) -> tuple[tuple[float, ...], list[str]]:
+    if source.exists(CALIBRATION):
+        values = read_matrix(source, CALIBRATION, "fx fy cx cy [k1 k2 p1 p2 [k3]]").ravel()
+        if values.size not in (4, 8, 9):
+            raise ScanError(
+                f"{source.path / CALIBRATION}: expected fx fy cx cy [k1 k2 p1 p2 [k3]], found "
+                f"{values.size} numbers"
+            )
+        return tuple(values.tolist()), []
+    folder = str(source.path.resolve()).lower()
+    for camera, values in PUBLISHED.items():
+        if camera in folder or f"fr{camera[-1]}_" in source.path.name.lower():
+            return values, []
+    return DEFAULT, [
+        "no calibration.txt: the intrinsics are the default of the benchmark (fx 525), because no "
+        "folder is named freiburg1, 2 or 3"
+    ]

@@ -1,0 +1,116 @@
+"""What a scan is like, in figures: sizes, depth, path, gaps, jumps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planfit.geometry import se3
+from planfit.runtime import Runtime, cache_key
+from planfit.scan.types import Scan
+
+MAX_FRAMES = 60
+POINTS_PER_FRAME = 3000
+JUMP_M, JUMP_DEG = 0.5, 60.0
+"""No step of a walk filmed at video rate comes near these; one at a frame a second, by its size against the
+usual step."""
+MANY = 5.0
+"""Times the usual step or interval from which one is a jump or a gap."""
+
+
+@dataclass(frozen=True)
+class DepthStatistics:
+    """Depth of some frames spread over the scan."""
+
+    frame_idx: np.ndarray
+    """(k,) frames looked at."""
+    near_m: float
+    """A hundredth of the readings is nearer."""
+    median_m: float
+    far_m: float
+    """A hundredth of the readings is farther."""
+    coverage: float
+    """Share of pixels with a reading."""
+    n_empty: int
+    """Frames without any."""
+    points_world: np.ndarray
+    """(m, 3) m, a sample of the points seen, world axes."""
+
+
+@dataclass(frozen=True)
+class PathStatistics:
+    """The way of the camera."""
+
+    length_m: float
+    extent_m: np.ndarray
+    """(3,) size of the box around the camera's places, world axes."""
+    step_m: float
+    """Median distance between frames."""
+    interval_s: float
+    """Median time between frames; NaN for one frame."""
+    gaps: np.ndarray
+    """(g,) frames after which the recording stops for more than five usual intervals."""
+    jumps: np.ndarray
+    """(j,) frames after which the camera is elsewhere at once: over half a metre or 60 degrees, and over five
+    usual steps, without a gap in time that explains it."""
+
+
+def depth_statistics(scan: Scan, runtime: Runtime) -> DepthStatistics:
+    """Read the depth of up to sixty frames.
+
+    Raises:
+        ScanError: one of them cannot be read, and the scan stands no damage.
+    """
+    frames = np.unique(np.linspace(0, len(scan) - 1, MAX_FRAMES).astype(int))
+
+    def one_frame(item: int) -> dict[str, np.ndarray]:
+        i = int(frames[item])
+        depth = scan.files.depth(i)
+        step = max(1, int(np.sqrt(depth.size / POINTS_PER_FRAME)))
+        rows, columns = np.mgrid[
+            step // 2 : depth.shape[0] : step, step // 2 : depth.shape[1] : step
+        ]
+        at = depth[rows, columns]
+        known = np.isfinite(at)
+        uv = np.stack([columns[known], rows[known]], axis=1).astype(float)
+        points = se3.transform(scan.world_from_cams[i], scan.cameras[i].lift(uv, at[known]))
+        share = np.array(np.isfinite(depth).mean())
+        return {"points": points.astype(np.float32), "depth": at[known], "share": share}
+
+    items = runtime.map("depth", cache_key(scan.fingerprint, "facts"), len(frames), one_frame)
+    depths = np.concatenate([item["depth"] for item in items])
+    shares = np.array([float(item["share"]) for item in items])
+    quantiles = np.percentile(depths, [1, 50, 99]) if len(depths) else np.full(3, np.nan)
+    near, middle, far = (float(v) for v in quantiles)
+    return DepthStatistics(
+        frames,
+        near,
+        middle,
+        far,
+        float(shares.mean()),
+        int((shares == 0).sum()),
+        np.concatenate([item["points"] for item in items]).astype(float),
+    )
+
+
+def path_statistics(scan: Scan) -> PathStatistics:
+    """The recorded poses alone."""
+    places = scan.world_from_cams[:, :3, 3]
+    steps = se3.inverse(scan.world_from_cams[:-1]) @ scan.world_from_cams[1:]
+    shift_m = np.linalg.norm(steps[:, :3, 3], axis=1)
+    turn_deg = np.rad2deg(se3.rotation_angle(steps[:, :3, :3]))
+    interval = np.diff(scan.timestamps)
+    if len(interval) == 0:
+        none = np.zeros(0, dtype=int)
+        return PathStatistics(0.0, np.zeros(3), 0.0, np.nan, none, none)
+    usual_s, usual_m = float(np.median(interval)), float(np.median(shift_m))
+    is_gap = interval > MANY * max(usual_s, 1e-9)
+    is_far = (shift_m > JUMP_M) & (shift_m > MANY * usual_m)
+    is_turned = (turn_deg > JUMP_DEG) & (turn_deg > MANY * float(np.median(turn_deg)))
+    return PathStatistics(
+        float(shift_m.sum()),
+        np.ptp(places, axis=0),
+        usual_m,
+        usual_s,
+        np.flatnonzero(is_gap),
+        np.flatnonzero((is_far | is_turned) & ~is_gap),
+    )

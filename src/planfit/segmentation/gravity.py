@@ -1,0 +1,104 @@
+"""Which way is up: given by the format, or the most common normal (paper, Implementation Details).
+
+The most common normal is where the search begins; walls, which are square to it, take part in the end.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planfit.errors import require_positive
+from planfit.runtime import Runtime, cache_key
+from planfit.scan import Scan
+from planfit.segmentation.normals import depth_normals
+
+_SOFT_DEG = 1.5
+"""Normals that are further off than this pull less and less."""
+
+
+@dataclass(frozen=True)
+class GravityOptions:
+    """How gravity is found where the format does not record it."""
+
+    max_frames: int = 60
+    """Frames looked at, spread evenly over the scan."""
+    max_tilt_deg: float = 40.0
+    """The camera is held upright within this on average; it tells floor and ceiling from walls."""
+    cluster_deg: float = 5.0
+    """Level surfaces and walls within this of level and upright take part in the fit."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_frames", "max_tilt_deg", "cluster_deg")
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """The direction against gravity."""
+
+    up_world: np.ndarray  # (3,) unit
+    confidence: float
+    """Share of upright-ish normals that agree with it; 1 where the format knows it."""
+    source: str
+    """Where it comes from, in words."""
+
+
+def find_gravity(scan: Scan, options: GravityOptions, runtime: Runtime) -> Gravity:
+    """Up direction of a scan, in world axes.
+
+    The fit begins at the most common normal among those within `max_tilt_deg` of the mean image-up
+    direction: floor and ceiling in most scans. Its sign comes from the cameras.
+    """
+    if scan.up_world is not None:
+        return Gravity(scan.up_world, 1.0, "recorded by the scan's format")
+    frames = np.unique(np.linspace(0, len(scan) - 1, options.max_frames).astype(int))
+
+    def normals_world(item: int) -> dict[str, np.ndarray]:
+        i = int(frames[item])
+        points = scan.cameras[i].lift_image(scan.files.depth(i))
+        normals = depth_normals(points, 5, step_px=8).reshape(-1, 3)
+        normals = normals[np.isfinite(normals).all(axis=1)]
+        return {"normals": normals @ scan.world_from_cams[i, :3, :3].T}
+
+    key = cache_key(scan.fingerprint, scan.world_from_cams[frames].tobytes(), options)
+    items = runtime.map("gravity", key, len(frames), normals_world)
+    normals = np.concatenate([item["normals"] for item in items])
+    up_of_cameras = -scan.world_from_cams[:, :3, 1].mean(axis=0)
+    up_of_cameras /= max(float(np.linalg.norm(up_of_cameras)), 1e-9)
+    return _most_common(normals, up_of_cameras, options)
+
+
+def _most_common(normals: np.ndarray, near: np.ndarray, options: GravityOptions) -> Gravity:
+    cosine = normals @ near
+    # A ceiling's normal points down: antipodes count as one.
+    upright = np.where((cosine < 0)[:, None], -normals, normals)
+    upright = upright[np.abs(cosine) > np.cos(np.deg2rad(options.max_tilt_deg))]
+    if len(upright) < 100:
+        return Gravity(near, 0.0, "the mean image-up direction: too few level surfaces were seen")
+    candidates = upright[np.linspace(0, len(upright) - 1, 1500).astype(int)]
+    votes = (upright[:: max(1, len(upright) // 5000)] @ candidates.T) > np.cos(np.deg2rad(3.0))
+    up = candidates[np.argmax(votes.sum(axis=0))]
+    return _refined(normals, upright, up, options)
+
+
+def _refined(
+    normals: np.ndarray, upright: np.ndarray, up: np.ndarray, options: GravityOptions
+) -> Gravity:
+    """Up as the direction that level surfaces face and walls are square to.
+
+    With unit normals m of level surfaces and n of walls, the sum of squared sines is
+    sum (n.u)^2 + sum (1 - (m.u)^2): a quadratic form, whose smallest eigenvector is up. Walls halve the
+    error where little floor is seen. Weights fall with the angle, so that the clutter's slopes, which
+    are never as sharp a peak as the floor, pull little.
+    """
+    for _ in range(8):
+        form = np.zeros((3, 3))
+        for group, sign in ((upright, -1.0), (normals, 1.0)):
+            cosine = np.clip(group @ up, -1.0, 1.0)
+            angle_deg = np.rad2deg(np.arccos(cosine) if sign < 0 else np.arcsin(np.abs(cosine)))
+            near = angle_deg < options.cluster_deg
+            weight = 1.0 / (1.0 + (angle_deg[near] / _SOFT_DEG) ** 2) ** 2
+            form += sign * (group[near].T * weight) @ group[near]
+        found = np.linalg.eigh(form)[1][:, 0]
+        up = found if found @ up > 0 else -found
+    agrees = upright @ up > np.cos(np.deg2rad(options.cluster_deg))
+    return Gravity(up.astype(float), float(np.mean(agrees)), "level surfaces and walls")

@@ -1,0 +1,138 @@
+"""Segmentation models as ONNX files, through onnxruntime.
+
+Beside `model.onnx`, `config.json` names the classes (`id2label`), and `preprocessor_config.json` may say
+`size`, `image_mean`, `image_std` and `rescale_factor`: what exports of transformers models come with.
+"""
+
+import importlib
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from planfit.errors import OptionError
+from planfit.segmentation.label_names import label_table
+
+_DEFAULT_SIZE_PX = 512
+_IMAGENET_MEAN = (0.485, 0.456, 0.406)
+_IMAGENET_STD = (0.229, 0.224, 0.225)
+
+
+class OnnxModel:
+    """One image input (n, 3, h, w); class scores (n, classes, h', w') or class numbers (n, h', w') out."""
+
+    def __init__(self, path: Path, device: str) -> None:
+        """Load a file.
+
+        Raises:
+            OptionError: see `planfit.segmentation.learned.load_model`.
+        """
+        where = f"structure.learned.model: {path}"
+        if not path.is_file():
+            raise OptionError(f"{where}: expected an ONNX file, found no such file; check the path")
+        try:
+            runtime: Any = importlib.import_module("onnxruntime")
+        except ImportError as error:
+            raise OptionError(
+                "structure.back_end: learned needs the library onnxruntime for ONNX files, which is "
+                "not installed; run `pip install 'planfit[learned]'`, or use --structure.back-end "
+                "geometry"
+            ) from error
+        config = _read_json(path.parent / "config.json", where)
+        if "id2label" not in config:
+            raise OptionError(
+                f"{where}: expected the names of its classes as id2label in config.json beside it, "
+                'found none; write {"id2label": {"0": "wall", "1": "floor", ...}}'
+            )
+        self.table = label_table({int(k): str(v) for k, v in config["id2label"].items()}, where)
+        try:
+            self._session = runtime.InferenceSession(
+                str(path), providers=_providers(runtime, device)
+            )
+        except OptionError:
+            raise
+        except Exception as error:  # onnxruntime's errors share no public base
+            line = str(error).strip().split("\n")[0][:200]
+            raise OptionError(
+                f"{where}: expected an ONNX model that onnxruntime runs, found: {line}"
+            ) from error
+        self._input = self._session.get_inputs()[0]
+        shape = self._input.shape
+        if len(shape) != 4 or (shape[1] not in (3, None) and not isinstance(shape[1], str)):
+            raise OptionError(
+                f"{where}: expected an image input of shape (n, 3, h, w), found {shape}"
+            )
+        settings = path.parent / "preprocessor_config.json"
+        self._prepare(_read_json(settings, where) if settings.exists() else {}, shape)
+
+    def _prepare(self, settings: dict[str, Any], shape: list[Any]) -> None:
+        size = settings.get("size", _DEFAULT_SIZE_PX)
+        if not isinstance(size, dict):
+            size = {"height": size, "width": size}
+        edge = size.get("shortest_edge", _DEFAULT_SIZE_PX)
+        wanted = (size.get("height", edge), size.get("width", edge))
+        # A number in the model's own input is a must; a name is a size that may vary.
+        self._height, self._width = (
+            int(must if isinstance(must, int) else want)
+            for must, want in zip(shape[2:], wanted, strict=True)
+        )
+        self._fixed_batch = shape[0] if isinstance(shape[0], int) else None
+        self._scale = float(settings.get("rescale_factor", 1 / 255))
+        self._mean = np.array(settings.get("image_mean", _IMAGENET_MEAN), dtype=np.float32)
+        self._std = np.array(settings.get("image_std", _IMAGENET_STD), dtype=np.float32)
+
+    def classes(self, images: list[np.ndarray], sizes: list[tuple[int, int]]) -> list[np.ndarray]:
+        """See `planfit.segmentation.learned.Model`."""
+        pixels = np.stack([self._pixels(image) for image in images])
+        n = self._fixed_batch or len(pixels)
+        found: list[np.ndarray] = []
+        for start in range(0, len(pixels), n):
+            part = pixels[start : start + n]
+            padded = np.concatenate([part, np.repeat(part[-1:], n - len(part), axis=0)])
+            output = self._session.run(None, {self._input.name: padded})[0][: len(part)]
+            found += list(np.asarray(output))
+        return [_at_size(x, size) for x, size in zip(found, sizes, strict=True)]
+
+    def _pixels(self, image: np.ndarray) -> np.ndarray:
+        scaled = cv2.resize(
+            image, (self._width, self._height), interpolation=cv2.INTER_LINEAR
+        ).astype(np.float32)
+        return ((scaled * self._scale - self._mean) / self._std).transpose(2, 0, 1)
+
+
+def _at_size(output: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Class numbers (h, w) of scores (classes, h', w') or of class numbers (h', w') or (1, h', w')."""
+    height, width = size
+    if output.ndim == 3 and output.shape[0] > 1:
+        scores = [
+            cv2.resize(x.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
+            for x in output
+        ]
+        return np.argmax(scores, axis=0)
+    classes = output.reshape(output.shape[-2:]).astype(np.int32)
+    return np.asarray(cv2.resize(classes, (width, height), interpolation=cv2.INTER_NEAREST))
+
+
+def _providers(runtime: Any, device: str) -> list[Any]:
+    available = runtime.get_available_providers()
+    if device == "cpu" or (device == "auto" and "CUDAExecutionProvider" not in available):
+        return ["CPUExecutionProvider"]
+    kind, _, number = device.partition(":")
+    if kind not in ("auto", "cuda") or "CUDAExecutionProvider" not in available:
+        raise OptionError(
+            f"structure.learned.device: expected auto, cpu or a GPU that onnxruntime sees, found "
+            f"{device!r}; it has {', '.join(available)}"
+        )
+    return [("CUDAExecutionProvider", {"device_id": int(number or 0)}), "CPUExecutionProvider"]
+
+
+def _read_json(path: Path, where: str) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text())
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise OptionError(f"{where}: expected JSON in {path.name} beside it, {error}") from error
+    return content if isinstance(content, dict) else {}
