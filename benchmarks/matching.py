@@ -26,7 +26,7 @@ from matching_truth import find_revisits, judge
 from planfit.geometry.camera import Camera
 from planfit.matching import MatchingOptions, find_matches
 from planfit.matching.covisibility import sample_views
-from planfit.matching.keypoints import detect
+from planfit.matching.detect import detect
 from planfit.matching.pairs import FrameDescriptors, PairOptions, choose_pairs
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -61,7 +61,7 @@ def quality(seeds: int, n_frames: int, width: int, n_rooms: int) -> None:
     for seed in range(seeds):
         for order in ("AB", "ABA", "AABB"):
             show(look_alike_scan(seed, n_frames, width, order))
-    # By the end of twice as long a walk, six spreads of drift are more than the rooms are apart.
+    # By the end of twice as long a walk, six sigmas of drift are more than the rooms are apart.
     show(look_alike_scan(0, 2 * n_frames + 100, width, "AAABBB"))
 
 
@@ -141,7 +141,7 @@ def pairs(n: int) -> None:
         poses = lingering(count, rng)
         odometry = make_odometry(poses, OdometryOptions())
         wall, cpu = time.perf_counter(), time.process_time()
-        found = choose_pairs(poses, odometry, PairOptions(), looks_of(count, rng))
+        found = choose_pairs(poses, odometry, PairOptions(), descriptors_of(count, rng))
         print(
             f"{count} frames: {len(found)} pairs, {time.perf_counter() - wall:.2f} s wall, "
             f"{time.process_time() - cpu:.2f} s CPU, peak memory {peak_mb():.0f} MB",
@@ -149,13 +149,13 @@ def pairs(n: int) -> None:
         )
 
 
-def looks_of(n: int, rng: np.random.Generator) -> FrameDescriptors:
-    """Looks that tell nothing, so that retrieval has the most to do."""
-    appearance = rng.normal(size=(n, 256)).astype(np.float32)
-    appearance /= np.linalg.norm(appearance, axis=1, keepdims=True)
+def descriptors_of(n: int, rng: np.random.Generator) -> FrameDescriptors:
+    """Descriptors that tell nothing, so that retrieval has the most to do."""
+    vectors = rng.normal(size=(n, 256)).astype(np.float32)
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
     points = [rng.uniform([-2, -1, 2], [2, 1, 4], (24, 3)) for _ in range(n)]
     camera = Camera(640, 480, 500.0, 500.0, 319.5, 239.5)
-    return FrameDescriptors(appearance, np.zeros(n), sample_views(points, (camera,) * n))
+    return FrameDescriptors(vectors, np.zeros(n), sample_views(points, (camera,) * n))
 
 
 def lingering(n: int, rng: np.random.Generator) -> np.ndarray:

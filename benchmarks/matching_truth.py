@@ -1,4 +1,4 @@
-"""What matches should be: which frames truly overlap, which places were visited again, which matches hold."""
+"""What matches should be: which frames are covisible, which places were visited again, which matches hold."""
 
 from dataclasses import dataclass
 
@@ -26,7 +26,7 @@ class Revisits:
     """Pairs of frames, far apart in time, that show the same."""
 
     pairs: np.ndarray  # (p, 2)
-    overlap: np.ndarray  # (p,)
+    covisibility: np.ndarray  # (p,)
     place: np.ndarray  # (p,) number of the place of the first frame
     visit: np.ndarray  # (p,) number of (place, first visit, second visit)
 
@@ -36,14 +36,14 @@ class Quality:
     """How good a set of verified matches is."""
 
     precision: float
-    """Share of matches whose true distance is below three spreads."""
+    """Share of matches whose true distance is below three sigmas."""
     wrong_pairs: int
     """Verified pairs most of whose matches are wrong."""
     n_pairs: int
     place_recall: float
     """Share of places visited again of which some pair was verified."""
     place_recall_near: float
-    """The same, counting verified pairs up to `NEAR` frames from an overlapping one."""
+    """The same, counting verified pairs up to `NEAR` frames from a covisible one."""
     visit_recall: float
     """Share of each two visits of a place of which some pair was verified, up to `NEAR` frames off."""
     n_places: int
@@ -53,7 +53,7 @@ class Quality:
 
 
 def find_revisits(test: TestScan) -> Revisits:
-    """Every pair of overlapping views, by projecting the depth of one into the other."""
+    """Every pair of covisible views, by projecting the depth of one into the other."""
     true, scan = test.true_world_from_cams, test.scan
     n = len(scan)
     camera = scan.cameras[0]

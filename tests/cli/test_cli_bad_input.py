@@ -208,7 +208,7 @@ def test_poses_in_millimetres_are_refused(
         ["--segmentation.erode-px", "-1"],
         ["--seed", "-1"],
         ["--segmentation.max-depth-m", "inf"],
-        ["--matching.cycles.max-sigmas", "nan"],
+        ["--matching.cycle-consistency.max-sigmas", "nan"],
         ["--align.min-score", "nan"],
         ["--adjust.walls.weight", "-1"],
         ["--held-out-share", "1.0"],

@@ -9,7 +9,7 @@ import pytest
 from builders import CAMERA, look, room_scan
 from planfit.errors import OptionError
 from planfit.matching import MatchingOptions, find_matches
-from planfit.matching.keypoints import KeypointOptions, detect, make_detector
+from planfit.matching.detect import KeypointOptions, detect, make_detector
 from planfit.matching.matchers import MatcherOptions, make_matcher
 from planfit.matching.verify import VerifyOptions
 from planfit.runtime import Runtime

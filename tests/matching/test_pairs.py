@@ -107,27 +107,31 @@ def test_every_visit_gets_its_share_of_the_budget():
 
 
 def test_retrieval_finds_the_loop_that_the_gate_misses():
-    # The way back is recorded seven metres off; looks tell frame 59 - i shows what frame i shows.
+    # The way back is recorded seven metres off; descriptors tell that frame 59 - i shows what frame i shows.
     unsure = OdometryOptions(0.15, 0.0, 0.1, 0.0)
     poses = np.asarray(there_and_back(gap_m=7.0))
     rng = np.random.default_rng(3)
-    looks = rng.normal(size=(30, 64))
-    looks = np.concatenate([looks, looks[::-1]])
-    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+    vectors = rng.normal(size=(30, 64))
+    vectors = np.concatenate([vectors, vectors[::-1]])
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
     odometry = make_odometry(poses, unsure)
     points = np.tile([[0.0, 0.0, 3.0]], (60, 24, 1))
     views = ViewSamples(points, np.tile([[-0.6, 0.6], [-0.5, 0.5]], (60, 1, 1)))
-    looks = FrameDescriptors(looks, np.zeros(60), views)
+    descriptors = FrameDescriptors(vectors, np.zeros(60), views)
     truth = {(i, 59 - i) for i in range(16)}
     options = PairOptions(max_distance_m=4.0)
-    found = {n: {(int(i), int(j)) for i, j in choose_pairs(poses, odometry, o, looks)}
+    found = {n: {(int(i), int(j)) for i, j in choose_pairs(poses, odometry, o, descriptors)}
              for n, o in ((4, options), (0, replace(options, retrieved_per_frame=0)))}  # fmt: skip
     assert truth <= found[4]
     assert not truth & found[0]
     sure = make_odometry(poses, OdometryOptions(1e-6, 0.0, 1e-6, 0.0))
-    assert not truth & {(int(i), int(j)) for i, j in choose_pairs(poses, sure, options, looks)}
+    assert not truth & {
+        (int(i), int(j)) for i, j in choose_pairs(poses, sure, options, descriptors)
+    }
     timid = replace(options, max_drift_sigmas=1.0)
-    assert not truth <= {(int(i), int(j)) for i, j in choose_pairs(poses, odometry, timid, looks)}
+    assert not truth <= {
+        (int(i), int(j)) for i, j in choose_pairs(poses, odometry, timid, descriptors)
+    }
 
 
 def test_the_nearest_views_come_first():

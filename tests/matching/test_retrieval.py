@@ -1,4 +1,4 @@
-"""Frames that show the same look alike; and the most alike are found as a full search finds them."""
+"""Frames that show the same have similar descriptors; a full search finds the same ones."""
 
 import numpy as np
 from numpy.testing import assert_array_equal
@@ -29,7 +29,7 @@ def test_visits_of_one_place_are_most_alike(rng):
     assert np.mean(similarity.argmax(axis=1) % 12 == np.arange(36) % 12) > 0.9
 
 
-def test_descriptions_have_length_one_and_empty_frames_none(rng):
+def test_frame_descriptors_have_length_one_and_empty_frames_none(rng):
     descriptors = frames(rng)
     descriptors[5] = np.zeros((0, 128), np.uint8)
     length = np.linalg.norm(describe_frames(descriptors, rng), axis=1)

@@ -133,13 +133,13 @@ def test_more_rounds_find_rarer_motions():
     assert found[1] < 10
 
 
-def test_spread_grows_with_depth():
+def test_sigma_grows_with_depth():
     options = VerifyOptions(sigma_base_m=0.02, sigma_per_m=0.01)
     assert_allclose(point_sigma(np.array([0.0, 2.0]), options), [0.02, 0.04])
 
 
 def test_points_behind_the_other_camera_are_no_inliers(rng):
-    turn = se3.inverse(look([0, 0, 0], 0)) @ look([0, 0, 0], 180)
-    points_a, points_b, _, uv_b = case(rng, a_from_b=turn)
+    rotated = se3.inverse(look([0, 0, 0], 0)) @ look([0, 0, 0], 180)
+    points_a, points_b, _, uv_b = case(rng, a_from_b=rotated)
     uv_a = rng.uniform(0, 100, (100, 2))
     assert verified((points_a, points_b, uv_a, uv_b)) is None

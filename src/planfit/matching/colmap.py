@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float32, Int
 
 from planfit.errors import ScanError
 from planfit.scan import Scan
@@ -27,9 +28,12 @@ MIN_SHARED = 8
 class Imported:
     """Keypoints of each frame of a scan, and which of them match."""
 
-    uv: tuple[np.ndarray, ...]  # n times (k, 2) float32 px
-    pairs: np.ndarray  # (p, 2) frame indices, first < second
-    matches: tuple[np.ndarray, ...]  # p times (m, 2) indices into uv of the two
+    uv: tuple[Float32[np.ndarray, "_ 2"], ...]
+    """px, of each frame."""
+    pairs: Int[np.ndarray, "p 2"]
+    """Frame indices, first < second."""
+    matches: tuple[Int[np.ndarray, "_ 2"], ...]
+    """Of each pair, indices into uv of the two."""
 
 
 def stamp(path: Path) -> tuple:
@@ -62,6 +66,17 @@ def read_colmap_matches(path: Path, scan: Scan) -> Imported:
         camera = scan.cameras[frame]
         scale = np.array([camera.width / sizes[image][0], camera.height / sizes[image][1]])
         by_frame[frame] = (uv[image] * scale - 0.5).astype(np.float32)
+    return _by_frame_pair(by_frame, pairs, frame_of, names, path)
+
+
+def _by_frame_pair(
+    by_frame: list[np.ndarray],
+    pairs: dict[tuple[int, int], np.ndarray],
+    frame_of: dict[int, int],
+    names: dict[int, str],
+    path: Path,
+) -> Imported:
+    """Matches by pair of images to matches by pair of frames, sorted, the earlier frame first."""
     kept: dict[tuple[int, int], np.ndarray] = {}
     for (a, b), idx in pairs.items():
         if a in frame_of and b in frame_of and len(idx):
@@ -185,21 +200,22 @@ def _shared(
     ids = sorted(frame_of)
     image = np.concatenate([np.full(len(point_id[i]), i) for i in ids])
     point = np.concatenate([point_id[i] for i in ids])
-    at = np.concatenate([np.arange(len(point_id[i])) for i in ids])
+    number = np.concatenate([np.arange(len(point_id[i])) for i in ids])
     seen = point >= 0
     order = np.lexsort((image[seen], point[seen]))
-    image, point, at = image[seen][order], point[seen][order], at[seen][order]
-    # Observations of one point lie together: pair each with those k places on, while still the same.
+    image, point, number = image[seen][order], point[seen][order], number[seen][order]
+    # Observations of one point lie together: pair each with those k places on, while any is still of the
+    # same point. The longest track bounds the loop, and no list of lists is built.
     rows: list[np.ndarray] = []
     for k in range(1, len(point)):
         same = np.flatnonzero((point[k:] == point[:-k]) & (image[k:] != image[:-k]))
         if not (point[k:] == point[:-k]).any():
             break
-        rows.append(np.column_stack([image[same], image[same + k], at[same], at[same + k]]))
+        rows.append(np.column_stack([image[same], image[same + k], number[same], number[same + k]]))
     if not rows:
         return {}
     every = np.concatenate(rows)
-    every = every[np.lexsort(every.T[::-1])]
+    every = every[np.lexsort(every.T[::-1])]  # lexsort takes its last key first
     borders = np.flatnonzero((np.diff(every[:, :2], axis=0) != 0).any(axis=1)) + 1
     groups: Sequence[np.ndarray] = np.split(every, borders)
     return {(int(g[0, 0]), int(g[0, 1])): g[:, 2:] for g in groups if len(g) >= MIN_SHARED}

@@ -1,12 +1,17 @@
-"""How much of one view another shows, guessed from recorded poses and a few lifted keypoints a frame."""
+"""Covisibility of two frames: how much of one view the other shows.
 
+Guessed from a few lifted keypoints a frame, and from recorded poses or a motion between the two.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
+from planfit.matching.kernels import covisible_share
 
 N_POINTS = 24
 """Points of each frame; a share of 24 is known to a tenth, and drift spoils more than that."""
@@ -19,33 +24,41 @@ MARGIN = 0.15
 class ViewSamples:
     """A few points that each frame shows."""
 
-    points_cam: np.ndarray  # (n, N_POINTS, 3) m; NaN where a frame has fewer
-    half_view: np.ndarray  # (n, 2, 2): smallest and largest x / z, and y / z, that a frame shows
+    points_cam: Float[np.ndarray, "n s 3"]
+    """m, camera frame; NaN where a frame has fewer."""
+    bounds: Float[np.ndarray, "n 2 2"]
+    """Smallest and largest x / z, and y / z, that a frame shows."""
 
-    def overlap(self, world_from_cams: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """Share (p,) of the points of either frame that the other shows, the smaller of the two."""
+    def covisibility(
+        self, world_from_cams: Float[np.ndarray, "n 4 4"], pairs: Int[np.ndarray, "p 2"]
+    ) -> Float[np.ndarray, " p"]:
+        """Share of the points of either frame of a pair that the other shows, the smaller of the two."""
         result = np.zeros(len(pairs))
         for first in range(0, len(pairs), CHUNK):
             part = pairs[first : first + CHUNK]
             motion = se3.inverse(world_from_cams[part[:, 0]]) @ world_from_cams[part[:, 1]]
-            result[first : first + CHUNK] = self.overlap_of(part, motion)
+            result[first : first + CHUNK] = self.covisibility_by_motion(part, motion)
         return result
 
-    def overlap_of(self, pairs: np.ndarray, a_from_b: np.ndarray) -> np.ndarray:
-        """The same for given motions (p, 4, 4) between the frames of each pair (p, 2)."""
+    def covisibility_by_motion(
+        self, pairs: Int[np.ndarray, "p 2"], a_from_b: Float[np.ndarray, "p 4 4"]
+    ) -> Float[np.ndarray, " p"]:
+        """The same for given motions between the frames of each pair."""
         motion = np.ascontiguousarray(a_from_b, dtype=np.float64)
-        return _overlap(self.points_cam, self.half_view, motion, pairs.astype(np.int64))
+        return covisible_share(self.points_cam, self.bounds, motion, pairs.astype(np.int64))
 
 
-def sample_views(points_cam: list[np.ndarray], cameras: tuple[Camera, ...]) -> ViewSamples:
-    """Samples of lifted keypoints, each (k, 3) m, evenly taken from the list of each frame."""
+def sample_views(
+    points_cam: Sequence[Float[np.ndarray, "_ 3"]], cameras: Sequence[Camera]
+) -> ViewSamples:
+    """Samples of the lifted keypoints (m) of each frame, evenly taken from its list."""
     n = len(points_cam)
     samples = np.full((n, N_POINTS, 3), np.nan)
     for i, points in enumerate(points_cam):
         if len(points):
             taken = np.unique(np.linspace(0, len(points) - 1, N_POINTS).astype(int))
             samples[i, : len(taken)] = points[taken]
-    borders = np.array(
+    bounds = np.array(
         [
             [
                 [(-MARGIN * c.width - c.cx) / c.fx, ((1 + MARGIN) * c.width - c.cx) / c.fx],
@@ -54,38 +67,4 @@ def sample_views(points_cam: list[np.ndarray], cameras: tuple[Camera, ...]) -> V
             for c in cameras
         ]
     )
-    return ViewSamples(samples, borders)
-
-
-@numba.njit(cache=True, nogil=True)
-def _overlap(
-    points: np.ndarray, borders: np.ndarray, a_from_b: np.ndarray, pairs: np.ndarray
-) -> np.ndarray:
-    result = np.zeros(len(pairs))
-    for k in range(len(pairs)):
-        i, j = pairs[k]
-        turn, shift = a_from_b[k, :3, :3], a_from_b[k, :3, 3]
-        back = np.zeros(3)
-        for r in range(3):
-            back[r] = -(turn[0, r] * shift[0] + turn[1, r] * shift[1] + turn[2, r] * shift[2])
-        result[k] = min(
-            _shown(points[j], turn, shift, borders[i]), _shown(points[i], turn.T, back, borders[j])
-        )
-    return result
-
-
-@numba.njit(cache=True, nogil=True)
-def _shown(points: np.ndarray, turn: np.ndarray, shift: np.ndarray, border: np.ndarray) -> float:
-    """Share of points (s, 3), once turned and shifted, that lie within the borders of an image."""
-    n, seen = 0, 0
-    for p in points:
-        if np.isnan(p[0]):
-            continue
-        n += 1
-        z = turn[2, 0] * p[0] + turn[2, 1] * p[1] + turn[2, 2] * p[2] + shift[2]
-        if z > 0.1:
-            x = (turn[0, 0] * p[0] + turn[0, 1] * p[1] + turn[0, 2] * p[2] + shift[0]) / z
-            y = (turn[1, 0] * p[0] + turn[1, 1] * p[1] + turn[1, 2] * p[2] + shift[1]) / z
-            if border[0, 0] < x < border[0, 1] and border[1, 0] < y < border[1, 1]:
-                seen += 1
-    return seen / n if n > 0 else 0.0
+    return ViewSamples(samples, bounds)

@@ -8,11 +8,11 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int, UInt8
 
 from planfit.errors import OptionError
 from planfit.learned_models import find_weights, load_model
-from planfit.matching.detectors import Detections, Detector
-from planfit.matching.matchers import Matcher
+from planfit.matching.types import Detections, Detector, Keypoints, Matcher
 
 _WITHOUT = "--matching.keypoints.kind sift and --matching.matcher.kind nearest"
 _CLASSES = {
@@ -29,11 +29,11 @@ def superpoint(weights: str, device: str, max_per_frame: int) -> Detector:
     Raises:
         OptionError: the weights cannot be had.
     """
-    torch, model, place = _load("keypoints", weights, "superpoint", device)
+    torch, model, device_found = _load("keypoints", weights, "superpoint", device)
     lock = Lock()
 
-    def detect(grey: np.ndarray, _: np.ndarray | None) -> Detections:
-        image = torch.from_numpy(grey.astype(np.float32) / 255.0)[None, None].to(place)
+    def detect(grey: UInt8[np.ndarray, "h w"], _: object) -> Detections:
+        image = torch.from_numpy(grey.astype(np.float32) / 255.0)[None, None].to(device_found)
         with lock, torch.inference_mode():
             found = model(image.expand(1, 3, -1, -1))
         scores = found.scores[0].cpu().numpy()
@@ -53,19 +53,22 @@ def glue(kind: str, weights: str, device: str) -> Matcher:
     Raises:
         OptionError: the weights cannot be had.
     """
-    torch, model, place = _load("matcher", weights, kind, device)
+    torch, model, device_found = _load("matcher", weights, kind, device)
     given = _given_keypoints(torch)
     model.keypoint_detector = given
     lock = Lock()
 
-    def match(a: Any, b: Any, size_a: tuple[int, int], size_b: tuple[int, int]) -> np.ndarray:
+    def match(
+        a: Keypoints, b: Keypoints, size_a: tuple[int, int], size_b: tuple[int, int]
+    ) -> Int[np.ndarray, "m 2"]:
         if len(a) == 0 or len(b) == 0:
             return np.zeros((0, 2), dtype=int)
         width, height = max(size_a[0], size_b[0]), max(size_a[1], size_b[1])
         size = np.array([width, height], np.float32)
         most = max(len(a), len(b))
+        # A batch needs one length: the shorter list is filled up, and masked out (the last pair below).
         tensors = [
-            torch.from_numpy(np.stack([_filled(part, most) for part in both])).to(place)
+            torch.from_numpy(np.stack([_filled(part, most) for part in both])).to(device_found)
             for both in (
                 (a.uv / size, b.uv / size),
                 (a.scores, b.scores),
@@ -76,7 +79,7 @@ def glue(kind: str, weights: str, device: str) -> Matcher:
         with lock, torch.inference_mode():
             given.found = tuple(tensors)
             # Of the images, the model now looks at the size alone.
-            matches = model(torch.zeros(1, 2, 1, height, width, device=place)).matches
+            matches = model(torch.zeros(1, 2, 1, height, width, device=device_found)).matches
         other = matches.reshape(2, most)[0, : len(a)].cpu().numpy()
         first = np.flatnonzero((other >= 0) & (other < len(b)))
         return np.column_stack([first, other[first]]).astype(int)
@@ -93,8 +96,8 @@ def _load(part: str, name: str, kind: str, device: str) -> tuple[Any, Any, Any]:
             f"{weights.where}: expected weights of {kind}, found those of {found}; give a model of that kind"
         )
     model_class = getattr(weights.transformers, _CLASSES[kind])
-    model, place = load_model(weights, model_class, kind, f"matching.{part}.device", device)
-    return weights.torch, model, place
+    model, device_found = load_model(weights, model_class, kind, f"matching.{part}.device", device)
+    return weights.torch, model, device_found
 
 
 def _given_keypoints(torch: Any) -> Any:

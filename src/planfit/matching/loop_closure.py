@@ -1,172 +1,274 @@
-"""Cycle consistency: a loop is believed only if the cycle it closes does close.
+"""Loop closures: which relative poses are accepted, and which pairs are worth a look because of them.
 
-Drift may be large between two frames far apart in time, and then a look-alike room within its reach
-passes the gate of the recorded motion alone. But the scan knows more: other loops tie the two frames
-together by a shorter, surer way. So loops are taken in the order of how surely the motion between
-their ends is known; each that is believed becomes a way for the next (compare Mangelson et al. 2018,
-who look for the largest set of loops that agree in pairs).
+Cycle consistency: a loop closure is accepted only if the cycle it closes does close. Drift may be large
+between two frames far apart in time, and then a look-alike room within its reach passes the gate of the
+recorded motion alone. But the scan knows more: other loop closures connect the two frames by a shorter,
+more certain path. So relative poses are decided in the order of how surely the motion between their ends
+is known; each that is accepted becomes an edge for the next (compare Mangelson et al. 2018, who look for
+the largest set of loop closures that agree in pairs).
+
+Guided proposals: around a loop closure that was accepted there are more. Recorded poses that have drifted
+by a metre tell little of which frames are covisible. Once one pair of two visits is verified, it does: the
+motion of its neighbours follows from it and a few recorded steps.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from planfit.errors import require_positive
 from planfit.geometry import se3
+from planfit.matching.covisibility import ViewSamples
+from planfit.matching.pairs import PairOptions, in_order_of_visits, within_budget
 from planfit.matching.pose_graph import PoseGraph
+from planfit.matching.types import RelativePoses
 from planfit.scan.odometry import Odometry
 
+REACH = 3
+"""Views before and after each end of an accepted loop closure that are looked at."""
+MIN_COVISIBILITY = 0.25
+"""Pairs that should share less are not tried."""
+CHUNK = 100_000
+
 
 @dataclass(frozen=True)
-class CycleOptions:
-    """When a loop agrees with all else that is known."""
+class CycleConsistencyOptions:
+    """When a relative pose is consistent with all else that is known."""
 
     max_sigmas: float = 6.0
-    """Largest departure, in spreads, where the spread is small against a building."""
-    max_unsure_sigmas: float = 4.0
-    """Largest departure where it is not: there, another room may lie within six spreads."""
-    sure_m: float = 1.2
-    """Loops whose ends are known to better than this (`max_sigmas` spreads and the slack) are sure:
-    rooms are further apart."""
-    slack_deg: float = 3.0
-    """Departure in turn that is always allowed: the error of the verification itself."""
-    slack_m: float = 0.3
-    """Departure in shift that is always allowed."""
-    loop_sigma_deg: float = 0.5
-    """Spread of a verified motion's turn, each axis, where a way leads over it."""
-    loop_sigma_m: float = 0.03
-    """Spread of its shift."""
+    """Largest departure, in sigmas, where sigma is small against a building."""
+    max_uncertain_sigmas: float = 4.0
+    """Largest departure where it is not: there, another room may lie within six sigmas."""
+    certain_m: float = 1.2
+    """Pairs between whose ends the motion is known to better than this (`max_sigmas` sigmas and the slack)
+    are certain: rooms are further apart."""
+    rotation_slack_deg: float = 3.0
+    """Departure in rotation that is always allowed: the error of the verification itself."""
+    translation_slack_m: float = 0.3
+    """Departure in translation that is always allowed."""
+    sigma_rotation_deg: float = 0.5
+    """Standard deviation of a verified motion's rotation, each axis, where a path leads over it."""
+    sigma_translation_m: float = 0.03
+    """Standard deviation of its translation, each axis."""
     cluster_m: float = 1.0
-    """Loops whose two ends lie within this much of way from another's stand or fall together if they
-    agree: one of them is checked."""
+    """Relative poses whose two ends lie within this much of way from another's stand or fall together if
+    they agree: one of them is checked."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "loop_sigma_deg", "loop_sigma_m", "cluster_m")
+        require_positive(self, "sigma_rotation_deg", "sigma_translation_m", "cluster_m")
 
 
-@dataclass(frozen=True)
-class RelativePoses:
-    """Verified motions between frames."""
-
-    pairs: np.ndarray  # (p, 2) frame indices
-    a_from_b: np.ndarray  # (p, 4, 4)
-    n_inliers: np.ndarray  # (p,)
-
-    def __getitem__(self, idx: np.ndarray) -> "RelativePoses":
-        return RelativePoses(self.pairs[idx], self.a_from_b[idx], self.n_inliers[idx])
-
-
-def agree_with_cycles(
-    loops: RelativePoses, world_from_cams: np.ndarray, odometry: Odometry, options: CycleOptions
-) -> np.ndarray:
-    """Which loops (p,) bool agree with the recorded motion and with the loops believed before them.
+def cycle_consistent(
+    relative_poses: RelativePoses,
+    world_from_cams: Float[np.ndarray, "n 4 4"],
+    odometry: Odometry,
+    options: CycleConsistencyOptions,
+) -> Bool[np.ndarray, " p"]:
+    """Which relative poses agree with the recorded motion and with those accepted before them.
 
     Args:
-        loops: verified pairs of any distance in time.
-        world_from_cams: (n, 4, 4) recorded poses.
+        relative_poses: verified pairs of any distance in time.
+        world_from_cams: recorded poses.
         odometry: how far the recorded motion may be off.
         options: see there.
     """
-    is_believed = np.zeros(len(loops.pairs), dtype=bool)
-    if len(loops.pairs) == 0:
-        return is_believed
-    first, last = loops.pairs.T
-    turn, shift = odometry.sigma_between(first, last)
-    is_sure = options.max_sigmas * shift + options.slack_m < options.sure_m
-    recorded = se3.inverse(world_from_cams[first]) @ world_from_cams[last]
-    is_believed[is_sure] = _close(loops.a_from_b, recorded, turn, shift, options)[is_sure]
+    is_accepted = np.zeros(len(relative_poses), dtype=bool)
+    if len(relative_poses) == 0:
+        return is_accepted
+    pairs, motions = relative_poses.pairs, relative_poses.a_from_b
+    sigma_rotation, sigma_translation = odometry.sigma_between(*pairs.T)
+    is_certain = _is_certain(sigma_translation, options)
+    recorded = se3.inverse(world_from_cams[pairs[:, 0]]) @ world_from_cams[pairs[:, 1]]
+    sigmas = (sigma_rotation, sigma_translation)
+    is_accepted[is_certain] = is_near(motions, recorded, sigmas, options)[is_certain]
 
-    ways = PoseGraph(world_from_cams, odometry, loops.pairs)
-    cluster = _clusters(loops, odometry, options.cluster_m)
-    pending = np.flatnonzero(~is_sure)
-    new = np.flatnonzero(is_believed)
+    graph = PoseGraph(world_from_cams, odometry, pairs)
+    cluster = _clusters(relative_poses, odometry, options.cluster_m)
+    pending, new = np.flatnonzero(~is_certain), np.flatnonzero(is_accepted)
     while len(pending):
-        ways.add(
-            loops.pairs[new], loops.a_from_b[new], options.loop_sigma_deg, options.loop_sigma_m
+        graph.add(pairs[new], motions[new], options.sigma_rotation_deg, options.sigma_translation_m)
+        heads = _heads(pending, cluster, relative_poses.n_inliers)
+        decided, holds = _decide(graph, relative_poses, heads, options)
+        follows = _followed(
+            relative_poses, pending, decided, cluster, world_from_cams, odometry, options
         )
-        heads = _heads(pending, cluster, loops.n_inliers)
-        predicted, turn, shift = ways.between(loops.pairs[heads])
-        is_now = options.max_sigmas * shift + options.slack_m < options.sure_m
-        sigmas = options.max_sigmas
-        if not is_now.any():
-            # Nothing is sure: the surest tenth goes next, held to a narrower gate.
-            is_now = shift <= np.partition(shift, len(heads) // 10)[len(heads) // 10]
-            sigmas = options.max_unsure_sigmas
-        decided = heads[is_now]
-        holds = _close(
-            loops.a_from_b[decided], predicted[is_now], turn[is_now], shift[is_now], options, sigmas
-        )
-        follows = _follow(loops, pending, decided, cluster, world_from_cams, odometry, options)
-        verdict = np.zeros(len(loops.pairs), dtype=bool)
-        verdict[decided] = holds
-        new = pending[(follows >= 0) & verdict[follows]]
-        is_believed[new] = True
+        # By relative pose, so that followers (-1: of none, masked out) look up what their head came to.
+        head_holds = np.zeros(len(relative_poses), dtype=bool)
+        head_holds[decided] = holds
+        new = pending[(follows >= 0) & head_holds[follows]]
+        is_accepted[new] = True
         pending = pending[follows < 0]
-    return is_believed
+    return is_accepted
 
 
-def _close(
-    motion: np.ndarray,
-    predicted: np.ndarray,
-    sigma_rotation: np.ndarray,
-    sigma_translation: np.ndarray,
-    options: CycleOptions,
-    sigmas: float | None = None,
-) -> np.ndarray:
-    """Whether motions (p, 4, 4) depart from the predicted ones by no more than their spread allows."""
-    sigmas = options.max_sigmas if sigmas is None else sigmas
-    turn = se3.rotation_angle(np.swapaxes(predicted[:, :3, :3], 1, 2) @ motion[:, :3, :3])
-    shift = np.linalg.norm(predicted[:, :3, 3] - motion[:, :3, 3], axis=1)
-    return (turn < sigmas * sigma_rotation + np.deg2rad(options.slack_deg)) & (
-        shift < sigmas * sigma_translation + options.slack_m
+def is_near(
+    motions: Float[np.ndarray, "p 4 4"],
+    predicted: Float[np.ndarray, "p 4 4"],
+    sigmas: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
+    options: CycleConsistencyOptions,
+    max_sigmas: float | None = None,
+) -> Bool[np.ndarray, " p"]:
+    """Whether motions depart from the predicted ones by no more than drift explains.
+
+    Args:
+        motions, predicted: between the same frames.
+        sigmas: standard deviations of the predicted rotation (rad) and translation (m), each axis.
+        options: slack, and how many sigmas.
+        max_sigmas: in the place of that of the options.
+    """
+    most = options.max_sigmas if max_sigmas is None else max_sigmas
+    sigma_rotation, sigma_translation = sigmas
+    rotation = se3.rotation_angle(np.swapaxes(predicted[:, :3, :3], 1, 2) @ motions[:, :3, :3])
+    translation = np.linalg.norm(predicted[:, :3, 3] - motions[:, :3, 3], axis=1)
+    return (rotation < most * sigma_rotation + np.deg2rad(options.rotation_slack_deg)) & (
+        translation < most * sigma_translation + options.translation_slack_m
     )
 
 
-def _clusters(loops: RelativePoses, odometry: Odometry, size_m: float) -> np.ndarray:
+def propose_loop_closures(
+    accepted: RelativePoses,
+    tried: Int[np.ndarray, "t 2"],
+    view_idx: Int[np.ndarray, " v"],
+    world_from_cams: Float[np.ndarray, "n 4 4"],
+    samples: ViewSamples,
+    options: PairOptions,
+) -> Int[np.ndarray, "p 2"]:
+    """Pairs of frames to try next, first < second, sorted; none of them tried before.
+
+    Args:
+        accepted: relative poses, between frames of `view_idx` or any others.
+        tried: pairs, first < second.
+        view_idx: frames that stand for their like, increasing.
+        world_from_cams: recorded poses.
+        samples: what each frame shows.
+        options: `guided_per_frame` bounds the pairs of a frame.
+    """
+    loops = accepted[accepted.pairs[:, 1] - accepted.pairs[:, 0] > options.neighbours]
+    if len(loops) == 0 or options.guided_per_frame == 0:
+        return np.zeros((0, 2), dtype=int)
+    found, source = _pairs_around(loops.pairs, view_idx, options.neighbours)
+    # A pair as one number, i n + j, so that a set of pairs is a set of numbers.
+    n = len(world_from_cams)
+    is_new = ~np.isin(found @ (n, 1), tried @ (n, 1))
+    found, source = found[is_new], source[is_new]
+    covisibility = np.zeros(len(found))
+    for first in range(0, len(found), CHUNK):
+        part = slice(first, first + CHUNK)
+        motion = _by_way_of(loops[source[part]], found[part], world_from_cams)
+        covisibility[part] = samples.covisibility_by_motion(found[part], motion)
+    is_covisible = covisibility > MIN_COVISIBILITY
+    found, covisibility = found[is_covisible], covisibility[is_covisible]
+    order = in_order_of_visits(found, -covisibility)
+    return np.unique(within_budget(found[order], options.guided_per_frame), axis=0)
+
+
+def _is_certain(sigma_translation: np.ndarray, options: CycleConsistencyOptions) -> np.ndarray:
+    """Whether rooms are further apart than the motion between two frames is uncertain (p,)."""
+    return options.max_sigmas * sigma_translation + options.translation_slack_m < options.certain_m
+
+
+def _decide(
+    graph: PoseGraph,
+    relative_poses: RelativePoses,
+    heads: np.ndarray,
+    options: CycleConsistencyOptions,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Those of `heads` that are decided now (d,), and whether each agrees with the graph (d,)."""
+    predicted, sigma_rotation, sigma_translation = graph.most_certain_path(
+        relative_poses.pairs[heads]
+    )
+    is_now = _is_certain(sigma_translation, options)
+    most = options.max_sigmas
+    if not is_now.any():
+        # Nothing is certain: the most certain tenth goes next, held to a narrower gate.
+        tenth = len(heads) // 10
+        is_now = sigma_translation <= np.partition(sigma_translation, tenth)[tenth]
+        most = options.max_uncertain_sigmas
+    decided = heads[is_now]
+    sigmas = (sigma_rotation[is_now], sigma_translation[is_now])
+    return decided, is_near(
+        relative_poses.a_from_b[decided], predicted[is_now], sigmas, options, most
+    )
+
+
+def _clusters(relative_poses: RelativePoses, odometry: Odometry, size_m: float) -> np.ndarray:
     """Number (p,) of the cell of way that both ends lie in."""
-    cells = np.floor(odometry.walked_m[loops.pairs] / size_m).astype(np.int64)
+    cells = np.floor(odometry.walked_m[relative_poses.pairs] / size_m).astype(np.int64)
     return np.unique(cells, axis=0, return_inverse=True)[1].ravel()
 
 
 def _heads(pending: np.ndarray, cluster: np.ndarray, n_inliers: np.ndarray) -> np.ndarray:
-    """Of each cluster the pending loop with the most inliers."""
+    """Of each cluster the pending one with the most inliers, the first of equals."""
     order = pending[np.lexsort((pending, -n_inliers[pending]))]
     _, first = np.unique(cluster[order], return_index=True)
     return order[first]
 
 
-def _follow(
-    loops: RelativePoses,
+def _followed(
+    relative_poses: RelativePoses,
     pending: np.ndarray,
     decided: np.ndarray,
     cluster: np.ndarray,
     world_from_cams: np.ndarray,
     odometry: Odometry,
-    options: CycleOptions,
+    options: CycleConsistencyOptions,
 ) -> np.ndarray:
-    """For each pending loop the decided one of its cluster that it agrees with, or -1.
+    """For each pending relative pose (q,) the decided one of its cluster that it agrees with, or -1.
 
-    Both say the same if going from one end to the other's, over its loop and back, gives its motion.
+    Both say the same if going from one end to the other's, over its motion and back, gives its motion.
     """
+    pairs, motions = relative_poses.pairs, relative_poses.a_from_b
+    # At most one of a cluster is decided at a time: a table by cluster finds it. It follows itself.
     head_of = np.full(int(cluster.max()) + 1, -1)
     head_of[cluster[decided]] = decided
     head = head_of[cluster[pending]]
     follows = np.where(head == pending, pending, -1)
     other = np.flatnonzero((head >= 0) & (head != pending))
-    (i, j), (k, m) = loops.pairs[pending[other]].T, loops.pairs[head[other]].T
-    i_from_k = se3.inverse(world_from_cams[i]) @ world_from_cams[k]
-    m_from_j = se3.inverse(world_from_cams[m]) @ world_from_cams[j]
-    predicted = i_from_k @ loops.a_from_b[head[other]] @ m_from_j
-    (turn_a, shift_a), (turn_b, shift_b) = (
+    own, heads = pending[other], head[other]
+    predicted = _by_way_of(relative_poses[heads], pairs[own], world_from_cams)
+    # The head's motion is taken for exact; the recorded steps to it and from it add their variances.
+    (i, j), (k, m) = pairs[own].T, pairs[heads].T
+    (rotation_a, translation_a), (rotation_b, translation_b) = (
         odometry.sigma_between(i, k),
         odometry.sigma_between(m, j),
     )
-    agrees = _close(
-        loops.a_from_b[pending[other]],
-        predicted,
-        np.hypot(turn_a, turn_b),
-        np.hypot(shift_a, shift_b),
-        options,
-    )
-    follows[other[agrees]] = head[other[agrees]]
+    sigmas = (np.hypot(rotation_a, rotation_b), np.hypot(translation_a, translation_b))
+    agrees = is_near(motions[own], predicted, sigmas, options)
+    follows[other[agrees]] = heads[agrees]
     return follows
+
+
+def _by_way_of(
+    relative_poses: RelativePoses, pairs: np.ndarray, world_from_cams: np.ndarray
+) -> np.ndarray:
+    """Motion (p, 4, 4) between the frames of pairs (p, 2), over a relative pose nearby and recorded steps.
+
+    From i to k as recorded, from k to m as verified, from m to j as recorded.
+    """
+    (i, j), (k, m) = pairs.T, relative_poses.pairs.T
+    i_from_k = se3.inverse(world_from_cams[i]) @ world_from_cams[k]
+    m_from_j = se3.inverse(world_from_cams[m]) @ world_from_cams[j]
+    return i_from_k @ relative_poses.a_from_b @ m_from_j
+
+
+def _pairs_around(
+    pairs: np.ndarray, view_idx: np.ndarray, neighbours: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs (q, 2) of views up to `REACH` from both ends of given ones, and of which each (q,); sorted."""
+    # Ends as places in the list of views (the next view, where a frame is none itself).
+    at = np.searchsorted(view_idx, pairs).clip(0, len(view_idx) - 1)
+    steps = np.stack(np.meshgrid(*[np.arange(-REACH, REACH + 1)] * 2), axis=-1).reshape(-1, 2)
+    steps = steps[np.argsort(np.abs(steps).sum(axis=1), kind="stable")]
+    found, source = np.zeros((0, 2), dtype=int), np.zeros(0, dtype=int)
+    for step in steps:  # the nearest first: they say best what to expect
+        near = at + step
+        inside = ((near >= 0) & (near < len(view_idx))).all(axis=1)
+        new = view_idx[near[inside]]
+        apart = new[:, 1] - new[:, 0] > neighbours
+        found = np.concatenate([found, new[apart]])
+        source = np.concatenate([source, np.flatnonzero(inside)[apart]])
+        # Of equal pairs unique keeps the first, so one found from nearer keeps its source.
+        found, first = np.unique(found, axis=0, return_index=True)
+        source = source[first]
+    return found, source

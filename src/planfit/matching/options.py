@@ -3,10 +3,8 @@
 from dataclasses import dataclass, field
 
 from planfit.errors import require
-from planfit.matching.keypoints import (
-    KeypointOptions,
-)
-from planfit.matching.loop_closure import CycleOptions
+from planfit.matching.detect import KeypointOptions
+from planfit.matching.loop_closure import CycleConsistencyOptions
 from planfit.matching.matchers import MatcherOptions
 from planfit.matching.pairs import PairOptions
 from planfit.matching.verify import VerifyOptions
@@ -23,9 +21,10 @@ class MatchingOptions:
     pairs: PairOptions = field(default_factory=PairOptions)
     """Which frames are tried with which."""
     verify: VerifyOptions = field(default_factory=VerifyOptions)
-    """When matches are believed."""
-    cycles: CycleOptions = field(default_factory=CycleOptions)
-    """Which loops are look-alikes: their motion departs from what else is known by more than its spread."""
+    """When matches of a pair are accepted."""
+    cycle_consistency: CycleConsistencyOptions = field(default_factory=CycleConsistencyOptions)
+    """Which relative poses are those of look-alikes: they depart from what else is known by more than its
+    sigma explains."""
     colmap: str = ""
     """Path of a COLMAP database, or of the folder of a sparse model, whose matches take the place of our
     own keypoints and pairs. They are verified all the same."""

@@ -1,119 +1,88 @@
-"""The surest way between two frames: along the recorded motion and over loops that are believed."""
+"""The pose graph: frames, recorded motions between them, and the loop closures accepted so far.
 
-import heapq
+Between two frames it gives the most certain path, that whose motion has the smallest variance.
+"""
 
-import numba
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.geometry import se3
+from planfit.matching.kernels import most_certain_paths
 from planfit.scan.odometry import Odometry
 
 LEVER_M = 3.0
-"""A turn's spread counts as much as the shift it makes at this distance, where ways are compared."""
+"""A rotation's sigma counts as much as the translation it makes at this distance, where paths are
+compared."""
 
 
 class PoseGraph:
-    """A graph of frames; each edge has a motion and its spread. Only frames of loops are kept."""
+    """A graph of frames; each edge has a motion and its variance. Only frames of loop closures are nodes."""
 
-    def __init__(self, world_from_cams: np.ndarray, odometry: Odometry, pairs: np.ndarray) -> None:
-        self._stations = np.unique(pairs)
-        before, after = self._stations[:-1], self._stations[1:]
-        # Variances of the steps alone: what an early turn swings is counted once, over the whole way.
-        walked = odometry.walked_m
-        turn_sq, shift_sq = (
+    def __init__(
+        self,
+        world_from_cams: Float[np.ndarray, "n 4 4"],
+        odometry: Odometry,
+        pairs: Int[np.ndarray, "p 2"],
+    ) -> None:
+        """Begin with the recorded motion from each frame of `pairs` to the next of them."""
+        self._frame_idx = np.unique(pairs)
+        before, after = self._frame_idx[:-1], self._frame_idx[1:]
+        # Variances of the steps alone: what an early rotation swings is counted once, over the whole path.
+        # The third number of an edge is its length, m, for that.
+        rotation_sq, translation_sq = (
             np.concatenate([[0.0], np.cumsum(sigma**2)])
             for sigma in (odometry.sigma_rotation, odometry.sigma_translation)
         )
-        recorded = se3.inverse(world_from_cams[before]) @ world_from_cams[after]
-        at = np.arange(len(before))
-        self._ends = np.column_stack([at, at + 1])
-        self._motion = recorded
-        self._spread = np.column_stack([s[after] - s[before] for s in (turn_sq, shift_sq, walked)])
+        sums = (rotation_sq, translation_sq, odometry.walked_m)
+        node = np.arange(len(before))
+        self._edges = np.column_stack([node, node + 1])
+        self._motion = se3.inverse(world_from_cams[before]) @ world_from_cams[after]
+        self._variance = np.column_stack([s[after] - s[before] for s in sums])
 
-    def add(self, pairs: np.ndarray, a_from_b: np.ndarray, turn_deg: float, shift_m: float) -> None:
-        """Add loops (p, 2) with their motion (p, 4, 4) and its spread."""
-        spread = np.zeros((len(pairs), 3))
-        spread[:, 0], spread[:, 1] = np.deg2rad(turn_deg) ** 2, shift_m**2
-        spread[:, 2] = np.linalg.norm(a_from_b[:, :3, 3], axis=1)
-        self._ends = np.concatenate([self._ends, np.searchsorted(self._stations, pairs)])
+    def add(
+        self,
+        pairs: Int[np.ndarray, "p 2"],
+        a_from_b: Float[np.ndarray, "p 4 4"],
+        sigma_rotation_deg: float,
+        sigma_translation_m: float,
+    ) -> None:
+        """Add edges between frames of the graph, with their motion and its standard deviation, each axis."""
+        variance = np.zeros((len(pairs), 3))
+        variance[:, 0] = np.deg2rad(sigma_rotation_deg) ** 2
+        variance[:, 1] = sigma_translation_m**2
+        variance[:, 2] = np.linalg.norm(a_from_b[:, :3, 3], axis=1)
+        # Frame indices to nodes: the frames are sorted, so the place of each is found by bisection.
+        self._edges = np.concatenate([self._edges, np.searchsorted(self._frame_idx, pairs)])
         self._motion = np.concatenate([self._motion, a_from_b])
-        self._spread = np.concatenate([self._spread, spread])
+        self._variance = np.concatenate([self._variance, variance])
 
-    def between(self, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Motion a_from_b (p, 4, 4) along the surest way, and its spread: turn (p,) rad, shift (p,) m."""
-        ends = np.searchsorted(self._stations, pairs)
-        order = np.lexsort((ends[:, 1], ends[:, 0]))
-        both = np.concatenate([self._ends, self._ends[:, ::-1]])
-        out = np.argsort(both[:, 0], kind="stable")
-        begin = np.searchsorted(both[out, 0], np.arange(len(self._stations) + 1))
-        weight = self._spread[:, 0] * LEVER_M**2 + self._spread[:, 1]
-        found = _surest(
+    def most_certain_path(
+        self, pairs: Int[np.ndarray, "p 2"]
+    ) -> tuple[Float[np.ndarray, "p 4 4"], Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+        """Motion a_from_b along the most certain path between frames; sigma of its rotation (rad) and
+        translation (m), each axis."""
+        ends = np.searchsorted(self._frame_idx, pairs)
+        order = np.lexsort((ends[:, 1], ends[:, 0]))  # by source: one search serves all its targets
+        # Each edge is two half-edges, e forth and e + n_edges back. Sorted by the node that they leave,
+        # those of a node lie together: where they begin is found by bisection (compressed rows).
+        n_edges = len(self._edges)
+        half_edges = np.concatenate([self._edges, self._edges[:, ::-1]])
+        out = np.argsort(half_edges[:, 0], kind="stable")
+        begin = np.searchsorted(half_edges[out, 0], np.arange(len(self._frame_idx) + 1))
+        found = most_certain_paths(
             begin,
-            both[out, 1],
-            out % len(self._ends),
-            out >= len(self._ends),
-            weight,
+            half_edges[out, 1],
+            out % n_edges,
+            out >= n_edges,
+            self._variance[:, 0] * LEVER_M**2 + self._variance[:, 1],
             self._motion,
             se3.inverse(self._motion),
-            self._spread,
+            self._variance,
             ends[order],
         )
-        motion, spread = np.zeros_like(found[0]), np.zeros_like(found[1])
-        motion[order], spread[order] = found
-        turn_sq, shift_sq, length = spread.T
-        return motion, np.sqrt(turn_sq), np.sqrt(shift_sq + turn_sq * length**2 / 3)
-
-
-@numba.njit(cache=True, nogil=True)
-def _surest(
-    begin: np.ndarray, to: np.ndarray, edge: np.ndarray, is_back: np.ndarray, weight: np.ndarray,
-    forth: np.ndarray, back: np.ndarray, spread: np.ndarray, ends: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Dijkstra from each source until its targets are reached; `ends` (p, 2) are sorted by source."""
-    motions = np.zeros((len(ends), 4, 4))
-    spreads = np.zeros((len(ends), 3))
-    n = len(begin) - 1
-    k = 0
-    while k < len(ends):
-        source = ends[k, 0]
-        last = k
-        while last < len(ends) and ends[last, 0] == source:
-            last += 1
-        cost = np.full(n, np.inf)
-        via = np.full(n, -1)
-        is_done = np.zeros(n, dtype=np.bool_)
-        is_target = np.zeros(n, dtype=np.bool_)
-        n_left = 0
-        for t in range(k, last):
-            if not is_target[ends[t, 1]]:
-                is_target[ends[t, 1]] = True
-                n_left += 1
-        cost[source] = 0.0
-        heap = [(0.0, source)]
-        before = np.full(n, -1)
-        while len(heap) > 0 and n_left > 0:
-            here_cost, here = heapq.heappop(heap)
-            if is_done[here]:
-                continue
-            is_done[here] = True
-            if is_target[here]:
-                n_left -= 1
-            for e in range(begin[here], begin[here + 1]):
-                new = here_cost + weight[edge[e]]
-                if new < cost[to[e]]:
-                    cost[to[e]] = new
-                    via[to[e]] = e
-                    before[to[e]] = here
-                    heapq.heappush(heap, (new, to[e]))  # type: ignore[arg-type]
-        for t in range(k, last):
-            motion = np.eye(4)
-            node = ends[t, 1]
-            while node != source:
-                e = via[node]
-                step = back[edge[e]] if is_back[e] else forth[edge[e]]
-                motion = step @ motion
-                spreads[t] += spread[edge[e]]
-                node = before[node]
-            motions[t] = motion
-        k = last
-    return motions, spreads
+        motion, variance = np.zeros_like(found[0]), np.zeros_like(found[1])
+        motion[order], variance[order] = found
+        rotation_sq, translation_sq, length = variance.T
+        # As in `Odometry.sigma_between`: rotations along a path swing what follows, a third on average.
+        sigma_translation = np.sqrt(translation_sq + rotation_sq * length**2 / 3)
+        return motion, np.sqrt(rotation_sq), sigma_translation

@@ -3,23 +3,24 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.matching.verify_kernels import agreeing, best_motion, rigid_triples
+from planfit.matching.kernels import agreeing, best_motion, rigid_triples
 
 
 @dataclass(frozen=True)
 class VerifyOptions:
-    """When matches are believed."""
+    """When matches of a pair are accepted."""
 
     sigma_base_m: float = 0.02
-    """Spread of a lifted keypoint at no distance, each axis."""
+    """Standard deviation of a lifted keypoint at no distance, each axis."""
     sigma_per_m: float = 0.01
-    """Growth of that spread with depth."""
+    """Growth of that sigma with depth."""
     max_sigmas: float = 3.0
-    """Distance between two lifted keypoints, in spreads, up to which they are one point."""
+    """Distance between two lifted keypoints, in sigmas, up to which they are one point."""
     max_reprojection_px: float = 4.0
     """Distance in either image up to which they are one point."""
     min_inliers: int = 15
@@ -36,22 +37,29 @@ class VerifyOptions:
 
 @dataclass(frozen=True)
 class RelativePose:
-    """Matches of one pair that agree, and the motion they agree on."""
+    """The motion between two frames that matches agree on, and which of them do."""
 
-    a_from_b: np.ndarray  # (4, 4)
-    is_inlier: np.ndarray  # (m,) bool
+    a_from_b: Float[np.ndarray, "4 4"]
+    is_inlier: Bool[np.ndarray, " m"]
 
 
-def point_sigma(depth: np.ndarray, options: VerifyOptions) -> np.ndarray:
-    """Spread of a lifted keypoint (m), each axis, at a depth (m)."""
+def point_sigma(depth: Float[np.ndarray, " m"], options: VerifyOptions) -> Float[np.ndarray, " m"]:
+    """Standard deviation of a lifted keypoint (m), each axis, at a depth (m)."""
     return options.sigma_base_m + options.sigma_per_m * depth
 
 
+def match_sigma(
+    points_a: Float[np.ndarray, "m 3"], points_b: Float[np.ndarray, "m 3"], options: VerifyOptions
+) -> Float[np.ndarray, " m"]:
+    """Standard deviation (m) of the difference of two lifted keypoints, camera frames, each axis."""
+    return np.hypot(point_sigma(points_a[:, 2], options), point_sigma(points_b[:, 2], options))
+
+
 def verify(
-    points_a: np.ndarray,
-    points_b: np.ndarray,
-    uv_a: np.ndarray,
-    uv_b: np.ndarray,
+    points_a: Float[np.ndarray, "m 3"],
+    points_b: Float[np.ndarray, "m 3"],
+    uv_a: Float[np.ndarray, "m 2"],
+    uv_b: Float[np.ndarray, "m 2"],
     camera_a: Camera,
     camera_b: Camera,
     options: VerifyOptions,
@@ -60,17 +68,18 @@ def verify(
     """RANSAC (Fischler and Bolles 1981) over rigid motions from triples of lifted matches.
 
     Args:
-        points_a, points_b: (m, 3) m, camera frames.
-        uv_a, uv_b: (m, 2) px.
+        points_a, points_b: m, camera frames.
+        uv_a, uv_b: px.
+        camera_a, camera_b: of the two frames.
+        options: see there.
+        rng: draws the triples.
 
     Returns None where too few agree.
     """
     m = len(points_a)
     if m < max(options.min_inliers, 3):
         return None
-    tolerance = options.max_sigmas * np.hypot(
-        point_sigma(points_a[:, 2], options), point_sigma(points_b[:, 2], options)
-    )
+    tolerance = options.max_sigmas * match_sigma(points_a, points_b, options)
     # Most wrong triples fall before any fit; four times the rounds are drawn for that reason.
     drawn = rng.integers(m, size=(4 * options.rounds, 3))
     triples = drawn[rigid_triples(drawn, points_a, points_b, tolerance, options.rounds)]
@@ -80,6 +89,7 @@ def verify(
     a_from_b = candidates[best_motion(candidates, points_a, points_b, tolerance)]
     cameras = np.array([[c.fx, c.fy, c.cx, c.cy] for c in (camera_a, camera_b)])
     is_inlier = np.zeros(m, dtype=bool)
+    # Fitted to all that agree, the motion is surer than that of its triple, and others come to agree.
     for _ in range(4):
         is_inlier = agreeing(
             a_from_b,
@@ -99,9 +109,12 @@ def verify(
     return RelativePose(a_from_b, is_inlier)
 
 
-def _fit_triples(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Rigid a_from_b (r, 4, 4) of triples (r, 3, 3), all at once (Kabsch)."""
+def _fit_triples(
+    a: Float[np.ndarray, "r 3 3"], b: Float[np.ndarray, "r 3 3"]
+) -> Float[np.ndarray, "r 4 4"]:
+    """Rigid a_from_b of triples of points, all at once (Kabsch 1976)."""
     mean_a, mean_b = a.mean(axis=1), b.mean(axis=1)
+    # The sum over points of a b^T, a product of matrices a triple; the nearest rotation to it is the best.
     covariance = np.swapaxes(a - mean_a[:, None], 1, 2) @ (b - mean_b[:, None])
     rotation = se3.project_to_so3(covariance)
     return se3.make_transform(rotation, mean_a - (rotation @ mean_b[..., None])[..., 0])

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import CAMERA, look, room_scan
-from planfit.matching.keypoints import (
+from planfit.matching.detect import (
     KeypointOptions,
     detect,
     lift,

@@ -1,14 +1,16 @@
-"""Keypoints with depth: found in the image, lifted to 3D where the depth can be trusted."""
+"""Keypoints with depth: found in the image (SIFT, ORB), lifted to 3D where the depth can be trusted."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import cv2
 import numpy as np
+from jaxtyping import Float, Float32, Int, Real, UInt8
 
 from planfit.errors import require_choice, require_positive
 from planfit.geometry.camera import Camera
-from planfit.matching.detectors import Detections, Detector, orb, sift
+from planfit.matching.types import Detections, Detector, Keypoints
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class KeypointOptions:
     """Keypoints further away are dropped: depth noise there says little about the pose."""
     edge_step: float = 0.04
     """Depth may change by this share of itself within 2 px of a keypoint; more is a depth edge, where
-    the reading may belong to either side."""
+    the measured depth may belong to either side."""
     weights: str = "magic-leap-community/superpoint"
     """Hub name or folder of SuperPoint's weights."""
     device: str = "cpu"
@@ -35,20 +37,6 @@ class KeypointOptions:
     def __post_init__(self) -> None:
         require_choice(self, "kind", "sift", "orb", "superpoint")
         require_positive(self, "max_per_frame", "contrast_threshold", "max_depth_m", "edge_step")
-
-
-@dataclass(frozen=True)
-class Keypoints:
-    """Keypoints of one frame that have a depth."""
-
-    uv: np.ndarray  # (k, 2) float32 px, sub-pixel
-    points_cam: np.ndarray  # (k, 3) float32 m
-    scores: np.ndarray  # (k,) float32, how strong each is
-    descriptors: np.ndarray  # (k, d), compared by Euclidean distance
-    sharpness: np.ndarray | np.float32  # () float32, of the image
-
-    def __len__(self) -> int:
-        return len(self.uv)
 
 
 def make_detector(options: KeypointOptions) -> Detector:
@@ -66,14 +54,56 @@ def make_detector(options: KeypointOptions) -> Detector:
     return superpoint(options.weights, options.device, options.max_per_frame)
 
 
+def sift(max_per_frame: int, contrast_threshold: float) -> Detector:
+    """SIFT (Lowe 2004) with RootSIFT descriptors (Arandjelovic and Zisserman 2012).
+
+    The Euclidean distance of RootSIFT is the Hellinger distance of the histograms. Descriptors are
+    (k, 128) uint8, scaled by 512.
+    """
+
+    def detect(
+        grey: UInt8[np.ndarray, "h w"], useful: UInt8[np.ndarray, "h w"] | None
+    ) -> Detections:
+        # OpenCV heeds the mask after it has chosen the strongest, before it describes them.
+        found, raw = cv2.SIFT.create(
+            nfeatures=max_per_frame, contrastThreshold=contrast_threshold
+        ).detectAndCompute(grey, np.array([]) if useful is None else useful)
+        if not found:
+            return _no_detections(128)
+        normalised = raw / np.maximum(raw.sum(axis=1, keepdims=True), 1e-6)
+        descriptors = np.minimum(np.sqrt(normalised) * 512.0, 255.0).astype(np.uint8)
+        return Detections(*_locations(found), descriptors)
+
+    return detect
+
+
+def orb(max_per_frame: int) -> Detector:
+    """ORB (Rublee et al. 2011): a quarter of SIFT's time, fewer and less exact matches.
+
+    Descriptors are their bits apart, (k, 256) uint8 of 0 and 1: the squared Euclidean distance is then
+    the Hamming distance, and all that follows need not know which kind it is given.
+    """
+
+    # With a mask OpenCV's ORB would choose other keypoints; describing them takes little time anyway.
+    def detect(grey: UInt8[np.ndarray, "h w"], _: object) -> Detections:
+        found, raw = cv2.ORB.create(nfeatures=max_per_frame, fastThreshold=8).detectAndCompute(
+            grey, np.array([])
+        )
+        if not found:
+            return _no_detections(256)
+        return Detections(*_locations(found), np.unpackbits(raw.astype(np.uint8), axis=1))
+
+    return detect
+
+
 def detect(
-    color: np.ndarray,
-    depth: np.ndarray,
+    color: UInt8[np.ndarray, "h w 3"],
+    depth: Float[np.ndarray, "h w"],
     camera: Camera,
     options: KeypointOptions,
     detector: Detector | None = None,
 ) -> Keypoints:
-    """Keypoints of a colour image (h, w, 3) with depth (h, w) m; `detector` saves making one a frame."""
+    """Keypoints of a colour image with its depth (m); `detector` saves making one a frame."""
     grey = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
     useful = may_have_depth(depth, options.edge_step)
     found = (detector or make_detector(options))(grey, useful)
@@ -81,13 +111,13 @@ def detect(
 
 
 def lift(
-    color: np.ndarray,
-    depth: np.ndarray,
+    color: UInt8[np.ndarray, "h w 3"],
+    depth: Float[np.ndarray, "h w"],
     camera: Camera,
     options: KeypointOptions,
     found: Detections,
-) -> tuple[Keypoints, np.ndarray]:
-    """Those detections whose depth can be trusted, and their indices (k,)."""
+) -> tuple[Keypoints, Int[np.ndarray, " k"]]:
+    """Those detections whose depth can be trusted, and their indices."""
     depth_at = sample_depth(depth, found.uv, options.edge_step)
     # A keypoint with several orientations is listed once for each; the same uv twice is no new evidence
     # for the pose, but a match may need either descriptor, so all stay here.
@@ -103,8 +133,8 @@ def lift(
     return keypoints, kept
 
 
-def sharpness(grey: np.ndarray) -> np.float32:
-    """How sharp an image (h, w) uint8 is, () float32: spread of its Laplacian over that of its grey.
+def sharpness(grey: UInt8[np.ndarray, "h w"]) -> np.float32:
+    """How sharp an image is: standard deviation of its Laplacian over that of its grey.
 
     Dividing makes a dark frame of a scene no less sharp than a bright one.
     """
@@ -114,32 +144,35 @@ def sharpness(grey: np.ndarray) -> np.float32:
     return np.float32(edges.std() / max(float(half.std()), 1.0))
 
 
-def may_have_depth(depth: np.ndarray, edge_step: float) -> np.ndarray:
-    """Where (h, w) uint8 keypoints may have a depth: 0 where `sample_depth` gives NaN all about.
+def may_have_depth(depth: Float[np.ndarray, "h w"], edge_step: float) -> UInt8[np.ndarray, "h w"]:
+    """Where keypoints may have a depth: 0 where `sample_depth` gives NaN all about.
 
     The 5x5 pixels about the nearest one are part of the 6x6 that it looks at.
     """
     filled = np.where(np.isfinite(depth), depth, np.float32(0.0))
     window = np.ones((5, 5), np.uint8)
+    # Erosion and dilation are the minimum and the maximum over the window.
     low, high = cv2.erode(filled, window), cv2.dilate(filled, window)
     return ((low > 0) & (high - low <= edge_step * low)).astype(np.uint8)
 
 
-def sample_depth(depth: np.ndarray, uv: np.ndarray, edge_step: float) -> np.ndarray:
-    """Depth (k,) m at sub-pixel uv (k, 2), bilinear; NaN off the image, at holes and at depth edges."""
+def sample_depth(
+    depth: Float[np.ndarray, "h w"], uv: Real[np.ndarray, "k 2"], edge_step: float
+) -> Float[np.ndarray, " k"]:
+    """Depth (m) at sub-pixel locations, bilinear; NaN off the image, at holes and at depth edges."""
     height, width = depth.shape
     u, v = uv[:, 0], uv[:, 1]
     inside = (u >= 2) & (v >= 2) & (u < width - 3) & (v < height - 3)
     column, row = np.floor(u[inside]).astype(int), np.floor(v[inside]).astype(int)
-    # The 6x6 patch reaches 2 px beyond the four pixels that are interpolated.
+    # The 6x6 window reaches 2 px beyond the four pixels that are interpolated; one gather takes (k, 6, 6).
     offsets = np.arange(-2, 4)
-    patch = depth[row[:, None, None] + offsets[:, None], column[:, None, None] + offsets[None, :]]
-    low, high = patch.min(axis=(1, 2)), patch.max(axis=(1, 2))  # NaN if any reading is missing
+    window = depth[row[:, None, None] + offsets[:, None], column[:, None, None] + offsets[None, :]]
+    low, high = window.min(axis=(1, 2)), window.max(axis=(1, 2))  # NaN if any is missing
     # A plane seen at a slant changes steadily; the tolerance is on top of nothing, so it bounds the
     # slant too: 4 % over 6 px is 70 degrees off the axis at a focal length of 500 px.
     smooth = (high - low) <= edge_step * low
     fu, fv = u[inside] - column, v[inside] - row
-    corner = patch[:, 2:4, 2:4]
+    corner = window[:, 2:4, 2:4]
     value = (
         corner[:, 0, 0] * (1 - fu) * (1 - fv)
         + corner[:, 0, 1] * fu * (1 - fv)
@@ -149,3 +182,23 @@ def sample_depth(depth: np.ndarray, uv: np.ndarray, edge_step: float) -> np.ndar
     result = np.full(len(uv), np.nan)
     result[inside] = np.where(smooth, value, np.nan)
     return result
+
+
+def without_descriptors(uv: Float32[np.ndarray, "k 2"]) -> Detections:
+    """Keypoints (px) that came from elsewhere, with their matches."""
+    k = len(uv)
+    return Detections(uv, np.ones(k, np.float32), np.zeros((k, 0), np.uint8))
+
+
+def _locations(
+    found: Sequence[cv2.KeyPoint],
+) -> tuple[Float32[np.ndarray, "k 2"], Float32[np.ndarray, " k"]]:
+    """Where OpenCV's keypoints lie (px), and how strong they are."""
+    uv = np.array([k.pt for k in found], dtype=np.float32)
+    return uv, np.array([k.response for k in found], dtype=np.float32)
+
+
+def _no_detections(dims: int) -> Detections:
+    return Detections(
+        np.zeros((0, 2), np.float32), np.zeros(0, np.float32), np.zeros((0, dims), np.uint8)
+    )

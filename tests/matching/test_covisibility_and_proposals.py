@@ -1,4 +1,4 @@
-"""Overlap guessed from a few points, and pairs around loops that were verified."""
+"""Covisibility guessed from a few points, and pairs proposed around loop closures that were accepted."""
 
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from builders import CAMERA, look
 from planfit.geometry import se3
 from planfit.matching.covisibility import MARGIN, N_POINTS, sample_views
-from planfit.matching.guided_proposals import around_loops
-from planfit.matching.loop_closure import RelativePoses
+from planfit.matching.loop_closure import propose_loop_closures
 from planfit.matching.pairs import PairOptions
+from planfit.matching.types import RelativePoses
 
 
 def views(rng, n, depth_m=3.0, points=100):
@@ -22,7 +22,7 @@ def views(rng, n, depth_m=3.0, points=100):
     return sample_views(lifted, (CAMERA,) * n)
 
 
-def test_overlap_against_a_plain_projection(rng):
+def test_covisibility_against_a_plain_projection(rng):
     poses = np.stack([look([0, 0, 0], 0), look([0.3, 0.5, 0], 20, 3), look([0, 0, 0], 180)])
     samples = views(rng, 3)
     pairs = np.array([(0, 1), (0, 2), (1, 2)])
@@ -40,9 +40,9 @@ def test_overlap_against_a_plain_projection(rng):
             shares.append(np.mean(inside & (points[:, 2] > 0.1)))
         expected.append(min(shares))
     assert 0.2 < expected[0] < 1.0
-    assert_allclose(samples.overlap(poses, pairs), expected)
+    assert_allclose(samples.covisibility(poses, pairs), expected)
     motion = se3.inverse(poses[pairs[:, 0]]) @ poses[pairs[:, 1]]
-    assert_allclose(samples.overlap_of(pairs, motion), expected)
+    assert_allclose(samples.covisibility_by_motion(pairs, motion), expected)
 
 
 def test_a_view_is_all_of_itself_and_a_frame_without_points_shows_nothing(rng):
@@ -53,7 +53,7 @@ def test_a_view_is_all_of_itself_and_a_frame_without_points_shows_nothing(rng):
     assert samples.points_cam.shape == (3, N_POINTS, 3)
     assert np.isfinite(samples.points_cam[2]).all()
     pose = np.tile(look([0, 0, 0], 0), (3, 1, 1))
-    assert_array_equal(samples.overlap(pose, np.array([(0, 0), (0, 1), (2, 2)])), [1, 0, 1])
+    assert_array_equal(samples.covisibility(pose, np.array([(0, 0), (0, 1), (2, 2)])), [1, 0, 1])
 
 
 def case(rng, off_m=4.0):
@@ -71,45 +71,47 @@ def case(rng, off_m=4.0):
     )
 
 
-def test_neighbours_of_a_loop_are_tried_by_its_motion(rng):
+def test_neighbours_of_a_loop_closure_are_tried_by_its_motion(rng):
     _, recorded, loop, samples = case(rng)
     none = np.zeros((0, 2), dtype=int)
-    found = around_loops(loop, none, np.arange(40), recorded, samples, PairOptions())
+    found = propose_loop_closures(loop, none, np.arange(40), recorded, samples, PairOptions())
     pairs = set(map(tuple, found.tolist()))
     assert {(4, 24), (6, 26), (3, 23), (7, 27)} <= pairs
     assert all(i < 20 <= j for i, j in pairs)
     assert found.tolist() == sorted(found.tolist())
-    # What the recorded poses alone would have said: hardly any overlap.
-    assert samples.overlap(recorded, np.array([(6, 26)]))[0] < 0.3
+    # What the recorded poses alone would have said: hardly covisible.
+    assert samples.covisibility(recorded, np.array([(6, 26)]))[0] < 0.3
 
 
 def test_pairs_tried_before_are_not_tried_again(rng):
     _, recorded, loop, samples = case(rng)
     tried = np.array([(4, 24), (5, 25)])
-    found = around_loops(loop, tried, np.arange(40), recorded, samples, PairOptions())
+    found = propose_loop_closures(loop, tried, np.arange(40), recorded, samples, PairOptions())
     assert not {(4, 24), (5, 25)} & set(map(tuple, found.tolist()))
     assert len(found) > 0
 
 
-def test_views_that_do_not_overlap_are_not_tried(rng):
+def test_views_that_are_not_covisible_are_not_tried(rng):
     _, recorded, loop, samples = case(rng)
     recorded[26:28, :3, :3] = look([0, 0, 0], 180)[:3, :3]
     none = np.zeros((0, 2), dtype=int)
-    found = around_loops(loop, none, np.arange(40), recorded, samples, PairOptions())
+    found = propose_loop_closures(loop, none, np.arange(40), recorded, samples, PairOptions())
     assert not np.isin(found, [26, 27]).any()
 
 
-def test_expanded_per_frame(rng):
+def test_guided_per_frame(rng):
     _, recorded, loop, samples = case(rng)
     none = np.zeros((0, 2), dtype=int)
     for most in (0, 1, 3):
-        options = PairOptions(expanded_per_frame=most)
-        found = around_loops(loop, none, np.arange(40), recorded, samples, options)
+        options = PairOptions(guided_per_frame=most)
+        found = propose_loop_closures(loop, none, np.arange(40), recorded, samples, options)
         assert np.bincount(found.ravel(), minlength=40).max() == most
 
 
-def test_neighbours_in_time_are_no_loops(rng):
+def test_neighbours_in_time_are_no_loop_closures(rng):
     _, recorded, _, samples = case(rng)
     near = RelativePoses(np.array([[5, 7]]), np.eye(4)[None], np.array([40]))
     none = np.zeros((0, 2), dtype=int)
-    assert len(around_loops(near, none, np.arange(40), recorded, samples, PairOptions())) == 0
+    assert (
+        len(propose_loop_closures(near, none, np.arange(40), recorded, samples, PairOptions())) == 0
+    )

@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 
 from builders import CAMERA
 from planfit.geometry import se3
-from planfit.matching.verify_kernels import MIN_SIDE_M, agreeing, best_motion, rigid_triples
+from planfit.matching.kernels import MIN_SIDE_M, agreeing, best_motion, rigid_triples
 
 
 def points_and_motions(rng, m=80, r=40):

@@ -1,4 +1,4 @@
-"""Loops that must be believed, and look-alikes that must not, among trajectories that drift."""
+"""Loop closures that must be accepted, and look-alikes that must not, among trajectories that drift."""
 
 import itertools
 
@@ -8,8 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import look
 from planfit.geometry import se3
-from planfit.matching.loop_closure import CycleOptions, RelativePoses, agree_with_cycles
+from planfit.matching.loop_closure import CycleConsistencyOptions, cycle_consistent
 from planfit.matching.pose_graph import PoseGraph
+from planfit.matching.types import RelativePoses
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 DRIFT = OdometryOptions()
@@ -37,12 +38,12 @@ def walk(*centres, n=40):
     return np.stack(poses), begins
 
 
-def drifted(poses, seed=0, turn_deg=0.2, shift_m=0.01):
+def drifted(poses, seed=0, rotation_deg=0.2, translation_m=0.01):
     rng = np.random.default_rng(seed)
     result = [poses[0]]
     for a, b in itertools.pairwise(poses):
         step = se3.inverse(a) @ b
-        delta = rng.normal(size=6) * ([np.deg2rad(turn_deg)] * 3 + [shift_m] * 3)
+        delta = rng.normal(size=6) * ([np.deg2rad(rotation_deg)] * 3 + [translation_m] * 3)
         result.append(result[-1] @ se3.retract(step[None], delta[None])[0])
     return np.stack(result)
 
@@ -55,22 +56,17 @@ def loops(poses, pairs, as_seen_from=None):
     return RelativePoses(pairs, motion, np.full(len(pairs), 50))
 
 
-def joined(*parts):
-    return RelativePoses(*(np.concatenate([getattr(p, f) for p in parts])
-                   for f in ("pairs", "a_from_b", "n_inliers")))  # fmt: skip
-
-
-def believed(found, recorded, drift=DRIFT, **options):
-    return agree_with_cycles(
-        found, recorded, make_odometry(recorded, drift), CycleOptions(**options)
+def accepted(found, recorded, drift=DRIFT, **options):
+    return cycle_consistent(
+        found, recorded, make_odometry(recorded, drift), CycleConsistencyOptions(**options)
     )
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_true_loops_of_a_scan_that_drifts_are_believed(seed):
+def test_true_loop_closures_of_a_scan_that_drifts_are_believed(seed):
     poses, (a, b, c) = walk((0, 0), (12, 0), (0, 0))
     true = loops(poses, [(a + k, c + k) for k in range(40)] + [(b, b + 39)])
-    assert believed(true, drifted(poses, seed)).mean() > 0.95
+    assert accepted(true, drifted(poses, seed)).mean() > 0.95
 
 
 def look_alikes(poses, first, second, ahead):
@@ -81,36 +77,36 @@ def look_alikes(poses, first, second, ahead):
     return loops(poses, pairs, moved)
 
 
-def test_a_look_alike_room_within_reach_of_drift_is_refused_by_what_ties_the_two():
-    # Three laps in each of two rooms 4 m apart: by the end six spreads of drift are more than 4 m.
+def test_a_look_alike_room_within_reach_of_drift_is_refused_by_what_connects_the_two():
+    # Three laps in each of two rooms 4 m apart: by the end six sigmas of drift are more than 4 m.
     poses, begins = walk((0, 0), (0, 0), (0, 0), (0, 4), (0, 4), (0, 4))
     recorded = drifted(poses, 1)
     odometry = make_odometry(recorded, UNSURE)
-    _, shift = odometry.sigma_between(np.array([0]), np.array([len(poses) - 1]))
-    assert 6 * shift[0] > 4.5
+    _, translation = odometry.sigma_between(np.array([0]), np.array([len(poses) - 1]))
+    assert 6 * translation[0] > 4.5
     false = look_alikes(poses, begins[0], begins[5], np.array([0, 4.0, 0]))
     true = loops(poses, [(begins[i] + k, begins[i + 1] + k) for i in (0, 1, 3, 4)
                          for k in range(0, 40, 2)])  # fmt: skip
-    is_believed = believed(joined(true, false), recorded, UNSURE)
-    assert is_believed[: len(true.pairs)].mean() > 0.95
-    assert not is_believed[len(true.pairs) :].any()
+    is_accepted = accepted(true.joined(false), recorded, UNSURE)
+    assert is_accepted[: len(true.pairs)].mean() > 0.95
+    assert not is_accepted[len(true.pairs) :].any()
     # Without the true loops nothing but drift can tell, and drift could explain most of them.
-    assert believed(false, recorded, UNSURE, max_unsure_sigmas=6.0).any()
+    assert accepted(false, recorded, UNSURE, max_uncertain_sigmas=6.0).any()
 
 
 def test_order_does_not_matter():
     poses, (a, _, c) = walk((0, 0), (12, 0), (0, 0))
     found = loops(poses, [(a + k, c + k) for k in range(40)])
     recorded = drifted(poses, 2)
-    one = believed(found, recorded)
+    one = accepted(found, recorded)
     turned = np.arange(40)[::-1]
-    assert_array_equal(believed(found[turned], recorded), one[turned])
+    assert_array_equal(accepted(found[turned], recorded), one[turned])
 
 
 def test_no_loops_at_all():
     poses, _ = walk((0, 0))
-    none = RelativePoses(np.zeros((0, 2), dtype=int), np.zeros((0, 4, 4)), np.zeros(0))
-    assert believed(none, poses).shape == (0,)
+    none = RelativePoses(np.zeros((0, 2), dtype=int), np.zeros((0, 4, 4)), np.zeros(0, dtype=int))
+    assert accepted(none, poses).shape == (0,)
 
 
 def test_slack_and_sigmas():
@@ -118,18 +114,18 @@ def test_slack_and_sigmas():
     off = loops(poses, [(a, c)])
     off.a_from_b[0, 0, 3] += 0.5
     exact = OdometryOptions(1e-5, 0.0, 1e-5, 0.0)
-    assert not believed(off, poses, exact).any()
-    assert believed(off, poses, exact, slack_m=0.6).all()
+    assert not accepted(off, poses, exact).any()
+    assert accepted(off, poses, exact, translation_slack_m=0.6).all()
     turned = loops(poses, [(a, c)])
     turned.a_from_b[0, :3, :3] @= se3.exp_so3(np.array([0.1, 0, 0]))
-    assert not believed(turned, poses, exact).any()
-    assert believed(turned, poses, exact, slack_deg=7.0).all()
-    _, shift = make_odometry(poses, DRIFT).sigma_between(np.array([a]), np.array([c]))
+    assert not accepted(turned, poses, exact).any()
+    assert accepted(turned, poses, exact, rotation_slack_deg=7.0).all()
+    _, translation = make_odometry(poses, DRIFT).sigma_between(np.array([a]), np.array([c]))
     far = loops(poses, [(a, c)])
-    far.a_from_b[0, 2, 3] += 5.0 * shift[0] + 0.25
-    assert not believed(far, poses, sure_m=0.1).any()
-    assert believed(far, poses, sure_m=0.1, max_unsure_sigmas=6.0).all()
-    assert believed(far, poses, sure_m=50.0).all()
+    far.a_from_b[0, 2, 3] += 5.0 * translation[0] + 0.25
+    assert not accepted(far, poses, certain_m=0.1).any()
+    assert accepted(far, poses, certain_m=0.1, max_uncertain_sigmas=6.0).all()
+    assert accepted(far, poses, certain_m=50.0).all()
 
 
 def test_one_of_a_cluster_speaks_for_those_that_agree_with_it_alone():
@@ -138,40 +134,40 @@ def test_one_of_a_cluster_speaks_for_those_that_agree_with_it_alone():
     found.n_inliers[0] = 90
     found.a_from_b[3, 0, 3] += 6.0
     for size in (0.2, 5.0):
-        is_believed = believed(found, poses, sure_m=0.1, cluster_m=size)
-        assert_array_equal(is_believed, [True, True, True, False])
+        is_accepted = accepted(found, poses, certain_m=0.1, cluster_m=size)
+        assert_array_equal(is_accepted, [True, True, True, False])
 
 
-def test_a_way_over_a_loop_is_surer_than_the_long_way_round():
+def test_a_path_over_a_loop_closure_is_more_certain_than_the_long_way_round():
     poses, (a, _, c) = walk((0, 0), (12, 0), (0, 0))
     odometry = make_odometry(drifted(poses, 3), DRIFT)
     recorded = drifted(poses, 3)
     pairs = np.array([(a, c), (a + 5, c + 5), (a + 5, a + 9)])
-    ways = PoseGraph(recorded, odometry, pairs)
-    motion, turn, shift = ways.between(pairs)
+    graph = PoseGraph(recorded, odometry, pairs)
+    motion, rotation, translation = graph.most_certain_path(pairs)
     assert_allclose(motion, se3.inverse(recorded[pairs[:, 0]]) @ recorded[pairs[:, 1]], atol=1e-9)
     expected = odometry.sigma_between(*pairs.T)
-    assert_allclose(turn, expected[0])
-    assert_allclose(shift, expected[1])
+    assert_allclose(rotation, expected[0])
+    assert_allclose(translation, expected[1])
     true = loops(poses, [(a, c)])
-    ways.add(true.pairs, true.a_from_b, 0.5, 0.03)
-    motion, turn_now, shift_now = ways.between(pairs)
-    assert turn_now[1] < turn[1]
-    assert shift_now[1] < 0.3 * shift[1]
+    graph.add(true.pairs, true.a_from_b, 0.5, 0.03)
+    motion, rotation_now, translation_now = graph.most_certain_path(pairs)
+    assert rotation_now[1] < rotation[1]
+    assert translation_now[1] < 0.3 * translation[1]
     assert_allclose(motion[0], true.a_from_b[0], atol=1e-9)
     over = (
         se3.inverse(recorded[a + 5]) @ recorded[a] @ true.a_from_b[0]
         @ se3.inverse(recorded[c]) @ recorded[c + 5]
     )  # fmt: skip
     assert_allclose(motion[1], over, atol=1e-9)
-    assert_allclose(shift_now[2], shift[2])
+    assert_allclose(translation_now[2], translation[2])
 
 
 def test_the_way_back_is_the_inverse():
     poses, (a, _, c) = walk((0, 0), (12, 0), (0, 0))
     pairs = np.array([(a, c), (c, a), (c + 5, a + 5)])
-    ways = PoseGraph(poses, make_odometry(poses, DRIFT), pairs)
+    graph = PoseGraph(poses, make_odometry(poses, DRIFT), pairs)
     true = loops(poses, [(a, c)])
-    ways.add(true.pairs, true.a_from_b, 0.5, 0.03)
-    motion, _, _ = ways.between(pairs)
+    graph.add(true.pairs, true.a_from_b, 0.5, 0.03)
+    motion, _, _ = graph.most_certain_path(pairs)
     assert_allclose(motion, se3.inverse(poses[pairs[:, 0]]) @ poses[pairs[:, 1]], atol=1e-9)

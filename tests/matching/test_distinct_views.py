@@ -4,7 +4,7 @@ import numpy as np
 from numpy.testing import assert_array_equal
 
 from builders import look
-from planfit.matching.views import distinct_views
+from planfit.matching.pairs import distinct_views
 
 
 def walked(poses):

@@ -9,9 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from builders import NoFiles, look, make_matches, random_transforms, room_scan
 from planfit.geometry import se3
 from planfit.matching import MatchingOptions, find_matches
-from planfit.matching.keypoints import KeypointOptions
-from planfit.matching.loop_closure import CycleOptions
-from planfit.matching.matchers import match_descriptors
+from planfit.matching.detect import KeypointOptions
+from planfit.matching.loop_closure import CycleConsistencyOptions
 from planfit.matching.pairs import PairOptions
 from planfit.matching.verify import VerifyOptions, point_sigma
 from planfit.pipeline.validation import match_distances
@@ -24,6 +23,10 @@ POSES = np.stack([look([1.0 + 0.15 * i, 2.0, 1.3], 4.0 * i, 5) for i in range(6)
 def found(scan, options=None, drift=None, runtime=None):
     odometry = make_odometry(scan.world_from_cams, drift or OdometryOptions())
     return find_matches(scan, odometry, options or MatchingOptions(), runtime or Runtime(2))
+
+
+def consistent(**options):
+    return MatchingOptions(cycle_consistency=CycleConsistencyOptions(**options))
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +50,8 @@ def test_matched_points_coincide_at_the_true_poses(scan, matches):
 
 
 def test_sigma_is_that_of_both_ends(matches):
-    spread = [point_sigma(p[:, 2], VerifyOptions()) for p in (matches.points_a, matches.points_b)]
-    assert_allclose(matches.sigma, np.hypot(*spread))
+    sigmas = [point_sigma(p[:, 2], VerifyOptions()) for p in (matches.points_a, matches.points_b)]
+    assert_allclose(matches.sigma, np.hypot(*sigmas))
 
 
 def test_threads_and_cache_do_not_change_the_result(scan, matches, tmp_path):
@@ -82,25 +85,37 @@ def test_slack_and_sigmas_set_how_far_a_motion_may_depart():
     sure = OdometryOptions(0.05, 0.0, 0.1, 0.0)
     assert (
         found(
-            scan, MatchingOptions(cycles=CycleOptions(max_sigmas=3.0, max_unsure_sigmas=3.0)), sure
+            scan,
+            MatchingOptions(
+                cycle_consistency=CycleConsistencyOptions(max_sigmas=3.0, max_uncertain_sigmas=3.0)
+            ),
+            sure,
         ).n_matches
         == 0
     )
     assert (
         found(
             scan,
-            MatchingOptions(cycles=CycleOptions(max_sigmas=12.0, max_unsure_sigmas=12.0)),
+            MatchingOptions(
+                cycle_consistency=CycleConsistencyOptions(
+                    max_sigmas=12.0, max_uncertain_sigmas=12.0
+                )
+            ),
             sure,
         ).n_matches
         > 50
     )
-    slack = MatchingOptions(cycles=CycleOptions(max_sigmas=0.0, slack_m=0.6))
+    slack = MatchingOptions(
+        cycle_consistency=CycleConsistencyOptions(max_sigmas=0.0, translation_slack_m=0.6)
+    )
     assert found(scan, slack, sure).n_matches > 50
     turned = POSES[[0, 0]].copy()
     turned[1] = turned[1] @ se3.make_transform(se3.exp_so3(np.array([0, 0.1, 0])), np.zeros(3))
     turned = replace(scan, world_from_cams=turned)
-    assert found(turned, MatchingOptions(cycles=CycleOptions(max_sigmas=0.0)), sure).n_matches == 0
-    slack = MatchingOptions(cycles=CycleOptions(max_sigmas=0.0, slack_deg=7.0))
+    assert found(turned, consistent(max_sigmas=0.0), sure).n_matches == 0
+    slack = MatchingOptions(
+        cycle_consistency=CycleConsistencyOptions(max_sigmas=0.0, rotation_slack_deg=7.0)
+    )
     assert found(turned, slack, sure).n_matches > 50
 
 
@@ -155,32 +170,3 @@ def test_loops_are_pairs_beyond_the_neighbours(rng):
     matches = make_matches(poses, [(0, 1), (0, 4), (0, 5), (2, 11)], rng.normal(size=(5, 3)))
     assert matches.n_loops(4) == 2
     assert matches.n_loops(1) == 3
-
-
-def test_mutual_nearest_neighbours_against_a_loop(rng):
-    a = rng.integers(0, 256, (60, 128)).astype(np.uint8)
-    b = np.concatenate([a[:30], rng.integers(0, 256, (40, 128)).astype(np.uint8)])
-    b = np.clip(b.astype(int) + rng.integers(-20, 21, b.shape), 0, 255).astype(np.uint8)
-    expected = []
-    distance = np.linalg.norm(a[:, None].astype(float) - b[None], axis=2)
-    for i in range(60):
-        best, second = np.argsort(distance[i])[:2]
-        if distance[:, best].argmin() == i and distance[i, best] < 0.85 * distance[i, second]:
-            expected.append((i, best))
-    assert_array_equal(match_descriptors(a, b, 0.85), expected)
-    assert len(expected) >= 30
-
-
-def test_max_ratio_refuses_ambiguous_matches():
-    a = np.zeros((2, 128), np.uint8)
-    a[1] = 200
-    b = np.zeros((3, 128), np.uint8)
-    b[0, 0], b[1, 0], b[2] = 8, 10, 200
-    assert_array_equal(match_descriptors(a, b, 0.7), [[1, 2]])
-    assert_array_equal(match_descriptors(a, b, 0.9), [[0, 0], [1, 2]])
-
-
-@pytest.mark.parametrize("sizes", [(0, 5), (5, 0), (1, 5), (5, 1)])
-def test_too_few_descriptors_to_compare(rng, sizes):
-    a, b = (rng.integers(0, 256, (n, 128)).astype(np.uint8) for n in sizes)
-    assert match_descriptors(a, b, 0.85).shape == (0, 2)

@@ -1,0 +1,293 @@
+"""Compiled loops of matching: descriptors, verification, budgets, covisibility, paths.
+
+In NumPy they are hundreds of calls on arrays of a few hundred rows, each under the interpreter's lock:
+a second thread then mostly waits. Numba compiles their types, which nothing can wrap: shapes are in the
+docstrings here, and in the annotations of the functions that call them.
+"""
+
+import heapq
+
+import numba
+import numpy as np
+
+MIN_SIDE_M = 0.2
+"""Triples with a shorter side say too little of the rotation."""
+
+
+@numba.njit(cache=True, nogil=True)
+def rigid_triples(
+    triples: np.ndarray,
+    points_a: np.ndarray,
+    points_b: np.ndarray,
+    tolerance: np.ndarray,
+    most: int,
+) -> np.ndarray:
+    """Indices (r,) of the first `most` triples (t, 3) whose mutual distances agree in both frames.
+
+    A rigid motion keeps distances: those of points (m, 3) may differ by their tolerances (m,), m.
+    """
+    kept = np.zeros(most, dtype=np.int64)
+    n_kept = 0
+    for t in range(len(triples)):
+        is_rigid = True
+        for side in range(3):
+            j, k = triples[t, side], triples[t, (side + 1) % 3]
+            side_a = np.sqrt(_distance_sq(points_a[j], points_a[k]))
+            side_b = np.sqrt(_distance_sq(points_b[j], points_b[k]))
+            allowed = np.sqrt(tolerance[j] ** 2 + tolerance[k] ** 2)
+            if not (abs(side_a - side_b) < allowed and side_a > MIN_SIDE_M):
+                is_rigid = False
+                break
+        if is_rigid:
+            kept[n_kept] = t
+            n_kept += 1
+            if n_kept == most:
+                break
+    return kept[:n_kept]
+
+
+@numba.njit(cache=True, nogil=True)
+def best_motion(
+    a_from_b: np.ndarray, points_a: np.ndarray, points_b: np.ndarray, tolerance: np.ndarray
+) -> int:
+    """Index of the motion (r, 4, 4) that brings points_b (m, 3) nearest to points_a, r >= 1.
+
+    By truncated squares rather than counts (MSAC, Torr and Zisserman 2000): among motions that as many
+    agree with, the tighter one wins. A motion is left as soon as it is worse than the best before it.
+    """
+    best, least = 0, np.inf
+    for r in range(len(a_from_b)):
+        score = 0.0
+        for k in range(len(points_a)):
+            moved = _moved(a_from_b[r], points_b[k])
+            score += min(_distance_sq(moved, points_a[k]) / tolerance[k] ** 2, 1.0)
+            if score >= least:
+                break
+        if score < least:
+            best, least = r, score
+    return best
+
+
+@numba.njit(cache=True, nogil=True)
+def agreeing(
+    a_from_b: np.ndarray,
+    points_a: np.ndarray,
+    points_b: np.ndarray,
+    uv_a: np.ndarray,
+    uv_b: np.ndarray,
+    cameras: np.ndarray,
+    tolerance: np.ndarray,
+    max_reprojection_px: float,
+) -> np.ndarray:
+    """Which matches (m,) lie together in 3D, within tolerance (m,) m, and in both images.
+
+    `cameras` (2, 4) are fx fy cx cy of both. A point behind a camera is in no image.
+    """
+    b_from_a = np.eye(4)
+    for r in range(3):
+        for c in range(3):
+            b_from_a[r, c] = a_from_b[c, r]
+            b_from_a[r, 3] -= a_from_b[c, r] * a_from_b[c, 3]
+    agrees = np.zeros(len(points_a), dtype=np.bool_)
+    for k in range(len(points_a)):
+        b_in_a = _moved(a_from_b, points_b[k])
+        agrees[k] = (
+            _distance_sq(b_in_a, points_a[k]) < tolerance[k] ** 2
+            and _is_seen_at(b_in_a, cameras[0], uv_a[k], max_reprojection_px)
+            and _is_seen_at(_moved(b_from_a, points_a[k]), cameras[1], uv_b[k], max_reprojection_px)
+        )
+    return agrees
+
+
+@numba.njit(cache=True, nogil=True)
+def _is_seen_at(point: tuple, camera: np.ndarray, uv: np.ndarray, max_px: float) -> bool:
+    if not point[2] > 0:
+        return False
+    u = camera[0] * point[0] / point[2] + camera[2] - uv[0]
+    v = camera[1] * point[1] / point[2] + camera[3] - uv[1]
+    return u * u + v * v < max_px * max_px
+
+
+@numba.njit(cache=True, nogil=True)
+def _moved(transform: np.ndarray, p: np.ndarray) -> tuple:
+    return (
+        transform[0, 0] * p[0] + transform[0, 1] * p[1] + transform[0, 2] * p[2] + transform[0, 3],
+        transform[1, 0] * p[0] + transform[1, 1] * p[1] + transform[1, 2] * p[2] + transform[1, 3],
+        transform[2, 0] * p[0] + transform[2, 1] * p[1] + transform[2, 2] * p[2] + transform[2, 3],
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _distance_sq(a: np.ndarray | tuple, b: np.ndarray) -> float:
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+
+
+@numba.njit(cache=True, nogil=True)
+def mutual_nearest(
+    product: np.ndarray, norms_a: np.ndarray, norms_b: np.ndarray, max_ratio_sq: float
+) -> np.ndarray:
+    """For each row of scalar products (k, l) its match, or -1, in one pass over them.
+
+    Squared distances of descriptors of small integers are exact in float32, in whatever order summed.
+    """
+    k, n_columns = product.shape
+    nearest = np.full(k, -1, np.int64)
+    is_clear = np.zeros(k, np.bool_)
+    best_of_column = np.full(n_columns, np.float32(np.inf))
+    row_of_column = np.full(n_columns, -1, np.int64)
+    for i in range(k):
+        best = second = np.float32(np.inf)
+        for j in range(n_columns):
+            distance_sq = norms_a[i] + norms_b[j] - np.float32(2.0) * product[i, j]
+            if distance_sq < second:
+                if distance_sq < best:
+                    best, second, nearest[i] = distance_sq, best, j
+                else:
+                    second = distance_sq
+            if distance_sq < best_of_column[j]:
+                best_of_column[j], row_of_column[j] = distance_sq, i
+        is_clear[i] = best < np.float32(max_ratio_sq) * second
+    for i in range(k):
+        if not is_clear[i] or row_of_column[nearest[i]] != i:
+            nearest[i] = -1
+    return nearest
+
+
+@numba.njit(cache=True, nogil=True)
+def take_within_budget(pairs: np.ndarray, most: int, used: np.ndarray) -> np.ndarray:
+    """Which pairs (p, 2) are taken (p,) bool, in order, while neither frame has `most`; counts in `used`."""
+    taken = np.zeros(len(pairs), dtype=np.bool_)
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        if used[a] < most and used[b] < most:
+            used[a] += 1
+            used[b] += 1
+            taken[k] = True
+    return taken
+
+
+@numba.njit(cache=True, nogil=True)
+def covisible_share(
+    points: np.ndarray, bounds: np.ndarray, a_from_b: np.ndarray, pairs: np.ndarray
+) -> np.ndarray:
+    """Share (p,) of the points of either frame of a pair that the other shows, the smaller of the two.
+
+    Points (n, s, 3) m of each frame, NaN for none; bounds (n, 2, 2) of x / z and y / z in its image;
+    a_from_b (p, 4, 4) of pairs (p, 2).
+    """
+    result = np.zeros(len(pairs))
+    for k in range(len(pairs)):
+        i, j = pairs[k]
+        rotation, translation = a_from_b[k, :3, :3], a_from_b[k, :3, 3]
+        back = np.zeros(3)  # translation of the inverse, -R^T t
+        for r in range(3):
+            back[r] = -(
+                rotation[0, r] * translation[0]
+                + rotation[1, r] * translation[1]
+                + rotation[2, r] * translation[2]
+            )
+        result[k] = min(
+            _visible_share(points[j], rotation, translation, bounds[i]),
+            _visible_share(points[i], rotation.T, back, bounds[j]),
+        )
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def _visible_share(
+    points: np.ndarray, rotation: np.ndarray, translation: np.ndarray, bound: np.ndarray
+) -> float:
+    """Share of points (s, 3) that, once moved, lie before the camera and within the image's bounds."""
+    n, seen = 0, 0
+    for p in points:
+        if np.isnan(p[0]):
+            continue
+        n += 1
+        z = rotation[2, 0] * p[0] + rotation[2, 1] * p[1] + rotation[2, 2] * p[2] + translation[2]
+        if z > 0.1:
+            x = (
+                rotation[0, 0] * p[0]
+                + rotation[0, 1] * p[1]
+                + rotation[0, 2] * p[2]
+                + translation[0]
+            ) / z
+            y = (
+                rotation[1, 0] * p[0]
+                + rotation[1, 1] * p[1]
+                + rotation[1, 2] * p[2]
+                + translation[1]
+            ) / z
+            if bound[0, 0] < x < bound[0, 1] and bound[1, 0] < y < bound[1, 1]:
+                seen += 1
+    return seen / n if n > 0 else 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def most_certain_paths(
+    begin: np.ndarray, to: np.ndarray, edge: np.ndarray, is_back: np.ndarray, cost_of: np.ndarray,
+    forth: np.ndarray, back: np.ndarray, variance: np.ndarray, ends: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Motions (p, 4, 4) and summed variances (p, 3) along the cheapest paths between `ends` (p, 2).
+
+    Half-edges leave node i at begin[i]:begin[i + 1]; half-edge h leads to node to[h] along edge[h], against
+    its direction where is_back[h]. Edges have a cost (e,), a motion (e, 4, 4) forth and its inverse back,
+    and a variance (e, 3). `ends` are sorted by source: one search serves all targets of a source.
+    """
+    motions = np.zeros((len(ends), 4, 4))
+    variances = np.zeros((len(ends), 3))
+    k = 0
+    while k < len(ends):
+        source = ends[k, 0]
+        last = k
+        while last < len(ends) and ends[last, 0] == source:
+            last += 1
+        via, before = _search_paths(begin, to, edge, cost_of, source, ends[k:last, 1])
+        for t in range(k, last):
+            # From the target back to the source: each step is put before what was gathered.
+            motion = np.eye(4)
+            node = ends[t, 1]
+            while node != source:
+                h = via[node]
+                step = back[edge[h]] if is_back[h] else forth[edge[h]]
+                motion = step @ motion
+                variances[t] += variance[edge[h]]
+                node = before[node]
+            motions[t] = motion
+        k = last
+    return motions, variances
+
+
+@numba.njit(cache=True, nogil=True)
+def _search_paths(
+    begin: np.ndarray, to: np.ndarray, edge: np.ndarray, cost_of: np.ndarray, source: int,
+    targets: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Dijkstra from one source until its targets are reached: half-edge and node before each node (n,)."""
+    n = len(begin) - 1
+    cost = np.full(n, np.inf)
+    via, before = np.full(n, -1), np.full(n, -1)
+    is_done, is_target = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
+    n_left = 0
+    for target in targets:
+        if not is_target[target]:
+            is_target[target] = True
+            n_left += 1
+    cost[source] = 0.0
+    heap = [(0.0, source)]
+    while len(heap) > 0 and n_left > 0:
+        here_cost, here = heapq.heappop(heap)
+        if is_done[
+            here
+        ]:  # a cheaper entry of this node came first; the heap keeps no keys to lower
+            continue
+        is_done[here] = True
+        if is_target[here]:
+            n_left -= 1
+        for h in range(begin[here], begin[here + 1]):
+            new = here_cost + cost_of[edge[h]]
+            if new < cost[to[h]]:
+                cost[to[h]] = new
+                via[to[h]] = h
+                before[to[h]] = here
+                heapq.heappush(heap, (new, to[h]))  # type: ignore[arg-type]
+    return via, before

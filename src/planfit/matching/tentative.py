@@ -1,0 +1,130 @@
+"""Tentative matches: keypoints, pairs and their matches before verification, our own or from COLMAP."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+
+from planfit.matching.colmap import Imported, read_colmap_matches, stamp
+from planfit.matching.covisibility import sample_views
+from planfit.matching.detect import (
+    KeypointOptions,
+    detect,
+    lift,
+    make_detector,
+    without_descriptors,
+)
+from planfit.matching.loop_closure import propose_loop_closures
+from planfit.matching.matchers import make_matcher
+from planfit.matching.options import MatchingOptions
+from planfit.matching.pairs import FrameDescriptors, choose_pairs, distinct_views
+from planfit.matching.retrieval import describe_frames
+from planfit.matching.types import Detector, Keypoints, RelativePoses
+from planfit.runtime import Arrays, Runtime, blas_on_one_thread, cache_key
+from planfit.scan import Scan
+from planfit.scan.odometry import Odometry
+
+
+@dataclass(frozen=True)
+class TentativeMatches:
+    """Where matches come from, before they are verified."""
+
+    keypoints: list[Keypoints]
+    """Of each frame."""
+    pairs: Int[np.ndarray, "p 2"]
+    """Frame indices of the pairs to be tried, first < second."""
+    of_pair: Callable[[int, int], Int[np.ndarray, "m 2"]]
+    """Matches of the keypoints of a pair of frames."""
+    propose: Callable[[RelativePoses], Int[np.ndarray, "q 2"]] | None
+    """Given what was accepted, further pairs to try."""
+    key: str
+    """Changes with whatever the keypoints depend on."""
+
+
+def from_images(
+    scan: Scan, odometry: Odometry, options: MatchingOptions, runtime: Runtime
+) -> TentativeMatches:
+    """Keypoints, pairs and matches of our own.
+
+    Raises:
+        OptionError: a learned detector or matcher cannot be had.
+    """
+    detector, matcher = make_detector(options.keypoints), make_matcher(options.matcher)
+    key = cache_key("keypoints", scan.fingerprint, options.keypoints)
+    compute = partial(_detect_frame, scan, options.keypoints, detector)
+    items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
+    keypoints = [Keypoints(**item) for item in items]
+    descriptors = _describe(scan, keypoints, np.random.default_rng(options.seed))
+    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs, descriptors)
+
+    def of_pair(i: int, j: int) -> Int[np.ndarray, "m 2"]:
+        size_a, size_b = ((c.width, c.height) for c in (scan.cameras[i], scan.cameras[j]))
+        return matcher(keypoints[i], keypoints[j], size_a, size_b)
+
+    def propose(accepted: RelativePoses) -> Int[np.ndarray, "q 2"]:
+        views = distinct_views(scan.world_from_cams, odometry.walked_m, descriptors.sharpness)
+        return propose_loop_closures(
+            accepted,
+            pairs,
+            views.frame_idx,
+            scan.world_from_cams,
+            descriptors.samples,
+            options.pairs,
+        )
+
+    return TentativeMatches(keypoints, pairs, of_pair, propose, key)
+
+
+def from_colmap(
+    scan: Scan, path: Path, options: MatchingOptions, runtime: Runtime
+) -> TentativeMatches:
+    """The same from COLMAP; keypoints without depth are dropped, and their matches with them.
+
+    Raises:
+        ScanError: the files cannot be read, or are not those of this scan.
+    """
+    imported = read_colmap_matches(path, scan)
+    key = cache_key("imported keypoints", scan.fingerprint, stamp(path), options.keypoints)
+    compute = partial(_lift_frame, scan, imported, options.keypoints)
+    items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
+    keypoints = [
+        Keypoints(**{name: value for name, value in item.items() if name != "kept"})
+        for item in items
+    ]
+    # From COLMAP's number of a keypoint to ours among those that kept a depth; -1 for the others.
+    number = [np.full(len(uv), -1) for uv in imported.uv]
+    for new, item in zip(number, items, strict=True):
+        new[item["kept"]] = np.arange(len(item["kept"]))
+
+    by_pair = dict(zip(map(tuple, imported.pairs.tolist()), imported.matches, strict=True))
+
+    def of_pair(i: int, j: int) -> Int[np.ndarray, "m 2"]:
+        idx = by_pair[i, j]
+        both = np.column_stack([number[i][idx[:, 0]], number[j][idx[:, 1]]])
+        return both[(both >= 0).all(axis=1)]
+
+    return TentativeMatches(keypoints, imported.pairs, of_pair, None, key)
+
+
+def _describe(scan: Scan, keypoints: list[Keypoints], rng: np.random.Generator) -> FrameDescriptors:
+    with blas_on_one_thread():
+        vectors = describe_frames([k.descriptors for k in keypoints], rng)
+    return FrameDescriptors(
+        vectors,
+        np.array([k.sharpness for k in keypoints], dtype=float),
+        sample_views([k.points_cam for k in keypoints], scan.cameras),
+    )
+
+
+def _detect_frame(scan: Scan, options: KeypointOptions, detector: Detector, i: int) -> Arrays:
+    color, depth = scan.files.color(i), scan.files.depth(i)
+    return vars(detect(color, depth, scan.cameras[i], options, detector))
+
+
+def _lift_frame(scan: Scan, imported: Imported, options: KeypointOptions, i: int) -> Arrays:
+    color, depth = scan.files.color(i), scan.files.depth(i)
+    lifted, kept = lift(color, depth, scan.cameras[i], options, without_descriptors(imported.uv[i]))
+    return {**vars(lifted), "kept": kept}

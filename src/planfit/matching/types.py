@@ -1,0 +1,171 @@
+"""What matching hands on: keypoints of a frame, relative poses of pairs, matches of a scan."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, Shaped, UInt8
+
+from planfit.errors import ScanError
+
+
+@dataclass(frozen=True)
+class Detections:
+    """Keypoints of one image, before their depth is looked up."""
+
+    uv: Float32[np.ndarray, "k 2"]
+    """px, sub-pixel."""
+    scores: Float32[np.ndarray, " k"]
+    """The larger the surer."""
+    descriptors: Shaped[np.ndarray, "k d"]
+    """Near in Euclidean distance where they show the same."""
+
+
+Detector = Callable[[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"] | None], Detections]
+"""Finds keypoints in a grey image; safe to call from several threads.
+
+The second argument is 0 where keypoints are of no use, or None: those may be left out, which saves time,
+and no other may change for it.
+"""
+
+
+@dataclass(frozen=True)
+class Keypoints:
+    """Keypoints of one frame that have a depth."""
+
+    uv: Float32[np.ndarray, "k 2"]
+    """px, sub-pixel."""
+    points_cam: Float32[np.ndarray, "k 3"]
+    """m, camera frame."""
+    scores: Float32[np.ndarray, " k"]
+    """How strong each is."""
+    descriptors: Shaped[np.ndarray, "k d"]
+    """Compared by Euclidean distance."""
+    sharpness: Float32[np.ndarray, ""] | np.float32
+    """Of the image."""
+
+    def __len__(self) -> int:
+        return len(self.uv)
+
+
+Matcher = Callable[[Keypoints, Keypoints, tuple[int, int], tuple[int, int]], Int[np.ndarray, "m 2"]]
+"""Tentative matches of two frames' keypoints, given width and height of both images in px."""
+
+
+@dataclass(frozen=True)
+class RelativePoses:
+    """Edges of the pose graph: verified motions between frames, consecutive ones and loop closures."""
+
+    pairs: Int[np.ndarray, "p 2"]
+    """Frame indices."""
+    a_from_b: Float[np.ndarray, "p 4 4"]
+    """m, camera frame of the second of the pair to that of the first."""
+    n_inliers: Int[np.ndarray, " p"]
+    """Matches that agree with each."""
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def __getitem__(self, idx: Shaped[np.ndarray, " k"]) -> "RelativePoses":
+        """Those that an index or a mask takes."""
+        return RelativePoses(self.pairs[idx], self.a_from_b[idx], self.n_inliers[idx])
+
+    def joined(self, other: "RelativePoses") -> "RelativePoses":
+        """These, then those of `other`."""
+        return RelativePoses(
+            np.concatenate([self.pairs, other.pairs]),
+            np.concatenate([self.a_from_b, other.a_from_b]),
+            np.concatenate([self.n_inliers, other.n_inliers]),
+        )
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Verified matches, the paper's set M, sorted by pair of frames."""
+
+    pairs: Int[np.ndarray, "p 2"]
+    """Frame indices, first < second."""
+    start: Int[np.ndarray, " p+1"]
+    """Matches of pair k are start[k]:start[k + 1]."""
+    points_a: Float[np.ndarray, "m 3"]
+    """m, camera frame of pairs[k, 0]."""
+    points_b: Float[np.ndarray, "m 3"]
+    """m, camera frame of pairs[k, 1]."""
+    sigma: Float[np.ndarray, " m"]
+    """m, standard deviation of points_a - points_b, each axis."""
+    n_tried: int
+    """Pairs of frames that were tried."""
+    n_keypoints: int
+    """Keypoints with depth, over all frames."""
+    sharpness: Float[np.ndarray, " n"] | None = None
+    """How sharp each frame's image is, where it was looked at."""
+
+    @property
+    def n_matches(self) -> int:
+        """Number of verified matches."""
+        return len(self.points_a)
+
+    def n_loops(self, neighbours: int) -> int:
+        """Verified pairs that are further apart in time than `neighbours` frames."""
+        return int(np.sum(self.pairs[:, 1] - self.pairs[:, 0] > neighbours))
+
+    @staticmethod
+    def from_arrays(
+        frame_pairs: Int[np.ndarray, "m 2"],
+        points_a: Float[np.ndarray, "m 3"],
+        points_b: Float[np.ndarray, "m 3"],
+        sigma: Float[np.ndarray, " m"] | float,
+    ) -> "Matches":
+        """Matches of one's own, one row each and in any order, instead of those that `find_matches` finds.
+
+        They are taken as they are: nothing is verified.
+
+        Args:
+            frame_pairs: frames that the two points of a match were seen from, in either order.
+            points_a, points_b: m, the same point in the camera frame of the first and of the second frame.
+            sigma: m, standard deviation of points_a - points_b, each axis; one for all or one a match.
+
+        Raises:
+            ScanError: a number is not finite, a sigma not above 0, or a pair not of two frames.
+        """
+        sigmas = np.broadcast_to(np.asarray(sigma, dtype=float), (len(frame_pairs),)).copy()
+        _check_matches(frame_pairs, points_a, points_b, sigmas)
+        # The first frame of a pair is the smaller one: where it is not, the two ends change places.
+        is_swapped = (frame_pairs[:, 0] > frame_pairs[:, 1])[:, None]
+        points_a, points_b = (
+            np.where(is_swapped, points_b, points_a).astype(float),
+            np.where(is_swapped, points_a, points_b).astype(float),
+        )
+        # lexsort takes its last key first, and is stable: matches of a pair keep their order.
+        ordered = np.sort(frame_pairs, axis=1)
+        by_pair = np.lexsort((ordered[:, 1], ordered[:, 0]))
+        pairs, counts = np.unique(ordered, axis=0, return_counts=True)
+        return Matches(
+            pairs=pairs.reshape(-1, 2),
+            start=np.cumsum([0, *counts]),
+            points_a=points_a[by_pair],
+            points_b=points_b[by_pair],
+            sigma=sigmas[by_pair],
+            n_tried=len(pairs),
+            n_keypoints=2 * len(points_a),
+        )
+
+
+def _check_matches(
+    frame_pairs: np.ndarray, points_a: np.ndarray, points_b: np.ndarray, sigma: np.ndarray
+) -> None:
+    m = len(frame_pairs)
+    shapes = (frame_pairs.shape, points_a.shape, points_b.shape)
+    if shapes != ((m, 2), (m, 3), (m, 3)):
+        raise ScanError(
+            f"matches: expected frame_pairs (m, 2), points_a and points_b (m, 3), found {shapes}"
+        )
+    if not (np.isfinite(points_a).all() and np.isfinite(points_b).all()):
+        raise ScanError("matches: expected finite points, found NaN or infinity; leave those out")
+    if not (np.isfinite(sigma).all() and (sigma > 0).all()):
+        raise ScanError("matches: expected every sigma finite and above 0 m, found others")
+    if (frame_pairs < 0).any() or (frame_pairs[:, 0] == frame_pairs[:, 1]).any():
+        raise ScanError(
+            "matches: expected pairs of two different frame indices, found a negative one or a frame "
+            "with itself"
+        )
