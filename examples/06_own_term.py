@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit.lsq.linear.normal_equations import NormalBlocks
+from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.solver import solve
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import StageTimer, extract_observations, prepare

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from builders import (
     gradient_by_differences,
@@ -17,12 +17,7 @@ from builders import (
 from planfit.adjust.association import Association, AssociationOptions, associate
 from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.levels import LevelOptions, floor_term
-from planfit.adjust.terms.odometry import (
-    OdometryTerm,
-    OdometryTermOptions,
-    step_departure,
-    step_jacobians,
-)
+from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.geometry import se3
@@ -118,14 +113,6 @@ def test_moving_world_and_plan_together_changes_no_wall_cost(terms, world, rng):
     assert_allclose(moved.reweight(move @ poses)[1], expected, rtol=1e-9)
 
 
-def test_moving_poses_and_anchors_together_changes_no_cost(terms, world, rng):
-    poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
-    move = random_transforms(rng, 1)[0]
-    pose_prior = terms["pose prior"]
-    moved = replace(pose_prior, target_from_priors=move @ pose_prior.target_from_priors)
-    assert_allclose(moved.reweight(move @ poses)[1], pose_prior.reweight(poses)[1], rtol=1e-9)
-
-
 def rebuilt(term, **options):
     return replace(term, options=replace(term.options, **options))
 
@@ -202,26 +189,14 @@ def test_walls_are_pulled_towards_the_plan_and_not_away(terms, world):
     assert_allclose(step[:, 3], -0.03, atol=0.005)
 
 
-def test_trajectory_jacobians_meet_finite_differences(world, rng):
-    poses = nudged(rng, world.plan_from_cams, 2.0, 0.1)
-    n = len(poses)
-    first, second = step_jacobians(poses, step_departure(world.odometry, poses))
-    expected = np.zeros((n - 1, 6, 6 * n))
-    for k in range(n - 1):
-        expected[k, :, 6 * k : 6 * k + 6] = first[k]
-        expected[k, :, 6 * k + 6 : 6 * k + 12] = second[k]
-    by_differences = jacobian_by_differences(lambda at: step_departure(world.odometry, at), poses)
-    assert_allclose(expected.reshape(-1, 6 * n), by_differences, atol=1e-5)
-
-
-def test_trajectory_blocks_are_those_of_the_residuals(world, terms, rng):
+def test_odometry_blocks_are_those_of_the_residuals(world, terms, rng):
     poses = nudged(rng, world.plan_from_cams, 0.5, 0.05)
-    quadratic, _ = terms["odometry"].reweight(poses)
+    term = terms["odometry"]
+    quadratic, _ = term.reweight(poses)
     weight = np.sqrt(quadratic.information)
-    jacobian = jacobian_by_differences(
-        lambda at: (weight * step_departure(world.odometry, at)).ravel(), poses
-    )
-    residual = (weight * step_departure(world.odometry, poses)).ravel()
+    residuals = term.between.rows.residuals
+    jacobian = jacobian_by_differences(lambda at: (weight * residuals(at)).ravel(), poses)
+    residual = (weight * residuals(poses)).ravel()
     blocks = quadratic.normal_blocks(poses)
     dense = NormalEquations([blocks], len(poses)).matrix.toarray()
     assert_allclose(dense, jacobian.T @ jacobian, rtol=1e-4, atol=1e-4 * np.abs(dense).max())
@@ -239,32 +214,3 @@ def test_a_recorded_jump_is_not_spread_over_the_path(world):
     sure = quadratic.information[:, 3] * term.odometry.sigma_translation**2
     assert sure[3] < 0.05
     assert_allclose(np.delete(sure, 3), 1.0)
-
-
-def test_an_infinite_spread_leaves_a_direction_free(world):
-    sigma = np.array([np.inf, np.inf, 0.1, 0.1, 0.1, np.inf])
-    term = PosePriorTerm(np.array([2]), world.plan_from_cams[2:3], sigma)
-    for axis, costs in enumerate([False, False, True, True, True, False]):
-        delta = np.zeros((len(world.plan_from_cams), 6))
-        delta[2, axis] = 0.3
-        cost = term.cost(se3.retract(world.plan_from_cams, delta))
-        assert_allclose(cost, 0.5 * 9.0 if costs else 0.0, atol=1e-12)
-
-
-def test_an_anchor_acts_on_its_own_pose_only(world):
-    term = PosePriorTerm(np.array([2]), world.plan_from_cams[2:3], np.full(6, 0.1))
-    poses = world.plan_from_cams.copy()
-    poses[:, 0, 3] += 0.1
-    gradient = term.normal_blocks(poses).gradient
-    assert_allclose(gradient[2], [0, 0, 0, 10.0, 0, 0], atol=1e-9)
-    assert_array_equal(np.delete(gradient, 2, axis=0), 0.0)
-
-
-def test_two_anchors_of_one_pose_both_pull(world):
-    there = world.plan_from_cams[[2, 2]].copy()
-    there[0, 0, 3] += 0.1
-    there[1, 0, 3] += 0.3
-    term = PosePriorTerm(np.array([2, 2]), there, np.full(6, 0.1))
-    expected = gradient_by_differences(term.cost, world.plan_from_cams)
-    gradient = term.normal_blocks(world.plan_from_cams).gradient
-    assert_allclose(gradient, expected, atol=1e-4)

@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 
 from builders import (
     gradient_by_differences,
-    jacobian_by_differences,
     make_matches,
     nudged,
     random_transforms,
@@ -16,9 +15,7 @@ from builders import (
 from facing import drifted, facing_cameras, facing_matches, facing_poses, with_noise, with_outliers
 from planfit.adjust.terms.rays import RayOptions, RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
-from planfit.geometry import se3
 from planfit.lsq.linear.normal_equations import NormalEquations
-from planfit.lsq.relative import blocks_of_pairs, relative_poses
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import SolverOptions, Stop, solve
 from planfit.lsq.terms.prior import PosePriorTerm
@@ -201,26 +198,6 @@ def test_outliers_lose_their_weight(matches, poses, rng):
     quadratic, _ = make_terms(bad, len(poses))["reprojection"].reweight(poses)
     weight = quadratic.weight[: bad.n_matches]
     assert np.median(weight[far]) < 0.05 * weight[right].min()
-
-
-def test_blocks_of_pairs_are_those_of_the_relative_pose(poses, rng):
-    # Residuals: any linear function of the relative pose's change.
-    at = nudged(rng, poses, 20.0, 1.0)
-    pairs = np.array([[0, 1], [4, 2], [1, 5]])
-    rows, offset = rng.normal(size=(3, 7, 6)), rng.normal(size=(3, 7))
-    here = relative_poses(at, pairs)
-
-    def residuals(other):
-        change = se3.difference(relative_poses(other, pairs), here)
-        return np.einsum("kra,ka->kr", rows, change) + offset
-
-    rows_t = np.swapaxes(rows, 1, 2)
-    gradients = np.einsum("kra,kr->ka", rows, offset)
-    blocks = blocks_of_pairs(pairs, rows_t @ rows, gradients, at)
-    jacobian = jacobian_by_differences(residuals, at)
-    dense = NormalEquations([blocks], len(at)).matrix.toarray()
-    assert_allclose(dense, jacobian.T @ jacobian, atol=1e-6 * dense.max())
-    assert_allclose(blocks.gradient.ravel(), jacobian.T @ offset.ravel(), atol=1e-6 * dense.max())
 
 
 @pytest.mark.parametrize(("name", "outliers"), [("reprojection", 0.1), ("rays", 0.0)])

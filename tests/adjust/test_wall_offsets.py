@@ -12,6 +12,7 @@ from planfit.adjust.association import AssociationOptions, associate
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
     offset_prior,
+    offset_sigmas,
     read_offsets,
     with_offsets,
 )
@@ -119,3 +120,18 @@ def test_offsets_are_read_along_the_normals(world):
     assert offset_prior(n, world.floorplan, 0.07).cost(unknowns) == pytest.approx(
         0.5 * len(world.floorplan)
     )
+
+
+def test_offsets_that_are_seen_are_surer_than_their_prior(world):
+    n, floorplan = len(world.plan_from_cams), world.floorplan
+    association = associate(
+        world.structure.walls, floorplan, world.plan_from_cams, 0.5, AssociationOptions()
+    )
+    term = OffsetWallTerm(world.structure.walls, floorplan, association, WallOptions(), n)
+    terms = [*world.measurements.terms(AdjustOptions()), term, offset_prior(n, floorplan, 0.05)]
+    unknowns = with_offsets(world.plan_from_cams, floorplan)
+    faces = n + np.arange(len(floorplan))
+    sigmas_m = offset_sigmas(terms, unknowns, faces, floorplan.normals)
+    seen = np.isin(np.arange(len(floorplan)), association.face_idx)
+    assert np.all(sigmas_m[seen] < 0.05)
+    assert_allclose(sigmas_m[~seen], 0.05, rtol=1e-6)

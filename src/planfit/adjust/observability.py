@@ -10,7 +10,7 @@ from planfit.adjust.correspondences import PlanCorrespondences, level_and_column
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.geometry import se3
-from planfit.lsq.linear.normal_equations import sum_by_pose
+from planfit.lsq.blocks import sum_by_pose
 from planfit.lsq.term import Term
 
 FREE_SHIFT_M, FREE_TURN_DEG = 1.0, 10.0

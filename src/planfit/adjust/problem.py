@@ -11,11 +11,11 @@ from planfit.adjust.paper.descent import PaperWeights, descend
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
     offset_prior,
+    offset_sigmas,
     read_offsets,
     with_offsets,
 )
 from planfit.lsq.bounded import solve_bounded
-from planfit.lsq.covariance import offset_sigmas
 from planfit.lsq.solver import Cost, Solution, solve
 from planfit.lsq.term import Term
 

@@ -17,7 +17,7 @@ from planfit.errors import OutputError, ScanError, require_positive
 from planfit.export.cloud import place_cloud, sample_cloud, write_ply
 from planfit.export.datasets import write_colmap, write_nerfstudio
 from planfit.export.mesh import check_suffix, fuse_mesh, load_open3d, write_mesh
-from planfit.export.poses import write_g2o, write_kitti
+from planfit.export.poses import write_kitti, write_pose_graph
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan, read_tum, write_tum
@@ -96,7 +96,7 @@ def _write_file(
     elif kind == "open3d":
         write_log(path, range(len(scan)), poses)
     elif kind == "g2o":
-        write_g2o(path, poses, make_odometry(scan.world_from_cams, OdometryOptions()))
+        write_pose_graph(path, poses, make_odometry(scan.world_from_cams, OdometryOptions()))
     elif kind == "mesh":
         mesh = fuse_mesh(scan, poses, arguments.voxel_m, arguments.max_depth_m, runtime)
         write_mesh(path, mesh, arguments.out.suffix)

@@ -1,8 +1,9 @@
-"""Bundle adjustment with an inequality constraint, IBA (paper, Sec. V-B; Lhuillier 2011).
+"""Least squares with an inequality constraint, as in IBA (paper, Sec. V-B; Lhuillier 2011).
 
-Geometry alone is brought to its minimum e* first. Then the other terms are minimised together with
-the barrier gamma / (e_t - e), where e is the geometric cost and e_t = 1.05^2 e*: it is small while there
-is room and grows without limit at the bound, so geometry pays for the other terms by at most e_t - e*.
+The bounded terms alone, bundle adjustment's for instance, are brought to their minimum e* first. Then the
+other terms are minimised together with the barrier gamma / (e_t - e), where e is the bounded terms' cost and
+e_t = 1.05^2 e*: it is small while there is room and grows without limit at the bound, so the bounded terms
+pay for the others by at most e_t - e*.
 
 The barrier is judged on the robust cost itself, reweighted at every candidate, and is infinite from
 the bound on. The solver takes no step that raises the cost, hence none across the bound.
@@ -13,23 +14,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import OptionError, require_positive
-from planfit.lsq.linear.normal_equations import NormalBlocks
+from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.solver import Cost, Solution, SolverOptions, solve
-from planfit.lsq.term import Term
+from planfit.lsq.term import Term, robust_cost
 
 
 @dataclass(frozen=True)
 class BoundedOptions:
-    """How much geometry may pay for the other terms."""
+    """How much the bounded terms may pay for the others."""
 
     error_factor: float = 1.05
-    """Geometric error at the bound over that at the minimum; its square bounds the cost, as costs are
-    squares of errors, in so far as their losses are."""
+    """Error of the bounded terms at the bound over that at the minimum; its square bounds the cost, as costs
+    are squares of errors, in so far as their losses are."""
     slack: float = 1e-3
-    """Added to the bound, in squared spreads (half): where geometry fits without any error, a bound at
-    a multiple of nothing would leave no room at all."""
+    """Added to the bound, in squared sigmas (half): where the bounded terms fit without any error, a bound
+    at a multiple of nothing would leave no room at all."""
     barrier_share: float = 0.01
     """Barrier over the cost of the other terms where the second round begins; sets gamma. Less comes
     closer to the bound and takes more rounds: against a plan that disagrees with the scan, 0.1, 0.01 and
@@ -48,36 +50,36 @@ class BoundedSolution:
     """Both rounds; `solution` is the second one's, whose costs name the barrier as such."""
 
     solution: Solution
-    geometric: Solution
-    """The first round: geometry alone."""
+    alone: Solution
+    """The first round: the bounded terms alone."""
     bound: float
-    """e_t, which the geometric cost stays below."""
-    geometric_cost: Cost
-    """Robust geometric cost where the second round began and ended."""
+    """e_t, which their cost stays below."""
+    bounded_cost: Cost
+    """Their robust cost where the second round began and ended."""
 
 
 @dataclass(frozen=True)
 class BarrierTerm:
     """gamma / (bound - e), infinite at and beyond the bound; its own quadratic (see the module's page)."""
 
-    geometric_terms: tuple[Term, ...]
+    bounded_terms: tuple[Term, ...]
     least: float
-    """e*, the geometric cost at its minimum."""
+    """e*, the cost of the bounded terms at its minimum."""
     bound: float
     """e_t, above `least`."""
     gamma: float
     name: str = "barrier"
 
-    def reweight(self, target_from_cams: np.ndarray) -> tuple["BarrierTerm", float]:
+    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple["BarrierTerm", float]:
         """Nothing is frozen: weights are renewed wherever the cost is asked for."""
         return self, self.cost(target_from_cams)
 
-    def cost(self, target_from_cams: np.ndarray) -> float:
-        """The barrier at poses (n, 4, 4)."""
-        room = self.bound - robust_cost(self.geometric_terms, target_from_cams)
+    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+        """The barrier at these poses."""
+        room = self.bound - robust_cost(self.bounded_terms, target_from_cams)
         return self.gamma / room if room > 0 else math.inf
 
-    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
         """Gradient, and a Hessian that bounds the Gauss-Newton one from above.
 
         With f(e) = gamma / (e_t - e), g and H of e: gradient f' g, Hessian f' H + f'' g g^T. The last is
@@ -85,7 +87,7 @@ class BarrierTerm:
         parabola, so (f' + 2 (e - e*) f'') H takes its place. Near the bound this halves the rounds that
         f' H alone takes.
         """
-        reweighted = [term.reweight(target_from_cams) for term in self.geometric_terms]
+        reweighted = [term.reweight(target_from_cams) for term in self.bounded_terms]
         cost = sum(cost for _, cost in reweighted)
         room = self.bound - cost
         slope = self.gamma / room**2
@@ -100,24 +102,24 @@ class BarrierTerm:
 
 
 def solve_bounded(
-    geometric_terms: Sequence[Term],
+    bounded_terms: Sequence[Term],
     other_terms: Sequence[Term],
-    initial_target_from_cams: np.ndarray,
+    initial_target_from_cams: Float[np.ndarray, "n 4 4"],
     options: BoundedOptions,
     solver_options: SolverOptions,
 ) -> BoundedSolution:
-    """Minimise `other_terms` while the geometric cost stays below a bound slightly above its minimum.
+    """Minimise `other_terms` while that of `bounded_terms` stays below a bound slightly above its minimum.
 
     Args:
-        geometric_terms: one or more; 3D point error or reprojection, and anchors if they shall count.
-        other_terms: floor, walls, trajectory; with none of them the second round has nothing to gain.
-        initial_target_from_cams: (n, 4, 4) where the first round begins.
+        bounded_terms: one or more; a bundle adjustment's, and pose priors if they shall count.
+        other_terms: with none of them the second round has nothing to gain.
+        initial_target_from_cams: where the first round begins.
         options: see there.
         solver_options: when each of the two rounds ends.
     """
-    terms = tuple(geometric_terms)
-    geometric = solve(terms, initial_target_from_cams, solver_options)
-    start = geometric.target_from_cams
+    terms = tuple(bounded_terms)
+    alone = solve(terms, initial_target_from_cams, solver_options)
+    start = alone.target_from_cams
     least = robust_cost(terms, start)
     bound = options.error_factor**2 * least + options.slack
     others = robust_cost(other_terms, start)
@@ -126,9 +128,4 @@ def solve_bounded(
     barrier = BarrierTerm(terms, least, bound, gamma)
     solution = solve([*other_terms, barrier], start, solver_options)
     cost = Cost(least, robust_cost(terms, solution.target_from_cams))
-    return BoundedSolution(solution, geometric, bound, cost)
-
-
-def robust_cost(terms: Sequence[Term], target_from_cams: np.ndarray) -> float:
-    """Sum of the robust costs of terms at poses (n, 4, 4)."""
-    return float(sum(term.reweight(target_from_cams)[1] for term in terms))
+    return BoundedSolution(solution, alone, bound, cost)

@@ -1,8 +1,9 @@
-"""How sure poses and wall offsets are: blocks of the inverse of the normal equations."""
+"""How well poses are determined: blocks of the inverse of the normal equations."""
 
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
@@ -10,27 +11,32 @@ from planfit.errors import OptionError
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.term import Term
 
-MAX_SPREAD = 100.0
-"""A spread beyond this many metres or radians means that nothing holds the pose."""
+MAX_SIGMA = 100.0
+"""A standard deviation beyond this many metres or radians means that nothing holds the pose."""
 
 
-def covariances(terms: Sequence[Term], unknowns: np.ndarray, idx: np.ndarray) -> np.ndarray:
-    """Covariances (k, 6, 6) [rad^2, rad m, m^2] of some unknowns, in the axes of their tangents.
+def covariances(
+    terms: Sequence[Term],
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    idx: Int[np.ndarray, " k"],
+) -> Float[np.ndarray, "k 6 6"]:
+    """Covariances [rad^2, rad m, m^2] of some poses, by tangents (rotation, translation), target axes.
 
-    At the minimum of the terms, with their robust weights there. They are as true as the spreads and
-    readings that the terms were given: nothing is scaled by the residuals found. One sparse
-    factorisation, then six solves an unknown.
+    At the minimum of the terms, with their robust weights there. They are as true as the sigmas and
+    weights that the terms were given: nothing is scaled by the residuals found. One sparse
+    factorisation, then six solves a pose.
 
     Args:
         terms: those of the solve.
-        unknowns: (n, 4, 4) where it ended; poses, and faces behind them if they have offsets.
-        idx: (k,) which of them.
+        target_from_cams: where it ended.
+        idx: which poses are asked for.
 
     Raises:
-        OptionError: nothing holds one of them; add an anchor, a plan or a prior.
+        OptionError: nothing holds one of them.
     """
-    quadratics = [term.reweight(unknowns)[0] for term in terms]
-    equations = NormalEquations([q.normal_blocks(unknowns) for q in quadratics], len(unknowns))
+    quadratics = [term.reweight(target_from_cams)[0] for term in terms]
+    n_poses = len(target_from_cams)
+    equations = NormalEquations([q.normal_blocks(target_from_cams) for q in quadratics], n_poses)
     scale = np.sqrt(np.maximum(equations.diagonal, 1e-12 * max(equations.diagonal.max(), 1e-300)))
     # To unit diagonal: radians and metres, near and far, then share one floor.
     inverse_scale = sparse.diags_array(1.0 / scale)
@@ -49,18 +55,10 @@ def covariances(terms: Sequence[Term], unknowns: np.ndarray, idx: np.ndarray) ->
         columns[rows, np.arange(6)] = 1.0 / scale[rows]
         block = factors.solve(columns)[rows] / scale[rows, None]
         result[k] = 0.5 * (block + block.T)
-        spread = np.sqrt(np.abs(np.diagonal(result[k])).max())
-        if not spread < MAX_SPREAD:
+        sigma = np.sqrt(np.abs(np.diagonal(result[k])).max())
+        if not sigma < MAX_SIGMA:
             raise OptionError(
-                f"covariances: expected every unknown to be held by some term, found unknown {i} "
-                f"free (spread {spread:.2g}); add an anchor, a plan or the trajectory prior"
+                f"covariances: expected every pose to be held by some term, found pose {i} "
+                f"free (sigma {sigma:.2g}); add a pose prior, a plan or the odometry term"
             )
     return result
-
-
-def offset_sigmas(
-    terms: Sequence[Term], unknowns: np.ndarray, idx: np.ndarray, normals: np.ndarray
-) -> np.ndarray:
-    """Standard deviations (k,) m of the offsets of the faces that are unknowns `idx` (k,), normals (k, 2)."""
-    shift = covariances(terms, unknowns, idx)[:, 3:5, 3:5]
-    return np.sqrt(np.einsum("fi,fij,fj->f", normals, shift, normals))

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from planfit.geometry import se3
+from planfit.lsq.blocks import NormalBlocks, sum_by_pose
 from planfit.lsq.kernels import sum_pairs, sum_planes
-from planfit.lsq.linear.normal_equations import NormalBlocks, sum_by_pose
 from planfit.lsq.robust import Loss
 
 _PART_POINTS = 100_000

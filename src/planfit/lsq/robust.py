@@ -1,4 +1,4 @@
-"""Robust losses, as functions of the squared residual in spreads: s = (residual / sigma)^2.
+"""Robust losses, as functions of the squared residual in sigmas: s = (residual / sigma)^2.
 
 Each is a cost rho(s) that begins as s (the unsquared norm apart), and the weight rho'(s) that
 iterated least squares gives to a residual. rho is concave in s for all of them, so the weighted
@@ -6,10 +6,11 @@ squares lie above the robust cost and touch it where the weights were taken: low
 the other.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import require_positive
 from planfit.lsq import kernels
@@ -27,23 +28,33 @@ class LossKind(IntEnum):
     GEMAN_MCCLURE = kernels.GEMAN_MCCLURE
     """Levels off: outliers stop pulling."""
     NORM = kernels.NORM
-    """The unsquared norm, as the paper has it: half the cost is the distance in spreads, rounded off
+    """The unsquared norm, as the paper has it: half the cost is the distance in sigmas, rounded off
     below `scale`, which should be tiny: weights grow as one over it."""
 
 
 @dataclass(frozen=True)
 class Loss:
-    """A loss and the residual, in spreads, at which it leaves the parabola."""
+    """A loss and the residual, in sigmas, at which it leaves the parabola."""
 
     kind: LossKind = LossKind.CAUCHY
     """Shape beyond the scale."""
     scale: float = 2.0
-    """Residual, in spreads, at which it leaves the parabola."""
+    """Residual, in sigmas, at which it leaves the parabola."""
 
     def __post_init__(self) -> None:
         require_positive(self, "scale")
 
+    def widened(self, factor: float) -> "Loss":
+        """The same shape at `factor` times the scale: nearer to the parabola, with fewer minima (GNC)."""
+        return replace(self, scale=factor * self.scale)
 
-def loss_value(s: np.ndarray, loss: Loss) -> tuple[np.ndarray, np.ndarray]:
-    """Costs (n,) and weights (n,) of squared residuals (n,) in spreads."""
+
+SQUARES = Loss(LossKind.SQUARED)
+"""Plain least squares."""
+
+
+def loss_value(
+    s: Float[np.ndarray, " n"], loss: Loss
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Costs and weights of squared residuals in sigmas."""
     return kernels.weigh_all(np.asarray(s, dtype=float), int(loss.kind), float(loss.scale))

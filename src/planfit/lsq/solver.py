@@ -8,9 +8,10 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 from threadpoolctl import ThreadpoolController
 
-from planfit.errors import require_choice, require_positive
+from planfit.errors import OptionError, require_choice, require_positive
 from planfit.geometry import se3
 from planfit.lsq.linear.block_pattern import BlockPattern
 from planfit.lsq.linear.normal_equations import LinearSolver, NormalEquations
@@ -52,6 +53,9 @@ class SolverOptions:
         require_positive(self, "max_iterations", "steps_per_reweighting", "initial_damping")
 
 
+DEFAULTS = SolverOptions()
+
+
 @dataclass(frozen=True)
 class Cost:
     """Robust cost of one term at the start and at the end of a solve."""
@@ -64,7 +68,7 @@ class Cost:
 class Solution:
     """Poses that a solve ended with, and how it got there."""
 
-    target_from_cams: np.ndarray  # (n, 4, 4)
+    target_from_cams: Float[np.ndarray, "n 4 4"]
     stop: Enum
     """Why it ended: a `Stop`, or that of another solver; its value is a sentence."""
     iterations: int
@@ -73,17 +77,23 @@ class Solution:
 
 
 def solve(
-    terms: Sequence[Term], initial_target_from_cams: np.ndarray, options: SolverOptions
+    terms: Sequence[Term],
+    initial_target_from_cams: Float[np.ndarray, "n 4 4"],
+    options: SolverOptions,
 ) -> Solution:
-    """Minimise the sum of the terms over all poses.
+    """Minimise the sum of the terms over all poses: what `Problem.solve` does.
 
     Each round freezes the robust weights (one pass over the points), then takes damped Gauss-Newton
     steps on the frozen squares, which lie above the robust cost and touch it: a step that lowers them
     lowers it. Damping follows Nielsen (1999), so a rejected step costs one solve.
+
+    Raises:
+        OptionError: a term's cost is not finite at the initial poses.
     """
     poses = initial_target_from_cams
     reweighted = [term.reweight(poses) for term in terms]
     before = [cost for _, cost in reweighted]
+    _require_finite(terms, before)
     total, stop, damping = sum(before), Stop.LIMIT, options.initial_damping
     iterations = 0
     rounding = 1e-12 * total  # below, actual over predicted decrease is noise
@@ -116,6 +126,15 @@ def solve(
         for term, first, (_, last) in zip(terms, before, reweighted, strict=True)
     }
     return Solution(poses, stop, iterations, costs)
+
+
+def _require_finite(terms: Sequence[Term], costs: Sequence[float]) -> None:
+    for term, cost in zip(terms, costs, strict=True):
+        if not np.isfinite(cost):
+            raise OptionError(
+                f"term {term.name!r}: expected a finite cost at the initial poses, found {cost}; "
+                "look for NaN or infinity in its data"
+            )
 
 
 @cache

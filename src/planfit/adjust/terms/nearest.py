@@ -24,7 +24,7 @@ from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError, require_positive
 from planfit.floorplan import Floorplan
-from planfit.lsq.linear.normal_equations import NormalBlocks
+from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.robust import loss_value
 from planfit.segmentation import WallPatches
 

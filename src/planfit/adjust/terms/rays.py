@@ -25,8 +25,7 @@ import numpy as np
 from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.match_kernels import ray_distances, sum_ray_distances
 from planfit.errors import require_positive
-from planfit.lsq.linear.normal_equations import NormalBlocks
-from planfit.lsq.relative import blocks_of_pairs, relative_poses
+from planfit.lsq.blocks import NormalBlocks, blocks_of_relative_poses, relative_poses
 from planfit.lsq.robust import Loss, LossKind, loss_value
 from planfit.matching import Matches
 
@@ -71,7 +70,7 @@ class RayPairs:
         k = len(self.pairs)
         hessians, gradients = np.zeros((k, 6, 6)), np.zeros((k, 6))
         sum_ray_distances(*self._arguments(target_from_cams), weight, hessians, gradients)
-        return blocks_of_pairs(self.pairs, hessians, gradients, target_from_cams)
+        return blocks_of_relative_poses(self.pairs, hessians, gradients, target_from_cams)
 
     def _arguments(
         self, target_from_cams: np.ndarray

@@ -14,8 +14,7 @@ from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.match_kernels import reproject, sum_reprojections
 from planfit.errors import require_positive
 from planfit.geometry.camera import Camera
-from planfit.lsq.linear.normal_equations import NormalBlocks
-from planfit.lsq.relative import blocks_of_pairs, relative_poses
+from planfit.lsq.blocks import NormalBlocks, blocks_of_relative_poses, relative_poses
 from planfit.lsq.robust import Loss, LossKind, loss_value
 from planfit.matching import Matches
 
@@ -69,7 +68,7 @@ class Sightings:
         k = len(self.pairs)
         hessians, gradients = np.zeros((k, 6, 6)), np.zeros((k, 6))
         sum_reprojections(*self._arguments(target_from_cams), weight, hessians, gradients)
-        return blocks_of_pairs(self.pairs, hessians, gradients, target_from_cams)
+        return blocks_of_relative_poses(self.pairs, hessians, gradients, target_from_cams)
 
     def _arguments(
         self, target_from_cams: np.ndarray

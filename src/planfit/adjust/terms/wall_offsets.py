@@ -6,16 +6,20 @@ shift along the normal is the offset. So the solver, its pattern and its covaria
 without knowing of them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.adjust.association import Association
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.lsq.linear.normal_equations import NormalBlocks, sum_by_pose
+from planfit.lsq.blocks import NormalBlocks, sum_by_pose
+from planfit.lsq.covariance import covariances
 from planfit.lsq.moments import PlaneMoments
+from planfit.lsq.term import Term
 from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.segmentation import WallPatches
 
@@ -112,3 +116,18 @@ def read_offsets(unknowns: np.ndarray, n_cams: int, floorplan: Floorplan) -> np.
     """Offsets (f,) m of the faces along their normals."""
     shifts = se3.transform(unknowns[n_cams:], np.zeros((1, 3)))[:, 0, :2]
     return np.einsum("ni,ni->n", floorplan.normals, shifts)
+
+
+def offset_sigmas(
+    terms: Sequence[Term],
+    unknowns: Float[np.ndarray, "u 4 4"],
+    idx: Int[np.ndarray, " k"],
+    normals: Float[np.ndarray, "k 2"],
+) -> Float[np.ndarray, " k"]:
+    """Standard deviations (m) of the offsets of the faces that are unknowns `idx`, along their normals.
+
+    Raises:
+        OptionError: nothing holds one of them.
+    """
+    translation = covariances(terms, unknowns, idx)[:, 3:5, 3:5]
+    return np.sqrt(np.einsum("fi,fij,fj->f", normals, translation, normals))

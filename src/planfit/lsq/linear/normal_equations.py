@@ -1,36 +1,16 @@
 """The normal equations of a least-squares step: 6x6 blocks, one row of blocks a pose."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import sparse
 
+from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.linear.banded_cg import solve_banded_cg
 from planfit.lsq.linear.block_pattern import BlockPattern
 
 LinearSolver = Literal["auto", "direct", "cg", "pardiso"]
 """How a step is solved for: factorisation, conjugate gradients, or the one that suits the pattern."""
-
-
-@dataclass(frozen=True)
-class NormalBlocks:
-    """A term's share of J^T J and J^T r; tangent vectors as in `planfit.geometry.se3`."""
-
-    rows: np.ndarray  # (b,) pose of each block's rows
-    columns: np.ndarray  # (b,) pose of each block's columns; rows <= columns
-    blocks: np.ndarray  # (b, 6, 6); blocks off the diagonal also stand for their transpose
-    gradient: np.ndarray  # (n, 6)
-
-
-def sum_by_pose(idx: np.ndarray, values: np.ndarray, n_poses: int) -> np.ndarray:
-    """Sum values (k, ...) into their poses: (n_poses, ...)."""
-    flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
-    pick = sparse.csr_array(
-        (np.ones(len(idx)), (idx, np.arange(len(idx)))), shape=(n_poses, len(idx))
-    )
-    return (pick @ flat).reshape(n_poses, *values.shape[1:])
 
 
 class NormalEquations:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from planfit.errors import OptionError
-from planfit.lsq.linear.normal_equations import NormalBlocks, sum_by_pose
+from planfit.lsq.blocks import NormalBlocks, sum_by_pose
 from planfit.lsq.robust import Loss, LossKind
 
 _PART_POINTS = 4_000_000

@@ -13,10 +13,11 @@ from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionT
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.errors import OptionError
 from planfit.lsq import bounded
-from planfit.lsq.bounded import BarrierTerm, BoundedOptions, robust_cost, solve_bounded
+from planfit.lsq.bounded import BarrierTerm, BoundedOptions, solve_bounded
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import SolverOptions, Stop, solve
+from planfit.lsq.term import robust_cost
 from planfit.lsq.terms.prior import PosePriorTerm
 
 QUICK = SolverOptions(max_iterations=30)
@@ -87,7 +88,7 @@ def test_reprojection_never_exceeds_the_bound_at_any_iterate(accepted, seed):
     result = solve_bounded([term], [wrong], start, BoundedOptions(), QUICK)
     costs = [robust_cost([term], at) for at in accepted]
     assert max(costs) < result.bound
-    assert result.geometric_cost.after > result.geometric_cost.before
+    assert result.bounded_cost.after > result.bounded_cost.before
     assert wrong.cost(accepted[-1]) < wrong.cost(accepted[0])
 
 
@@ -107,13 +108,13 @@ def test_reports_bound_and_both_rounds(rng):
     options = BoundedOptions(error_factor=1.1, slack=0.5)
     result = solve_bounded([points], others, start, options, QUICK)
     alone = solve([points], start, QUICK)
-    assert_array_equal(result.geometric.target_from_cams, alone.target_from_cams)
+    assert_array_equal(result.alone.target_from_cams, alone.target_from_cams)
     least = alone.cost_by_term["points"].after
-    assert_allclose(result.geometric_cost.before, least)
+    assert_allclose(result.bounded_cost.before, least)
     assert_allclose(result.bound, 1.1**2 * least + 0.5)
     assert set(result.solution.cost_by_term) == {"floor", "walls", "barrier"}
     after = robust_cost([points], result.solution.target_from_cams)
-    assert_allclose(result.geometric_cost.after, after)
+    assert_allclose(result.bounded_cost.after, after)
     assert result.solution.stop is Stop.COST
     total = [
         sum(getattr(c, at) for c in result.solution.cost_by_term.values())
@@ -134,7 +135,7 @@ def test_exact_matches_leave_the_slack_to_reach_the_plan(rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     tight = SolverOptions(max_iterations=200, cost_tolerance=1e-10)
     result = solve_bounded([points], others, start, BoundedOptions(barrier_share=1e-3), tight)
-    assert result.geometric_cost.after < result.bound < 2e-3
+    assert result.bounded_cost.after < result.bound < 2e-3
     assert_allclose(result.solution.target_from_cams, world.plan_from_cams, atol=5e-3)
 
 
@@ -158,7 +159,7 @@ def test_a_smaller_barrier_comes_closer_to_the_bound(rng):
     used = []
     for share in (1.0, 0.1, 0.01):
         result = solve_bounded([points], others, start, BoundedOptions(barrier_share=share), QUICK)
-        cost = result.geometric_cost
+        cost = result.bounded_cost
         used.append((cost.after - cost.before) / (result.bound - cost.before))
     assert used == sorted(used)
     assert used[-1] > 0.5
@@ -216,7 +217,7 @@ def test_others_that_cost_nothing_change_nothing_much(rng):
     weightless = floor_term(world.structure, LevelOptions(weight=0.0))
     start = nudged(rng, world.plan_from_cams, 0.5, 0.05)
     result = solve_bounded([points], [weightless], start, BoundedOptions(), QUICK)
-    assert result.geometric_cost.after <= result.geometric_cost.before * (1 + 1e-9)
+    assert result.bounded_cost.after <= result.bounded_cost.before * (1 + 1e-9)
 
 
 @pytest.mark.parametrize(

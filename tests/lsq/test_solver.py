@@ -11,7 +11,7 @@ from builders import make_matches, make_world, nudged, position_rms_m, random_tr
 from planfit.adjust import AdjustOptions
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.geometry import se3
-from planfit.lsq.linear.normal_equations import NormalBlocks
+from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import SolverOptions, Stop, solve
 from planfit.lsq.terms.prior import PosePriorTerm

@@ -6,18 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import make_world, nudged
 from planfit.adjust import AdjustOptions
-from planfit.lsq.linear.normal_equations import NormalBlocks, NormalEquations, sum_by_pose
-
-
-def test_sum_by_pose_is_add_at(rng):
-    idx, values = rng.integers(5, size=30), rng.normal(size=(30, 2, 3))
-    expected = np.zeros((6, 2, 3))
-    np.add.at(expected, idx, values)
-    assert_allclose(sum_by_pose(idx, values, 6), expected)
-
-
-def test_sum_by_pose_of_nothing_is_zero():
-    assert_array_equal(sum_by_pose(np.zeros(0, dtype=int), np.zeros((0, 6, 6)), 3), 0.0)
+from planfit.lsq.blocks import NormalBlocks
+from planfit.lsq.linear.normal_equations import NormalEquations
 
 
 def test_blocks_off_the_diagonal_stand_for_their_transpose(rng):
