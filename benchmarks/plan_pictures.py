@@ -16,7 +16,7 @@ import numpy as np
 from records import Record
 
 from planfit.errors import FloorplanError
-from planfit.floorplan import PlanOptions
+from planfit.floorplan import PlanOptions, nearest_faces
 from planfit.floorplan.raster import read_picture
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
@@ -95,7 +95,9 @@ def distances(
         points, _ = segments.sample(one[None], 1.0)
         alike = to_normals @ normal > 0.9
         if alike.any():
-            result.append(segments.nearest_distance(points, np.ascontiguousarray(to_ends[alike])))
+            result.append(
+                nearest_faces.nearest_distance(points, np.ascontiguousarray(to_ends[alike]))
+            )
         else:
             result.append(np.full(len(points), np.inf))
     return np.concatenate(result) if result else np.zeros(0)

@@ -1,10 +1,10 @@
-"""Nearest point and iterative nearest wall: the search against a twin, the pull, and every option."""
+"""Nearest point and iterative nearest wall: the gradient, the motion, and every option."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from builders import (
     faces_plan,
@@ -16,11 +16,9 @@ from builders import (
     moved_plan,
     nudged,
     position_rms_m,
-    random_transforms,
     room_plan,
 )
-from planfit.adjust.face_grid import make_face_grid
-from planfit.adjust.terms.nearest import NearestTerm, Pull
+from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError
@@ -30,7 +28,7 @@ from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind, loss_value
 from planfit.lsq.solver import SolverOptions, solve
 
-PULLS = ["point", "line"]
+TARGETS = ["point", "line"]
 SQUARED = Loss(LossKind.SQUARED)
 
 
@@ -43,9 +41,13 @@ def make_term(world, **options):
     return nearest_term(world.structure.walls, world.floorplan, **options)
 
 
-def nearest_term(patches, floorplan, pull_to="line", max_distance_m=1.0, oriented=True, **options):
+def nearest_term(
+    patches, floorplan, nearest_to="line", max_distance_m=1.0, oriented=True, **options
+):
     chosen = WallOptions(**{"loss": Loss(LossKind.CAUCHY, 2.0), **options})
-    return NearestTerm(patches, floorplan, chosen, Pull(pull_to, max_distance_m, oriented))
+    return NearestTerm(
+        patches, floorplan, chosen, NearestPointOptions(nearest_to, max_distance_m, oriented)
+    )
 
 
 def twin_nearest(xy, floorplan, is_allowed):
@@ -61,47 +63,21 @@ def twin_nearest(xy, floorplan, is_allowed):
     return face, points[rows, face], distance[rows, face]
 
 
-@pytest.mark.parametrize("reach_m", [0.3, 2.0, 500.0])
-@pytest.mark.parametrize("oriented", [False, True])
-def test_the_grid_finds_what_trying_all_faces_finds(reach_m, oriented, rng):
-    middle, heading = rng.uniform(0, 20, (60, 2)), rng.uniform(0, 2 * np.pi, 60)
-    half = np.stack([np.cos(heading), np.sin(heading)], axis=1) * rng.uniform(0.05, 4, (60, 1))
-    ends = np.stack([middle - half, middle + half], axis=1)
-    floorplan = Floorplan("some", ends, segments.left_normals(ends), rng.random(60) < 0.7)
-    points = np.column_stack([rng.uniform(-4, 24, (900, 2)), rng.uniform(0, 2, 900)])
-    start = np.arange(0, 901, 30)
-    cams = random_transforms(rng, 30)
-    in_cams = se3.transform(se3.inverse(cams), points.reshape(30, 30, 3)).reshape(-1, 3)
-    towards = rng.normal(size=(30, 2))
-    grid = make_face_grid(floorplan, reach_m, oriented)
-    face, feet, gaps = grid.nearest(in_cams, start, cams, towards)
-    is_allowed = np.ones((900, 60), dtype=bool)
-    if oriented:
-        from_front = np.repeat(towards @ floorplan.normals.T > 0, 30, axis=0)
-        is_allowed = from_front | ~floorplan.is_oriented
-    expected, expected_feet, distance = twin_nearest(points[:, :2], floorplan, is_allowed)
-    found = distance < reach_m
-    assert found.sum() > 0
-    assert_array_equal(face, np.where(found, expected, -1))
-    assert_allclose(feet[found], expected_feet[found], atol=1e-9)
-    assert_allclose(gaps[found], (points[:, :2] - expected_feet)[found], atol=1e-9)
-
-
-@pytest.mark.parametrize("pull_to", PULLS)
-def test_zero_at_truth(pull_to, world):
+@pytest.mark.parametrize("nearest_to", TARGETS)
+def test_zero_at_truth(nearest_to, world):
     # All wall points lie exactly on their faces.
-    quadratic, cost = make_term(world, pull_to=pull_to).reweight(world.plan_from_cams)
+    quadratic, cost = make_term(world, nearest_to=nearest_to).reweight(world.plan_from_cams)
     assert_allclose(cost, 0.0, atol=1e-18)
     assert_allclose(quadratic.normal_blocks(world.plan_from_cams).gradient, 0.0, atol=1e-8)
     assert np.isfinite(quadratic.normal_blocks(world.plan_from_cams).blocks).all()
 
 
 @pytest.mark.parametrize("kind", list(LossKind), ids=lambda kind: kind.name)
-@pytest.mark.parametrize("pull_to", PULLS)
-def test_gradient_is_that_of_the_frozen_and_of_the_robust_cost(pull_to, kind, world, rng):
+@pytest.mark.parametrize("nearest_to", TARGETS)
+def test_gradient_is_that_of_the_frozen_and_of_the_robust_cost(nearest_to, kind, world, rng):
     at = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     loss = Loss(kind, 0.1 if kind is LossKind.NORM else 2.0)
-    term = make_term(world, pull_to=pull_to, loss=loss)
+    term = make_term(world, nearest_to=nearest_to, loss=loss)
     quadratic, _ = term.reweight(at)
     gradient = quadratic.normal_blocks(at).gradient
     robust = gradient_by_differences(lambda here: term.reweight(here)[1], at, 1e-7)
@@ -112,8 +88,8 @@ def test_gradient_is_that_of_the_frozen_and_of_the_robust_cost(pull_to, kind, wo
     assert_allclose(gradient, frozen, atol=1e-6 * scale)
 
 
-@pytest.mark.parametrize("pull_to", PULLS)
-def test_blocks_are_those_of_the_residuals(pull_to, world, rng):
+@pytest.mark.parametrize("nearest_to", TARGETS)
+def test_blocks_are_those_of_the_residuals(nearest_to, world, rng):
     at = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     options = {
         "sigma_m": 0.1,
@@ -121,7 +97,7 @@ def test_blocks_are_those_of_the_residuals(pull_to, world, rng):
         "max_observations": 1e9,
         "points_per_observation": 1.0,
     }
-    quadratic, cost = make_term(world, pull_to=pull_to, **options).reweight(at)
+    quadratic, cost = make_term(world, nearest_to=nearest_to, **options).reweight(at)
     frame = world.structure.walls.point_frame_idx
     towards = np.repeat(world.structure.walls.normals_cam, np.diff(world.structure.walls.start), 0)
     towards = np.einsum("mab,mb->ma", at[frame, :2, :3], towards)
@@ -135,7 +111,7 @@ def test_blocks_are_those_of_the_residuals(pull_to, world, rng):
     def residuals(here):
         gap = (xy(here) - feet) / 0.1
         across = world.floorplan.normals[face]
-        return gap.ravel() if pull_to == "point" else np.einsum("mi,mi->m", gap, across)
+        return gap.ravel() if nearest_to == "point" else np.einsum("mi,mi->m", gap, across)
 
     assert_allclose(cost, 0.5 * np.sum(residuals(at) ** 2))
     assert_allclose(quadratic.cost(at), cost)
@@ -147,11 +123,11 @@ def test_blocks_are_those_of_the_residuals(pull_to, world, rng):
     assert_allclose(blocks.gradient.ravel(), expected, atol=1e-7 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("pull_to", PULLS)
-def test_moving_world_and_plan_together_changes_nothing(pull_to, world, rng):
+@pytest.mark.parametrize("nearest_to", TARGETS)
+def test_moving_world_and_plan_together_changes_nothing(nearest_to, world, rng):
     at = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     move = se3.yaw_transform(2.1, np.array([30.0, -12.0, 0.0]))
-    term = make_term(world, pull_to=pull_to)
+    term = make_term(world, nearest_to=nearest_to)
     moved = replace(term, floorplan=moved_plan(world.floorplan, move))
     assert_allclose(moved.reweight(move @ at)[1], term.reweight(at)[1], rtol=1e-9)
 
@@ -159,7 +135,7 @@ def test_moving_world_and_plan_together_changes_nothing(pull_to, world, rng):
 @pytest.mark.parametrize("distance_m", [0.5, 10.0])
 def test_nearest_point_rounds_never_raise_the_cost(distance_m, world, rng):
     at = nudged(rng, world.plan_from_cams, 5.0, 0.3)
-    term = make_term(world, pull_to="point", max_distance_m=distance_m)
+    term = make_term(world, nearest_to="point", max_distance_m=distance_m)
     quadratic, cost = term.reweight(at)
     for _ in range(10):
         other = nudged(rng, at, 2.0, 0.2)
@@ -179,20 +155,20 @@ def test_beyond_the_end_a_point_is_pulled_to_the_end():
     # One face from (0, 0) to (1, 0) looking to +y; the point lies 0.3 past its end and 0.4 above.
     ends = np.array([[[0.0, 0.0], [1.0, 0.0]]])
     floorplan = Floorplan("one", ends, segments.left_normals(ends), np.ones(1, dtype=bool))
-    poses, term = one_point((1.3, 0.4), floorplan, pull_to="point")
+    poses, term = one_point((1.3, 0.4), floorplan, nearest_to="point")
     quadratic, cost = term.reweight(poses)
     assert_allclose(cost, 0.5 * 0.25)
     assert_allclose(quadratic.feet, [[1.0, 0.0]], atol=1e-12)
     assert_allclose(quadratic.normal_blocks(poses).gradient[0, 3:], [0.3, 0.4, 0.0], atol=1e-9)
-    poses, term = one_point((1.3, 0.4), floorplan, pull_to="line")
+    poses, term = one_point((1.3, 0.4), floorplan, nearest_to="line")
     quadratic, cost = term.reweight(poses)
     assert_allclose(cost, 0.5 * 0.16)
     assert_allclose(quadratic.normal_blocks(poses).gradient[0, 3:], [0.0, 0.4, 0.0], atol=1e-9)
 
 
-@pytest.mark.parametrize(("pull_to", "slide"), [("point", 1.0), ("line", 0.0)])
-def test_only_nearest_point_holds_along_the_wall(pull_to, slide):
-    poses, term = one_point((3.0, 0.2), room_plan(), pull_to=pull_to)
+@pytest.mark.parametrize(("nearest_to", "slide"), [("point", 1.0), ("line", 0.0)])
+def test_only_nearest_point_holds_along_the_wall(nearest_to, slide):
+    poses, term = one_point((3.0, 0.2), room_plan(), nearest_to=nearest_to)
     block = term.reweight(poses)[0].normal_blocks(poses).blocks[0]
     assert_allclose(block[3:, 3:], np.diag([slide, 1.0, 0.0]), atol=1e-12)
 
@@ -200,8 +176,8 @@ def test_only_nearest_point_holds_along_the_wall(pull_to, slide):
 def test_walls_pull_towards_the_plan_and_not_away(world):
     at = world.plan_from_cams.copy()
     at[:, 0, 3] += 0.03
-    for pull_to, atol in (("line", 0.005), ("point", 0.025)):  # points hold along walls, too
-        quadratic, _ = make_term(world, pull_to=pull_to).reweight(at)
+    for nearest_to, atol in (("line", 0.005), ("point", 0.025)):  # points hold along walls, too
+        quadratic, _ = make_term(world, nearest_to=nearest_to).reweight(at)
         step = NormalEquations([quadratic.normal_blocks(at)], len(at)).step(1e-6)
         assert_allclose(step[:, 3], -0.03, atol=atol)
 
@@ -215,21 +191,21 @@ def thick_wall():
 def test_oriented_faces_pull_only_what_was_seen_from_their_side():
     # Seen from +y, drifted so far that the back face is nearer.
     for oriented, foot_y in ((True, 0.0), (False, -0.2)):
-        poses, term = one_point((3.0, -0.15), thick_wall(), pull_to="point", oriented=oriented)
+        poses, term = one_point((3.0, -0.15), thick_wall(), nearest_to="point", oriented=oriented)
         assert_allclose(term.reweight(poses)[0].feet[0], [3.0, foot_y], atol=1e-12)
 
 
 def test_faces_without_a_known_side_pull_from_both():
     plan = replace(thick_wall(), is_oriented=np.zeros(2, dtype=bool))
-    poses, term = one_point((3.0, -0.15), plan, pull_to="point", oriented=True)
+    poses, term = one_point((3.0, -0.15), plan, nearest_to="point", oriented=True)
     assert_allclose(term.reweight(poses)[0].feet[0], [3.0, -0.2], atol=1e-12)
 
 
 def test_a_point_exactly_on_a_wall_or_corner_is_quiet():
     for xy in ((3.0, 0.0), (0.0, 0.0)):
-        for pull_to in PULLS:
+        for nearest_to in TARGETS:
             poses, term = one_point(
-                xy, room_plan(), pull_to=pull_to, loss=Loss(LossKind.NORM, 1e-3)
+                xy, room_plan(), nearest_to=nearest_to, loss=Loss(LossKind.NORM, 1e-3)
             )
             quadratic, cost = term.reweight(poses)
             assert_allclose(cost, 0.0, atol=1e-15)
@@ -238,13 +214,18 @@ def test_a_point_exactly_on_a_wall_or_corner_is_quiet():
             assert np.isfinite(blocks.blocks).all()
 
 
-@pytest.mark.parametrize("pull_to", PULLS)
-def test_points_out_of_reach_do_not_pull_and_cost_the_same_everywhere(pull_to):
+@pytest.mark.parametrize("nearest_to", TARGETS)
+def test_points_out_of_reach_do_not_pull_and_cost_the_same_everywhere(nearest_to):
     loss = Loss(LossKind.CAUCHY, 2.0)
     limit = 0.5 * loss_value(np.array([(0.5 / 0.1) ** 2]), loss)[0][0]
     for y in (0.6, 1.0, -50.0):
         poses, term = one_point(
-            (3.0, y), thick_wall(), pull_to=pull_to, max_distance_m=0.5, sigma_m=0.1, loss=loss
+            (3.0, y),
+            thick_wall(),
+            nearest_to=nearest_to,
+            max_distance_m=0.5,
+            sigma_m=0.1,
+            loss=loss,
         )
         quadratic, cost = term.reweight(poses)
         assert_allclose(cost, limit)
@@ -253,28 +234,30 @@ def test_points_out_of_reach_do_not_pull_and_cost_the_same_everywhere(pull_to):
 
 
 def test_max_distance_opens_the_search():
-    poses, term = one_point((3.0, 0.6), thick_wall(), pull_to="point", max_distance_m=0.7)
+    poses, term = one_point((3.0, 0.6), thick_wall(), nearest_to="point", max_distance_m=0.7)
     assert_allclose(term.reweight(poses)[1], 0.5 * 0.36)
 
 
-@pytest.mark.parametrize("pull_to", PULLS)
-def test_weight_multiplies_the_term_and_zero_switches_it_off(pull_to, world, rng):
+@pytest.mark.parametrize("nearest_to", TARGETS)
+def test_weight_multiplies_the_term_and_zero_switches_it_off(nearest_to, world, rng):
     at = nudged(rng, world.plan_from_cams, 1.0, 0.05)
-    one, cost = make_term(world, pull_to=pull_to).reweight(at)
+    one, cost = make_term(world, nearest_to=nearest_to).reweight(at)
     for factor in (3.0, 0.0):
-        other, other_cost = make_term(world, pull_to=pull_to, weight=factor).reweight(at)
+        other, other_cost = make_term(world, nearest_to=nearest_to, weight=factor).reweight(at)
         assert_allclose(other_cost, factor * cost)
         expected = one.normal_blocks(at).blocks
         rounding = 1e-12 * expected.max()
         assert_allclose(other.normal_blocks(at).blocks, factor * expected, atol=rounding)
 
 
-@pytest.mark.parametrize("pull_to", PULLS)
-def test_sigma_and_readings_and_loss_are_those_given(pull_to, world, rng):
+@pytest.mark.parametrize("nearest_to", TARGETS)
+def test_sigma_and_readings_and_loss_are_those_given(nearest_to, world, rng):
     at = nudged(rng, world.plan_from_cams, 1.0, 0.1)
 
     def cost(**options):
-        return make_term(world, pull_to=pull_to, **{"loss": SQUARED, **options}).reweight(at)[1]
+        return make_term(world, nearest_to=nearest_to, **{"loss": SQUARED, **options}).reweight(at)[
+            1
+        ]
 
     assert_allclose(cost(sigma_m=0.1), cost(sigma_m=0.05) / 4)
     assert_allclose(cost(max_observations=0.5), cost(max_observations=1.0) / 2)
@@ -290,9 +273,9 @@ def test_no_wall_points_cost_nothing(world):
     assert not quadratic.normal_blocks(world.plan_from_cams).blocks.any()
 
 
-@pytest.mark.parametrize("pull_to", PULLS)
-def test_pulls_a_drifted_walk_back(pull_to, world, rng):
-    terms = [make_term(world, pull_to=pull_to), PointTerm(world.matches, PointOptions())]
+@pytest.mark.parametrize("nearest_to", TARGETS)
+def test_brings_a_drifted_walk_back(nearest_to, world, rng):
+    terms = [make_term(world, nearest_to=nearest_to), PointTerm(world.matches, PointOptions())]
     move = se3.yaw_transform(0.02, np.array([0.1, -0.12, 0.0]))
     start = move @ nudged(rng, world.plan_from_cams, 0.3, 0.02)
     start[:, 2, 3] = world.plan_from_cams[:, 2, 3]
@@ -312,11 +295,11 @@ def test_pulls_a_drifted_walk_back(pull_to, world, rng):
 )
 def test_refuses_options_that_cannot_work(name, value):
     with pytest.raises(OptionError, match=name):
-        Pull(**{name: value})
+        NearestPointOptions(**{name: value})
 
 
 def test_a_plan_of_any_size_fits_the_grid():
     plan = faces_plan(np.array([[0, 0], [900, 0], [900, 700], [0, 700]]))
-    poses, term = one_point((450.0, 0.3), plan, at=(450.0, 2.0, 1.5), pull_to="point")
+    poses, term = one_point((450.0, 0.3), plan, at=(450.0, 2.0, 1.5), nearest_to="point")
     assert_allclose(term.reweight(poses)[1], 0.5 * 0.09)
     assert np.prod(term.grid.shape) < 170_000

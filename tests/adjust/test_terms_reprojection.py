@@ -96,7 +96,7 @@ def test_points_behind_the_camera_have_no_weight(matches, poses):
     at = turned_away(poses)
     term = make_term(matches, len(poses), loss=SQUARED, max_observations=1e9)
     quadratic, cost = term.reweight(at)
-    frames = np.repeat(quadratic.sightings.pairs, np.diff(quadratic.sightings.start), axis=0)
+    frames = np.repeat(quadratic.reprojected.pairs, np.diff(quadratic.reprojected.start), axis=0)
     with_second = np.any(frames == 1, axis=1)
     assert not quadratic.weight[with_second].any()
     assert np.all(quadratic.weight[~with_second] > 0)
@@ -133,7 +133,7 @@ def test_points_at_the_image_plane_are_safe(depth_m):
     assert np.isfinite(cost)
     assert np.isfinite(blocks.blocks).all()
     assert np.isfinite(blocks.gradient).all()
-    # Sightings: the first camera sees the second's point further off; the second's are at depth_m.
+    # ReprojectedMatches: the first camera sees the second's point further off; the second's are at depth_m.
     assert quadratic.weight[0] > 0
     assert (quadratic.weight[1] > 0) == (depth_m > 0.125)
 

@@ -9,7 +9,8 @@ from builders import faces_plan, moved_plan
 from planfit.align import AlignOptions, align_paper, sample_walls
 from planfit.align.paper import boundary_scan, floorplan_3d, main_direction
 from planfit.errors import ScanError
-from planfit.geometry import se3, segments
+from planfit.floorplan import nearest_faces
+from planfit.geometry import se3
 
 # An L: no turn brings it onto itself.
 PLAN = faces_plan([[0, 0], [12, 0], [12, 4], [5, 4], [5, 9], [0, 9]], "L")
@@ -72,13 +73,13 @@ def test_floor_and_outliers_are_no_boundary(rng):
     furniture = rng.uniform([1, 1, 0.3], [4, 8, 1.0], (60, 3))
     kept = boundary_scan(np.concatenate([points, furniture]))
     assert kept[:, 2].min() > 0.15
-    off = segments.nearest_distance(kept[:, :2], PLAN.ends)
+    off = nearest_faces.nearest_distance(kept[:, :2], PLAN.ends)
     assert np.mean(off > 0.1) < 0.002
 
 
 def test_the_3d_floorplan_is_uniform_on_the_walls(rng):
     points = floorplan_3d(PLAN, 0.5, 2.5, rng)
-    assert segments.nearest_distance(points[:, :2], PLAN.ends).max() < 1e-9
+    assert nearest_faces.nearest_distance(points[:, :2], PLAN.ends).max() < 1e-9
     assert (points[:, 2].min(), points[:, 2].max()) == pytest.approx((0.5, 2.5), abs=0.01)
     on_longest = np.mean(np.abs(points[:, 1]) < 1e-9)
     assert on_longest == pytest.approx(PLAN.lengths[0] / PLAN.lengths.sum(), abs=0.02)

@@ -17,9 +17,8 @@ from planfit.align.refine import (
     refine_hypothesis,
     stretch_scores,
 )
-from planfit.align.visibility import SIGHT_MARGIN_M, crosses_face, nearest_faces
+from planfit.align.visibility import SIGHT_MARGIN_M, is_occluded
 from planfit.align.wall_samples import WallSamples, thin
-from planfit.floorplan import make_floorplan
 from planfit.geometry import segments
 
 
@@ -53,32 +52,6 @@ def test_the_score_is_the_mean_closeness(samples):
 
 def test_a_place_off_the_plan_scores_zero(samples):
     assert refined(samples, room_plan(), 0.0, [100.0, 0.0]).score == 0.0
-
-
-def test_nearest_faces_against_one_sample_at_a_time(rng):
-    ends = rng.uniform(0, 10, (15, 2, 2))
-    ends[10:] = ends[:5] + 0.15
-    plan = make_floorplan("random", ends)
-    assert 0 < plan.is_oriented.sum() < 15
-    xy = rng.uniform(0, 10, (200, 2))
-    angle = rng.uniform(0, 2 * np.pi, 200)
-    normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    distance, face = nearest_faces(xy, normals, plan.ends, plan.normals, plan.is_oriented, 1.0)
-    expected = np.full(200, -1)
-    for m in range(200):
-        best = 1.0
-        for n in range(15):
-            along = (ends[n, 1] - ends[n, 0]) / np.linalg.norm(ends[n, 1] - ends[n, 0])
-            at = (xy[m] - ends[n, 0]) @ along
-            off = (xy[m] - ends[n, 0]) @ plan.normals[n]
-            cosine = normals[m] @ plan.normals[n]
-            cosine = cosine if plan.is_oriented[n] else abs(cosine)
-            beside = -0.3 < at < np.linalg.norm(ends[n, 1] - ends[n, 0]) + 0.3
-            if cosine > np.cos(np.deg2rad(25)) and beside and abs(off) < best:
-                best, expected[m] = abs(off), n
-        if expected[m] >= 0:
-            assert abs(distance[m]) == pytest.approx(best)
-    assert_array_equal(face, expected)
 
 
 def test_one_scale_is_refined_with_turn_and_shift(samples):
@@ -140,7 +113,7 @@ def test_lines_of_sight_against_one_at_a_time(rng):
             if SIGHT_MARGIN_M < along < reach - SIGHT_MARGIN_M and inside:
                 expected[m] = True
     assert 50 < expected.sum() < 290
-    assert_array_equal(crosses_face(eyes, xy, ends), expected)
+    assert_array_equal(is_occluded(eyes, xy, ends), expected)
 
 
 def test_leaving_out_stretches_shows_a_bend(samples):

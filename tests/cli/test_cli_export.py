@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from planfit.cli import run
 from planfit.evaluate import position_errors
 from planfit.floorplan import read_floorplan
-from planfit.geometry.segments import nearest_distance
+from planfit.floorplan.nearest_faces import nearest_distance
 from planfit.scan import ScanOptions, read_scan, read_tum
 from planfit.scan.pose_files import read_poses
 

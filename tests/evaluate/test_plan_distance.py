@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 from builders import faces_plan, look, make_structure, room_plan
 from planfit.evaluate import floor_flatness, wall_distances
-from planfit.evaluate.plan_distance import nearest_distances
-from planfit.floorplan import Floorplan
+from planfit.floorplan import Floorplan, nearest_faces
+from planfit.floorplan.nearest_faces import facing_distances
 from planfit.geometry import se3, segments
 
 
@@ -38,30 +38,30 @@ def test_against_all_pairs(rng):
     ends = rng.uniform(-5, 5, (n, 2, 2))
     plan = Floorplan("any", ends, segments.left_normals(ends), rng.random(n) < 0.7)
     xy, eyes = rng.uniform(-6, 6, (2, 400, 2))
-    found = nearest_distances(xy, eyes, plan)
+    found = facing_distances(xy, eyes, plan)
     assert_allclose(found, slow_distances(xy, eyes, plan), atol=1e-12)
-    assert_allclose(found[:, 0], segments.nearest_distance(xy, plan.ends), atol=1e-12)
+    assert_allclose(found[:, 0], nearest_faces.nearest_distance(xy, plan.ends), atol=1e-12)
 
 
 def test_by_hand():
     # Seen from below (y < 0), at y = 0.15: 5 cm from the far face, 15 cm from the one that was seen.
-    found = nearest_distances(np.array([[2.0, 0.15]]), np.array([[2.0, -1.0]]), thick_wall())
+    found = facing_distances(np.array([[2.0, 0.15]]), np.array([[2.0, -1.0]]), thick_wall())
     assert_allclose(found, [[0.05, 0.15]])
     # Past the end of a segment the distance is that to its end.
-    found = nearest_distances(np.array([[8.0, -4.0]]), np.array([[8.0, -6.0]]), thick_wall())
+    found = facing_distances(np.array([[8.0, -4.0]]), np.array([[8.0, -6.0]]), thick_wall())
     assert_allclose(found, [[5.0, 5.0]])
 
 
 def test_faces_without_a_side_count_from_both():
     plan = replace(thick_wall(), is_oriented=np.array([True, False]))
-    found = nearest_distances(np.array([[2.0, 0.15]]), np.array([[2.0, -1.0]]), plan)
+    found = facing_distances(np.array([[2.0, 0.15]]), np.array([[2.0, -1.0]]), plan)
     assert_allclose(found, [[0.05, 0.05]])
 
 
 def test_where_no_face_looks_at_the_eye():
     plan = replace(thick_wall())
     between = np.array([[2.0, 0.1]])
-    assert np.isinf(nearest_distances(between, between, plan)[0, 1])
+    assert np.isinf(facing_distances(between, between, plan)[0, 1])
 
 
 def structure_of_a_wall(poses, y_m, n=200):

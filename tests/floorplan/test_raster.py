@@ -12,7 +12,7 @@ import shapely
 from numpy.testing import assert_allclose
 
 from planfit.errors import FloorplanError
-from planfit.floorplan import PlanOptions, read_floorplan
+from planfit.floorplan import PlanOptions, nearest_faces, read_floorplan
 from planfit.floorplan.raster.candidates import opened
 from planfit.floorplan.raster.frame import without_frame
 from planfit.floorplan.raster.openings import find_openings
@@ -42,7 +42,7 @@ def share_near(ends, normals, to_ends, to_normals, near_px=3.0):
     for one, normal in zip(ends, normals, strict=True):
         points, _ = segments.sample(one[None], 1.0)
         alike = np.ascontiguousarray(to_ends[to_normals @ normal > 0.9])
-        distance = segments.nearest_distance(points, alike)
+        distance = nearest_faces.nearest_distance(points, alike)
         n_near, n = n_near + int((distance < near_px).sum()), n + len(points)
     return n_near / n
 
@@ -152,7 +152,7 @@ def test_walls_that_differ_from_most_are_read(tmp_path: Path, wall: list[tuple])
     assert "double lines" in plan.source.kind
     for lines in (ROOMS, wall):
         points, _ = segments.sample(np.reshape(lines, (-1, 2, 2)).astype(float), 1.0)
-        distance = segments.nearest_distance(points, np.ascontiguousarray(plan.ends * MIRROR))
+        distance = nearest_faces.nearest_distance(points, np.ascontiguousarray(plan.ends * MIRROR))
         assert (distance < 3.0).mean() > 0.9
 
 
@@ -189,7 +189,7 @@ def test_faces_lie_at_fractions_of_a_pixel(tmp_path: Path) -> None:
     drawing = drawn()
     plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
     points, _ = segments.sample(plan.ends * MIRROR, 1.0)
-    distance = segments.nearest_distance(points, np.ascontiguousarray(drawing.ends_uv))
+    distance = nearest_faces.nearest_distance(points, np.ascontiguousarray(drawing.ends_uv))
     assert np.median(distance) < 0.3
 
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.errors import OptionError
-from planfit.floorplan import make_floorplan
+from planfit.floorplan import make_floorplan, nearest_faces
 from planfit.geometry import segments
 from planfit.scan import Label
 from planfit.synth import BuildingOptions, facap_segments, make_building, make_quads
@@ -64,7 +64,7 @@ def test_doors_are_gaps_in_the_plan():
         across = door.rect.size[1 if door.is_across_x else 0]
         assert_allclose(across, 1.1, atol=1e-9)
         is_jamb = b.faces.parts == Part.JAMB
-        distance = segments.nearest_distance(
+        distance = nearest_faces.nearest_distance(
             door.rect.centre[None], b.floorplan.ends[~is_jamb[b.faces.parts != Part.LINTEL]]
         )
         assert distance[0] >= 0.55 - 1e-9

@@ -8,7 +8,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from trimesh.ray import ray_pyembree
 
-from planfit.geometry import se3, segments
+from planfit.floorplan import nearest_faces
+from planfit.geometry import se3
 from planfit.scan import Label
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 from planfit.synth.noise_field import octaves, value_noise
@@ -44,7 +45,7 @@ def test_points_lie_on_the_surfaces_of_their_label(synthetic, frame_idx):
     below_lintels = (view.labels == Label.WALL) & (points[..., 2] < 2.05)
     xy = points[below_lintels][:, :2]
     assert len(xy) > 100
-    assert segments.nearest_distance(xy, synthetic.floorplan.ends).max() < 1e-3
+    assert nearest_faces.nearest_distance(xy, synthetic.floorplan.ends).max() < 1e-3
 
 
 def test_walls_are_seen_from_their_free_side(synthetic):
@@ -53,7 +54,7 @@ def test_walls_are_seen_from_their_free_side(synthetic):
     is_wall = (view.labels == Label.WALL) & (points[..., 2] < 2.05)
     eye = synthetic.true_plan_from_cams[40, :2, 3]
     for xy in points[is_wall][::97, :2]:
-        distance = [segments.nearest_distance(xy[None], ends[None])[0] for ends in plan.ends]
+        distance = [nearest_faces.nearest_distance(xy[None], ends[None])[0] for ends in plan.ends]
         face = int(np.argmin(distance))
         assert (eye - xy) @ plan.normals[face] > 0
 

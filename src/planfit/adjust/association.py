@@ -6,6 +6,7 @@ import numpy as np
 
 from planfit.errors import require_positive, require_share
 from planfit.floorplan import Floorplan
+from planfit.floorplan.nearest_faces import END_MARGIN_M, nearest_of_segments
 from planfit.geometry import se3
 from planfit.segmentation import WallPatches
 
@@ -18,7 +19,7 @@ class AssociationOptions:
     """Largest angle between the piece and the face."""
     min_overlap: float = 0.5
     """Share of the piece that must lie beside the face."""
-    end_margin_m: float = 0.3
+    end_margin_m: float = END_MARGIN_M
     """A piece may reach beyond the end of its face by this much and still count as beside it."""
     oriented: bool = True
     """Match a piece only to faces that look to the side it was seen from, where the plan knows that side.
@@ -55,26 +56,16 @@ def associate(
     agree in sign. Faces whose free side is unknown are matched from either side.
     """
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
-    k = len(patches)
-    face_idx, best = np.full(k, -1), np.full(k, np.inf)
-    signed = np.full(k, np.nan)
-    one_sided = floorplan.is_oriented & options.oriented
-    cosine_limit = np.cos(np.deg2rad(options.max_angle_deg))
-    for begin in range(0, k, 2048):  # bounds the (pieces x faces) tables
-        part = slice(begin, min(begin + 2048, k))
-        cosine = normals[part] @ floorplan.normals.T
-        looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > cosine_limit
-        middle = ends[part].mean(axis=1)
-        distance = middle @ floorplan.normals.T - floorplan.offsets
-        beside = _share_beside(ends[part], floorplan, options.end_margin_m)
-        ok = looks_alike & (np.abs(distance) < max_distance_m) & (beside >= options.min_overlap)
-        score = np.where(ok, np.abs(distance), np.inf)
-        rows = np.arange(score.shape[0])
-        nearest = np.argmin(score, axis=1)
-        best[part] = score[rows, nearest]
-        found = np.isfinite(best[part])
-        face_idx[part] = np.where(found, nearest, -1)
-        signed[part] = np.where(found, distance[rows, nearest], np.nan)
+    signed, face_idx = nearest_of_segments(
+        ends,
+        normals,
+        floorplan,
+        max_distance_m,
+        options.max_angle_deg,
+        options.min_overlap,
+        options.end_margin_m,
+        options.oriented,
+    )
     return Association(face_idx, signed)
 
 
@@ -87,15 +78,3 @@ def wall_patches_in_plan(
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     ends = se3.transform(poses, patches.ends_cam)[..., :2]
     return normals, ends
-
-
-def _share_beside(ends: np.ndarray, floorplan: Floorplan, margin_m: float) -> np.ndarray:
-    """Share (k, n) of each piece (k, 2, 2) that lies beside each face, ends widened by a margin."""
-    along = (floorplan.ends[:, 1] - floorplan.ends[:, 0]) / floorplan.lengths[:, None]
-    at = (
-        np.einsum("kei,ni->kne", ends, along)
-        - np.einsum("ni,ni->n", floorplan.ends[:, 0], along)[:, None]
-    )
-    low, high = at.min(axis=2), at.max(axis=2)
-    shared = np.minimum(high, floorplan.lengths + margin_m) - np.maximum(low, -margin_m)
-    return shared / np.maximum(high - low, 1e-9)

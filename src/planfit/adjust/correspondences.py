@@ -10,7 +10,7 @@ from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.terms.effective_observations import as_mean
 from planfit.adjust.terms.levels import LevelTerm
-from planfit.adjust.terms.nearest import NearestTerm, Pull
+from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
 from planfit.adjust.terms.walls import WallTerm
 from planfit.floorplan import Floorplan
 from planfit.lsq.term import Term
@@ -110,8 +110,8 @@ def wall_terms(
             )
         ]
     to = "line" if options.wall_strategy == "iterative" else "point"
-    pull = Pull(to, correspondences.max_distance_m, options.association.oriented)
-    return [NearestTerm(patches, correspondences.floorplan, walls, pull)]
+    nearest = NearestPointOptions(to, correspondences.max_distance_m, options.association.oriented)
+    return [NearestTerm(patches, correspondences.floorplan, walls, nearest)]
 
 
 def costs(

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from planfit.align.refine import AlignmentHypothesis, free_columns, rotation_2d, scaled_faces
-from planfit.align.visibility import nearest_faces
 from planfit.align.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
+from planfit.floorplan.nearest_faces import nearest_beside
 
 N_KNOTS = 6
 """Places along the walk that move; between them the motion is interpolated."""
@@ -70,7 +70,7 @@ def refine_bent(
             [c * walls.normals[:, 0] - s * walls.normals[:, 1],
              s * walls.normals[:, 0] + c * walls.normals[:, 1]]
         )  # fmt: skip
-        distance, face = nearest_faces(
+        distance, face = nearest_beside(
             xy, normals, ends, face_normals, floorplan.is_oriented, max_distance_m
         )
         ok = face >= 0

@@ -4,9 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planfit.align.visibility import crosses_face, nearest_faces
+from planfit.align.visibility import is_occluded
 from planfit.align.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
+from planfit.floorplan.nearest_faces import nearest_beside
 from planfit.geometry import se3, segments
 
 SCORE_SIGMA_M = 0.15
@@ -86,7 +87,7 @@ def refine_hypothesis(
         ends, face_normals = scaled_faces(floorplan, scale)
         turn = rotation_2d(yaw)
         lever = (walls.xy - centre) @ turn.T
-        distance, face = nearest_faces(
+        distance, face = nearest_beside(
             lever + middle, walls.normals @ turn.T, ends, face_normals, floorplan.is_oriented,
             max_distance_m,
         )  # fmt: skip
@@ -177,13 +178,13 @@ def explained(
     ends, face_normals = scaled_faces(floorplan, np.array(place.scale_xy))
     turn = rotation_2d(place.yaw)
     xy = walls.xy @ turn.T + place.shift
-    distance, face = nearest_faces(
+    distance, face = nearest_beside(
         xy, walls.normals @ turn.T, ends, face_normals, floorplan.is_oriented, 1.0
     )
     closeness = np.where(face >= 0, np.exp(-0.5 * (distance / SCORE_SIGMA_M) ** 2), 0.0)
     crossed = np.zeros(len(xy), dtype=bool)
     if walls.seen_from is not None:
-        crossed = crosses_face(walls.seen_from @ turn.T + place.shift, xy, ends)
+        crossed = is_occluded(walls.seen_from @ turn.T + place.shift, xy, ends)
     closeness *= 1.0 - (1.0 - CROSSED_WEIGHT) * crossed
     total = weights.sum()
     return float(weights @ closeness / total), float(weights @ crossed / total)

@@ -3,10 +3,10 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from planfit.floorplan import Floorplan
+from planfit.floorplan.nearest_faces import facing_distances
 from planfit.geometry import se3
 from planfit.segmentation import Structure
 
@@ -53,26 +53,13 @@ def wall_distances(
     def total_of(part: slice) -> np.ndarray:
         xy = se3.transform_each(plan_from_cams[frame_idx[part]], points_cam[part])[:, :2]
         eyes = plan_from_cams[frame_idx[part], :2, 3]
-        return nearest_distances(xy, eyes, floorplan).sum(axis=0)
+        return facing_distances(xy, eyes, floorplan).sum(axis=0)
 
     with ThreadPoolExecutor(workers) as pool:
         totals = list(pool.map(total_of, _chunks(len(points_cam))))
     nsd, oriented = np.sum(totals, axis=0) / len(points_cam)
     return WallDistances(
         float(nsd), float(oriented) if np.isfinite(oriented) else np.nan, len(points_cam)
-    )
-
-
-def nearest_distances(xy: np.ndarray, eyes_xy: np.ndarray, floorplan: Floorplan) -> np.ndarray:
-    """Distances (m, 2) m of points (m, 2) seen from eyes (m, 2): to the nearest segment, and to the nearest
-    that looks at the eye (infinite where none does)."""
-    return _nearest(
-        np.ascontiguousarray(xy, dtype=float),
-        np.ascontiguousarray(eyes_xy, dtype=float),
-        np.ascontiguousarray(floorplan.ends, dtype=float),
-        np.ascontiguousarray(floorplan.normals, dtype=float),
-        np.asarray(floorplan.offsets, dtype=float),
-        np.asarray(floorplan.is_oriented, dtype=bool),
     )
 
 
@@ -99,36 +86,3 @@ def floor_flatness(structure: Structure, target_from_cams: np.ndarray) -> FloorF
 
 def _chunks(n: int) -> list[slice]:
     return [slice(first, first + _CHUNK) for first in range(0, n, _CHUNK)]
-
-
-@numba.njit(cache=True, nogil=True)
-def _nearest(
-    xy, eyes, ends, normals, offsets, is_oriented
-):  # pragma: no cover - compiled; has a NumPy twin in the tests
-    result = np.full((len(xy), 2), np.inf)
-    block = 1024  # points that stay in the nearest cache while all faces pass by
-    for first in range(0, len(xy), block):
-        x, y = xy[first : first + block, 0].copy(), xy[first : first + block, 1].copy()
-        u, v = eyes[first : first + block, 0].copy(), eyes[first : first + block, 1].copy()
-        near, facing = np.full(len(x), np.inf), np.full(len(x), np.inf)
-        for n in range(len(ends)):
-            ax, ay = ends[n, 0, 0], ends[n, 0, 1]
-            dx, dy = ends[n, 1, 0] - ax, ends[n, 1, 1] - ay
-            length_sq = dx * dx + dy * dy
-            scale = 1.0 / length_sq if length_sq > 0 else 0.0
-            nx, ny, offset = normals[n, 0], normals[n, 1], offsets[n]
-            if not is_oriented[n]:
-                nx, ny, offset = 0.0, 0.0, -1.0  # looks at every eye
-            for m in range(len(x)):  # without branches, so that it runs four abreast
-                px, py = x[m] - ax, y[m] - ay
-                t = (px * dx + py * dy) * scale
-                t = t if t > 0.0 else 0.0
-                t = t if t < 1.0 else 1.0
-                px, py = px - t * dx, py - t * dy
-                distance_sq = px * px + py * py
-                near[m] = distance_sq if distance_sq < near[m] else near[m]
-                seen = distance_sq if nx * u[m] + ny * v[m] > offset else np.inf
-                facing[m] = seen if seen < facing[m] else facing[m]
-        result[first : first + block, 0] = np.sqrt(near)
-        result[first : first + block, 1] = np.sqrt(facing)
-    return result

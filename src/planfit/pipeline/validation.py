@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planfit.floorplan import Floorplan
-from planfit.geometry import se3, segments
+from planfit.floorplan import Floorplan, nearest_faces
+from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.segmentation import Structure
 
@@ -114,7 +114,7 @@ def wall_distances(
 ) -> np.ndarray:
     """Distances (m,) m of wall points to the nearest segment of the plan; evenly thinned."""
     points = wall_points_plan(structure, plan_from_cams, max_points)
-    return segments.nearest_distance(points[:, :2], floorplan.ends)
+    return nearest_faces.nearest_distance(points[:, :2], floorplan.ends)
 
 
 def floor_heights(

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit.floorplan import Floorplan
-from planfit.geometry import se3, segments
+from planfit.floorplan import Floorplan, nearest_faces
+from planfit.geometry import se3
 from planfit.pipeline import validation as checks
 from planfit.pipeline.refine import RefineResult
 
@@ -90,7 +90,7 @@ def _measure_at(floorplan: Floorplan, result: RefineResult, plan_from_cams: np.n
         trajectory=plan_from_cams[:, :3, 3],
         wall_xy=wall[:, :2],
         sample_xy=sample[:, :2],
-        sample_distances=segments.nearest_distance(sample[:, :2], floorplan.ends),
+        sample_distances=nearest_faces.nearest_distance(sample[:, :2], floorplan.ends),
         floor_xy=floor[:, :2],
         floor_heights=floor[:, 2],
     )

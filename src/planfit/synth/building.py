@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from planfit.errors import OptionError
-from planfit.floorplan import Floorplan
+from planfit.floorplan import Floorplan, nearest_faces
 from planfit.geometry import se3, segments
 from planfit.synth.furniture import Piece, furnish
 from planfit.synth.layout import Layout, make_layout
@@ -47,7 +47,7 @@ class Building:
         0 in walls, furniture and outside the building.
         """
         is_low = self.faces.parts != Part.LINTEL
-        distance = segments.nearest_distance(xy, self.faces.ends[is_low])
+        distance = nearest_faces.nearest_distance(xy, self.faces.ends[is_low])
         for piece in self.furniture:
             distance = np.minimum(distance, piece.footprint.distance(xy))
         free = np.zeros(len(xy), dtype=bool)

@@ -4,8 +4,8 @@ For each wall point the nearest point of the plan is searched again at every rew
 faces themselves and not among samples of them. Seen from above, since walls are upright and the paper's
 3D plan reaches as high as the scan:
 
-- nearest point: the point is pulled to that point, an end of the face where it lies beyond;
-- iterative nearest wall: the point is pulled to the line of that face, and may slide along it.
+- nearest point: the point is held to that point, an end of the face where it lies beyond;
+- iterative nearest wall: the point is held to the line of that face, and may slide along it.
 
 The nearest point found anew is never further than the old one, so nearest-point rounds never raise the
 cost. The line of a new face may be further, so iterative nearest wall has no such promise.
@@ -18,38 +18,45 @@ from typing import Literal
 import numpy as np
 
 from planfit.adjust.association import wall_patches_in_plan
-from planfit.adjust.face_grid import FaceGrid, make_face_grid
-from planfit.adjust.nearest_kernels import aim_pulls, pull_cost, square_gaps, sum_pulls
 from planfit.adjust.terms.effective_observations import Weighting
+from planfit.adjust.terms.nearest_kernels import (
+    correspondence_cost,
+    correspondence_weights,
+    squared_distances,
+    sum_correspondences,
+)
 from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError, require_positive
 from planfit.floorplan import Floorplan
+from planfit.floorplan.nearest_faces import FaceGrid, make_face_grid
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.robust import loss_value
 from planfit.segmentation import WallPatches
 
 
 @dataclass(frozen=True)
-class Pull:
-    """What pulls a wall point, and from how far."""
+class NearestPointOptions:
+    """What a wall point is held to, and from how far."""
 
     to: Literal["point", "line"] = "line"
     """`point`: nearest point; `line`: iterative nearest wall."""
     max_distance_m: float = 1.0
-    """A point further than this from every face is not pulled, and costs as much as at this distance.
+    """A point further than this from every face is not held, and costs as much as at this distance.
     The paper knows no limit: give one longer than the plan."""
     oriented: bool = True
-    """Pull a point only to faces that look to the side it was seen from, where the plan knows that side.
-    The paper does not ask; a thick wall then pulls from both faces."""
+    """Hold a point only to faces that look to the side it was seen from, where the plan knows that
+    side. The paper does not ask; a point may then be held to the far face of a thick wall."""
 
     def __post_init__(self) -> None:
         require_positive(self, "max_distance_m")
         if not np.isfinite(self.max_distance_m):
             raise OptionError(
-                f"Pull.max_distance_m: expected a finite number, found {self.max_distance_m}"
+                f"NearestPointOptions.max_distance_m: expected a finite number, found {self.max_distance_m}"
             )
         if self.to not in ("point", "line"):
-            raise OptionError(f"Pull.to: expected 'point' or 'line', found {self.to!r}")
+            raise OptionError(
+                f"NearestPointOptions.to: expected 'point' or 'line', found {self.to!r}"
+            )
 
 
 @dataclass(frozen=True)
@@ -59,23 +66,23 @@ class NearestTerm:
     patches: WallPatches
     floorplan: Floorplan
     options: WallOptions
-    pull: Pull
+    nearest: NearestPointOptions
     name: str = "walls"
 
     @cached_property
     def grid(self) -> FaceGrid:
         """The faces, sorted for the search."""
-        return make_face_grid(self.floorplan, self.pull.max_distance_m, self.pull.oriented)
+        return make_face_grid(self.floorplan, self.nearest.max_distance_m, self.nearest.oriented)
 
-    def reweight(self, target_from_cams: np.ndarray) -> tuple["Pulls", float]:
+    def reweight(self, target_from_cams: np.ndarray) -> tuple["NearestPointCorrespondences", float]:
         """Nearest faces and weights at plan_from_cams (n, 4, 4)."""
         o, patches = self.options, self.patches
         points, start = patches.points_cam, patches.start
         poses = target_from_cams[patches.frame_idx]
         patch_normals, _ = wall_patches_in_plan(patches, target_from_cams)
         face_idx, feet, gaps = self.grid.nearest(points, start, poses, patch_normals)
-        normals, to_line = np.ascontiguousarray(self.floorplan.normals), self.pull.to == "line"
-        squared = square_gaps(face_idx, gaps, normals, to_line, self.pull.max_distance_m)
+        normals, to_line = np.ascontiguousarray(self.floorplan.normals), self.nearest.to == "line"
+        squared = squared_distances(face_idx, gaps, normals, to_line, self.nearest.max_distance_m)
         squared /= o.sigma_m**2
         rho, weight = loss_value(squared, o.loss)
         counts = np.diff(start)
@@ -84,24 +91,24 @@ class NearestTerm:
         )
         information = o.weight * information
         per_m2 = information / o.sigma_m**2
-        matrices = aim_pulls(face_idx, normals, to_line, start, per_m2, weight)
+        matrices = correspondence_weights(face_idx, normals, to_line, start, per_m2, weight)
         cost = 0.5 * float(np.repeat(information, counts) @ rho)
-        return Pulls(patches, feet, matrices), cost
+        return NearestPointCorrespondences(patches, feet, matrices), cost
 
 
 @dataclass(frozen=True)
-class Pulls:
-    """Wall points with the points of the plan they are pulled to, weights frozen."""
+class NearestPointCorrespondences:
+    """Wall points with the points of the plan they are held to, weights frozen."""
 
     patches: WallPatches
     feet: np.ndarray  # (m, 2) m, plan frame
-    information: np.ndarray  # (m, 3) 1/m^2: xx, xy and yy of the pull of each point
+    information: np.ndarray  # (m, 3) 1/m^2: xx, xy and yy of each point's 2x2 weight
 
     def cost(self, target_from_cams: np.ndarray) -> float:
         """Half the weighted sum of squares."""
         s = self.patches
         poses = target_from_cams[s.frame_idx]
-        return float(pull_cost(s.points_cam, s.start, poses, self.feet, self.information))
+        return float(correspondence_cost(s.points_cam, s.start, poses, self.feet, self.information))
 
     def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
         """Gauss-Newton blocks of each frame."""
@@ -109,6 +116,6 @@ class Pulls:
         poses = target_from_cams[s.frame_idx]
         blocks, gradient = np.zeros((n, 6, 6)), np.zeros((n, 6))
         args = (s.points_cam, s.start, s.frame_idx, poses)
-        sum_pulls(*args, self.feet, self.information, blocks, gradient)
+        sum_correspondences(*args, self.feet, self.information, blocks, gradient)
         idx = np.arange(n)
         return NormalBlocks(idx, idx, blocks, gradient)

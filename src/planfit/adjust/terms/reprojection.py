@@ -41,11 +41,11 @@ class ReprojectionOptions:
 
 
 @dataclass(frozen=True)
-class Sightings:
+class ReprojectedMatches:
     """Matches both ways: the second camera of each pair lifts, the first one sees."""
 
     pairs: np.ndarray  # (k, 2) frames
-    start: np.ndarray  # (k + 1,): sightings of pair k are start[k]:start[k + 1]
+    start: np.ndarray  # (k + 1,): reprojected of pair k are start[k]:start[k + 1]
     points_first: np.ndarray  # (m, 3) m, camera frame of the one that sees; gives the pixel
     points_second: np.ndarray  # (m, 3) m, camera frame of the one that lifts
     focals: np.ndarray  # (k, 2) px, fx and fy of the one that sees
@@ -89,14 +89,14 @@ class ReprojectionTerm:
     name: str = "reprojection"
 
     @cached_property
-    def sightings(self) -> Sightings:
+    def reprojected(self) -> ReprojectedMatches:
         """The matches, each way."""
         m = self.matches
         pairs = np.concatenate([m.pairs, m.pairs[:, ::-1]])
         seeing = [self.cameras[i] for i in pairs[:, 0]]
         focals = [(camera.fx, camera.fy) for camera in seeing]
         diagonals = [np.hypot(camera.width, camera.height) for camera in seeing]
-        return Sightings(
+        return ReprojectedMatches(
             pairs,
             np.concatenate([m.start, m.start[-1] + m.start[1:]]),
             np.concatenate([m.points_a, m.points_b]),
@@ -107,15 +107,15 @@ class ReprojectionTerm:
         )
 
     def reweight(self, target_from_cams: np.ndarray) -> tuple["ReprojectionQuadratic", float]:
-        """Weights of the sightings at poses (n, 4, 4); those behind the camera have none."""
-        o, sightings = self.options, self.sightings
-        squared, is_on = sightings.squared(target_from_cams)
-        counts = np.diff(sightings.start)
-        squared = np.where(is_on, squared, np.repeat(sightings.diagonals**2, counts))
+        """Weights of the reprojected at poses (n, 4, 4); those behind the camera have none."""
+        o, reprojected = self.options, self.reprojected
+        squared, is_on = reprojected.squared(target_from_cams)
+        counts = np.diff(reprojected.start)
+        squared = np.where(is_on, squared, np.repeat(reprojected.diagonals**2, counts))
         rho, weight = loss_value(squared / o.sigma_px**2, o.loss)
         readings = Weighting(o.max_observations).weight_per_point(counts)
         information = np.repeat(0.5 * o.weight * readings, counts)
-        quadratic = ReprojectionQuadratic(sightings, information * weight * is_on / o.sigma_px**2)
+        quadratic = ReprojectionQuadratic(reprojected, information * weight * is_on / o.sigma_px**2)
         return quadratic, 0.5 * float(information @ rho)
 
 
@@ -123,13 +123,13 @@ class ReprojectionTerm:
 class ReprojectionQuadratic:
     """Reprojection error with frozen weights."""
 
-    sightings: Sightings
+    reprojected: ReprojectedMatches
     weight: np.ndarray  # (m,) 1/px^2
 
     def cost(self, target_from_cams: np.ndarray) -> float:
         """Half the weighted sum of squares."""
-        return 0.5 * float(self.weight @ self.sightings.squared(target_from_cams)[0])
+        return 0.5 * float(self.weight @ self.reprojected.squared(target_from_cams)[0])
 
     def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
         """Gauss-Newton blocks of the errors."""
-        return self.sightings.normal_blocks(self.weight, target_from_cams)
+        return self.reprojected.normal_blocks(self.weight, target_from_cams)

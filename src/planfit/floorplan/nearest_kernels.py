@@ -1,4 +1,4 @@
-"""Compiled search for the nearest wall face of many points, and the sums of what then pulls them.
+"""Compiled loops of `planfit.floorplan.nearest_faces`, which says what rule each goes by.
 
 `pragma: no cover`: compiled code is invisible to coverage; the tests hold it against twins.
 """
@@ -29,6 +29,81 @@ def _gap(x, y, end):  # pragma: no cover
 
 
 @numba.njit(cache=True, nogil=True)
+def nearest_distance(xy, ends):  # pragma: no cover
+    """Distances (m,) from points (m, 2) to the nearest segment (n, 2, 2)."""
+    result = np.full(len(xy), np.inf)
+    for m in range(len(xy)):
+        for n in range(len(ends)):
+            ax, ay = ends[n, 0, 0], ends[n, 0, 1]
+            dx, dy = ends[n, 1, 0] - ax, ends[n, 1, 1] - ay
+            px, py = xy[m, 0] - ax, xy[m, 1] - ay
+            length_sq = dx * dx + dy * dy
+            t = (px * dx + py * dy) / length_sq if length_sq > 0 else 0.0
+            t = min(max(t, 0.0), 1.0)
+            distance_sq = (px - t * dx) ** 2 + (py - t * dy) ** 2
+            if distance_sq < result[m]:
+                result[m] = distance_sq
+    return np.sqrt(result)
+
+
+@numba.njit(cache=True, nogil=True)
+def facing_distances(xy, eyes, ends, normals, offsets, is_oriented):  # pragma: no cover
+    """Distances (m, 2) to the nearest segment, and to the nearest that looks at the eye (m, 2)."""
+    result = np.full((len(xy), 2), np.inf)
+    block = 1024  # points that stay in the nearest cache while all faces pass by
+    for first in range(0, len(xy), block):
+        x, y = xy[first : first + block, 0].copy(), xy[first : first + block, 1].copy()
+        u, v = eyes[first : first + block, 0].copy(), eyes[first : first + block, 1].copy()
+        near, facing = np.full(len(x), np.inf), np.full(len(x), np.inf)
+        for n in range(len(ends)):
+            ax, ay = ends[n, 0, 0], ends[n, 0, 1]
+            dx, dy = ends[n, 1, 0] - ax, ends[n, 1, 1] - ay
+            length_sq = dx * dx + dy * dy
+            scale = 1.0 / length_sq if length_sq > 0 else 0.0
+            nx, ny, offset = normals[n, 0], normals[n, 1], offsets[n]
+            if not is_oriented[n]:
+                nx, ny, offset = 0.0, 0.0, -1.0  # looks at every eye
+            for m in range(len(x)):  # without branches, so that it runs four abreast
+                px, py = x[m] - ax, y[m] - ay
+                t = (px * dx + py * dy) * scale
+                t = t if t > 0.0 else 0.0
+                t = t if t < 1.0 else 1.0
+                px, py = px - t * dx, py - t * dy
+                distance_sq = px * px + py * py
+                near[m] = distance_sq if distance_sq < near[m] else near[m]
+                seen = distance_sq if nx * u[m] + ny * v[m] > offset else np.inf
+                facing[m] = seen if seen < facing[m] else facing[m]
+        result[first : first + block, 0] = np.sqrt(near)
+        result[first : first + block, 1] = np.sqrt(facing)
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def nearest_beside(
+    xy, normals, ends, face_normals, is_oriented, max_distance, min_cosine, end_margin
+):  # pragma: no cover
+    """Signed distances (m,) across the nearest faces that look a point's way, and the faces (m,) or -1."""
+    signed = np.zeros(len(xy))
+    nearest = np.full(len(xy), -1)
+    for m in range(len(xy)):
+        best = max_distance
+        for n in range(len(ends)):
+            dx, dy = xy[m, 0] - ends[n, 0, 0], xy[m, 1] - ends[n, 0, 1]
+            distance = dx * face_normals[n, 0] + dy * face_normals[n, 1]
+            if abs(distance) >= best:
+                continue
+            cosine = normals[m, 0] * face_normals[n, 0] + normals[m, 1] * face_normals[n, 1]
+            if (cosine if is_oriented[n] else abs(cosine)) <= min_cosine:
+                continue
+            ax, ay = ends[n, 1, 0] - ends[n, 0, 0], ends[n, 1, 1] - ends[n, 0, 1]
+            length = np.sqrt(ax * ax + ay * ay)
+            at = (dx * ax + dy * ay) / length
+            if at > -end_margin and at < length + end_margin:
+                best, signed[m], nearest[m] = abs(distance), distance, n
+    return signed, nearest
+
+
+@numba.njit(cache=True, nogil=True)
 def list_faces(ends, origin, cell, shape, reach):  # pragma: no cover
     """Faces that some point of a cell may have within reach, cell by cell (row by row).
 
@@ -55,7 +130,7 @@ def list_faces(ends, origin, cell, shape, reach):  # pragma: no cover
 
 
 @numba.njit(cache=True, nogil=True)
-def find_nearest(
+def nearest_in_grid(
     points,
     start,
     plan_from_cams,
@@ -110,80 +185,3 @@ def find_nearest(
                     face_idx[m] = f
                     gaps[m, 0], gaps[m, 1] = gap_x, gap_y
                     feet[m, 0], feet[m, 1] = x - gap_x, y - gap_y
-
-
-@numba.njit(cache=True, nogil=True)
-def square_gaps(face_idx, gaps, normals, to_line, reach):  # pragma: no cover
-    """Squared distances (m,) to faces or their lines; where there is no face, that of `reach`."""
-    squared = np.full(len(face_idx), reach * reach)
-    for m in range(len(face_idx)):
-        f = face_idx[m]
-        if f >= 0 and to_line:
-            squared[m] = (gaps[m, 0] * normals[f, 0] + gaps[m, 1] * normals[f, 1]) ** 2
-        elif f >= 0:
-            squared[m] = gaps[m, 0] ** 2 + gaps[m, 1] ** 2
-    return squared
-
-
-@numba.njit(cache=True, nogil=True)
-def aim_pulls(face_idx, normals, to_line, start, information, weight):  # pragma: no cover
-    """Pulls (m, 3) for `pull_cost`, of points of patches worth information (k,) times weight (m,)."""
-    pulls = np.zeros((len(face_idx), 3))
-    for k in range(len(start) - 1):
-        for m in range(start[k], start[k + 1]):
-            f, w = face_idx[m], information[k] * weight[m]
-            if f < 0:
-                continue
-            if to_line:
-                pulls[m, 0] = w * normals[f, 0] * normals[f, 0]
-                pulls[m, 1] = w * normals[f, 0] * normals[f, 1]
-                pulls[m, 2] = w * normals[f, 1] * normals[f, 1]
-            else:
-                pulls[m, 0] = pulls[m, 2] = w
-    return pulls
-
-
-@numba.njit(cache=True, nogil=True)
-def pull_cost(points, start, plan_from_cams, feet, information):  # pragma: no cover
-    """Half the sum of g^T A g over points, g from the foot (m, 2) and A = (xx, xy, yy) (m, 3)."""
-    cost = 0.0
-    for k in range(len(start) - 1):
-        t = plan_from_cams[k]
-        for m in range(start[k], start[k + 1]):
-            px, py, pz = points[m, 0], points[m, 1], points[m, 2]
-            x = t[0, 0] * px + t[0, 1] * py + t[0, 2] * pz + t[0, 3] - feet[m, 0]
-            y = t[1, 0] * px + t[1, 1] * py + t[1, 2] * pz + t[1, 3] - feet[m, 1]
-            a = information[m]
-            cost += 0.5 * (a[0] * x * x + 2.0 * a[1] * x * y + a[2] * y * y)
-    return cost
-
-
-@numba.njit(cache=True, nogil=True)
-def sum_pulls(
-    points, start, frame_idx, plan_from_cams, feet, information, hessians, gradients
-):  # pragma: no cover
-    """Add the Gauss-Newton sums of `pull_cost` to its frames' (n, 6, 6) and (n, 6).
-
-    With v = R p, x moves by (0, vz, -vy) . turn and y by (-vz, 0, vx) . turn.
-    """
-    jx, jy = np.zeros(6), np.zeros(6)
-    jx[3], jy[4] = 1.0, 1.0
-    for k in range(len(start) - 1):
-        t = plan_from_cams[k]
-        hessian, gradient = hessians[frame_idx[k]], gradients[frame_idx[k]]
-        for m in range(start[k], start[k + 1]):
-            xx, xy, yy = information[m]
-            if xx + yy == 0.0:
-                continue
-            px, py, pz = points[m, 0], points[m, 1], points[m, 2]
-            vx = t[0, 0] * px + t[0, 1] * py + t[0, 2] * pz
-            vy = t[1, 0] * px + t[1, 1] * py + t[1, 2] * pz
-            vz = t[2, 0] * px + t[2, 1] * py + t[2, 2] * pz
-            x, y = vx + t[0, 3] - feet[m, 0], vy + t[1, 3] - feet[m, 1]
-            jx[1], jx[2] = vz, -vy
-            jy[0], jy[2] = -vz, vx
-            for a in range(6):
-                ax, ay = jx[a] * xx + jy[a] * xy, jx[a] * xy + jy[a] * yy
-                gradient[a] += ax * x + ay * y
-                for b in range(6):
-                    hessian[a, b] += ax * jx[b] + ay * jy[b]
