@@ -30,10 +30,10 @@ from planfit.align import Alignment, AlignOptions, align, align_paper, metric_pl
 from planfit.errors import PlanfitError
 from planfit.floorplan import Floorplan, PlanOptions
 from planfit.geometry import se3
-from planfit.pipeline.align import align_scan
+from planfit.pipeline.align import align as align_scan
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime
-from planfit.scan import Scan, read_tum
+from planfit.scan import read_tum
 from planfit.scan.formats.facap import PLAN_FROM_WORLD
 
 MAX_M, MAX_DEG, MAX_SCALE = 0.3, 1.0, 0.01
@@ -155,9 +155,8 @@ def conslam(arguments: argparse.Namespace) -> None:
             found, on_plan = run.alignment, run.plan_from_cams
         else:
             placed = align_scan(scan, disguised, options, runtime)
-            assert placed is not None
-            found = placed[0]
-            on_plan = found.plan_from_level @ level_poses(scan, options, runtime)
+            found = placed.alignment
+            on_plan = placed.plan_from_world @ scan.world_from_cams
         seconds = time.perf_counter() - begin
         xy = undisguise(on_plan[:, :2, 3] / found.metres_per_unit, yaw, scale, shift)
         results.append(xy)
@@ -196,14 +195,6 @@ def picture(arguments: argparse.Namespace) -> None:  # noqa: ARG001
     print(*run.warnings, sep="\n")
 
 
-def level_poses(scan: Scan, options: RefineOptions, runtime: Runtime) -> np.ndarray:
-    """(n, 4, 4) recorded poses, levelled; what the alignment alone would place."""
-    from planfit.segmentation import find_gravity, level_from_world, segment_scan
-
-    gravity = find_gravity(scan, options.segmentation.gravity, runtime)
-    structure = segment_scan(scan, gravity, options.segmentation, runtime)
-    return level_from_world(gravity, structure.floor_height_m) @ scan.world_from_cams
-
 
 def disguise(floorplan: Floorplan, yaw: float, scale: float, shift: np.ndarray) -> Floorplan:
     """The plan turned, shifted (m), and in units of `scale` m: a file of bare segments, unit unknown."""
@@ -233,11 +224,10 @@ def speed(arguments: argparse.Namespace) -> None:
     if floorplan.is_metric:
         floorplan = disguise(floorplan, 0.4, 0.05, np.zeros(2))
     placed = align_scan(scan, floorplan, options, runtime)
-    assert placed is not None
-    walls = placed[1]
+    walls = placed.walls
     for name, plan in (
         ("unknown scale", floorplan),
-        ("known scale", metric_plan(floorplan, placed[0].scale_xy)),
+        ("known scale", metric_plan(floorplan, placed.alignment.scale_xy)),
     ):
         times = []
         for _ in range(3):

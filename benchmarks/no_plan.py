@@ -21,7 +21,7 @@ import numpy as np
 import planfit
 from planfit.evaluate import position_errors
 from planfit.geometry import se3
-from planfit.pipeline.prepare import StageTimer, extract_observations, prepare
+from planfit.pipeline.prepare import extract_observations, prepare
 from planfit.runtime import Runtime
 from planfit.segmentation import SegmentationOptions, find_gravity
 from planfit.synth import DriftOptions, drift_poses
@@ -48,9 +48,8 @@ def main() -> None:
             drifted = drift_poses(given, DriftOptions(), np.random.default_rng(seed), up)
             begin = time.perf_counter()
             spoiled = dataclasses.replace(scan, world_from_cams=drifted)
-            timer = StageTimer(runtime)
-            seen = extract_observations(spoiled, options, runtime, timer)
-            prepared = prepare(spoiled, seen, options, timer)
+            seen = extract_observations(spoiled, options, runtime)
+            prepared = prepare(spoiled, seen, options)
             seconds = time.perf_counter() - begin
         closed = se3.inverse(prepared.level_from_world) @ prepared.level_from_keys
         before = position_errors(drifted, given).aligned_rms_m

@@ -6,7 +6,6 @@ without unit. Takes about a minute.
 
 import io
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -19,8 +18,8 @@ from planfit import synth
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.align import metric_plan
 from planfit.floorplan import Floorplan
-from planfit.pipeline.align import align_scan
-from planfit.pipeline.prepare import Prepared, StageTimer, prepare
+from planfit.pipeline.align import AlignResult, align
+from planfit.pipeline.prepare import PreparedScan, extract_observations, prepare
 from planfit.report import draw_overlay, draw_place
 from planfit.report.drawing import AFTER, BEFORE, FONT_PT, GREY, INK, new_figure
 from planfit.report.plan_picture import draw_plan_picture
@@ -70,7 +69,7 @@ def title(axes: Axes, words: str) -> None:
     axes.set_title(words, fontsize=FONT_PT, color=INK)
 
 
-def draw_structure(scan: Scan, prepared: Prepared) -> Figure:
+def draw_structure(scan: Scan, prepared: PreparedScan) -> Figure:
     """Colour, depth, and what is floor and which pieces are wall, of one frame."""
     figure, axes = panels(3, 9.0, 2.6)
     frame = int(np.argmax(np.bincount(prepared.measurements.structure.walls.frame_idx)))
@@ -94,7 +93,7 @@ def draw_structure(scan: Scan, prepared: Prepared) -> Figure:
     return figure
 
 
-def draw_matches(scan: Scan, prepared: Prepared) -> Figure:
+def draw_matches(scan: Scan, prepared: PreparedScan) -> Figure:
     """Two frames of different visits, and the keypoints that were believed to be the same."""
     matches = prepared.matches
     apart = matches.pairs[:, 1] - matches.pairs[:, 0]
@@ -115,7 +114,7 @@ def draw_matches(scan: Scan, prepared: Prepared) -> Figure:
     return figure
 
 
-def draw_loops(scan: Scan, prepared: Prepared) -> Figure:
+def draw_loops(scan: Scan, prepared: PreparedScan) -> Figure:
     """Wall and path from above, as recorded and after loops are closed."""
     figure, axes = panels(2, 6.0, 4.2)
     recorded = prepared.level_from_world @ scan.world_from_cams
@@ -129,9 +128,9 @@ def draw_loops(scan: Scan, prepared: Prepared) -> Figure:
     return figure
 
 
-def draw_places(found: Any, plan: Floorplan) -> bytes:
+def draw_places(found: AlignResult, plan: Floorplan) -> bytes:
     """The place that was taken and the next one, side by side."""
-    alignment, walls = found
+    alignment, walls = found.alignment, found.walls
     pictures = []
     for number, fit in enumerate(alignment.candidates[:2], start=1):
         words = f"place {number}: {fit.score:.0%} of the scanned wall explained"
@@ -166,11 +165,11 @@ def main() -> None:
     sheet.unlink()
 
     options, runtime = planfit.RefineOptions(), Runtime(2)
-    prepared = prepare(scan, options, runtime, StageTimer(runtime))
+    prepared = prepare(scan, extract_observations(scan, options, runtime), options)
     save("structure", draw_structure(scan, prepared))
     save("matches", draw_matches(scan, prepared))
     save("loops", draw_loops(scan, prepared))
-    save("places", draw_places(align_scan(scan, plan, options, runtime), plan))
+    save("places", draw_places(align(scan, plan, options, runtime), plan))
     result = planfit.refine(scan, plan, options, runtime)
     save("walls", draw_overlay(result.floorplan, result))
     print(*result.checks, *result.warnings, sep="\n")

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import time
 import zipfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -117,6 +118,23 @@ class Runtime:
         except OSError as error:
             raise OutputError(f"{folder}: cannot be made ({error.strerror})") from error
         return folder
+
+
+class StageTimer:
+    """Times stages and reports that they began."""
+
+    def __init__(self, runtime: Runtime) -> None:
+        self.seconds: dict[str, float] = {}
+        self._runtime = runtime
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time what is done inside."""
+        self._runtime.report(name, 0, 0)
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = time.perf_counter() - begin
+        self._runtime.report(name, 1, 0)
 
 
 def _load(path: Path, n_items: int) -> list[Arrays] | None:

@@ -23,7 +23,7 @@ from planfit.evaluate import (
 from planfit.evaluate.sampling import thin
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import Observations, StageTimer, extract_observations
+from planfit.pipeline.prepare import Observations, extract_observations
 from planfit.pipeline.refine import refine
 from planfit.runtime import Runtime
 from planfit.scan import Scan, read_scan, read_tum
@@ -68,7 +68,7 @@ def load_case(bench_scan: BenchScan, runtime: Runtime) -> Case:
         floorplan=plan,
         lambda_walls=bench_scan.lambda_walls,
         true_plan_from_cams=synthetic.true_plan_from_cams,
-        seen=extract_observations(scan, RefineOptions(), runtime, StageTimer(runtime)),
+        seen=extract_observations(scan, RefineOptions(), runtime),
         judge=make_map_judge(scan, MAP, runtime, cloud),
     )
 
@@ -99,7 +99,7 @@ def load_real_case(folder: Path, runtime: Runtime) -> Case:
         floorplan=read_floorplan(scan.floorplan_path),
         lambda_walls=0.5,
         true_plan_from_cams=scan.plan_from_world_axes @ poses,
-        seen=extract_observations(scan, RefineOptions(), runtime, StageTimer(runtime)),
+        seen=extract_observations(scan, RefineOptions(), runtime),
         judge=make_map_judge(scan, replace(MAP, frame_step=1), runtime),
     )
 
@@ -119,7 +119,7 @@ def measure(case: Case, variant: Variant, runtime: Runtime) -> Measured:
     poses = result.initial_plan_from_cams
     if variant.change is not None:
         poses = result.plan_from_cams
-        figures["solve_s"] = result.seconds_by_stage["pull walls"]
+        figures["solve_s"] = result.seconds_by_stage["adjust"]
         figures["step_ms"] = 1e3 * figures["solve_s"] / max(1, result.walls.iterations)
         figures["solve_s"] += result.seconds_by_stage.get("close loops", 0.0)
     figures |= _of_map(case, poses, runtime.workers)

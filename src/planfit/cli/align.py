@@ -13,9 +13,9 @@ from planfit.align import Alignment, AlignmentHypothesis, WallSamples, metric_pl
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.plan_flags import PlanFlags
 from planfit.cli.scan_notes import tell_scan
-from planfit.errors import OutputError, ScanError
+from planfit.errors import OutputError
 from planfit.floorplan import Floorplan, read_floorplan
-from planfit.pipeline.align import align_scan
+from planfit.pipeline.align import align
 from planfit.pipeline.options import RefineOptions
 from planfit.report import draw_place
 from planfit.runtime import Runtime
@@ -63,13 +63,8 @@ def align_command(arguments: AlignArguments) -> int:
     floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
     with StageBars() as bars:
         runtime = Runtime(arguments.workers, folder / "cache", bars.update)
-        found = align_scan(scan, floorplan, options, runtime)
-    if found is None:
-        raise ScanError(
-            f"{arguments.scan}: expected walls to place the scan by, found none; give wall masks, or "
-            "scan more of the walls"
-        )
-    alignment, walls = found
+        found = align(scan, floorplan, options, runtime)
+    alignment, walls = found.alignment, found.walls
     pictures = _write(folder, floorplan, walls, alignment)
     tell_scan(scan)
     _tell(floorplan, alignment, pictures)

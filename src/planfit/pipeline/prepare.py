@@ -1,11 +1,9 @@
-"""The first half of the method, which needs no plan: gravity, floor and walls, matches, closed loops."""
+"""What a scan says before a plan is looked at: gravity, floor and walls, matches, closed loops."""
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.adjust import (
     Keyframes,
@@ -14,10 +12,11 @@ from planfit.adjust import (
     close_loops,
     reduce_measurements,
 )
+from planfit.errors import require_plain_numbers
 from planfit.matching import Matches, find_matches
-from planfit.pipeline import validation as checks
 from planfit.pipeline.options import RefineOptions
-from planfit.runtime import Runtime
+from planfit.pipeline.validation import hold_out
+from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.scan.odometry import make_odometry
 from planfit.segmentation import (
@@ -29,26 +28,9 @@ from planfit.segmentation import (
 )
 
 
-class StageTimer:
-    """Times stages and reports that they began."""
-
-    def __init__(self, runtime: Runtime) -> None:
-        self.seconds: dict[str, float] = {}
-        self._work = runtime
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time what is done inside."""
-        self._work.report(name, 0, 0)
-        begin = time.perf_counter()
-        yield
-        self.seconds[name] = time.perf_counter() - begin
-        self._work.report(name, 1, 0)
-
-
 @dataclass(frozen=True)
 class Observations:
-    """What the images of a scan show, before anything is solved."""
+    """What the images of a scan show, before anything is solved. Any part may be a user's own."""
 
     gravity: Gravity
     structure: Structure
@@ -56,47 +38,88 @@ class Observations:
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """What a scan says before a plan is looked at: levelled, matched, loops closed."""
+class PreparedScan:
+    """A scan ready for a plan: levelled, matched, loops closed."""
 
     held_out: Matches
     """Matches kept out of the solve."""
     keyframes: Keyframes
     measurements: Measurements
     """Of the keyframes."""
-    level_from_world: np.ndarray  # (4, 4)
-    level_from_keys: np.ndarray  # (k, 4, 4) keyframes, loops closed
+    level_from_world: Float[np.ndarray, "4 4"]
+    level_from_cams: Float[np.ndarray, "n 4 4"]
+    """All frames as recorded, levelled."""
+    level_from_keys: Float[np.ndarray, "k 4 4"]
+    """Keyframes, loops closed."""
 
 
 def extract_observations(
-    scan: Scan, options: RefineOptions, runtime: Runtime, timer: StageTimer
+    scan: Scan,
+    options: RefineOptions | None = None,
+    runtime: Runtime | None = None,
+    matches: Matches | None = None,
+    timer: StageTimer | None = None,
 ) -> Observations:
-    """Everything that takes the images: gravity, floor and walls, matches."""
-    with timer.stage("level"):
-        gravity = find_gravity(scan, options.segmentation.gravity, runtime)
-    with timer.stage("floor and walls"):
-        structure = segment_scan(scan, gravity, options.segmentation, runtime)
-    with timer.stage("matching"):
-        odometry = make_odometry(scan.world_from_cams, options.odometry)
-        matches = find_matches(scan, odometry, options.matching, runtime)
-    return Observations(gravity, structure, matches)
+    """Everything that takes the images: gravity, floor and walls, matches.
+
+    Args:
+        scan: posed RGB-D frames; where it has labels, floor and walls are taken from them.
+        options: of segmentation, matching and odometry; by default what works best.
+        runtime: threads, cache and progress.
+        matches: a user's own; without, keypoints are matched here.
+        timer: times the stages.
+
+    Raises:
+        ScanError: a file of the scan cannot be used.
+        OptionError: an option has a value that cannot work.
+    """
+    chosen = options or RefineOptions()
+    require_plain_numbers(chosen)
+    kept = _without_cache_of_strangers(runtime or Runtime(), scan)
+    stages = timer or StageTimer(kept)
+    with stages.stage("level"):
+        gravity = find_gravity(scan, chosen.segmentation.gravity, kept)
+    with stages.stage("floor and walls"):
+        structure = segment_scan(scan, gravity, chosen.segmentation, kept)
+    if matches is not None:
+        return Observations(gravity, structure, matches)
+    with stages.stage("matching"):
+        odometry = make_odometry(scan.world_from_cams, chosen.odometry)
+        return Observations(gravity, structure, find_matches(scan, odometry, chosen.matching, kept))
 
 
-def prepare(scan: Scan, seen: Observations, options: RefineOptions, timer: StageTimer) -> Prepared:
-    """The rest of what needs no plan: matches held out, keyframes, closed loops."""
-    gravity, structure, matches = seen.gravity, seen.structure, seen.matches
-    odometry = make_odometry(scan.world_from_cams, options.odometry)
-    rng = np.random.default_rng(options.seed)
-    solving, held_out = checks.hold_out(matches, options.held_out_share, rng)
-    keyframes = choose_keyframes(scan.world_from_cams, options.adjust.keyframes, matches.sharpness)
+def prepare(
+    scan: Scan,
+    observations: Observations,
+    options: RefineOptions | None = None,
+    timer: StageTimer | None = None,
+) -> PreparedScan:
+    """The rest of what needs no plan: matches held out, keyframes, closed loops.
+
+    Raises:
+        ScanError: a point or a recorded step is not finite.
+    """
+    chosen, stages = options or RefineOptions(), timer or StageTimer(Runtime())
+    structure, odometry = (
+        observations.structure,
+        make_odometry(scan.world_from_cams, chosen.odometry),
+    )
+    rng = np.random.default_rng(chosen.seed)
+    solving, held_out = hold_out(observations.matches, chosen.held_out_share, rng)
+    keyframes = choose_keyframes(scan.world_from_cams, chosen.adjust.keyframes, solving.sharpness)
     measurements = reduce_measurements(
         Measurements(solving, structure, odometry, scan.cameras), keyframes
     )
-    level = level_from_world(gravity, structure.floor_height_m)
-    recorded = level @ scan.world_from_cams
-    level_from_keys = recorded[keyframes.frame_idx]
-    if options.adjust.loops_first:
-        with timer.stage("close loops"):
-            closed = close_loops(measurements, level_from_keys, options.adjust)
-            level_from_keys = closed.target_from_cams
-    return Prepared(held_out, keyframes, measurements, level, level_from_keys)
+    level = level_from_world(observations.gravity, structure.floor_height_m)
+    level_from_cams = level @ scan.world_from_cams
+    level_from_keys = level_from_cams[keyframes.frame_idx]
+    if chosen.adjust.loops_first:
+        with stages.stage("close loops"):
+            closed = close_loops(measurements, level_from_keys, chosen.adjust)
+        level_from_keys = closed.target_from_cams
+    return PreparedScan(held_out, keyframes, measurements, level, level_from_cams, level_from_keys)
+
+
+def _without_cache_of_strangers(runtime: Runtime, scan: Scan) -> Runtime:
+    """Without a fingerprint nothing tells one scan from another, so nothing is kept of it."""
+    return runtime if scan.fingerprint else replace(runtime, cache_dir=None)

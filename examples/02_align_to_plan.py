@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planfit.pipeline.align import align_scan
+from planfit.pipeline.align import align
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 
 UNITS_PER_METRE = 37.0
@@ -24,9 +24,8 @@ synthetic = make_scan(
 drawn = synthetic.floorplan.scaled(UNITS_PER_METRE)
 drawn = replace(drawn, is_metric=False)
 
-found = align_scan(synthetic.scan, drawn)
-assert found is not None, "no wall was seen"
-alignment, walls = found
+found = align(synthetic.scan, drawn)
+alignment, walls = found.alignment, found.walls
 
 print(f"{len(walls.xy)} samples of wall; one unit is {alignment.metres_per_unit:.5f} m")
 print(f"  true: {1 / UNITS_PER_METRE:.5f} m; said spread: {alignment.scale_sigma:.1%}")
@@ -37,4 +36,4 @@ for number, place in enumerate(alignment.candidates, start=1):
         f"{np.rad2deg(place.yaw):.1f} deg, {place.metres_per_unit:.5f} m a unit"
     )
 print(*alignment.warnings, sep="\n")
-# Another place than the best: align_scan(scan, plan, RefineOptions(align=AlignOptions(candidate=2))).
+# Another place than the best: align(scan, plan, RefineOptions(align=AlignOptions(candidate=2))).

@@ -1,0 +1,115 @@
+"""What a run gives: refined poses, and all that is needed to judge them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from planfit.adjust import PlanAdjustment
+from planfit.align import Alignment
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3
+from planfit.matching import Matches
+from planfit.pipeline.align import ScanOnPlan
+from planfit.pipeline.diagnostics import alignment_warnings, scan_warnings
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.prepare import Observations, PreparedScan
+from planfit.pipeline.validate import Validation
+from planfit.pipeline.validation import Check
+from planfit.runtime import StageTimer
+from planfit.scan import Scan
+from planfit.segmentation import Gravity, Structure
+
+
+@dataclass(frozen=True)
+class RefineResult:
+    """Refined poses, and all that is needed to judge them."""
+
+    floorplan: Floorplan
+    """The plan in metres, at the scale that was found where it had no unit."""
+    plan_from_cams: Float[np.ndarray, "n 4 4"]
+    """Refined."""
+    initial_plan_from_cams: Float[np.ndarray, "n 4 4"]
+    """Recorded poses, aligned with the plan as a whole."""
+    world_from_plan: Float[np.ndarray, "4 4"]
+    """Back to the scan's own axes and height."""
+    gravity: Gravity
+    structure: Structure
+    matches: Matches
+    alignment: Alignment | None
+    """None where no wall was seen, so that the scan could not be aligned by its walls."""
+    walls: PlanAdjustment
+    solved_frame_idx: Int[np.ndarray, " k"]
+    """Frames that were unknowns; the others followed."""
+    cost_by_term: dict[str, tuple[float, float]]
+    """Robust cost of each term, before and after."""
+    checks: tuple[Check, ...]
+    warnings: tuple[str, ...]
+    """What a user should know before trusting the result, in plain words."""
+    seconds_by_stage: dict[str, float]
+
+    @property
+    def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
+        """Refined poses in the scan's own axes."""
+        return self.world_from_plan @ self.plan_from_cams
+
+    @property
+    def is_better(self) -> bool:
+        """Whether the scan was surely aligned with the plan and no check got worse."""
+        is_aligned = self.alignment is not None and self.alignment.is_sure
+        return is_aligned and not any(check.is_worse for check in self.checks)
+
+
+def to_recorded_axes(
+    plan_from_world: Float[np.ndarray, "4 4"],
+    before: Float[np.ndarray, "n 4 4"],
+    after: Float[np.ndarray, "n 4 4"],
+) -> Float[np.ndarray, "4 4"]:
+    """world_from_plan, back to the recorded axes, of plan_from_cams before and after.
+
+    The height is that of the first frame as recorded: later ones have drifted, and the plan says nothing
+    of heights.
+    """
+    lift = np.array([0.0, 0.0, before[0, 2, 3] - after[0, 2, 3]])
+    return se3.inverse(plan_from_world) @ se3.make_transform(np.eye(3), lift)
+
+
+def make_result(
+    scan: Scan,
+    observations: Observations,
+    prepared: PreparedScan,
+    on_plan: ScanOnPlan,
+    adjustment: PlanAdjustment,
+    validation: Validation,
+    options: RefineOptions,
+    timer: StageTimer,
+) -> RefineResult:
+    """All of it together, with what a user should know of it in words."""
+    structure, matches = observations.structure, observations.matches
+    plan_from_world = on_plan.recorded_plan_from_level @ prepared.level_from_world
+    neighbours = options.matching.pairs.neighbours
+    return RefineResult(
+        floorplan=on_plan.floorplan,
+        plan_from_cams=validation.after,
+        initial_plan_from_cams=validation.before,
+        world_from_plan=to_recorded_axes(plan_from_world, validation.before, validation.after),
+        gravity=observations.gravity,
+        structure=structure,
+        matches=matches,
+        alignment=on_plan.alignment,
+        walls=adjustment,
+        solved_frame_idx=prepared.keyframes.frame_idx,
+        cost_by_term=validation.cost_by_term,
+        checks=validation.checks,
+        warnings=(
+            *scan_warnings(scan, observations.gravity, structure, matches, neighbours),
+            *alignment_warnings(
+                on_plan.alignment,
+                on_plan.claimed_plan_from_level is not None,
+                adjustment,
+                structure,
+                validation.checks,
+            ),
+        ),
+        seconds_by_stage=timer.seconds,
+    )
