@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import make_world
-from planfit.adjust import AdjustOptions
 from planfit.adjust.association import AssociationOptions, associate
 from planfit.adjust.terms.wall_offsets import OffsetWallTerm, offset_prior, with_offsets
 from planfit.adjust.terms.walls import WallOptions
@@ -25,7 +24,7 @@ def world(rng):
 def test_blocks_are_those_of_the_dense_inverse(world):
     poses = world.plan_from_cams
     terms = [
-        *world.measurements.terms(AdjustOptions()),
+        *world.scan_terms,
         PosePriorTerm(np.array([0]), poses[:1], np.full(6, 0.01)),
     ]
     quadratics = [t.reweight(poses)[0] for t in terms]
@@ -65,7 +64,11 @@ def test_offsets_that_are_seen_are_surer_than_their_prior(world):
         world.structure.walls, floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
     term = OffsetWallTerm(world.structure.walls, floorplan, association, WallOptions(), n)
-    terms = [*world.measurements.terms(AdjustOptions()), term, offset_prior(n, floorplan, 0.05)]
+    terms = [
+        *world.scan_terms,
+        term,
+        offset_prior(n, floorplan, 0.05),
+    ]
     unknowns = with_offsets(world.plan_from_cams, floorplan)
     faces = n + np.arange(len(floorplan))
     spreads = offset_sigmas(terms, unknowns, faces, floorplan.normals)

@@ -112,7 +112,7 @@ def refine(
             refit = refit_scale(measurements, floorplan, on_plan, options.adjust)
             floorplan = floorplan.scaled(refit.factor)
             alignment = alignment.rescaled(
-                refit.factor, refit.spread, on_plan[:, :2, 3].mean(axis=0)
+                refit.factor, refit.sigma, on_plan[:, :2, 3].mean(axis=0)
             )
             plan_from_level = alignment.plan_from_level
     with timer.stage("pull walls"):
