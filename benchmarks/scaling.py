@@ -17,6 +17,7 @@ from records import Record, machine
 from planfit.adjust import (
     AdjustOptions,
     KeyframeOptions,
+    build_problem,
     choose_keyframes,
     follow_keyframes,
     reduce_measurements,
@@ -72,7 +73,7 @@ def solve_keyframes(problem):
 def _solve(measurements, problem, initial_plan_from_cams):
     options, patches = AdjustOptions(), measurements.structure.walls
     walls = WallTerm(patches, problem.floorplan, problem.association, options.walls)
-    terms = [*measurements.terms(options), walls]
+    terms = [*build_problem(measurements, options, initial_plan_from_cams).scan_terms, walls]
     return adjust_solver.solve(terms, initial_plan_from_cams, options.solver)
 
 

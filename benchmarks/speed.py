@@ -7,7 +7,7 @@ import numpy as np
 from problems import Problem, make_problem
 from records import Record, machine, median_times, memory_gb_per_s
 
-from planfit.adjust import AdjustOptions
+from planfit.adjust import AdjustOptions, build_problem
 from planfit.adjust.terms.levels import FLOOR_PLANE
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
@@ -87,7 +87,10 @@ def _frozen(problem: Problem) -> list[Quadratic]:
     walls = WallTerm(
         measurements.structure.walls, problem.floorplan, problem.association, options.walls
     )
-    terms = [*measurements.terms(options), walls]
+    terms = [
+        *build_problem(measurements, options, problem.initial_plan_from_cams).scan_terms,
+        walls,
+    ]
     return [term.reweight(problem.initial_plan_from_cams)[0] for term in terms]
 
 

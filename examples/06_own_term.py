@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planfit.adjust import build_problem
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.solver import solve
 from planfit.pipeline.options import RefineOptions
@@ -46,7 +47,7 @@ options, clock = RefineOptions(), StageTimer(Runtime())
 seen = extract_observations(synthetic.scan, options, Runtime(), clock)
 prepared = prepare(synthetic.scan, seen, options, clock)
 poses, measurements = prepared.level_from_keys, prepared.measurements
-terms = [*measurements.terms(options.adjust), measurements.pose_prior(poses, options.adjust)]
+terms = build_problem(measurements, options.adjust, poses).terms
 for more in ([], [HeightTerm(height_m=1.5, sigma_m=0.01)]):
     solution = solve([*terms, *more], poses, options.adjust.solver)
     off = np.sqrt(np.mean((solution.target_from_cams[:, 2, 3] - 1.5) ** 2))

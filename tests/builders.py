@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from planfit.adjust import Measurements, PlanCorrespondences
+from planfit.adjust import AdjustOptions, Measurements, PlanCorrespondences, build_problem
 from planfit.adjust.association import Association
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
@@ -168,6 +168,11 @@ class World:
     @property
     def measurements(self):
         return Measurements(self.matches, self.structure, self.odometry)
+
+    @property
+    def scan_terms(self):
+        """Points, floor and odometry with the default options."""
+        return build_problem(self.measurements, AdjustOptions(), self.plan_from_cams).scan_terms
 
 
 def make_world(rng, n=8, n_points=80):

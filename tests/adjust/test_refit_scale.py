@@ -9,14 +9,14 @@ from planfit.adjust.scale import STEP, about_middle
 
 
 @pytest.mark.parametrize("wrong", [0.996, 1.0, 1.005])
-def test_the_scale_at_which_walls_pull_least_is_the_true_one(rng, wrong):
+def test_the_scale_at_which_walls_strain_the_rest_least_is_the_true_one(rng, wrong):
     world = make_world(rng)
     plan = world.floorplan.scaled(wrong)
     start = about_middle(world.plan_from_cams, wrong)
     refit = refit_scale(world.measurements, plan, start, AdjustOptions())
     assert wrong * refit.factor == pytest.approx(1.0, abs=4e-4)
-    assert 0 < refit.spread < 0.01
-    assert refit.n_pulls <= 6
+    assert 0 < refit.sigma < 0.01
+    assert refit.n_adjustments <= 6
 
 
 def test_without_walls_there_is_no_bottom(rng):
@@ -25,7 +25,7 @@ def test_without_walls_there_is_no_bottom(rng):
     far[:, :2, 3] += 100.0
     refit = refit_scale(world.measurements, world.floorplan, far, AdjustOptions())
     assert refit.factor == pytest.approx(1.0, abs=STEP)
-    assert refit.spread > 0.05
+    assert refit.sigma > 0.05
 
 
 def test_the_middle_keeps_its_spot_on_the_drawing(rng):

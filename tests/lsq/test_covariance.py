@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import make_world
-from planfit.adjust import AdjustOptions
 from planfit.errors import OptionError
 from planfit.geometry import se3
 from planfit.lsq.covariance import covariances
@@ -22,7 +21,7 @@ def world(rng):
 def test_blocks_are_those_of_the_dense_inverse(world):
     poses = world.plan_from_cams
     terms = [
-        *world.measurements.terms(AdjustOptions()),
+        *world.scan_terms,
         PosePriorTerm(np.array([0]), poses[:1], np.full(6, 0.01)),
     ]
     quadratics = [t.reweight(poses)[0] for t in terms]

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import make_world, nudged
-from planfit.adjust import AdjustOptions
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.linear.normal_equations import NormalEquations
 
@@ -32,7 +31,7 @@ def test_parts_add_up(rng):
 def test_sparse_step_equals_the_dense_solve(rng, damping, solver):
     world = make_world(rng)
     poses = nudged(rng, world.plan_from_cams, 2.0, 0.1)
-    quadratics = [t.reweight(poses)[0] for t in world.measurements.terms(AdjustOptions())]
+    quadratics = [t.reweight(poses)[0] for t in world.scan_terms]
     equations = NormalEquations([q.normal_blocks(poses) for q in quadratics], len(poses))
     dense = equations.matrix.toarray()
     assert_allclose(dense, dense.T, atol=1e-9 * np.abs(dense).max())

@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import least_squares
 
 from builders import make_matches, make_world, nudged, position_rms_m, random_transforms
-from planfit.adjust import AdjustOptions
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks
@@ -159,7 +158,10 @@ def test_initial_damping_shortens_the_first_step(points_and_anchor, world, rng):
 @pytest.mark.parametrize("turn_deg", [1.0, 10.0, 60.0])
 def test_never_raises_the_cost(world, turn_deg, rng):
     poses = nudged(rng, world.plan_from_cams, turn_deg, turn_deg / 20)
-    terms = [*world.measurements.terms(AdjustOptions()), first_anchor(world.plan_from_cams)]
+    terms = [
+        *world.scan_terms,
+        first_anchor(world.plan_from_cams),
+    ]
     total = np.inf
     for _ in range(12):
         solution = solve(terms, poses, SolverOptions(max_iterations=1))
@@ -172,7 +174,10 @@ def test_never_raises_the_cost(world, turn_deg, rng):
 
 def test_reports_the_cost_of_every_term(world, rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.1)
-    terms = [*world.measurements.terms(AdjustOptions()), first_anchor(world.plan_from_cams)]
+    terms = [
+        *world.scan_terms,
+        first_anchor(world.plan_from_cams),
+    ]
     solution = solve(terms, start, SolverOptions())
     assert set(solution.cost_by_term) == {"points", "floor", "odometry", "pose prior"}
     for term in terms:

@@ -1,7 +1,6 @@
-"""The bundle adjustment: terms, moments, solver, association, and their order."""
+"""The bundle adjustment: association with the plan, terms, and their order."""
 
-from planfit.adjust.correspondences import PlanCorrespondences as PlanCorrespondences
-from planfit.adjust.correspondences import costs as costs
+from planfit.adjust.association import PlanCorrespondences as PlanCorrespondences
 from planfit.adjust.keyframes import Keyframes as Keyframes
 from planfit.adjust.keyframes import choose_keyframes as choose_keyframes
 from planfit.adjust.keyframes import follow_keyframes as follow_keyframes
@@ -11,6 +10,9 @@ from planfit.adjust.options import AdjustOptions as AdjustOptions
 from planfit.adjust.options import KeyframeOptions as KeyframeOptions
 from planfit.adjust.paper.descent import PaperWeights as PaperWeights
 from planfit.adjust.paper.preset import paper_options as paper_options
+from planfit.adjust.problem import AdjustmentProblem as AdjustmentProblem
+from planfit.adjust.problem import build_problem as build_problem
+from planfit.adjust.problem import costs as costs
 from planfit.adjust.scale import refit_scale as refit_scale
 from planfit.adjust.schedule import PlanAdjustment as PlanAdjustment
 from planfit.adjust.schedule import adjust_to_plan as adjust_to_plan

@@ -1,28 +1,29 @@
-"""Which face of the plan each piece of scanned wall belongs to."""
+"""Correspondences of scan and plan: the face of each wall patch and column, the height of each ceiling."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.errors import require_positive, require_share
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import END_MARGIN_M, nearest_of_segments
 from planfit.geometry import se3
-from planfit.segmentation import WallPatches
+from planfit.segmentation import Structure, WallPatches
 
 
 @dataclass(frozen=True)
 class AssociationOptions:
-    """When a piece of wall may belong to a face."""
+    """When a wall patch may belong to a face."""
 
     max_angle_deg: float = 12.0
-    """Largest angle between the piece and the face."""
+    """Largest angle between the patch and the face."""
     min_overlap: float = 0.5
-    """Share of the piece that must lie beside the face."""
+    """Share of the patch that must lie beside the face."""
     end_margin_m: float = END_MARGIN_M
-    """A piece may reach beyond the end of its face by this much and still count as beside it."""
+    """A patch may reach beyond the end of its face by this much and still count as beside it."""
     oriented: bool = True
-    """Match a piece only to faces that look to the side it was seen from, where the plan knows that side.
+    """Match a patch only to faces that look to the side it was seen from, where the plan knows that side.
     The paper does not ask."""
 
     def __post_init__(self) -> None:
@@ -32,31 +33,69 @@ class AssociationOptions:
 
 @dataclass(frozen=True)
 class Association:
-    """For each piece its face, or -1."""
+    """The face of each patch."""
 
-    face_idx: np.ndarray  # (k,)
-    distance_m: np.ndarray  # (k,) signed, along the face's normal; NaN where there is no face
+    face_idx: Int[np.ndarray, " k"]
+    """-1 where there is none."""
+    distance_m: Float[np.ndarray, " k"]
+    """Signed, along the face's normal; NaN where there is no face."""
 
     @property
     def n_associated(self) -> int:
-        """Pieces that have a face."""
+        """Patches that have a face."""
         return int(np.sum(self.face_idx >= 0))
+
+
+@dataclass(frozen=True)
+class PlanCorrespondences:
+    """What the poses are held to outside the scan."""
+
+    floorplan: Floorplan
+    walls: Association
+    columns: Association
+    ceiling_heights_m: Float[np.ndarray, " n"]
+    """Height of the ceiling that each frame sees; NaN: none."""
+    max_distance_m: float
+    """Beyond this, wall does not belong to a face."""
+
+    def is_same(self, other: "PlanCorrespondences") -> bool:
+        """Whether both hold every patch to the same face."""
+        return all(
+            np.array_equal(mine.face_idx, theirs.face_idx)
+            for mine, theirs in ((self.walls, other.walls), (self.columns, other.columns))
+        )
+
+
+def associate_with_plan(
+    structure: Structure,
+    floorplan: Floorplan,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    max_distance_m: float,
+    options: AssociationOptions,
+    ceiling_heights_m: Float[np.ndarray, " n"],
+) -> PlanCorrespondences:
+    """Faces of walls and columns within a distance (m); the heights of ceilings are given."""
+    walls, columns = (
+        associate(patches, floorplan, plan_from_cams, max_distance_m, options)
+        for patches in (structure.walls, structure.columns)
+    )
+    return PlanCorrespondences(floorplan, walls, columns, ceiling_heights_m, max_distance_m)
 
 
 def associate(
     patches: WallPatches,
     floorplan: Floorplan,
-    plan_from_cams: np.ndarray,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
     max_distance_m: float,
     options: AssociationOptions,
 ) -> Association:
-    """Nearest face of each piece that looks the same way and lies beside it, within a distance.
+    """Nearest face of each patch that looks the same way and lies beside it, within a distance (m).
 
     A face that looks into a room is matched only by wall seen from inside that room: normals must
     agree in sign. Faces whose free side is unknown are matched from either side.
     """
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
-    signed, face_idx = nearest_of_segments(
+    distance_m, face_idx = nearest_of_segments(
         ends,
         normals,
         floorplan,
@@ -66,13 +105,13 @@ def associate(
         options.end_margin_m,
         options.oriented,
     )
-    return Association(face_idx, signed)
+    return Association(face_idx, distance_m)
 
 
 def wall_patches_in_plan(
-    patches: WallPatches, plan_from_cams: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Normals (k, 2), unit, and ends (k, 2, 2) m of upright pieces, plan frame, seen from above."""
+    patches: WallPatches, plan_from_cams: Float[np.ndarray, "n 4 4"]
+) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k 2 2"]]:
+    """Unit normals and ends (m) of upright patches, plan frame, seen from above."""
     poses = plan_from_cams[patches.frame_idx]
     normals = np.einsum("kab,kb->ka", poses[:, :2, :3], patches.normals_cam)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)

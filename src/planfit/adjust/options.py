@@ -63,7 +63,7 @@ class AdjustOptions:
     """The same for the sides of columns, where masks name columns."""
     odometry: OdometryTermOptions = field(default_factory=OdometryTermOptions)
     """Trajectory prior."""
-    averaging: Literal["readings", "mean"] = "readings"
+    averaging: Literal["observations", "mean"] = "observations"
     """What a term adds up: independent readings in spreads, or, as in the paper, the mean over its points,
     a spread of matches being 1 m."""
     is_bounded: bool = False
@@ -97,7 +97,7 @@ class AdjustOptions:
         require_positive(self, "max_alternations")
         require_choice(self, "geometric", "points", "reprojection", "rays")
         require_choice(self, "wall_strategy", "fixed", "iterative", "nearest-point")
-        require_choice(self, "averaging", "readings", "mean")
+        require_choice(self, "averaging", "observations", "mean")
         require_choice(self, "method", "lm", "sgd")
         if not self.gnc_schedule or min(self.gnc_schedule) <= 0:
             raise OptionError(f"graduation: expected factors above 0, found {self.gnc_schedule}")

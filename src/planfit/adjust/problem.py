@@ -1,13 +1,27 @@
-"""One adjustment on the plan, faces fixed: its terms and unknowns, and the solver that was chosen."""
+"""Which terms an adjustment has: the one place that decides, for loops and for the plan.
 
-from dataclasses import dataclass
+`build_problem` looks at what was measured, at the options and at what was found in the plan, and gives each
+term its role. All that depends on which terms are on (solves, costs, observability, the refit of a scale, the
+paper's preset) reads the problem and does not ask again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
-from planfit.adjust.correspondences import PlanCorrespondences, level_and_column_terms, wall_terms
+from planfit.adjust.association import Association, PlanCorrespondences
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.paper.descent import PaperWeights, descend
+from planfit.adjust.terms.effective_observations import as_mean
+from planfit.adjust.terms.levels import LevelTerm, floor_term
+from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
+from planfit.adjust.terms.odometry import OdometryTerm
+from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.rays import RayTerm
+from planfit.adjust.terms.reprojection import ReprojectionTerm
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
     offset_prior,
@@ -15,101 +29,371 @@ from planfit.adjust.terms.wall_offsets import (
     read_offsets,
     with_offsets,
 )
+from planfit.adjust.terms.walls import WallTerm
+from planfit.errors import OptionError
+from planfit.geometry import se3
+from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.bounded import solve_bounded
 from planfit.lsq.solver import Cost, Solution, solve
 from planfit.lsq.term import Term
+from planfit.lsq.terms.prior import PosePriorTerm
+from planfit.segmentation import WallPatches
+
+FREE_TRANSLATION_M, FREE_YAW_DEG = 1.0, 10.0
+"""What is less sure than this (standard deviation) is not held."""
 
 
 @dataclass(frozen=True)
-class PlanProblem:
-    """Terms, and unknowns to begin with."""
+class AdjustmentProblem:
+    """Terms by role, and unknowns to begin with. A role without data or weight is None."""
 
     measurements: Measurements
-    correspondences: PlanCorrespondences
-    geometric: list[Term]
-    others: list[Term]
-    unknowns: np.ndarray
-    """(n, 4, 4) plan_from_cams; behind them, with wall offsets, the faces' (f, 4, 4)."""
+    options: AdjustOptions
+    correspondences: PlanCorrespondences | None
+    """What was found in the plan; None while loops are closed."""
+    unknowns: Float[np.ndarray, "u 4 4"]
+    """Poses target_from_cams; behind them, with wall offsets, one a face."""
     n_cams: int
+    geometric: PointTerm | RayTerm | ReprojectionTerm | None = None
+    """What matches are held to."""
+    floor: LevelTerm | None = None
+    odometry: OdometryTerm | None = None
+    ceiling: LevelTerm | None = None
+    columns: WallTerm | None = None
+    walls: WallTerm | NearestTerm | None = None
+    """Faces as drawn."""
+    offset_walls: OffsetWallTerm | None = None
+    """Solved for instead of `walls` where faces may stand off where they are drawn."""
+    offset_prior: PosePriorTerm | None = None
+    extra: tuple[Term, ...] = ()
+    """The user's."""
+    gauge: PosePriorTerm | None = None
+    """Holds the first frame where nothing else holds the whole."""
+
+    @property
+    def scan_terms(self) -> list[Term]:
+        """Those that need no plan."""
+        return _present(self.geometric, self.floor, self.odometry)
+
+    @property
+    def plan_terms(self) -> list[Term]:
+        """Those that hold the scan to the plan, faces as drawn."""
+        return _present(self.ceiling, self.columns, self.walls)
 
     @property
     def terms(self) -> list[Term]:
-        """All of them."""
-        return [*self.geometric, *self.others]
+        """All that are solved for. Costs are summed in this order."""
+        return [*_present(self.geometric), *self.terms_but_geometric]
 
-    def offsets(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Offset of each face (f,) m where a solve ended, and its standard deviation (f,) m.
+    @property
+    def terms_but_geometric(self) -> list[Term]:
+        """What geometry pays for in a bounded solve."""
+        if self.offset_walls is None:
+            walls = _present(self.walls)
+        else:
+            walls = _present(self.offset_walls, self.offset_prior)
+        level = _present(self.floor, self.odometry, self.ceiling, self.columns)
+        return [*level, *walls, *self.extra, *_present(self.gauge)]
+
+    def costs(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> dict[str, float]:
+        """Robust cost of each term at poses, for reports; faces as drawn, without the gauge's prior."""
+        terms = [*self.scan_terms, *self.plan_terms, *self.extra]
+        return {term.name: term.reweight(target_from_cams)[1] for term in terms}
+
+    def with_wider_loss(self, factor: float) -> "AdjustmentProblem":
+        """The same problem with the scale of the matches' loss times a factor."""
+        name = self.options.geometric
+        chosen = getattr(self.options, name)
+        wider = replace(chosen, loss=replace(chosen.loss, scale=factor * chosen.loss.scale))
+        options = replace(self.options, **{name: wider})
+        return replace(self, options=options, geometric=_geometric_term(self.measurements, options))
+
+    def solve(self, start: Float[np.ndarray, "u 4 4"] | None = None) -> Solution:
+        """Solve from `start`, or from the problem's own unknowns, by the method of the options.
+
+        Loops are closed by Levenberg-Marquardt whatever the method: the others weigh matches against a plan.
+
+        Raises:
+            OptionError: PyTorch is needed and absent.
+        """
+        start, options = self.unknowns if start is None else start, self.options
+        if self.correspondences is None:
+            return solve(self.terms, start, options.solver)
+        if options.method == "sgd":
+            return self._descend(self.correspondences, start)
+        if options.is_bounded and self.geometric is not None:
+            others = self.terms_but_geometric
+            bounded = solve_bounded(
+                [self.geometric], others, start, options.bounded, options.solver
+            )
+            return bounded.solution
+        return solve(self.terms, start, options.solver)
+
+    def offsets(
+        self, unknowns: Float[np.ndarray, "u 4 4"]
+    ) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
+        """Offset (m) of each face of the plan where a solve ended, and its standard deviation (m).
 
         Zero and NaN for faces without an offset of their own.
         """
-        floorplan = self.correspondences.floorplan
+        assert self.correspondences is not None  # there are no faces without a plan
+        floorplan, face_idx = (
+            self.correspondences.floorplan,
+            self.correspondences.walls.face_idx,
+        )
         offsets_m, sigmas_m = np.zeros(len(floorplan)), np.full(len(floorplan), np.nan)
-        if len(unknowns) > self.n_cams:
-            seen = np.unique(
-                self.correspondences.walls.face_idx[self.correspondences.walls.face_idx >= 0]
-            )
+        if self.offset_walls is not None:
+            seen = np.unique(face_idx[face_idx >= 0])
             offsets_m = read_offsets(unknowns, self.n_cams, floorplan)
             sigmas_m[seen] = offset_sigmas(
                 self.terms, unknowns, self.n_cams + seen, floorplan.normals[seen]
             )
         return offsets_m, sigmas_m
 
+    def _descend(
+        self, correspondences: PlanCorrespondences, start: Float[np.ndarray, "n 4 4"]
+    ) -> Solution:
+        """The paper's gradient descent on its own cost."""
+        o = self.options
+        descent = descend(
+            self.measurements.matches,
+            self.measurements.structure,
+            correspondences.floorplan,
+            correspondences.walls,
+            start,
+            PaperWeights(o.floor.weight, o.walls.weight, o.points.loss.scale),
+            o.descent,
+        )
+        costs = {
+            term.name: Cost(term.reweight(start)[1], term.reweight(descent.target_from_cams)[1])
+            for term in self.terms
+        }
+        return Solution(descent.target_from_cams, descent.stop, int(descent.steps[-1]), costs)
 
-def make_problem(
+
+def build_problem(
     measurements: Measurements,
-    correspondences: PlanCorrespondences,
-    plan_from_cams: np.ndarray,
     options: AdjustOptions,
-) -> PlanProblem:
-    """The terms of one solve; where nothing is tied to the plan, the place that was found is held."""
-    n, walls, unknowns = len(plan_from_cams), measurements.structure.walls, plan_from_cams
-    geometric = measurements.geometric_terms(options)
-    others = measurements.terms(options)[len(geometric) :]
-    others += level_and_column_terms(measurements, correspondences, options)
-    on_walls = wall_terms(measurements, correspondences, options)
-    if on_walls and options.wall_strategy == "fixed" and options.walls.offset_sigma_m > 0:
-        on_walls = [
-            OffsetWallTerm(
-                walls, correspondences.floorplan, correspondences.walls, options.walls, n
-            )
-        ]
-        on_walls += [offset_prior(n, correspondences.floorplan, options.walls.offset_sigma_m)]
-        unknowns = with_offsets(plan_from_cams, correspondences.floorplan)
-    if not on_walls and not correspondences.columns.n_associated:
-        on_walls = [measurements.pose_prior(plan_from_cams, options)]
-    return PlanProblem(measurements, correspondences, geometric, [*others, *on_walls], unknowns, n)
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    correspondences: PlanCorrespondences | None = None,
+    extra_terms: Sequence[Term] = (),
+) -> AdjustmentProblem:
+    """Decide which terms are on, and what the unknowns are.
 
-
-def solve_problem(problem: PlanProblem, options: AdjustOptions) -> Solution:
-    """Solve by the method of the options.
+    Args:
+        measurements: what the scan says.
+        options: weights, losses, and what is solved for.
+        target_from_cams: poses to begin with: plan_from_cams with correspondences, else level_from_cams.
+        correspondences: what was found in the plan; None closes loops.
+        extra_terms: terms of the user's own over the poses of the solved frames (see `planfit.lsq.term`);
+            where faces have offsets, those stand behind the frames.
 
     Raises:
-        OptionError: PyTorch is needed and absent.
+        OptionError: extra terms share a name, or the method does not minimise them.
     """
-    if options.method == "sgd":
-        return _descend(problem, options)
-    if options.is_bounded and problem.geometric:
-        others, start = problem.others, problem.unknowns
-        bounded = solve_bounded(problem.geometric, others, start, options.bounded, options.solver)
-        return bounded.solution
-    return solve(problem.terms, problem.unknowns, options.solver)
-
-
-def _descend(problem: PlanProblem, options: AdjustOptions) -> Solution:
-    """The paper's gradient descent on its own cost."""
-    measurements, start = problem.measurements, problem.unknowns
-    weights = PaperWeights(options.floor.weight, options.walls.weight, options.points.loss.scale)
-    descent = descend(
-        measurements.matches,
-        measurements.structure,
-        problem.correspondences.floorplan,
-        problem.correspondences.walls,
-        start,
-        weights,
-        options.descent,
+    extra = tuple(extra_terms)
+    problem = AdjustmentProblem(
+        measurements,
+        options,
+        correspondences,
+        target_from_cams,
+        len(target_from_cams),
+        geometric=_geometric_term(measurements, options),
+        floor=_floor_term(measurements, options),
+        odometry=_odometry_term(measurements, options),
+        extra=extra,
     )
-    costs = {
-        term.name: Cost(term.reweight(start)[1], term.reweight(descent.target_from_cams)[1])
-        for term in problem.terms
-    }
-    return Solution(descent.target_from_cams, descent.stop, int(descent.steps[-1]), costs)
+    if correspondences is not None:
+        problem = _with_plan(problem, correspondences)
+    _require_extra_terms_to_work(problem)
+    is_held = problem.walls is not None or problem.columns is not None
+    if not is_held and not _hold_whole(extra, target_from_cams):
+        problem = replace(problem, gauge=_gauge_prior(target_from_cams, problem.floor is not None))
+    return problem
+
+
+def costs(
+    measurements: Measurements,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    options: AdjustOptions,
+    correspondences: PlanCorrespondences | None = None,
+    extra_terms: Sequence[Term] = (),
+) -> dict[str, float]:
+    """Robust cost of each term at poses, for reports; faces as drawn."""
+    problem = build_problem(measurements, options, target_from_cams, correspondences, extra_terms)
+    return problem.costs(target_from_cams)
+
+
+def rigid_information(
+    parts: Sequence[NormalBlocks],
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    frames: np.ndarray,
+) -> Float[np.ndarray, "6 6"]:
+    """Information (J^T J) of terms on the motion of some frames as one rigid body.
+
+    The motion is (rotation, translation) [rad, m] about the frames' mean; other frames stay where they are.
+    """
+    lever = target_from_cams[frames, :3, 3] - target_from_cams[frames, :3, 3].mean(axis=0)
+    # A body that turns by w and moves by v about its mean: each camera turns by w and moves by v + w x lever.
+    rigid = np.zeros((len(target_from_cams), 6, 6))
+    rigid[frames] = np.eye(6)
+    rigid[frames, 3:, :3] = -se3.skew(lever)
+    total = np.zeros((6, 6))
+    for part in parts:
+        each = np.swapaxes(rigid[part.rows], 1, 2) @ part.blocks @ rigid[part.columns]
+        off_diagonal = each[part.rows != part.columns].sum(axis=0)
+        total += each.sum(axis=0) + off_diagonal.T  # a block off the diagonal stands for two
+    return total
+
+
+def horizontal_covariance(
+    information: Float[np.ndarray, "6 6"],
+) -> Float[np.ndarray, "3 3"]:
+    """Of x, y (m) and yaw (rad) of a rigid motion, from its information; large where nothing holds it."""
+    seen_from_above = information[np.ix_([3, 4, 2], [3, 4, 2])]
+    return np.linalg.inv(seen_from_above + 1e-9 * np.eye(3))
+
+
+def _present(*terms: Term | None) -> list[Term]:
+    return [term for term in terms if term is not None]
+
+
+def _geometric_term(
+    measurements: Measurements, options: AdjustOptions
+) -> PointTerm | RayTerm | ReprojectionTerm | None:
+    """What the matches are held to; None without matches or weight."""
+    matches = measurements.matches
+    if matches.n_matches == 0 or getattr(options, options.geometric).weight == 0:
+        return None
+    chosen = getattr(options, options.geometric)
+    if options.averaging == "mean":
+        # The paper's means know no sigmas: a metre is a metre for every match.
+        matches = replace(matches, sigma=np.ones_like(matches.sigma))
+        chosen = as_mean(chosen, matches.n_matches)
+    if options.geometric == "points":
+        return PointTerm(matches, chosen, device=options.solver.device)
+    if options.geometric == "rays":
+        return RayTerm(matches, chosen)
+    return ReprojectionTerm(matches, measurements.cameras, chosen)
+
+
+def _floor_term(measurements: Measurements, options: AdjustOptions) -> LevelTerm | None:
+    structure, floor = measurements.structure, options.floor
+    if floor.weight <= 0 or not structure.has_floor:
+        return None
+    if options.averaging == "mean":
+        floor = as_mean(floor, len(structure.floor))
+    return floor_term(structure, floor, options.solver.device)
+
+
+def _odometry_term(measurements: Measurements, options: AdjustOptions) -> OdometryTerm | None:
+    if options.odometry.weight <= 0 or not len(measurements.odometry.cam_from_next):
+        return None
+    return OdometryTerm(measurements.odometry, options.odometry)
+
+
+def _with_plan(
+    problem: AdjustmentProblem, correspondences: PlanCorrespondences
+) -> AdjustmentProblem:
+    """The problem with all that the plan and the ceilings add to it."""
+    measurements, options, n = problem.measurements, problem.options, problem.n_cams
+    problem = replace(
+        problem,
+        ceiling=_ceiling_term(measurements, correspondences, options),
+        columns=_columns_term(measurements, correspondences, options),
+        walls=_walls_term(measurements, correspondences, options),
+    )
+    floorplan, sigma_m = correspondences.floorplan, options.walls.offset_sigma_m
+    if problem.walls is None or options.wall_strategy != "fixed" or sigma_m <= 0:
+        return problem
+    patches, association = measurements.structure.walls, correspondences.walls
+    return replace(
+        problem,
+        unknowns=with_offsets(problem.unknowns, floorplan),
+        offset_walls=OffsetWallTerm(patches, floorplan, association, options.walls, n),
+        offset_prior=offset_prior(n, floorplan, sigma_m),
+    )
+
+
+def _ceiling_term(
+    measurements: Measurements, correspondences: PlanCorrespondences, options: AdjustOptions
+) -> LevelTerm | None:
+    ceiling, points = options.ceiling, measurements.structure.ceiling
+    heights_m = correspondences.ceiling_heights_m
+    has_height = np.isfinite(heights_m)
+    if ceiling.weight <= 0 or not has_height.any():
+        return None
+    if options.averaging == "mean":
+        ceiling = as_mean(ceiling, int(np.diff(points.start)[has_height].sum()))
+    return LevelTerm(points, heights_m, ceiling, "ceiling", options.solver.device)
+
+
+def _columns_term(
+    measurements: Measurements, correspondences: PlanCorrespondences, options: AdjustOptions
+) -> WallTerm | None:
+    columns, association = options.columns, correspondences.columns
+    patches, device = measurements.structure.columns, options.solver.device
+    if columns.weight <= 0 or association.n_associated == 0:
+        return None
+    if options.averaging == "mean":
+        columns = as_mean(columns, _n_associated_points(patches, association))
+    floorplan = correspondences.floorplan
+    return WallTerm(patches, floorplan, association, columns, "columns", device=device)
+
+
+def _walls_term(
+    measurements: Measurements, correspondences: PlanCorrespondences, options: AdjustOptions
+) -> WallTerm | NearestTerm | None:
+    """The walls term of the chosen strategy, faces as drawn; None where no wall has a face."""
+    walls, association = options.walls, correspondences.walls
+    patches, is_fixed = measurements.structure.walls, options.wall_strategy == "fixed"
+    if walls.weight == 0 or association.n_associated == 0:
+        return None
+    if options.averaging == "mean":
+        n_points = len(patches.points_cam)  # any of them may find its nearest point
+        if is_fixed:
+            n_points = _n_associated_points(patches, association)
+        walls = as_mean(walls, n_points)
+    floorplan = correspondences.floorplan
+    if is_fixed:
+        return WallTerm(patches, floorplan, association, walls, device=options.solver.device)
+    to = "line" if options.wall_strategy == "iterative" else "point"
+    reach_m, oriented = correspondences.max_distance_m, options.association.oriented
+    return NearestTerm(patches, floorplan, walls, NearestPointOptions(to, reach_m, oriented))
+
+
+def _n_associated_points(patches: WallPatches, association: Association) -> int:
+    return int(np.diff(patches.start)[association.face_idx >= 0].sum())
+
+
+def _gauge_prior(target_from_cams: Float[np.ndarray, "n 4 4"], has_floor: bool) -> PosePriorTerm:
+    """Holds the first frame where it is, but for what the floor holds: height and tilt."""
+    free = np.inf if has_floor else 1e-3
+    sigma = np.array([free, free, 1e-3, 1e-3, 1e-3, free])
+    return PosePriorTerm(np.array([0]), target_from_cams[:1], sigma)
+
+
+def _hold_whole(terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 4"]) -> bool:
+    """Whether terms hold where the scan is as a whole, seen from above, so that no prior need do it."""
+    if not terms:
+        return False
+    parts = [term.reweight(target_from_cams)[0].normal_blocks(target_from_cams) for term in terms]
+    every = np.arange(len(target_from_cams))
+    covariance = horizontal_covariance(rigid_information(parts, target_from_cams, every))
+    sigma_m = np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1])
+    return bool(
+        sigma_m < FREE_TRANSLATION_M and np.sqrt(covariance[2, 2]) < np.deg2rad(FREE_YAW_DEG)
+    )
+
+
+def _require_extra_terms_to_work(problem: AdjustmentProblem) -> None:
+    if problem.extra and problem.options.method == "sgd":
+        raise OptionError(
+            "adjust.method: gradient descent minimises the paper's cost only; use lm with extra terms"
+        )
+    names = [term.name for term in problem.terms]
+    for term in problem.extra:
+        if names.count(term.name) > 1:
+            raise OptionError(
+                f"extra_terms: expected a name that no other term has, found {term.name!r}"
+            )

@@ -1,24 +1,27 @@
-"""The scale of a plan without unit, by all evidence: at the right one the walls pull least against the rest.
+"""The scale of a plan without unit, by all measurements: at the right one the walls strain the rest least.
 
 The alignment finds the scale from walls alone, and a scan that drift has bent is a little too large or too
-small as a whole. What depth, matches and steps say of lengths is not bent: a wrong scale makes the walls pull
-the poses apart or together everywhere. So the total cost after the walls pulled, as a function of the scale,
-is a bowl (`docs/adr/0005-alignment-search.md` has the figures).
+small as a whole. What depth, matches and odometry say of lengths is not bent: a wrong scale makes the walls
+force the poses apart or together everywhere. So the total cost after an adjustment to the plan, as a function
+of the scale, is a bowl (`docs/adr/0005-alignment-search.md` has the numbers).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
-from planfit.adjust.correspondences import costs
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
-from planfit.adjust.schedule import adjust_to_plan
+from planfit.adjust.problem import costs
+from planfit.adjust.schedule import PlanAdjustment, adjust_to_plan
 from planfit.floorplan import Floorplan
+from planfit.lsq.term import Term
 
 STEP = 0.003
-"""Scales are tried this far apart, as a share: several spreads of the answer, and little enough that the
-same pieces of wall find the same faces."""
+"""Scales are tried this far apart, as a share: several sigmas of the answer, and little enough that the
+same wall patches find the same faces."""
 MAX_MOVES = 3
 """Windows that are tried where the bowl's bottom lies outside."""
 
@@ -28,25 +31,27 @@ class ScaleRefit:
     """A better scale, as a factor on the one that was tried."""
 
     factor: float
-    spread: float
+    sigma: float
     """Standard deviation of the factor, as a share; infinite where no bottom was found."""
-    n_pulls: int
-    """Solves it took."""
+    n_adjustments: int
+    """Adjustments to the plan it took."""
 
 
 def refit_scale(
     measurements: Measurements,
     floorplan: Floorplan,
-    plan_from_cams: np.ndarray,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
     options: AdjustOptions,
+    extra_terms: Sequence[Term] = (),
 ) -> ScaleRefit:
-    """Factor on the scale of a plan at which the walls pull least against everything else.
+    """Factor on the scale of a plan at which the walls strain everything else least.
 
     Args:
         measurements: what the scan says.
         floorplan: in metres, at the scale that the alignment found.
-        plan_from_cams: (n, 4, 4) poses placed on it, loops closed.
+        plan_from_cams: poses aligned with it, loops closed.
         options: of the adjustment.
+        extra_terms: of the adjustment.
     """
     cost_at: dict[int, float] = {}
 
@@ -54,7 +59,10 @@ def refit_scale(
         if step not in cost_at:
             factor = float(np.exp(step * STEP))
             poses = about_middle(plan_from_cams, factor)
-            cost_at[step] = _adjusted_cost(measurements, floorplan.scaled(factor), poses, options)
+            adjusted = adjust_to_plan(
+                measurements, floorplan.scaled(factor), poses, options, extra_terms
+            )
+            cost_at[step] = _cost(measurements, adjusted, options, extra_terms)
         return cost_at[step]
 
     centre = 0
@@ -68,28 +76,29 @@ def refit_scale(
     if here > min(low, high) or curvature <= 1e-9:
         return ScaleRefit(1.0, float("inf"), len(cost_at))
     bottom = centre + 0.5 * (low - high) / curvature
-    # A robust cost is a sum of squares, near enough: it rises by one at one spread from the bottom.
-    spread = STEP * float(np.sqrt(2.0 / curvature))
-    return ScaleRefit(float(np.exp(bottom * STEP)), spread, len(cost_at))
+    # A robust cost is a sum of squares, near enough: it rises by one at one sigma from the bottom.
+    sigma = STEP * float(np.sqrt(2.0 / curvature))
+    return ScaleRefit(float(np.exp(bottom * STEP)), sigma, len(cost_at))
 
 
-def about_middle(plan_from_cams: np.ndarray, factor: float) -> np.ndarray:
-    """Poses (n, 4, 4) shifted as a whole so that their middle stays at the same spot of a scaled drawing."""
+def about_middle(
+    plan_from_cams: Float[np.ndarray, "n 4 4"], factor: float
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses translated as a whole so that their middle stays at the same spot of a scaled drawing."""
     moved = plan_from_cams.copy()
     moved[:, :2, 3] += (factor - 1.0) * plan_from_cams[:, :2, 3].mean(axis=0)
     return moved
 
 
-def _adjusted_cost(
+def _cost(
     measurements: Measurements,
-    floorplan: Floorplan,
-    plan_from_cams: np.ndarray,
+    adjusted: PlanAdjustment,
     options: AdjustOptions,
+    extra_terms: Sequence[Term],
 ) -> float:
-    """Robust cost of all terms after the walls pulled; a piece without face costs like the mean one."""
-    adjusted = adjust_to_plan(measurements, floorplan, plan_from_cams, options)
+    """Robust cost of all terms after an adjustment; a patch without face costs like the mean one."""
     poses = adjusted.solution.target_from_cams
-    found = costs(measurements, poses, options, adjusted.correspondences)
+    found = costs(measurements, poses, options, adjusted.correspondences, extra_terms)
     n_found = adjusted.association.n_associated
     n_lost = len(measurements.structure.walls) - n_found
     return sum(found.values()) + found.get("walls", 0.0) / max(n_found, 1) * n_lost

@@ -1,50 +1,46 @@
 """The order of the adjustment: loops first, then walls with shrinking distances, until nothing changes.
 
-Pulling walls at once locks onto wrong walls where drift exceeds the spacing of walls. Once matches
-have closed the loops and the whole is placed on the plan, what is left is small, and a shrinking
-association distance lets go of the pieces that still belong elsewhere.
+Walls that hold poses at once lock onto wrong walls where drift exceeds the spacing of walls. Once matches
+have closed the loops and the whole is aligned with the plan, what is left is small, and a shrinking
+association distance lets go of the patches that still belong elsewhere.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
-from planfit.adjust.association import Association
+from planfit.adjust.association import Association, PlanCorrespondences, associate_with_plan
 from planfit.adjust.ceilings import find_ceilings
-from planfit.adjust.correspondences import PlanCorrespondences, associate_with_plan
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.observability import describe_observability
 from planfit.adjust.options import AdjustOptions
-from planfit.adjust.problem import PlanProblem, make_problem, solve_problem
+from planfit.adjust.problem import AdjustmentProblem, build_problem
 from planfit.floorplan import Floorplan
 from planfit.lsq.covariance import covariances
-from planfit.lsq.solver import Solution, solve
+from planfit.lsq.solver import Solution
+from planfit.lsq.term import Term
 
 
 def close_loops(
-    measurements: Measurements, level_from_cams: np.ndarray, options: AdjustOptions
+    measurements: Measurements,
+    level_from_cams: Float[np.ndarray, "n 4 4"],
+    options: AdjustOptions,
 ) -> Solution:
-    """Make the scan agree with itself: matches, floor and trajectory, the first frame held.
+    """Make the scan agree with itself: matches, floor and odometry, the first frame held.
 
-    The loss of the matches narrows by `options.graduation` (graduated non-convexity: Blake and
+    The loss of the matches narrows by `options.gnc_schedule` (graduated non-convexity: Blake and
     Zisserman 1987; Yang et al. 2020). The floor, where seen, gives height and tilt; of the first
     frame only the rest is held.
     """
-    pose_prior = measurements.pose_prior(level_from_cams, options)
+    problem = build_problem(measurements, options, level_from_cams)
     solution: Solution | None = None
     for factor in options.gnc_schedule:
-        terms = measurements.terms(_with_wider_loss(options, factor))
-        solution = solve([*terms, pose_prior], level_from_cams, options.solver)
+        solution = problem.with_wider_loss(factor).solve(level_from_cams)
         level_from_cams = solution.target_from_cams
-    assert solution is not None  # graduation is never empty
+    assert solution is not None  # gnc_schedule is never empty
     return solution
-
-
-def _with_wider_loss(options: AdjustOptions, factor: float) -> AdjustOptions:
-    """The same options with the scale of the matches' loss times a factor."""
-    chosen = getattr(options, options.geometric)
-    wider = replace(chosen, loss=replace(chosen.loss, scale=factor * chosen.loss.scale))
-    return replace(options, **{options.geometric: wider})
 
 
 @dataclass(frozen=True)
@@ -54,11 +50,11 @@ class PlanAdjustment:
     solution: Solution
     correspondences: PlanCorrespondences
     """What the poses were held to in the plan, at the end."""
-    offsets_m: np.ndarray
-    """(f,) how far each face of the plan was found to stand off where it is drawn, along its normal;
+    offsets_m: Float[np.ndarray, " f"]
+    """How far each face of the plan was found to stand off where it is drawn, along its normal;
     zero where no wall was seen, or where offsets were not asked for."""
-    offset_sigmas_m: np.ndarray
-    """(f,) standard deviation of that; NaN where the face has no offset of its own."""
+    offset_sigmas_m: Float[np.ndarray, " f"]
+    """Standard deviation of that; NaN where the face has no offset of its own."""
     rounds: int
     """Associations made."""
     settled: bool
@@ -67,67 +63,100 @@ class PlanAdjustment:
     """Rounds of reweighting, or steps of a descent, of all solves together."""
     weakly_constrained: tuple[str, ...] = ()
     """What nothing but the recorded motion, or nothing at all, holds: a sentence each."""
-    covariances: np.ndarray | None = None
-    """(n, 6, 6) of the poses (rad, m; plan axes), where asked for."""
+    covariances: Float[np.ndarray, "n 6 6"] | None = None
+    """Of the poses (rad, m; plan axes), where asked for."""
 
     @property
     def association(self) -> Association:
-        """The face of each piece of wall."""
+        """The face of each wall patch."""
         return self.correspondences.walls
+
+
+@dataclass(frozen=True)
+class _Alternation:
+    """Where alternating association and solve has come to."""
+
+    problem: AdjustmentProblem
+    solution: Solution
+    correspondences: PlanCorrespondences
+    """At the solution's poses."""
+    rounds: int
+    iterations: int
+    settled: bool
 
 
 def adjust_to_plan(
     measurements: Measurements,
     floorplan: Floorplan,
-    plan_from_cams: np.ndarray,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
     options: AdjustOptions,
+    extra_terms: Sequence[Term] = (),
 ) -> PlanAdjustment:
     """Alternate association and solve (paper, Sec. III-D), with association distances that shrink.
 
     Args:
         measurements: what the scan says.
         floorplan: the plan.
-        plan_from_cams: (n, 4, 4) poses placed on the plan, loops closed.
+        plan_from_cams: poses aligned with the plan, loops closed.
         options: see there.
+        extra_terms: the user's own, over the poses of the solved frames; see `build_problem`.
+
+    Raises:
+        OptionError: PyTorch is needed and absent, or extra terms cannot be used.
     """
     n = len(plan_from_cams)
-    rounds, settled, iterations = 0, False, 0
-    problem: PlanProblem | None = None
-    solution: Solution | None = None
-    correspondences: PlanCorrespondences | None = None
-    # Ceilings are found once, like the paper's floor: what is sought is not moved by what it pulls.
-    ceilings_m = find_ceilings(measurements.structure, plan_from_cams, options.ceiling_heights)
-    for distance_m in options.wall_distances_m:
-        correspondences = associate_with_plan(
-            measurements, floorplan, plan_from_cams, distance_m, options, ceilings_m
-        )
-        for _ in range(options.max_alternations):
-            rounds += 1
-            problem = make_problem(measurements, correspondences, plan_from_cams, options)
-            solution = solve_problem(problem, options)
-            iterations += solution.iterations
-            plan_from_cams = solution.target_from_cams[:n]
-            again = associate_with_plan(
-                measurements, floorplan, plan_from_cams, distance_m, options, ceilings_m
-            )
-            settled = again.is_same(correspondences)
-            correspondences = again
-            if settled:
-                break
-    assert problem is not None  # wall_distances_m is never empty
-    assert solution is not None
-    assert correspondences is not None
-    unknowns = solution.target_from_cams
-    offsets_m, offset_sigmas_m = problem.offsets(unknowns)
+    end = _alternate(measurements, floorplan, plan_from_cams, options, extra_terms)
+    unknowns = end.solution.target_from_cams
+    plan_from_cams = unknowns[:n]
+    offsets_m, offset_sigmas_m = end.problem.offsets(unknowns)
+    # The last association may differ from the one that was solved with, where it did not settle.
+    found = build_problem(measurements, options, plan_from_cams, end.correspondences, extra_terms)
     every = np.arange(n)
     return PlanAdjustment(
-        replace(solution, target_from_cams=plan_from_cams),
-        correspondences,
+        replace(end.solution, target_from_cams=plan_from_cams),
+        end.correspondences,
         offsets_m,
         offset_sigmas_m,
-        rounds,
-        settled,
-        iterations,
-        describe_observability(measurements, correspondences, plan_from_cams, options),
-        covariances(problem.terms, unknowns, every) if options.covariances else None,
+        end.rounds,
+        end.settled,
+        end.iterations,
+        describe_observability(found, plan_from_cams),
+        covariances(end.problem.terms, unknowns, every) if options.covariances else None,
     )
+
+
+def _alternate(
+    measurements: Measurements,
+    floorplan: Floorplan,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    options: AdjustOptions,
+    extra_terms: Sequence[Term],
+) -> _Alternation:
+    """Associate and solve at each distance until the association settles there."""
+    n, structure = len(plan_from_cams), measurements.structure
+    rounds, iterations = 0, 0
+    end: _Alternation | None = None
+    # Ceilings are found once, like the paper's floor: what is sought is not moved by what it holds.
+    ceilings_m = find_ceilings(structure, plan_from_cams, options.ceiling_heights)
+
+    def associated(poses: Float[np.ndarray, "n 4 4"], distance_m: float) -> PlanCorrespondences:
+        chosen = options.association
+        return associate_with_plan(structure, floorplan, poses, distance_m, chosen, ceilings_m)
+
+    for distance_m in options.wall_distances_m:
+        correspondences = associated(plan_from_cams, distance_m)
+        for _ in range(options.max_alternations):
+            problem = build_problem(
+                measurements, options, plan_from_cams, correspondences, extra_terms
+            )
+            solution = problem.solve()
+            rounds, iterations = rounds + 1, iterations + solution.iterations
+            plan_from_cams = solution.target_from_cams[:n]
+            again = associated(plan_from_cams, distance_m)
+            settled = again.is_same(correspondences)
+            correspondences = again
+            end = _Alternation(problem, solution, again, rounds, iterations, settled)
+            if settled:
+                break
+    assert end is not None  # wall_distances_m is never empty
+    return end

@@ -113,7 +113,7 @@ def align_to_plan(
         on_plan = found.plan_from_level @ prepared.level_from_keys
         refit = refit_scale(prepared.measurements, metric, on_plan, options.adjust)
         middle = on_plan[:, :2, 3].mean(axis=0)
-        rescaled = found.rescaled(refit.factor, refit.spread, middle)
+        rescaled = found.rescaled(refit.factor, refit.sigma, middle)
     return ScanOnPlan(metric.scaled(refit.factor), rescaled.plan_from_level, rescaled, claimed)
 
 

@@ -3,20 +3,20 @@
 L = mean |p - p'| + lambda_floor mean dist(floor) + lambda_walls mean dist(wall point, its face).
 
 The paper's text says "mean" and "averaging" where its formulas sum; its weights only make sense with
-means, and its authors' code takes means. Unsquared norms, in metres. No trajectory prior, no wall
-offsets, no ceiling, no columns; faces are not told apart by the side they look to; all terms pull at
-once, from one distance, and matching and solving alternate.
+means, and its authors' code takes means. Unsquared norms, in metres. No odometry term, no wall
+offsets, no ceiling, no columns; faces are not told apart by the side they look to; all terms act at
+once, from one distance, and association and solving alternate.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from planfit.adjust.association import Association, AssociationOptions
-from planfit.adjust.correspondences import PlanCorrespondences, wall_terms
+from planfit.adjust.association import Association, AssociationOptions, PlanCorrespondences
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.paper.descent import PaperWeights
+from planfit.adjust.problem import build_problem
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
@@ -71,4 +71,6 @@ def paper_terms(
     correspondences = PlanCorrespondences(
         floorplan, association, columns, np.full(n, np.nan), np.inf
     )
-    return [*measurements.terms(options), *wall_terms(measurements, correspondences, options)]
+    poses = np.tile(np.eye(4), (n, 1, 1))  # terms do not depend on where a solve begins
+    problem = build_problem(measurements, options, poses, correspondences)
+    return [*problem.scan_terms, *problem.plan_terms]

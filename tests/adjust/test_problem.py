@@ -1,4 +1,4 @@
-"""Each way to adjust that an option chooses: it is the one that runs, and it works."""
+"""Which terms are on: each way to adjust that an option chooses is the one that runs, and it works."""
 
 from dataclasses import replace
 
@@ -11,14 +11,15 @@ from planfit.adjust import (
     AdjustOptions,
     Measurements,
     adjust_to_plan,
+    build_problem,
     close_loops,
     costs,
     paper_options,
 )
-from planfit.adjust.association import AssociationOptions
+from planfit.adjust.association import Association, AssociationOptions, associate_with_plan
 from planfit.adjust.paper.descent import DescentOptions, DescentStop, PaperWeights
 from planfit.adjust.terms.levels import LevelOptions
-from planfit.adjust.terms.odometry import OdometryTermOptions
+from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError, ScanError
@@ -27,6 +28,7 @@ from planfit.lsq.bounded import BoundedOptions
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import solve
 from planfit.lsq.term import robust_cost
+from planfit.lsq.terms.prior import PosePriorTerm
 
 
 @pytest.fixture
@@ -107,7 +109,7 @@ def test_geometry_never_pays_more_than_the_bound(world, measurements, start):
     bound = BoundedOptions()
     options = AdjustOptions(is_bounded=True, bounded=bound)
     plan_adjustment = adjust_to_plan(measurements, wide, start, options)
-    terms = measurements.geometric_terms(options)
+    terms = [build_problem(measurements, options, start).geometric]
     least = robust_cost(terms, solve(terms, start, options.solver).target_from_cams)
     paid = robust_cost(terms, plan_adjustment.solution.target_from_cams)
     assert paid <= bound.error_factor**2 * least + bound.slack
@@ -170,7 +172,7 @@ def test_descent_runs_where_asked_for(world, measurements, start):
     [
         {"geometric": "rays"},
         {"wall_strategy": "iterative"},
-        {"averaging": "readings"},
+        {"averaging": "observations"},
         {"is_bounded": True},
         {"odometry": OdometryTermOptions()},
     ],
@@ -254,3 +256,90 @@ def test_points_that_are_not_finite_are_refused(where, bad, world):
         structure = replace(structure, **{where: replace(surface, points_cam=points)})
     with pytest.raises(ScanError, match=r"found \d+ .* with NaN or infinity"):
         Measurements(matches, structure, world.odometry)
+
+
+def associated(world, poses, max_distance_m=0.5):
+    n = len(poses)
+    association = AssociationOptions()
+    nowhere = np.full(n, np.nan)
+    return associate_with_plan(
+        world.structure, world.floorplan, poses, max_distance_m, association, nowhere
+    )
+
+
+def held_at(poses, sigma=0.01, name="survey"):
+    """A term of the user's: cameras are where they are said to be."""
+    return PosePriorTerm(np.arange(len(poses)), poses, np.full(6, sigma), name)
+
+
+def names(terms):
+    return [term.name for term in terms]
+
+
+def test_the_problem_tells_its_terms_by_role(world):
+    poses = world.plan_from_cams
+    loops = build_problem(world.measurements, AdjustOptions(), poses)
+    assert names(loops.terms) == ["points", "floor", "odometry", "pose prior"]
+    assert loops.plan_terms == []
+    on_plan = build_problem(world.measurements, AdjustOptions(), poses, associated(world, poses))
+    assert names(on_plan.terms) == ["points", "floor", "odometry", "walls"]
+    assert on_plan.gauge is on_plan.ceiling is on_plan.columns is None
+    offsets = AdjustOptions(walls=WallOptions(offset_sigma_m=0.02))
+    problem = build_problem(world.measurements, offsets, poses, associated(world, poses))
+    assert names(problem.terms) == ["points", "floor", "odometry", "walls", "wall offsets"]
+    assert len(problem.unknowns) == len(poses) + len(world.floorplan)
+    assert set(problem.costs(poses)) == {"points", "floor", "odometry", "walls"}
+
+
+@pytest.mark.parametrize("weight", [0.0, 1.0])
+def test_the_first_frame_is_held_where_no_term_holds_the_scan_to_the_plan(weight, world):
+    # Columns that are associated but weigh nothing hold nothing.
+    poses = world.plan_from_cams
+    found = associated(world, poses)
+    as_columns = replace(
+        world.measurements, structure=replace(world.structure, columns=world.structure.walls)
+    )
+    found = replace(found, walls=Association(np.full(8, -1), np.full(8, np.nan)))
+    found = replace(found, columns=associated(world, poses).walls)
+    options = AdjustOptions(columns=WallOptions(weight=weight))
+    problem = build_problem(as_columns, options, poses, found)
+    assert (problem.gauge is None) == (weight > 0)
+
+
+def test_terms_of_the_user_are_solved_for_and_reported(world, measurements, start):
+    # A survey says that the cameras stand 2 cm off in x; the walls say otherwise.
+    moved = world.plan_from_cams.copy()
+    moved[:, 0, 3] += 0.02
+    survey = held_at(moved, sigma=1e-4)
+    adjusted = adjust_to_plan(measurements, world.floorplan, start, AdjustOptions(), [survey])
+    poses = adjusted.solution.target_from_cams
+    assert position_rms_m(poses, moved) < 0.002
+    assert "survey" in adjusted.solution.cost_by_term
+    found = costs(measurements, poses, AdjustOptions(), adjusted.correspondences, [survey])
+    assert found["survey"] == pytest.approx(adjusted.solution.cost_by_term["survey"].after)
+
+
+def test_terms_of_the_user_may_hold_the_gauge_and_frames(world):
+    poses = world.plan_from_cams
+    far = replace(world.floorplan, ends=world.floorplan.ends + 100.0)
+    nothing = AdjustOptions(odometry=OdometryTermOptions(weight=0.0))
+    without = adjust_to_plan(world.measurements, far, poses, nothing)
+    assert "pose prior" in without.solution.cost_by_term
+    survey = held_at(poses)
+    adjusted = adjust_to_plan(world.measurements, far, poses, nothing, [survey])
+    assert "pose prior" not in adjusted.solution.cost_by_term
+    assert adjusted.weakly_constrained == ()
+    # One that holds frames to each other alone leaves the scan as a whole free.
+    steps = OdometryTerm(world.odometry, OdometryTermOptions(), name="wheels")
+    assert build_problem(world.measurements, nothing, poses, None, [steps]).gauge is not None
+
+
+def test_terms_of_the_user_need_names_of_their_own_and_a_method_that_minimises_them(world):
+    poses, survey = world.plan_from_cams, held_at(world.plan_from_cams)
+    with pytest.raises(OptionError, match="found 'floor'"):
+        build_problem(
+            world.measurements, AdjustOptions(), poses, None, [held_at(poses, name="floor")]
+        )
+    options = replace(paper_options(), method="sgd")
+    with pytest.raises(OptionError, match="use lm with extra terms"):
+        build_problem(world.measurements, options, poses, None, [survey])

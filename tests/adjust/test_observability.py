@@ -60,7 +60,7 @@ def test_nothing_is_said_of_a_scan_that_is_held(world):
 def test_frames_held_by_the_prior_alone_are_named(world):
     measurements = without_frames(world, {2, 3, 6})
     (sentence,) = weakly_constrained(measurements, world)
-    assert sentence.startswith("frames 2-3 and 6 are held by the trajectory prior alone")
+    assert sentence.startswith("frames 2-3 and 6 are held by odometry alone")
 
 
 def test_frames_that_nothing_holds_are_named_and_stay(world):
