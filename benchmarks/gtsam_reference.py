@@ -1,10 +1,10 @@
 """The same adjustment solved by GTSAM's Levenberg-Marquardt, to compare time, cost and poses.
 
-What is compared: squared losses; 3D point error, floor, walls with a given association, trajectory
-prior; the same information on every point. GTSAM gets
+What is compared: squared losses; 3D point error, floor, walls with a given association, odometry;
+the same information on every point. GTSAM gets
 
-- one `BetweenFactorPose3` (C++) for each step of the trajectory. Its shift error is the logarithm's,
-  ours is the plain difference: they differ in second order, by less than 1e-3 of that term here;
+- one `BetweenFactorPose3` (C++) for each step of the odometry. Its error is the logarithm of SE(3), ours
+  that of SO(3) x R^3: they differ in second order, by less than 1e-3 of that term here;
 - one `CustomFactor` for each pair of frames (3 residuals a match) and each frame and plane (1 residual
   a point), with analytic Jacobians, each evaluated by a handful of numpy calls on all its points.
 
@@ -137,9 +137,9 @@ def cost(terms: Sequence[Term], plan_from_cams: np.ndarray) -> float:
 def _pair_factor(
     i: int, j: int, points_a: np.ndarray, points_b: np.ndarray, root: np.ndarray, watch: Stopwatch
 ) -> gtsam.CustomFactor:
-    """Residuals p - T_i^-1 T_j q, axes of camera i; tangents on the right, (turn, shift), as GTSAM's."""
+    """Residuals p - T_i^-1 T_j q, axes of camera i; tangents on the right, (rotation, translation), as GTSAM's."""
     n = len(points_a)
-    by_turn_b = -se3.skew(points_b) * root[:, None, None]
+    by_rotation_b = -se3.skew(points_b) * root[:, None, None]
     first, second = np.zeros((n, 3, 6)), np.zeros((n, 3, 6))
     first[:, :, 3:] = np.eye(3) * root[:, None, None]
 
@@ -152,7 +152,7 @@ def _pair_factor(
             x, y, z = (moved * root[:, None]).T
             first[:, 0, 1], first[:, 0, 2], first[:, 1, 2] = z, -y, x
             first[:, 1, 0], first[:, 2, 0], first[:, 2, 1] = -z, y, -x
-            second[:, :, :3] = -rotation @ by_turn_b
+            second[:, :, :3] = -rotation @ by_rotation_b
             second[:, :, 3:] = -rotation * root[:, None, None]
             jacobians[0] = first.reshape(-1, 6)
             jacobians[1] = second.reshape(-1, 6)
@@ -167,7 +167,7 @@ def _pair_factor(
 def _plane_factor(
     i: int, points: np.ndarray, plane: np.ndarray, root: float, watch: Stopwatch
 ) -> gtsam.CustomFactor:
-    """Residuals: distances of points to a plane of the plan, in spreads."""
+    """Residuals: distances of points to a plane of the plan, in sigmas."""
 
     def error(this, values, jacobians):  # noqa: ARG001
         begin = time.thread_time()

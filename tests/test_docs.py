@@ -40,6 +40,7 @@ EXAMPLES = {
     "04_options_and_losses": r"before: .*after, GEMAN_MCCLURE: .*after, SQUARED: ",
     "05_evaluate_poses": r"position error.*NSD.*MME.*check wall points",
     "06_own_term": r"with the term: heights 0\.00\d",
+    "07_pose_graph": r"2500 poses, 4949 measurements\ncost 1\.39\d+e\+07 before, 7252\.\d+ after",
 }
 """What the output of each example must hold."""
 
@@ -48,7 +49,7 @@ EXAMPLES = {
     "example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem
 )
 def test_examples_run(example: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    # In this process: six interpreters would take longer to import planfit than to run the examples.
+    # In this process: seven interpreters would take longer to import planfit than to run the examples.
     runpy.run_path(str(example), run_name="__main__")
     shown = capsys.readouterr()
     assert shown.err == ""

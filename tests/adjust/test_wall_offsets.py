@@ -128,7 +128,7 @@ def test_offsets_that_are_seen_are_surer_than_their_prior(world):
         world.structure.walls, floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
     term = OffsetWallTerm(world.structure.walls, floorplan, association, WallOptions(), n)
-    terms = [*world.measurements.terms(AdjustOptions()), term, offset_prior(n, floorplan, 0.05)]
+    terms = [*world.scan_terms, term, offset_prior(n, floorplan, 0.05)]
     unknowns = with_offsets(world.plan_from_cams, floorplan)
     faces = n + np.arange(len(floorplan))
     sigmas_m = offset_sigmas(terms, unknowns, faces, floorplan.normals)

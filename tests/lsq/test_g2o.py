@@ -99,10 +99,10 @@ def test_the_cost_is_what_gtsam_finds(tmp_path, rng):
     )
     assert_allclose(term.reweight(poses)[1], graph.error(initial), rtol=1e-9)
 
-    prior = PosePriorTerm(np.array([0]), poses[:1], np.full(6, 1e-4))
+    prior = PosePriorTerm(np.array([0]), poses[:1], np.full(6, 0.01))
     solution = Problem([prior, term], poses).solve(SolverOptions(200, cost_tolerance=1e-12))
     held = gtsam.NonlinearFactorGraph(graph)
-    tight = gtsam.noiseModel.Isotropic.Sigma(6, 1e-4)
+    tight = gtsam.noiseModel.Isotropic.Sigma(6, 0.01)
     held.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(poses[0]), tight))
     params = gtsam.LevenbergMarquardtParams()
     params.setRelativeErrorTol(1e-12)

@@ -88,7 +88,7 @@ def test_a_noisy_sphere_is_drawn_together(chart, rng):
     between = BetweenTerm(
         graph.pairs, graph.first_from_second, information=graph.information, chart=chart
     )
-    prior = PosePriorTerm(np.array([0]), true_poses[:1], np.full(6, 1e-3))
+    prior = PosePriorTerm(np.array([0]), true_poses[:1], np.full(6, 0.01))
     solution = Problem([prior, between], graph.target_from_cams).solve()
     assert solution.cost_by_term["between"].after < 0.1 * solution.cost_by_term["between"].before
     # Six numbers an edge, less six a pose: the cost of the right noise at the minimum.
@@ -102,7 +102,7 @@ def test_a_wrong_loop_closure_is_let_go(rng):
     pairs = np.concatenate([graph.pairs, wrong])
     measured = np.concatenate([graph.first_from_second, np.eye(4)[None]])
     information = np.concatenate([graph.information, graph.information[:1]])
-    prior = PosePriorTerm(np.array([0]), true_poses[:1], np.full(6, 1e-3))
+    prior = PosePriorTerm(np.array([0]), true_poses[:1], np.full(6, 0.01))
 
     def error_m(loss):
         term = BetweenTerm(pairs, measured, information=information, loss=loss)

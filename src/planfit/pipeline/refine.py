@@ -49,7 +49,9 @@ def refine(
     # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E).
     with timer.stage("adjust"):
         start = on_plan.plan_from_level @ prepared.level_from_keys
-        adjustment = adjust_to_plan(prepared.measurements, on_plan.floorplan, start, chosen.adjust, extra_terms)
+        adjustment = adjust_to_plan(
+            prepared.measurements, on_plan.floorplan, start, chosen.adjust, extra_terms
+        )
     # Is it better, by what took no part?
     with timer.stage("validate"):
         validation = validate(prepared, on_plan, adjustment, seen.structure, chosen.adjust)

@@ -17,8 +17,8 @@ class PosePriorTerm:
     """Poses that have a prior; one pose may have several."""
     target_from_priors: Float[np.ndarray, "k 4 4"]
     sigma: Float[np.ndarray, " 6"]
-    """Standard deviations, rad and m; infinity leaves a direction free. To hold a gauge, 1e-3 will do: steps
-    are damped by at least 1e-9 of the largest information of all, so 1e-6 would stall other poses."""
+    """Standard deviations, rad and m; infinity leaves a direction free. To hold a gauge 0.01 will do: steps
+    are damped by at least 1e-9 of the largest information of all, so far smaller ones slow all poses down."""
     name: str = "pose prior"
 
     def reweight(
