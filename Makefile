@@ -35,13 +35,13 @@ bench: $(VENV)/installed-bench
 
 # The paper's tables: about an hour on 2 cores; goes on where it stopped. REAL= folders of real scans.
 tables: $(VENV)/installed
-	$(BIN)/planfit bench paper -o benchmarks/results/paper.json $(if $(REAL),--real $(REAL)) \
+	$(BIN)/python benchmarks/paper_tables paper -o benchmarks/results/paper.json $(if $(REAL),--real $(REAL)) \
 		--page docs/results.md
 
 # The same of two small scans, in two minutes: whether they can be made, not what they say.
 tables-small: $(VENV)/installed
 	rm -rf $(VENV)/tables-small
-	$(BIN)/planfit bench paper --small -o $(VENV)/tables-small/paper.json \
+	$(BIN)/python benchmarks/paper_tables paper --small -o $(VENV)/tables-small/paper.json \
 		--page $(VENV)/tables-small/results.md
 
 clean:
