@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from planfit.floorplan import read_floorplan as read_floorplan
     from planfit.pipeline import RefineOptions as RefineOptions
     from planfit.pipeline import RefineResult as RefineResult
-    from planfit.pipeline import refine as refine
+    from planfit.pipeline.refine import refine as refine
     from planfit.runtime import Runtime as Runtime
     from planfit.scan import Scan as Scan
     from planfit.scan import ScanOptions as ScanOptions
@@ -29,7 +29,7 @@ _HOMES = {
     "ScanOptions": "planfit.scan",
     "read_floorplan": "planfit.floorplan",
     "read_scan": "planfit.scan",
-    "refine": "planfit.pipeline",
+    "refine": "planfit.pipeline.refine",
 }
 """Where each name comes from. It is imported when it is first asked for (PEP 562): all of planfit takes a
 second or more, which `planfit --version` and tools that only look need not spend."""
