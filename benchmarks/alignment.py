@@ -198,10 +198,10 @@ def picture(arguments: argparse.Namespace) -> None:  # noqa: ARG001
 
 def level_poses(scan: Scan, options: RefineOptions, runtime: Runtime) -> np.ndarray:
     """(n, 4, 4) recorded poses, levelled; what the alignment alone would place."""
-    from planfit.segmentation import extract_structure, find_gravity, level_from_world
+    from planfit.segmentation import find_gravity, level_from_world, segment_scan
 
-    gravity = find_gravity(scan, options.structure.gravity, runtime)
-    structure = extract_structure(scan, gravity, options.structure, runtime)
+    gravity = find_gravity(scan, options.segmentation.gravity, runtime)
+    structure = segment_scan(scan, gravity, options.segmentation, runtime)
     return level_from_world(gravity, structure.floor_height_m) @ scan.world_from_cams
 
 

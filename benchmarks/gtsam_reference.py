@@ -29,13 +29,14 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from problems import Problem
 
+from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.levels import FLOOR_PLANE, LevelOptions, floor_term
 from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm, face_planes
 from planfit.geometry import se3
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.term import Term, Weighting
+from planfit.lsq.term import Term
 
 SQUARED = Loss(LossKind.SQUARED)
 POINTS, FLOOR, WALLS = (
@@ -79,7 +80,7 @@ def make_graph(problem: Problem, watch: Stopwatch) -> gtsam.NonlinearFactorGraph
     """The factors; not counted in any time."""
     graph = gtsam.NonlinearFactorGraph()
     matches, structure = problem.measurements.matches, problem.measurements.structure
-    information = Weighting(POINTS.max_observations).information(np.diff(matches.start))
+    information = Weighting(POINTS.max_observations).weight_per_point(np.diff(matches.start))
     for k, (i, j) in enumerate(matches.pairs):
         part = slice(matches.start[k], matches.start[k + 1])
         root = np.sqrt(information[k]) / matches.sigma[part].astype(float)
@@ -95,7 +96,7 @@ def make_graph(problem: Problem, watch: Stopwatch) -> gtsam.NonlinearFactorGraph
          face_planes(problem.floorplan, problem.association.face_idx), walls, WALLS.sigma_m),
     ]  # fmt: skip
     for points, start, frames, planes, weighting, sigma_m in groups:
-        root = np.sqrt(weighting.information(np.diff(start))) / sigma_m
+        root = np.sqrt(weighting.weight_per_point(np.diff(start))) / sigma_m
         for k, frame in enumerate(frames):
             part = points[start[k] : start[k + 1]].astype(float)
             graph.push_back(_plane_factor(int(frame), part, planes[k], root[k], watch))

@@ -30,7 +30,7 @@ from planfit.matching.keypoints import detect
 from planfit.matching.pairs import FrameDescriptors, PairOptions, choose_pairs
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.segmentation import StructureOptions, extract_structure, find_gravity
+from planfit.segmentation import SegmentationOptions, find_gravity, segment_scan
 
 
 def main() -> None:
@@ -123,9 +123,9 @@ def run_stages(scan, times: dict[str, tuple[float, float]]):
     times["read and keypoints"] = both
     times["match"] = (everything[0] - both[0], everything[1] - both[1])
     del times["read"]
-    gravity = timed("level", lambda: find_gravity(scan, StructureOptions().gravity, runtime))
-    timed("structure", lambda: extract_structure(
-        scan, gravity, StructureOptions(back_end="geometry"), runtime))  # fmt: skip
+    gravity = timed("level", lambda: find_gravity(scan, SegmentationOptions().gravity, runtime))
+    timed("segmentation", lambda: segment_scan(
+        scan, gravity, SegmentationOptions(back_end="geometry"), runtime))  # fmt: skip
     return matches
 
 

@@ -23,7 +23,7 @@ from planfit.evaluate import position_errors
 from planfit.geometry import se3
 from planfit.pipeline.prepare import StageTimer, extract_observations, prepare
 from planfit.runtime import Runtime
-from planfit.segmentation import StructureOptions, find_gravity
+from planfit.segmentation import SegmentationOptions, find_gravity
 from planfit.synth import DriftOptions, drift_poses
 
 DEFAULT = Path(os.environ.get("PLANFIT_SHARED", "../shared/data")) / "kitchen"
@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     scan = planfit.read_scan(arguments.scan)
-    options = planfit.RefineOptions(structure=StructureOptions(back_end="geometry"))
+    options = planfit.RefineOptions(segmentation=SegmentationOptions(back_end="geometry"))
     given = scan.world_from_cams
     rows = []
     print("seed   before m   after m   falls by   seconds")
@@ -44,7 +44,7 @@ def main() -> None:
         # A cache a seed: neither gravity nor matches may know the poses before drift.
         with tempfile.TemporaryDirectory() as cache:
             runtime = Runtime(cache_dir=Path(cache))
-            up = find_gravity(scan, options.structure.gravity, runtime).up_world
+            up = find_gravity(scan, options.segmentation.gravity, runtime).up_world
             drifted = drift_poses(given, DriftOptions(), np.random.default_rng(seed), up)
             begin = time.perf_counter()
             spoiled = dataclasses.replace(scan, world_from_cams=drifted)

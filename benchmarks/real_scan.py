@@ -23,7 +23,7 @@ from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import read_tum
 from planfit.scan.formats.facap import PLAN_FROM_WORLD
-from planfit.segmentation import StructureOptions
+from planfit.segmentation import SegmentationOptions
 from planfit.synth import DriftOptions, drift_poses
 
 DEFAULT = Path(os.environ.get("PLANFIT_SHARED", "../shared/data")) / "conslam"
@@ -41,7 +41,7 @@ def main() -> None:
     assert scan.up_world is not None
     floorplan = planfit.read_floorplan(scan.floorplan_path)
     _, true_world_from_cams = read_tum(arguments.scan / "groundtruth.tum")
-    options = planfit.RefineOptions(structure=StructureOptions(back_end=arguments.back_end))
+    options = planfit.RefineOptions(segmentation=SegmentationOptions(back_end=arguments.back_end))
     drift = DriftOptions(yaw_deg=0.15, tilt_share=0.3, shift_m=0.02, vertical_share=0.3)
     print("seed      before m   after m   aligned m   turn deg   seconds")
     rows = []

@@ -2,18 +2,18 @@
 
 import pytest
 
+from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.align import AlignOptions
 from planfit.errors import OptionError
 from planfit.lsq.robust import Loss
 from planfit.lsq.solver import SolverOptions
-from planfit.lsq.term import Weighting
 from planfit.matching.matchers import MatcherOptions
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions
-from planfit.segmentation import StructureOptions
+from planfit.segmentation import SegmentationOptions
 
 
 @pytest.mark.parametrize(
@@ -28,7 +28,7 @@ from planfit.segmentation import StructureOptions
         (MatcherOptions, "max_ratio", 1.2),
         (RefineOptions, "held_out_share", -0.1),
         (OdometryOptions, "sigma_base_m", float("nan")),
-        (StructureOptions, "stride_px", 0),
+        (SegmentationOptions, "stride_px", 0),
         (Runtime, "workers", 0),
     ],
 )

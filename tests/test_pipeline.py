@@ -16,7 +16,7 @@ from planfit.evaluate import position_errors
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Label, Scan, ScanFiles
-from planfit.segmentation import StructureOptions
+from planfit.segmentation import SegmentationOptions
 from planfit.synth import (
     BuildingOptions,
     CameraOptions,
@@ -225,7 +225,7 @@ def test_plan_of_another_building_is_doubted(seed, synthetic, runtime):
 
 def test_mask_back_end_without_masks_is_an_error(synthetic):
     bare = dataclasses.replace(synthetic.scan, has_labels=False)
-    options = planfit.RefineOptions(structure=StructureOptions(back_end="masks"))
+    options = planfit.RefineOptions(segmentation=SegmentationOptions(back_end="masks"))
     with pytest.raises(planfit.errors.ScanError, match="masks"):
         planfit.refine(bare, synthetic.floorplan, options)
 

@@ -15,6 +15,7 @@ from builders import (
     random_transforms,
 )
 from planfit.adjust.association import Association, AssociationOptions, associate
+from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.levels import LevelOptions, floor_term
 from planfit.adjust.terms.odometry import (
     OdometryTerm,
@@ -27,7 +28,6 @@ from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.geometry import se3
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.term import Weighting
 from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
@@ -180,7 +180,7 @@ def test_points_per_reading_thins_small_bundles(name, terms, world, rng):
 
 def test_weighting_counts_readings():
     points = np.array([0, 1, 10, 100])
-    readings = points * Weighting(4.0, 10.0).information(points)
+    readings = points * Weighting(4.0, 10.0).weight_per_point(points)
     assert_allclose(readings, [0.0, 0.1, 1.0, 4.0])
 
 

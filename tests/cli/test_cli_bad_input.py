@@ -205,14 +205,14 @@ def test_poses_in_millimetres_are_refused(
     "flags",
     [
         ["--adjust.max-alternations", "0"],
-        ["--structure.erode-px", "-1"],
+        ["--segmentation.erode-px", "-1"],
         ["--seed", "-1"],
-        ["--structure.max-depth-m", "inf"],
+        ["--segmentation.max-depth-m", "inf"],
         ["--matching.cycles.max-sigmas", "nan"],
         ["--align.min-score", "nan"],
         ["--adjust.walls.weight", "-1"],
         ["--held-out-share", "1.0"],
-        ["--structure.back-end", "geometry", "--structure.geometry.normal-radius-px", "500"],
+        ["--segmentation.back-end", "geometry", "--segmentation.geometry.normal-radius-px", "500"],
         ["--workers", "0"],
     ],
     ids=lambda flags: flags[-2],
@@ -229,7 +229,7 @@ def test_toml_choices_are_checked(
     small_scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = tmp_path / "options.toml"
-    config.write_text('[structure]\nback_end = "foo"\n')
+    config.write_text('[segmentation]\nback_end = "foo"\n')
     words = ["refine", str(small_scan), "-o", str(tmp_path / "out"), "--config", str(config)]
     assert run(words) == 2
     assert "auto, masks, geometry or learned" in capsys.readouterr().err

@@ -66,8 +66,8 @@ def test_refine_with_learned_labels_and_matches(
     ten_frames: Path, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flags = [
-        "--structure.back-end", "learned", "--structure.learned.model", str(models / "segformer"),
-        "--structure.learned.batch-size", "4", "--matching.keypoints.kind", "superpoint",
+        "--segmentation.back-end", "learned", "--segmentation.learned.model", str(models / "segformer"),
+        "--segmentation.learned.batch-size", "4", "--matching.keypoints.kind", "superpoint",
         "--matching.keypoints.weights", str(models / "superpoint"),
         "--matching.keypoints.max-per-frame", "200", "--matching.matcher.kind", "lightglue",
         "--matching.matcher.weights", str(models / "lightglue"),
@@ -87,8 +87,8 @@ def test_refine_with_learned_labels_and_matches(
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (["--structure.back-end", "learned"], "--structure.learned.model"),
-        (["--structure.back-end", "learned", "--structure.learned.model", "./no"], "no"),
+        (["--segmentation.back-end", "learned"], "--segmentation.learned.model"),
+        (["--segmentation.back-end", "learned", "--segmentation.learned.model", "./no"], "no"),
         (["--matching.keypoints.kind", "superpoint", "--matching.keypoints.weights", "./no"], "no"),
         (["--matching.matcher.kind", "lightglue"], "superpoint"),
     ],

@@ -205,7 +205,7 @@ def test_the_same_run_again_reuses_its_stages(finished: Path, small_scan: Path) 
 
 def test_hidden_masks_give_way_to_geometry(small_scan: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    arguments = ["refine", str(small_scan), "-o", str(out), "--structure.back-end", "geometry"]
+    arguments = ["refine", str(small_scan), "-o", str(out), "--segmentation.back-end", "geometry"]
     assert run(arguments) == 0
     record = json.loads((out / "run.json").read_text())
     assert record["labels_from"] == "geometry"

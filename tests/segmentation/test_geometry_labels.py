@@ -8,7 +8,7 @@ from builders import look, room_scan
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Label
-from planfit.segmentation import Gravity, StructureOptions, choose_back_end
+from planfit.segmentation import Gravity, SegmentationOptions, choose_back_end
 from planfit.segmentation.geometry_labels import GeometryLabelOptions, _lay_level, _lay_walls
 from planfit.segmentation.visibility_map import CELL_M, Stretch
 
@@ -22,7 +22,7 @@ def labelled(poses=(POSE,), boxes=(), holes=(), turn=None, frame=0, **options):
     """Labels of one frame of a scan of the room, and its points in the room."""
     room_from_world = np.eye(4) if turn is None else turn
     scan = room_scan(np.stack(poses), room_from_world, boxes=boxes, holes=holes)
-    chosen = StructureOptions(back_end="geometry", geometry=GeometryLabelOptions(**options))
+    chosen = SegmentationOptions(back_end="geometry", geometry=GeometryLabelOptions(**options))
     up = Gravity(room_from_world[2, :3], 1.0, "known")
     depth = scan.files.depth(frame)
     labels = choose_back_end(scan, up, chosen, Runtime(1)).labels(frame, depth)
@@ -146,7 +146,7 @@ def test_max_tilt_deg():
     scan = room_scan(np.stack(views(20.0)))
 
     def wall(max_tilt_deg):
-        options = StructureOptions(
+        options = SegmentationOptions(
             back_end="geometry", geometry=GeometryLabelOptions(max_tilt_deg=max_tilt_deg)
         )
         gravity = Gravity(off[2, :3], 1.0, "9 deg off")

@@ -12,7 +12,7 @@ from builders import NoFiles, look, room_scan
 from planfit.errors import OptionError, ScanError
 from planfit.runtime import Runtime
 from planfit.scan import Label
-from planfit.segmentation import Gravity, StructureOptions, choose_back_end, extract_structure
+from planfit.segmentation import Gravity, SegmentationOptions, choose_back_end, segment_scan
 from planfit.segmentation.learned import LearnedBackEnd, LearnedOptions, load_model
 
 NAMES = {0: "wall", 1: "floor, flooring", 2: "ceiling", 3: "column, pillar", 4: "chair"}
@@ -171,10 +171,10 @@ def onnx_file(tmp_path_factory):
 @pytest.mark.parametrize("kind", ["segformer", "mask2former", "oneformer"])
 def test_ten_frames_end_to_end(model_folder, kind):
     scan = colored_room()
-    options = StructureOptions(
+    options = SegmentationOptions(
         back_end="learned", learned=LearnedOptions(model=str(model_folder(kind)), batch_size=4)
     )
-    found = extract_structure(scan, UP, options, Runtime(2))
+    found = segment_scan(scan, UP, options, Runtime(2))
     assert found.back_end == "learned"
     assert sorted(scan.files.read) == list(range(10))  # each image once
     labels = choose_back_end(scan, UP, options, Runtime(1)).labels(9, scan.files.depth(9))
@@ -282,7 +282,7 @@ def refused(match, **options):
 
 
 def test_no_model_named():
-    refused("structure.learned.model: expected a folder .* found none; for example")
+    refused("segmentation.learned.model: expected a folder .* found none; for example")
 
 
 def test_no_such_folder_and_no_such_file(tmp_path):
@@ -329,9 +329,9 @@ def test_a_backbone_without_head_is_refused(model_folder, tmp_path):
 
 def test_a_device_that_does_not_exist(model_folder, onnx_file):
     folder = str(model_folder("segformer"))
-    refused("structure.learned.device: expected auto, cpu", model=folder, device="abacus")
+    refused("segmentation.learned.device: expected auto, cpu", model=folder, device="abacus")
     refused(
-        "structure.learned.device: expected auto.*it has .*CPU",
+        "segmentation.learned.device: expected auto.*it has .*CPU",
         model=str(onnx_file()),
         device="abacus",
     )

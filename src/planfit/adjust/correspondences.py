@@ -8,11 +8,12 @@ from planfit.adjust.association import Association, associate
 from planfit.adjust.ceilings import find_ceilings
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
+from planfit.adjust.terms.effective_observations import as_mean
 from planfit.adjust.terms.levels import LevelTerm
 from planfit.adjust.terms.nearest import NearestTerm, Pull
 from planfit.adjust.terms.walls import WallTerm
 from planfit.floorplan import Floorplan
-from planfit.lsq.term import Term, as_mean
+from planfit.lsq.term import Term
 from planfit.segmentation import WallPatches
 
 

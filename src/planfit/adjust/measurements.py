@@ -6,6 +6,7 @@ from typing import TypeVar
 import numpy as np
 
 from planfit.adjust.options import AdjustOptions
+from planfit.adjust.terms.effective_observations import as_mean
 from planfit.adjust.terms.levels import floor_term
 from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
@@ -13,7 +14,7 @@ from planfit.adjust.terms.rays import RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionTerm
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
-from planfit.lsq.term import Term, as_mean
+from planfit.lsq.term import Term
 from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.matching import Matches
 from planfit.scan.odometry import Odometry

@@ -58,7 +58,7 @@ def align_command(arguments: AlignArguments) -> int:
     )
     options = replace(options, align=chosen)
     folder = _claim(arguments.out)
-    scan = read_scan(arguments.scan, options.structure.reads_masks, arguments.scan_options)
+    scan = read_scan(arguments.scan, options.segmentation.reads_masks, arguments.scan_options)
     floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
     with StageBars() as bars:
         runtime = Runtime(arguments.workers, folder / "cache", bars.update)

@@ -18,11 +18,11 @@ from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan, read_tum
 from planfit.scan.pose_files import take_poses
 from planfit.segmentation import (
+    SegmentationOptions,
     Structure,
-    StructureOptions,
-    extract_structure,
     find_gravity,
     level_from_world,
+    segment_scan,
 )
 
 
@@ -68,7 +68,9 @@ def read_run(
         before = np.array(record["plan_from_world_before"], dtype=float).reshape(4, 4)
         inputs, n_faces, n_frames = record["inputs"], record["plan_faces"], record["frames"]
         scan_path, plan_path = scan_path or Path(inputs["scan"]), plan_path or Path(inputs["plan"])
-        structure_options = options_of(record["options"]["structure"], StructureOptions(), where)
+        segmentation_options = options_of(
+            record["options"]["segmentation"], SegmentationOptions(), where
+        )
         alignment = record["alignment"]
         scale_xy = tuple(alignment["metres_per_unit_xy"]) if alignment else (1.0, 1.0)
     except (ValueError, KeyError, TypeError, OptionError) as error:
@@ -76,7 +78,7 @@ def read_run(
             f"{where}expected the record of a run of this version, found a damaged or an older one; "
             "run 'planfit refine' again"
         ) from error
-    scan = _read_scan(scan_path, structure_options, scan_options_of(record, where))
+    scan = _read_scan(scan_path, segmentation_options, scan_options_of(record, where))
     times, after = read_tum(folder / "trajectory.tum")
     if len(scan) != n_frames or len(after) != n_frames:
         raise ScanError(
@@ -91,7 +93,7 @@ def read_run(
         )
     if not floorplan.is_metric:
         floorplan = metric_plan(floorplan, scale_xy)
-    _, structure = _structure(scan, structure_options, runtime)
+    _, structure = _structure(scan, segmentation_options, runtime)
     return Compared(
         scan,
         floorplan,
@@ -121,7 +123,7 @@ def read_poses(
         FloorplanError: the plan cannot be read, or its unit cannot be found.
     """
     options = RefineOptions()
-    scan = _read_scan(scan_path, options.structure, scan_options)
+    scan = _read_scan(scan_path, options.segmentation, scan_options)
     given = _poses_of(scan, poses_path, scan_options.max_time_gap_s)
     plan_path = plan_path or scan.floorplan_path
     floorplan = read_floorplan(plan_path, plan) if plan_path else None
@@ -133,12 +135,12 @@ def read_poses(
                 f"{plan_path}: expected a plan in metres, as the poses are in its frame; give its "
                 "unit with --unit or --scale"
             )
-        _, structure = _structure(scan, options.structure, runtime)
+        _, structure = _structure(scan, options.segmentation, runtime)
         on_plan = (plan_from_world @ recorded, given)
         return Compared(
             scan, floorplan, structure, (recorded, se3.inverse(plan_from_world) @ given), on_plan
         )
-    level, structure = _structure(scan, options.structure, runtime)
+    level, structure = _structure(scan, options.segmentation, runtime)
     notes: list[str] = []
     if floorplan is not None:
         walls = wall_samples(structure, level @ given)
@@ -158,18 +160,18 @@ def read_poses(
 
 
 def _structure(
-    scan: Scan, options: StructureOptions, runtime: Runtime
+    scan: Scan, options: SegmentationOptions, runtime: Runtime
 ) -> tuple[np.ndarray, Structure]:
     """level_from_world (4, 4), and floor and walls: found once, by the recorded poses, for both."""
     gravity = find_gravity(scan, options.gravity, runtime)
-    structure = extract_structure(scan, gravity, options, runtime)
+    structure = segment_scan(scan, gravity, options, runtime)
     return level_from_world(gravity, structure.floor_height_m), structure
 
 
-def _read_scan(path: Path, structure: StructureOptions, options: ScanOptions) -> Scan:
+def _read_scan(path: Path, segmentation: SegmentationOptions, options: ScanOptions) -> Scan:
     if not path.exists():
         raise ScanError(f"{path}: expected the scan, found nothing; say where it is with --scan")
-    return read_scan(path, structure.reads_masks, options)
+    return read_scan(path, segmentation.reads_masks, options)
 
 
 def _read_record(folder: Path) -> dict[str, Any]:

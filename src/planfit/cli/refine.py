@@ -52,7 +52,7 @@ def refine_command(arguments: RefineArguments) -> int:
     """Read, refine, write, summarise. Exit code 1 where the result is not better than the input."""
     begin = time.perf_counter()
     scan = read_scan(
-        arguments.scan, arguments.options.structure.reads_masks, arguments.scan_options
+        arguments.scan, arguments.options.segmentation.reads_masks, arguments.scan_options
     )
     plan_path = arguments.plan or scan.floorplan_path
     if plan_path is None:

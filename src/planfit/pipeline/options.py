@@ -7,7 +7,7 @@ from planfit.align import AlignOptions
 from planfit.errors import OptionError
 from planfit.matching import MatchingOptions
 from planfit.scan.odometry import OdometryOptions
-from planfit.segmentation import StructureOptions
+from planfit.segmentation import SegmentationOptions
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class RefineOptions:
 
     odometry: OdometryOptions = field(default_factory=OdometryOptions)
     """How far the recorded motion may be off."""
-    structure: StructureOptions = field(default_factory=StructureOptions)
+    segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     """Gravity, floor and walls in the scan."""
     matching: MatchingOptions = field(default_factory=MatchingOptions)
     """Keypoint matches between frames."""

@@ -23,9 +23,9 @@ from planfit.scan.odometry import make_odometry
 from planfit.segmentation import (
     Gravity,
     Structure,
-    extract_structure,
     find_gravity,
     level_from_world,
+    segment_scan,
 )
 
 
@@ -73,9 +73,9 @@ def extract_observations(
 ) -> Observations:
     """Everything that takes the images: gravity, floor and walls, matches."""
     with timer.stage("level"):
-        gravity = find_gravity(scan, options.structure.gravity, runtime)
+        gravity = find_gravity(scan, options.segmentation.gravity, runtime)
     with timer.stage("floor and walls"):
-        structure = extract_structure(scan, gravity, options.structure, runtime)
+        structure = segment_scan(scan, gravity, options.segmentation, runtime)
     with timer.stage("matching"):
         odometry = make_odometry(scan.world_from_cams, options.odometry)
         matches = find_matches(scan, odometry, options.matching, runtime)

@@ -90,7 +90,7 @@ class FrameFiles:
         """These formats have no labels."""
         raise ScanError(
             f"{self.name}: expected labels for frame {frame_idx}, but this format has none; "
-            "use --structure.back-end geometry"
+            "use --segmentation.back-end geometry"
         )
 
     def write_poses(

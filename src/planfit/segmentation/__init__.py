@@ -3,10 +3,10 @@
 from planfit.segmentation.back_ends import BackEnd as BackEnd
 from planfit.segmentation.gravity import Gravity as Gravity
 from planfit.segmentation.gravity import find_gravity as find_gravity
-from planfit.segmentation.segment import StructureOptions as StructureOptions
+from planfit.segmentation.segment import SegmentationOptions as SegmentationOptions
 from planfit.segmentation.segment import choose_back_end as choose_back_end
-from planfit.segmentation.segment import extract_structure as extract_structure
 from planfit.segmentation.segment import level_from_world as level_from_world
+from planfit.segmentation.segment import segment_scan as segment_scan
 from planfit.segmentation.types import LevelPoints as LevelPoints
 from planfit.segmentation.types import Structure as Structure
 from planfit.segmentation.types import WallPatches as WallPatches

@@ -115,9 +115,9 @@ def load_model(options: LearnedOptions) -> Model:
     name = options.model
     if not name:
         raise OptionError(
-            "structure.learned.model: expected a folder of a transformers model, an ONNX file or the "
+            "segmentation.learned.model: expected a folder of a transformers model, an ONNX file or the "
             "name of a model on the Hugging Face hub, found none; for example "
-            "--structure.learned.model facebook/mask2former-swin-large-ade-semantic"
+            "--segmentation.learned.model facebook/mask2former-swin-large-ade-semantic"
         )
     path = Path(name).expanduser()
     if path.suffix.lower() == ".onnx":

@@ -29,15 +29,15 @@ class OnnxModel:
         Raises:
             OptionError: see `planfit.segmentation.learned.load_model`.
         """
-        where = f"structure.learned.model: {path}"
+        where = f"segmentation.learned.model: {path}"
         if not path.is_file():
             raise OptionError(f"{where}: expected an ONNX file, found no such file; check the path")
         try:
             runtime: Any = importlib.import_module("onnxruntime")
         except ImportError as error:
             raise OptionError(
-                "structure.back_end: learned needs the library onnxruntime for ONNX files, which is "
-                "not installed; run `pip install 'planfit[learned]'`, or use --structure.back-end "
+                "segmentation.back_end: learned needs the library onnxruntime for ONNX files, which is "
+                "not installed; run `pip install 'planfit[learned]'`, or use --segmentation.back-end "
                 "geometry"
             ) from error
         config = _read_json(path.parent / "config.json", where)
@@ -122,7 +122,7 @@ def _providers(runtime: Any, device: str) -> list[Any]:
     kind, _, number = device.partition(":")
     if kind not in ("auto", "cuda") or "CUDAExecutionProvider" not in available:
         raise OptionError(
-            f"structure.learned.device: expected auto, cpu or a GPU that onnxruntime sees, found "
+            f"segmentation.learned.device: expected auto, cpu or a GPU that onnxruntime sees, found "
             f"{device!r}; it has {', '.join(available)}"
         )
     return [("CUDAExecutionProvider", {"device_id": int(number or 0)}), "CPUExecutionProvider"]

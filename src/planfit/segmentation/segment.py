@@ -23,7 +23,7 @@ from planfit.segmentation.types import LevelPoints, Structure, WallPatches
 
 
 @dataclass(frozen=True)
-class StructureOptions:
+class SegmentationOptions:
     """Where floor and wall points come from, and how many are kept."""
 
     back_end: Literal["auto", "masks", "geometry", "learned"] = "auto"
@@ -60,7 +60,7 @@ class StructureOptions:
     def __post_init__(self) -> None:
         if self.back_end not in ("auto", "masks", "geometry", "learned"):
             raise OptionError(
-                "structure.back_end: expected auto, masks, geometry or learned, "
+                "segmentation.back_end: expected auto, masks, geometry or learned, "
                 f"found {self.back_end!r}"
             )
         require_positive(self, "max_depth_m", "stride_px", "edge_step", "max_points_per_frame")
@@ -80,8 +80,8 @@ def level_from_world(gravity: Gravity, floor_height_m: float) -> np.ndarray:
     return turned
 
 
-def extract_structure(
-    scan: Scan, gravity: Gravity, options: StructureOptions, runtime: Runtime
+def segment_scan(
+    scan: Scan, gravity: Gravity, options: SegmentationOptions, runtime: Runtime
 ) -> Structure:
     """Floor points and wall patches of each frame; paper, Sec. III-B.
 
@@ -93,7 +93,7 @@ def extract_structure(
     upright_from_cams = level_from_world(gravity, 0.0) @ scan.world_from_cams
     compute = partial(_frame_structure, scan, upright_from_cams, options, back_end)
     key = cache_key(
-        "structure", scan.fingerprint, scan.world_from_cams.tobytes(), gravity.up_world, options,
+        "segmentation", scan.fingerprint, scan.world_from_cams.tobytes(), gravity.up_world, options,
         back_end.identity,
     )  # fmt: skip
     items = runtime.map("floor and walls", key, len(scan), compute)
@@ -101,7 +101,7 @@ def extract_structure(
 
 
 def choose_back_end(
-    scan: Scan, gravity: Gravity, options: StructureOptions, runtime: Runtime
+    scan: Scan, gravity: Gravity, options: SegmentationOptions, runtime: Runtime
 ) -> BackEnd:
     """The back end that `options` ask for; geometry looks through the whole scan here.
 
@@ -112,7 +112,7 @@ def choose_back_end(
     if options.back_end == "masks" and not scan.has_labels:
         raise ScanError(
             f"{scan.name}: expected floor and wall masks, found none; add them, or use "
-            "--structure.back-end geometry"
+            "--segmentation.back-end geometry"
         )
     if options.back_end == "learned":
         return LearnedBackEnd(scan, options.learned)
@@ -125,7 +125,7 @@ def choose_back_end(
 def _frame_structure(
     scan: Scan,
     upright_from_cams: np.ndarray,
-    options: StructureOptions,
+    options: SegmentationOptions,
     back_end: BackEnd,
     i: int,
 ) -> Arrays:
@@ -181,7 +181,7 @@ def _sample(
     usable: np.ndarray,
     depth: np.ndarray,
     camera: Camera,
-    options: StructureOptions,
+    options: SegmentationOptions,
     rng: np.random.Generator,
 ) -> np.ndarray:
     """Points (n, 3) m, camera frame, of an eroded mask; at most `max_points_per_frame`."""

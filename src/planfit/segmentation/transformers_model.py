@@ -22,7 +22,9 @@ class TransformersModel:
         Raises:
             OptionError: see `planfit.segmentation.learned.load_model`.
         """
-        weights = find_weights("structure.learned.model", name, "--structure.back-end geometry")
+        weights = find_weights(
+            "segmentation.learned.model", name, "--segmentation.back-end geometry"
+        )
         transformers, kind = weights.transformers, weights.config.model_type
         mapping = importlib.import_module("transformers.models.auto.modeling_auto")
         is_universal = kind in mapping.MODEL_FOR_UNIVERSAL_SEGMENTATION_MAPPING_NAMES
@@ -45,7 +47,7 @@ class TransformersModel:
             ) from error
         self._torch = weights.torch
         self._model, self._device = load_model(
-            weights, auto, "a segmentation model", "structure.learned.device", device, _NOT_SAVED
+            weights, auto, "a segmentation model", "segmentation.learned.device", device, _NOT_SAVED
         )
 
     def classes(self, images: list[np.ndarray], sizes: list[tuple[int, int]]) -> list[np.ndarray]:

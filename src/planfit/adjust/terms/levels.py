@@ -10,10 +10,10 @@ from functools import cached_property
 
 import numpy as np
 
+from planfit.adjust.terms.effective_observations import Weighting
 from planfit.errors import require_positive
 from planfit.lsq.moments import PlaneMoments, plane_moments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.term import Weighting
 from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments, plane_moments_on
 from planfit.segmentation import LevelPoints, Structure
 
@@ -63,7 +63,7 @@ class LevelTerm:
         start = self.points.start
         weighting = Weighting(self.options.max_observations, self.options.points_per_observation)
         is_on = np.isfinite(self.heights_m)
-        information = self.options.weight * weighting.information(np.diff(start))
+        information = self.options.weight * weighting.weight_per_point(np.diff(start))
         rest = (
             np.arange(len(start) - 1),
             level_planes(self.heights_m),

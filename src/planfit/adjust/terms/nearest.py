@@ -20,12 +20,12 @@ import numpy as np
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.adjust.face_grid import FaceGrid, make_face_grid
 from planfit.adjust.nearest_kernels import aim_pulls, pull_cost, square_gaps, sum_pulls
+from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError, require_positive
 from planfit.floorplan import Floorplan
 from planfit.lsq.linear.normal_equations import NormalBlocks
 from planfit.lsq.robust import loss_value
-from planfit.lsq.term import Weighting
 from planfit.segmentation import WallPatches
 
 
@@ -79,7 +79,9 @@ class NearestTerm:
         squared /= o.sigma_m**2
         rho, weight = loss_value(squared, o.loss)
         counts = np.diff(start)
-        information = Weighting(o.max_observations, o.points_per_observation).information(counts)
+        information = Weighting(o.max_observations, o.points_per_observation).weight_per_point(
+            counts
+        )
         information = o.weight * information
         per_m2 = information / o.sigma_m**2
         matrices = aim_pulls(face_idx, normals, to_line, start, per_m2, weight)

@@ -11,10 +11,10 @@ from functools import cached_property
 
 import numpy as np
 
+from planfit.adjust.terms.effective_observations import Weighting
 from planfit.errors import require_positive
 from planfit.lsq.moments import PairMoments, pair_moments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.term import Weighting
 from planfit.lsq.torch.moments import GroupedPoints, TorchPairMoments, pair_moments_on
 from planfit.matching import Matches
 
@@ -58,7 +58,7 @@ class PointTerm:
         """One pass over the matches; see `planfit.lsq.moments`."""
         m = self.matches
         weighting = Weighting(self.options.max_observations)
-        information = self.options.weight * weighting.information(np.diff(m.start))
+        information = self.options.weight * weighting.weight_per_point(np.diff(m.start))
         if self.device != "cpu":
             return pair_moments_on(
                 self._on_device, m.pairs, information, target_from_cams, self.options.loss

@@ -22,12 +22,12 @@ from functools import cached_property
 
 import numpy as np
 
+from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.match_kernels import ray_distances, sum_ray_distances
 from planfit.errors import require_positive
 from planfit.lsq.linear.normal_equations import NormalBlocks
 from planfit.lsq.relative import blocks_of_pairs, relative_poses
 from planfit.lsq.robust import Loss, LossKind, loss_value
-from planfit.lsq.term import Weighting
 from planfit.matching import Matches
 
 
@@ -101,7 +101,7 @@ class RayTerm:
         distance, sigma_sq = self.ray_pairs.distances(target_from_cams), self.matches.sigma**2
         rho, weight = loss_value(distance**2 / sigma_sq, self.options.loss)
         counts = np.diff(self.matches.start)
-        readings = Weighting(self.options.max_observations).information(counts)
+        readings = Weighting(self.options.max_observations).weight_per_point(counts)
         information = np.repeat(self.options.weight * readings, counts)
         quadratic = RayQuadratic(self.ray_pairs, information * weight / sigma_sq)
         return quadratic, 0.5 * float(information @ rho)

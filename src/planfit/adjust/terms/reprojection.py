@@ -10,13 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
+from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.match_kernels import reproject, sum_reprojections
 from planfit.errors import require_positive
 from planfit.geometry.camera import Camera
 from planfit.lsq.linear.normal_equations import NormalBlocks
 from planfit.lsq.relative import blocks_of_pairs, relative_poses
 from planfit.lsq.robust import Loss, LossKind, loss_value
-from planfit.lsq.term import Weighting
 from planfit.matching import Matches
 
 
@@ -114,7 +114,7 @@ class ReprojectionTerm:
         counts = np.diff(sightings.start)
         squared = np.where(is_on, squared, np.repeat(sightings.diagonals**2, counts))
         rho, weight = loss_value(squared / o.sigma_px**2, o.loss)
-        readings = Weighting(o.max_observations).information(counts)
+        readings = Weighting(o.max_observations).weight_per_point(counts)
         information = np.repeat(0.5 * o.weight * readings, counts)
         quadratic = ReprojectionQuadratic(sightings, information * weight * is_on / o.sigma_px**2)
         return quadratic, 0.5 * float(information @ rho)

@@ -11,11 +11,11 @@ from functools import cached_property
 import numpy as np
 
 from planfit.adjust.association import Association
+from planfit.adjust.terms.effective_observations import Weighting
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
 from planfit.lsq.moments import PlaneMoments, plane_moments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.term import Weighting
 from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments, plane_moments_on
 from planfit.segmentation import WallPatches
 
@@ -75,7 +75,7 @@ class WallTerm:
         if self.offsets_m is not None:
             planes[:, 3] -= self.offsets_m[face]
         weighting = Weighting(self.options.max_observations, self.options.points_per_observation)
-        information = weighting.information(np.diff(patches.start))
+        information = weighting.weight_per_point(np.diff(patches.start))
         rest = (
             patches.frame_idx,
             planes,

@@ -282,7 +282,7 @@ def _check_masks(
         raise ScanError(
             f"{folder}: expected masks for each of {len(color_paths)} frames, found {len(seen)} "
             f"({absent} has none); add them, or leave masks out with "
-            "--structure.back-end geometry"
+            "--segmentation.back-end geometry"
         )
 
 

@@ -12,17 +12,17 @@ from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Label
-from planfit.segmentation import Gravity, StructureOptions, extract_structure
+from planfit.segmentation import Gravity, SegmentationOptions, segment_scan
 from planfit.segmentation.geometry_labels import GeometryLabelOptions
 from planfit.segmentation.patches import PatchOptions
 
 VIEWS = np.stack([look([2 + 0.3 * i, 1.6, 1.4], 60 * i, 12) for i in range(6)])
 UP = Gravity(np.array([0, 0, 1.0]), 1.0, "known")
-SMALL = StructureOptions(max_points_per_frame=400)
+SMALL = SegmentationOptions(max_points_per_frame=400)
 
 
 def extracted(scan, options=SMALL, runtime=None):
-    return extract_structure(scan, UP, options, runtime or Runtime(2))
+    return segment_scan(scan, UP, options, runtime or Runtime(2))
 
 
 class Masked(NoFiles):
@@ -112,7 +112,7 @@ def test_a_world_with_another_up_and_origin(scan):
     )
     moved = room_scan(VIEWS, room_from_world, fingerprint="moved")
     gravity = Gravity(room_from_world[2, :3], 1.0, "known")
-    found = extract_structure(moved, gravity, SMALL, Runtime(2))
+    found = segment_scan(moved, gravity, SMALL, Runtime(2))
     assert found.floor_height_m == pytest.approx(-5.0, abs=0.01)
     assert len(found.walls) == len(extracted(scan).walls)
 
@@ -138,7 +138,7 @@ def test_geometry_is_used_where_asked_for_in_spite_of_masks(masked):
 
 
 def test_max_points_per_frame(scan):
-    found = extracted(scan, StructureOptions(max_points_per_frame=50))
+    found = extracted(scan, SegmentationOptions(max_points_per_frame=50))
     assert np.diff(found.floor.start).max() <= 50
     per_frame = np.bincount(found.walls.point_frame_idx, minlength=6) + np.bincount(
         found.unassigned_frame_idx, minlength=6
@@ -155,7 +155,7 @@ def test_max_depth_m(scan):
 
 
 def n_points(scan, **options):
-    found = extracted(scan, StructureOptions(**({"max_points_per_frame": 10**6} | options)))
+    found = extracted(scan, SegmentationOptions(**({"max_points_per_frame": 10**6} | options)))
     return (
         len(found.floor.points_cam) + len(found.walls.points_cam) + len(found.unassigned_points_cam)
     )

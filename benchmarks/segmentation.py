@@ -1,9 +1,9 @@
 """Gravity, and floor, wall and ceiling by geometry, against the truth of synthetic scans.
 
-    python benchmarks/structure.py gravity [--scans 20]
-    python benchmarks/structure.py labels [--scans 6] [--seed 100]
-    python benchmarks/structure.py memory [--frames 200]
-    python benchmarks/structure.py level --scan FOLDER --out PICTURE.png
+    python benchmarks/segmentation.py gravity [--scans 20]
+    python benchmarks/segmentation.py labels [--scans 6] [--seed 100]
+    python benchmarks/segmentation.py memory [--frames 200]
+    python benchmarks/segmentation.py level --scan FOLDER --out PICTURE.png
 
 `gravity` and `labels` render furnished buildings as a structured-light sensor sees them. Each scan has a
 world tilted by up to 30 deg, a camera held up to 15 deg askew with a mean pitch of -30 to 15 deg, and one
@@ -32,11 +32,11 @@ from planfit.geometry.camera import Camera
 from planfit.runtime import Runtime
 from planfit.scan import Label, Scan
 from planfit.segmentation import (
-    StructureOptions,
+    SegmentationOptions,
     choose_back_end,
-    extract_structure,
     find_gravity,
     level_from_world,
+    segment_scan,
 )
 from planfit.synth import (
     BuildingOptions,
@@ -140,7 +140,7 @@ def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def run_gravity(arguments: argparse.Namespace) -> None:
-    options = StructureOptions().gravity
+    options = SegmentationOptions().gravity
     print("seed  ceiling    error deg  confidence  drifted deg  ms a frame")
     errors, drifted = [], []
     for seed in range(arguments.seed, arguments.seed + arguments.scans):
@@ -165,7 +165,7 @@ def run_gravity(arguments: argparse.Namespace) -> None:
 
 
 def run_labels(arguments: argparse.Namespace) -> None:
-    options = StructureOptions(back_end="geometry")
+    options = SegmentationOptions(back_end="geometry")
     judged = (Label.FLOOR, Label.WALL, Label.CEILING)
     total = np.zeros((len(judged), 3))
     print("seed  ceiling    " + "  ".join(f"{x.name.lower():>7} IoU prec rec" for x in judged))
@@ -207,7 +207,7 @@ def _row(counts: np.ndarray) -> str:
 
 def run_memory(arguments: argparse.Namespace) -> None:
     case = make_case(1, 20, arguments.width)
-    options = StructureOptions(back_end="geometry", max_points_per_frame=200)
+    options = SegmentationOptions(back_end="geometry", max_points_per_frame=200)
     for n in (arguments.frames, 2 * arguments.frames, 4 * arguments.frames):
         idx = np.arange(n) % 20
         long = replace(
@@ -220,7 +220,7 @@ def run_memory(arguments: argparse.Namespace) -> None:
         )
         tracemalloc.start()
         gravity = find_gravity(long, options.gravity, Runtime(2))
-        structure = extract_structure(long, gravity, options, Runtime(2))
+        structure = segment_scan(long, gravity, options, Runtime(2))
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         kept = sum(
@@ -237,9 +237,9 @@ def run_memory(arguments: argparse.Namespace) -> None:
 
 def run_level(arguments: argparse.Namespace) -> None:
     scan = _read_7_scenes(arguments.scan)
-    options = StructureOptions(back_end="geometry")
+    options = SegmentationOptions(back_end="geometry")
     gravity = find_gravity(scan, options.gravity, Runtime(2))
-    structure = extract_structure(scan, gravity, options, Runtime(2))
+    structure = segment_scan(scan, gravity, options, Runtime(2))
     print(
         f"up {np.round(gravity.up_world, 4).tolist()}, confidence {gravity.confidence:.2f}, "
         f"{gravity.source}; floor at {structure.floor_height_m:.3f} m"
