@@ -1,9 +1,16 @@
 # `make demo` and `make test` need Python 3.11 or newer with venv, and nothing else.
-PYTHON ?= python3
 VENV := .venv
+ifeq ($(OS),Windows_NT)
+# Programs of a virtual environment lie elsewhere there. Make is run from Git's bash: recipes are for a shell.
+PYTHON ?= python
+BIN := $(VENV)/Scripts
+SHELL := bash
+else
+PYTHON ?= python3
 BIN := $(VENV)/bin
+endif
 
-.PHONY: demo test check format docs reference bench tables tables-small clean
+.PHONY: demo test check format docs reference bench tables tables-small wheel-check clean
 
 demo: $(VENV)/installed
 	$(BIN)/planfit demo -o demo
@@ -16,7 +23,7 @@ check: $(VENV)/installed-dev
 	$(BIN)/ruff format --check src tests benchmarks examples docs
 	$(BIN)/pyright
 	$(BIN)/lint-imports
-	$(BIN)/codespell src tests docs benchmarks examples README.md CHANGELOG.md
+	$(BIN)/codespell src tests docs benchmarks examples *.md
 
 format: $(VENV)/installed-dev
 	$(BIN)/ruff check --fix src tests benchmarks examples docs
@@ -35,33 +42,38 @@ bench: $(VENV)/installed-bench
 
 # The paper's tables: about an hour on 2 cores; goes on where it stopped. REAL= folders of real scans.
 tables: $(VENV)/installed
-	$(BIN)/planfit bench paper -o benchmarks/results/paper.json $(if $(REAL),--real $(REAL)) \
+	$(BIN)/python benchmarks/paper_tables paper -o benchmarks/results/paper.json $(if $(REAL),--real $(REAL)) \
 		--page docs/results.md
 
 # The same of two small scans, in two minutes: whether they can be made, not what they say.
 tables-small: $(VENV)/installed
 	rm -rf $(VENV)/tables-small
-	$(BIN)/planfit bench paper --small -o $(VENV)/tables-small/paper.json \
+	$(BIN)/python benchmarks/paper_tables paper --small -o $(VENV)/tables-small/paper.json \
 		--page $(VENV)/tables-small/results.md
 
-clean:
-	rm -rf $(VENV) demo site
+# dist/ gets the wheel, made of the source archive; it is installed and tried outside of this folder.
+wheel-check:
+	bash .ci/wheel-check $(PYTHON)
 
-$(VENV)/bin/python:
+clean:
+	rm -rf $(VENV) demo site dist
+
+# A file that a virtual environment has on every system.
+$(VENV)/pyvenv.cfg:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/installed: pyproject.toml | $(VENV)/bin/python
+$(VENV)/installed: pyproject.toml | $(VENV)/pyvenv.cfg
 	$(BIN)/python -m pip install --quiet --editable .
 	touch $@
 
-$(VENV)/installed-dev: pyproject.toml | $(VENV)/bin/python
+$(VENV)/installed-dev: pyproject.toml | $(VENV)/pyvenv.cfg
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	touch $@ $(VENV)/installed
 
-$(VENV)/installed-bench: pyproject.toml | $(VENV)/bin/python
+$(VENV)/installed-bench: pyproject.toml | $(VENV)/pyvenv.cfg
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	touch $@
 
-$(VENV)/installed-docs: pyproject.toml | $(VENV)/bin/python
+$(VENV)/installed-docs: pyproject.toml | $(VENV)/pyvenv.cfg
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	touch $@

@@ -195,7 +195,6 @@ def picture(arguments: argparse.Namespace) -> None:  # noqa: ARG001
     print(*run.warnings, sep="\n")
 
 
-
 def disguise(floorplan: Floorplan, yaw: float, scale: float, shift: np.ndarray) -> Floorplan:
     """The plan turned, shifted (m), and in units of `scale` m: a file of bare segments, unit unknown."""
     turn = se3.yaw_transform(yaw)[:2, :2]

@@ -1,4 +1,5 @@
-"""Write the pages of docs/ that say what the code says: options, commands, and formats of scans.
+"""Write the pages of docs/ that say what the code says, options, commands and formats of scans, and the texts
+of `planfit COMMAND --help`.
 
 `python docs/reference.py` writes them; a test fails where they are not as they would be written.
 """
@@ -6,6 +7,7 @@
 import dataclasses
 import inspect
 import re
+import textwrap
 import types
 import typing
 from enum import Enum
@@ -14,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from flags import Flag, Group, group_of, one_line
-from planfit import cli
-from planfit.cli.plan_flags import PlanFlags
+from planfit.cli.arguments import PlanFlags
+from planfit.cli.main import COMMANDS, EXIT_CODES, Command
 from planfit.evaluate import EvaluateOptions
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.presets import PRESETS
@@ -183,7 +185,7 @@ is 0, or that is not chosen, do nothing.
 Every robust loss (`...loss.kind`, `...loss.scale`) is one of: `squared`, no outlier is expected; `huber`,
 outliers pull no harder than inliers at the scale; `cauchy`, they pull less the further off they are;
 `geman_mcclure`, they stop pulling; `norm`, the unsquared distance, as the paper has it. The scale is in
-spreads (`sigma`).
+multiples of the term's sigma (standard deviation).
 
 ## General
 """
@@ -194,21 +196,7 @@ spreads (`sigma`).
 
 def command_types() -> dict[str, type]:
     """The dataclass of each command, in the order of `planfit --help`."""
-    loaders = {
-        name.removeprefix("_load_"): value
-        for name, value in vars(cli).items()
-        if name.startswith("_load_")
-    }
-    found = {}
-    for name, load in loaders.items():
-        kind = load()[0]
-        if isinstance(kind, type):
-            found[name] = kind
-            continue
-        for one in typing.get_args(kind):  # a command with commands of its own
-            cls, mark = typing.get_args(one)
-            found[f"{name} {mark.name}"] = cls
-    return found
+    return {command.name: command.load()[0] for command in COMMANDS}
 
 
 def command_group(name: str) -> Group:
@@ -258,12 +246,11 @@ def usage(name: str, group: Group) -> str:
 
 def commands_page() -> str:
     """docs/command-line.md."""
-    exit_codes = cli.HELP.split("exit codes: ")[1].strip()
     lines = [
         NOTE, "", "# Command line", "",
-        "`planfit --help` lists the commands, `planfit COMMAND --help` the flags of one, "
-        "`planfit --version` tells the version.", "",
-        f"Exit codes: {exit_codes}. Messages of bad input are one line on stderr: the file, what was "
+        "`planfit --help` lists the commands, `planfit COMMAND --help` the flags of one that matter, "
+        "`planfit COMMAND --help-all` every one, `planfit --version` tells the version.", "",
+        f"Exit codes: {EXIT_CODES}. Messages of bad input are one line on stderr: the file, what was "
         "expected, what was found, the next step.", "",
         "`--config` names a TOML file of [options](options.md); flags overrule it.",
     ]  # fmt: skip
@@ -287,6 +274,48 @@ def commands_page() -> str:
         lines += ["", f"## {title}", "", f"Flags of {', '.join(users)}.", ""]
         lines += group_lines(group, 3)
     return tidy(lines)
+
+
+def help_text(command: Command) -> str:
+    """What `planfit COMMAND --help` prints: what must be given, and the flags that matter."""
+    cls = command.load()[0]
+    flags = {flag.name.removeprefix("--"): flag for flag in group_of(cls).all_flags()}
+    unknown = set(command.flags) - set(flags)
+    if unknown:
+        raise ValueError(f"{command.name}: expected flags that it has, found {', '.join(unknown)}")
+    needed = [f for f in flags.values() if f.default is dataclasses.MISSING]
+    chosen = [flags[name] for name in command.flags]
+    words = textwrap.wrap(one_line(cls.__doc__ or ""), 79)
+    lines = [f"usage: planfit {command.name} {command.usage}", "", *words, ""]
+    for flag in needed:
+        lines += _help_entry(flag)
+    lines += [""] if needed else []
+    for flag in chosen:
+        lines += _help_entry(flag)
+    n_others = len(flags) - len({id(flag) for flag in (*needed, *chosen)})
+    if n_others:
+        lines += [
+            "",
+            f"{n_others} more: planfit {command.name} --help-all, or docs/command-line.md",
+        ]
+    return "\n".join(lines).strip() + "\n"
+
+
+def _help_entry(flag: Flag) -> list[str]:
+    """A flag, its sentence and its default, in two columns."""
+    value = "" if flag.is_positional else takes(flag.type)
+    head = " ".join([", ".join([*flag.aliases, flag.name]), value]).strip()
+    words = flag.words.replace("`", "")
+    if flag.default is not dataclasses.MISSING and flag.type is not bool:
+        usual = COMPUTED.get(flag.path[-1]) if flag.is_computed else shown(flag.default).strip("`")
+        words += "" if usual == "none" else f" [{usual}]"
+    elif flag.default is True:
+        own = flag.path[-1].replace("_", "-")
+        words += f" [on; --{flag.prefix}no-{own}]"
+    text = textwrap.wrap(words, 79 - 24)
+    if len(head) > 20:
+        return [f"  {head}", *(f"{'':24}{line}" for line in text)]
+    return [f"  {head:<22}{text[0]}", *(f"{'':24}{line}" for line in text[1:])]
 
 
 def scans_page() -> str:
@@ -319,11 +348,18 @@ PAGES = {
 }
 
 
+def texts() -> dict[Path, str]:
+    """Every file that is written from the code, and what is in it."""
+    pages = {DOCS / name: page() for name, page in PAGES.items()}
+    return pages | {command.help_path: help_text(command) for command in COMMANDS}
+
+
 def main() -> None:
     """Write all pages."""
-    for name, page in PAGES.items():
-        (DOCS / name).write_text(page(), encoding="utf-8")
-        print(f"written: {DOCS / name}")
+    for path, text in texts().items():
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        print(f"written: {path}")
 
 
 if __name__ == "__main__":

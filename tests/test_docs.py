@@ -9,7 +9,7 @@ import pytest
 import planfit
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -75,3 +75,18 @@ def test_changelog_knows_the_version() -> None:
     top = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert top is not None
     assert top[1] == planfit.__version__
+
+
+def test_citation_knows_the_version() -> None:
+    told = re.search(r"^version: (\S+)", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert told is not None
+    assert told[1] == planfit.__version__
+
+
+def test_targets_of_make_are_told_of_in_the_pages() -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    targets = re.findall(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)[0].split()
+    assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)
+    told = "\n".join(page.read_text() for page in PAGES)
+    for target in set(targets) - {"clean", "format"}:
+        assert f"make {target}" in told, target

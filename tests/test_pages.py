@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 import planfit
 import reference
-from planfit import cli
+from planfit.cli.arguments import parse
 from planfit.floorplan import PlanOptions
 from planfit.scan import ScanOptions
 from planfit.scan.source import FolderSource
@@ -50,7 +50,7 @@ def test_commands_shown_parse(page: Path) -> None:
         assert name in types_by_name, f"{page.name}: {line}"
         if rest and rest != ["--help"] and rest != ["..."]:
             try:
-                cli._parse(types_by_name[name], name, _with_needed(name, rest))
+                parse(types_by_name[name], name, _with_needed(name, rest))
             except SystemExit:
                 pytest.fail(f"{page.name}: does not parse: {line}")
 

@@ -10,9 +10,11 @@ import pytest
 
 import reference
 from flags import Flag, group_of
-from planfit import cli
+from planfit.cli import run
+from planfit.cli.arguments import parse
+from planfit.cli.main import COMMANDS, Command, overview
 
-COMMANDS = reference.command_types()
+TYPES = reference.command_types()
 
 
 @pytest.mark.parametrize("name", sorted(reference.PAGES))
@@ -22,20 +24,69 @@ def test_committed_page_is_as_it_would_be_written(name: str) -> None:
     )
 
 
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_help_is_short_and_as_it_would_be_written(
+    command: Command, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run([command.name, "--help"]) == run([command.name, "anything", "-h"]) == 0
+    text = command.help_path.read_text()
+    assert capsys.readouterr().out == 2 * text
+    assert text == reference.help_text(command), "not up to date; run: python docs/reference.py"
+    lines = text.splitlines()
+    assert len(lines) <= 45
+    assert max(len(line) for line in lines) < 80
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_short_help_shows_flags_that_the_parser_has_with_their_defaults(command: Command) -> None:
+    flags = {flag.name: flag for flag in group_of(TYPES[command.name]).all_flags()}
+    text = command.help_path.read_text()
+    entries = re.split(r"^  (?=\S)", text, flags=re.MULTILINE)[1:]
+    shown = {}
+    for entry in entries:
+        words = re.findall(r"--[a-z][\w.-]*|^[A-Z]+", entry.split("\n")[0])
+        assert words[0] in flags, entry
+        shown[words[0]] = " ".join(entry.split("\n\n")[0].split())
+    needed = {name for name, flag in flags.items() if flag.default is dataclasses.MISSING}
+    assert set(shown) == needed | {f"--{name}" for name in command.flags}
+    for name in needed:
+        assert name in text.split("\n")[0] or (flags[name].aliases or ("--",))[0] in command.usage
+    for name, entry in shown.items():
+        told = re.search(r"\[([^\[]*)\]$", entry)
+        usual = flags[name].default
+        if told and not flags[name].is_computed and usual is not True:
+            assert told[1] == str(usual), entry
+        else:
+            assert flags[name].is_computed or usual in (None, (), "", False, True) or name in needed
+
+
+def test_refine_shows_ten_flags() -> None:
+    (refine,) = [command for command in COMMANDS if command.name == "refine"]
+    assert len(refine.flags) == 10
+
+
+def test_help_all_is_named_where_flags_are_left_out() -> None:
+    for command in COMMANDS:
+        n_flags = len(list(group_of(TYPES[command.name]).all_flags()))
+        text = command.help_path.read_text()
+        entries = re.findall(r"^  \S", text, flags=re.MULTILINE)
+        assert (n_flags == len(entries)) == ("--help-all" not in text)
+
+
 def test_every_command_of_the_help_is_in_the_reference() -> None:
-    told = [line.split()[0] for line in cli.HELP.splitlines() if line.startswith("  ")]
-    assert told == list(dict.fromkeys(name.split()[0] for name in COMMANDS))
+    told = [line.split()[0] for line in overview().splitlines() if line.startswith("  ")]
+    assert told == list(TYPES)
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", TYPES)
 def test_every_flag_has_a_sentence(name: str) -> None:
-    for flag in group_of(COMMANDS[name]).all_flags():
+    for flag in group_of(TYPES[name]).all_flags():
         assert flag.words.endswith("."), f"{flag.name} of {name} has no docstring"
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", TYPES)
 def test_parser_takes_every_flag_and_has_the_defaults_told(name: str) -> None:
-    group = group_of(COMMANDS[name])
+    group = group_of(TYPES[name])
     needed, given, expected = [], [], {}
     for flag in group.all_flags():
         if flag.is_positional:
@@ -46,19 +97,18 @@ def test_parser_takes_every_flag_and_has_the_defaults_told(name: str) -> None:
         elif _words(flag) and "depth_noise" not in flag.path:  # behind its word; tested below
             given += _words(flag)
             expected[".".join(flag.path)] = flag.default
-    plain = cli._parse(COMMANDS[name], name, needed)
-    full = cli._parse(COMMANDS[name], name, [*needed, *given])
+    plain = parse(TYPES[name], name, needed)
+    full = parse(TYPES[name], name, [*needed, *given])
     assert full == plain
     assert {path: attrgetter(path)(full) for path in expected} == expected
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_help_lists_no_flag_that_the_reference_lacks(
+@pytest.mark.parametrize("name", TYPES)
+def test_help_all_lists_no_flag_that_the_reference_lacks(
     name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "300")
-    with pytest.raises(SystemExit):
-        cli.run([*name.split(), "--help"])
+    assert run([name, "--help-all"]) == 0
     listed = set()
     for line in capsys.readouterr().out.splitlines():
         words = [word.rstrip(".,;") for word in line.strip("│ ").split()]
@@ -69,11 +119,11 @@ def test_help_lists_no_flag_that_the_reference_lacks(
 
 
 def test_union_of_kinds_is_chosen_by_the_words_told() -> None:
-    group = group_of(COMMANDS["synth"])
+    group = group_of(TYPES["synth"])
     (choices,) = [g for one in group.groups for g in one.groups if g.choices]
     for word, inner in choices.choices:
         given = [part for flag in inner.flags for part in _words(flag)]
-        parsed = cli._parse(COMMANDS["synth"], "synth", ["out", word, *given])
+        parsed = parse(TYPES["synth"], "synth", ["out", word, *given])
         assert parsed.options.depth_noise == inner.type()
 
 

@@ -1,10 +1,61 @@
 """planfit: fit a posed RGB-D scan of a building to its floorplan."""
 
-__version__ = "0.1.0"
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from planfit import errors as errors
-from planfit.floorplan import read_floorplan as read_floorplan
-from planfit.pipeline.options import RefineOptions as RefineOptions
-from planfit.pipeline.refine import RefineResult as RefineResult
-from planfit.pipeline.refine import refine as refine
-from planfit.scan import read_scan as read_scan
+
+if TYPE_CHECKING:
+    from planfit.floorplan import Floorplan as Floorplan
+    from planfit.floorplan import PlanOptions as PlanOptions
+    from planfit.floorplan import read_floorplan as read_floorplan
+    from planfit.lsq import Problem as Problem
+    from planfit.lsq import Term as Term
+    from planfit.matching import Matches as Matches
+    from planfit.pipeline.options import RefineOptions as RefineOptions
+    from planfit.pipeline.prepare import Observations as Observations
+    from planfit.pipeline.prepare import extract_observations as extract_observations
+    from planfit.pipeline.prepare import prepare as prepare
+    from planfit.pipeline.refine import refine as refine
+    from planfit.pipeline.result import RefineResult as RefineResult
+    from planfit.runtime import Runtime as Runtime
+    from planfit.scan import Scan as Scan
+    from planfit.scan import ScanOptions as ScanOptions
+    from planfit.scan import read_scan as read_scan
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Floorplan": "planfit.floorplan",
+    "PlanOptions": "planfit.floorplan",
+    "Matches": "planfit.matching",
+    "Observations": "planfit.pipeline.prepare",
+    "Problem": "planfit.lsq",
+    "RefineOptions": "planfit.pipeline.options",
+    "RefineResult": "planfit.pipeline.result",
+    "Runtime": "planfit.runtime",
+    "Scan": "planfit.scan",
+    "ScanOptions": "planfit.scan",
+    "Term": "planfit.lsq",
+    "extract_observations": "planfit.pipeline.prepare",
+    "prepare": "planfit.pipeline.prepare",
+    "read_floorplan": "planfit.floorplan",
+    "read_scan": "planfit.scan",
+    "refine": "planfit.pipeline.refine",
+}
+"""Where each name comes from. It is imported when it is first asked for (PEP 562): all of planfit takes a
+second or more, which `planfit --version` and tools that only look need not spend."""
+
+__all__ = ["__version__", "errors", *sorted(_HOMES)]  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'planfit' has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value  # found without this function from now on
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -10,9 +10,8 @@ import numpy as np
 import tyro
 
 from planfit.align import Alignment, AlignmentHypothesis, WallSamples, metric_plan
-from planfit.cli.console import StageBars, out, table
-from planfit.cli.plan_flags import PlanFlags
-from planfit.cli.scan_notes import tell_scan
+from planfit.cli.arguments import PlanFlags
+from planfit.cli.console import StageBars, out, table, tell_scan
 from planfit.errors import OutputError
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.align import align
@@ -43,7 +42,7 @@ class AlignArguments:
     preset: str = "default"
     """Options to begin with: `default`, or `paper`, the published method to the letter."""
     config: Path | None = None
-    """TOML file of options, on top of the preset and overruled by the flags below."""
+    """TOML file of options, on top of the preset and overruled by flags."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
     options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)

@@ -6,7 +6,6 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar
 
-from planfit.cli.enum_flags import member_of
 from planfit.errors import OptionError, ScanError
 from planfit.export.record import plain
 from planfit.scan import ScanOptions
@@ -66,6 +65,24 @@ def options_of(values: dict[str, Any], defaults: Options, where: str) -> Options
         OptionError: a name is unknown, or a value of another kind; the message begins with `where`.
     """
     return _replaced(defaults, values, where)
+
+
+def choices_of(kind: type[Enum]) -> dict[str, Enum]:
+    """Members by their names as they are shown."""
+    return {member.name.lower(): member for member in kind}
+
+
+def member_of(kind: type[Enum], word: str) -> Enum:
+    """The member that a word names, in any case, `-` and `_` alike.
+
+    Raises:
+        ValueError: there is none of this name.
+    """
+    choices = choices_of(kind)
+    name = word.lower().replace("-", "_")
+    if name not in choices:
+        raise ValueError(f"expected one of {', '.join(choices)}, found {word!r}")
+    return choices[name]
 
 
 def _replaced(defaults: Any, values: dict[str, Any], where: str) -> Any:

@@ -2,16 +2,30 @@
 
 from collections.abc import Sequence
 
-from rich.console import Console
+from rich.console import Console as RichConsole
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
+
+from planfit.scan import Scan
+
+_NAMED = 3
+"""So many lines of a list are told in full."""
+
+
+class Console(RichConsole):
+    """A console that leaves a closed pipe to the one who ends the program."""
+
+    def on_broken_pipe(self) -> None:
+        """Called while `BrokenPipeError` is handled; rich would exit with code 1 here."""
+        raise
+
 
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
 
 
 class StageBars:
-    """A bar for each stage; use as a context, and give `update` to `planfit.runtime.Work`."""
+    """A bar for each stage; use as a context, and give `update` to `planfit.runtime.Runtime`."""
 
     def __init__(self) -> None:
         self._progress = Progress(
@@ -52,3 +66,29 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
     for row in rows:
         result.add_row(*row)
     return result
+
+
+def tell_scan(scan: Scan) -> None:
+    """Warnings, frames that were left out, frames that could not be decoded; nothing where all is well."""
+    for warning in scan.warnings:
+        out.print(f"[yellow]note:[/] {_plain(warning)}", soft_wrap=True)
+    if scan.skipped:
+        n = len(scan.skipped)
+        _tell_list(f"{n} of {n + len(scan)} frames are left out", scan.skipped)
+    if scan.damage is not None and scan.damage.reasons:
+        reasons = [
+            f"frame {scan.frame_ids[i]}: {why}" for i, why in sorted(scan.damage.reasons.items())
+        ]
+        _tell_list(
+            f"{len(reasons)} of {len(scan)} frames cannot be decoded and take no part", reasons
+        )
+
+
+def _tell_list(begin: str, lines: tuple[str, ...] | list[str]) -> None:
+    named = "; ".join(lines[:_NAMED])
+    more = f"; and {len(lines) - _NAMED} more" if len(lines) > _NAMED else ""
+    out.print(f"[yellow]note:[/] {begin}: {_plain(named)}{more}", soft_wrap=True)
+
+
+def _plain(text: str) -> str:
+    return text.replace("[", "\\[")  # brackets in names are no mark-up

@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
+from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.evaluate_inputs import Compared, read_poses, read_run
-from planfit.cli.plan_flags import PlanFlags
 from planfit.errors import require, require_plain_numbers
 from planfit.evaluate import (
     EvaluateOptions,

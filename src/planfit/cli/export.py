@@ -11,8 +11,7 @@ import numpy as np
 import tyro
 
 from planfit.cli.config import scan_options_of
-from planfit.cli.console import StageBars, out
-from planfit.cli.scan_notes import tell_scan
+from planfit.cli.console import StageBars, out, tell_scan
 from planfit.errors import OutputError, ScanError, require_positive
 from planfit.export.cloud import place_cloud, sample_cloud, write_ply
 from planfit.export.datasets import write_colmap, write_nerfstudio

@@ -8,8 +8,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from planfit.cli.console import StageBars, out, table
-from planfit.cli.scan_notes import tell_scan
+from planfit.cli.console import StageBars, out, table, tell_scan
 from planfit.errors import OutputError
 from planfit.report import draw_scan_view
 from planfit.runtime import Runtime

@@ -8,8 +8,8 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import out, table
-from planfit.cli.plan_flags import PlanFlags
 from planfit.errors import OutputError
 from planfit.export.plan_files import write_plan_dxf, write_plan_svg
 from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json

@@ -10,10 +10,9 @@ from typing import Annotated
 import tyro
 
 from planfit import __version__
+from planfit.cli.arguments import PlanFlags
 from planfit.cli.config import scan_options_record, to_toml
-from planfit.cli.console import StageBars, err, out, table
-from planfit.cli.plan_flags import PlanFlags
-from planfit.cli.scan_notes import tell_scan
+from planfit.cli.console import StageBars, err, out, table, tell_scan
 from planfit.errors import FloorplanError
 from planfit.export import RunFolder, make_record, sample_cloud, write_results
 from planfit.floorplan import Floorplan, read_floorplan
@@ -41,7 +40,7 @@ class RefineArguments:
     )
     plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
     config: Path | None = None
-    """TOML file of options, on top of the preset and overruled by the flags below."""
+    """TOML file of options, on top of the preset and overruled by flags."""
     overwrite: bool = False
     """Replace the results of another run in the output folder."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)

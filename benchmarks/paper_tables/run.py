@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from planfit.bench.measure import MAP, Case, load_case, load_real_case, measure
-from planfit.bench.results import Measured, Results, read_results
-from planfit.bench.scans import BenchScan
-from planfit.bench.variants import VARIANTS, Variant, setup_digest
+from paper_tables.measure import MAP, Case, load_case, load_real_case, measure
+from paper_tables.results import Measured, Results, read_results
+from paper_tables.scans import BenchScan
+from paper_tables.variants import VARIANTS, Variant, setup_digest
 from planfit.errors import OutputError
 from planfit.runtime import Runtime
 
@@ -33,7 +33,7 @@ def run_bench(
     runtime: Runtime,
     on_measured: Callable[[Measured], None],
 ) -> Results:
-    """Measure what is not yet in the file, scan by scan; the file is written after each figure.
+    """Measure what is not yet in the file, scan by scan; the file is written after each refinement.
 
     Args:
         options: what is run.

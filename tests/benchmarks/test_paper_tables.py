@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planfit.bench import VARIANTS, BenchOptions, Measured, run_bench, small_scans
-from planfit.bench.measure import load_case, measure
-from planfit.bench.scans import paper_scans
-from planfit.bench.variants import TRUE_POSES, UNADJUSTED, setup_digest
+from paper_tables.measure import load_case, measure
+from paper_tables.results import Measured
+from paper_tables.run import BenchOptions, run_bench
+from paper_tables.scans import paper_scans, small_scans
+from paper_tables.variants import TRUE_POSES, UNADJUSTED, VARIANTS, setup_digest
 from planfit.errors import OutputError
 from planfit.evaluate import position_errors
 from planfit.lsq.solver import SolverOptions
@@ -82,18 +83,18 @@ def test_ten_scans_in_two_sets():
 
 def test_figures_of_a_variant(tiny):
     none, default = (measure(tiny, v, Runtime()) for v in (UNADJUSTED, BY_KEY["default/all"]))
-    assert "solve_s" not in none.figures
-    assert default.figures["ate"] < 0.5 * none.figures["ate"]
-    assert default.figures["mme"] < none.figures["mme"]
-    assert default.figures["nsd"] < none.figures["nsd"]
-    assert default.figures["step_ms"] > 0
+    assert "solve_s" not in none.metrics
+    assert default.metrics["ate"] < 0.5 * none.metrics["ate"]
+    assert default.metrics["mme"] < none.metrics["mme"]
+    assert default.metrics["nsd"] < none.metrics["nsd"]
+    assert default.metrics["step_ms"] > 0
 
 
 def test_true_poses_are_measured_unrefined(tiny):
     true = measure(tiny, TRUE_POSES, Runtime())
-    assert true.figures["nnd"] == tiny.judge.values(tiny.true_plan_from_cams)["nnd"]
-    assert true.figures["nsd"] > 0
-    assert not {"ate", "ate_aligned", "solve_s", "step_ms"} & set(true.figures)
+    assert true.metrics["nnd"] == tiny.judge.values(tiny.true_plan_from_cams)["nnd"]
+    assert true.metrics["nsd"] > 0
+    assert not {"ate", "ate_aligned", "solve_s", "step_ms"} & set(true.metrics)
 
 
 def test_truth_has_the_smallest_distance_to_the_true_scan(tiny):

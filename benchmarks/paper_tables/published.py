@@ -4,7 +4,7 @@
 """
 
 Row = tuple[float | None, float | None, float | None, float | None, float | None]
-FIGURES = ("mme", "mpv", "mom", "nnd", "nsd")
+METRICS = ("mme", "mpv", "mom", "nnd", "nsd")
 
 PUBLISHED: dict[str, dict[str, Row]] = {
     "redwood-like": {

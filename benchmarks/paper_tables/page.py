@@ -1,14 +1,14 @@
-"""The page of results, made of a file of results: every figure in its tables is computed here."""
+"""The page of results, made of a file of results: every number in its tables is computed here."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from planfit.bench.published import FIGURES as PUBLISHED_FIGURES
-from planfit.bench.published import MS_A_STEP, PUBLISHED
-from planfit.bench.results import FIGURES, Results
-from planfit.bench.variants import PAPER_TO_THE_LETTER, TRUE_POSES, UNADJUSTED
+from paper_tables.published import METRICS as PUBLISHED_METRICS
+from paper_tables.published import MS_A_STEP, PUBLISHED
+from paper_tables.results import METRICS, Results
+from paper_tables.variants import PAPER_TO_THE_LETTER, TRUE_POSES, UNADJUSTED
 from planfit.errors import OutputError
 from planfit.evaluate import compare_paired
 
@@ -28,7 +28,7 @@ _TITLES = {
     "step_ms": "ms a step",
 }
 _FACTORS = {"ate": 100.0, "ate_aligned": 100.0}
-_QUALITY = tuple(name for name in FIGURES if name not in ("solve_s", "step_ms"))
+_QUALITY = tuple(name for name in METRICS if name not in ("solve_s", "step_ms"))
 _T1 = ("geometric", "geometric + floor", "geometric + walls", "all")
 _T2 = (
     "nearest point",
@@ -46,7 +46,7 @@ class Claim:
     words: str
     better: str
     worse: str
-    figure: str
+    metric: str
     sets: tuple[str, ...] = ("redwood-like", "phone-like")
 
 
@@ -133,12 +133,12 @@ def _head(results: Results, sets: list[str]) -> str:
         "structured-light camera with mild drift and the true plan, *phone-like* a time-of-flight camera "
         "whose tracking drifts and jumps, with a plan as an architect draws it (walls 2 cm off, 1 cm "
         "thicker on each side). *Real* is the ConSLAM scan: LiDAR depth, recorded poses that drifted. "
-        "`paper` is the paper's cost (unsquared norms, its weights, no trajectory "
-        "prior), solved by Levenberg-Marquardt; `default` is what `planfit refine` does. All are placed "
-        "on the plan by the same search, and seen by the same matches, floor and walls, but for the row "
+        "`paper` is the paper's cost (unsquared norms, its weights, no odometry "
+        "term), solved by Levenberg-Marquardt; `default` is what `planfit refine` does. All are aligned "
+        "to the plan by the same search, and use the same matches, floor and walls, but for the row "
         "that says otherwise. Lower is better everywhere. Numbers in brackets are those that the paper "
-        "printed for its own scans. *True poses* show what the noise of depth leaves of each figure: below "
-        "that, poses are bent to the noise. [Each figure](metrics.md) is defined apart; maps are made of "
+        "printed for its own scans. *True poses* show what the noise of depth leaves of each metric: below "
+        "that, poses are bent to the noise. [Each metric](metrics.md) is defined apart; maps are made of "
         "every second frame, a point a 5 cm voxel, radius 0.2 m.",
     ]
     if refused:
@@ -147,23 +147,23 @@ def _head(results: Results, sets: list[str]) -> str:
     return "\n".join(lines)
 
 
-def _values(results: Results, set_name: str, variant: str, figure: str) -> np.ndarray:
-    by_scan = results.figures_of(variant, set_name)
-    found = [figures[figure] for figures in by_scan.values() if figure in figures]
-    return np.array(found) * _FACTORS.get(figure, 1.0)
+def _values(results: Results, set_name: str, variant: str, metric: str) -> np.ndarray:
+    by_scan = results.metrics_of(variant, set_name)
+    found = [metrics[metric] for metrics in by_scan.values() if metric in metrics]
+    return np.array(found) * _FACTORS.get(metric, 1.0)
 
 
 def _table(
-    results: Results, set_name: str, variants: tuple[str, ...], figures: tuple[str, ...]
+    results: Results, set_name: str, variants: tuple[str, ...], metrics: tuple[str, ...]
 ) -> str:
-    shown = [f for f in figures if any(len(_values(results, set_name, v, f)) for v in variants)]
+    shown = [f for f in metrics if any(len(_values(results, set_name, v, f)) for v in variants)]
     lines = ["| | " + " | ".join(_TITLES[f] for f in shown) + " |", "|---" * (len(shown) + 1) + "|"]
     for variant in variants:
         cells = []
-        for figure in shown:
-            values = _values(results, set_name, variant, figure)
+        for metric in shown:
+            values = _values(results, set_name, variant, metric)
             cell = _amount(values)
-            cells.append(f"{cell}{_published(set_name, variant, figure)}")
+            cells.append(f"{cell}{_published(set_name, variant, metric)}")
         lines.append(f"| {_name(variant)} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -171,7 +171,7 @@ def _table(
 def _name(variant: str) -> str:
     preset, name = variant.split("/", 1)
     if name == "none":
-        return "none: placed as a whole"
+        return "none: aligned as a whole"
     if variant == _TRUTH:
         return name
     return f"{preset}: {name}"
@@ -187,36 +187,36 @@ def _amount(values: np.ndarray) -> str:
     return f"{mean:.{digits}f} ± {float(values.std(ddof=1)):.{digits}f}"
 
 
-def _published(set_name: str, variant: str, figure: str) -> str:
+def _published(set_name: str, variant: str, metric: str) -> str:
     preset, name = variant.split("/", 1)
     if preset == "default" and name != "none":
         return ""
-    if figure == "step_ms" and set_name == "redwood-like" and name in MS_A_STEP:
+    if metric == "step_ms" and set_name == "redwood-like" and name in MS_A_STEP:
         return f" ({MS_A_STEP[name]:.1f})"
     row = PUBLISHED.get(set_name, {}).get(name)
-    value = row[PUBLISHED_FIGURES.index(figure)] if row and figure in PUBLISHED_FIGURES else None
+    value = row[PUBLISHED_METRICS.index(metric)] if row and metric in PUBLISHED_METRICS else None
     return "" if value is None else f" ({value:.2f})"
 
 
 def _against(results: Results, set_name: str) -> str:
-    a, b = (results.figures_of(f"{preset}/all", set_name) for preset in ("paper", "default"))
-    both, truth = a.keys() & b.keys(), results.figures_of(_TRUTH, set_name)
+    a, b = (results.metrics_of(f"{preset}/all", set_name) for preset in ("paper", "default"))
+    both, truth = a.keys() & b.keys(), results.metrics_of(_TRUTH, set_name)
     if not both:
         return "Not measured."
     lines = [
-        "| | true poses | paper | default | mean difference | spread of differences | default better |",
+        "| | true poses | paper | default | mean difference | its standard deviation | default better |",
         "|---|---|---|---|---|---|---|",
     ]
     for row in compare_paired(a, b):
         if row.name not in _QUALITY:
             continue
         factor = _FACTORS.get(row.name, 1.0)
-        spread = "-" if np.isnan(row.spread) else f"{factor * row.spread:.3f}"
+        sigma = "-" if np.isnan(row.spread) else f"{factor * row.spread:.3f}"
         true = [truth[scan][row.name] for scan in both if row.name in truth.get(scan, {})]
         least = f"{factor * np.mean(true):.3f}" if len(true) == row.n else "-"
         lines.append(
             f"| {_TITLES[row.name]} | {least} | {factor * row.mean_a:.3f} | {factor * row.mean_b:.3f} | "
-            f"{factor * row.mean_difference:+.3f} | {spread} | {row.wins} of {row.n} |"
+            f"{factor * row.mean_difference:+.3f} | {sigma} | {row.wins} of {row.n} |"
         )
     return "\n".join(lines)
 
@@ -231,16 +231,16 @@ def _directions(results: Results) -> str:
     ]
     for claim in CLAIMS:
         for set_name in claim.sets:
-            worse = results.figures_of(_key(claim.worse), set_name)
-            better = results.figures_of(_key(claim.better), set_name)
+            worse = results.metrics_of(_key(claim.worse), set_name)
+            better = results.metrics_of(_key(claim.better), set_name)
             if not set(worse) & set(better):
                 continue
-            rows = [r for r in compare_paired(worse, better) if r.name == claim.figure]
+            rows = [r for r in compare_paired(worse, better) if r.name == claim.metric]
             for row in rows:
                 holds = row.mean_difference < 0 and row.wins > row.n / 2
                 factor = _FACTORS.get(row.name, 1.0)
                 lines.append(
-                    f"| {claim.words} ({_TITLES[claim.figure]}) | {set_name} | "
+                    f"| {claim.words} ({_TITLES[claim.metric]}) | {set_name} | "
                     f"{factor * row.mean_difference:+.3f} | {row.wins} of {row.n} | "
                     f"{'yes' if holds else 'no'} |"
                 )
@@ -256,7 +256,7 @@ _WHY = """\
 
 - The scans are synthetic and their colour images sharp, so the matches are many and exact: they carry more
   of the result here than in the paper, and what floor and walls add to the sharpness of the map is small.
-  What only they can add, the place on the plan, shows in NSD and ATE, which the paper could not measure.
+  What only they can add, the pose on the plan, shows in NSD and ATE, which the paper could not measure.
 - Reprojection does better here than in the paper. It looks at pixels alone, and pixels are exact here where
   depth is not; keypoints were rounded to whole pixels in the code that the paper's authors published.
 - Nearest point leaves wall points that drift has brought nearer to a wrong face where they are, in a minimum
@@ -265,10 +265,10 @@ _WHY = """\
   it flattens what the depth camera bends, to below what true poses leave. So does `--adjust.floor.weight 40`,
   and it is dearly paid where the floor is not flat or its points are not all floor: ConSLAM then ends as far
   off as it does with the paper's cost.
-- Other figures fall below those of true poses as well, NSD for one: walls are pulled to a plan that is drawn
+- Other metrics fall below those of true poses as well, NSD for one: walls are pulled to a plan that is drawn
   2 cm off. The nearer to the true poses the better is what ATE alone says.
 - Levenberg-Marquardt ends in the minimum of the paper's cost. The paper's gradient descent stops long before
   that (see `make bench`), so that its differences between terms are also those of how fast each goes down.
 - The paper's cost takes unsquared norms of metres: a match is worth the same at 1 m and at 5 m, where depth
-  is 25 times less sure. The default weighs each by its spread.
+  is 25 times less sure. The default weighs each by its sigma.
 """

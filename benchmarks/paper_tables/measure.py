@@ -1,13 +1,14 @@
-"""One scan of the benchmark, made ready to be refined in many ways, and the figures of each."""
+"""One scan of the benchmark, made ready to be refined in many ways, and the metrics of each."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
-from planfit.bench.results import Measured
-from planfit.bench.scans import BenchScan
-from planfit.bench.variants import Variant
+from paper_tables.results import Measured
+from paper_tables.scans import BenchScan
+from paper_tables.variants import Variant
 from planfit.errors import PlanfitError, ScanError
 from planfit.evaluate import (
     MapJudge,
@@ -37,20 +38,20 @@ _TRUE_SPACING_M = 0.03
 
 @dataclass(frozen=True)
 class Case:
-    """A scan, what is seen in it, and the truth about it."""
+    """A scan, what was extracted from it, and the truth about it."""
 
     set_name: str
     name: str
     scan: Scan
     floorplan: Floorplan
     lambda_walls: float
-    true_plan_from_cams: np.ndarray  # (n, 4, 4)
-    seen: Observations
+    true_plan_from_cams: Float[np.ndarray, "n 4 4"]
+    observations: Observations
     judge: MapJudge
 
 
 def load_case(bench_scan: BenchScan, runtime: Runtime) -> Case:
-    """Render a synthetic scan, look through it, and take the points it is judged by."""
+    """Render a synthetic scan, extract its observations, and sample the points its map is judged by."""
     synthetic = make_scan(bench_scan.synth)
     plan = synthetic.floorplan
     if bench_scan.habits is not None:
@@ -68,7 +69,7 @@ def load_case(bench_scan: BenchScan, runtime: Runtime) -> Case:
         floorplan=plan,
         lambda_walls=bench_scan.lambda_walls,
         true_plan_from_cams=synthetic.true_plan_from_cams,
-        seen=extract_observations(scan, RefineOptions(), runtime),
+        observations=extract_observations(scan, RefineOptions(), runtime),
         judge=make_map_judge(scan, MAP, runtime, cloud),
     )
 
@@ -99,48 +100,52 @@ def load_real_case(folder: Path, runtime: Runtime) -> Case:
         floorplan=read_floorplan(scan.floorplan_path),
         lambda_walls=0.5,
         true_plan_from_cams=scan.plan_from_world_axes @ poses,
-        seen=extract_observations(scan, RefineOptions(), runtime),
+        observations=extract_observations(scan, RefineOptions(), runtime),
         judge=make_map_judge(scan, replace(MAP, frame_step=1), runtime),
     )
 
 
 def measure(case: Case, variant: Variant, runtime: Runtime) -> Measured:
-    """Refine a scan in one way, and take all figures. A run that refuses is recorded with its reason."""
+    """Refine a scan in one way, and take all metrics. A run that refuses is recorded with its reason."""
     if variant.has_true_poses:
-        figures = _of_map(case, case.true_plan_from_cams, runtime.workers)
-        return Measured(case.set_name, case.name, variant.key, figures)
+        metrics = _of_map(case, case.true_plan_from_cams, runtime.workers)
+        return Measured(case.set_name, case.name, variant.key, metrics)
     try:
         result = refine(
-            case.scan, case.floorplan, variant.options(case.lambda_walls), runtime, case.seen
+            case.scan,
+            case.floorplan,
+            variant.options(case.lambda_walls),
+            runtime,
+            case.observations,
         )
     except PlanfitError as error:
         return Measured(case.set_name, case.name, variant.key, {}, failed=str(error))
-    figures: dict[str, float] = {}
+    metrics: dict[str, float] = {}
     poses = result.initial_plan_from_cams
     if variant.change is not None:
         poses = result.plan_from_cams
-        figures["solve_s"] = result.seconds_by_stage["adjust"]
-        figures["step_ms"] = 1e3 * figures["solve_s"] / max(1, result.walls.iterations)
-        figures["solve_s"] += result.seconds_by_stage.get("close loops", 0.0)
-    figures |= _of_map(case, poses, runtime.workers)
+        metrics["solve_s"] = result.seconds_by_stage["adjust"]
+        metrics["step_ms"] = 1e3 * metrics["solve_s"] / max(1, result.walls.iterations)
+        metrics["solve_s"] += result.seconds_by_stage.get("close loops", 0.0)
+    metrics |= _of_map(case, poses, runtime.workers)
     errors = position_errors(poses, case.true_plan_from_cams)
-    figures |= {"ate": errors.rms_m, "ate_aligned": errors.aligned_rms_m}
-    return Measured(case.set_name, case.name, variant.key, figures, result.warnings)
+    metrics |= {"ate": errors.rms_m, "ate_aligned": errors.aligned_rms_m}
+    return Measured(case.set_name, case.name, variant.key, metrics, result.warnings)
 
 
-def _of_map(case: Case, poses: np.ndarray, workers: int) -> dict[str, float]:
-    """Figures that need no true poses; those that could not be taken are absent."""
-    figures = case.judge.values(poses, workers) | _against_plan(case, poses, workers)
-    return {name: float(value) for name, value in figures.items() if np.isfinite(value)}
+def _of_map(case: Case, poses: Float[np.ndarray, "n 4 4"], workers: int) -> dict[str, float]:
+    """Metrics that need no true poses; those that could not be taken are absent."""
+    metrics = case.judge.values(poses, workers) | _against_plan(case, poses, workers)
+    return {name: float(value) for name, value in metrics.items() if np.isfinite(value)}
 
 
-def _against_plan(case: Case, poses: np.ndarray, workers: int) -> dict[str, float]:
-    structure = case.seen.structure
+def _against_plan(case: Case, poses: Float[np.ndarray, "n 4 4"], workers: int) -> dict[str, float]:
+    structure = case.observations.structure
     walls = wall_distances(structure, case.floorplan, poses, workers)
     floor = floor_flatness(structure, poses)
-    figures = {"double_walls": 100 * wall_layers(structure.walls, poses).double_share}
+    metrics = {"double_walls": 100 * wall_layers(structure.walls, poses).double_share}
     if walls is not None:
-        figures |= {"nsd": 100 * walls.nsd_m, "nsd_oriented": 100 * walls.oriented_nsd_m}
+        metrics |= {"nsd": 100 * walls.nsd_m, "nsd_oriented": 100 * walls.oriented_nsd_m}
     if floor is not None:
-        figures["floor_plane_rms"] = 100 * floor.plane_rms_m
-    return figures
+        metrics["floor_plane_rms"] = 100 * floor.plane_rms_m
+    return metrics

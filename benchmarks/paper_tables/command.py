@@ -1,27 +1,28 @@
-"""`planfit bench`: the paper's tables on synthetic scans, and two options or versions on the same scans."""
+"""The paper's tables on synthetic and real scans; two variants or versions compared on the same scans."""
 
 import os
 import platform
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import tyro
 
-from planfit.bench import (
-    BenchOptions,
-    Measured,
-    Results,
-    paper_scans,
-    read_results,
-    run_bench,
-    small_scans,
-    write_page,
-)
+from paper_tables.page import write_page
+from paper_tables.results import Measured, Results, read_results
+from paper_tables.run import BenchOptions, run_bench
+from paper_tables.scans import paper_scans, small_scans
+from planfit import __version__
+from planfit.cli.arguments import parse
 from planfit.cli.console import StageBars, out, table
+from planfit.cli.main import exit_with, in_one_line
 from planfit.errors import OptionError, require
 from planfit.evaluate import compare_paired
 from planfit.runtime import Runtime
+
+NAME = "python benchmarks/paper_tables"
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class PageArguments:
     """Write the tables of a file of results as a Markdown page."""
 
     results: tyro.conf.Positional[Path]
-    """What `planfit bench paper` wrote."""
+    """What `paper` wrote."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Markdown file, written anew."""
 
@@ -62,28 +63,36 @@ class CompareArguments:
     """Another, or another variant of the same file."""
 
 
-BenchArguments = (
+Arguments = (
     Annotated[PaperArguments, tyro.conf.subcommand("paper")]
     | Annotated[PageArguments, tyro.conf.subcommand("page")]
     | Annotated[CompareArguments, tyro.conf.subcommand("compare")]
 )
 
 
-def bench_command(arguments: PaperArguments | PageArguments | CompareArguments) -> int:
-    """Measure, write the page, or compare."""
-    if isinstance(arguments, PaperArguments):
-        _measure(arguments)
-    elif isinstance(arguments, PageArguments):
-        write_page(read_results(arguments.results), arguments.out)
-        out.print(f"written: {arguments.out}", soft_wrap=True)
-    else:
-        _compare(arguments)
-    return 0
+def main() -> NoReturn:
+    """Run what the command line says, and exit."""
+    exit_with(lambda: run(sys.argv[1:]))
+
+
+def run(argv: Sequence[str]) -> int:
+    """Measure, write the page, or compare; the exit code."""
+
+    def action() -> int:
+        arguments = parse(Arguments, NAME, list(argv))
+        if isinstance(arguments, PaperArguments):
+            _measure(arguments)
+        elif isinstance(arguments, PageArguments):
+            write_page(read_results(arguments.results), arguments.out)
+            out.print(f"written: {arguments.out}", soft_wrap=True)
+        else:
+            _compare(arguments)
+        return 0
+
+    return in_one_line(action, "what is measured is kept, the same command goes on from there")
 
 
 def _measure(arguments: PaperArguments) -> None:
-    from planfit import __version__
-
     options = BenchOptions(
         out=arguments.out,
         scans=small_scans() if arguments.small else paper_scans(),
@@ -104,26 +113,26 @@ def _tell(measured: Measured) -> None:
         out.print(f"{measured.scan}, {measured.variant}: [yellow]{measured.failed}[/]")
         return
     shown = ", ".join(
-        f"{name} {measured.figures[name]:.3f}"
+        f"{name} {measured.metrics[name]:.3f}"
         for name in ("mme", "mpv", "mom", "nnd", "nsd", "ate")
-        if name in measured.figures
+        if name in measured.metrics
     )
     out.print(f"{measured.scan}, {measured.variant}: {shown}", soft_wrap=True)
 
 
 def _compare(arguments: CompareArguments) -> None:
     sides = [_side(text) for text in (arguments.a, arguments.b)]
-    figures = []
+    metrics = []
     for results, variant, path in sides:
-        found = results.figures_of(variant)
+        found = results.metrics_of(variant)
         known = sorted({m.variant for m in results.measured})
         require(
             bool(found),
-            f"{path}: expected figures of {variant}, found those of {', '.join(known) or 'none'}",
+            f"{path}: expected metrics of {variant}, found those of {', '.join(known) or 'none'}",
         )
-        figures.append(found)
+        metrics.append(found)
     rows = []
-    for row in compare_paired(*figures):
+    for row in compare_paired(*metrics):
         error = row.standard_error
         sure = "" if not error > 0 else f"{row.mean_difference / error:+.1f}"
         rows.append(
@@ -143,7 +152,7 @@ def _compare(arguments: CompareArguments) -> None:
         "mean A",
         "mean B",
         "mean B - A",
-        "spread",
+        "sigma",
         "in standard errors",
         "B better",
     ]

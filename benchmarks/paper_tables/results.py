@@ -6,7 +6,7 @@ from pathlib import Path
 
 from planfit.errors import OutputError
 
-FIGURES = {
+METRICS = {
     "mme": "1",
     "mpv": "cm^2",
     "mom": "cm^2",
@@ -25,14 +25,14 @@ FIGURES = {
 
 @dataclass(frozen=True)
 class Measured:
-    """Figures of one variant on one scan."""
+    """Metrics of one variant on one scan."""
 
     set_name: str
     scan: str
     variant: str
     """`preset/name`."""
-    figures: dict[str, float]
-    """By the names of `FIGURES`; those that could not be taken are absent."""
+    metrics: dict[str, float]
+    """By the names of `METRICS`; those that could not be taken are absent."""
     warnings: tuple[str, ...] = ()
     """What the run itself said of its result."""
     failed: str = ""
@@ -46,17 +46,17 @@ class Results:
     planfit: str
     """Version."""
     conditions: str
-    """What the machine was, and how the figures were taken."""
+    """The machine, and how it was measured."""
     measured: tuple[Measured, ...]
     setup: str = ""
     """Changes when the options compared or the maps do; results of another are not added to."""
 
-    def figures_of(self, variant: str, set_name: str | None = None) -> dict[str, dict[str, float]]:
-        """Figures of a variant by scan, for all sets or for one."""
+    def metrics_of(self, variant: str, set_name: str | None = None) -> dict[str, dict[str, float]]:
+        """Metrics of a variant by scan, for all sets or for one."""
         return {
-            m.scan: m.figures
+            m.scan: m.metrics
             for m in self.measured
-            if m.variant == variant and set_name in (None, m.set_name) and m.figures
+            if m.variant == variant and set_name in (None, m.set_name) and m.metrics
         }
 
     def write(self, path: Path) -> None:
@@ -85,9 +85,9 @@ def read_results(path: Path) -> Results:
         return Results(**values, measured=measured)
     except OSError as error:
         raise OutputError(
-            f"{path}: expected results of 'planfit bench paper', cannot be read ({error.strerror})"
+            f"{path}: expected results of 'benchmarks/paper_tables paper', cannot be read ({error.strerror})"
         ) from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise OutputError(
-            f"{path}: expected results of 'planfit bench paper', found another file ({error})"
+            f"{path}: expected results of 'benchmarks/paper_tables paper', found another file ({error})"
         ) from error

@@ -20,9 +20,9 @@ class Variant:
     preset: Preset
     name: str
     change: Change | None
-    """What it alters in the preset's adjustment; None leaves the scan where it was placed, unadjusted."""
+    """What it alters in the preset's adjustment; None leaves the scan as it was aligned, unadjusted."""
     paper_alignment: bool = False
-    """Whether the scan is placed as the paper does. Else all variants search, so that they differ in their
+    """Whether the scan is aligned as the paper does. Else all variants search, so that they differ in their
     adjustment alone."""
     has_true_poses: bool = False
     """Nothing is refined: the map is that of the true poses, so it shows what the sensor's noise leaves."""

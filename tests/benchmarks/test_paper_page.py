@@ -5,15 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from planfit.bench import Measured, Results, make_page, read_results
-from planfit.cli import run
+from paper_tables.command import run
+from paper_tables.page import make_page
+from paper_tables.results import Measured, Results, read_results
 from planfit.errors import OutputError
 
 SCANS = ("redwood-like 1", "redwood-like 2")
 
 
-def measured(scan: str, variant: str, **figures: float) -> Measured:
-    return Measured("redwood-like", scan, variant, figures)
+def measured(scan: str, variant: str, **metrics: float) -> Measured:
+    return Measured("redwood-like", scan, variant, metrics)
 
 
 def results(*rows: Measured) -> Results:
@@ -59,7 +60,7 @@ def test_true_poses_stand_beside_the_presets() -> None:
 def test_another_file_is_refused(text: str, tmp_path: Path) -> None:
     path = tmp_path / "other.json"
     path.write_text(text)
-    with pytest.raises(OutputError, match="expected results of 'planfit bench paper'"):
+    with pytest.raises(OutputError, match="expected results of 'benchmarks/paper_tables paper'"):
         read_results(path)
 
 
@@ -103,13 +104,13 @@ def test_runs_that_refused_are_told() -> None:
     assert "1 runs refused" in page
 
 
-def test_bench_page_and_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_page_and_compare_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, page = tmp_path / "results.json", tmp_path / "results.md"
     two_presets().write(path)
-    assert run(["bench", "page", str(path), "-o", str(page)]) == 0
+    assert run(["page", str(path), "-o", str(page)]) == 0
     assert page.read_text(encoding="utf-8") == make_page(two_presets())
     capsys.readouterr()
-    assert run(["bench", "compare", f"{path}:paper/all", str(path)]) == 0
+    assert run(["compare", f"{path}:paper/all", str(path)]) == 0
     (row,) = [x for x in capsys.readouterr().out.splitlines() if x.strip().startswith("ate")]
     assert row.split() == ["ate", "0.06", "0.015", "-0.045", "0.0212", "-3.0", "2", "of", "2"]
 
@@ -117,13 +118,13 @@ def test_bench_page_and_compare(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_compare_names_what_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, other = tmp_path / "results.json", tmp_path / "other.json"
     two_presets().write(path)
-    assert run(["bench", "compare", str(path), f"{path}:default/nothing"]) == 2
-    assert "expected figures of default/nothing, found those of default/all, paper/all" in (
+    assert run(["compare", str(path), f"{path}:default/nothing"]) == 2
+    assert "expected metrics of default/nothing, found those of default/all, paper/all" in (
         capsys.readouterr().err
     )
     elsewhere = [replace(m, scan=f"other {m.scan}") for m in two_presets().measured]
     results(*elsewhere).write(other)
-    assert run(["bench", "compare", str(path), str(other)]) == 2
+    assert run(["compare", str(path), str(other)]) == 2
     assert "run both on the same scans and seeds" in capsys.readouterr().err
-    assert run(["bench", "compare", str(path), str(tmp_path / "none.json")]) == 2
+    assert run(["compare", str(path), str(tmp_path / "none.json")]) == 2
     assert "cannot be read" in capsys.readouterr().err

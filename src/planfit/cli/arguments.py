@@ -1,0 +1,123 @@
+"""From words to arguments: how the parser reads flags, presets and files of options."""
+
+import dataclasses
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import tyro
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
+
+from planfit.cli.config import choices_of, member_of, read_options
+from planfit.floorplan import PlanOptions
+from planfit.floorplan.options import Unit
+from planfit.pipeline.presets import preset
+
+
+@dataclass(frozen=True)
+class PlanFlags:
+    """How to read the plan."""
+
+    unit: Unit = "auto"
+    """Unit of the plan's coordinates; `auto` takes what the file says, `unknown` leaves the scale to the
+    alignment."""
+    scale: float | None = None
+    """Metres of one unit of the file (a pixel, a point); overrules --unit."""
+    storey: str = ""
+    """Name or number (from 0) of the storey to read where a file holds several."""
+    layer: tuple[str, ...] = ()
+    """Layers that hold the walls (`*` stands for anything); without, a guess from names and line work."""
+    page: int = 1
+    """Page of a PDF."""
+    cut_height_m: float = 1.2
+    """Height above the storey's floor at which models (IFC, meshes) are cut."""
+    wall_mask: Path | None = None
+    """Picture of the size of the plan, white where there is wall; takes the place of planfit's reading of
+    the picture."""
+    mirror: bool = False
+    """Swap left and right of the plan: for one that was drawn or exported mirrored."""
+
+    @property
+    def options(self) -> PlanOptions:
+        """The same as options of the readers.
+
+        Raises:
+            OptionError: a value cannot work.
+        """
+        return PlanOptions(
+            self.unit,
+            self.scale,
+            self.storey,
+            self.layer,
+            self.page,
+            self.cut_height_m,
+            self.wall_mask,
+            self.mirror,
+        )
+
+
+def parse(arguments_type: Any, prog: str, argv: list[str]) -> Any:
+    """Arguments of a command; those of --preset and of the TOML file of --config come before the flags.
+
+    Args:
+        arguments_type: dataclass, or a union of dataclasses: commands of a command.
+        prog: what stands before the arguments, for messages.
+        argv: words of the command line.
+
+    Raises:
+        SystemExit: the words do not parse, which has been told; or help was asked for, and printed.
+        OptionError: the file of options is missing, or has an option that is unknown or cannot work.
+    """
+    default = None
+    is_plain = dataclasses.is_dataclass(arguments_type)  # else a choice of subcommands
+    fields = {f.name: f for f in dataclasses.fields(arguments_type)} if is_plain else {}
+    preset_name, config = _value_of(argv, "--preset"), _value_of(argv, "--config")
+    if "config" in fields and (preset_name or config):
+        options = preset(preset_name or "default")
+        if config:
+            options = read_options(Path(config), options)
+        required = {
+            key: tyro.MISSING
+            for key, field in fields.items()
+            if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        }
+        default = arguments_type(**required, options=options)
+    return tyro.cli(
+        arguments_type,
+        prog=prog,
+        args=argv,
+        default=tyro.MISSING_NONPROP if default is None else default,
+        use_underscores=False,
+        registry=_registry(),
+    )
+
+
+def _registry() -> ConstructorRegistry:
+    """Named choices, such as losses: shown in lower case, as the TOML files write them; any case is taken."""
+    rules = ConstructorRegistry()
+    rules.primitive_rule(_rule)
+    return rules
+
+
+def _rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec | None:
+    kind = info.type
+    if not (isinstance(kind, type) and issubclass(kind, Enum)):
+        return None
+    # Not as tyro's own choices: those are compared letter by letter.
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="{" + ",".join(choices_of(kind)) + "}",
+        instance_from_str=lambda words: member_of(kind, words[0]),
+        is_instance=lambda value: isinstance(value, kind),
+        str_from_instance=lambda member: [member.name.lower()],
+    )
+
+
+def _value_of(argv: list[str], flag: str) -> str | None:
+    for i, word in enumerate(argv):
+        if word == flag and i + 1 < len(argv):
+            return argv[i + 1]
+        if word.startswith(f"{flag}="):
+            return word.removeprefix(f"{flag}=")
+    return None

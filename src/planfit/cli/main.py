@@ -1,0 +1,230 @@
+"""The commands, and what they have in common: help at once, errors in one line, exit codes.
+
+Nothing heavy is imported here: what a command needs is imported when the command is run.
+"""
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NoReturn
+
+from planfit import __version__
+from planfit.errors import PlanfitError
+
+EXIT_OK, EXIT_NOT_BETTER, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
+EXIT_CLOSED_PIPE = 141
+"""128 + SIGPIPE: what a shell tells of other tools whose reader went away."""
+EXIT_CODES = (
+    "0 done; 1 done, but not better than before or not surely placed; 2 bad input; 130 stopped"
+)
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command. Its module, `planfit.cli.NAME`, has `NameArguments`, what it takes, and `name_command`."""
+
+    name: str
+    usage: str
+    """What stands behind its name."""
+    summary: str
+    """One line for `planfit --help`."""
+    flags: tuple[str, ...]
+    """The flags that `--help` shows beside those that must be given; `--help-all` shows all. The text is
+    written by docs/reference.py, as reading it from the options would take seconds."""
+    keeps_stages: bool = False
+    """Whether a run that was stopped goes on from its last finished stage."""
+
+    def load(self) -> tuple[type, Callable[[Any], int]]:
+        """The dataclass of its arguments, and the function that takes them and gives the exit code."""
+        module = import_module(f"planfit.cli.{self.name}")
+        arguments = getattr(module, f"{self.name.capitalize()}Arguments")
+        return arguments, getattr(module, f"{self.name}_command")
+
+    @property
+    def help_path(self) -> Path:
+        """The file that `--help` prints."""
+        return Path(__file__).parent / "help" / f"{self.name}.txt"
+
+
+COMMANDS = (
+    Command(
+        "refine",
+        "SCAN -o OUT [--plan FILE]",
+        "refine the camera poses of a scan; OUT/report.html tells how it went",
+        (
+            "plan", "unit", "scale", "storey", "poses", "adjust.walls.sigma-m", "preset", "config",
+            "overwrite", "workers",
+        ),
+        keeps_stages=True,
+    ),
+    Command(
+        "align",
+        "SCAN PLAN -o OUT",
+        "find the pose of a scan on a plan; a picture of each hypothesis that fits",
+        ("candidate", "pin", "unit", "scale", "storey", "mirror", "poses", "preset", "config", "workers"),
+    ),
+    Command(
+        "inspect",
+        "SCAN [-o FILE.png]",
+        "show what is found in a scan: frames, depth, path, up, gaps, jumps",
+        ("out", "format", "poses", "depth-scale", "workers"),
+    ),
+    Command(
+        "plan",
+        "PLAN [-o FILE.png|svg|dxf|json]",
+        "show what is read of a floorplan",
+        (
+            "out", "unit", "scale", "storey", "layer", "page", "cut-height-m", "wall-mask", "mirror",
+        ),
+    ),
+    Command(
+        "evaluate",
+        "FOLDER [--truth FILE]",
+        "how good the poses of a run are, before and after; also SCAN --poses FILE",
+        (
+            "poses", "poses-frame", "plan", "truth", "truth-frame", "true-cloud", "delta-m",
+            "depth-maps", "json", "workers",
+        ),
+    ),
+    Command(
+        "export",
+        "SOURCE --to KIND -o FILE",
+        "write poses for other programs: tum, kitti, open3d, g2o, ply, mesh, ...",
+        ("frame", "voxel-m", "max-depth-m", "workers"),
+    ),
+    Command(
+        "demo",
+        "[-o OUT]",
+        "make a synthetic scan, drift it, refine it, and compare with the truth",
+        ("out", "workers"),
+    ),
+    Command(
+        "synth",
+        "OUT",
+        "write a synthetic scan with its plan and its truth",
+        ("seed", "building.n-rooms", "walk.n-frames", "drift.yaw-deg", "drift.shift-m"),
+    ),
+)  # fmt: skip
+
+
+def overview() -> str:
+    """What `planfit --help` prints."""
+    width = max(len(f"{c.name} {c.usage}") for c in COMMANDS)
+    lines = [f"  {f'{c.name} {c.usage}':<{width}}  {c.summary}" for c in COMMANDS]
+    return "\n".join(
+        [
+            f"planfit {__version__}: fit a posed RGB-D scan of a building to its floorplan.",
+            "",
+            "usage: planfit COMMAND ...",
+            "",
+            "commands:",
+            *lines,
+            "",
+            "'planfit COMMAND --help' shows the options that matter, --help-all every one.",
+            f"exit codes: {EXIT_CODES}",
+            "",
+        ]
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> NoReturn:
+    """Run a command and exit with its code."""
+    exit_with(lambda: run(sys.argv[1:] if argv is None else argv))
+
+
+def exit_with(action: Callable[[], int]) -> NoReturn:
+    """Exit with the code of an action; silently if whoever read the output went away, as `head` does."""
+    try:
+        code = action()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # What is still buffered goes nowhere, or the interpreter complains of it at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = EXIT_CLOSED_PIPE
+    sys.exit(code)
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run a command and give its exit code; errors of the input become one line and exit code 2."""
+    name, rest = (argv[0], list(argv[1:])) if argv else ("--help", [])
+    if name in ("-h", "--help", "help"):
+        print(overview(), end="")
+        return EXIT_OK
+    if name in ("-V", "--version"):
+        print(__version__)
+        return EXIT_OK
+    commands = {command.name: command for command in COMMANDS}
+    if name not in commands:
+        print(f"planfit: unknown command {name!r}; known: {', '.join(commands)}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    command = commands[name]
+    if "-h" in rest or "--help" in rest:
+        print(command.help_path.read_text(encoding="utf-8"), end="")
+        return EXIT_OK
+    kept = "finished stages are kept, the same command goes on from there"
+    return in_one_line(
+        lambda: _run_command(command, rest), kept if command.keeps_stages else "nothing of it is kept"
+    )  # fmt: skip
+
+
+def in_one_line(action: Callable[[], int], kept: str) -> int:
+    """The exit code of an action; errors of the input become one line on stderr, and so does Ctrl-C.
+
+    Args:
+        action: what is done; gives its exit code.
+        kept: what an interrupted run leaves, in words.
+    """
+    try:
+        return action()
+    except SystemExit as stop:  # the parser has told what was wrong, or printed its help
+        return stop.code if isinstance(stop.code, int) else EXIT_BAD_INPUT
+    except PlanfitError as error:
+        print(f"planfit: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except BrokenPipeError:
+        raise  # no fault of the input; see `exit_with`
+    except OSError as error:
+        print(f"planfit: {error.filename}: {error.strerror}; check the path, the rights and the disk",
+              file=sys.stderr)  # fmt: skip
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print(f"planfit: stopped; {kept}", file=sys.stderr)
+        return EXIT_INTERRUPTED
+
+
+def _run_command(command: Command, argv: list[str]) -> int:
+    with _stopped_at_once():
+        arguments_type, function = command.load()
+        from planfit.cli.arguments import parse
+
+        words = ["--help" if word == "--help-all" else word for word in argv]
+        arguments = parse(arguments_type, f"planfit {command.name}", words)
+    return function(arguments)
+
+
+@contextmanager
+def _stopped_at_once() -> Iterator[None]:
+    """Ctrl-C ends the program here and now, while nothing but imports has happened.
+
+    As an exception it would pass through half-made modules, some of which, compiled ones above all, turn it
+    into an ImportError of their own and a long traceback.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may say what signals do
+        return
+
+    def stop(*_: object) -> NoReturn:
+        os.write(2, b"planfit: stopped; nothing was begun\n")
+        os._exit(EXIT_INTERRUPTED)
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
