@@ -21,8 +21,8 @@ import numpy as np
 import planfit
 from planfit.evaluate import position_errors
 from planfit.geometry import se3
-from planfit.pipeline.prepare import StageTimer, extract_observations, prepare
-from planfit.runtime import Runtime
+from planfit.pipeline.prepare import extract_observations, prepare
+from planfit.runtime import Runtime, StageTimer
 from planfit.segmentation import SegmentationOptions, find_gravity
 from planfit.synth import DriftOptions, drift_poses
 

@@ -20,11 +20,11 @@ from planfit.adjust.association import wall_patches_in_plan
 from planfit.align import metric_plan
 from planfit.floorplan import Floorplan
 from planfit.pipeline.align import align_scan
-from planfit.pipeline.prepare import Prepared, StageTimer, prepare
+from planfit.pipeline.prepare import Prepared, prepare
 from planfit.report import draw_overlay, draw_place
 from planfit.report.drawing import AFTER, BEFORE, FONT_PT, GREY, INK, new_figure
 from planfit.report.plan_picture import draw_plan_picture
-from planfit.runtime import Runtime
+from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.synth.drawing import DrawingOptions, draw_building
 

@@ -10,8 +10,8 @@ import numpy as np
 from planfit.lsq.linear.normal_equations import NormalBlocks
 from planfit.lsq.solver import solve
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import StageTimer, extract_observations, prepare
-from planfit.runtime import Runtime
+from planfit.pipeline.prepare import extract_observations, prepare
+from planfit.runtime import Runtime, StageTimer
 from planfit.synth import CameraOptions, SynthOptions, WalkOptions, make_scan
 
 

@@ -23,9 +23,9 @@ from planfit.evaluate import (
 from planfit.evaluate.sampling import thin
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import Observations, StageTimer, extract_observations
+from planfit.pipeline.prepare import Observations, extract_observations
 from planfit.pipeline.refine import refine
-from planfit.runtime import Runtime
+from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan, read_scan, read_tum
 from planfit.synth import NoDepthNoise, drawn_plan, make_scan
 

@@ -19,8 +19,8 @@ from planfit.errors import FloorplanError, require_plain_numbers
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import Prepared, StageTimer, extract_observations, prepare
-from planfit.runtime import Runtime
+from planfit.pipeline.prepare import Prepared, extract_observations, prepare
+from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Structure
 

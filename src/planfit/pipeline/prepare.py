@@ -1,8 +1,5 @@
 """The first half of the method, which needs no plan: gravity, floor and walls, matches, closed loops."""
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +14,7 @@ from planfit.adjust import (
 from planfit.matching import Matches, find_matches
 from planfit.pipeline import validation as checks
 from planfit.pipeline.options import RefineOptions
-from planfit.runtime import Runtime
+from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.scan.odometry import make_odometry
 from planfit.segmentation import (
@@ -27,23 +24,6 @@ from planfit.segmentation import (
     level_from_world,
     segment_scan,
 )
-
-
-class StageTimer:
-    """Times stages and reports that they began."""
-
-    def __init__(self, runtime: Runtime) -> None:
-        self.seconds: dict[str, float] = {}
-        self._work = runtime
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time what is done inside."""
-        self._work.report(name, 0, 0)
-        begin = time.perf_counter()
-        yield
-        self.seconds[name] = time.perf_counter() - begin
-        self._work.report(name, 1, 0)
 
 
 @dataclass(frozen=True)

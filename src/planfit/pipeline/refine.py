@@ -23,8 +23,8 @@ from planfit.pipeline import validation as checks
 from planfit.pipeline.align import claimed_alignment, place
 from planfit.pipeline.diagnostics import alignment_warnings, scan_warnings
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import Observations, StageTimer, extract_observations, prepare
-from planfit.runtime import Runtime
+from planfit.pipeline.prepare import Observations, extract_observations, prepare
+from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Gravity, Structure
 
