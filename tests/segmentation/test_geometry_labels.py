@@ -223,8 +223,8 @@ def test_walls_are_laid_as_in_numpy(rng):
     expected[is_wall, :2] = level[is_wall]
     expected[is_wall, 3] = np.sum(level * points[..., :2], axis=-1)[is_wall]
     labels, planes = np.zeros(is_wall.shape, np.uint8), np.zeros((*is_wall.shape, 4), np.float32)
-    places = submap.wall_at(points[..., :2] + centre[:2])
-    label_walls(labels, planes, points, normals, 0.5, places, int(Label.WALL))
+    on_wall = submap.wall_at(points[..., :2] + centre[:2])
+    label_walls(labels, planes, points, normals, 0.5, on_wall, int(Label.WALL))
     assert_array_equal(labels, np.where(is_wall, Label.WALL, Label.NONE))
     assert_allclose(planes, expected, atol=1e-5)
 

@@ -32,9 +32,9 @@ def test_a_wall_ahead(rng):
 @pytest.mark.parametrize("angle_deg", range(0, 360, 45))
 def test_normals_point_to_the_camera(rng, angle_deg):
     c, s = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
-    turn = np.array([[c, -s], [s, c]])
-    (patch,) = found(wall(rng, [-1, 3], [2, 3]) @ turn.T)
-    assert_allclose(patch.normal, turn @ [0, -1], atol=0.01)
+    rotation = np.array([[c, -s], [s, c]])
+    (patch,) = found(wall(rng, [-1, 3], [2, 3]) @ rotation.T)
+    assert_allclose(patch.normal, rotation @ [0, -1], atol=0.01)
 
 
 def test_a_corner_is_two_patches_and_no_point_is_in_both(rng):
