@@ -9,7 +9,7 @@
 world tilted by up to 30 deg, a camera held up to 15 deg askew with a mean pitch of -30 to 15 deg, and one
 of three ceilings: as built, none (an atrium), or as built and much looked at (pitch 5 to 20 deg). A third
 of the walls' hangings and all of the furniture are clutter in the truth, which counts a picture 1 cm in
-front of a wall as no wall. Labels are judged at every pixel with a reading, of drifted scans, and gravity
+front of a wall as no wall. Labels are judged at every pixel with a depth, of drifted scans, and gravity
 also without drift: a drifted scan has no one gravity to the tenth of a degree. Columns, which geometry
 cannot tell from walls, are left out.
 
@@ -247,12 +247,12 @@ def run_level(arguments: argparse.Namespace) -> None:
     panels = []
     level = level_from_world(gravity, structure.floor_height_m)
     found = choose_back_end(scan, gravity, options, Runtime(2))
-    for name, turn, axis in (
+    for name, rotated, axis in (
         ("as recorded", se3.make_transform(_y_down_to_z_up(), np.zeros(3)), 0),
         ("levelled, from the side", level, 0),
         ("levelled, from the front", level, 1),
     ):
-        panels.append(_side_view(scan, turn, axis, name, found))
+        panels.append(_side_view(scan, rotated, axis, name, found))
     height = max(p.shape[0] for p in panels)
     panels = [
         cv2.copyMakeBorder(p, 0, height - len(p), 0, 20, cv2.BORDER_CONSTANT, value=(255,) * 3)

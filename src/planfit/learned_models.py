@@ -102,8 +102,8 @@ def load_model(
             f"{len(missing) - 1} more; download them again, or take a model that was trained as such, "
             "not its backbone"
         )
-    place = _device(weights.torch, device_option, device)
-    return model.to(place).eval(), place
+    found = _device(weights.torch, device_option, device)
+    return model.to(found).eval(), found
 
 
 def first_line(error: Exception) -> str:
@@ -113,6 +113,7 @@ def first_line(error: Exception) -> str:
 
 
 def _device(torch: Any, option: str, name: str) -> Any:
+    """The device of that name, once something was put on it; `auto` takes a GPU where there is one."""
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:

@@ -1,4 +1,4 @@
-"""Work over many frames or pairs: in parallel, with progress, kept in a cache, safe to interrupt."""
+"""The runtime of a run: work over many frames or pairs in parallel, cached, interruptible; timed stages."""
 
 import hashlib
 import os
@@ -18,7 +18,7 @@ from planfit.errors import OutputError, require_positive
 
 Arrays = dict[str, np.ndarray]
 Progress = Callable[[str, int, int], None]
-"""Called with the stage's name, how many items are done, and of how many (0: nobody knows)."""
+"""Called with the stage's name, how many items are done, and of how many (0: not known)."""
 
 
 def cache_key(*parts: object) -> str:
@@ -30,7 +30,7 @@ def cache_key(*parts: object) -> str:
 def blas_on_one_thread() -> Iterator[None]:
     """BLAS starts no threads of its own inside.
 
-    On small matrices they cost more than they give: descriptions of 300 frames took 1.3 s of CPU time on
+    On small matrices they cost more than they give: descriptors of 300 frames took 1.3 s of CPU time on
     two threads, 0.3 s on one. And beside a pool of workers they fight over cores.
     """
     with threadpool_limits(1, user_api="blas"):
@@ -39,10 +39,10 @@ def blas_on_one_thread() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Runtime:
-    """How a run does its work. The default keeps nothing and says nothing."""
+    """How a run computes: threads, cache, progress. The default keeps nothing and says nothing."""
 
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Threads; the heavy parts (OpenCV, NumPy, numba) let go of the interpreter's lock."""
+    """Threads; the heavy parts (OpenCV, NumPy, compiled loops) let go of the interpreter's lock."""
     cache_dir: Path | None = None
     """Folder that keeps finished chunks, so that a run that was stopped goes on where it was."""
     on_progress: Progress | None = None
@@ -121,15 +121,16 @@ class Runtime:
 
 
 class StageTimer:
-    """Times stages and reports that they began."""
+    """Times the stages of a run, and reports that they began and ended."""
 
     def __init__(self, runtime: Runtime) -> None:
         self.seconds: dict[str, float] = {}
+        """By stage, of those that ended."""
         self._runtime = runtime
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time what is done inside."""
+        """Time what is done inside; a stage that fails has no time."""
         self._runtime.report(name, 0, 0)
         begin = time.perf_counter()
         yield
@@ -157,6 +158,7 @@ def _load(path: Path, n_items: int) -> list[Arrays] | None:
 
 
 def _save(path: Path, items: list[Arrays]) -> None:
+    """Write a chunk whole or not at all: under another name first, which a stopped run may leave."""
     arrays = {f"{i}/{key}": value for i, item in enumerate(items) for key, value in item.items()}
     temporary = path.with_suffix(".part")
     try:

@@ -150,8 +150,8 @@ def test_max_depth_m(view):
 
 def test_edge_step(view):
     strict = detect(*view, CAMERA, KeypointOptions(edge_step=0.005))
-    loose = detect(*view, CAMERA, KeypointOptions(edge_step=0.5))
-    assert len(strict) < len(detect(*view, CAMERA, KeypointOptions())) < len(loose)
+    lenient = detect(*view, CAMERA, KeypointOptions(edge_step=0.5))
+    assert len(strict) < len(detect(*view, CAMERA, KeypointOptions())) < len(lenient)
 
 
 def test_orb_finds_bits_apart(view):

@@ -106,11 +106,11 @@ def test_sigmas_bound_the_distance_in_space(rng):
     ray = far[:30] / np.linalg.norm(far[:30], axis=1, keepdims=True)
     far[:30] += 0.15 * ray  # along the ray, so that the pixel stays
     matches = far, points_b, uv_a, uv_b
-    loose = {"max_reprojection_px": 1e3}
-    assert verified(matches, max_sigmas=8.0, **loose).is_inlier.all()
+    wide = {"max_reprojection_px": 1e3}
+    assert verified(matches, max_sigmas=8.0, **wide).is_inlier.all()
     for tight in ({"max_sigmas": 1.0}, {"sigma_base_m": 0.0, "sigma_per_m": 0.003},
                   {"sigma_base_m": 0.005, "sigma_per_m": 0.0}):  # fmt: skip
-        inlier = verified(matches, **loose, **tight).is_inlier
+        inlier = verified(matches, **wide, **tight).is_inlier
         assert not inlier[:30].any()
         assert inlier[30:].mean() > 0.9
 

@@ -9,8 +9,9 @@ from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Label
 from planfit.segmentation import Gravity, SegmentationOptions, choose_back_end
-from planfit.segmentation.geometry_labels import GeometryLabelOptions, _lay_level, _lay_walls
-from planfit.segmentation.visibility_map import CELL_M, Stretch
+from planfit.segmentation.geometry_labels import GeometryLabelOptions
+from planfit.segmentation.kernels import CELL_M, label_level, label_walls
+from planfit.segmentation.visibility_map import Submap
 
 POSE = look([1.0, 2.0, 1.5], 10, 20)
 TABLE = ((2.5, 1.0, 0.0), (3.5, 2.0, 0.8))
@@ -18,9 +19,9 @@ CUPBOARD = ((5.3, 1.0, 0.0), (6.0, 3.0, 2.0))
 ROOM_TOP = 2.6
 
 
-def labelled(poses=(POSE,), boxes=(), holes=(), turn=None, frame=0, **options):
+def labelled(poses=(POSE,), boxes=(), holes=(), room_from_world=None, frame=0, **options):
     """Labels of one frame of a scan of the room, and its points in the room."""
-    room_from_world = np.eye(4) if turn is None else turn
+    room_from_world = np.eye(4) if room_from_world is None else room_from_world
     scan = room_scan(np.stack(poses), room_from_world, boxes=boxes, holes=holes)
     chosen = SegmentationOptions(back_end="geometry", geometry=GeometryLabelOptions(**options))
     up = Gravity(room_from_world[2, :3], 1.0, "known")
@@ -106,12 +107,12 @@ def test_free_above_m():
     assert share_of_front(level, free_above_m=2.0) > 0.8
 
 
-def test_stretch_frames_is_how_far_sights_reach():
+def test_submap_frames_is_how_far_lines_of_sight_are_shared():
     down = look([2.0, 2.0, 1.6], 0, 30)
     level = [look([2.0, 1.6 + 0.05 * i, 1.6], 0, -12) for i in range(8)]
     poses = [*[down] * 4, *level]
-    assert share_of_front(poses, stretch_frames=12) < 0.1
-    assert share_of_front(poses, stretch_frames=2) > 0.8
+    assert share_of_front(poses, submap_frames=12) < 0.1
+    assert share_of_front(poses, submap_frames=2) > 0.8
 
 
 def test_min_wall_rise_m():
@@ -135,9 +136,11 @@ def test_holes_have_no_label_and_spoil_little():
 
 
 def test_a_tilted_world_gives_the_same_labels():
-    turn = se3.make_transform(se3.exp_so3(np.array([0.4, -0.3, 1.0])), np.array([3.0, -2, 7]))
+    room_from_world = se3.make_transform(
+        se3.exp_so3(np.array([0.4, -0.3, 1.0])), np.array([3.0, -2, 7])
+    )
     straight, _ = labelled(views(20.0))
-    tilted, _ = labelled(views(20.0), turn=turn)
+    tilted, _ = labelled(views(20.0), room_from_world=room_from_world)
     assert np.mean(straight == tilted) > 0.97
 
 
@@ -206,10 +209,10 @@ def wild_surfaces(rng, shape=(40, 60)):
 def test_walls_are_laid_as_in_numpy(rng):
     points, normals = wild_surfaces(rng)
     cells = rng.random((50, 43)) < 0.5
-    stretch = Stretch(np.array([-1.0, 0.5]), np.packbits(cells, axis=1), 43, 0.0, np.zeros(0))
+    submap = Submap(np.array([-1.0, 0.5]), np.packbits(cells, axis=1), 43, 0.0, np.zeros(0))
     centre = np.array([0.4, 1.5, 1.2])
     with np.errstate(invalid="ignore"):
-        cell = np.floor((points[..., :2] + centre[:2] - stretch.low_xy) / CELL_M)
+        cell = np.floor((points[..., :2] + centre[:2] - submap.low_xy) / CELL_M)
         inside = (cell >= 0).all(axis=-1) & (cell < cells.shape).all(axis=-1)
         is_upright = np.abs(normals[..., 2]) < 0.5
     i, j = np.where(inside[..., None], cell, 0).astype(int).transpose(2, 0, 1)
@@ -220,8 +223,8 @@ def test_walls_are_laid_as_in_numpy(rng):
     expected[is_wall, :2] = level[is_wall]
     expected[is_wall, 3] = np.sum(level * points[..., :2], axis=-1)[is_wall]
     labels, planes = np.zeros(is_wall.shape, np.uint8), np.zeros((*is_wall.shape, 4), np.float32)
-    places = stretch.wall_at(points[..., :2] + centre[:2])
-    _lay_walls(labels, planes, points, normals, 0.5, places, int(Label.WALL))
+    on_wall = submap.wall_at(points[..., :2] + centre[:2])
+    label_walls(labels, planes, points, normals, 0.5, on_wall, int(Label.WALL))
     assert_array_equal(labels, np.where(is_wall, Label.WALL, Label.NONE))
     assert_allclose(planes, expected, atol=1e-5)
 
@@ -238,7 +241,7 @@ def test_a_level_is_laid_as_in_numpy(rng, facing):
     assert on_it[np.isnan(normals[..., 2])].any()
     labels, planes = np.full(on_it.shape, Label.WALL, np.uint8), np.zeros((*on_it.shape, 4))
     planes = planes.astype(np.float32)
-    _lay_level(
+    label_level(
         labels, planes, points, np.ascontiguousarray(normals[..., 2]), near, tolerance, plane,
         np.float32(facing), int(Label.FLOOR),
     )  # fmt: skip

@@ -23,10 +23,12 @@ def angle_deg(a, b):
 
 
 @pytest.mark.parametrize(
-    "turn", [[0.3, -0.4, 0.0], [0.0, 0.0, 0.0], [-np.pi / 2, 0, 0], [2.0, 2, 0]]
+    "rotation_vector", [[0.3, -0.4, 0.0], [0.0, 0.0, 0.0], [-np.pi / 2, 0, 0], [2.0, 2, 0]]
 )
-def test_up_of_a_tilted_world_is_found(turn):
-    room_from_world = se3.make_transform(se3.exp_so3(np.array(turn)), np.array([1.0, 2, 3]))
+def test_up_of_a_tilted_world_is_found(rotation_vector):
+    room_from_world = se3.make_transform(
+        se3.exp_so3(np.array(rotation_vector)), np.array([1.0, 2, 3])
+    )
     scan = room_scan(VIEWS, room_from_world, noise_m=0.005, boxes=[((4, 0, 0), (5, 1, 0.8))])
     gravity = find_gravity(scan, GravityOptions(), Runtime(2))
     assert angle_deg(gravity.up_world, room_from_world[2, :3]) < 0.3

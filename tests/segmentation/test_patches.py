@@ -1,4 +1,4 @@
-"""Flat upright pieces among wall points."""
+"""Flat upright patches among wall points."""
 
 import numpy as np
 import pytest
@@ -32,12 +32,12 @@ def test_a_wall_ahead(rng):
 @pytest.mark.parametrize("angle_deg", range(0, 360, 45))
 def test_normals_point_to_the_camera(rng, angle_deg):
     c, s = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
-    turn = np.array([[c, -s], [s, c]])
-    (patch,) = found(wall(rng, [-1, 3], [2, 3]) @ turn.T)
-    assert_allclose(patch.normal, turn @ [0, -1], atol=0.01)
+    rotation = np.array([[c, -s], [s, c]])
+    (patch,) = found(wall(rng, [-1, 3], [2, 3]) @ rotation.T)
+    assert_allclose(patch.normal, rotation @ [0, -1], atol=0.01)
 
 
-def test_a_corner_is_two_pieces_and_no_point_is_in_both(rng):
+def test_a_corner_is_two_patches_and_no_point_is_in_both(rng):
     xy = np.concatenate([wall(rng, [-2, 3], [1, 3], 300), wall(rng, [1, 3], [1, 0], 200)])
     patches = found(xy)
     assert len(patches) == 2
@@ -47,14 +47,14 @@ def test_a_corner_is_two_pieces_and_no_point_is_in_both(rng):
     assert np.mean(patches[0].point_idx < 300) > 0.97
 
 
-def test_a_gap_ends_a_piece(rng):
+def test_a_gap_ends_a_patch(rng):
     xy = np.concatenate([wall(rng, [-3, 3], [-1, 3], 300), wall(rng, [0, 3], [1, 3], 100)])
     patch = found(xy)[0]
     assert patch.ends[:, 0].max() < -0.9
     assert np.all(patch.point_idx < 300)
 
 
-def test_clutter_makes_no_piece(rng):
+def test_clutter_makes_no_patch(rng):
     blob = rng.normal([0, 3], 0.1, (300, 2))
     assert all(np.ptp(patch.ends, axis=0).max() > 0.5 for patch in found(blob))
     assert found(rng.uniform(-4, 4, (150, 2))) == []
@@ -66,7 +66,7 @@ def test_nothing_and_next_to_nothing(rng):
     assert found(np.tile([1.0, 2.0], (100, 1))) == []
 
 
-def test_the_same_seed_gives_the_same_pieces(rng):
+def test_the_same_seed_gives_the_same_patches(rng):
     xy = np.concatenate([wall(rng, [-2, 3], [1, 3], 300), wall(rng, [1, 3], [1, 0], 200)])
     for one, two in zip(found(xy, 3), found(xy, 3), strict=True):
         assert_array_equal(one.point_idx, two.point_idx)
@@ -99,7 +99,7 @@ def test_tolerance_m_and_its_growth(rng):
     assert len(found(xy, tolerance_m=0.03, tolerance_per_m=0.02)[0].point_idx) == 400
 
 
-def test_more_rounds_find_smaller_pieces(rng):
+def test_more_rounds_find_smaller_patches(rng):
     clutter = rng.uniform([-4, 1], [4, 5], (500, 2))
     xy = np.concatenate([clutter, wall(rng, [-2, 3], [2, 3], 100, 0.003)])
 

@@ -12,7 +12,7 @@ from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Label
-from planfit.segmentation import Gravity, SegmentationOptions, segment_scan
+from planfit.segmentation import ArrayBackEnd, Gravity, SegmentationOptions, segment_scan
 from planfit.segmentation.geometry_labels import GeometryLabelOptions
 from planfit.segmentation.patches import PatchOptions
 
@@ -71,7 +71,7 @@ def test_points_are_where_the_floor_and_the_walls_are(scan, masked, back_end):
 
 
 @pytest.mark.parametrize("back_end", ["masks", "geometry"])
-def test_patches_are_pieces_of_the_walls_seen_from_inside(scan, masked, back_end):
+def test_patches_lie_on_the_walls_seen_from_inside(scan, masked, back_end):
     found = extracted(masked if back_end == "masks" else scan)
     assert len(found.walls) >= 6
     normals, ends = wall_patches_in_plan(found.walls, VIEWS)
@@ -196,3 +196,35 @@ def test_unmatched_builders_agree(rng):
     matches = make_matches(VIEWS, [(0, 3)], points)
     assert_allclose(se3.transform(VIEWS[0], matches.points_a), points)
     assert_allclose(se3.transform(VIEWS[3], matches.points_b), points)
+
+
+def test_labels_from_memory_are_those_of_masks_on_disk(masked):
+    labels = np.stack([masked.files.labels(i) for i in range(len(masked))])
+    from_memory = segment_scan(masked, UP, SMALL, Runtime(2), ArrayBackEnd(labels))
+    expected = extracted(masked)
+    assert len(expected.walls) > 0
+    assert_array_equal(from_memory.walls.points_cam, expected.walls.points_cam)
+    assert_array_equal(from_memory.floor.points_cam, expected.floor.points_cam)
+    assert_array_equal(from_memory.ceiling.points_cam, expected.ceiling.points_cam)
+
+
+def test_other_labels_from_memory_are_another_entry_of_the_cache(masked, tmp_path):
+    labels = np.stack([masked.files.labels(i) for i in range(len(masked))])
+    runtime = Runtime(2, tmp_path)
+    some = segment_scan(masked, UP, SMALL, runtime, ArrayBackEnd(labels))
+    none = segment_scan(masked, UP, SMALL, runtime, ArrayBackEnd(np.zeros_like(labels)))
+    assert some.has_floor
+    assert not none.has_floor
+    assert not none.has_walls
+
+
+def test_labels_that_do_not_fit_the_scan_are_refused(scan):
+    n = len(scan)
+    with pytest.raises(ScanError, match="0 to 5"):
+        ArrayBackEnd(np.full((n, 120, 160), 6, np.uint8))
+    with pytest.raises(ScanError, match="0 to 5"):
+        ArrayBackEnd(np.full((n, 120, 160), -1))
+    with pytest.raises(ScanError, match="each frame"):
+        segment_scan(scan, UP, SMALL, Runtime(1), ArrayBackEnd(np.ones((2, 120, 160), np.uint8)))
+    with pytest.raises(ScanError, match="160 x 120"):
+        segment_scan(scan, UP, SMALL, Runtime(1), ArrayBackEnd(np.ones((n, 60, 80), np.uint8)))

@@ -1,5 +1,6 @@
 """What the scan shows of the building: gravity, floor, walls, ceiling and columns."""
 
+from planfit.segmentation.back_ends import ArrayBackEnd as ArrayBackEnd
 from planfit.segmentation.back_ends import BackEnd as BackEnd
 from planfit.segmentation.gravity import Gravity as Gravity
 from planfit.segmentation.gravity import find_gravity as find_gravity

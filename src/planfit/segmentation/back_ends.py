@@ -1,11 +1,14 @@
 """What each pixel shows, from masks on disk, from geometry, or from a learned model: one protocol."""
 
+import hashlib
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float, Int, UInt8
 
+from planfit.errors import ScanError
 from planfit.runtime import Arrays, Runtime, cache_key
-from planfit.scan import Scan
+from planfit.scan import Label, Scan
 from planfit.segmentation.geometry_labels import (
     GeometryLabelOptions,
     label_by_geometry,
@@ -13,9 +16,9 @@ from planfit.segmentation.geometry_labels import (
 )
 from planfit.segmentation.storeys import StoreyOptions, storey_heights
 from planfit.segmentation.surfaces import find_surfaces
-from planfit.segmentation.visibility_map import Glance, Stretch, map_stretch
+from planfit.segmentation.visibility_map import FrameSample, Submap, build_submap
 
-GLANCE_WIDTH_PX = 40
+SAMPLE_WIDTH_PX = 40
 """About as many points of a row tell what a frame sees over what."""
 
 
@@ -28,8 +31,8 @@ class BackEnd(Protocol):
     identity: str
     """Changes when its labels do, for the same scan, gravity and options; caches are keyed by it."""
 
-    def labels(self, frame_idx: int, depth: np.ndarray) -> np.ndarray:
-        """Label image (h, w) uint8 of `Label`, the size of the frame's depth image (h, w) m."""
+    def labels(self, frame_idx: int, depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
+        """Label image of `Label`, the size of the frame's depth image (m)."""
         ...
 
 
@@ -42,9 +45,52 @@ class MaskBackEnd:
     def __init__(self, scan: Scan) -> None:
         self._files = scan.files
 
-    def labels(self, frame_idx: int, depth: np.ndarray) -> np.ndarray:  # noqa: ARG002
+    def labels(
+        self,
+        frame_idx: int,
+        depth: Float[np.ndarray, "h w"],  # noqa: ARG002
+    ) -> UInt8[np.ndarray, "h w"]:
         """As the scan's files have them."""
         return self._files.labels(frame_idx)
+
+
+class ArrayBackEnd:
+    """Labels of one's own, from memory."""
+
+    name = "masks"
+
+    def __init__(self, labels: Int[np.ndarray, "n h w"] | UInt8[np.ndarray, "n h w"]) -> None:
+        """Take the label images of all frames, numbers of `Label`, the size of the depth images.
+
+        Raises:
+            ScanError: they are no stack of images, or have numbers that are no labels.
+        """
+        if labels.ndim != 3:
+            raise ScanError(f"labels: expected label images (n, h, w), found shape {labels.shape}")
+        if labels.size and not (labels.min() >= 0 and labels.max() <= max(Label)):
+            raise ScanError(
+                f"labels: expected numbers 0 to {int(max(Label))} of Label, found "
+                f"{labels.min()} to {labels.max()}"
+            )
+        self._labels = labels.astype(np.uint8)
+        self.identity = f"labels {hashlib.sha256(self._labels.tobytes()).hexdigest()[:16]}"
+
+    def labels(self, frame_idx: int, depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
+        """As they were given.
+
+        Raises:
+            ScanError: there is no image of this frame, or its size is not that of the depth.
+        """
+        if frame_idx >= len(self._labels):
+            raise ScanError(
+                f"labels: expected a label image of each frame, found {len(self._labels)}"
+            )
+        if self._labels.shape[1:] != depth.shape:
+            raise ScanError(
+                f"labels: expected images of {depth.shape[1]} x {depth.shape[0]} as the depth has, found "
+                f"{self._labels.shape[2]} x {self._labels.shape[1]}"
+            )
+        return self._labels[frame_idx]
 
 
 class GeometryBackEnd:
@@ -56,46 +102,53 @@ class GeometryBackEnd:
     def __init__(
         self,
         scan: Scan,
-        upright_from_cams: np.ndarray,
-        stretches: list[Stretch],
+        upright_from_cams: Float[np.ndarray, "n 4 4"],
+        submaps: list[Submap],
         options: GeometryLabelOptions,
     ) -> None:
         self._cameras = scan.cameras
         self._upright_from_cams = upright_from_cams
-        self._stretches = stretches
+        self._submaps = submaps
         self._options = options
 
-    def labels(self, frame_idx: int, depth: np.ndarray) -> np.ndarray:
-        """From the frame's depth and its stretch of the scan."""
+    def labels(self, frame_idx: int, depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
+        """From the frame's depth and the submap that it is part of."""
         upright_from_cam = self._upright_from_cams[frame_idx]
         options = self._options
         surfaces = find_surfaces(
             depth, self._cameras[frame_idx], upright_from_cam, options.normal_radius_px
         )
-        stretch = self._stretches[frame_idx // options.stretch_frames]
-        labels = label_by_geometry(surfaces, upright_from_cam[:3, 3], stretch, options)
+        submap = self._submaps[frame_idx // options.submap_frames]
+        labels = label_by_geometry(surfaces, upright_from_cam[:3, 3], submap, options)
         return to_full_size(labels, surfaces.step_px, (depth.shape[0], depth.shape[1]))
 
 
 def geometry_back_end(
     scan: Scan,
-    upright_from_cams: np.ndarray,
+    upright_from_cams: Float[np.ndarray, "n 4 4"],
     options: GeometryLabelOptions,
     storeys: StoreyOptions,
     runtime: Runtime,
 ) -> GeometryBackEnd:
     """Look through the scan once, and make the back end that labels by what was seen.
 
-    Each stretch also looks at a quarter of the next ones, so that frames at its ends know as much.
-    What is kept of a stretch is a map of one bit a cell, a few kilobytes.
+    Each submap also takes a quarter of the frames of the next ones, so that frames at its ends know as much.
+    What is kept of it is one bit a cell, a few kilobytes.
+
+    Args:
+        scan: its depth is read.
+        upright_from_cams: poses in the world turned upright.
+        options: what counts as floor, wall and ceiling.
+        storeys: how a floor is told from a worktop.
+        runtime: threads, cache and progress.
     """
-    n, size = len(scan), options.stretch_frames
+    n, size = len(scan), options.submap_frames
 
     def one(k: int) -> Arrays:
         frames = range(max(0, k * size - size // 4), min(n, (k + 1) * size + size // 4))
-        glances = [_glance(scan, upright_from_cams, i, options) for i in frames]
+        samples = [_sample_frame(scan, upright_from_cams, i, options) for i in frames]
         tilt_sine = float(np.sin(np.deg2rad(options.max_tilt_deg)))
-        found = map_stretch(glances, tilt_sine, options.free_above_m, options.min_wall_rise_m)
+        found = build_submap(samples, tilt_sine, options.free_above_m, options.min_wall_rise_m)
         return {
             "low_xy": found.low_xy,
             "is_wall": found.is_wall,
@@ -105,13 +158,13 @@ def geometry_back_end(
         }
 
     key = cache_key(
-        "stretches", scan.fingerprint, scan.world_from_cams.tobytes(),
+        "submaps", scan.fingerprint, scan.world_from_cams.tobytes(),
         upright_from_cams.tobytes(), options,
     )  # fmt: skip
     items = runtime.map("what is seen over what", key, -(-n // size), one, chunk_size=1)
     floors = storey_heights(np.array([float(item["floor_m"]) for item in items]), storeys)
-    stretches = [
-        Stretch(
+    submaps = [
+        Submap(
             low_xy=item["low_xy"],
             is_wall=item["is_wall"],
             n_y=int(item["n_y"]),
@@ -120,20 +173,21 @@ def geometry_back_end(
         )
         for item, floor_m in zip(items, floors, strict=True)
     ]
-    return GeometryBackEnd(scan, upright_from_cams, stretches, options)
+    return GeometryBackEnd(scan, upright_from_cams, submaps, options)
 
 
-def _glance(
+def _sample_frame(
     scan: Scan, upright_from_cams: np.ndarray, i: int, options: GeometryLabelOptions
-) -> Glance:
+) -> FrameSample:
+    """Few points of frame i, in the world turned upright (n, 4, 4)."""
     centre = upright_from_cams[i, :3, 3]
     found = find_surfaces(
         scan.files.depth(i),
         scan.cameras[i],
         upright_from_cams[i],
         options.normal_radius_px,
-        GLANCE_WIDTH_PX,
+        SAMPLE_WIDTH_PX,
     )
     seen = np.isfinite(found.points[..., 2])
     points = found.points[seen] + centre.astype(np.float32)
-    return Glance(centre, points, found.normals[seen, 2])
+    return FrameSample(centre, points, found.normals[seen, 2])

@@ -6,14 +6,15 @@ The most common normal is where the search begins; walls, which are square to it
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import require_positive
 from planfit.runtime import Runtime, cache_key
 from planfit.scan import Scan
-from planfit.segmentation.normals import depth_normals
+from planfit.segmentation.surfaces import depth_normals
 
 _SOFT_DEG = 1.5
-"""Normals that are further off than this pull less and less."""
+"""Normals that are further off than this weigh less and less."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +36,10 @@ class GravityOptions:
 class Gravity:
     """The direction against gravity."""
 
-    up_world: np.ndarray  # (3,) unit
+    up_world: Float[np.ndarray, "3"]
+    """Unit."""
     confidence: float
-    """Share of upright-ish normals that agree with it; 1 where the format knows it."""
+    """Share of the normals near up that agree with it; 1 where the format knows it."""
     source: str
     """Where it comes from, in words."""
 
@@ -68,6 +70,7 @@ def find_gravity(scan: Scan, options: GravityOptions, runtime: Runtime) -> Gravi
 
 
 def _most_common(normals: np.ndarray, near: np.ndarray, options: GravityOptions) -> Gravity:
+    """The mode of normals (n, 3) within `max_tilt_deg` of `near` (3,), by votes, refined."""
     cosine = normals @ near
     # A ceiling's normal points down: antipodes count as one.
     upright = np.where((cosine < 0)[:, None], -normals, normals)
@@ -88,9 +91,9 @@ def _refined(
     With unit normals m of level surfaces and n of walls, the sum of squared sines is
     sum (n.u)^2 + sum (1 - (m.u)^2): a quadratic form, whose smallest eigenvector is up. Walls halve the
     error where little floor is seen. Weights fall with the angle, so that the clutter's slopes, which
-    are never as sharp a peak as the floor, pull little.
+    are never as sharp a peak as the floor, weigh little.
     """
-    for _ in range(8):
+    for _ in range(8):  # iteratively reweighted
         form = np.zeros((3, 3))
         for group, sign in ((upright, -1.0), (normals, 1.0)):
             cosine = np.clip(group @ up, -1.0, 1.0)

@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import UInt8
 
 from planfit.errors import OptionError
 from planfit.scan import Label
@@ -34,8 +35,8 @@ def label_of_name(name: str) -> Label:
     return Label.OTHER
 
 
-def label_table(id2label: Mapping[int, str], where: str) -> np.ndarray:
-    """Labels (n,) uint8 of `Label` by class number, 0 to the largest; numbers without name are NONE.
+def label_table(id2label: Mapping[int, str], where: str) -> UInt8[np.ndarray, " n"]:
+    """Labels of `Label` by class number, 0 to the largest; numbers without name are NONE.
 
     Raises:
         OptionError: no class is a floor or a wall; `where` names the model.

@@ -12,6 +12,7 @@ from threading import Lock
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float, Integer, UInt8
 
 from planfit.errors import OptionError, ScanError, require_positive
 from planfit.scan import Scan
@@ -19,7 +20,7 @@ from planfit.segmentation.onnx_model import OnnxModel
 from planfit.segmentation.transformers_model import TransformersModel
 
 _KEPT_BATCHES = 4
-"""Batches of label images in memory at a time: threads work on stretches of frames side by side."""
+"""Batches of label images in memory at a time: threads work on chunks of frames side by side."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,13 @@ class LearnedOptions:
 class Model(Protocol):
     """A segmentation model with its label set."""
 
-    table: np.ndarray
-    """(n_classes,) uint8 of `Label`, by class number."""
+    table: UInt8[np.ndarray, " n_classes"]
+    """Of `Label`, by class number."""
 
-    def classes(self, images: list[np.ndarray], sizes: list[tuple[int, int]]) -> list[np.ndarray]:
-        """Class numbers (h, w) int of RGB images (h', w', 3) uint8, at the sizes (h, w) asked for."""
+    def classes(
+        self, images: list[UInt8[np.ndarray, "_ _ 3"]], sizes: list[tuple[int, int]]
+    ) -> list[Integer[np.ndarray, "_ _"]]:
+        """Class numbers of RGB images, at the sizes (h, w) asked for."""
         ...
 
 
@@ -67,20 +70,20 @@ class LearnedBackEnd:
         self._lock = Lock()
         self.identity = f"learned {_fingerprint(options.model)}"
 
-    def labels(self, frame_idx: int, depth: np.ndarray) -> np.ndarray:
+    def labels(self, frame_idx: int, depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
         """As the model sees the colour image; NONE where its label set has no name.
 
         Raises:
             ScanError: the depth image is not as large as the frame's camera says.
         """
-        batch, place = divmod(frame_idx, self._batch_size)
+        batch, number = divmod(frame_idx, self._batch_size)
         with self._lock:  # one batch at a time: the model has all cores, or the GPU
             if batch not in self._batches:
                 self._batches[batch] = self._run(batch)
                 if len(self._batches) > _KEPT_BATCHES:
                     self._batches.popitem(last=False)
             self._batches.move_to_end(batch)
-            labels = self._batches[batch][place]
+            labels = self._batches[batch][number]
         if labels.shape != depth.shape:
             raise ScanError(
                 f"{self._scan.name}: frame {self._scan.frame_ids[frame_idx]}: expected a depth image "

@@ -11,6 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from jaxtyping import Integer, UInt8
 
 from planfit.errors import OptionError
 from planfit.segmentation.label_names import label_table
@@ -83,7 +84,9 @@ class OnnxModel:
         self._mean = np.array(settings.get("image_mean", _IMAGENET_MEAN), dtype=np.float32)
         self._std = np.array(settings.get("image_std", _IMAGENET_STD), dtype=np.float32)
 
-    def classes(self, images: list[np.ndarray], sizes: list[tuple[int, int]]) -> list[np.ndarray]:
+    def classes(
+        self, images: list[UInt8[np.ndarray, "_ _ 3"]], sizes: list[tuple[int, int]]
+    ) -> list[Integer[np.ndarray, "_ _"]]:
         """See `planfit.segmentation.learned.Model`."""
         pixels = np.stack([self._pixels(image) for image in images])
         n = self._fixed_batch or len(pixels)

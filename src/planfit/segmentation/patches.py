@@ -3,26 +3,27 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.errors import require_positive
 
 
 @dataclass(frozen=True)
 class PatchOptions:
-    """When wall points of a frame form one flat piece of wall."""
+    """When wall points of a frame form one flat patch of wall."""
 
     tolerance_m: float = 0.04
-    """Points within this, plus `tolerance_per_m` of their distance, lie on the piece."""
+    """Points within this, plus `tolerance_per_m` of their distance, lie on the patch."""
     tolerance_per_m: float = 0.004
     """Growth of the tolerance with distance from the camera."""
     min_points: int = 60
     """Fewer sampled points are clutter."""
     min_length_m: float = 0.5
-    """Shorter pieces say little about the direction of their wall."""
+    """Shorter patches say little about the direction of their wall."""
     max_per_frame: int = 8
-    """Pieces looked for in a frame, largest first."""
+    """Patches looked for in a frame, largest first."""
     rounds: int = 200
-    """Random pairs of points tried for each piece."""
+    """Random pairs of points tried for each patch."""
 
     def __post_init__(self) -> None:
         require_positive(
@@ -32,15 +33,20 @@ class PatchOptions:
 
 @dataclass(frozen=True)
 class Patch:
-    """A flat upright piece of wall in a frame turned level, seen from its origin."""
+    """A flat upright patch of wall in a frame turned level, seen from its origin."""
 
-    point_idx: np.ndarray  # (k,) into the points given
-    normal: np.ndarray  # (2,) unit, towards the camera
-    ends: np.ndarray  # (2, 2) m
+    point_idx: Int[np.ndarray, " k"]
+    """Into the points given."""
+    normal: Float[np.ndarray, "2"]
+    """Unit, towards the camera."""
+    ends: Float[np.ndarray, "2 2"]
+    """m."""
 
 
-def find_patches(xy: np.ndarray, options: PatchOptions, rng: np.random.Generator) -> list[Patch]:
-    """Sequential RANSAC for lines among wall points (n, 2) m seen from above, camera at the origin."""
+def find_patches(
+    xy: Float[np.ndarray, "n 2"], options: PatchOptions, rng: np.random.Generator
+) -> list[Patch]:
+    """Sequential RANSAC for lines among wall points (m) seen from above, camera at the origin."""
     patches: list[Patch] = []
     left = np.arange(len(xy))
     tolerance = options.tolerance_m + options.tolerance_per_m * np.linalg.norm(xy, axis=1)
@@ -58,14 +64,15 @@ def find_patches(xy: np.ndarray, options: PatchOptions, rng: np.random.Generator
 def _largest_line(
     xy: np.ndarray, tolerance: np.ndarray, options: PatchOptions, rng: np.random.Generator
 ) -> np.ndarray:
-    """Indices of the points on the best-supported line, refitted twice."""
+    """Indices (k,) of the points (n, 2) on the line that most lie on, refitted twice."""
     pairs = rng.integers(len(xy), size=(options.rounds, 2))
     along = xy[pairs[:, 1]] - xy[pairs[:, 0]]
     length = np.linalg.norm(along, axis=1)
     pairs, along = pairs[length > 0.2], along[length > 0.2] / length[length > 0.2, None]
     if len(pairs) == 0:
         return np.zeros(0, dtype=int)
-    normals = np.stack([-along[:, 1], along[:, 0]])  # (2, r)
+    # All lines against all points in one product: normals (2, r), distances (n, r).
+    normals = np.stack([-along[:, 1], along[:, 0]])
     offsets = np.sum(normals.T * xy[pairs[:, 0]], axis=1)
     is_near = np.abs(xy @ normals - offsets) < tolerance[:, None]
     on_line = is_near[:, np.argmax(is_near.sum(axis=0))]
@@ -76,18 +83,21 @@ def _largest_line(
 
 
 def _fit_line(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normal (2,) and centre (2,) of the line nearest to points (n, 2) by least squares."""
     centre = xy.mean(axis=0)
+    # Eigenvalues rise: the first vector is the direction of least scatter.
     _, vectors = np.linalg.eigh((xy - centre).T @ (xy - centre))
     return vectors[:, 0], centre
 
 
 def _make_patch(xy: np.ndarray, members: np.ndarray, options: PatchOptions) -> Patch | None:
-    """Cut the longest run without a gap of half a metre out of a line's members."""
+    """Cut the run of most points without a gap of half a metre out of a line's members (k,)."""
     normal, centre = _fit_line(xy[members])
     if normal @ centre > 0:
         normal = -normal
     along = np.array([-normal[1], normal[0]])
     at = (xy[members] - centre) @ along
+    # Sorted along the line, a gap is a large difference of neighbours; the points part there.
     order = np.argsort(at)
     breaks = np.flatnonzero(np.diff(at[order]) > 0.5) + 1
     run = max(np.split(order, breaks), key=len)

@@ -6,6 +6,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import OptionError, ScanError, require_positive
 from planfit.geometry import se3
@@ -16,9 +17,9 @@ from planfit.segmentation.back_ends import BackEnd, MaskBackEnd, geometry_back_e
 from planfit.segmentation.geometry_labels import GeometryLabelOptions
 from planfit.segmentation.gravity import Gravity, GravityOptions
 from planfit.segmentation.learned import LearnedBackEnd, LearnedOptions
-from planfit.segmentation.normals import depth_edges
 from planfit.segmentation.patches import PatchOptions, find_patches
 from planfit.segmentation.storeys import StoreyOptions, find_storeys
+from planfit.segmentation.surfaces import depth_edges
 from planfit.segmentation.types import LevelPoints, Structure, WallPatches
 
 
@@ -47,11 +48,11 @@ class SegmentationOptions:
     learned: LearnedOptions = field(default_factory=LearnedOptions)
     """The learned back end."""
     patches: PatchOptions = field(default_factory=PatchOptions)
-    """How wall points form flat pieces."""
+    """How wall points form flat patches."""
     columns: PatchOptions = field(
         default_factory=lambda: PatchOptions(min_points=30, min_length_m=0.15)
     )
-    """How points of columns form flat pieces: a column's side is short."""
+    """How points of columns form flat patches: a column's side is short."""
     storeys: StoreyOptions = field(default_factory=StoreyOptions)
     """How floors of several storeys are told apart."""
     seed: int = 0
@@ -71,8 +72,8 @@ class SegmentationOptions:
         return self.back_end in ("auto", "masks")
 
 
-def level_from_world(gravity: Gravity, floor_height_m: float) -> np.ndarray:
-    """Transform (4, 4) that turns up to +z and puts the floor at z = 0."""
+def level_from_world(gravity: Gravity, floor_height_m: float) -> Float[np.ndarray, "4 4"]:
+    """Transform that turns up to +z and puts the floor at z = 0."""
     up = np.array([0.0, 0.0, 1.0])
     turned = se3.make_transform(se3.rotation_between(gravity.up_world, up), np.zeros(3))
     if np.isfinite(floor_height_m):
@@ -81,17 +82,29 @@ def level_from_world(gravity: Gravity, floor_height_m: float) -> np.ndarray:
 
 
 def segment_scan(
-    scan: Scan, gravity: Gravity, options: SegmentationOptions, runtime: Runtime
+    scan: Scan,
+    gravity: Gravity,
+    options: SegmentationOptions,
+    runtime: Runtime,
+    back_end: BackEnd | None = None,
 ) -> Structure:
     """Floor points and wall patches of each frame; paper, Sec. III-B.
+
+    Args:
+        scan: its depth is read, and what the back end needs.
+        gravity: which way is up.
+        options: where labels come from, and how many points are kept.
+        runtime: threads, cache and progress.
+        back_end: labels the pixels, in the place of that of the options; `ArrayBackEnd` for labels of one's
+            own.
 
     Raises:
         ScanError: masks were asked for and the scan has none, or a file cannot be used.
         OptionError: the learned model cannot be had.
     """
-    back_end = choose_back_end(scan, gravity, options, runtime)
+    back_end = back_end or choose_back_end(scan, gravity, options, runtime)
     upright_from_cams = level_from_world(gravity, 0.0) @ scan.world_from_cams
-    compute = partial(_frame_structure, scan, upright_from_cams, options, back_end)
+    compute = partial(_segment_frame, scan, upright_from_cams, options, back_end)
     key = cache_key(
         "segmentation", scan.fingerprint, scan.world_from_cams.tobytes(), gravity.up_world, options,
         back_end.identity,
@@ -122,13 +135,15 @@ def choose_back_end(
     return geometry_back_end(scan, upright_from_cams, options.geometry, options.storeys, runtime)
 
 
-def _frame_structure(
+def _segment_frame(
     scan: Scan,
     upright_from_cams: np.ndarray,
     options: SegmentationOptions,
     back_end: BackEnd,
     i: int,
 ) -> Arrays:
+    """Points and patches of frame i by name, camera frame, as the cache keeps them."""
+    # By seed and frame: the result depends neither on the order of frames nor on the number of threads.
     rng = np.random.default_rng([options.seed, i])
     depth = scan.files.depth(i)
     camera, upright_from_cam = scan.cameras[i], upright_from_cams[i]
@@ -140,40 +155,45 @@ def _frame_structure(
         label: _sample(labels == label, usable, depth, camera, options, rng)
         for label in (Label.FLOOR, Label.WALL, Label.CEILING, Label.COLUMN)
     }
-    turn = upright_from_cam[:3, :3]
-    walls, loose = _pieces(sampled[Label.WALL], turn, options.patches, rng)
-    columns, _ = _pieces(sampled[Label.COLUMN], turn, options.columns, rng)
+    upright = upright_from_cam[:3, :3]
+    walls, unassigned = _split_patches(sampled[Label.WALL], upright, options.patches, rng)
+    columns, _ = _split_patches(sampled[Label.COLUMN], upright, options.columns, rng)
     return {
         "floor": sampled[Label.FLOOR],
         "ceiling": sampled[Label.CEILING],
-        "loose": loose,
+        "unassigned": unassigned,
         **{f"walls_{name}": values for name, values in walls.items()},
         **{f"columns_{name}": values for name, values in columns.items()},
     }
 
 
-def _pieces(
-    points: np.ndarray, turn: np.ndarray, options: PatchOptions, rng: np.random.Generator
+def _split_patches(
+    points: np.ndarray,
+    upright_from_cam: np.ndarray,
+    options: PatchOptions,
+    rng: np.random.Generator,
 ) -> tuple[Arrays, np.ndarray]:
-    """Flat upright pieces among points (n, 3) m of a frame, and the points (l, 3) on none.
+    """Flat upright patches among points (n, 3) m of a frame, and the points (u, 3) on none.
 
-    `turn` (3, 3) makes the frame level.
+    The rotation `upright_from_cam` (3, 3) makes the frame level.
     """
-    points_level = points @ turn.T
+    points_level = points @ upright_from_cam.T
     patches = find_patches(points_level[:, :2], options, rng)
     mean_z = [points_level[p.point_idx, 2].mean() for p in patches]
+    # reshape gives the arrays their shape where there are no patches, and no row tells it.
     normals = np.array([[*p.normal, 0.0] for p in patches]).reshape(-1, 3)
     ends = np.array(
         [[[*end, z] for end in p.ends] for p, z in zip(patches, mean_z, strict=True)]
     ).reshape(-1, 2, 3)
     kept = np.concatenate([p.point_idx for p in patches]) if patches else np.zeros(0, dtype=int)
-    pieces = {
+    # Rows v @ R are (R^T v)^T: back to the camera frame.
+    found = {
         "points": points[kept],
         "sizes": np.array([len(p.point_idx) for p in patches], dtype=int),
-        "normals": normals @ turn,
-        "ends": ends @ turn,
+        "normals": normals @ upright_from_cam,
+        "ends": ends @ upright_from_cam,
     }
-    return pieces, np.delete(points, kept, axis=0)
+    return found, np.delete(points, kept, axis=0)
 
 
 def _sample(
@@ -199,6 +219,7 @@ def _sample(
 def _gather(
     items: list[Arrays], upright_from_cams: np.ndarray, back_end: str, storeys: StoreyOptions
 ) -> Structure:
+    """What all frames show, with the storey that each stands on."""
     floor = _gather_level(items, "floor")
     # One transform a point would be 128 bytes a point; the height needs four numbers of it.
     of_frame = upright_from_cams[floor.frame_idx, 2]
@@ -207,13 +228,13 @@ def _gather(
     return Structure(
         floor=floor,
         floor_heights_m=above_main_m,
-        walls=_gather_pieces(items, "walls"),
-        unassigned_points_cam=np.concatenate([item["loose"] for item in items]),
+        walls=_gather_patches(items, "walls"),
+        unassigned_points_cam=np.concatenate([item["unassigned"] for item in items]),
         unassigned_frame_idx=np.repeat(
-            np.arange(len(items)), [len(item["loose"]) for item in items]
+            np.arange(len(items)), [len(item["unassigned"]) for item in items]
         ),
         ceiling=_gather_level(items, "ceiling"),
-        columns=_gather_pieces(items, "columns"),
+        columns=_gather_patches(items, "columns"),
         back_end=back_end,
         floor_height_m=main_m,
     )
@@ -224,7 +245,7 @@ def _gather_level(items: list[Arrays], name: str) -> LevelPoints:
     return LevelPoints(np.concatenate([item[name] for item in items]), start)
 
 
-def _gather_pieces(items: list[Arrays], name: str) -> WallPatches:
+def _gather_patches(items: list[Arrays], name: str) -> WallPatches:
     sizes = [item[f"{name}_sizes"] for item in items]
     return WallPatches(
         points_cam=np.concatenate([item[f"{name}_points"] for item in items]),

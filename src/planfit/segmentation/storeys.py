@@ -3,15 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.errors import require_positive, require_share
 
 _BIN_M = 0.1
 _MAX_WORKTOP_M = 1.2
-_SPREAD_M = 0.2
-"""Floors of one storey are this far about each other where poses drift a little."""
+_WITHIN_M = 0.2
+"""Floors of one storey lie within this of each other, up and down, where poses drift a little."""
 _STEP_M = 0.25
-"""The floor drifts by less than this from one stretch to the next."""
+"""The floor drifts by less than this from one submap to the next."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class StoreyOptions:
     """When floors at different heights are storeys of their own."""
 
     min_storey_m: float = 2.0
-    """Storeys are at least this far apart; a smaller spread of heights is drift, or steps within one."""
+    """Storeys are at least this far apart; a smaller range of heights is drift, or steps within one."""
     max_drift_m: float = 0.7
     """A frame belongs to a storey whose floor is within this of the floor that it sees."""
     min_share: float = 0.05
@@ -31,18 +32,17 @@ class StoreyOptions:
 
 
 def find_storeys(
-    height_m: np.ndarray, start: np.ndarray, options: StoreyOptions
-) -> tuple[float, np.ndarray]:
-    """Height of the main storey's floor, and that (n_frames,) of each frame's storey above it, m.
+    height_m: Float[np.ndarray, " m"], start: Int[np.ndarray, " n_plus_1"], options: StoreyOptions
+) -> tuple[float, Float[np.ndarray, " n"]]:
+    """Height of the main storey's floor, and that of each frame's storey above it, m.
 
     The paper fits one plane to all floor points, once. With up known only its height is free, and the
     median is the fit that wrong labels move least. Here it is fitted to each storey. The main one is
     that with most floor points. Without floor: NaN, and zeros.
 
     Args:
-        height_m: (m,) heights of floor points in the levelled world; frame i has
-            start[i]:start[i + 1].
-        start: (n_frames + 1,).
+        height_m: of floor points in the levelled world, sorted by frame.
+        start: frame i has the points start[i]:start[i + 1].
         options: see there.
     """
     n = len(start) - 1
@@ -54,10 +54,12 @@ def find_storeys(
     levels = _peaks(of_frame, options)
     if len(levels) < 2:
         return float(np.median(height_m)), np.zeros(n)
-    # A frame that sees no floor stands where the last one stood.
+    # A frame that sees no floor stands where the last one stood: interpolation between the frames that do,
+    # rounded down, is the last of them (the first, before it).
     known = np.interp(np.arange(n), seen, np.arange(len(seen))).astype(int)
     nearest = np.argmin(np.abs(of_frame[:, None] - levels), axis=1)
     is_on = np.abs(of_frame - levels[nearest]) < options.max_drift_m
+    # From frames to their points, to fit each storey's height to all points of its frames.
     point_level = np.full(n, -1)
     point_level[seen] = np.where(is_on, nearest, -1)
     per_point = np.repeat(point_level, counts)
@@ -67,12 +69,13 @@ def find_storeys(
     return float(fitted[main]), above[known]
 
 
-def storey_heights(floors_m: np.ndarray, options: StoreyOptions) -> np.ndarray:
-    """Floors (n,) m found in stretches of a scan, with those mended that are no floor; NaN for none.
+def storey_heights(
+    floors_m: Float[np.ndarray, " n"], options: StoreyOptions
+) -> Float[np.ndarray, " n"]:
+    """Floors (m) found in submaps of a scan, with those mended that are no floor; NaN for none.
 
-    A stretch that saw a worktop for the floor, or none, has the floor of the nearest stretch that knows it:
-    a worktop is up to 1.2 m over a floor that other stretches saw. Between storeys, on stairs, there is
-    none.
+    A submap that saw a worktop for the floor, or none, has the floor of the nearest submap that knows it:
+    a worktop is up to 1.2 m over a floor that other submaps saw. Between storeys, on stairs, there is none.
     """
     n = len(floors_m)
     is_known = np.zeros(n, dtype=bool)
@@ -80,13 +83,14 @@ def storey_heights(floors_m: np.ndarray, options: StoreyOptions) -> np.ndarray:
     above_m = -np.inf
     for floor_m in np.sort(floors_m[np.isfinite(floors_m)]):
         with np.errstate(invalid="ignore"):
-            alike = (floors_m >= floor_m) & (floors_m <= floor_m + 2 * _SPREAD_M)
+            alike = (floors_m >= floor_m) & (floors_m <= floor_m + 2 * _WITHIN_M)
         if floor_m >= above_m and alike.sum() >= least:
             is_known |= alike
             above_m = floor_m + options.min_storey_m
     if not is_known.any():
         return floors_m
-    # Heights drift over a long scan, but little from one stretch to the next.
+    # Heights drift over a long scan, but little from one submap to the next: what is known spreads to the
+    # end, then back to the start.
     for order in (range(1, n), range(n - 2, -1, -1)):
         for k in order:
             before = k - 1 if order.step > 0 else k + 1
@@ -107,6 +111,7 @@ def _peaks(of_frame: np.ndarray, options: StoreyOptions) -> np.ndarray:
     counts, _ = np.histogram(of_frame, edges)
     wide = np.convolve(counts, np.ones(7))[3:-3]
     centres = 0.5 * (edges[:-1] + edges[1:])
+    # The highest bin, then the highest at least a storey away (non-maximum suppression), and so on.
     peaks: list[float] = []
     while wide.max() >= max(options.min_share * len(of_frame), 1):
         k = int(np.argmax(wide))

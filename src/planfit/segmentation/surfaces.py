@@ -1,12 +1,14 @@
-"""One frame as points and normals turned upright, at a working size: what the geometry back end looks at."""
+"""Surfaces of a depth image: normals, edges, and a frame turned upright at a working size."""
 
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from jaxtyping import Bool, Float, Float32
 
+from planfit.errors import OptionError
 from planfit.geometry.camera import Camera
-from planfit.segmentation.normals import depth_normals
+from planfit.segmentation.kernels import measured_points, window_normals
 
 WORKING_WIDTH_PX = 320
 """Images are thinned to about this width: labels of twice as many pixels were no better, at four times the
@@ -17,34 +19,38 @@ FAR_M = 2.5
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Points and normals (h', w', 3) of a thinned depth image, z up, seen from the origin; NaN: none."""
+    """Points and normals of a thinned depth image, z up, seen from the origin; NaN where there is none."""
 
-    points: np.ndarray  # float32 m
-    normals: np.ndarray  # float32 unit, towards the camera
-    depth: np.ndarray  # (h', w') float32 m along the optical axis
+    points: Float32[np.ndarray, "h w 3"]
+    """m."""
+    normals: Float32[np.ndarray, "h w 3"]
+    """Unit, towards the camera."""
+    depth: Float[np.ndarray, "h w"]
+    """m along the optical axis."""
     step_px: int
     """One pixel of the depth image in this many, each way, was kept."""
 
 
 def find_surfaces(
-    depth: np.ndarray,
+    depth: Float[np.ndarray, "h w"],
     camera: Camera,
-    upright_from_cam: np.ndarray,
+    upright_from_cam: Float[np.ndarray, "4 4"],
     radius_px: int,
     width_px: int = WORKING_WIDTH_PX,
 ) -> Surfaces:
-    """Points and normals of a depth image (h, w) m, turned upright by `upright_from_cam` (4, 4).
+    """Points and normals of a depth image, turned upright by `upright_from_cam`.
 
     Args:
-        depth: m, NaN where there is no reading.
+        depth: m, NaN where none was measured.
         camera: of the depth image.
-        upright_from_cam: turns it upright.
+        upright_from_cam: its rotation is used.
         radius_px: half the baseline of a normal, in pixels of an image 320 px wide.
         width_px: about as many points are kept of a row; normals are as at the working size.
 
     Raises:
         OptionError: the window does not fit the image.
     """
+    # Every step-th pixel, from the middle of the first step on, so that the rest lies evenly at both ends.
     step = max(1, round(depth.shape[1] / WORKING_WIDTH_PX))
     thin = depth[step // 2 :: step, step // 2 :: step]
     x = ((np.arange(step // 2, depth.shape[1], step) - camera.cx) / camera.fx).astype(np.float32)
@@ -58,6 +64,42 @@ def find_surfaces(
         is_far = (thin[kept] > FAR_M) & np.isfinite(far[..., 2])
     np.copyto(near, far, where=is_far[..., None])
     # OpenCV's product: NumPy's takes five times as long for matrices this narrow.
-    turn = upright_from_cam[:3, :3].astype(np.float32)
-    points_upright = cv2.transform(np.ascontiguousarray(points[kept]), turn)
-    return Surfaces(points_upright, cv2.transform(near, turn), thin[kept], step * keep)
+    rotation = upright_from_cam[:3, :3].astype(np.float32)
+    points_upright = cv2.transform(np.ascontiguousarray(points[kept]), rotation)
+    return Surfaces(points_upright, cv2.transform(near, rotation), thin[kept], step * keep)
+
+
+def depth_normals(
+    points: Float[np.ndarray, "h w 3"], radius_px: int, step_px: int = 1, first_px: int = 0
+) -> Float32[np.ndarray, "h2 w2 3"]:
+    """Unit normals of lifted depth, towards the camera, at every `step_px`-th pixel each way.
+
+    Returns the shape of `points[first_px::step_px, first_px::step_px]`; NaN where unsure. Central
+    differences over `radius_px` of box-smoothed points: the noise of a normal falls with the baseline. A
+    window that is mostly hole, or over a border, gives NaN.
+
+    Raises:
+        OptionError: the window does not fit the image.
+    """
+    if 4 * radius_px > min(points.shape[:2]):
+        raise OptionError(
+            f"normal_radius_px: expected at most a quarter of the image "
+            f"({min(points.shape[:2])} px), found {radius_px}"
+        )
+    # Holes are left out of sum and count: OpenCV's running sums would carry one NaN across the image.
+    # A mean of points of a plane is on that plane, whichever of them are missing.
+    total = cv2.blur(measured_points(points), (radius_px, radius_px))
+    return window_normals(points, total, radius_px, step_px, first_px)
+
+
+def depth_edges(
+    depth: Float[np.ndarray, "h w"], step_share: float, step_m: float = 0.03
+) -> Bool[np.ndarray, "h w"]:
+    """Pixels within 2 px of a jump of depth (m), or of a hole.
+
+    A jump is more than `step_share` of the depth plus `step_m`.
+    """
+    filled = np.nan_to_num(depth, nan=1e3)  # a hole is a jump to a kilometre
+    window = np.ones((5, 5), np.uint8)
+    depth_range = cv2.dilate(filled, window) - cv2.erode(filled, window)  # maximum less minimum
+    return depth_range > step_share * filled + step_m

@@ -4,6 +4,7 @@ import importlib
 from typing import Any
 
 import numpy as np
+from jaxtyping import Integer, UInt8
 
 from planfit.errors import OptionError
 from planfit.learned_models import find_weights, first_line, load_model
@@ -50,7 +51,9 @@ class TransformersModel:
             weights, auto, "a segmentation model", "segmentation.learned.device", device, _NOT_SAVED
         )
 
-    def classes(self, images: list[np.ndarray], sizes: list[tuple[int, int]]) -> list[np.ndarray]:
+    def classes(
+        self, images: list[UInt8[np.ndarray, "_ _ 3"]], sizes: list[tuple[int, int]]
+    ) -> list[Integer[np.ndarray, "_ _"]]:
         """See `planfit.segmentation.learned.Model`."""
         if self._needs_task:
             inputs = self._processor(

@@ -1,47 +1,55 @@
-"""What the structure stage finds in a scan: points of level surfaces, and flat upright pieces."""
+"""What segmentation finds in a scan: points of level surfaces, and flat upright patches."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 
 @dataclass(frozen=True)
 class LevelPoints:
     """Points on level surfaces (floor, ceiling), in camera frames, sorted by frame."""
 
-    points_cam: np.ndarray  # (m, 3) m
-    start: np.ndarray  # (n_frames + 1,): points of frame i are start[i]:start[i + 1]
+    points_cam: Float[np.ndarray, "m 3"]
+    """m."""
+    start: Int[np.ndarray, " n_plus_1"]
+    """Points of frame i are start[i]:start[i + 1]."""
 
     def __len__(self) -> int:
         return len(self.points_cam)
 
     @property
-    def frame_idx(self) -> np.ndarray:
-        """(m,) frame of each point."""
+    def frame_idx(self) -> Int[np.ndarray, " m"]:
+        """Frame of each point."""
         return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
 
 
 @dataclass(frozen=True)
 class WallPatches:
-    """Flat upright pieces (of wall, of columns), in camera frames, sorted by frame."""
+    """Flat upright patches (of walls, of columns), in camera frames, sorted by frame."""
 
-    points_cam: np.ndarray  # (m, 3) m
-    start: np.ndarray  # (k + 1,): points of piece j are start[j]:start[j + 1]
-    frame_idx: np.ndarray  # (k,) frame of each piece
-    normals_cam: np.ndarray  # (k, 3) unit, level, towards the camera
-    ends_cam: np.ndarray  # (k, 2, 3) m, both ends of the piece at its mean height
+    points_cam: Float[np.ndarray, "m 3"]
+    """m."""
+    start: Int[np.ndarray, " k_plus_1"]
+    """Points of patch j are start[j]:start[j + 1]."""
+    frame_idx: Int[np.ndarray, " k"]
+    """Frame of each patch."""
+    normals_cam: Float[np.ndarray, "k 3"]
+    """Unit, level, towards the camera."""
+    ends_cam: Float[np.ndarray, "k 2 3"]
+    """m, both ends of the patch at its mean height."""
 
     def __len__(self) -> int:
         return len(self.frame_idx)
 
     @property
-    def point_frame_idx(self) -> np.ndarray:
-        """(m,) frame of each point."""
+    def point_frame_idx(self) -> Int[np.ndarray, " m"]:
+        """Frame of each point."""
         return np.repeat(self.frame_idx, np.diff(self.start))
 
 
 def no_wall_patches() -> WallPatches:
-    """Pieces of something that was not seen."""
+    """Patches of something that was not seen."""
     nowhere = np.zeros((0, 3))
     none = np.zeros(0, dtype=int)
     return WallPatches(nowhere, np.zeros(1, dtype=int), none, nowhere, np.zeros((0, 2, 3)))
@@ -58,13 +66,15 @@ class Structure:
 
     floor: LevelPoints
     """The paper's P_F."""
-    floor_heights_m: np.ndarray
-    """(n_frames,) height of the storey that a frame stands on, above the main one's floor; 0 for all where
-    there is one storey. NaN between storeys, on stairs: such floor points belong to no plane."""
+    floor_heights_m: Float[np.ndarray, " n"]
+    """Height of the storey that a frame stands on, above the main one's floor; 0 for all where there is one
+    storey. NaN between storeys, on stairs: such floor points belong to no plane."""
     walls: WallPatches
-    """With the loose points, the paper's P_W."""
-    unassigned_points_cam: np.ndarray  # (l, 3) m, wall points that lie on no flat piece
-    unassigned_frame_idx: np.ndarray  # (l,)
+    """With the unassigned points, the paper's P_W."""
+    unassigned_points_cam: Float[np.ndarray, "u 3"]
+    """m, wall points that lie on no flat patch."""
+    unassigned_frame_idx: Int[np.ndarray, " u"]
+    """Frame of each."""
     ceiling: LevelPoints
     columns: WallPatches
     back_end: str
@@ -79,10 +89,10 @@ class Structure:
 
     @property
     def has_walls(self) -> bool:
-        """Whether any flat piece of wall was seen."""
+        """Whether any flat patch of wall was seen."""
         return len(self.walls) > 0
 
     @property
     def n_wall_points(self) -> int:
-        """Wall points, on flat pieces and loose."""
+        """Wall points, on flat patches and unassigned."""
         return len(self.walls.points_cam) + len(self.unassigned_points_cam)

@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from threadpoolctl import threadpool_info
 
 from planfit.errors import OutputError
-from planfit.runtime import Runtime, blas_on_one_thread, cache_key
+from planfit.runtime import Runtime, StageTimer, blas_on_one_thread, cache_key
 
 
 class Counter:
@@ -290,3 +290,15 @@ def test_a_cache_that_cannot_be_made(tmp_path):
     (tmp_path / "cache").write_text("a file is in the way")
     with pytest.raises(OutputError, match="cannot be made"):
         Runtime(1, tmp_path / "cache").map("squares", "key", 3, Counter())
+
+
+def test_stages_are_timed_and_told_of():
+    told = []
+    timer = StageTimer(Runtime(1, on_progress=lambda *what: told.append(what)))
+    with timer.stage("rest"):
+        time.sleep(0.02)
+    with pytest.raises(ValueError, match="no"), timer.stage("fail"):
+        raise ValueError("no")
+    assert list(timer.seconds) == ["rest"]
+    assert 0.02 <= timer.seconds["rest"] < 5
+    assert told == [("rest", 0, 0), ("rest", 1, 0), ("fail", 0, 0)]

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from planfit.segmentation.storeys import StoreyOptions, storey_heights
-from planfit.segmentation.visibility_map import Glance, level_peaks, map_stretch
+from planfit.segmentation.visibility_map import FrameSample, build_submap, level_peaks
 
 
 def heights(rng, *parts):
@@ -28,43 +28,43 @@ def test_min_share_and_min_count(rng):
     assert len(level_peaks(np.zeros(0), 0.2)) == 0
 
 
-def level_glance(rng, *parts, camera_z=1.5):
+def level_sample(rng, *parts, camera_z=1.5):
     """Level surfaces at heights z with n points each, facing up below the camera and down above."""
     z = heights(rng, *parts)
     points = np.column_stack([rng.uniform(-2, 2, (len(z), 2)), z]).astype(np.float32)
-    return Glance(np.array([0, 0, camera_z]), points, np.where(z < camera_z, 1.0, -1.0))
+    return FrameSample(np.array([0, 0, camera_z]), points, np.where(z < camera_z, 1.0, -1.0))
 
 
-def mapped(*glances):
-    return map_stretch(list(glances), 0.26, 0.15, 0.4)
+def mapped(*samples):
+    return build_submap(list(samples), 0.26, 0.15, 0.4)
 
 
 def test_a_large_table_does_not_pass_for_the_floor(rng):
-    assert mapped(level_glance(rng, (0.0, 400), (0.75, 900))).floor_m == pytest.approx(0, abs=0.01)
+    assert mapped(level_sample(rng, (0.0, 400), (0.75, 900))).floor_m == pytest.approx(0, abs=0.01)
 
 
 def test_a_few_points_below_do_not_pass_for_the_floor(rng):
-    assert mapped(level_glance(rng, (-1.0, 50), (0.0, 900))).floor_m == pytest.approx(0, abs=0.01)
+    assert mapped(level_sample(rng, (-1.0, 50), (0.0, 900))).floor_m == pytest.approx(0, abs=0.01)
 
 
 def test_points_below_the_floor_leave_it_the_floor(rng):
-    floor, below = level_glance(rng, (0.0, 900)), level_glance(rng, (-0.6, 250))
+    floor, below = level_sample(rng, (0.0, 900)), level_sample(rng, (-0.6, 250))
     sideways = replace(below, normal_z=np.zeros(250, np.float32))
     assert mapped(floor, sideways).floor_m == pytest.approx(0.0, abs=0.01)
 
 
 def test_floor_of_the_storey_that_the_camera_is_on(rng):
-    found = mapped(level_glance(rng, (0.0, 900), (3.0, 900), camera_z=4.5))
+    found = mapped(level_sample(rng, (0.0, 900), (3.0, 900), camera_z=4.5))
     assert found.floor_m == pytest.approx(3.0, abs=0.01)
 
 
 def test_two_ceilings(rng):
-    found = mapped(level_glance(rng, (0.0, 500), (2.4, 900), (3.2, 400)))
+    found = mapped(level_sample(rng, (0.0, 500), (2.4, 900), (3.2, 400)))
     assert_allclose(found.ceilings_m, [2.4, 3.2], atol=0.01)
 
 
 def test_nothing_level():
-    found = mapped(Glance(np.zeros(3), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)))
+    found = mapped(FrameSample(np.zeros(3), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)))
     assert np.isnan(found.floor_m)
     assert len(found.ceilings_m) == 0
 
@@ -77,7 +77,7 @@ def upright(x, z_low, z_high):
 def test_what_is_seen_over_is_no_wall_and_what_is_behind_it_is():
     shelf, wall = upright(2.03, 0.0, 1.2), upright(3.03, 1.2, 2.4)
     points = np.concatenate([shelf, wall]).astype(np.float32)
-    found = mapped(Glance(np.array([0, 0, 1.5]), points, np.zeros(len(points), np.float32)))
+    found = mapped(FrameSample(np.array([0, 0, 1.5]), points, np.zeros(len(points), np.float32)))
     at = found.wall_at(np.array([[2.03, 0.0], [3.03, 0.0], [1.0, 0.0], [90.0, 0.0], [np.nan, 0.0]]))
     assert at.tolist() == [False, True, False, False, False]
 
@@ -91,7 +91,7 @@ def test_storeys_keep_their_floors_and_tables_and_gaps_get_them():
     assert np.isnan(found[5])
 
 
-def test_the_lower_of_two_heights_is_the_floor_though_most_stretches_see_the_worktop():
+def test_the_lower_of_two_heights_is_the_floor_though_most_submaps_see_the_worktop():
     floors = np.array([0.7, 0.71, 0.7, 0.0, 0.7, 0.7])
     assert_allclose(storey_heights(floors, StoreyOptions()), 0.0)
 

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import CAMERA
-from planfit.segmentation.normals import depth_edges, depth_normals
+from planfit.segmentation.surfaces import depth_edges, depth_normals
 
 
 def plane_depth(normal, distance_m=3.0):
@@ -49,9 +49,9 @@ def holed(rng):
 @pytest.mark.parametrize("radius", [3, 6])
 def test_normals_against_a_plain_computation(rng, radius):
     points = holed(rng)
-    is_reading = np.isfinite(points[..., 2])
-    share = cv2.blur(is_reading.astype(float), (radius, radius))[..., None]
-    total = cv2.blur(np.where(is_reading[..., None], points, 0.0), (radius, radius))
+    is_measured = np.isfinite(points[..., 2])
+    share = cv2.blur(is_measured.astype(float), (radius, radius))[..., None]
+    total = cv2.blur(np.where(is_measured[..., None], points, 0.0), (radius, radius))
     mean = total / np.where(share > 0.5 - 1e-9, share, np.nan)
     expected = np.full(points.shape, np.nan)
     r = slice(radius, -radius)
