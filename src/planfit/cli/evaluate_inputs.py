@@ -114,9 +114,9 @@ def read_poses(
 ) -> Compared:
     """Poses from a file, after, against those that the scan was recorded with, before.
 
-    The scan is read by `scan_options`. Poses in its own axes are placed on the plan as `planfit refine` would
-    place them, by the walls they make, and the recorded ones with them by the same motion. Poses in the plan
-    frame stay; the recorded ones are moved onto them by the rigid motion that fits best.
+    The scan is read by `scan_options`. Poses in its own axes are aligned with the plan as `planfit refine`
+    would do it, by the walls they make, and the recorded ones with them by the same motion. Poses in the
+    plan frame stay; the recorded ones are moved onto them by the rigid motion that fits best.
 
     Raises:
         ScanError: a file cannot be used, or frames have no pose.
@@ -147,7 +147,7 @@ def read_poses(
         claimed = claimed_alignment(scan, floorplan, level)
         if len(walls.xy) == 0:
             raise ScanError(
-                f"{scan_path}: expected walls to place the scan by, found none; give poses in the "
+                f"{scan_path}: expected walls to align the scan by, found none; give poses in the "
                 "plan's frame with --poses-frame plan"
             )
         alignment = align(walls, floorplan, options.align, claimed)

@@ -29,7 +29,7 @@ class InspectArguments:
     scan: tyro.conf.Positional[Path]
     """Folder of the scan, zip archive of one, or bag."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """PNG to write: the scan seen from above."""
+    """PNG to write: the scan from above."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
     scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
