@@ -37,8 +37,8 @@ def test_what_it_says(aligned: Path, small_scan: Path, capsys) -> None:
     assert run(["align", str(small_scan), plan, "-o", str(aligned)]) == 0
     said = capsys.readouterr().out
     assert "1 (taken)" in said
-    assert "margin over the next place" in said
-    assert "placed: look at" in said
+    assert "margin over the next hypothesis" in said
+    assert "aligned: look at" in said
 
 
 def test_another_candidate_or_a_bad_pin_is_one_line(
@@ -48,7 +48,7 @@ def test_another_candidate_or_a_bad_pin_is_one_line(
     arguments = ["align", str(small_scan), plan, "-o", str(aligned)]
     assert run([*arguments, "--candidate", "99"]) == 2
     assert "align.candidate: expected 1 to" in capsys.readouterr().err
-    assert run([*arguments, "--pin", "1,2=3"]) == 2
+    assert run([*arguments, "--control-points", "1,2=3"]) == 2
     (line,) = capsys.readouterr().err.splitlines()[-1:]
     assert "align.pins: expected x,y,z=u,v" in line
 

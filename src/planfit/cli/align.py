@@ -1,4 +1,4 @@
-"""`planfit align`: where on the plan a scan is, with a picture of each place that fits."""
+"""`planfit align`: where on the plan a scan is, with a picture of each alignment hypothesis."""
 
 import json
 import os
@@ -23,21 +23,21 @@ from planfit.scan import ScanOptions, read_scan
 
 @dataclass(frozen=True)
 class AlignArguments:
-    """Find the place of a scan on a floorplan: turn, shift and, where the plan has no unit, scale."""
+    """Align a scan with a floorplan: rotation, translation and, where the plan has no unit, scale."""
 
     scan: tyro.conf.Positional[Path]
     """Folder of the scan, zip archive of one, or bag."""
     plan: tyro.conf.Positional[Path]
     """Floorplan."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Folder for alignment.json and a picture of each place."""
+    """Folder for alignment.json and a picture of each hypothesis."""
     scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
         default_factory=ScanOptions
     )
     plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
     candidate: int = 1
-    """Which of the places found is taken, 1 the best."""
-    pin: tuple[str, ...] = ()
+    """Which of the alignment hypotheses is taken, 1 the best."""
+    control_points: tuple[str, ...] = ()
     """Known pairs "x,y,z=u,v": a point of the scan in its own axes (m) and the same point on the plan."""
     preset: str = "default"
     """Options to begin with: `default`, or `paper`, the published method to the letter."""
@@ -49,12 +49,12 @@ class AlignArguments:
 
 
 def align_command(arguments: AlignArguments) -> int:
-    """Read, place, draw, tell. Exit code 1 where the place is not sure."""
+    """Read, align, draw, report. Exit code 1 where the alignment is not sure."""
     options = arguments.options
     chosen = replace(
         options.align,
         candidate=arguments.candidate if arguments.candidate != 1 else options.align.candidate,
-        control_points=options.align.control_points + arguments.pin,
+        control_points=options.align.control_points + arguments.control_points,
     )
     options = replace(options, align=chosen)
     folder = _claim(arguments.out)
@@ -71,17 +71,17 @@ def align_command(arguments: AlignArguments) -> int:
 
 
 def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
-    """Everything about a place as plain values; lengths in metres, angles in degrees where it says so."""
+    """An alignment as plain values; lengths in metres, angles in radians, in degrees where it says so."""
     return {
         "plan": floorplan.name,
         "plan_is_metric": floorplan.is_metric,
         "plan_from_level": alignment.plan_from_level.tolist(),
         "metres_per_unit": alignment.metres_per_unit,
         "metres_per_unit_xy": list(alignment.scale_xy),
-        "metres_per_unit_spread_share": alignment.scale_sigma,
+        "metres_per_unit_sigma_share": alignment.scale_sigma,
         "score": alignment.score,
         "margin": alignment.margin,
-        "covariance_turn_x_y_log_scale": None
+        "covariance_yaw_x_y_log_scale": None
         if alignment.covariance is None
         else alignment.covariance.tolist(),
         "is_sure": alignment.is_sure,
@@ -89,13 +89,13 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
         "is_as_recorded": alignment.is_as_recorded,
         "candidates": [
             {
-                "turn_deg": float(np.rad2deg(fit.yaw)),
-                "plan_from_level": fit.plan_from_level.tolist(),
-                "metres_per_unit_xy": list(fit.scale_xy),
-                "score": fit.score,
-                "seen_through_faces_share": fit.crossed_share,
+                "yaw_deg": float(np.rad2deg(hypothesis.yaw)),
+                "plan_from_level": hypothesis.plan_from_level.tolist(),
+                "metres_per_unit_xy": list(hypothesis.scale_xy),
+                "score": hypothesis.score,
+                "occluded_share": hypothesis.crossed_share,
             }
-            for fit in alignment.candidates
+            for hypothesis in alignment.candidates
         ],
         "warnings": list(alignment.warnings),
     }
@@ -128,10 +128,12 @@ def _write(
     for old in folder.glob("candidate_*.png"):
         old.unlink()
     pictures = []
-    for i, fit in enumerate(alignment.candidates, start=1):
+    for i, hypothesis in enumerate(alignment.candidates, start=1):
         path = folder / f"candidate_{i}.png"
-        plan = floorplan if floorplan.is_metric else metric_plan(floorplan, fit.scale_xy)
-        _replace(path, draw_place(plan, walls, fit, _title(i, fit, floorplan.is_metric)))
+        plan = floorplan if floorplan.is_metric else metric_plan(floorplan, hypothesis.scale_xy)
+        _replace(
+            path, draw_place(plan, walls, hypothesis, _title(i, hypothesis, floorplan.is_metric))
+        )
         pictures.append(path)
     text = json.dumps(to_record(floorplan, alignment), indent=1)
     _replace(folder / "alignment.json", text.encode())
@@ -144,11 +146,11 @@ def _replace(path: Path, data: bytes) -> None:
     temporary.replace(path)
 
 
-def _title(number: int, fit: AlignmentHypothesis, is_metric: bool) -> str:
-    scale = "" if is_metric else f", {_scale(fit.scale_xy)}"
+def _title(number: int, hypothesis: AlignmentHypothesis, is_metric: bool) -> str:
+    scale = "" if is_metric else f", {_scale(hypothesis.scale_xy)}"
     return (
-        f"place {number}: {fit.score:.0%} of the scanned wall explained, turned by "
-        f"{np.rad2deg(fit.yaw):.1f}°{scale}"
+        f"hypothesis {number}: {hypothesis.score:.0%} of the scanned wall explained, yaw "
+        f"{np.rad2deg(hypothesis.yaw):.1f}°{scale}"
     )
 
 
@@ -159,29 +161,29 @@ def _scale(scale_xy: tuple[float, float]) -> str:
 
 
 def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> None:
-    """One screen: the place that was taken, the others, and what is doubtful."""
+    """One screen: the alignment that was taken, the other hypotheses, and the warnings."""
     rows = []
-    for i, fit in enumerate(alignment.candidates, start=1):
-        is_taken = np.allclose(fit.plan_from_level, alignment.plan_from_level)
-        x, y = fit.shift
+    for i, hypothesis in enumerate(alignment.candidates, start=1):
+        is_taken = np.allclose(hypothesis.plan_from_level, alignment.plan_from_level)
+        x, y = hypothesis.shift
         rows.append(
             [
                 f"{i}{' (taken)' if is_taken else ''}",
-                f"{fit.score:.0%}",
-                f"{np.rad2deg(fit.yaw):.2f} deg",
+                f"{hypothesis.score:.0%}",
+                f"{np.rad2deg(hypothesis.yaw):.2f} deg",
                 f"{x:.2f}, {y:.2f} m",
-                "as given" if floorplan.is_metric else _scale(fit.scale_xy),
+                "as given" if floorplan.is_metric else _scale(hypothesis.scale_xy),
             ]
         )
-    out.print(table("", ["place", "wall explained", "turn", "shift", "scale"], rows))
+    out.print(table("", ["hypothesis", "wall explained", "yaw", "translation", "scale"], rows))
     if not floorplan.is_metric and alignment.scale_sigma > 0:
         out.print(
             f"scale: {_scale(alignment.scale_xy)}, known within {alignment.scale_sigma:.2%} "
             "(one standard deviation)"
         )
-    out.print(f"margin over the next place: {100 * alignment.margin:.0f} percentage points")
+    out.print(f"margin over the next hypothesis: {100 * alignment.margin:.0f} percentage points")
     for warning in alignment.warnings:
         out.print(f"[yellow]note:[/] {warning}")
-    verdict = "placed" if alignment.is_sure else "[red]not sure[/]"
+    verdict = "aligned" if alignment.is_sure else "[red]not sure[/]"
     folder = pictures[0].parent if pictures else Path()
     out.print(f"{verdict}: look at {folder / 'candidate_1.png'}", soft_wrap=True)

@@ -93,8 +93,8 @@ def demo_command(arguments: DemoArguments) -> int:
     stages = [[name, f"{value:.1f} s"] for name, value in seconds.items() if value > 0.05]
     out.print()
     out.print(table("time per stage", ["", ""], stages))
-    for doubt in result.warnings:
-        out.print(f"[yellow]note:[/] {doubt}")
+    for warning in result.warnings:
+        out.print(f"[yellow]note:[/] {warning}")
     out.print(f"\n{time.perf_counter() - begin:.0f} s in all. Report: {run_folder / 'report.html'}")
     return 0 if result.is_better else 1
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.align import align, metric_plan
 from planfit.cli.config import options_of, scan_options_of
@@ -34,10 +35,10 @@ class Compared:
     floorplan: Floorplan | None
     """In metres."""
     structure: Structure
-    world: tuple[np.ndarray, np.ndarray]
-    """(n, 4, 4) before and after, in the scan's own axes."""
-    plan: tuple[np.ndarray, np.ndarray]
-    """(n, 4, 4) before and after, in the plan frame; without a plan, in the level frame."""
+    world: tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 4 4"]]
+    """Before and after, in the scan's own axes."""
+    plan: tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 4 4"]]
+    """Before and after, in the plan frame; without a plan, in the level frame."""
     notes: tuple[str, ...] = field(default=())
 
 
@@ -114,9 +115,9 @@ def read_poses(
 ) -> Compared:
     """Poses from a file, after, against those that the scan was recorded with, before.
 
-    The scan is read by `scan_options`. Poses in its own axes are placed on the plan as `planfit refine` would
-    place them, by the walls they make, and the recorded ones with them by the same motion. Poses in the plan
-    frame stay; the recorded ones are moved onto them by the rigid motion that fits best.
+    The scan is read by `scan_options`. Poses in its own axes are aligned with the plan as `planfit refine`
+    would do it, by the walls they make, and the recorded ones with them by the same motion. Poses in the
+    plan frame stay; the recorded ones are moved onto them by the rigid motion that fits best.
 
     Raises:
         ScanError: a file cannot be used, or frames have no pose.
@@ -147,7 +148,7 @@ def read_poses(
         claimed = claimed_alignment(scan, floorplan, level)
         if len(walls.xy) == 0:
             raise ScanError(
-                f"{scan_path}: expected walls to place the scan by, found none; give poses in the "
+                f"{scan_path}: expected walls to align the scan by, found none; give poses in the "
                 "plan's frame with --poses-frame plan"
             )
         alignment = align(walls, floorplan, options.align, claimed)
@@ -161,8 +162,8 @@ def read_poses(
 
 def _structure(
     scan: Scan, options: SegmentationOptions, runtime: Runtime
-) -> tuple[np.ndarray, Structure]:
-    """level_from_world (4, 4), and floor and walls: found once, by the recorded poses, for both."""
+) -> tuple[Float[np.ndarray, "4 4"], Structure]:
+    """level_from_world, and floor and walls: found once, by the recorded poses, for both."""
     gravity = find_gravity(scan, options.gravity, runtime)
     structure = segment_scan(scan, gravity, options, runtime)
     return level_from_world(gravity, structure.floor_height_m), structure
@@ -190,8 +191,8 @@ def _read_record(folder: Path) -> dict[str, Any]:
     return record if isinstance(record, dict) else {}
 
 
-def _poses_of(scan: Scan, path: Path, max_gap_s: float) -> np.ndarray:
-    """Poses (n, 4, 4) of all frames of a scan from a file."""
+def _poses_of(scan: Scan, path: Path, max_gap_s: float) -> Float[np.ndarray, "n 4 4"]:
+    """Poses of all frames of a scan from a file."""
     posed = take_poses(scan, path, max_gap_s)
     if len(posed) < len(scan):
         raise ScanError(

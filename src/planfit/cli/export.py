@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 import tyro
+from jaxtyping import Float
 
 from planfit.cli.config import scan_options_of
 from planfit.cli.console import StageBars, out, tell_scan
@@ -85,7 +86,11 @@ def export_command(arguments: ExportArguments) -> int:
 
 
 def _write_file(
-    arguments: ExportArguments, path: Path, scan: Scan, poses: np.ndarray, runtime: Runtime
+    arguments: ExportArguments,
+    path: Path,
+    scan: Scan,
+    poses: Float[np.ndarray, "n 4 4"],
+    runtime: Runtime,
 ) -> None:
     kind = arguments.to
     if kind == "tum":
@@ -104,8 +109,8 @@ def _write_file(
         write_ply(path, place_cloud(cloud, poses), cloud.colors)
 
 
-def _load(arguments: ExportArguments) -> tuple[Scan, np.ndarray]:
-    """The scan, and poses (n, 4, 4) in the axes asked for."""
+def _load(arguments: ExportArguments) -> tuple[Scan, Float[np.ndarray, "n 4 4"]]:
+    """The scan, and poses in the axes asked for."""
     record_path = arguments.source / "run.json"
     if not record_path.is_file():
         if arguments.frame == "plan":

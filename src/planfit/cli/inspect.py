@@ -7,6 +7,7 @@ from typing import Annotated
 
 import numpy as np
 import tyro
+from jaxtyping import Integer
 
 from planfit.cli.console import StageBars, out, table, tell_scan
 from planfit.errors import OutputError
@@ -29,7 +30,7 @@ class InspectArguments:
     scan: tyro.conf.Positional[Path]
     """Folder of the scan, zip archive of one, or bag."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """PNG to write: the scan seen from above."""
+    """PNG to write: the scan from above."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
     scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
@@ -112,7 +113,7 @@ def _times(scan: Scan, path: PathStatistics) -> str:
     return f"{last - first:.1f} s, usually {path.interval_s:.3g} s apart"
 
 
-def _places(scan: Scan, frames: np.ndarray) -> str:
+def _places(scan: Scan, frames: Integer[np.ndarray, " k"]) -> str:
     if len(frames) == 0:
         return "none"
     named = ", ".join(scan.frame_ids[i] for i in frames[:6])

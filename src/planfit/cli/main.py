@@ -21,7 +21,7 @@ EXIT_OK, EXIT_NOT_BETTER, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
 EXIT_CLOSED_PIPE = 141
 """128 + SIGPIPE: what a shell tells of other tools whose reader went away."""
 EXIT_CODES = (
-    "0 done; 1 done, but not better than before or not surely placed; 2 bad input; 130 stopped"
+    "0 done; 1 done, but not better than before or not surely aligned; 2 bad input; 130 stopped"
 )
 
 
@@ -66,8 +66,11 @@ COMMANDS = (
     Command(
         "align",
         "SCAN PLAN -o OUT",
-        "find the pose of a scan on a plan; a picture of each hypothesis that fits",
-        ("candidate", "pin", "unit", "scale", "storey", "mirror", "poses", "preset", "config", "workers"),
+        "align a scan with a plan; a picture of each hypothesis that fits",
+        (
+            "candidate", "control-points", "unit", "scale", "storey", "mirror", "poses", "preset", "config",
+            "workers",
+        ),
     ),
     Command(
         "inspect",

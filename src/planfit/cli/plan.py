@@ -7,6 +7,7 @@ from typing import Annotated
 
 import numpy as np
 import tyro
+from jaxtyping import Float
 
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import out, table
@@ -96,8 +97,8 @@ def summarise(floorplan: Floorplan) -> None:
         out.print(f"[yellow]note:[/] {warning}", soft_wrap=True)
 
 
-def _thicknesses(floorplan: Floorplan) -> np.ndarray:
-    """Thickness (3,) below which 5, 50 and 95 % of the length of faces is: behind the short end of a wall
+def _thicknesses(floorplan: Floorplan) -> Float[np.ndarray, " 3"]:
+    """Thickness below which 5, 50 and 95 % of the length of faces is: behind the short end of a wall
     is its whole length."""
     assert floorplan.thickness is not None
     known = np.isfinite(floorplan.thickness)

@@ -116,7 +116,7 @@ def refine_into(
 def summarise(
     folder: Path, scan: Scan, floorplan: Floorplan, result: RefineResult, seconds: float
 ) -> None:
-    """One screen: what changed, what is doubtful, where the rest is."""
+    """One screen: what changed, the warnings, where the rest is."""
     rows = []
     for check in result.checks:
         rows.append([check.name, *(_amount(v, check.unit) for v in (check.before, check.after))])
@@ -126,7 +126,7 @@ def summarise(
     matches, walls = result.matches, result.walls
     out.print(
         f"\n{len(scan)} frames, {matches.n_matches} matches in {len(matches.pairs)} pairs, "
-        f"{walls.association.n_associated} of {len(result.structure.walls)} pieces of wall on the "
+        f"{walls.association.n_associated} of {len(result.structure.walls)} wall patches on the "
         f"plan, labels from {result.structure.back_end}"
     )
     stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)
@@ -138,8 +138,8 @@ def summarise(
             f"{alignment.scale_sigma:.2%} (one standard deviation)"
         )
     tell_scan(scan)
-    for doubt in result.warnings:
-        out.print(f"[yellow]note:[/] {doubt}")
+    for warning in result.warnings:
+        out.print(f"[yellow]note:[/] {warning}")
     verdict = "refined" if result.is_better else "[red]not better than before[/]"
     out.print(f"{verdict}: {folder / 'report.html'}", soft_wrap=True)
     if not result.is_better:
