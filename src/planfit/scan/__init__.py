@@ -1,5 +1,6 @@
-"""Posed RGB-D scans: the data type, and one reader a format."""
+"""Posed RGB-D scans: the data type, one reader a format, and scans made of arrays."""
 
+from planfit.scan.arrays import scan_from_arrays as scan_from_arrays
 from planfit.scan.options import ScanOptions as ScanOptions
 from planfit.scan.poses import read_tum as read_tum
 from planfit.scan.poses import write_tum as write_tum
