@@ -1,4 +1,4 @@
-"""The FACaP reader: what it reads back, and what it says about each kind of damage."""
+"""The FACaP reader: what it reads back, and what it says about each kind of fault."""
 
 import shutil
 from pathlib import Path
@@ -36,8 +36,8 @@ def depth_mm_of(i):
 
 
 def pose_of(i):
-    turn = se3.exp_so3(np.array([0.1 * i, 0.7, -0.2]))
-    return se3.make_transform(turn, np.array([1.0 * i, 1.5, -2.0]))
+    rotation = se3.exp_so3(np.array([0.1 * i, 0.7, -0.2]))
+    return se3.make_transform(rotation, np.array([1.0 * i, 1.5, -2.0]))
 
 
 def mask_as_stored(mask):
@@ -224,9 +224,9 @@ def test_the_fingerprint_changes_with_the_files(folder):
 def test_four_decimals_of_a_pose_are_made_a_rotation(folder):
     text = "\n".join(" ".join(f"{v:.4f}" for v in row) for row in pose_of(1))
     (folder / "arcore" / "pose-0004.txt").write_text(text)
-    turn = read_scan(folder).world_from_cams[1, :3, :3]
-    assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
-    assert_allclose(turn, pose_of(1)[:3, :3], atol=1e-4)
+    rotation = read_scan(folder).world_from_cams[1, :3, :3]
+    assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
+    assert_allclose(rotation, pose_of(1)[:3, :3], atol=1e-4)
 
 
 # What is wrong with a scan, and what the message must name.
@@ -264,8 +264,8 @@ def test_more_depth_than_colour(folder):
 
 @pytest.mark.parametrize("name", ["arcore/frame-0004.png", "arcore/depth-0004.png",
                                   "segmentation/frame-0004_wall.png"])  # fmt: skip
-@pytest.mark.parametrize("damage", ["garbage", "truncated header", "empty", "a huge size"])
-def test_an_image_that_is_none(folder, name, damage):
+@pytest.mark.parametrize("fault", ["garbage", "truncated header", "empty", "a huge size"])
+def test_an_image_that_is_none(folder, name, fault):
     path = folder / name
     data = path.read_bytes()
     size = (200_000).to_bytes(4, "big")
@@ -275,7 +275,7 @@ def test_an_image_that_is_none(folder, name, damage):
             "truncated header": data[:20],
             "empty": b"",
             "a huge size": data[:16] + size + size + data[24:],
-        }[damage]
+        }[fault]
     )
     refused(folder, str(path))
 
