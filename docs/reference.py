@@ -22,7 +22,7 @@ from planfit.evaluate import EvaluateOptions
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.presets import PRESETS
 from planfit.scan import ScanOptions
-from planfit.scan.read import READERS
+from planfit.scan.formats import READERS
 from planfit.synth import SynthOptions
 
 DOCS = Path(__file__).parent
@@ -335,7 +335,7 @@ def scans_page() -> str:
     modules = {
         name: import_module(f"planfit.scan.formats.{module}") for name, module in READERS.items()
     }
-    lines += [f"| [{name}](#{name}) | {module.LOOKS_FOR} |" for name, module in modules.items()]
+    lines += [f"| [{name}](#{name}) | {module.EXPECTS} |" for name, module in modules.items()]
     for name, module in modules.items():
         lines += ["", f"## {name}", "", inspect.cleandoc(module.__doc__ or "")]
     return tidy(lines)

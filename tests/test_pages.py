@@ -16,6 +16,7 @@ import reference
 from planfit.cli.arguments import parse
 from planfit.floorplan import PlanOptions
 from planfit.scan import ScanOptions
+from planfit.scan.recording import scan_from_recording
 from planfit.scan.source import FolderSource
 from scan_samples import make_sample, matrix_text, png, put
 
@@ -140,7 +141,7 @@ def test_scan_reader_of_the_page_reads_and_writes(tmp_path: Path) -> None:
         put(tmp_path / "depth" / f"{i}.png", png(sample.depth_mm[i]))
     source = FolderSource(tmp_path)
     assert reader.recognise(source)
-    scan = reader.read(source, ScanOptions())
+    scan = scan_from_recording(reader.read(source, ScanOptions()), ScanOptions())
     assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
     depth = np.nan_to_num(scan.files.depth(2))
     assert_allclose(depth, sample.depth_mm[2] / 1000, atol=1e-6)

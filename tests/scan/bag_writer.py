@@ -81,8 +81,8 @@ class BagWriter:
 
     def transform(self, pose):
         vector = self.make("geometry_msgs/msg/Vector3", *pose[:3, 3])
-        turn = self.make("geometry_msgs/msg/Quaternion", *quaternion(pose))
-        return self.make("geometry_msgs/msg/Transform", vector, turn)
+        rotation = self.make("geometry_msgs/msg/Quaternion", *quaternion(pose))
+        return self.make("geometry_msgs/msg/Transform", vector, rotation)
 
     def tf(self, topic, time, parent, child, pose, kind=TF_KINDS[0]):
         item = self.make("geometry_msgs/msg/TransformStamped", self.header(time, parent), child,
@@ -91,8 +91,8 @@ class BagWriter:
 
     def pose(self, pose):
         point = self.make("geometry_msgs/msg/Point", *pose[:3, 3])
-        turn = self.make("geometry_msgs/msg/Quaternion", *quaternion(pose))
-        return self.make("geometry_msgs/msg/Pose", point, turn)
+        rotation = self.make("geometry_msgs/msg/Quaternion", *quaternion(pose))
+        return self.make("geometry_msgs/msg/Pose", point, rotation)
 
     def odometry(self, topic, time, frame, child, pose):
         zero = self.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
@@ -127,10 +127,10 @@ def write_images(bag, s, compressed=False):
 
 def write_tf(bag, s):
     """map <- odom <- base_link (moving) <- camera_link <- optical frame, as a RealSense on a robot has it."""
-    shift = np.eye(4)
-    shift[:3, 3] = (1.0, -2.0, 0.5)
+    origin = np.eye(4)
+    origin[:3, 3] = (1.0, -2.0, 0.5)
     bag.tf("/tf_static", s.times[0], BODY_FRAME, COLOR_FRAME, BODY_FROM_CAM)
     for i, time in enumerate(s.times):
-        odom_from_body = np.linalg.inv(shift) @ s.poses[i] @ np.linalg.inv(BODY_FROM_CAM)
-        bag.tf("/tf", time, "map", "odom", shift)
+        odom_from_body = np.linalg.inv(origin) @ s.poses[i] @ np.linalg.inv(BODY_FROM_CAM)
+        bag.tf("/tf", time, "map", "odom", origin)
         bag.tf("/tf", time, "odom", BODY_FRAME, odom_from_body)

@@ -11,8 +11,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from planfit.errors import ScanError
-from planfit.scan import ScanOptions, read_scan
-from planfit.scan.read import READERS
+from planfit.scan import ScanOptions, corrupt_frames, read_scan
+from planfit.scan.formats import READERS
 from scan_samples import (
     HEIGHT,
     WIDTH,
@@ -290,7 +290,7 @@ def test_depth_that_is_all_zero(sample, tmp_path):
     write_redwood(tmp_path, sample)
     for i in range(N):
         put(tmp_path / "depth" / f"{i:05d}.png", png(np.zeros_like(sample.depth_mm[0])))
-    refused(tmp_path, "expected depth, found no reading in any of the 6 frames")
+    refused(tmp_path, "expected depth, found no measurement in any of the 6 frames")
 
 
 @pytest.mark.parametrize(
@@ -334,12 +334,12 @@ def test_one_file_spoiled_inside_is_blank_counted_and_named(sample, tmp_path):
     spoil(path, data[:60] + bytes(len(data) - 80) + data[-20:])
     scan = read_scan(tmp_path)
     assert len(scan) == 120
-    assert scan.damage.reasons == {}
+    assert corrupt_frames(scan) == {}
     assert np.isnan(scan.files.depth(50)).all()
     assert scan.files.depth(50).shape == (96, 128)
     assert np.isfinite(scan.files.depth(51)).any()
-    assert list(scan.damage.reasons) == [50]
-    assert "frame-000050.depth.png" in scan.damage.reasons[50]
+    assert list(corrupt_frames(scan)) == ["000050"]
+    assert "frame-000050.depth.png" in corrupt_frames(scan)["000050"]
     color = tmp_path / "frame-000007.color.png"
     spoil(color, color.read_bytes()[:60] + bytes(5000) + color.read_bytes()[-20:])
     # Two of 120 are more than one in a hundred.

@@ -1,6 +1,7 @@
-"""The FACaP reader: what it reads back, and what it says about each kind of damage."""
+"""The FACaP reader: what it reads back, and what it says about each kind of fault."""
 
 import shutil
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,8 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan import Label, read_scan
-from planfit.scan.formats.facap import PLAN_FROM_WORLD, write_pose
+from planfit.scan import Label, ScanOptions, read_scan
+from planfit.scan.formats.facap import PLAN_FROM_WORLD
+from planfit.scan.poses import write_pose
 
 WIDTH, HEIGHT = 32, 20
 IDS = ("0003", "0004", "0010")
@@ -34,8 +36,8 @@ def depth_mm_of(i):
 
 
 def pose_of(i):
-    turn = se3.exp_so3(np.array([0.1 * i, 0.7, -0.2]))
-    return se3.make_transform(turn, np.array([1.0 * i, 1.5, -2.0]))
+    rotation = se3.exp_so3(np.array([0.1 * i, 0.7, -0.2]))
+    return se3.make_transform(rotation, np.array([1.0 * i, 1.5, -2.0]))
 
 
 def mask_as_stored(mask):
@@ -108,6 +110,40 @@ def test_floor_is_not_taken_from_the_wall_mask(folder):
     scan = read_scan(folder)
     for i in range(3):
         assert np.sum(scan.files.labels(i) == Label.FLOOR) == 5 * WIDTH
+
+
+def test_a_zipped_folder_reads_like_the_folder(folder, tmp_path):
+    np.save(folder / "floorplan.npy", np.zeros((1, 4)))
+    path = Path(shutil.make_archive(str(tmp_path / "zipped"), "zip", folder.parent, folder.name))
+    plain, zipped = read_scan(folder), read_scan(path)
+    assert zipped.format == "facap"
+    assert zipped.cameras == plain.cameras
+    assert_array_equal(zipped.world_from_cams, plain.world_from_cams)
+    for i in range(3):
+        assert_array_equal(zipped.files.depth(i), plain.files.depth(i))
+        assert_array_equal(zipped.files.labels(i), plain.files.labels(i))
+    assert zipped.floorplan_path is None  # a plan is read from a file of its own
+
+
+def test_images_can_be_made_smaller_with_their_masks(folder):
+    options = ScanOptions(image_size_px=WIDTH)
+    assert read_scan(folder, options=options).cameras == read_scan(folder).cameras
+    big = np.repeat(np.repeat(color_of(0), 2, axis=0), 2, axis=1)
+    for frame in IDS:
+        write_image(folder / "arcore" / f"frame-{frame}.png", big[..., ::-1])
+        depth = np.full((2 * HEIGHT, 2 * WIDTH), 2500, np.uint16)
+        write_image(folder / "arcore" / f"depth-{frame}.png", depth)
+        camera = f"{2 * WIDTH} {2 * HEIGHT} 61 62 31.5 19.5\n"
+        (folder / "arcore" / f"cam_params-{frame}.txt").write_text(camera)
+        for name in ("floor", "wall"):
+            path = folder / "segmentation" / f"frame-{frame}_{name}.png"
+            mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+            write_image(path, np.repeat(np.repeat(mask, 2, axis=0), 2, axis=1))
+    scan = read_scan(folder, options=options)
+    assert (scan.cameras[0].width, scan.cameras[0].height) == (WIDTH, HEIGHT)
+    labels = scan.files.labels(1)
+    assert np.all(labels[15:] == Label.FLOOR)
+    assert np.all(labels[5:15] == Label.WALL)
 
 
 def test_masks_can_be_left_unread(folder):
@@ -188,9 +224,9 @@ def test_the_fingerprint_changes_with_the_files(folder):
 def test_four_decimals_of_a_pose_are_made_a_rotation(folder):
     text = "\n".join(" ".join(f"{v:.4f}" for v in row) for row in pose_of(1))
     (folder / "arcore" / "pose-0004.txt").write_text(text)
-    turn = read_scan(folder).world_from_cams[1, :3, :3]
-    assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
-    assert_allclose(turn, pose_of(1)[:3, :3], atol=1e-4)
+    rotation = read_scan(folder).world_from_cams[1, :3, :3]
+    assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
+    assert_allclose(rotation, pose_of(1)[:3, :3], atol=1e-4)
 
 
 # What is wrong with a scan, and what the message must name.
@@ -228,8 +264,8 @@ def test_more_depth_than_colour(folder):
 
 @pytest.mark.parametrize("name", ["arcore/frame-0004.png", "arcore/depth-0004.png",
                                   "segmentation/frame-0004_wall.png"])  # fmt: skip
-@pytest.mark.parametrize("damage", ["garbage", "truncated header", "empty", "a huge size"])
-def test_an_image_that_is_none(folder, name, damage):
+@pytest.mark.parametrize("fault", ["garbage", "truncated header", "empty", "a huge size"])
+def test_an_image_that_is_none(folder, name, fault):
     path = folder / name
     data = path.read_bytes()
     size = (200_000).to_bytes(4, "big")
@@ -239,34 +275,41 @@ def test_an_image_that_is_none(folder, name, damage):
             "truncated header": data[:20],
             "empty": b"",
             "a huge size": data[:16] + size + size + data[24:],
-        }[damage]
+        }[fault]
     )
     refused(folder, str(path))
 
 
-def test_image_data_cut_off_is_told_when_the_frame_is_read(folder):
+@pytest.mark.parametrize("name", ["depth-0003.png", "frame-0003.png"])
+def test_an_image_cut_off_is_told_when_the_scan_is_read(folder, name):
     noise = np.random.default_rng(0).integers(1000, 5000, (HEIGHT, WIDTH)).astype(np.uint16)
-    for name, image in (("depth-0003.png", noise), ("frame-0003.png", (noise % 256).astype("u1"))):
-        write_image(folder / "arcore" / name, image)
-        data = (folder / "arcore" / name).read_bytes()
-        (folder / "arcore" / name).write_bytes(data[: len(data) // 2])
-    scan = read_scan(folder)
-    with pytest.raises(ScanError, match=r"depth-0003\.png"):
-        scan.files.depth(0)
-    with pytest.raises(ScanError, match=r"frame-0003\.png"):
-        scan.files.color(0)
+    path = folder / "arcore" / name
+    write_image(path, noise if "depth" in name else (noise % 256).astype("u1"))
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    refused(folder, name, "without an end")
 
 
-def test_a_jpeg_cut_off_is_told_when_the_frame_is_read(folder):
+def test_a_jpeg_cut_off_is_told_when_the_scan_is_read(folder):
     (folder / "arcore" / "frame-0003.png").unlink()
     shutil.rmtree(folder / "segmentation")
     path = folder / "arcore" / "frame-0003.jpg"
     write_image(path, np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3)).astype("u1"))
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * 0.8)])
+    refused(folder, "frame-0003.jpg", "without an end")
+
+
+@pytest.mark.parametrize("kind", ["depth", "frame"])
+def test_an_image_spoiled_inside_is_told_when_the_frame_is_read(folder, kind):
+    noise = np.random.default_rng(0).integers(1000, 5000, (HEIGHT, WIDTH)).astype(np.uint16)
+    path = folder / "arcore" / f"{kind}-0003.png"
+    write_image(path, noise if kind == "depth" else (noise % 256).astype("u1"))
+    data = path.read_bytes()
+    path.write_bytes(data[:60] + bytes(len(data) - 80) + data[-20:])
     scan = read_scan(folder)
-    with pytest.raises(ScanError, match=r"frame-0003\.jpg"):
-        scan.files.color(0)
+    with pytest.raises(ScanError, match=rf"{kind}-0003\.png"):
+        scan.files.depth(0) if kind == "depth" else scan.files.color(0)
 
 
 def test_an_image_that_vanished_is_told_by_name(folder):

@@ -71,8 +71,8 @@ def test_poses_go_back_in_the_formats_own_way(kind, sample, tmp_path):
     scan = read_scan(path)
     moved = sample.poses.copy()
     moved[:, :3, 3] += np.linspace(0.1, 0.4, N)[:, None] * [1.0, -2.0, 0.5]
-    turn = np.array([[0, 0, 1.0], [0, 1, 0], [-1, 0, 0]])
-    moved[:, :3, :3] = moved[:, :3, :3] @ turn
+    rotation = np.array([[0, 0, 1.0], [0, 1, 0], [-1, 0, 0]])
+    moved[:, :3, :3] = moved[:, :3, :3] @ rotation
     out = tmp_path / "out"
     out.mkdir()
     scan.files.write_poses(out, moved)

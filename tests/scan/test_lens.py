@@ -34,16 +34,16 @@ def rays_of_stored_pixels(lens):
         r = np.hypot(x, y)
         if lens.is_fisheye:
             angle, k = np.arctan(r), lens.distortion
-            spread = 1 + k[0] * angle**2 + k[1] * angle**4 + k[2] * angle**6 + k[3] * angle**8
-            xy = bent * (r / np.maximum(angle * spread, 1e-12))[:, None]
+            growth = 1 + k[0] * angle**2 + k[1] * angle**4 + k[2] * angle**6 + k[3] * angle**8
+            xy = bent * (r / np.maximum(angle * growth, 1e-12))[:, None]
             xy[r < 1e-9] = bent[r < 1e-9]
         else:
             k1, k2, p1, p2 = lens.distortion
-            shift = np.stack(
+            tangential = np.stack(
                 [2 * p1 * x * y + p2 * (r**2 + 2 * x**2), p1 * (r**2 + 2 * y**2) + 2 * p2 * x * y],
                 axis=1,
             )
-            xy = (bent - shift) / (1 + k1 * r**2 + k2 * r**4)[:, None]
+            xy = (bent - tangential) / (1 + k1 * r**2 + k2 * r**4)[:, None]
     return np.column_stack([xy, np.ones(len(xy))])
 
 

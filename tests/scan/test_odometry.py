@@ -1,4 +1,4 @@
-"""The spread of recorded motion: per step, and between frames far apart."""
+"""The sigmas of recorded motion: per step, and between frames far apart."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 
-def straight(n, step_m=0.5, turn=0.0):
-    step = se3.make_transform(se3.exp_so3(np.array([0, 0, turn])), np.array([step_m, 0, 0]))
+def straight(n, step_m=0.5, rotation=0.0):
+    step = se3.make_transform(se3.exp_so3(np.array([0, 0, rotation])), np.array([step_m, 0, 0]))
     poses = [np.eye(4)]
     for _ in range(n - 1):
         poses.append(poses[-1] @ step)
@@ -25,8 +25,8 @@ def test_steps_chain_to_the_recorded_poses(rng):
         assert_allclose(pose, poses[i + 1], atol=1e-9)
 
 
-def test_options_set_the_spread_of_a_step():
-    poses = straight(3, step_m=0.5, turn=np.deg2rad(10))
+def test_options_set_the_sigmas_of_a_step():
+    poses = straight(3, step_m=0.5, rotation=np.deg2rad(10))
     odometry = make_odometry(poses, OdometryOptions(0.01, 0.02, 0.1, 0.01))
     assert_allclose(odometry.sigma_translation, 0.01 + 0.02 * 0.5)
     assert_allclose(odometry.sigma_rotation, np.deg2rad(0.1 + 0.01 * 10))
@@ -40,27 +40,27 @@ def test_walked_is_the_length_of_the_path():
     assert_allclose(odometry.walked_m, [0, 0.5, 1, 1.5, 2])
 
 
-def test_spread_between_neighbours_is_that_of_the_step_and_a_little_swing():
+def test_sigma_between_neighbours_is_that_of_the_step_and_a_little_swing():
     odometry = make_odometry(straight(5), OdometryOptions())
-    turn, shift = odometry.sigma_between(np.array([1]), np.array([2]))
-    assert_allclose(turn, odometry.sigma_rotation[1])
+    rotation, translation = odometry.sigma_between(np.array([1]), np.array([2]))
+    assert_allclose(rotation, odometry.sigma_rotation[1])
     swing = odometry.sigma_rotation[1] * 0.5 / np.sqrt(3)
-    assert_allclose(shift, np.hypot(odometry.sigma_translation[1], swing))
+    assert_allclose(translation, np.hypot(odometry.sigma_translation[1], swing))
 
 
-def test_spread_grows_with_distance_and_does_not_depend_on_the_order():
+def test_sigma_grows_with_distance_and_does_not_depend_on_the_order():
     odometry = make_odometry(straight(50), OdometryOptions())
     last = np.arange(50)
-    turn, shift = odometry.sigma_between(np.zeros(50, dtype=int), last)
-    assert turn[0] == shift[0] == 0
-    assert np.all(np.diff(turn) > 0)
-    assert np.all(np.diff(shift) > 0)
-    back_turn, back_shift = odometry.sigma_between(last, np.zeros(50, dtype=int))
-    assert_allclose(back_turn, turn)
-    assert_allclose(back_shift, shift)
+    rotation, translation = odometry.sigma_between(np.zeros(50, dtype=int), last)
+    assert rotation[0] == translation[0] == 0
+    assert np.all(np.diff(rotation) > 0)
+    assert np.all(np.diff(translation) > 0)
+    back_rotation, back_translation = odometry.sigma_between(last, np.zeros(50, dtype=int))
+    assert_allclose(back_rotation, rotation)
+    assert_allclose(back_translation, translation)
 
 
-def test_spread_covers_simulated_drift(rng):
+def test_sigma_covers_simulated_drift(rng):
     n = 40
     poses = straight(n)
     options = OdometryOptions(0.02, 0.0, 0.3, 0.0)
@@ -73,11 +73,21 @@ def test_spread_covers_simulated_drift(rng):
             pose = pose @ step
         ends.append(pose)
     ends = np.stack(ends)
-    turn, shift = odometry.sigma_between(np.array([0]), np.array([n - 1]))
+    rotation, translation = odometry.sigma_between(np.array([0]), np.array([n - 1]))
     off = ends[:, :3, 3] - poses[-1, :3, 3]
-    assert np.sqrt(np.mean(off[:, 1:] ** 2)) == pytest.approx(shift[0], rel=0.15)
+    assert np.sqrt(np.mean(off[:, 1:] ** 2)) == pytest.approx(translation[0], rel=0.15)
     angle = se3.log_so3(ends[:, :3, :3])
-    assert np.sqrt(np.mean(angle**2)) == pytest.approx(turn[0], rel=0.15)
+    assert np.sqrt(np.mean(angle**2)) == pytest.approx(rotation[0], rel=0.15)
+
+
+def test_frames_may_be_one_or_a_table():
+    odometry = make_odometry(straight(6), OdometryOptions())
+    first, last = np.arange(6)[:, None], np.arange(6)[None, :]
+    rotation, translation = odometry.sigma_between(first, last)
+    one_rotation, one_translation = odometry.sigma_between(np.array(1), np.array(4))
+    assert rotation.shape == translation.shape == (6, 6)
+    assert one_rotation.shape == one_translation.shape == ()
+    assert (one_rotation, one_translation) == (rotation[1, 4], translation[1, 4])
 
 
 def test_one_frame_has_no_steps():

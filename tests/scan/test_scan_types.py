@@ -8,7 +8,16 @@ from builders import CAMERA, random_transforms
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan import Scan
-from planfit.scan.types import MAX_ROTATION_DEFECT, check_pose
+from planfit.scan.poses import MAX_ROTATION_DEFECT, check_pose
+
+
+class NoFiles:
+    """Nobody asks for images here."""
+
+    def color(self, frame_idx):
+        raise AssertionError("not asked for")
+
+    depth = labels = write_poses = color
 
 
 def made(poses, n=None, **changes):
@@ -19,7 +28,7 @@ def made(poses, n=None, **changes):
         "timestamps": np.arange(n, dtype=float),
         "cameras": (CAMERA,) * n,
         "world_from_cams": poses,
-        "files": None,
+        "files": NoFiles(),
     }
     return Scan(**(fields | changes))
 

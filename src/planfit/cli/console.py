@@ -6,7 +6,7 @@ from rich.console import Console as RichConsole
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from planfit.scan import Scan
+from planfit.scan import Scan, corrupt_frames
 
 _NAMED = 3
 """So many lines of a list are told in full."""
@@ -75,10 +75,8 @@ def tell_scan(scan: Scan) -> None:
     if scan.skipped:
         n = len(scan.skipped)
         _tell_list(f"{n} of {n + len(scan)} frames are left out", scan.skipped)
-    if scan.damage is not None and scan.damage.reasons:
-        reasons = [
-            f"frame {scan.frame_ids[i]}: {why}" for i, why in sorted(scan.damage.reasons.items())
-        ]
+    reasons = [f"frame {frame_id}: {why}" for frame_id, why in corrupt_frames(scan).items()]
+    if reasons:
         _tell_list(
             f"{len(reasons)} of {len(scan)} frames cannot be decoded and take no part", reasons
         )

@@ -10,8 +10,8 @@ from planfit.errors import OutputError
 from planfit.export.cloud import Cloud, place_cloud, write_ply
 from planfit.runtime import Runtime
 from planfit.scan import Scan
-from planfit.scan.axes import from_opengl
 from planfit.scan.formats.colmap_model import ColmapCamera, ColmapImage, write_model
+from planfit.scan.poses import from_opengl
 
 COLOR_FOLDER, DEPTH_FOLDER = "images", "depth"
 

@@ -11,7 +11,7 @@ from planfit.geometry import se3
 from planfit.pipeline import validation as checks
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import RefineResult
-from planfit.scan import Scan
+from planfit.scan import Scan, corrupt_frames
 
 
 def make_record(
@@ -31,9 +31,7 @@ def make_record(
         "scan_format": scan.format,
         "frames": len(scan),
         "frames_left_out": list(scan.skipped),
-        "frames_not_decoded": {}
-        if scan.damage is None
-        else {scan.frame_ids[i]: why for i, why in sorted(scan.damage.reasons.items())},
+        "frames_not_decoded": corrupt_frames(scan),
         "plan_faces": len(floorplan),
         "labels_from": result.structure.back_end,
         "up_world": result.gravity.up_world.tolist(),

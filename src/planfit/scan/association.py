@@ -1,21 +1,23 @@
-"""Which frames of two sequences with clocks of their own belong together."""
+"""Frames and poses of two sequences with clocks of their own, associated by time."""
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from planfit.geometry import se3
 
 
 def pair_times(
-    times: np.ndarray, other_times: np.ndarray, max_gap_s: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (k,) into both sequences of what belongs together, each at most once, in order of `times`.
+    times: Float[np.ndarray, " n"], other_times: Float[np.ndarray, " m"], max_gap_s: float
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Indices into both sequences of what belongs together, each at most once, in order of `times`.
 
     Nearest pairs are taken first, as the tool of the TUM benchmark does. Times in s, in any order.
     """
     order = np.argsort(other_times, kind="stable")
     other = other_times[order]
-    # Both neighbours and one more on each side: the nearest may be taken by a nearer partner.
+    # searchsorted gives the first that is not earlier: at -1 and 0 are its neighbours in time, and at -2
+    # and 1 one more on each side, since the nearest may be taken by a nearer partner.
     at = np.searchsorted(other, times)[:, None] + np.arange(-2, 2)
     valid = (at >= 0) & (at < len(other))
     gap = np.abs(other[np.clip(at, 0, len(other) - 1)] - times[:, None])
@@ -34,9 +36,12 @@ def pair_times(
 
 
 def poses_at(
-    times: np.ndarray, poses: np.ndarray, at: np.ndarray, max_gap_s: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Poses (k, 4, 4) at the times `at` (k,), and which of them are known (k,) bool.
+    times: Float[np.ndarray, " n"],
+    poses: Float[np.ndarray, "n 4 4"],
+    at: Float[np.ndarray, " k"],
+    max_gap_s: float,
+) -> tuple[Float[np.ndarray, "k 4 4"], Bool[np.ndarray, " k"]]:
+    """Poses at the times `at`, and which of them are known.
 
     A pose is known where one was recorded within `max_gap_s`. It is interpolated between its neighbours
     unless they are more than five times that apart: a tracker that runs at 100 Hz is off by up to 5 ms
@@ -52,12 +57,14 @@ def poses_at(
     is_between = (times[before] <= at) & (at <= times[after]) & (times[before] < times[after])
     is_between &= times[after] - times[before] <= 5 * max_gap_s
     total = np.where(is_between, times[after] - times[before], 1.0)
+    # How far on the way from the pose before (0) to that after (1); the nearer of both where that is too far.
     share = np.where(is_between, gap_before / total, np.where(gap_before < gap_after, 0.0, 1.0))
     result = np.repeat(np.eye(4)[None], len(at), axis=0)
-    turn = Rotation.from_matrix(
+    # Rotations between: R_before exp(share log(R_before^T R_after)), at constant angular velocity.
+    rotation = Rotation.from_matrix(
         np.swapaxes(poses[before, :3, :3], -1, -2) @ poses[after, :3, :3]
     ).as_rotvec()
-    result[:, :3, :3] = poses[before, :3, :3] @ se3.exp_so3(turn * share[:, None])
+    result[:, :3, :3] = poses[before, :3, :3] @ se3.exp_so3(rotation * share[:, None])
     result[:, :3, 3] = (1 - share[:, None]) * poses[before, :3, 3] + share[:, None] * poses[
         after, :3, 3
     ]

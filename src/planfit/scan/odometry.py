@@ -1,8 +1,9 @@
-"""How far the recorded motion between two frames may be off: the spread that all stages share."""
+"""Recorded motion between frames, and how far it may be off: the sigmas that all stages share."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.errors import require_positive
 from planfit.geometry import se3
@@ -10,19 +11,19 @@ from planfit.geometry import se3
 
 @dataclass(frozen=True)
 class OdometryOptions:
-    """Spread of the tracker's motion between two frames that follow each other.
+    """Sigma of the tracker's motion between two frames that follow each other.
 
     The defaults hold for phone and LiDAR-inertial trackers, which drift by one to three per cent.
     """
 
     sigma_base_m: float = 0.01
-    """Spread of a step's shift, each axis, however short the step."""
+    """Sigma of a step's translation, each axis, however short the step."""
     sigma_per_m: float = 0.02
-    """Growth of that spread with the length of the step."""
+    """Growth of that sigma with the length of the step."""
     sigma_base_deg: float = 0.10
-    """Spread of a step's turn, each axis, however small the turn."""
+    """Sigma of a step's rotation, each axis, however small the rotation."""
     sigma_per_deg: float = 0.01
-    """Growth of that spread with the turn."""
+    """Growth of that sigma with the angle of the rotation."""
 
     def __post_init__(self) -> None:
         require_positive(self, "sigma_base_m", "sigma_base_deg")
@@ -30,42 +31,53 @@ class OdometryOptions:
 
 @dataclass(frozen=True)
 class Odometry:
-    """Recorded steps, and how sure they are."""
+    """Recorded steps between the n frames, and how sure they are."""
 
-    cam_from_next: np.ndarray  # (n - 1, 4, 4), frame i from frame i + 1
-    sigma_rotation: np.ndarray  # (n - 1,) rad, each axis
-    sigma_translation: np.ndarray  # (n - 1,) m, each axis
+    cam_from_next: Float[np.ndarray, "s 4 4"]
+    """s = n - 1 steps: frame i from frame i + 1."""
+    sigma_rotation: Float[np.ndarray, " s"]
+    """rad, each axis."""
+    sigma_translation: Float[np.ndarray, " s"]
+    """m, each axis."""
 
-    def sigma_between(self, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Spread of turn (k,) rad and shift (k,) m, each axis, from frames `first` to `last` (k,).
+    def sigma_between(
+        self, first: Int[np.ndarray, "*#k"], last: Int[np.ndarray, "*#k"]
+    ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+        """Sigmas of rotation (rad) and translation (m), each axis, from frames `first` to frames `last`.
 
-        Steps err independently, so variances add up; a turn early on swings all that follows, which
-        the distance walked times the spread of the turn bounds.
+        The two are broadcast against each other.
+
+        Steps err independently, so variances add up; a rotation early on swings all that follows, which
+        the distance walked times the sigma of the rotation bounds.
         """
-        turn_sq = np.concatenate([[0.0], np.cumsum(self.sigma_rotation**2)])
-        shift_sq = np.concatenate([[0.0], np.cumsum(self.sigma_translation**2)])
+        # Sums from the first frame on: what lies between two frames is a difference of two of them.
+        rotation_sq = np.concatenate([[0.0], np.cumsum(self.sigma_rotation**2)])
+        translation_sq = np.concatenate([[0.0], np.cumsum(self.sigma_translation**2)])
         walked = self.walked_m
         low, high = np.minimum(first, last), np.maximum(first, last)
-        turn = np.sqrt(turn_sq[high] - turn_sq[low])
-        shift = np.sqrt(
-            shift_sq[high] - shift_sq[low] + (turn * (walked[high] - walked[low])) ** 2 / 3
-        )
-        return turn, shift
+        rotation = np.sqrt(rotation_sq[high] - rotation_sq[low])
+        swing = rotation * (walked[high] - walked[low])
+        # Rotation errors arise all along the path, so their lever is shorter than all of it: the mean
+        # square of a lever that is uniform over the path is a third of the path's square.
+        translation = np.sqrt(translation_sq[high] - translation_sq[low] + swing**2 / 3)
+        return np.asarray(rotation), np.asarray(translation)  # one frame's are no arrays yet
 
     @property
-    def walked_m(self) -> np.ndarray:
-        """(n,) m, path length from the first frame."""
+    def walked_m(self) -> Float[np.ndarray, " n"]:
+        """Path length from the first frame to each, m."""
         steps = np.linalg.norm(self.cam_from_next[:, :3, 3], axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def make_odometry(world_from_cams: np.ndarray, options: OdometryOptions) -> Odometry:
-    """Steps of a recorded trajectory (n, 4, 4)."""
+def make_odometry(
+    world_from_cams: Float[np.ndarray, "n 4 4"], options: OdometryOptions
+) -> Odometry:
+    """Steps of a recorded trajectory."""
     steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
-    turn = se3.rotation_angle(steps[:, :3, :3])
+    angle = se3.rotation_angle(steps[:, :3, :3])
     length = np.linalg.norm(steps[:, :3, 3], axis=1)
     return Odometry(
         cam_from_next=steps,
-        sigma_rotation=np.deg2rad(options.sigma_base_deg) + options.sigma_per_deg * turn,
+        sigma_rotation=np.deg2rad(options.sigma_base_deg) + options.sigma_per_deg * angle,
         sigma_translation=options.sigma_base_m + options.sigma_per_m * length,
     )

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import ScanError
 from planfit.scan.association import poses_at
+from planfit.scan.poses import check_pose, parse_tum
 from planfit.scan.tables import shorten
-from planfit.scan.trajectory import parse_tum
-from planfit.scan.types import Scan, check_pose
+from planfit.scan.types import Scan
 from planfit.scan.views import select_frames
 
 
@@ -20,10 +21,10 @@ class PoseTable:
 
     kind: str
     """`tum`, `kitti` or `log`."""
-    keys: np.ndarray
-    """(n,) times (TUM), numbers (log), or rows (KITTI)."""
-    poses: np.ndarray
-    """(n, 4, 4), target_from_cam, OpenCV camera axes."""
+    keys: Shaped[np.ndarray, " n"]
+    """Times (TUM), numbers (log), or rows (KITTI)."""
+    poses: Float[np.ndarray, "n 4 4"]
+    """target_from_cam, OpenCV camera axes."""
 
 
 def read_poses(path: Path) -> PoseTable:
@@ -56,9 +57,10 @@ def parse_poses(content: str, path: Path) -> PoseTable:
         return PoseTable("tum", *parse_tum(content, path))
     values = _numbers(rows, path)
     if lengths and set(lengths) == {12}:
-        poses = np.tile(np.eye(4), (len(rows), 1, 1))
+        poses = np.tile(np.eye(4), (len(rows), 1, 1))  # the last row is not in the file
         poses[:, :3] = np.array(values).reshape(-1, 3, 4)
         table = PoseTable("kitti", np.arange(len(rows)), poses)
+    # Blocks of five lines: the frame's numbers, then the rows of its pose.
     elif lengths and len(rows) % 5 == 0 and lengths == [3, 4, 4, 4, 4] * (len(rows) // 5):
         poses = np.array([values[i + 1 : i + 5] for i in range(0, len(rows), 5)])
         table = PoseTable("log", np.array([row[0] for row in values[::5]]), poses)
@@ -106,7 +108,8 @@ def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
 
 def _for_frames(
     scan: Scan, table: PoseTable, path: Path, max_gap_s: float
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[Float[np.ndarray, "n 4 4"], Bool[np.ndarray, " n"]]:
+    """A pose for each frame, and whether it is known."""
     if table.kind == "tum":
         return poses_at(table.keys, table.poses, scan.timestamps, max_gap_s)
     n = len(scan)
@@ -128,7 +131,8 @@ def _for_frames(
     return poses, known
 
 
-def _frame_numbers(scan: Scan) -> np.ndarray | None:
+def _frame_numbers(scan: Scan) -> Int[np.ndarray, " n"] | None:
+    """What frames are called, where all names are numbers."""
     if all(frame_id.isdigit() for frame_id in scan.frame_ids):
         return np.array([int(frame_id) for frame_id in scan.frame_ids])
     return None

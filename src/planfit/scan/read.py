@@ -1,4 +1,7 @@
-"""`read_scan`: from a path to a scan, whatever its format."""
+"""`read_scan`: from a path to a scan, whatever its format.
+
+path -> reader of its format -> Recording -> Scan -> poses of another tracker -> corrupt frames tolerated
+"""
 
 from dataclasses import replace
 from importlib import import_module
@@ -6,33 +9,20 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from planfit.errors import OptionError, ScanError
-from planfit.scan.depth_unit import check_depth_unit
+from planfit.scan.formats import READERS
 from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import take_poses
-from planfit.scan.source import Source, open_source
+from planfit.scan.recording import scan_from_recording
+from planfit.scan.source import FileSource, open_source
 from planfit.scan.types import Scan
-from planfit.scan.views import with_tolerance
+from planfit.scan.views import tolerate_corrupt_frames
 
-READERS = {
-    "facap": "facap",
-    "stray": "stray",
-    "record3d": "record3d",
-    "scanner-app": "scanner_app",
-    "polycam": "polycam",
-    "tum": "tum",
-    "7-scenes": "seven_scenes",
-    "scannet": "scannet",
-    "replica": "replica",
-    "redwood": "redwood",
-    "nerfstudio": "nerfstudio",
-    "colmap": "colmap",
-    "bag": "bag",
-}
-"""Module of this package that reads each format, in the order in which they are tried. Each has `LOOKS_FOR`,
-`recognise(source)` and `read(source, options)`, and `PARTS` where several files (or folders, with a slash)
-make the format. They are imported when they are asked for, and import the libraries of their own (video,
-bags) only when they read."""
+N_DEPTH_FRAMES = 9
+NEAR_M, FAR_M = 0.2, 20.0
+"""The middle of what a depth camera sees in a building lies between these."""
 
 
 def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | None = None) -> Scan:
@@ -51,11 +41,45 @@ def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | N
     options = replace(options, use_masks=use_masks and options.use_masks)
     _check_path(path)
     module, source = _reader(path, options.format)
-    scan = module.read(source, options)
+    scan = scan_from_recording(module.read(source, options), options)
     if options.poses is not None:
         scan = take_poses(scan, options.poses, options.max_time_gap_s)
-    scan = with_tolerance(scan)
+    scan = tolerate_corrupt_frames(scan)
     return replace(scan, warnings=(*scan.warnings, *check_depth_unit(scan)))
+
+
+def check_depth_unit(scan: Scan) -> list[str]:
+    """Warnings about the depth of a scan, from nine of its frames: nothing, or a unit that cannot be right.
+
+    Raises:
+        ScanError: nothing was measured in any of these frames.
+    """
+    medians = []
+    frames = np.unique(np.linspace(0, len(scan) - 1, N_DEPTH_FRAMES).astype(int))
+    n_read = 0
+    for i in frames:
+        try:
+            depth = scan.files.depth(int(i))
+        except ScanError:
+            continue  # told when a stage asks for the frame
+        n_read += 1
+        known = depth[np.isfinite(depth)]
+        if len(known):
+            medians.append(float(np.median(known)))
+    if not medians and n_read:
+        raise ScanError(
+            f"{scan.name}: expected depth, found no measurement in any of the {n_read} frames looked at; "
+            "export the scan again with depth"
+        )
+    if not medians:
+        return []
+    middle = float(np.median(medians))
+    if NEAR_M <= middle <= FAR_M:
+        return []
+    return [
+        f"half of the depth is below {middle:.3g} m, where {NEAR_M:g} to {FAR_M:g} m are usual in a "
+        "building: is it in another unit? Say which with --depth-scale (metres of one stored unit)"
+    ]
 
 
 def _check_path(path: Path) -> None:
@@ -85,13 +109,13 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
             return module, source
     if name != "auto":
         raise ScanError(
-            f"{path}: expected a scan of the format {name}: {modules[0].LOOKS_FOR}; found none"
+            f"{path}: expected a scan of the format {name}: {modules[0].EXPECTS}; found none"
             f"{_nearest(source, names, modules)}"
         )
     below = [n for n in source.folders() if n.startswith(("seq-", "room", "office", "scene"))][:3]
     hint = f" Is it one of the folders inside: {', '.join(below)}?" if below else ""
     looked = "; ".join(
-        f"{n}: {m.LOOKS_FOR}" for n, m in zip([*names, "bag"], [*modules, bag], strict=True)
+        f"{n}: {m.EXPECTS}" for n, m in zip([*names, "bag"], [*modules, bag], strict=True)
     )
     raise ScanError(
         f"{path}: expected a scan, found none{_nearest(source, names, modules)}; looked for {looked}; "
@@ -99,7 +123,7 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
     )
 
 
-def _nearest(source: Source, names: list[str], modules: list[ModuleType]) -> str:
+def _nearest(source: FileSource, names: list[str], modules: list[ModuleType]) -> str:
     """The format most of whose parts are there, and which are not; nothing where none is near."""
     found = []
     for name, module in zip(names, modules, strict=True):
@@ -114,7 +138,7 @@ def _nearest(source: Source, names: list[str], modules: list[ModuleType]) -> str
     return f" (nearest is {name}, but {', '.join(missing)} {verb} missing)"
 
 
-def _has(source: Source, part: str) -> bool:
+def _has(source: FileSource, part: str) -> bool:
     if part.endswith("/"):
         return part[:-1] in source.folders() or bool(source.names(part[:-1]))
     return source.exists(part)

@@ -19,7 +19,7 @@ HEAD_BYTES, TAIL_BYTES = 32_768, 4096
 
 
 @runtime_checkable
-class Source(Protocol):
+class FileSource(Protocol):
     """Files by name; names are relative, with forward slashes."""
 
     @property
@@ -67,22 +67,22 @@ class FolderSource:
     path: Path
 
     def names(self, folder: str = "") -> list[str]:
-        """See `Source`; broken and circular links are no files."""
+        """See `FileSource`; broken and circular links are no files."""
         inside = self.path / folder
         if not inside.is_dir():
             return []
         return sorted(item.name for item in inside.iterdir() if item.is_file())
 
     def folders(self) -> list[str]:
-        """See `Source`."""
+        """See `FileSource`."""
         return sorted(item.name for item in self.path.iterdir() if item.is_dir())
 
     def exists(self, name: str) -> bool:
-        """See `Source`."""
+        """See `FileSource`."""
         return (self.path / name).is_file()
 
     def read(self, name: str) -> bytes:
-        """See `Source`."""
+        """See `FileSource`."""
         path = self.path / name
         try:
             return path.read_bytes()
@@ -90,7 +90,7 @@ class FolderSource:
             raise ScanError(f"{path}: cannot be read ({error.strerror})") from error
 
     def ends(self, name: str) -> tuple[bytes, bytes]:
-        """See `Source`."""
+        """See `FileSource`."""
         path = self.path / name
         try:
             with path.open("rb") as file:
@@ -102,7 +102,7 @@ class FolderSource:
             raise ScanError(f"{path}: cannot be read ({error.strerror})") from error
 
     def stamp(self, name: str) -> str:
-        """See `Source`."""
+        """See `FileSource`."""
         status = (self.path / name).stat()
         return f"{status.st_size} {status.st_mtime_ns}"
 
@@ -141,19 +141,19 @@ class ZipSource:
         return ZipSource(path, archive)
 
     def names(self, folder: str = "") -> list[str]:
-        """See `Source`."""
+        """See `FileSource`."""
         return self._by_folder.get(folder.strip("/"), [])
 
     def folders(self) -> list[str]:
-        """See `Source`."""
+        """See `FileSource`."""
         return sorted({name.split("/")[0] for name in self._entries if "/" in name})
 
     def exists(self, name: str) -> bool:
-        """See `Source`."""
+        """See `FileSource`."""
         return name in self._entries
 
     def read(self, name: str) -> bytes:
-        """See `Source`."""
+        """See `FileSource`."""
         entry = self._entries.get(name)
         if entry is None:
             raise ScanError(f"{self.path}: expected {name} in the archive, found none")
@@ -172,12 +172,12 @@ class ZipSource:
             raise ScanError(f"{self.path}: {name} in the archive is damaged ({error})") from error
 
     def ends(self, name: str) -> tuple[bytes, bytes]:
-        """See `Source`."""
+        """See `FileSource`."""
         data = self.read(name)
         return data[:HEAD_BYTES], data[-TAIL_BYTES:]
 
     def stamp(self, name: str) -> str:
-        """See `Source`."""
+        """See `FileSource`."""
         entry = self._entries[name]
         return f"{entry.file_size} {entry.CRC}"
 
@@ -202,7 +202,7 @@ class ZipSource:
         return found
 
 
-def open_source(path: Path) -> Source:
+def open_source(path: Path) -> FileSource:
     """The files at a path.
 
     Raises:
@@ -215,7 +215,7 @@ def open_source(path: Path) -> Source:
     raise ScanError(f"{path}: expected the folder of a scan or a zip archive of one, found a file")
 
 
-def read_text(source: Source, name: str) -> str:
+def read_text(source: FileSource, name: str) -> str:
     """A text file.
 
     Raises:
@@ -230,7 +230,7 @@ def read_text(source: Source, name: str) -> str:
         ) from error
 
 
-def fingerprint(source: Source, names: Iterable[str], *parts: object) -> str:
+def fingerprint(source: FileSource, names: Iterable[str], *parts: object) -> str:
     """Changes when any of the files (names, sizes, times) or of the other `parts` does."""
     digest = hashlib.sha256(repr(parts).encode())
     for name in names:

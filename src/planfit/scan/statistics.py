@@ -1,8 +1,9 @@
-"""What a scan is like, in figures: sizes, depth, path, gaps, jumps."""
+"""Statistics of a scan: depth, path, gaps, jumps."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.geometry import se3
 from planfit.runtime import Runtime, cache_key
@@ -19,38 +20,38 @@ MANY = 5.0
 
 @dataclass(frozen=True)
 class DepthStatistics:
-    """Depth of some frames spread over the scan."""
+    """Depth of some frames from all over the scan."""
 
-    frame_idx: np.ndarray
-    """(k,) frames looked at."""
+    frame_idx: Int[np.ndarray, " k"]
+    """Frames looked at."""
     near_m: float
-    """A hundredth of the readings is nearer."""
+    """A hundredth of the measurements is nearer."""
     median_m: float
     far_m: float
-    """A hundredth of the readings is farther."""
+    """A hundredth of the measurements is farther."""
     coverage: float
-    """Share of pixels with a reading."""
+    """Share of pixels with a measurement."""
     n_empty: int
     """Frames without any."""
-    points_world: np.ndarray
-    """(m, 3) m, a sample of the points seen, world axes."""
+    points_world: Float[np.ndarray, "m 3"]
+    """m, a sample of the points seen, world axes."""
 
 
 @dataclass(frozen=True)
 class PathStatistics:
-    """The way of the camera."""
+    """The path of the camera."""
 
     length_m: float
-    extent_m: np.ndarray
-    """(3,) size of the box around the camera's places, world axes."""
+    extent_m: Float[np.ndarray, "3"]
+    """Size of the box around the camera's positions, world axes."""
     step_m: float
     """Median distance between frames."""
     interval_s: float
     """Median time between frames; NaN for one frame."""
-    gaps: np.ndarray
-    """(g,) frames after which the recording stops for more than five usual intervals."""
-    jumps: np.ndarray
-    """(j,) frames after which the camera is elsewhere at once: over half a metre or 60 degrees, and over five
+    gaps: Int[np.ndarray, " g"]
+    """Frames after which the recording stops for more than five usual intervals."""
+    jumps: Int[np.ndarray, " j"]
+    """Frames after which the camera is elsewhere at once: over half a metre or 60 degrees, and over five
     usual steps, without a gap in time that explains it."""
 
 
@@ -58,13 +59,14 @@ def depth_statistics(scan: Scan, runtime: Runtime) -> DepthStatistics:
     """Read the depth of up to sixty frames.
 
     Raises:
-        ScanError: one of them cannot be read, and the scan stands no damage.
+        ScanError: one of them cannot be read, and too many others were corrupt, too.
     """
     frames = np.unique(np.linspace(0, len(scan) - 1, MAX_FRAMES).astype(int))
 
     def one_frame(item: int) -> dict[str, np.ndarray]:
         i = int(frames[item])
         depth = scan.files.depth(i)
+        # A grid of about so many pixels: every step-th column of every step-th row, away from the border.
         step = max(1, int(np.sqrt(depth.size / POINTS_PER_FRAME)))
         rows, columns = np.mgrid[
             step // 2 : depth.shape[0] : step, step // 2 : depth.shape[1] : step
@@ -76,7 +78,7 @@ def depth_statistics(scan: Scan, runtime: Runtime) -> DepthStatistics:
         share = np.array(np.isfinite(depth).mean())
         return {"points": points.astype(np.float32), "depth": at[known], "share": share}
 
-    items = runtime.map("depth", cache_key(scan.fingerprint, "facts"), len(frames), one_frame)
+    items = runtime.map("depth", cache_key(scan.fingerprint, "statistics"), len(frames), one_frame)
     depths = np.concatenate([item["depth"] for item in items])
     shares = np.array([float(item["share"]) for item in items])
     quantiles = np.percentile(depths, [1, 50, 99]) if len(depths) else np.full(3, np.nan)
@@ -94,23 +96,23 @@ def depth_statistics(scan: Scan, runtime: Runtime) -> DepthStatistics:
 
 def path_statistics(scan: Scan) -> PathStatistics:
     """The recorded poses alone."""
-    places = scan.world_from_cams[:, :3, 3]
+    centres = scan.world_from_cams[:, :3, 3]
     steps = se3.inverse(scan.world_from_cams[:-1]) @ scan.world_from_cams[1:]
-    shift_m = np.linalg.norm(steps[:, :3, 3], axis=1)
-    turn_deg = np.rad2deg(se3.rotation_angle(steps[:, :3, :3]))
+    step_m = np.linalg.norm(steps[:, :3, 3], axis=1)
+    rotation_deg = np.rad2deg(se3.rotation_angle(steps[:, :3, :3]))
     interval = np.diff(scan.timestamps)
     if len(interval) == 0:
         none = np.zeros(0, dtype=int)
         return PathStatistics(0.0, np.zeros(3), 0.0, np.nan, none, none)
-    usual_s, usual_m = float(np.median(interval)), float(np.median(shift_m))
+    usual_s, usual_m = float(np.median(interval)), float(np.median(step_m))
     is_gap = interval > MANY * max(usual_s, 1e-9)
-    is_far = (shift_m > JUMP_M) & (shift_m > MANY * usual_m)
-    is_turned = (turn_deg > JUMP_DEG) & (turn_deg > MANY * float(np.median(turn_deg)))
+    is_far = (step_m > JUMP_M) & (step_m > MANY * usual_m)
+    is_rotated = (rotation_deg > JUMP_DEG) & (rotation_deg > MANY * float(np.median(rotation_deg)))
     return PathStatistics(
-        float(shift_m.sum()),
-        np.ptp(places, axis=0),
+        float(step_m.sum()),
+        np.ptp(centres, axis=0),
         usual_m,
         usual_s,
         np.flatnonzero(is_gap),
-        np.flatnonzero((is_far | is_turned) & ~is_gap),
+        np.flatnonzero((is_far | is_rotated) & ~is_gap),
     )

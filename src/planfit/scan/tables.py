@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import ScanError
-from planfit.scan.source import Source, read_text
+from planfit.scan.source import FileSource, read_text
 
 MAX_QUOTED = 80
 
@@ -19,7 +20,7 @@ def shorten(found: object) -> str:
 
 
 def read_rows(
-    source: Source, name: str, expected: str, separator: str | None = None
+    source: FileSource, name: str, expected: str, separator: str | None = None
 ) -> list[list[str]]:
     """Words of each line; comments begin with `#`, empty lines are left out.
 
@@ -37,8 +38,8 @@ def read_rows(
 
 
 def read_matrix(
-    source: Source, name: str, expected: str, separator: str | None = None
-) -> np.ndarray:
+    source: FileSource, name: str, expected: str, separator: str | None = None
+) -> Float[np.ndarray, "rows columns"]:
     """A table of numbers, all rows of one length; NaN and infinity are let through.
 
     Raises:
@@ -59,7 +60,7 @@ def read_matrix(
         ) from error
 
 
-def read_json(source: Source, name: str) -> dict[str, Any]:
+def read_json(source: FileSource, name: str) -> dict[str, Any]:
     """A JSON object.
 
     Raises:
@@ -83,7 +84,7 @@ def parse_json(text: str, path: Path) -> dict[str, Any]:
     return value
 
 
-def number_list(value: Any, count: int, where: str) -> np.ndarray:
+def number_list(value: object, count: int, where: str) -> Float[np.ndarray, " count"]:
     """`count` numbers out of JSON, flattened.
 
     Raises:

@@ -6,22 +6,16 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.scan.corrupt_frames import CorruptFrames
+from planfit.scan.poses import check_pose
 
 MAX_STEP_M = 20.0
 """Half of the steps between frames are shorter: nobody scans a building at strides of 20 m, but poses in
 millimetres look like it."""
-
-MAX_ENTRY = 1e9
-"""Nothing is further from an origin, not even in millimetres around the Earth's axis."""
-
-MAX_ROTATION_DEFECT = 0.02
-"""Largest entry of R^T R - I that is taken for rounding. Recorded poses with four decimals are off
-by 1e-4; a matrix that is off by more than this was not a rotation when it was written."""
 
 
 class Label(IntEnum):
@@ -39,24 +33,27 @@ class Label(IntEnum):
 class ScanFiles(Protocol):
     """The images behind a scan, read one frame at a time, and its own way of writing poses."""
 
-    def color(self, frame_idx: int) -> np.ndarray:
-        """Colour image (h, w, 3) uint8, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
         ...
 
-    def depth(self, frame_idx: int) -> np.ndarray:
-        """Depth (h, w) float32 m along the optical axis, NaN where there is no reading."""
+    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
+        """Depth, float32 m along the optical axis, NaN where nothing was measured."""
         ...
 
-    def labels(self, frame_idx: int) -> np.ndarray:
-        """Label image (h, w) uint8 of `Label`; only where `Scan.has_labels`."""
+    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
+        """Label image of `Label`; only where `Scan.has_labels`."""
         ...
 
     def write_poses(
-        self, directory: Path, world_from_cams: np.ndarray, frame_idx: np.ndarray | None = None
+        self,
+        directory: Path,
+        world_from_cams: Float[np.ndarray, "n 4 4"],
+        frame_idx: Int[np.ndarray, " n"] | None = None,
     ) -> None:
-        """Write poses (n, 4, 4) into an existing folder, in the format the scan came in.
+        """Write poses into an existing folder, in the format the scan came in.
 
-        `frame_idx` (n,) tells the frames that they belong to; without it, all in order.
+        `frame_idx` tells the frames that they belong to; without it, all in order.
         """
         ...
 
@@ -65,26 +62,27 @@ class ScanFiles(Protocol):
 class Scan:
     """Posed RGB-D frames, in the order they were recorded.
 
-    Poses that are rotations up to rounding are made exact; others raise `ScanError`.
+    Poses that are rotations up to rounding are made exact; others raise `ScanError`, as do arrays of
+    another shape (so the types below leave the shapes of times and poses to the check).
     """
 
     name: str
     """Where it was read from, for messages."""
     frame_ids: tuple[str, ...]
     """What the format calls each frame."""
-    timestamps: np.ndarray
+    timestamps: Float[np.ndarray, "..."]
     """(n,) s, or the frame number where the format has no time."""
     cameras: tuple[Camera, ...]
     """Intrinsics of each frame, shared by colour and depth."""
-    world_from_cams: np.ndarray
+    world_from_cams: Float[np.ndarray, "..."]
     """(n, 4, 4) poses as recorded; OpenCV camera axes."""
     files: ScanFiles
     has_labels: bool = False
     """Whether `files.labels` gives what each pixel shows."""
-    up_world: np.ndarray | None = None
-    """(3,) unit vector against gravity, where the format knows it."""
-    plan_from_world_axes: np.ndarray | None = None
-    """(4, 4) turn between world and plan axes, for layouts that record poses in the plan's axes."""
+    up_world: Float[np.ndarray, "3"] | None = None
+    """Unit vector against gravity, where the format knows it."""
+    plan_from_world_axes: Float[np.ndarray, "4 4"] | None = None
+    """Rotation between world and plan axes, for layouts that record poses in the plan's axes."""
     floorplan_path: Path | None = None
     """The plan that lies inside the layout, if there is one."""
     fingerprint: str = ""
@@ -96,8 +94,6 @@ class Scan:
     """Frames of the recording that are left out, and why, one line each."""
     warnings: tuple[str, ...] = ()
     """What to look at before trusting the scan."""
-    damage: CorruptFrames | None = None
-    """Frames that could not be decoded, noted as they are read."""
 
     def __post_init__(self) -> None:
         n = len(self.frame_ids)
@@ -131,36 +127,10 @@ class Scan:
     def __len__(self) -> int:
         return len(self.frame_ids)
 
-    def _checked_poses(self) -> np.ndarray:
+    def _checked_poses(self) -> Float[np.ndarray, "n 4 4"]:
         poses = np.array(self.world_from_cams, dtype=float)
         for frame_id, pose in zip(self.frame_ids, poses, strict=True):
             check_pose(pose, f"{self.name}: frame {frame_id}")
         poses[:, :3, :3] = se3.project_to_so3(poses[:, :3, :3])
         poses[:, 3] = (0.0, 0.0, 0.0, 1.0)
         return poses
-
-
-def check_pose(pose: np.ndarray, where: str) -> None:
-    """Raise `ScanError`, beginning with `where`, unless `pose` is a rigid 4x4 transform up to rounding."""
-    if pose.shape != (4, 4):
-        raise ScanError(f"{where}: expected a 4x4 pose matrix, found shape {pose.shape}")
-    if not (np.isfinite(pose).all() and np.abs(pose).max() < MAX_ENTRY):
-        raise ScanError(
-            f"{where}: expected finite numbers in the pose, found NaN, infinity or beyond "
-            f"{MAX_ENTRY:g}; "
-            "remove the frame or repair the tracker's output"
-        )
-    rotation = pose[:3, :3]
-    defect = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-    if defect > MAX_ROTATION_DEFECT:
-        raise ScanError(
-            f"{where}: expected a rotation in the pose, found a matrix off by {defect:.3g} "
-            f"(at most {MAX_ROTATION_DEFECT}); check for scaled or transposed poses"
-        )
-    if np.linalg.det(rotation) < 0:
-        raise ScanError(
-            f"{where}: expected a right-handed pose, found a mirrored one (determinant -1); "
-            "check the axes that the poses were exported with"
-        )
-    if np.abs(pose[3] - (0, 0, 0, 1)).max() > 1e-6:
-        raise ScanError(f"{where}: expected the last row 0 0 0 1, found {pose[3].tolist()}")

@@ -1,101 +1,146 @@
-"""Files of a scan seen through something: damage that is stood, and a choice of frames."""
+"""Scans seen through something: corrupt frames left blank, and a choice of frames."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
+from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
-from planfit.scan.corrupt_frames import CorruptFrames
 from planfit.scan.types import Scan, ScanFiles
 
-
-def with_tolerance(scan: Scan) -> Scan:
-    """The scan, a hundredth of whose frames may turn out to be damaged when they are read."""
-    damage = CorruptFrames(len(scan))
-    return replace(scan, files=TolerantFiles(scan.files, scan.cameras, damage), damage=damage)
+MAX_CORRUPT_SHARE = 0.01
+"""A file system or a transfer spoils single frames; where more than one in a hundred are corrupt, something
+is wrong with the scan as a whole."""
 
 
-def select_frames(scan: Scan, frame_idx: np.ndarray, world_from_cams: np.ndarray) -> Scan:
-    """Some frames (k,) of a scan, in this order, with poses (k, 4, 4) of their own."""
+def tolerate_corrupt_frames(scan: Scan) -> Scan:
+    """The scan, a hundredth of whose frames may turn out to be corrupt when they are decoded."""
+    max_corrupt = int(MAX_CORRUPT_SHARE * len(scan))
+    return replace(scan, files=TolerantFiles(scan.files, scan.cameras, max_corrupt))
+
+
+def corrupt_frames(scan: Scan) -> dict[str, str]:
+    """Frames that could not be decoded since the scan was read, and why: by their ids, in order.
+
+    Frames are decoded when a stage asks for them, so ask after the work.
+    """
+    return {scan.frame_ids[i]: why for i, why in sorted(_corrupt(scan.files).items())}
+
+
+def select_frames(
+    scan: Scan, frame_idx: Int[np.ndarray, " k"], world_from_cams: Float[np.ndarray, "k 4 4"]
+) -> Scan:
+    """Some frames of a scan, in this order, with poses of their own."""
     return replace(
         scan,
         frame_ids=tuple(scan.frame_ids[i] for i in frame_idx),
         timestamps=scan.timestamps[frame_idx],
         cameras=tuple(scan.cameras[i] for i in frame_idx),
         world_from_cams=world_from_cams,
-        files=ChosenFiles(scan.files, frame_idx),
+        files=SelectedFiles(scan.files, frame_idx),
     )
 
 
 @dataclass(frozen=True)
-class ChosenFiles:
+class SelectedFiles:
     """Some frames of a scan's files."""
 
     files: ScanFiles
-    chosen: np.ndarray  # (k,) int
+    selected: Int[np.ndarray, " k"]
 
-    def color(self, frame_idx: int) -> np.ndarray:
-        """Colour image (h, w, 3) uint8, RGB."""
-        return self.files.color(int(self.chosen[frame_idx]))
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
+        return self.files.color(int(self.selected[frame_idx]))
 
-    def depth(self, frame_idx: int) -> np.ndarray:
-        """Depth (h, w) float32 m, NaN where there is no reading."""
-        return self.files.depth(int(self.chosen[frame_idx]))
+    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
+        """Depth, float32 m, NaN where nothing was measured."""
+        return self.files.depth(int(self.selected[frame_idx]))
 
-    def labels(self, frame_idx: int) -> np.ndarray:
-        """Labels (h, w) uint8."""
-        return self.files.labels(int(self.chosen[frame_idx]))
+    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
+        """Label image of `Label`."""
+        return self.files.labels(int(self.selected[frame_idx]))
 
     def write_poses(
-        self, directory: Path, world_from_cams: np.ndarray, frame_idx: np.ndarray | None = None
+        self,
+        directory: Path,
+        world_from_cams: Float[np.ndarray, "n 4 4"],
+        frame_idx: Int[np.ndarray, " n"] | None = None,
     ) -> None:
         """As the format has it."""
-        frames = self.chosen if frame_idx is None else self.chosen[frame_idx]
+        frames = self.selected if frame_idx is None else self.selected[frame_idx]
         self.files.write_poses(directory, world_from_cams, frames)
 
 
-@dataclass(frozen=True)
 class TolerantFiles:
-    """Images of which a few may be damaged: such a frame is black, without depth and without labels.
+    """Images of which a few may be corrupt: such a frame is black, without depth and without labels.
 
-    It then has no keypoints and no points, takes no part, and its pose moves with its neighbours.
+    It then has no keypoints and no points, takes no part, and its pose moves with its neighbours. Safe to
+    use from several threads.
     """
 
-    files: ScanFiles
-    cameras: tuple[Camera, ...]
-    damage: CorruptFrames
+    def __init__(self, files: ScanFiles, cameras: tuple[Camera, ...], max_corrupt: int) -> None:
+        """Stand up to `max_corrupt` frames; the next one raises its own `ScanError`."""
+        self.files = files
+        self._cameras = cameras
+        self._max_corrupt = max_corrupt
+        self._reasons: dict[int, str] = {}
+        self._lock = Lock()
 
-    def color(self, frame_idx: int) -> np.ndarray:
-        """Colour image (h, w, 3) uint8, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
         try:
             return self.files.color(frame_idx)
         except ScanError as error:
-            self.damage.add(frame_idx, error)
+            self._note(frame_idx, error)
         return np.zeros((*self._shape(frame_idx), 3), dtype=np.uint8)
 
-    def depth(self, frame_idx: int) -> np.ndarray:
-        """Depth (h, w) float32 m, NaN where there is no reading."""
+    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
+        """Depth, float32 m, NaN where nothing was measured."""
         try:
             return self.files.depth(frame_idx)
         except ScanError as error:
-            self.damage.add(frame_idx, error)
+            self._note(frame_idx, error)
         return np.full(self._shape(frame_idx), np.nan, dtype=np.float32)
 
-    def labels(self, frame_idx: int) -> np.ndarray:
-        """Labels (h, w) uint8."""
+    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
+        """Label image of `Label`."""
         try:
             return self.files.labels(frame_idx)
         except ScanError as error:
-            self.damage.add(frame_idx, error)
+            self._note(frame_idx, error)
         return np.zeros(self._shape(frame_idx), dtype=np.uint8)
 
     def write_poses(
-        self, directory: Path, world_from_cams: np.ndarray, frame_idx: np.ndarray | None = None
+        self,
+        directory: Path,
+        world_from_cams: Float[np.ndarray, "n 4 4"],
+        frame_idx: Int[np.ndarray, " n"] | None = None,
     ) -> None:
         """As the format has it."""
         self.files.write_poses(directory, world_from_cams, frame_idx)
 
+    def reasons(self) -> dict[int, str]:
+        """Why frames could not be decoded so far, by their indices."""
+        with self._lock:
+            return dict(self._reasons)
+
+    def _note(self, frame_idx: int, error: ScanError) -> None:
+        with self._lock:
+            self._reasons.setdefault(frame_idx, str(error))
+            if len(self._reasons) > self._max_corrupt:
+                raise error
+
     def _shape(self, frame_idx: int) -> tuple[int, int]:
-        return self.cameras[frame_idx].height, self.cameras[frame_idx].width
+        return self._cameras[frame_idx].height, self._cameras[frame_idx].width
+
+
+def _corrupt(files: ScanFiles) -> dict[int, str]:
+    if isinstance(files, TolerantFiles):
+        return files.reasons()
+    if isinstance(files, SelectedFiles):
+        reasons = _corrupt(files.files)
+        return {k: reasons[int(i)] for k, i in enumerate(files.selected) if int(i) in reasons}
+    return {}

@@ -9,7 +9,8 @@ import numpy as np
 
 from planfit.errors import OptionError, OutputError
 from planfit.scan import write_tum
-from planfit.scan.formats.facap import MASKS, write_pose
+from planfit.scan.formats.facap import MASKS
+from planfit.scan.poses import write_pose
 from planfit.synth.building import facap_segments
 from planfit.synth.scan import SyntheticScan
 

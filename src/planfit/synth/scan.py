@@ -11,7 +11,8 @@ from planfit.errors import ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.scan.formats.facap import PLAN_FROM_WORLD, UP_WORLD, write_pose
+from planfit.scan.formats.facap import PLAN_FROM_WORLD, UP_WORLD
+from planfit.scan.poses import write_pose
 from planfit.scan.types import Scan
 from planfit.synth.building import Building, make_building
 from planfit.synth.drift import drift_poses

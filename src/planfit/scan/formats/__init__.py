@@ -1,1 +1,21 @@
-"""Readers of scans, one module a format."""
+"""One reader a format: each lists frames, poses and lenses as a `Recording`, and decodes no pixel."""
+
+READERS = {
+    "facap": "facap",
+    "stray": "stray",
+    "record3d": "record3d",
+    "scanner-app": "scanner_app",
+    "polycam": "polycam",
+    "tum": "tum",
+    "7-scenes": "seven_scenes",
+    "scannet": "scannet",
+    "replica": "replica",
+    "redwood": "redwood",
+    "nerfstudio": "nerfstudio",
+    "colmap": "colmap",
+    "bag": "bag",
+}
+"""Module of this package that reads each format, in the order in which they are tried. Each has `EXPECTS`
+(what the format is told by, in words), `recognise(source)` and `read(source, options)`, which gives a
+`Recording`, and `PARTS` where several files (or folders, with a slash) make the format. They are imported
+when they are asked for, and import the libraries of their own (video, bags) only when they read."""

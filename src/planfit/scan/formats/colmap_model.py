@@ -9,13 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Int, Shaped, UInt8
 from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.frames import make_camera
 from planfit.scan.images.lens import Lens
-from planfit.scan.source import Source, read_text
+from planfit.scan.recording import make_camera
+from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import shorten
 
 MODELS = (
@@ -82,12 +83,14 @@ class ColmapImage:
     image_id: int
     camera_id: int
     name: str
-    world_from_cam: np.ndarray  # (4, 4)
-    uv: np.ndarray | None = None  # (k, 2) px from the corner of the first pixel; None: not read
-    point_id: np.ndarray | None = None  # (k,) int64, -1 where no 3D point
+    world_from_cam: Float[np.ndarray, "4 4"]
+    uv: Float[np.ndarray, "k 2"] | None = None
+    """Observations, px from the corner of the first pixel; None: not read."""
+    point_id: Int[np.ndarray, " k"] | None = None
+    """Of each observation; -1 where no 3D point."""
 
 
-def model_files(source: Source, folder: str = "") -> tuple[str, str]:
+def model_files(source: FileSource, folder: str = "") -> tuple[str, str]:
     """Names of a model's files of cameras and of images; binary ones first.
 
     Raises:
@@ -105,7 +108,7 @@ def model_files(source: Source, folder: str = "") -> tuple[str, str]:
 
 
 def read_model(
-    source: Source, folder: str = "", observations: bool = False
+    source: FileSource, folder: str = "", observations: bool = False
 ) -> tuple[dict[int, ColmapCamera], list[ColmapImage]]:
     """Cameras by number, and images sorted by name.
 
@@ -139,12 +142,12 @@ def write_model(
     directory: Path,
     cameras: Sequence[ColmapCamera],
     images: Sequence[ColmapImage],
-    points: np.ndarray | None = None,
-    colors: np.ndarray | None = None,
+    points: Float[np.ndarray, "k 3"] | None = None,
+    colors: UInt8[np.ndarray, "k 3"] | None = None,
 ) -> None:
     """cameras.txt, images.txt and points3D.txt in an existing folder.
 
-    `points` (k, 3) m with `colors` (k, 3) uint8 are points without observations.
+    `points`, in m, with `colors` are points without observations.
     """
     lines = ["# Camera list: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     for camera in cameras:
@@ -180,15 +183,17 @@ def _camera(number: int, model: str, size: tuple[int, int], parameters: Sequence
     return ColmapCamera(number, model, *size, tuple(float(v) for v in parameters))
 
 
-def _pose(wxyz: Sequence[float], translation: Sequence[float], where: str) -> np.ndarray:
+def _pose(
+    wxyz: Sequence[float], translation: Sequence[float], where: str
+) -> Float[np.ndarray, "4 4"]:
     w, x, y, z = wxyz
     if not np.isfinite([*wxyz, *translation]).all() or np.linalg.norm(wxyz) < 1e-6:
         raise ScanError(f"{where}: expected a finite pose, found {[*wxyz, *translation]}")
-    turn = Rotation.from_quat([x, y, z, w]).as_matrix()
-    return se3.inverse(se3.make_transform(turn, np.array(translation, dtype=float)))
+    rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
+    return se3.inverse(se3.make_transform(rotation, np.array(translation, dtype=float)))
 
 
-def _text_cameras(source: Source, name: str) -> dict[int, ColmapCamera]:
+def _text_cameras(source: FileSource, name: str) -> dict[int, ColmapCamera]:
     where = str(source.path / name)
     cameras = {}
     for line in read_text(source, name).splitlines():
@@ -207,7 +212,7 @@ def _text_cameras(source: Source, name: str) -> dict[int, ColmapCamera]:
     return cameras
 
 
-def _text_images(source: Source, name: str, observations: bool) -> list[ColmapImage]:
+def _text_images(source: FileSource, name: str, observations: bool) -> list[ColmapImage]:
     where = str(source.path / name)
     lines = [line for line in read_text(source, name).splitlines() if not line.startswith("#")]
     images = []
@@ -243,7 +248,7 @@ def _text_images(source: Source, name: str, observations: bool) -> list[ColmapIm
 class _Bytes:
     """Values one after another; running out of bytes is an error that names the file."""
 
-    def __init__(self, source: Source, name: str) -> None:
+    def __init__(self, source: FileSource, name: str) -> None:
         self._data, self._at = source.read(name), 0
         self._where = source.path / name
 
@@ -259,7 +264,7 @@ class _Bytes:
         begin = self._next(end + 1 - self._at)
         return self._data[begin:end].decode("utf-8", "replace")
 
-    def array(self, layout: np.dtype, count: int) -> np.ndarray:
+    def array(self, layout: np.dtype, count: int) -> Shaped[np.ndarray, " count"]:
         return np.frombuffer(self._data, layout, count, self._next(count * layout.itemsize))
 
     def _next(self, n_bytes: int) -> int:
@@ -276,7 +281,7 @@ class _Bytes:
         )
 
 
-def _binary_cameras(source: Source, name: str) -> dict[int, ColmapCamera]:
+def _binary_cameras(source: FileSource, name: str) -> dict[int, ColmapCamera]:
     data, where = _Bytes(source, name), str(source.path / name)
     cameras = {}
     for _ in range(data.take("Q")[0]):
@@ -292,7 +297,7 @@ def _binary_cameras(source: Source, name: str) -> dict[int, ColmapCamera]:
     return cameras
 
 
-def _binary_images(source: Source, name: str, observations: bool) -> list[ColmapImage]:
+def _binary_images(source: FileSource, name: str, observations: bool) -> list[ColmapImage]:
     data, where = _Bytes(source, name), str(source.path / name)
     layout = np.dtype([("uv", "<f8", 2), ("point", "<i8")])
     images = []

@@ -10,27 +10,36 @@
 The plan shares the world's axes. Plan points are (x, -z), so that x, y and up stay right-handed.
 """
 
-import hashlib
 import re
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path, PurePosixPath
 
+import cv2
 import numpy as np
+from jaxtyping import Float, UInt8
 
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
-from planfit.scan.corrupt_frames import MAX_DAMAGED_SHARE
-from planfit.scan.images.images import image_size, read_color, read_depth_mm, read_image
+from planfit.scan.images.decode import decode_image, header_size
+from planfit.scan.images.files import ImageFiles
+from planfit.scan.images.lens import Lens
 from planfit.scan.options import ScanOptions
-from planfit.scan.source import Source
-from planfit.scan.types import Label, Scan, check_pose
+from planfit.scan.poses import UP_Y, check_pose, write_pose
+from planfit.scan.recording import Frame, Recording, Size, make_camera
+from planfit.scan.source import FileSource
+from planfit.scan.tables import read_matrix
+from planfit.scan.types import Label
+
+EXPECTS = "a folder arcore/ with frame-NNNN.jpg, depth-NNNN.png, pose-NNNN.txt, cam_params-NNNN.txt"
+FRAMES, MASKS_FOLDER, PLAN = "arcore", "segmentation", "floorplan.npy"
 
 PLAN_FROM_WORLD = np.array(
     [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
 """World (x, y up, z) to plan (x, -z, y)."""
 
-UP_WORLD = np.array([0.0, 1.0, 0.0])
+UP_WORLD = UP_Y
 
 # Later ones win where masks overlap: a column in front of a wall is marked in both.
 MASKS = {
@@ -41,158 +50,95 @@ MASKS = {
 }
 
 _FRAME = re.compile(r"frame-(\d+)\.(jpg|jpeg|png)$", re.IGNORECASE)
+_DEPTH = re.compile(r"depth-(.+)\.png$")
 
 
-LOOKS_FOR = (
-    "a folder arcore/ with frame-NNNN.jpg, depth-NNNN.png, pose-NNNN.txt, cam_params-NNNN.txt"
-)
-
-
-def recognise(source: Source) -> bool:
+def recognise(source: FileSource) -> bool:
     """Whether a folder has this layout."""
-    return "arcore" in source.folders()
+    return FRAMES in source.folders()
 
 
-def read(source: Source, options: ScanOptions) -> Scan:
-    """As `read_facap`.
+def read(source: FileSource, options: ScanOptions) -> Recording:
+    """List a scan. With `use_masks` off, the masks are left unread, as if they were not there.
 
     Raises:
-        ScanError: also where it lies in an archive.
+        ScanError: files are missing, unreadable, or contradict each other.
     """
-    if not source.path.is_dir():
-        raise ScanError(
-            f"{source.path}: expected this layout in a folder; unpack the archive first"
-        )
     if options.depth_scale is not None:
         raise ScanError(
             f"{source.path}: expected depth in millimetres, as this layout has it; "
             "leave out --depth-scale"
         )
-    return read_facap(source.path, options.use_masks)
+    color_names = _color_names(source)
+    frame_ids = sorted(color_names, key=int)
+    _check_counts(source, frame_ids)
+    cameras = {i: _read_camera(source, f"{FRAMES}/cam_params-{i}.txt") for i in frame_ids}
+    frames = [
+        Frame(
+            frame_id=i,
+            time=float(i),
+            world_from_cam=_read_pose(source, f"{FRAMES}/pose-{i}.txt"),
+            color=f"{FRAMES}/{color_names[i]}",
+            depth=f"{FRAMES}/depth-{i}.png",
+            size=(cameras[i].width, cameras[i].height),
+        )
+        for i in frame_ids
+    ]
+    masks = _list_masks(source, frames) if options.use_masks else []
+    images = ImageFiles(source, metres_per_unit=1e-3)
+    tables = [f"{FRAMES}/{kind}-{i}.txt" for i in frame_ids for kind in ("pose", "cam_params")]
+    plan = source.path / PLAN
 
+    def lens(frame: Frame, _: Size) -> Lens:
+        return Lens(cameras[frame.frame_id])
 
-def read_facap(path: Path, use_masks: bool = True) -> Scan:
-    """Read a scan; images stay on disk until they are asked for.
-
-    With `use_masks` false the segmentation folder is left unread, as if it were not there.
-
-    Raises:
-        ScanError: files are missing, unreadable, or contradict each other.
-    """
-    folder = path / "arcore"
-    color_paths = _color_paths(folder)
-    frame_ids = sorted(color_paths, key=int)
-    _check_counts(folder, frame_ids)
-    frame_ids, skipped = _without_damaged(folder, color_paths, frame_ids)
-    files = FacapFiles(
-        color_paths=tuple(color_paths[i] for i in frame_ids),
-        depth_paths=tuple(folder / f"depth-{i}.png" for i in frame_ids),
-        pose_names=tuple(f"pose-{i}.txt" for i in frame_ids),
-        mask_folder=path / "segmentation",
-    )
-    cameras = tuple(_read_camera(folder / f"cam_params-{i}.txt") for i in frame_ids)
-    for camera, color, depth in zip(cameras, files.color_paths, files.depth_paths, strict=True):
-        _check_size(color, camera)
-        _check_size(depth, camera)
-    mask_paths = files.mask_paths() if use_masks else []
-    _check_masks(mask_paths, files.color_paths, cameras, files.mask_folder)
-    plan = path / "floorplan.npy"
-    return Scan(
-        name=str(path),
-        frame_ids=tuple(frame_ids),
-        timestamps=np.array([int(i) for i in frame_ids], dtype=float),
-        cameras=cameras,
-        world_from_cams=np.stack([_read_pose(folder / name) for name in files.pose_names]),
-        files=files,
-        has_labels=bool(mask_paths),
+    return Recording(
+        format="facap",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=lens,
+        write_poses=_write_poses,
+        fingerprint=images.fingerprint([*tables, *masks], frames),
+        labels=partial(_read_labels, source) if masks else None,
         up_world=UP_WORLD,
         plan_from_world_axes=PLAN_FROM_WORLD,
         floorplan_path=plan if plan.exists() else None,
-        fingerprint=_fingerprint([*sorted(folder.iterdir()), *mask_paths]),
-        format="facap",
-        skipped=skipped,
     )
 
 
-@dataclass(frozen=True)
-class FacapFiles:
-    """Images of one scan in this layout."""
-
-    color_paths: tuple[Path, ...]
-    depth_paths: tuple[Path, ...]
-    pose_names: tuple[str, ...]
-    mask_folder: Path
-
-    def color(self, frame_idx: int) -> np.ndarray:
-        """Colour image (h, w, 3) uint8, RGB."""
-        return read_color(self.color_paths[frame_idx])
-
-    def depth(self, frame_idx: int) -> np.ndarray:
-        """Depth (h, w) float32 m, NaN where there is no reading."""
-        return read_depth_mm(self.depth_paths[frame_idx])
-
-    def labels(self, frame_idx: int) -> np.ndarray:
-        """Labels (h, w) uint8 from the masks."""
-        height, width = image_size(self.color_paths[frame_idx])[::-1]
-        labels = np.full((height, width), Label.NONE, dtype=np.uint8)
-        for name, label in MASKS.items():
-            path = self._mask_path(frame_idx, name)
-            if path.exists():
-                mask = np.rot90(read_image(path, 0))
-                if mask.shape != labels.shape:
-                    raise ScanError(_mask_size_message(path, mask.shape[::-1], (width, height)))
-                labels[mask > mask.max() // 2] = label  # stored as 0/255, or as 0/1
-        return labels
-
-    def write_poses(
-        self, directory: Path, world_from_cams: np.ndarray, frame_idx: np.ndarray | None = None
-    ) -> None:
-        """Write `pose-NNNN.txt` files."""
-        frames = range(len(self.pose_names)) if frame_idx is None else frame_idx
-        for i, pose in zip(frames, world_from_cams, strict=True):
-            write_pose(directory / self.pose_names[i], pose)
-
-    def mask_paths(self) -> list[Path]:
-        """The masks that exist."""
-        every = (self._mask_path(i, name) for i in range(len(self.color_paths)) for name in MASKS)
-        return [path for path in every if path.exists()]
-
-    def _mask_path(self, frame_idx: int, name: str) -> Path:
-        return self.mask_folder / f"{self.color_paths[frame_idx].stem}_{name}.png"
-
-
-def write_pose(path: Path, world_from_cam: np.ndarray) -> None:
-    """Write one 4x4 pose as text."""
-    path.write_text("\n".join(" ".join(f"{v:.9f}" for v in row) for row in world_from_cam) + "\n")
-
-
-def _color_paths(folder: Path) -> dict[str, Path]:
-    found: dict[int, tuple[str, Path]] = {}
-    for path in sorted(folder.iterdir()):
-        if match := _FRAME.match(path.name):
+def _color_names(source: FileSource) -> dict[str, str]:
+    """Names of colour images by what stands for the frame's number in them."""
+    found: dict[int, tuple[str, str]] = {}
+    for name in source.names(FRAMES):
+        if match := _FRAME.match(name):
             number = int(match[1])
             if number in found:
                 raise ScanError(
-                    f"{path}: expected one colour image a frame, found {found[number][1].name} "
-                    "of the same number beside it; delete one of them"
+                    f"{source.path / FRAMES / name}: expected one colour image a frame, found "
+                    f"{found[number][1]} of the same number beside it; delete one of them"
                 )
-            found[number] = (match[1], path)
+            found[number] = (match[1], name)
     if not found:
-        raise ScanError(f"{folder}: expected colour images named frame-NNNN.jpg, found none")
+        raise ScanError(
+            f"{source.path / FRAMES}: expected colour images named frame-NNNN.jpg, found none"
+        )
     return dict(found.values())
 
 
-def _check_counts(folder: Path, frame_ids: list[str]) -> None:
+def _check_counts(source: FileSource, frame_ids: list[str]) -> None:
+    names = set(source.names(FRAMES))
+    folder = source.path / FRAMES
     for kind, name in (("depth", "depth-{}.png"), ("pose", "pose-{}.txt"),
                        ("camera", "cam_params-{}.txt")):  # fmt: skip
-        missing = [i for i in frame_ids if not (folder / name.format(i)).exists()]
+        missing = [i for i in frame_ids if name.format(i) not in names]
         if missing:
             raise ScanError(
                 f"{folder / name.format(missing[0])}: expected a {kind} file for each of "
                 f"{len(frame_ids)} colour frames, found {len(frame_ids) - len(missing)}; "
                 "copy the missing files or delete the colour frames without them"
             )
-    depth_ids = {p.stem.split("-")[1] for p in folder.glob("depth-*.png")}
+    depth_ids = {match[1] for name in names if (match := _DEPTH.match(name))}
     extra = sorted(depth_ids - set(frame_ids))
     if extra:
         raise ScanError(
@@ -202,100 +148,75 @@ def _check_counts(folder: Path, frame_ids: list[str]) -> None:
         )
 
 
-def _without_damaged(
-    folder: Path, color_paths: dict[str, Path], frame_ids: list[str]
-) -> tuple[list[str], tuple[str, ...]]:
-    """Frames whose images begin as images do, and a line for each of the others.
-
-    Raises:
-        ScanError: more than one in a hundred do not.
-    """
-    kept, errors = [], []
-    for frame_id in frame_ids:
-        try:
-            for path in (color_paths[frame_id], folder / f"depth-{frame_id}.png"):
-                image_size(path)
-            kept.append(frame_id)
-        except ScanError as error:
-            errors.append((frame_id, error))
-            if len(errors) > MAX_DAMAGED_SHARE * len(frame_ids):
-                raise
-    return kept, tuple(f"frame {frame_id}: {error}" for frame_id, error in errors)
-
-
-def _read_numbers(path: Path, expected: str) -> np.ndarray:
-    try:
-        return np.array([[float(v) for v in line.split()] for line in path.read_text().splitlines()
-                         if line.strip()])  # fmt: skip
-    except OSError as error:
-        raise ScanError(
-            f"{path}: expected {expected}, cannot be read ({error.strerror})"
-        ) from error
-    except ValueError as error:
-        raise ScanError(f"{path}: expected {expected}, found text that is not ({error})") from error
-
-
-def _read_pose(path: Path) -> np.ndarray:
-    pose = _read_numbers(path, "a 4x4 matrix of numbers")
-    check_pose(pose, str(path))
+def _read_pose(source: FileSource, name: str) -> Float[np.ndarray, "4 4"]:
+    """Unlike elsewhere, a pose that is not finite is an error: this layout has no frames without one."""
+    pose = read_matrix(source, name, "a 4x4 matrix of numbers")
+    check_pose(pose, str(source.path / name))
     return pose
 
 
-def _read_camera(path: Path) -> Camera:
-    values = _read_numbers(path, "six numbers: w h fx fy cx cy").ravel()
-    if values.size != 6:
-        raise ScanError(f"{path}: expected six numbers (w h fx fy cx cy), found {values.size}")
-    try:
-        return Camera(int(values[0]), int(values[1]), *(float(v) for v in values[2:]))
-    except (ValueError, OverflowError) as error:
+def _read_camera(source: FileSource, name: str) -> Camera:
+    values = read_matrix(source, name, "six numbers (w h fx fy cx cy)").ravel().tolist()
+    where = str(source.path / name)
+    if len(values) != 6:
+        raise ScanError(f"{where}: expected six numbers (w h fx fy cx cy), found {len(values)}")
+    return make_camera(values[0], values[1], values[2:], where)
+
+
+def _mask_name(frame: Frame, kind: str) -> str:
+    return f"{MASKS_FOLDER}/{PurePosixPath(frame.color).stem}_{kind}.png"
+
+
+def _list_masks(source: FileSource, frames: list[Frame]) -> list[str]:
+    """Names of the masks that are there.
+
+    Raises:
+        ScanError: one is no image or of another size than its frame, or some frames have none.
+    """
+    found: list[str] = []
+    without: list[str] = []
+    for frame in frames:
+        names = [name for kind in MASKS if source.exists(name := _mask_name(frame, kind))]
+        for name in names:
+            # Stored a quarter turn off.
+            height, width = header_size(source.ends(name)[0], source.path / name)
+            if (width, height) != frame.size:
+                raise _wrong_mask_size(source.path / name, (width, height), frame.size)
+        found += names
+        without += [] if names else [PurePosixPath(frame.color).stem]
+    if found and without:
         raise ScanError(
-            f"{path}: expected usable intrinsics (w h fx fy cx cy), {error}; "
-            "export the calibration again"
-        ) from error
-
-
-def _check_size(path: Path, camera: Camera) -> None:
-    width, height = image_size(path)
-    if (width, height) != (camera.width, camera.height):
-        raise ScanError(
-            f"{path}: expected {camera.width} x {camera.height} px as cam_params says, "
-            f"found {width} x {height}; resample it or correct cam_params"
-        )
-
-
-def _check_masks(
-    mask_paths: list[Path], color_paths: tuple[Path, ...], cameras: tuple[Camera, ...], folder: Path
-) -> None:
-    camera_by_stem = dict(zip((path.stem for path in color_paths), cameras, strict=True))
-    seen = set()
-    for path in mask_paths:
-        stem = path.stem.rsplit("_", 1)[0]
-        camera = camera_by_stem[stem]
-        seen.add(stem)
-        height, width = image_size(path)  # stored a quarter turn off
-        if (width, height) != (camera.width, camera.height):
-            raise ScanError(
-                _mask_size_message(path, (width, height), (camera.width, camera.height))
-            )
-    if mask_paths and len(seen) < len(color_paths):
-        absent = next(path.stem for path in color_paths if path.stem not in seen)
-        raise ScanError(
-            f"{folder}: expected masks for each of {len(color_paths)} frames, found {len(seen)} "
-            f"({absent} has none); add them, or leave masks out with "
+            f"{source.path / MASKS_FOLDER}: expected masks for each of {len(frames)} frames, found "
+            f"{len(frames) - len(without)} ({without[0]} has none); add them, or leave masks out with "
             "--segmentation.back-end geometry"
         )
+    return found
 
 
-def _mask_size_message(path: Path, found: tuple[int, ...], expected: tuple[int, int]) -> str:
-    return (
-        f"{path}: expected {expected[0]} x {expected[1]} px after the quarter turn of this layout, "
+def _read_labels(source: FileSource, frame: Frame) -> UInt8[np.ndarray, "h w"]:
+    width, height = frame.size or (0, 0)
+    labels = np.full((height, width), Label.NONE, dtype=np.uint8)
+    for kind, label in MASKS.items():
+        name = _mask_name(frame, kind)
+        if source.exists(name):
+            path = source.path / name
+            mask = np.rot90(decode_image(source.read(name), path, cv2.IMREAD_GRAYSCALE))
+            if mask.shape != labels.shape:
+                raise _wrong_mask_size(path, mask.shape[::-1], frame.size)
+            labels[mask > mask.max() // 2] = label  # stored as 0/255, or as 0/1
+    return labels
+
+
+def _wrong_mask_size(path: Path, found: tuple[int, ...], expected: Size | None) -> ScanError:
+    width, height = expected or (0, 0)
+    return ScanError(
+        f"{path}: expected {width} x {height} px after the quarter turn of this layout, "
         f"found {found[0]} x {found[1]}; store masks turned a quarter against the image, full size"
     )
 
 
-def _fingerprint(paths: list[Path]) -> str:
-    digest = hashlib.sha256()
-    for path in paths:
-        stat = path.stat()
-        digest.update(f"{path.name} {stat.st_size} {stat.st_mtime_ns}\n".encode())
-    return digest.hexdigest()[:16]
+def _write_poses(
+    directory: Path, frames: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
+) -> None:
+    for frame, pose in zip(frames, poses, strict=True):
+        write_pose(directory / f"pose-{frame.frame_id}.txt", pose)

@@ -13,78 +13,86 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import ScanError
-from planfit.scan.axes import from_opengl
-from planfit.scan.frames import make_camera
-from planfit.scan.images.image_files import Entry
+from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
-from planfit.scan.layout import Layout, scan_of_layout
 from planfit.scan.options import ScanOptions
-from planfit.scan.source import Source
+from planfit.scan.poses import check_pose, from_opengl
+from planfit.scan.recording import Frame, Recording, Size, id_of_name, make_camera
+from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
-from planfit.scan.types import Scan, check_pose
 
-LOOKS_FOR = "transforms.json with frames that have depth_file_path"
+EXPECTS = "transforms.json with frames that have depth_file_path"
 NAME = "transforms.json"
 KINDS = ("", "OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE")
 
 
-def recognise(source: Source) -> bool:
+def recognise(source: FileSource) -> bool:
     """Whether a folder has this layout."""
     return source.exists(NAME)
 
 
-def read(source: Source, options: ScanOptions) -> Scan:
-    """Read a scan.
+def read(source: FileSource, options: ScanOptions) -> Recording:
+    """List a scan.
 
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
     """
     path = source.path / NAME
     content = read_json(source, NAME)
-    frames = content.get("frames")
-    if not isinstance(frames, list) or not frames:
+    listed = content.get("frames")
+    if not isinstance(listed, list) or not listed:
         raise ScanError(f"{path}: expected a list `frames`, found none")
-    if not any(isinstance(f, dict) and f.get("depth_file_path") for f in frames):
+    if not any(isinstance(f, dict) and f.get("depth_file_path") for f in listed):
         raise ScanError(
             f"{path}: expected frames with depth_file_path, found none; planfit needs depth, process "
             "the capture with depth"
         )
-    frame_of: dict[str, dict[str, Any]] = {}
-    entries = []
-    for i, frame in enumerate(frames):
-        where = f"{path}, frame {i}"
-        name = frame.get("file_path") if isinstance(frame, dict) else None
-        if not isinstance(name, str) or not PurePosixPath(name).name:
-            raise ScanError(f"{where}: expected an object with file_path, found none")
-        if not isinstance(frame.get("depth_file_path") or "", str):
-            raise ScanError(f"{where}: expected a name as depth_file_path, found another value")
-        matrix = number_list(frame.get("transform_matrix"), 16, f"{where}, transform_matrix")
-        pose = from_opengl(matrix.reshape(4, 4))
-        check_pose(pose, where)
-        color = str(PurePosixPath(name))
-        depth = str(PurePosixPath(frame.get("depth_file_path") or ""))
-        frame_of[color] = frame
-        title = str(PurePosixPath(color).with_suffix("")).replace("../", "").replace("/", "_")
-        entries.append(Entry(title, float(i), pose, color, depth if depth != "." else ""))
+    frames = [_frame(item, i, f"{path}, frame {i}") for i, item in enumerate(listed)]
+    item_of = {frame.color: item for frame, item in zip(frames, listed, strict=True)}
 
-    def lens(entry: Entry, size: tuple[int, int]) -> Lens:
-        return _lens({**content, **frame_of[entry.color]}, size, f"{path}, {entry.color}")
+    def lens(frame: Frame, size: Size) -> Lens:
+        return _lens({**content, **item_of[frame.color]}, size, f"{path}, {frame.color}")
 
-    def write_poses(directory: Path, written: Sequence[Entry], poses: np.ndarray) -> None:
+    def write_poses(
+        directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
+    ) -> None:
         refined = [
-            {**frame_of[entry.color], "transform_matrix": pose.tolist()}
-            for entry, pose in zip(written, from_opengl(poses), strict=True)
+            {**item_of[frame.color], "transform_matrix": pose.tolist()}
+            for frame, pose in zip(written, from_opengl(poses), strict=True)
         ]
         text = json.dumps({**content, "frames": refined}, indent=1)
         (directory / NAME).write_text(text + "\n")
 
-    layout = Layout("nerfstudio", entries, 1e-3, write_poses, lens, other_files=[NAME])
-    return scan_of_layout(source, layout, options)
+    images = ImageFiles(source, options.depth_scale or 1e-3)
+    return Recording(
+        format="nerfstudio",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=lens,
+        write_poses=write_poses,
+        fingerprint=images.fingerprint([NAME], frames, options),
+    )
 
 
-def _lens(values: dict[str, Any], size: tuple[int, int], where: str) -> Lens:
+def _frame(item: object, number: int, where: str) -> Frame:
+    name = item.get("file_path") if isinstance(item, dict) else None
+    if not isinstance(item, dict) or not isinstance(name, str) or not PurePosixPath(name).name:
+        raise ScanError(f"{where}: expected an object with file_path, found none")
+    if not isinstance(item.get("depth_file_path") or "", str):
+        raise ScanError(f"{where}: expected a name as depth_file_path, found another value")
+    matrix = number_list(item.get("transform_matrix"), 16, f"{where}, transform_matrix")
+    pose = from_opengl(matrix.reshape(4, 4))
+    check_pose(pose, where)
+    color = str(PurePosixPath(name))
+    depth = str(PurePosixPath(item.get("depth_file_path") or ""))
+    return Frame(id_of_name(color), float(number), pose, color, depth if depth != "." else "")
+
+
+def _lens(values: dict[str, Any], size: Size, where: str) -> Lens:
     kind = values.get("camera_model", "")
     if kind not in KINDS:
         raise ScanError(

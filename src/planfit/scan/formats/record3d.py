@@ -9,72 +9,70 @@ the depth. The app's export as EXR and JPG is not read: share the `.r3d`.
 """
 
 import json
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.axes import from_opengl
-from planfit.scan.frames import Recording, make_camera, scan_from
-from planfit.scan.images.image_files import drop_unsure, whole_image_size
-from planfit.scan.images.images import decode_color, depth_from_metres
+from planfit.scan.images.decode import depth_from_metres
+from planfit.scan.images.files import ImageFiles, drop_unsure, whole_image_size
 from planfit.scan.images.lens import Lens
-from planfit.scan.images.lzfse import decompress
-from planfit.scan.layout import check_proportions
 from planfit.scan.options import ScanOptions
-from planfit.scan.source import Source, fingerprint
+from planfit.scan.poses import MAX_ENTRY, from_opengl
+from planfit.scan.recording import Frame, Recording, Size, check_proportions, make_camera
+from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
-from planfit.scan.types import MAX_ENTRY, Scan
 
-LOOKS_FOR = "metadata and rgbd/N.jpg, N.depth (a .r3d)"
+EXPECTS = "metadata and rgbd/N.jpg, N.depth (a .r3d)"
 METADATA = "metadata"
 PARTS = (METADATA, "rgbd/")
 
+_END, _PLAIN = b"bvx$", b"bvx-"
+"""Marks of an LZFSE stream: its end, and a block stored without compression."""
 
-def recognise(source: Source) -> bool:
+
+def recognise(source: FileSource) -> bool:
     """Whether an archive or folder has this layout."""
     return source.exists(METADATA) and any(n.endswith(".depth") for n in source.names("rgbd"))
 
 
-@dataclass(frozen=True)
-class Record3dImages:
-    """Images inside the archive."""
+@dataclass(frozen=True, kw_only=True)
+class Record3dImages(ImageFiles):
+    """Colour out of JPEG files; depth and confidence out of compressed planes, all of one size."""
 
-    source: Source
-    numbers: tuple[int, ...]
-    depth_width: int
-    depth_height: int
-    metres_per_unit: float
-    min_confidence: int
+    color_size: Size
+    depth_size: Size
 
-    def color(self, frame_idx: int) -> np.ndarray:
-        """(h, w, 3) uint8, RGB."""
-        name = f"rgbd/{self.numbers[frame_idx]}.jpg"
-        return decode_color(self.source.read(name), self.source.path / name)
+    def sizes(self, frame: Frame) -> tuple[Size, Size]:  # noqa: ARG002
+        """As the metadata tell them: planes have no header, and an archive's images would be unpacked."""
+        return self.color_size, self.depth_size
 
-    def depth(self, frame_idx: int) -> np.ndarray:
-        """(h, w) float32 m."""
-        name = f"rgbd/{self.numbers[frame_idx]}"
-        values = self._plane(f"{name}.depth", np.dtype("<f4"))
+    def depth(self, frame: Frame) -> Float[np.ndarray, "h w"]:
+        """float32 m, NaN where nothing was measured or the confidence is too low."""
+        values = self._plane(frame.depth, np.dtype("<f4"))
         depth = depth_from_metres(values * np.float32(self.metres_per_unit))
-        if self.min_confidence > 0 and self.source.exists(f"{name}.conf"):
-            confidence = self._plane(f"{name}.conf", np.dtype("u1"))
-            drop_unsure(depth, confidence, self.min_confidence, f"{self.source.path / name}.conf")
+        if self.uses_confidence(frame):
+            confidence = self._plane(frame.confidence, np.dtype("u1"))
+            where = str(self.source.path / frame.confidence)
+            drop_unsure(depth, confidence, self.min_confidence, where)
         return depth
 
     def _plane(self, name: str, kind: np.dtype) -> np.ndarray:
-        n_bytes = self.depth_width * self.depth_height * kind.itemsize
-        data = decompress(self.source.read(name), n_bytes, self.source.path / name)
-        return np.frombuffer(data, dtype=kind).reshape(self.depth_height, self.depth_width)
+        width, height = self.depth_size
+        n_bytes = width * height * kind.itemsize
+        data = _decompress(self.source.read(name), n_bytes, self.source.path / name)
+        return np.frombuffer(data, dtype=kind).reshape(height, width)
 
 
-def read(source: Source, options: ScanOptions) -> Scan:
-    """Read a scan.
+def read(source: FileSource, options: ScanOptions) -> Recording:
+    """List a scan.
 
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
@@ -82,53 +80,60 @@ def read(source: Source, options: ScanOptions) -> Scan:
     where = str(source.path / METADATA)
     content = read_json(source, METADATA)
     poses = _poses(content, where)
-    width, height = _size(content, ("w", "h"), (720, 960), where)
+    times = _times(content, len(poses), where)
+    width, height = color_size = _size(content, ("w", "h"), (720, 960), where)
     # Files of the first versions do not say the size of the depth; it was 192 x 256 then.
     depth_size = _size(content, ("dw", "dh"), (192, 256) if height > width else (256, 192), where)
-    check_proportions((width, height), depth_size, where)
-    numbers, skipped = [], []
-    for i in range(len(poses)):
-        missing = [name for name in (f"rgbd/{i}.jpg", f"rgbd/{i}.depth") if not source.exists(name)]
-        if missing:
-            skipped.append(f"frame {i}: {missing[0]} is missing")
-        else:
-            numbers.append(i)
-    if numbers:
-        found = whole_image_size(source, f"rgbd/{numbers[0]}.jpg")
-        if found != (width, height):
-            raise ScanError(
-                f"{source.path}: expected colour of {width} x {height} px as metadata says, found "
-                f"{found[0]} x {found[1]}"
-            )
-    lenses = [
-        Lens(make_camera(width, height, _intrinsics(content, i, where), where)) for i in numbers
+    check_proportions(color_size, depth_size, where)
+    frames = [
+        Frame(
+            frame_id=str(i),
+            time=float(time),
+            world_from_cam=pose,
+            color=f"rgbd/{i}.jpg",
+            depth=f"rgbd/{i}.depth",
+            confidence=f"rgbd/{i}.conf",
+        )
+        for i, (time, pose) in enumerate(zip(times, poses, strict=True))
     ]
-
-    def write_poses(directory: Path, frame_idx: np.ndarray, refined: np.ndarray) -> None:
-        _write(directory / METADATA, content, [numbers[i] for i in frame_idx], refined)
-
-    names = [f"rgbd/{i}.{end}" for i in numbers for end in ("jpg", "depth")]
-    recording = Recording(
-        frame_ids=[str(i) for i in numbers],
-        times=_times(content, len(poses), where)[numbers],
-        world_from_cams=poses[numbers],
-        images=Record3dImages(
-            source,
-            tuple(numbers),
-            *depth_size,
-            options.depth_scale or 1.0,
-            options.min_confidence,
-        ),
-        color_lenses=lenses,
-        depth_lenses=[lens.scaled(*depth_size) for lens in lenses],
-        write_poses=write_poses,
-        fingerprint=fingerprint(source, [METADATA, *names], options),
-        skipped=skipped,
+    _check_first_image(source, frames, color_size)
+    images = Record3dImages(
+        source,
+        options.depth_scale or 1.0,
+        options.min_confidence,
+        color_size=color_size,
+        depth_size=depth_size,
     )
-    return scan_from(source.path, "record3d", recording, options)
+
+    def lens(frame: Frame, size: Size) -> Lens:
+        return Lens(make_camera(*size, _intrinsics(content, int(frame.frame_id), where), where))
+
+    def write_poses(
+        directory: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"]
+    ) -> None:
+        _write(directory / METADATA, content, [int(frame.frame_id) for frame in written], refined)
+
+    return Recording(
+        format="record3d",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=lens,
+        write_poses=write_poses,
+        fingerprint=images.fingerprint([METADATA], frames, options),
+    )
 
 
-def _poses(content: dict[str, Any], where: str) -> np.ndarray:
+def _check_first_image(source: FileSource, frames: list[Frame], size: Size) -> None:
+    first = next((frame.color for frame in frames if source.exists(frame.color)), None)
+    if first is not None and (found := whole_image_size(source, first)) != size:
+        raise ScanError(
+            f"{source.path}: expected colour of {size[0]} x {size[1]} px as metadata says, found "
+            f"{found[0]} x {found[1]}"
+        )
+
+
+def _poses(content: dict[str, Any], where: str) -> Float[np.ndarray, "n 4 4"]:
     listed = content.get("poses")
     if not isinstance(listed, list) or not listed:
         raise ScanError(
@@ -139,13 +144,11 @@ def _poses(content: dict[str, Any], where: str) -> np.ndarray:
     lost = ~(np.abs(rows) < MAX_ENTRY).all(axis=1) | (largest < 1e-6)
     if lost.any():
         raise ScanError(f"{where}: expected finite poses, found none in pose {np.argmax(lost)}")
-    turns = Rotation.from_quat(rows[:, :4]).as_matrix()
-    return from_opengl(se3.make_transform(turns, rows[:, 4:]))
+    rotations = Rotation.from_quat(rows[:, :4]).as_matrix()
+    return from_opengl(se3.make_transform(rotations, rows[:, 4:]))
 
 
-def _size(
-    content: dict[str, Any], keys: tuple[str, str], default: tuple[int, int], where: str
-) -> tuple[int, int]:
+def _size(content: dict[str, Any], keys: tuple[str, str], default: Size, where: str) -> Size:
     try:
         width, height = (int(content.get(k, v)) for k, v in zip(keys, default, strict=True))
     except (TypeError, ValueError) as error:
@@ -160,11 +163,11 @@ def _intrinsics(content: dict[str, Any], number: int, where: str) -> tuple[float
     if isinstance(each, list) and number < len(each):
         own = each[number][:4] if isinstance(each[number], list) else each[number]
         return tuple(number_list(own, 4, f"{where}, perFrameIntrinsicCoeffs"))
-    k = number_list(content.get("K"), 9, f"{where}, K")
+    k = number_list(content.get("K"), 9, f"{where}, K")  # by column
     return (k[0], k[4], k[6], k[7])
 
 
-def _times(content: dict[str, Any], count: int, where: str) -> np.ndarray:
+def _times(content: dict[str, Any], count: int, where: str) -> Float[np.ndarray, " n"]:
     if content.get("frameTimestamps"):
         return number_list(content["frameTimestamps"], count, f"{where}, frameTimestamps")
     rate = float(number_list(content.get("fps") or 1.0, 1, f"{where}, fps")[0])
@@ -174,12 +177,62 @@ def _times(content: dict[str, Any], count: int, where: str) -> np.ndarray:
 
 
 def _write(
-    path: Path, content: dict[str, Any], numbers: Sequence[int], refined: np.ndarray
+    path: Path, content: dict[str, Any], numbers: Sequence[int], refined: Float[np.ndarray, "k 4 4"]
 ) -> None:
     """metadata with refined poses; those of frames that were left out stay as recorded."""
     listed = [list(row) for row in content["poses"]]
-    turned = from_opengl(refined)
-    quaternions = Rotation.from_matrix(turned[:, :3, :3]).as_quat(canonical=True)
-    for number, pose, xyzw in zip(numbers, turned, quaternions, strict=True):
+    gl_poses = from_opengl(refined)
+    quaternions = Rotation.from_matrix(gl_poses[:, :3, :3]).as_quat(canonical=True)
+    for number, pose, xyzw in zip(numbers, gl_poses, quaternions, strict=True):
         listed[number] = [*xyzw.tolist(), *pose[:3, 3].tolist()]
     path.write_text(json.dumps({**content, "poses": listed}) + "\n")
+
+
+def _decompress(data: bytes, n_bytes: int, path: Path) -> bytes:
+    """A stream of Apple's LZFSE that unpacks to `n_bytes`; without compression, no library is needed.
+
+    Raises:
+        ScanError: it unpacks to another size, is damaged, or pyliblzfse is needed and missing.
+    """
+    if len(data) == n_bytes:
+        return data
+    if not data.startswith(b"bvx"):
+        raise ScanError(
+            f"{path}: expected {n_bytes} bytes or an LZFSE stream, found {len(data)} other bytes; "
+            "export the recording again"
+        )
+    found = _plain_blocks(data)
+    if found is None:
+        found = _by_library(data, path)
+    if len(found) != n_bytes:
+        raise ScanError(
+            f"{path}: expected {n_bytes} bytes after unpacking, found {len(found)}; "
+            "export the recording again"
+        )
+    return found
+
+
+def _plain_blocks(data: bytes) -> bytes | None:
+    """The content of a stream of stored blocks alone; None where a block is compressed."""
+    blocks, at = [], 0
+    while data[at : at + 4] == _PLAIN and at + 8 <= len(data):
+        (size,) = struct.unpack_from("<I", data, at + 4)
+        blocks.append(data[at + 8 : at + 8 + size])
+        at += 8 + size
+    return b"".join(blocks) if data[at : at + 4] == _END else None
+
+
+def _by_library(data: bytes, path: Path) -> bytes:
+    try:
+        import liblzfse  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise ScanError(
+            f"{path}: expected the library pyliblzfse for depth of Record3D, found none; install "
+            "planfit[record3d]"
+        ) from error
+    try:
+        return liblzfse.decompress(data)
+    except Exception as error:  # the library's own error class is not documented
+        raise ScanError(
+            f"{path}: expected an LZFSE stream, found a damaged one ({error})"
+        ) from error

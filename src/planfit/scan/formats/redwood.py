@@ -6,7 +6,7 @@
                                    scene/trajectory.log or SCAN.log beside the folder's images
     SCAN/camera_intrinsic.json     Open3D's (optional; intrinsic.json too); else PrimeSense's defaults
 
-The first number of a block is the place of the frame among the images, from 0. Where names of colour and
+The first number of a block counts the frame among the images, from 0. Where names of colour and
 depth hold times (`000123-000004100.png`), depth belongs to colour by number, not by time.
 """
 
@@ -15,18 +15,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import ScanError
-from planfit.scan.frames import make_camera
-from planfit.scan.images.image_files import Entry
+from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
-from planfit.scan.layout import Layout, scan_of_layout
 from planfit.scan.options import ScanOptions
-from planfit.scan.source import Source
+from planfit.scan.recording import Frame, Recording, Size, make_camera
+from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json, read_rows, shorten
-from planfit.scan.types import Scan
 
-LOOKS_FOR = "trajectory.log (or scene/trajectory.log) with folders color/ (image/, rgb/) and depth/"
+EXPECTS = "trajectory.log (or scene/trajectory.log) with folders color/ (image/, rgb/) and depth/"
 LOGS = ("trajectory.log", "scene/trajectory.log")
 COLOR_FOLDERS = ("color", "image", "rgb")
 INTRINSICS = ("camera_intrinsic.json", "intrinsic.json", "camera_intrinsics.json")
@@ -34,15 +33,15 @@ PRIMESENSE = (525.0, 525.0, 319.5, 239.5)
 PARTS = (LOGS[0], "color/", "depth/")
 
 
-def recognise(source: Source) -> bool:
+def recognise(source: FileSource) -> bool:
     """Whether a folder has this layout."""
     folders = source.folders()
     has_images = "depth" in folders and any(name in folders for name in COLOR_FOLDERS)
     return has_images and any(source.exists(name) for name in LOGS)
 
 
-def read(source: Source, options: ScanOptions) -> Scan:
-    """Read a scan.
+def read(source: FileSource, options: ScanOptions) -> Recording:
+    """List a scan.
 
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
@@ -52,42 +51,46 @@ def read(source: Source, options: ScanOptions) -> Scan:
     colors, depths = _images(source, folder), _images(source, "depth")
     pair = _pair(colors, depths)
     poses = _read_log(source, log)
-    entries, skipped = [], []
+    frames, skipped = [], []
     for i, (color, depth) in enumerate(pair):
         number = Path(color).stem
         if i not in poses:
             skipped.append(f"frame {number}: {log} has no pose")
             continue
-        entries.append(Entry(number, float(i), poses[i], f"{folder}/{color}", f"depth/{depth}"))
+        frames.append(Frame(number, float(i), poses[i], f"{folder}/{color}", f"depth/{depth}"))
     lone = sorted(set(depths) - {depth for _, depth in pair})
     skipped += [f"frame {Path(name).stem}: it has depth/{name} and no colour" for name in lone]
     index = {f"{folder}/{color}": i for i, (color, _) in enumerate(pair)}
     intrinsics_name = next((name for name in INTRINSICS if source.exists(name)), "")
     intrinsics = _intrinsics(source, intrinsics_name) if intrinsics_name else PRIMESENSE
 
-    def lens(_: Entry, size: tuple[int, int]) -> Lens:
+    def lens(_: Frame, size: Size) -> Lens:
         return Lens(make_camera(*size, intrinsics, str(source.path / intrinsics_name)))
 
-    def write_poses(directory: Path, written: Sequence[Entry], poses: np.ndarray) -> None:
-        write_log(directory / "trajectory.log", [index[e.color] for e in written], poses)
+    def write_poses(
+        directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
+    ) -> None:
+        write_log(directory / "trajectory.log", [index[f.color] for f in written], poses)
 
-    layout = Layout(
-        "redwood",
-        entries,
-        1e-3,
-        write_poses,
-        lens,
-        other_files=[log, *([intrinsics_name] if intrinsics_name else [])],
+    images = ImageFiles(source, options.depth_scale or 1e-3)
+    tables = [log, *([intrinsics_name] if intrinsics_name else [])]
+    return Recording(
+        format="redwood",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=lens,
+        write_poses=write_poses,
+        fingerprint=images.fingerprint(tables, frames, options),
         skipped=skipped,
         warnings=[]
         if intrinsics_name
         else ["no camera_intrinsic.json: the intrinsics are PrimeSense's defaults (fx 525)"],
     )
-    return scan_of_layout(source, layout, options)
 
 
-def write_log(path: Path, numbers: Sequence[int], poses: np.ndarray) -> None:
-    """Poses (n, 4, 4) as Open3D's trajectory log."""
+def write_log(path: Path, numbers: Sequence[int], poses: Float[np.ndarray, "n 4 4"]) -> None:
+    """Poses as Open3D's trajectory log."""
     lines = []
     for number, pose in zip(numbers, poses, strict=True):
         lines.append(f"{number} {number} {number + 1}")
@@ -95,7 +98,7 @@ def write_log(path: Path, numbers: Sequence[int], poses: np.ndarray) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def _images(source: Source, folder: str) -> list[str]:
+def _images(source: FileSource, folder: str) -> list[str]:
     names = [n for n in source.names(folder) if n.lower().endswith((".png", ".jpg", ".jpeg"))]
     if not names:
         raise ScanError(f"{source.path / folder}: expected images, found none")
@@ -115,7 +118,7 @@ def _pair(colors: list[str], depths: list[str]) -> list[tuple[str, str]]:
     return [(name, depth_of.get(number(name), "")) for name in colors]
 
 
-def _read_log(source: Source, name: str) -> dict[int, np.ndarray]:
+def _read_log(source: FileSource, name: str) -> dict[int, Float[np.ndarray, "4 4"]]:
     rows = read_rows(source, name, "blocks of a line of 3 numbers and four of 4")
     try:
         values = [[float(word) for word in row] for row in rows]
@@ -126,10 +129,11 @@ def _read_log(source: Source, name: str) -> dict[int, np.ndarray]:
             f"{source.path / name}: expected blocks of a line of 3 numbers and four of 4, found "
             f"{shorten(error)}"
         ) from error
+    # Blocks of five lines: the frame's number first, then the rows of its pose.
     return {int(values[i][0]): np.array(values[i + 1 : i + 5]) for i in range(0, len(values), 5)}
 
 
-def _intrinsics(source: Source, name: str) -> tuple[float, ...]:
+def _intrinsics(source: FileSource, name: str) -> tuple[float, ...]:
     where = str(source.path / name)
     matrix = number_list(
         read_json(source, name).get("intrinsic_matrix"), 9, f"{where}, intrinsic_matrix"

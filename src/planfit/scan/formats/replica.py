@@ -11,21 +11,21 @@ cam_params.json, the published values are taken.
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import ScanError
-from planfit.scan.axes import UP_Z
-from planfit.scan.frames import make_camera
-from planfit.scan.images.image_files import Entry
+from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
-from planfit.scan.layout import Layout, scan_of_layout
 from planfit.scan.options import ScanOptions
-from planfit.scan.source import FolderSource, Source
+from planfit.scan.poses import UP_Z, check_pose
+from planfit.scan.recording import Frame, Recording, Size, make_camera
+from planfit.scan.source import FileSource, FolderSource
 from planfit.scan.tables import number_list, read_json, read_matrix
-from planfit.scan.types import Scan, check_pose
 
-LOOKS_FOR = "traj.txt with results/frameNNNNNN.jpg and results/depthNNNNNN.png"
+EXPECTS = "traj.txt with results/frameNNNNNN.jpg and results/depthNNNNNN.png"
 POSES, CALIBRATION = "traj.txt", "cam_params.json"
 PUBLISHED = {"fx": 600.0, "fy": 600.0, "cx": 599.5, "cy": 339.5, "scale": 6553.5}
 
@@ -34,25 +34,68 @@ _COLOR = re.compile(r"frame(\d+)\.(jpg|jpeg|png)$", re.IGNORECASE)
 PARTS = (POSES, "results/")
 
 
-def recognise(source: Source) -> bool:
+def recognise(source: FileSource) -> bool:
     """Whether a folder has this layout."""
     return source.exists(POSES) and any(_COLOR.match(name) for name in source.names("results"))
 
 
-def read(source: Source, options: ScanOptions) -> Scan:
-    """Read a scan.
+def read(source: FileSource, options: ScanOptions) -> Recording:
+    """List a scan.
 
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
     """
+    poses = _read_poses(source)
+    frames, skipped = _list_frames(source, poses)
+    values, tables = _calibration(source)
+
+    def lens(_: Frame, size: Size) -> Lens:
+        numbers = [values.get(key, np.nan) for key in ("fx", "fy", "cx", "cy")]
+        return Lens(make_camera(*size, numbers, f"{source.path}: {CALIBRATION}"))
+
+    def write_poses(
+        directory: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"]
+    ) -> None:
+        rows = poses.copy()  # rows of frames that are left out stay as recorded
+        rows[[int(frame.frame_id) for frame in written]] = refined
+        lines = [" ".join(f"{v:.10g}" for v in row.ravel()) for row in rows]
+        (directory / POSES).write_text("\n".join(lines) + "\n")
+
+    stored = values.get("scale", PUBLISHED["scale"])
+    scale = float(number_list(stored, 1, f"{source.path}: {CALIBRATION}, scale")[0])
+    if not 0 < scale < np.inf:
+        raise ScanError(f"{source.path}: expected a scale above 0 in {CALIBRATION}, found {scale}")
+    images = ImageFiles(source, options.depth_scale or 1 / scale)
+    return Recording(
+        format="replica",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=lens,
+        write_poses=write_poses,
+        fingerprint=images.fingerprint([POSES, *tables], frames, options, values),
+        up_world=UP_Z,
+        skipped=skipped,
+    )
+
+
+def _read_poses(source: FileSource) -> Float[np.ndarray, "n 4 4"]:
     table = read_matrix(source, POSES, "16 numbers a line")
     if table.shape[1] != 16:
         raise ScanError(
             f"{source.path / POSES}: expected 16 numbers a line, found {table.shape[1]}"
         )
-    poses = table.reshape(-1, 4, 4)
-    entries, skipped = [], []
-    for name in source.names("results"):
+    return table.reshape(-1, 4, 4)
+
+
+def _list_frames(
+    source: FileSource, poses: Float[np.ndarray, "n 4 4"]
+) -> tuple[list[Frame], list[str]]:
+    """Frames in the order of their numbers, which are rows of the poses, and a line for each that lacks
+    colour or a row."""
+    frames, skipped = [], []
+    names = source.names("results")
+    for name in names:
         match = _COLOR.match(name)
         if match is None:
             continue
@@ -62,52 +105,20 @@ def read(source: Source, options: ScanOptions) -> Scan:
             continue
         if np.isfinite(poses[number]).all():
             check_pose(poses[number], f"{source.path / POSES}, row {number}")
-        entries.append(
-            Entry(
-                match[1],
-                float(number),
-                poses[number],
-                f"results/{name}",
-                f"results/depth{match[1]}.png",
-            )
-        )
-    listed = {entry.frame_id for entry in entries}
-    numbers = {found[1] for name in source.names("results") if (found := _DEPTH.match(name))}
+        depth = f"results/depth{match[1]}.png"
+        frames.append(Frame(match[1], float(number), poses[number], f"results/{name}", depth))
+    listed = {frame.frame_id for frame in frames}
+    numbers = {found[1] for name in names if (found := _DEPTH.match(name))}
     skipped += [
         f"frame {number}: results/frame{number}.jpg is missing"
         for number in sorted(numbers - listed)
         if int(number) < len(poses)
     ]
-    values, others = _calibration(source)
-
-    def lens(_: Entry, size: tuple[int, int]) -> Lens:
-        numbers = [values.get(key, np.nan) for key in ("fx", "fy", "cx", "cy")]
-        return Lens(make_camera(*size, numbers, f"{source.path}: {CALIBRATION}"))
-
-    def write_poses(directory: Path, written: Sequence[Entry], refined: np.ndarray) -> None:
-        rows = poses.copy()  # rows of frames that are left out stay as recorded
-        rows[[int(entry.frame_id) for entry in written]] = refined
-        lines = [" ".join(f"{v:.10g}" for v in row.ravel()) for row in rows]
-        (directory / POSES).write_text("\n".join(lines) + "\n")
-
-    stored = values.get("scale", PUBLISHED["scale"])
-    scale = float(number_list(stored, 1, f"{source.path}: {CALIBRATION}, scale")[0])
-    if not 0 < scale < np.inf:
-        raise ScanError(f"{source.path}: expected a scale above 0 in {CALIBRATION}, found {scale}")
-    layout = Layout(
-        "replica",
-        sorted(entries, key=lambda entry: entry.time),
-        1 / scale,
-        write_poses,
-        lens,
-        other_files=[POSES, *others],
-        up_world=UP_Z,
-        skipped=skipped,
-    )
-    return scan_of_layout(source, layout, options)
+    return sorted(frames, key=lambda frame: frame.time), skipped
 
 
-def _calibration(source: Source) -> tuple[dict[str, float], list[str]]:
+def _calibration(source: FileSource) -> tuple[dict[str, Any], list[str]]:
+    """What cam_params.json says of the camera, and its name where it lies inside the source."""
     if source.exists(CALIBRATION):
         return _camera(source), [CALIBRATION]
     above = FolderSource(source.path.resolve().parent)
@@ -116,7 +127,7 @@ def _calibration(source: Source) -> tuple[dict[str, float], list[str]]:
     return PUBLISHED, []
 
 
-def _camera(source: Source) -> dict[str, float]:
+def _camera(source: FileSource) -> dict[str, Any]:
     camera = read_json(source, CALIBRATION).get("camera")
     if not isinstance(camera, dict):
         raise ScanError(

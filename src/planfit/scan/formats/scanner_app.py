@@ -14,34 +14,33 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
-from planfit.scan.axes import UP_Y, from_opengl
-from planfit.scan.frames import make_camera
-from planfit.scan.images.image_files import Entry
+from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
-from planfit.scan.layout import Layout, scan_of_layout
 from planfit.scan.options import ScanOptions
-from planfit.scan.source import Source
+from planfit.scan.poses import UP_Y, check_pose, from_opengl
+from planfit.scan.recording import Frame, Recording, Size, make_camera
+from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
-from planfit.scan.types import Scan, check_pose
 
-LOOKS_FOR = "frame_NNNNN.json with cameraPoseARFrame, frame_NNNNN.jpg and depth_NNNNN.png"
+EXPECTS = "frame_NNNNN.json with cameraPoseARFrame, frame_NNNNN.jpg and depth_NNNNN.png"
 _COLOR = re.compile(r"frame_(\d+)\.jpg$")
 _FRAME = re.compile(r"frame_(\d+)\.json$")
 
 
-def recognise(source: Source) -> bool:
+def recognise(source: FileSource) -> bool:
     """Whether a folder has this layout."""
     return any(_FRAME.match(name) for name in source.names())
 
 
-def read(source: Source, options: ScanOptions) -> Scan:
-    """Read a scan.
+def read(source: FileSource, options: ScanOptions) -> Recording:
+    """List a scan.
 
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
     """
-    entries, intrinsics, contents = [], {}, {}
+    frames, intrinsics, contents = [], {}, {}
     for name in source.names():
         match = _FRAME.match(name)
         if match is None:
@@ -56,39 +55,34 @@ def read(source: Source, options: ScanOptions) -> Scan:
         intrinsics[number] = (k[0], k[4], k[2], k[5])
         contents[number] = content
         time = float(number_list(content.get("time", int(number)), 1, f"{where}, time")[0])
-        entries.append(
-            Entry(
-                number,
-                time,
-                pose,
-                f"frame_{number}.jpg",
-                f"depth_{number}.png",
-                f"conf_{number}.png",
-            )
-        )
+        names = (f"frame_{number}.jpg", f"depth_{number}.png", f"conf_{number}.png")
+        frames.append(Frame(number, time, pose, *names))
 
-    images = {match[1] for name in source.names() if (match := _COLOR.match(name))}
-    skipped = [f"frame {n}: frame_{n}.json is missing" for n in sorted(images - contents.keys())]
+    colored = {match[1] for name in source.names() if (match := _COLOR.match(name))}
+    skipped = [f"frame {n}: frame_{n}.json is missing" for n in sorted(colored - contents.keys())]
 
-    def lens(entry: Entry, size: tuple[int, int]) -> Lens:
-        where = str(source.path / f"frame_{entry.frame_id}.json")
-        return Lens(make_camera(*size, intrinsics[entry.frame_id], where))
+    def lens(frame: Frame, size: Size) -> Lens:
+        where = str(source.path / f"frame_{frame.frame_id}.json")
+        return Lens(make_camera(*size, intrinsics[frame.frame_id], where))
 
-    def write_poses(directory: Path, written: Sequence[Entry], poses: np.ndarray) -> None:
-        for entry, pose in zip(written, from_opengl(poses), strict=True):
-            content = {**contents[entry.frame_id], "cameraPoseARFrame": pose.ravel().tolist()}
-            path = directory / f"frame_{entry.frame_id}.json"
+    def write_poses(
+        directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
+    ) -> None:
+        for frame, pose in zip(written, from_opengl(poses), strict=True):
+            content = {**contents[frame.frame_id], "cameraPoseARFrame": pose.ravel().tolist()}
+            path = directory / f"frame_{frame.frame_id}.json"
             path.write_text(json.dumps(content, indent=1) + "\n")
 
-    layout = Layout(
-        "scanner-app",
-        entries,
-        1e-3,
-        write_poses,
-        lens,
-        other_files=[f"frame_{entry.frame_id}.json" for entry in entries],
+    images = ImageFiles(source, options.depth_scale or 1e-3, options.min_confidence)
+    tables = [f"frame_{frame.frame_id}.json" for frame in frames]
+    return Recording(
+        format="scanner-app",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=lens,
+        write_poses=write_poses,
+        fingerprint=images.fingerprint(tables, frames, options),
         up_world=UP_Y,
         skipped=skipped,
-        least_confidence=options.min_confidence,
     )
-    return scan_of_layout(source, layout, options)

@@ -12,44 +12,36 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import ScanError
-from planfit.scan.frames import make_camera, matrix_intrinsics
-from planfit.scan.images.image_files import Entry
+from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
-from planfit.scan.layout import Layout, scan_of_layout
-from planfit.scan.matrices import read_pose, write_pose
 from planfit.scan.options import ScanOptions
-from planfit.scan.source import Source
+from planfit.scan.poses import read_pose, write_pose
+from planfit.scan.recording import Frame, Recording, Size, make_camera, matrix_intrinsics
+from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
-from planfit.scan.types import Scan
 
-LOOKS_FOR = "intrinsic/intrinsic_color.txt with folders color/, depth/, pose/"
+EXPECTS = "intrinsic/intrinsic_color.txt with folders color/, depth/, pose/"
 COLOR, DEPTH = "intrinsic/intrinsic_color.txt", "intrinsic/intrinsic_depth.txt"
 EXTRINSICS = ("intrinsic/extrinsic_color.txt", "intrinsic/extrinsic_depth.txt")
 PARTS = (COLOR, "color/", "depth/", "pose/")
 
 
-def recognise(source: Source) -> bool:
+def recognise(source: FileSource) -> bool:
     """Whether a folder has this layout."""
     return source.exists(COLOR) and {"color", "depth", "pose"} <= set(source.folders())
 
 
-def read(source: Source, options: ScanOptions) -> Scan:
-    """Read a scan.
+def read(source: FileSource, options: ScanOptions) -> Recording:
+    """List a scan.
 
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
     """
-    for name in EXTRINSICS:
-        if source.exists(name):
-            matrix = read_matrix(source, name, "a 4x4 matrix")
-            if matrix.shape != (4, 4) or not np.allclose(matrix, np.eye(4), atol=1e-4):
-                raise ScanError(
-                    f"{source.path / name}: expected the identity (depth registered to colour), found "
-                    "another matrix; register depth to colour first"
-                )
-    entries, skipped = [], []
+    _check_extrinsics(source)
+    frames, skipped = [], []
     names = [n for n in source.names("color") if Path(n).stem.isdigit()]
     for name in sorted(names, key=lambda n: int(Path(n).stem)):
         number = Path(name).stem
@@ -58,7 +50,7 @@ def read(source: Source, options: ScanOptions) -> Scan:
             skipped.append(f"frame {number}: {pose_name} is missing")
             continue
         pose = read_pose(source, pose_name)
-        entries.append(Entry(number, float(number), pose, f"color/{name}", f"depth/{number}.png"))
+        frames.append(Frame(number, float(number), pose, f"color/{name}", f"depth/{number}.png"))
     colored = {Path(name).stem for name in names}
     others = {Path(n).stem for folder in ("depth", "pose") for n in source.names(folder)}
     lone = sorted((n for n in others - colored if n.isdigit()), key=int)
@@ -67,34 +59,45 @@ def read(source: Source, options: ScanOptions) -> Scan:
     color = _intrinsics(source, COLOR)
     depth = _intrinsics(source, DEPTH) if source.exists(DEPTH) else None
 
-    def color_lens(_: Entry, size: tuple[int, int]) -> Lens:
+    def color_lens(_: Frame, size: Size) -> Lens:
         return Lens(make_camera(*size, color, str(source.path / COLOR)))
 
-    def depth_lens(_: Entry, size: tuple[int, int]) -> Lens:
+    def depth_lens(_: Frame, size: Size) -> Lens:
         return Lens(make_camera(*size, depth or (), str(source.path / DEPTH)))
 
-    layout = Layout(
-        "scannet",
-        entries,
-        1e-3,
-        _write_poses,
-        color_lens,
-        depth_lens if depth else None,
-        other_files=[
-            COLOR,
-            *([DEPTH] if depth else []),
-            *(f"pose/{entry.frame_id}.txt" for entry in entries),
-        ],
+    images = ImageFiles(source, options.depth_scale or 1e-3)
+    tables = [COLOR, *([DEPTH] if depth else []), *(f"pose/{f.frame_id}.txt" for f in frames)]
+    return Recording(
+        format="scannet",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=color_lens,
+        depth_lens=depth_lens if depth else None,
+        write_poses=_write_poses,
+        fingerprint=images.fingerprint(tables, frames, options),
         skipped=skipped,
     )
-    return scan_of_layout(source, layout, options)
 
 
-def _intrinsics(source: Source, name: str) -> tuple[float, float, float, float]:
+def _check_extrinsics(source: FileSource) -> None:
+    for name in EXTRINSICS:
+        if source.exists(name):
+            matrix = read_matrix(source, name, "a 4x4 matrix")
+            if matrix.shape != (4, 4) or not np.allclose(matrix, np.eye(4), atol=1e-4):
+                raise ScanError(
+                    f"{source.path / name}: expected the identity (depth registered to colour), found "
+                    "another matrix; register depth to colour first"
+                )
+
+
+def _intrinsics(source: FileSource, name: str) -> tuple[float, float, float, float]:
     matrix = read_matrix(source, name, "a 4x4 matrix of intrinsics")
     return matrix_intrinsics(matrix, str(source.path / name))
 
 
-def _write_poses(directory: Path, entries: Sequence[Entry], poses: np.ndarray) -> None:
-    for entry, pose in zip(entries, poses, strict=True):
-        write_pose(directory / f"{entry.frame_id}.txt", pose)
+def _write_poses(
+    directory: Path, frames: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
+) -> None:
+    for frame, pose in zip(frames, poses, strict=True):
+        write_pose(directory / f"{frame.frame_id}.txt", pose)

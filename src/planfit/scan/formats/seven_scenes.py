@@ -1,7 +1,7 @@
 """7-Scenes: `frame-NNNNNN.color.png`, `.depth.png`, `.pose.txt` in one folder.
 
-Depth is 16-bit millimetres, 0 and 65535 no reading; poses are world_from_cam, 4x4, OpenCV camera axes.
-`camera-intrinsics.txt` (3x3) gives the intrinsics.
+Depth is 16-bit millimetres, 0 and 65535 where nothing was measured; poses are world_from_cam, 4x4, OpenCV
+camera axes. `camera-intrinsics.txt` (3x3) gives the intrinsics.
 
 Without that file, or where it has the numbers that 7-Scenes publishes (fx = fy = 585, cx = 320, cy = 240),
 the images are a Kinect's as they came from it: 585 is the depth camera, the poses are its own, and the colour
@@ -15,24 +15,22 @@ is registered to colour, and there is one camera.
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.frames import make_camera, matrix_intrinsics
-from planfit.scan.images.image_files import Entry
+from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
-from planfit.scan.layout import Layout, scan_of_layout
-from planfit.scan.matrices import read_pose, write_pose
 from planfit.scan.options import ScanOptions
-from planfit.scan.source import Source
+from planfit.scan.poses import read_pose, write_pose
+from planfit.scan.recording import Frame, Recording, Size, make_camera, matrix_intrinsics
+from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
-from planfit.scan.types import Scan
 
-LOOKS_FOR = "frame-NNNNNN.color.png, .depth.png and .pose.txt"
+EXPECTS = "frame-NNNNNN.color.png, .depth.png and .pose.txt"
 PUBLISHED = (585.0, 585.0, 320.0, 240.0)
 KINECT_SIZE = (640, 480)
 KINECT_COLOR = (525.0, 525.0, 320.0, 240.0)
@@ -56,71 +54,83 @@ _COLOR = re.compile(r"frame-(\d+)\.color\.(png|jpg|jpeg)$", re.IGNORECASE)
 _OTHER = re.compile(r"frame-(\d+)\.(depth\.png|pose\.txt)$", re.IGNORECASE)
 
 
-def recognise(source: Source) -> bool:
+def recognise(source: FileSource) -> bool:
     """Whether a folder has this layout."""
     return any(_COLOR.match(name) for name in source.names())
 
 
-def read(source: Source, options: ScanOptions) -> Scan:
-    """Read a scan.
+def read(source: FileSource, options: ScanOptions) -> Recording:
+    """List a scan.
 
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
     """
-    entries, skipped = [], []
-    for name in source.names():
-        match = _COLOR.match(name)
-        if match is None:
-            continue
-        number = match[1]
-        pose_name = f"frame-{number}.pose.txt"
-        if not source.exists(pose_name):
-            skipped.append(f"frame {number}: {pose_name} is missing")
-            continue
-        pose = read_pose(source, pose_name)
-        entries.append(Entry(number, float(number), pose, name, f"frame-{number}.depth.png"))
-    colored = {match[1] for name in source.names() if (match := _COLOR.match(name))}
-    others = {match[1] for name in source.names() if (match := _OTHER.match(name))}
-    skipped += [f"frame {n}: frame-{n}.color.png is missing" for n in sorted(others - colored)]
     has_own = source.exists(INTRINSICS)
     intrinsics = PUBLISHED
     if has_own:
         matrix = read_matrix(source, INTRINSICS, "a 3x3 matrix of intrinsics")
         intrinsics = matrix_intrinsics(matrix, str(source.path / INTRINSICS))
-
     is_raw = np.allclose(intrinsics, PUBLISHED, atol=0.5)
     color_from_depth = COLOR_FROM_DEPTH if is_raw else np.eye(4)
-    entries = [
-        replace(e, world_from_cam=e.world_from_cam @ se3.inverse(color_from_depth)) for e in entries
-    ]
+    frames, skipped = _list_frames(source, color_from_depth)
 
-    def lens(_: Entry, size: tuple[int, int]) -> Lens:
+    def lens(_: Frame, size: Size) -> Lens:
         return Lens(make_camera(*size, intrinsics, str(source.path / INTRINSICS)))
 
-    def kinect_color(entry: Entry, size: tuple[int, int]) -> Lens:
+    def kinect_color(frame: Frame, size: Size) -> Lens:
         if size != KINECT_SIZE:
             raise ScanError(
-                f"{source.path / entry.color}: expected 640 x 480 px of 7-Scenes' Kinect, found {size[0]} x "
+                f"{source.path / frame.color}: expected 640 x 480 px of 7-Scenes' Kinect, found {size[0]} x "
                 f"{size[1]}; add {INTRINSICS} where another camera recorded the scan"
             )
         return Lens(make_camera(*size, KINECT_COLOR, str(source.path)))
 
-    def write_poses(directory: Path, entries: Sequence[Entry], poses: np.ndarray) -> None:
-        for entry, world_from_depth in zip(entries, poses @ color_from_depth, strict=True):
-            write_pose(directory / f"frame-{entry.frame_id}.pose.txt", world_from_depth)
+    def write_poses(
+        directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
+    ) -> None:
+        for frame, world_from_depth in zip(written, poses @ color_from_depth, strict=True):
+            write_pose(directory / _pose_name(frame.frame_id), world_from_depth)
 
-    layout = Layout(
-        "7-scenes",
-        sorted(entries, key=lambda entry: entry.time),
-        1e-3,
-        write_poses,
-        kinect_color if is_raw else lens,
-        lens if is_raw else None,
-        other_files=[
-            *(f"frame-{entry.frame_id}.pose.txt" for entry in entries),
-            *([INTRINSICS] if has_own else []),
-        ],
-        skipped=skipped,
+    images = ImageFiles(source, options.depth_scale or 1e-3)
+    tables = [_pose_name(frame.frame_id) for frame in frames]
+    tables += [INTRINSICS] if has_own else []
+    return Recording(
+        format="7-scenes",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=kinect_color if is_raw else lens,
+        depth_lens=lens if is_raw else None,
         color_from_depth=color_from_depth if is_raw else None,
+        write_poses=write_poses,
+        fingerprint=images.fingerprint(tables, frames, options),
+        skipped=skipped,
     )
-    return scan_of_layout(source, layout, options)
+
+
+def _pose_name(number: str) -> str:
+    return f"frame-{number}.pose.txt"
+
+
+def _list_frames(
+    source: FileSource, color_from_depth: Float[np.ndarray, "4 4"]
+) -> tuple[list[Frame], list[str]]:
+    """Frames in the order of their numbers, with poses of the colour camera, and a line for each that lacks
+    colour or a pose."""
+    frames, skipped = [], []
+    names = source.names()
+    for name in names:
+        match = _COLOR.match(name)
+        if match is None:
+            continue
+        number = match[1]
+        if not source.exists(_pose_name(number)):
+            skipped.append(f"frame {number}: {_pose_name(number)} is missing")
+            continue
+        world_from_color = read_pose(source, _pose_name(number)) @ se3.inverse(color_from_depth)
+        depth = f"frame-{number}.depth.png"
+        frames.append(Frame(number, float(number), world_from_color, name, depth))
+    colored = {match[1] for name in names if (match := _COLOR.match(name))}
+    others = {match[1] for name in names if (match := _OTHER.match(name))}
+    skipped += [f"frame {n}: frame-{n}.color.png is missing" for n in sorted(others - colored)]
+    return sorted(frames, key=lambda frame: frame.time), skipped

@@ -15,51 +15,55 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, UInt8
 from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.axes import UP_Y
-from planfit.scan.frames import Recording, make_camera, matrix_intrinsics, scan_from
-from planfit.scan.images.image_files import ImageFiles, whole_image_size
+from planfit.scan.images.files import ImageFiles, whole_image_size
 from planfit.scan.images.lens import Lens
 from planfit.scan.images.video import Video
-from planfit.scan.layout import check_proportions, missing_confidence
 from planfit.scan.options import ScanOptions
-from planfit.scan.source import Source, fingerprint, read_text
+from planfit.scan.poses import MAX_ENTRY, UP_Y
+from planfit.scan.recording import (
+    Frame,
+    LensOfFrame,
+    Recording,
+    Size,
+    make_camera,
+    matrix_intrinsics,
+)
+from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import read_matrix, shorten
-from planfit.scan.types import MAX_ENTRY, Scan
 
-LOOKS_FOR = "rgb.mp4, odometry.csv and camera_matrix.csv"
+EXPECTS = "rgb.mp4, odometry.csv and camera_matrix.csv"
 VIDEO, POSES, CALIBRATION = "rgb.mp4", "odometry.csv", "camera_matrix.csv"
 COLUMNS = ("timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw")
 PARTS = (VIDEO, POSES, CALIBRATION, "depth/")
 
 
-def recognise(source: Source) -> bool:
+def recognise(source: FileSource) -> bool:
     """Whether a folder has this layout."""
     return source.exists(POSES) and source.exists(VIDEO)
 
 
-@dataclass(frozen=True)
-class StrayImages:
-    """Colour out of the video, depth out of files."""
+@dataclass(frozen=True, kw_only=True)
+class VideoImages(ImageFiles):
+    """Colour out of the video, by the number that is the frame's id; depth and confidence out of files."""
 
     video: Video
-    numbers: tuple[int, ...]
-    depths: ImageFiles
 
-    def color(self, frame_idx: int) -> np.ndarray:
-        """(h, w, 3) uint8, RGB."""
-        return self.video.frame(self.numbers[frame_idx])
+    def sizes(self, frame: Frame) -> tuple[Size, Size]:
+        """Of the video, and of the depth from its header."""
+        return (self.video.width, self.video.height), whole_image_size(self.source, frame.depth)
 
-    def depth(self, frame_idx: int) -> np.ndarray:
-        """(h, w) float32 m."""
-        return self.depths.depth(frame_idx)
+    def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
+        return self.video.frame(int(frame.frame_id))
 
 
-def read(source: Source, options: ScanOptions) -> Scan:
-    """Read a scan.
+def read(source: FileSource, options: ScanOptions) -> Recording:
+    """List a scan.
 
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
@@ -70,73 +74,71 @@ def read(source: Source, options: ScanOptions) -> Scan:
         )
     header, rows = _read_rows(source)
     video = Video.open(source.path / VIDEO)
-    matrix = read_matrix(source, CALIBRATION, "a 3x3 matrix of intrinsics", ",")
-    shared = matrix_intrinsics(matrix, str(source.path / CALIBRATION))
-    kept, skipped, depths = [], [], []
-    depth_size = (0, 0)
-    for row in rows:
-        number = int(row[1])
-        depth = next(
-            (n for n in (f"depth/{number:06d}.png", f"depth/{number:06d}.npy") if source.exists(n)),
-            "",
-        )
-        if number >= len(video):
-            skipped.append(f"frame {number:06d}: the video ends after {len(video)} frames")
-        elif not depth:
-            skipped.append(f"frame {number:06d}: depth/{number:06d}.png is missing")
-        else:
-            size = depth_size if depth_size[0] else whole_image_size(source, depth)
-            depth_size = size
-            kept.append(row)
-            depths.append(depth)
-    last = max((int(row[1]) for row in rows), default=-1)
-    skipped += [f"frame {n:06d}: {POSES} has no row" for n in range(last + 1, len(video))]
-    values = np.array(kept).reshape(len(kept), len(header))
-    turns = Rotation.from_quat(values[:, 5:9]).as_matrix() if kept else np.zeros((0, 3, 3))
-    own = [header.index(name) for name in ("fx", "fy", "cx", "cy") if name in header]
-    where = str(source.path / (POSES if len(own) == 4 else CALIBRATION))
-    lenses = [
-        Lens(
-            make_camera(
-                video.width, video.height, row[own].tolist() if len(own) == 4 else shared, where
-            )
-        )
-        for row in values
+    names = [f"{int(row[1]):06d}" for row in rows]
+    in_video = [int(row[1]) < len(video) for row in rows]
+    frames = [
+        _frame(source, row, name)
+        for row, name, is_there in zip(rows, names, in_video, strict=True)
+        if is_there
     ]
-    if kept:
-        check_proportions((video.width, video.height), depth_size, str(source.path))
-    names = [f"{int(row[1]):06d}" for row in values]
-    confidences = [f"confidence/{name}.png" for name in names]
-    files = ImageFiles(
-        source,
-        (),
-        tuple(depths),
-        options.depth_scale or 1e-3,
-        tuple(name if source.exists(name) else "" for name in confidences),
-        options.min_confidence,
-    )
+    skipped = [
+        f"frame {name}: the video ends after {len(video)} frames"
+        for name, is_there in zip(names, in_video, strict=True)
+        if not is_there
+    ]
+    last = int(rows[:, 1].max()) if len(rows) else -1
+    skipped += [f"frame {n:06d}: {POSES} has no row" for n in range(last + 1, len(video))]
+    row_of = dict(zip(names, rows, strict=True))
+    images = VideoImages(source, options.depth_scale or 1e-3, options.min_confidence, video=video)
 
-    def write_poses(directory: Path, frame_idx: np.ndarray, poses: np.ndarray) -> None:
-        _write(directory / POSES, header, values[frame_idx], poses)
+    def write_poses(
+        directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
+    ) -> None:
+        _write(directory / POSES, header, [row_of[f.frame_id] for f in written], poses)
 
-    tables = [VIDEO, POSES, CALIBRATION]
-    recording = Recording(
-        frame_ids=names,
-        times=values[:, 0],
-        world_from_cams=se3.make_transform(turns, values[:, 2:5]),
-        images=StrayImages(video, tuple(int(n) for n in values[:, 1]), files),
-        color_lenses=lenses,
-        depth_lenses=[lens.scaled(*depth_size) for lens in lenses],
+    return Recording(
+        format="stray",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=_lens_of_frame(source, header, row_of),
         write_poses=write_poses,
-        fingerprint=fingerprint(source, [*tables, *depths], options),
+        fingerprint=images.fingerprint([POSES, CALIBRATION], frames, options),
         up_world=UP_Y,
         skipped=skipped,
-        warnings=missing_confidence(source, confidences) if options.min_confidence else (),
     )
-    return scan_from(source.path, "stray", recording, options)
 
 
-def _read_rows(source: Source) -> tuple[list[str], list[list[float]]]:
+def _frame(source: FileSource, row: Float[np.ndarray, " columns"], name: str) -> Frame:
+    depths = (f"depth/{name}.png", f"depth/{name}.npy")
+    return Frame(
+        frame_id=name,
+        time=float(row[0]),
+        world_from_cam=se3.make_transform(Rotation.from_quat(row[5:9]).as_matrix(), row[2:5]),
+        color=VIDEO,
+        depth=next((n for n in depths if source.exists(n)), depths[0]),
+        confidence=f"confidence/{name}.png",
+    )
+
+
+def _lens_of_frame(
+    source: FileSource, header: list[str], row_of: dict[str, Float[np.ndarray, " columns"]]
+) -> LensOfFrame:
+    """Intrinsics of its own row where the table has them, else those that all frames share."""
+    matrix = read_matrix(source, CALIBRATION, "a 3x3 matrix of intrinsics", ",")
+    shared = matrix_intrinsics(matrix, str(source.path / CALIBRATION))
+    own = [header.index(name) for name in ("fx", "fy", "cx", "cy") if name in header]
+
+    def lens(frame: Frame, size: Size) -> Lens:
+        if len(own) == 4:
+            numbers = row_of[frame.frame_id][own].tolist()
+            return Lens(make_camera(*size, numbers, str(source.path / POSES)))
+        return Lens(make_camera(*size, shared, str(source.path / CALIBRATION)))
+
+    return lens
+
+
+def _read_rows(source: FileSource) -> tuple[list[str], Float[np.ndarray, "n columns"]]:
     lines = [line for line in read_text(source, POSES).splitlines() if line.strip()]
     header = [word.strip() for word in lines[0].split(",")] if lines else []
     if tuple(header[: len(COLUMNS)]) != COLUMNS:
@@ -159,13 +161,19 @@ def _read_rows(source: Source) -> tuple[list[str], list[list[float]]]:
                 f"({', '.join(header)}), found {shorten(line.strip())!r}"
             )
         rows.append(row)
-    return header, rows
+    return header, np.array(rows).reshape(len(rows), len(header))
 
 
-def _write(path: Path, header: Sequence[str], values: np.ndarray, poses: np.ndarray) -> None:
+def _write(
+    path: Path,
+    header: Sequence[str],
+    rows: Sequence[Float[np.ndarray, " columns"]],
+    poses: Float[np.ndarray, "k 4 4"],
+) -> None:
+    """odometry.csv of some rows with poses in place of their own; what follows the poses stays."""
     quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat(canonical=True)
     lines = [", ".join(header)]
-    for row, pose, xyzw in zip(values, poses, quaternions, strict=True):
+    for row, pose, xyzw in zip(rows, poses, quaternions, strict=True):
         words = [np.format_float_positional(row[0], trim="-"), f"{int(row[1]):06d}"]
         words += [f"{v:.9f}" for v in (*pose[:3, 3], *xyzw)] + [f"{v:.9g}" for v in row[9:]]
         lines.append(", ".join(words))

@@ -4,30 +4,29 @@
     SCAN/groundtruth.txt        `time tx ty tz qx qy qz qw`, world_from_cam, OpenCV camera axes
     SCAN/calibration.txt        fx fy cx cy [k1 k2 p1 p2 [k3]] (optional; the form of ETH3D SLAM)
 
-Depth is registered to colour; 16-bit, 5000 a metre, 0 no reading. Without a calibration file the
-intrinsics are those the benchmark publishes for freiburg1, 2 or 3, where a name in the path says which,
-else its default of the driver.
+Depth is registered to colour; 16-bit, 5000 a metre, 0 where nothing was measured. Without a calibration
+file the intrinsics are those the benchmark publishes for freiburg1, 2 or 3, where a name in the path says
+which, else its default of the driver.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.scan.association import pair_times, poses_at
-from planfit.scan.frames import make_camera
-from planfit.scan.images.image_files import Entry
+from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
-from planfit.scan.layout import Layout, scan_of_layout
 from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import parse_poses
-from planfit.scan.source import Source, read_text
+from planfit.scan.poses import write_tum
+from planfit.scan.recording import Frame, Recording, Size, make_camera
+from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import read_matrix, read_rows, shorten
-from planfit.scan.trajectory import write_tum
-from planfit.scan.types import Scan
 
-LOOKS_FOR = "rgb.txt, depth.txt and groundtruth.txt"
+EXPECTS = "rgb.txt, depth.txt and groundtruth.txt"
 POSES, CALIBRATION = "groundtruth.txt", "calibration.txt"
 METRES_PER_UNIT = 1 / 5000
 
@@ -41,13 +40,13 @@ DEFAULT = (525.0, 525.0, 319.5, 239.5)
 PARTS = ("rgb.txt", "depth.txt", POSES)
 
 
-def recognise(source: Source) -> bool:
+def recognise(source: FileSource) -> bool:
     """Whether a folder has this layout."""
     return source.exists("rgb.txt") and source.exists("depth.txt") and source.exists(POSES)
 
 
-def read(source: Source, options: ScanOptions) -> Scan:
-    """Read a scan.
+def read(source: FileSource, options: ScanOptions) -> Recording:
+    """List a scan.
 
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
@@ -71,8 +70,8 @@ def read(source: Source, options: ScanOptions) -> Scan:
             f"{color_times.min():.6f} to {color_times.max():.6f}), found times {other.min():.6f} to "
             f"{other.max():.6f}; are the lists of one recording? Else give --max-time-gap-s"
         )
-    entries = [
-        Entry(
+    frames = [
+        Frame(
             Path(color_names[i]).stem, float(color_times[i]), pose, color_names[i], depth_names[j]
         )
         for i, j, pose, ok in zip(mine, depth, poses, known, strict=True)
@@ -80,24 +79,34 @@ def read(source: Source, options: ScanOptions) -> Scan:
     ]
     intrinsics, warning = _intrinsics(source)
 
-    def lens(_: Entry, size: tuple[int, int]) -> Lens:
+    def lens(_: Frame, size: Size) -> Lens:
         where = str(source.path / CALIBRATION)
         return Lens(make_camera(*size, intrinsics[:4], where), tuple(intrinsics[4:]))
 
+    images = ImageFiles(source, options.depth_scale or METRES_PER_UNIT)
     has_own = source.exists(CALIBRATION)
-    others = ["rgb.txt", "depth.txt", POSES, *([CALIBRATION] if has_own else [])]
-    layout = Layout(
-        "tum", entries, METRES_PER_UNIT, _write_poses, lens,
-        other_files=others, skipped=skipped, warnings=warning,
-    )  # fmt: skip
-    return scan_of_layout(source, layout, options)
+    tables = ["rgb.txt", "depth.txt", POSES, *([CALIBRATION] if has_own else [])]
+    return Recording(
+        format="tum",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=lens,
+        write_poses=_write_poses,
+        fingerprint=images.fingerprint(tables, frames, options),
+        skipped=skipped,
+        warnings=warning,
+    )
 
 
-def _write_poses(directory: Path, entries: Sequence[Entry], poses: np.ndarray) -> None:
-    write_tum(directory / POSES, np.array([entry.time for entry in entries]), poses)
+def _write_poses(
+    directory: Path, frames: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
+) -> None:
+    write_tum(directory / POSES, np.array([frame.time for frame in frames]), poses)
 
 
-def _list(source: Source, name: str) -> tuple[np.ndarray, list[str]]:
+def _list(source: FileSource, name: str) -> tuple[Float[np.ndarray, " n"], list[str]]:
+    """Times and names of images, in the order of their times."""
     rows = read_rows(source, name, "lines `time filename`")
     try:
         times = np.array([float(row[0]) for row in rows])
@@ -112,7 +121,7 @@ def _list(source: Source, name: str) -> tuple[np.ndarray, list[str]]:
     return times[order], [names[i] for i in order]
 
 
-def _intrinsics(source: Source) -> tuple[tuple[float, ...], list[str]]:
+def _intrinsics(source: FileSource) -> tuple[tuple[float, ...], list[str]]:
     if source.exists(CALIBRATION):
         values = read_matrix(source, CALIBRATION, "fx fy cx cy [k1 k2 p1 p2 [k3]]").ravel()
         if values.size not in (4, 8, 9):

@@ -7,23 +7,27 @@ the cameras by 5.9 cm RMS with colour and depth laid on each other, by 2.2 cm wi
 
 import numba
 import numpy as np
+from jaxtyping import Float
 
 from planfit.geometry.camera import Camera
 
 
 def register_depth(
-    depth: np.ndarray, depth_camera: Camera, color_from_depth: np.ndarray, camera: Camera
-) -> np.ndarray:
-    """Depth as a camera at the colour camera's place sees it, (h', w') float32 m, NaN where nothing is.
+    depth: Float[np.ndarray, "h w"],
+    depth_camera: Camera,
+    color_from_depth: Float[np.ndarray, "4 4"],
+    camera: Camera,
+) -> Float[np.ndarray, "h2 w2"]:
+    """Depth as a camera at the colour camera's position sees it, float32 m, NaN where nothing is.
 
-    Each reading becomes a patch a little larger than its pixel, at least one pixel of `camera`, so that no
-    gaps open where pixels grow; of several, the nearest surface hides the others. What only the colour
+    Each measurement becomes a patch a little larger than its pixel, at least one pixel of `camera`, so that
+    no gaps open where pixels grow; of several, the nearest surface hides the others. What only the colour
     camera sees stays NaN, and so does what is right before the colour camera.
 
     Args:
-        depth: (h, w) m along the depth camera's optical axis; NaN where there is no reading.
+        depth: m along the depth camera's optical axis; NaN where nothing was measured.
         depth_camera: Its intrinsics, without distortion.
-        color_from_depth: (4, 4) from the depth camera's axes to the colour camera's, both OpenCV's.
+        color_from_depth: from the depth camera's axes to the colour camera's, both OpenCV's.
         camera: Intrinsics and size of the result.
     """
     result = np.full((camera.height, camera.width), np.inf, dtype=np.float32)
@@ -39,10 +43,11 @@ def register_depth(
 
 
 HALF_PATCH = 0.6
-"""Of the distance between readings. Half would leave gaps where the cameras are turned against each other."""
+"""Of the distance between measurements. Half would leave gaps where one camera is rotated against the
+other."""
 NEAREST = 0.1
-"""Readings nearer to the colour camera than this share of their depth are left out: beside the lens, one of
-them would cover the image."""
+"""Measurements nearer to the colour camera than this share of their depth are left out: beside the lens, one
+of them would cover the image."""
 
 
 @numba.njit(cache=True, nogil=True)
@@ -61,6 +66,7 @@ def _splat(depth, intrinsics, color_from_depth, target, result):  # pragma: no c
             z_color = t[2, 0] * x + t[2, 1] * y + t[2, 2] * z + t[2, 3]
             if z_color <= NEAREST * z:
                 continue
+            # Project into the colour camera; the patch grows with the ratio of pixels' sizes at this depth.
             u = gx * (t[0, 0] * x + t[0, 1] * y + t[0, 2] * z + t[0, 3]) / z_color + hx
             v = gy * (t[1, 0] * x + t[1, 1] * y + t[1, 2] * z + t[1, 3]) / z_color + hy
             half_u = max(0.5, HALF_PATCH * gx / fx * z / z_color)

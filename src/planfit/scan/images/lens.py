@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
 
 from planfit.geometry.camera import Camera
 
@@ -29,10 +30,12 @@ class Lens:
 
     def scaled(self, width: int, height: int) -> "Lens":
         """The same lens for images resized to width x height."""
+        if (width, height) == (self.camera.width, self.camera.height):
+            return self  # to the last bit, so that nothing is resampled
         return Lens(self.camera.scaled(width, height), self.distortion, self.is_fisheye)
 
-    def pixels(self, rays: np.ndarray) -> np.ndarray:
-        """Where rays (n, 3), z = 1, fall in the stored image: uv (n, 2)."""
+    def pixels(self, rays: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+        """Where rays with z = 1 fall in the stored image: uv px."""
         camera = self.camera
         if not self.is_distorted:
             return rays[:, :2] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
@@ -61,8 +64,10 @@ def working_camera(color: Lens, depth: Lens, size_px: int | None) -> Camera:
     return camera.scaled(width, height)
 
 
-def resample_color(image: np.ndarray, lens: Lens, camera: Camera) -> np.ndarray:
-    """Colour (h, w, 3) as `camera` would have seen it; black where the lens saw nothing."""
+def resample_color(
+    image: UInt8[np.ndarray, "h w 3"], lens: Lens, camera: Camera
+) -> UInt8[np.ndarray, "h2 w2 3"]:
+    """Colour as `camera` would have seen it; black where the lens saw nothing."""
     if lens.camera == camera and not lens.is_distorted:
         return image
     size = (camera.width, camera.height)
@@ -79,18 +84,31 @@ def resample_color(image: np.ndarray, lens: Lens, camera: Camera) -> np.ndarray:
     return cv2.remap(image, *_float_maps(lens, camera), cv2.INTER_LINEAR)
 
 
-def resample_depth(depth: np.ndarray, lens: Lens, camera: Camera) -> np.ndarray:
-    """Depth (h, w) m as `camera` would have seen it, NaN where the lens saw nothing.
+def resample_depth(
+    depth: Float[np.ndarray, "h w"], lens: Lens, camera: Camera
+) -> Float[np.ndarray, "h2 w2"]:
+    """Depth m as `camera` would have seen it, NaN where the lens saw nothing.
 
-    Each pixel takes one stored reading, the nearest: a mean across an edge would be a point in mid-air.
+    Each pixel takes one stored measurement, the nearest: a mean across an edge would be a point in mid-air.
     """
+    return _resample_nearest(depth, lens, camera, np.nan)
+
+
+def resample_labels(
+    labels: UInt8[np.ndarray, "h w"], lens: Lens, camera: Camera
+) -> UInt8[np.ndarray, "h2 w2"]:
+    """Labels as `camera` would have seen them, each the nearest stored one; 0 where the lens saw nothing."""
+    return _resample_nearest(labels, lens, camera, 0)
+
+
+def _resample_nearest(image: np.ndarray, lens: Lens, camera: Camera, outside: float) -> np.ndarray:
     if lens.camera == camera and not lens.is_distorted:
-        return depth
-    uv = _nearest(lens, camera)
-    result = depth[uv[1], uv[0]]
-    outside = _is_outside(lens, camera)
-    if outside is not None:
-        result[outside] = np.nan
+        return image
+    u, v = _nearest(lens, camera)
+    result = image[v, u]
+    is_outside = _is_outside(lens, camera)
+    if is_outside is not None:
+        result[is_outside] = outside
     return result
 
 
@@ -98,14 +116,20 @@ def resample_depth(depth: np.ndarray, lens: Lens, camera: Camera) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def _float_maps(lens: Lens, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _float_maps(
+    lens: Lens, camera: Camera
+) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
+    """Columns and rows of the stored image that the camera's pixels fall on."""
     uv = lens.pixels(_rays(camera)).astype(np.float32)
     shape = (camera.height, camera.width)
     return uv[:, 0].reshape(shape), uv[:, 1].reshape(shape)
 
 
 @lru_cache(maxsize=8)
-def _nearest(lens: Lens, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(lens: Lens, camera: Camera) -> tuple[Int[np.ndarray, "*u"], Int[np.ndarray, "*v"]]:
+    """Column and row of the nearest stored pixel: index arrays that broadcast to (h, w)."""
+    # floor(x + 0.5) and not rint, which takes halves to even numbers: it would use some columns twice and
+    # skip others.
     width, height = lens.camera.width, lens.camera.height
     if not lens.is_distorted:
         # Columns and rows are independent: arrays (w,) and (h, 1) index the same pixels.
@@ -122,7 +146,8 @@ def _nearest(lens: Lens, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 @lru_cache(maxsize=8)
-def _is_outside(lens: Lens, camera: Camera) -> np.ndarray | None:
+def _is_outside(lens: Lens, camera: Camera) -> Bool[np.ndarray, "h w"] | None:
+    """Pixels of the camera that the stored image does not show; None where it shows all."""
     width, height = lens.camera.width, lens.camera.height
     if lens.is_distorted:
         u, v = _float_maps(lens, camera)
@@ -135,14 +160,16 @@ def _is_outside(lens: Lens, camera: Camera) -> np.ndarray | None:
     return outside if outside.any() else None
 
 
-def _line(camera: Camera, lens: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """Columns (w,) and rows (h,) of the stored image, for lenses without distortion."""
+def _line(camera: Camera, lens: Lens) -> tuple[Float[np.ndarray, " w"], Float[np.ndarray, " h"]]:
+    """Columns and rows of the stored image, for lenses without distortion: there u depends on the
+    column alone, and v on the row."""
     stored = lens.camera
     u = (np.arange(camera.width) - camera.cx) * (stored.fx / camera.fx) + stored.cx
     v = (np.arange(camera.height) - camera.cy) * (stored.fy / camera.fy) + stored.cy
     return u, v
 
 
-def _rays(camera: Camera) -> np.ndarray:
+def _rays(camera: Camera) -> Float[np.ndarray, "n 3"]:
+    """Through all pixels of a camera, row by row."""
     rows, columns = np.mgrid[: camera.height, : camera.width]
     return camera.rays(np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float))

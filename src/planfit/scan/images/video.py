@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int, UInt8
 
 from planfit.errors import ScanError
 
@@ -23,10 +24,10 @@ class Video:
     path: Path
     width: int
     height: int
-    pts: np.ndarray
-    """(n,) int, presentation times in order; frame i is the one at pts[i]."""
-    key_pts: np.ndarray
-    """(k,) int, of key frames."""
+    pts: Int[np.ndarray, " n"]
+    """Presentation times in order; frame i is the one at pts[i]."""
+    key_pts: Int[np.ndarray, " k"]
+    """Of key frames, in order."""
     _threads: threading.local = field(default_factory=threading.local, repr=False)
 
     @staticmethod
@@ -60,8 +61,8 @@ class Video:
     def __len__(self) -> int:
         return len(self.pts)
 
-    def frame(self, number: int) -> np.ndarray:
-        """(h, w, 3) uint8, RGB, as stored.
+    def frame(self, number: int) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB, as stored.
 
         Raises:
             ScanError: the video cannot be decoded there.
@@ -73,6 +74,7 @@ class Video:
             last = state.get("last_pts")
             if last is not None and last == wanted:
                 return state["image"]
+            # The last key frame at or before it: decoding can only begin at one.
             key = self.key_pts[max(0, np.searchsorted(self.key_pts, wanted, side="right") - 1)]
             # Going on costs less than a jump unless a key frame lies between.
             if last is None or wanted < last or key > last:

@@ -40,8 +40,8 @@ def test_order_of_the_other_list_does_not_matter():
 
 def screw(t):
     """A camera that walks and turns at constant speed."""
-    turn = se3.exp_so3(np.array([0.1, 0.5, -0.2]) * t)
-    return se3.make_transform(turn, np.array([0.7, -0.1, 0.3]) * t)
+    rotation = se3.exp_so3(np.array([0.1, 0.5, -0.2]) * t)
+    return se3.make_transform(rotation, np.array([0.7, -0.1, 0.3]) * t)
 
 
 def test_poses_between_poses():

@@ -77,9 +77,9 @@ def test_the_nearer_surface_hides_the_farther():
     depth = np.full((1, 9), np.nan, dtype=np.float32)
     camera = Camera(9, 1, 10.0, 10.0, 4.0, 0.0)
     depth[0, 3], depth[0, 4] = 2.0, 1.0  # both fall on column 4 - 2 once shifted
-    shift = np.eye(4)
-    shift[0, 3] = -0.2
-    found = register_depth(depth, camera, shift, camera)
+    color_from_depth = np.eye(4)
+    color_from_depth[0, 3] = -0.2
+    found = register_depth(depth, camera, color_from_depth, camera)
     assert_array_equal(np.flatnonzero(np.isfinite(found[0])), [2])
     assert found[0, 2] == 1.0
 

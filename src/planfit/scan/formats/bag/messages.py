@@ -5,11 +5,12 @@ from typing import Any
 
 import cv2
 import numpy as np
+from jaxtyping import Float, Shaped, UInt8
 
 from planfit.errors import ScanError
-from planfit.scan.frames import make_camera
-from planfit.scan.images.images import decode_color, decode_image, depth_from_metres, depth_from_raw
+from planfit.scan.images.decode import decode_color, decode_image, depth_from_metres, depth_from_raw
 from planfit.scan.images.lens import Lens
+from planfit.scan.recording import Size, make_camera
 
 # Bytes a channel, channels, and the conversion to RGB.
 _COLORS: dict[str, tuple[int, int | None]] = {
@@ -27,8 +28,8 @@ _DEPTHS = {"16uc1": np.uint16, "mono16": np.uint16, "32fc1": np.float32}
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def color_of_message(message: Any, topic: str) -> np.ndarray:
-    """(h, w, 3) uint8, RGB, of an Image or CompressedImage.
+def color_of_message(message: Any, topic: str) -> UInt8[np.ndarray, "h w 3"]:
+    """Colour image, RGB, of an Image or CompressedImage.
 
     Raises:
         ScanError: it is damaged or of an encoding that is not read.
@@ -46,8 +47,10 @@ def color_of_message(message: Any, topic: str) -> np.ndarray:
     return np.array(image) if conversion is None else cv2.cvtColor(image, conversion)
 
 
-def depth_of_message(message: Any, topic: str, metres_per_unit: float | None = None) -> np.ndarray:
-    """(h, w) float32 m of an Image (16UC1 in millimetres, 32FC1 in metres) or a compressedDepth.
+def depth_of_message(
+    message: Any, topic: str, metres_per_unit: float | None = None
+) -> Float[np.ndarray, "h w"]:
+    """Depth, float32 m, of an Image (16UC1 in millimetres, 32FC1 in metres) or a compressedDepth.
 
     Raises:
         ScanError: it is damaged or of an encoding that is not read.
@@ -74,7 +77,9 @@ def depth_of_message(message: Any, topic: str, metres_per_unit: float | None = N
     return depth_from_raw(np.ascontiguousarray(raw), metres_per_unit or 1e-3, Path(topic))
 
 
-def _rows(message: Any, kind: np.dtype, channels: int, topic: str) -> np.ndarray:
+def _rows(
+    message: Any, kind: np.dtype, channels: int, topic: str
+) -> Shaped[np.ndarray, "h w *channels"]:
     """Pixels without the padding at the end of rows, in this machine's byte order."""
     width, height, step = message.width, message.height, message.step
     used = width * channels * kind.itemsize
@@ -89,7 +94,7 @@ def _rows(message: Any, kind: np.dtype, channels: int, topic: str) -> np.ndarray
     return pixels.reshape(height, width, channels) if channels > 1 else pixels
 
 
-def camera_info_lens(message: Any, info: str, topic: str, size: tuple[int, int]) -> Lens:
+def camera_info_lens(message: Any, info: str, topic: str, size: Size) -> Lens:
     """Lens of the images (width, height) px of a topic; rectified images have the projection's intrinsics and
     no distortion.
 
@@ -98,6 +103,7 @@ def camera_info_lens(message: Any, info: str, topic: str, size: tuple[int, int])
     """
     k, d, p = (getattr(message, n, getattr(message, n.upper(), None)) for n in ("k", "d", "p"))
     is_rectified = "rect" in topic.rsplit("/", 1)[-1] and p is not None and p[0] > 0
+    # fx fy cx cy out of the projection (3, 4) or the matrix K (3, 3), both by row.
     values = (p[0], p[5], p[2], p[6]) if is_rectified else (k[0], k[4], k[2], k[5])  # type: ignore[index]
     camera = make_camera(message.width or size[0], message.height or size[1], values, info)
     if (camera.width, camera.height) != size:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
@@ -22,24 +23,30 @@ class Edge:
     times: list[float] = field(default_factory=list)
     parent_from_child: list[np.ndarray] = field(default_factory=list)
 
-    def at(self, times: np.ndarray, max_gap_s: float) -> tuple[np.ndarray, np.ndarray]:
-        """Transforms (k, 4, 4) at times (k,), and which are known."""
+    def at(
+        self, times: Float[np.ndarray, " k"], max_gap_s: float
+    ) -> tuple[Float[np.ndarray, "k 4 4"], Bool[np.ndarray, " k"]]:
+        """Transforms at times, and which are known."""
         if self.is_static:
             poses = np.repeat(self.parent_from_child[-1][None], len(times), axis=0)
             return poses, np.ones(len(times), dtype=bool)
         return poses_at(np.array(self.times), np.array(self.parent_from_child), times, max_gap_s)
 
 
+Transforms = dict[str, Edge]
+"""Edges by child frame."""
+
+
 def poses_of_bag(
     path: Path,
     reader: Any,
-    tree: dict[str, Edge],
+    tree: Transforms,
     topic: str,
     camera_frame: str,
-    times: np.ndarray,
+    times: Float[np.ndarray, " k"],
     max_gap_s: float,
-) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """world_from_cams (k, 4, 4) at times (k,), which are known, and warnings. Without a topic: by tf.
+) -> tuple[Float[np.ndarray, "k 4 4"], Bool[np.ndarray, " k"], list[str]]:
+    """world_from_cams at times, which are known, and warnings. Without a topic: by tf.
 
     Raises:
         ScanError: nothing is known at any of the times.
@@ -76,9 +83,9 @@ def poses_of_bag(
     return poses, known, warnings
 
 
-def read_tf(reader: Any) -> dict[str, Edge]:
-    """All transforms of a bag: edges by child frame."""
-    tree: dict[str, Edge] = {}
+def read_tf(reader: Any) -> Transforms:
+    """All transforms of a bag."""
+    tree: Transforms = {}
     connections = [
         c for c in reader.connections if c.msgtype.endswith(("/TFMessage", "/tfMessage"))
     ]
@@ -99,23 +106,24 @@ def read_tf(reader: Any) -> dict[str, Edge]:
     return tree
 
 
-def fixed_transform(tree: dict[str, Edge], to_frame: str, from_frame: str) -> np.ndarray | None:
-    """From the axes of one frame to those of another on the same body, (4, 4); None without a static way."""
-    ways = []
+def fixed_transform(
+    tree: Transforms, to_frame: str, from_frame: str
+) -> Float[np.ndarray, "4 4"] | None:
+    """From the axes of one frame to those of another on the same body; None where no static tf joins them."""
+    # Climb from each frame as far as edges are static: both must end at the same part of the body.
+    roots, root_from_frames = [], []
     for frame in (to_frame.lstrip("/"), from_frame.lstrip("/")):
         edges = list(takewhile(lambda edge: edge.is_static, _chain(tree, frame, None) or []))
-        ways.append((edges[-1].parent if edges else frame, edges))
-    (to_root, to_edges), (from_root, from_edges) = ways
-    if to_root != from_root:
+        roots.append(edges[-1].parent if edges else frame)
+        root_from_frame, _ = _along(edges, np.zeros(1), 0.0)  # at any time
+        root_from_frames.append(root_from_frame[0])
+    if roots[0] != roots[1]:
         return None
-    now = np.zeros(1)
-    root_from_to, _ = _along(to_edges, now, 0.0)
-    root_from_from, _ = _along(from_edges, now, 0.0)
-    return se3.inverse(root_from_to[0]) @ root_from_from[0]
+    return se3.inverse(root_from_frames[0]) @ root_from_frames[1]
 
 
-def _chain(tree: dict[str, Edge], start: str, end: str | None) -> list[Edge] | None:
-    """Edges from a frame up to `end`, or to the root; None where there is no way."""
+def _chain(tree: Transforms, start: str, end: str | None) -> list[Edge] | None:
+    """Edges from a frame up to `end`, or to the root; None where they do not lead there."""
     edges, at, seen = [], start, {start}
     while at != end and at in tree:
         edges.append(tree[at])
@@ -126,7 +134,10 @@ def _chain(tree: dict[str, Edge], start: str, end: str | None) -> list[Edge] | N
     return edges if end is None or at == end else None
 
 
-def _along(edges: list[Edge], times: np.ndarray, max_gap_s: float) -> tuple[np.ndarray, np.ndarray]:
+def _along(
+    edges: list[Edge], times: Float[np.ndarray, " k"], max_gap_s: float
+) -> tuple[Float[np.ndarray, "k 4 4"], Bool[np.ndarray, " k"]]:
+    """Product of the edges from a frame up, at each time, and where all of them are known."""
     poses = np.repeat(np.eye(4)[None], len(times), axis=0)
     known = np.ones(len(times), dtype=bool)
     for edge in edges:
@@ -149,9 +160,9 @@ def _read_topic(reader: Any, topic: str) -> tuple[Edge, str]:
             items = [(message.header.stamp, getattr(pose, "pose", pose))]
         for stamp, pose in items:
             edge.times.append(_seconds(stamp))
-            place = pose.position if hasattr(pose, "position") else pose.translation
-            turn = pose.orientation if hasattr(pose, "orientation") else pose.rotation
-            edge.parent_from_child.append(_transform(place, turn))
+            translation = pose.position if hasattr(pose, "position") else pose.translation
+            rotation = pose.orientation if hasattr(pose, "orientation") else pose.rotation
+            edge.parent_from_child.append(_transform(translation, rotation))
     return edge, child
 
 
@@ -159,10 +170,11 @@ def _seconds(stamp: Any) -> float:
     return stamp.sec + stamp.nanosec * 1e-9
 
 
-def _transform(place: Any, turn: Any) -> np.ndarray:
-    quaternion = np.array([turn.x, turn.y, turn.z, turn.w])
+def _transform(translation: Any, rotation: Any) -> Float[np.ndarray, "4 4"]:
+    quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
     if np.linalg.norm(quaternion) < 1e-6:
         quaternion = np.array([0.0, 0.0, 0.0, 1.0])  # never set by its sender
     return se3.make_transform(
-        Rotation.from_quat(quaternion).as_matrix(), np.array([place.x, place.y, place.z])
+        Rotation.from_quat(quaternion).as_matrix(),
+        np.array([translation.x, translation.y, translation.z]),
     )

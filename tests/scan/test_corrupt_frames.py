@@ -8,8 +8,8 @@ import pytest
 import planfit
 from builders import position_rms_m
 from planfit.errors import ScanError
-from planfit.scan.corrupt_frames import CorruptFrames
-from planfit.scan.views import TolerantFiles, select_frames
+from planfit.scan import corrupt_frames
+from planfit.scan.views import TolerantFiles, select_frames, tolerate_corrupt_frames
 from planfit.synth import (
     BuildingOptions,
     CameraOptions,
@@ -60,12 +60,12 @@ def synthetic():
 
 
 def test_refinement_goes_on_without_the_frame(synthetic) -> None:
-    damage = CorruptFrames(1000)  # as if the scan were long: two of a thousand are stood
     scan = synthetic.scan
-    files = TolerantFiles(Spoiled(scan.files), scan.cameras, damage)
-    spoiled = replace(scan, files=files, damage=damage, fingerprint="")
+    files = TolerantFiles(Spoiled(scan.files), scan.cameras, max_corrupt=len(BROKEN))
+    spoiled = replace(scan, files=files, fingerprint="")
+    assert corrupt_frames(spoiled) == {}
     result = planfit.refine(spoiled, synthetic.floorplan)
-    assert set(damage.reasons) == set(BROKEN)
+    assert list(corrupt_frames(spoiled)) == [scan.frame_ids[i] for i in BROKEN]
     assert not set(BROKEN) & set(np.unique(result.matches.pairs))
     true = synthetic.true_world_from_cams
     # The frames without images move with their neighbours.
@@ -76,13 +76,21 @@ def test_refinement_goes_on_without_the_frame(synthetic) -> None:
 
 
 def test_more_than_one_in_a_hundred_is_an_error(synthetic) -> None:
-    scan = synthetic.scan
-    files = TolerantFiles(Spoiled(scan.files), scan.cameras, CorruptFrames(len(scan)))
+    scan = replace(synthetic.scan, files=Spoiled(synthetic.scan.files))
     with pytest.raises(ScanError, match=r"depth-5\.png: cannot be decoded"):
-        files.depth(5)
+        tolerate_corrupt_frames(scan).files.depth(5)
 
 
-def test_chosen_frames_keep_their_own_images(synthetic) -> None:
+def test_corrupt_frames_keep_their_names_where_frames_are_selected(synthetic) -> None:
+    scan = synthetic.scan
+    files = TolerantFiles(Spoiled(scan.files), scan.cameras, max_corrupt=len(BROKEN))
+    chosen = np.array([3, BROKEN[1], 7])
+    some = select_frames(replace(scan, files=files), chosen, scan.world_from_cams[chosen])
+    assert np.isnan(some.files.depth(1)).all()
+    assert corrupt_frames(some) == {scan.frame_ids[BROKEN[1]]: "depth-13.png: cannot be decoded"}
+
+
+def test_selected_frames_keep_their_own_images(synthetic) -> None:
     scan = synthetic.scan
     chosen = select_frames(scan, np.array([3, 7]), scan.world_from_cams[[3, 7]])
     np.testing.assert_array_equal(chosen.files.depth(1), scan.files.depth(7))

@@ -5,42 +5,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from jaxtyping import Float, Shaped, UInt8
 from PIL import Image, UnidentifiedImageError
 
 from planfit.errors import ScanError
 
 
-def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) from the header, without decoding.
-
-    Raises:
-        ScanError: the file is not an image.
-    """
-    try:
-        with Image.open(path) as image:
-            return image.size
-    except (UnidentifiedImageError, Image.DecompressionBombError, OSError) as error:
-        raise ScanError(
-            f"{path}: expected an image, found a file that cannot be read as one ({error}); "
-            "copy it again from the source"
-        ) from error
-
-
-def read_image(path: Path, flags: int) -> np.ndarray:
-    """Decode an image with OpenCV's read `flags`.
-
-    Raises:
-        ScanError: the file is missing, truncated or not an image.
-    """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ScanError(f"{path}: cannot be read ({error.strerror})") from error
-    return decode_image(data, path, flags)
-
-
-def decode_image(data: bytes, path: Path, flags: int) -> np.ndarray:
-    """Decode the bytes of an image file, which messages call `path`.
+def decode_image(data: bytes, path: Path, flags: int) -> Shaped[np.ndarray, "h w *channels"]:
+    """Decode the bytes of an image file, which messages call `path`, by OpenCV's read `flags`.
 
     Raises:
         ScanError: they are truncated or no image.
@@ -54,28 +26,14 @@ def decode_image(data: bytes, path: Path, flags: int) -> np.ndarray:
     return image
 
 
-def read_color(path: Path) -> np.ndarray:
-    """Colour image (h, w, 3) uint8, RGB."""
-    return cv2.cvtColor(read_image(path, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
-
-
-def decode_color(data: bytes, path: Path) -> np.ndarray:
-    """Colour image (h, w, 3) uint8, RGB, as stored: a mark that says "turn me" is not followed."""
+def decode_color(data: bytes, path: Path) -> UInt8[np.ndarray, "h w 3"]:
+    """Colour image, RGB, as stored: a mark that says "turn me" is not followed."""
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     return cv2.cvtColor(decode_image(data, path, flags), cv2.COLOR_BGR2RGB)
 
 
-def read_depth_mm(path: Path) -> np.ndarray:
-    """16-bit depth in millimetres to (h, w) float32 m; 0 and 65535 mean no reading and become NaN.
-
-    Raises:
-        ScanError: the image is not 16-bit with one channel.
-    """
-    return depth_from_raw(read_image(path, cv2.IMREAD_UNCHANGED), 1e-3, path)
-
-
-def decode_depth(data: bytes, metres_per_unit: float, path: Path) -> np.ndarray:
-    """The bytes of a 16-bit depth image, or of a `.npy` array, to (h, w) float32 m, NaN without reading.
+def decode_depth(data: bytes, metres_per_unit: float, path: Path) -> Float[np.ndarray, "h w"]:
+    """The bytes of a 16-bit depth image, or of a `.npy` array, to float32 m, NaN where nothing was measured.
 
     Raises:
         ScanError: they are neither.
@@ -93,8 +51,8 @@ def decode_depth(data: bytes, metres_per_unit: float, path: Path) -> np.ndarray:
     return depth_from_raw(raw, metres_per_unit, path)
 
 
-def depth_from_raw(raw: np.ndarray, metres_per_unit: float, path: Path) -> np.ndarray:
-    """16-bit depth (h, w) to float32 m; 0 and 65535 mean no reading and become NaN.
+def depth_from_raw(raw: np.ndarray, metres_per_unit: float, path: Path) -> Float[np.ndarray, "h w"]:
+    """16-bit depth to float32 m; 0 and 65535 stand where nothing was measured and become NaN.
 
     Raises:
         ScanError: the image is not 16-bit with one channel.
@@ -109,8 +67,8 @@ def depth_from_raw(raw: np.ndarray, metres_per_unit: float, path: Path) -> np.nd
     return depth
 
 
-def depth_from_metres(depth: np.ndarray) -> np.ndarray:
-    """Depth (h, w) m as float32; what is not a positive finite number becomes NaN."""
+def depth_from_metres(depth: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Depth m as float32, a copy; what is not a positive finite number becomes NaN."""
     depth = np.array(depth, dtype=np.float32)
     depth[~(np.isfinite(depth) & (depth > 0))] = np.nan
     return depth
@@ -133,7 +91,7 @@ def header_size(data: bytes, path: Path) -> tuple[int, int]:
 
 
 def is_cut_off(head: bytes, tail: bytes) -> bool:
-    """Whether a PNG or JPEG lacks its end: the usual damage, seen without decoding."""
+    """Whether a PNG or JPEG lacks its end: the usual fault, seen without decoding."""
     if head.startswith(b"\x89PNG"):
         return b"IEND" not in tail
     if head.startswith(b"\xff\xd8"):

@@ -1,0 +1,14 @@
+"""ROS 1 and 2 bags and MCAP files, by the library rosbags (planfit[bag]).
+
+Topics are named by the options, or guessed: colour and depth images (raw, compressed or compressedDepth),
+the colour camera's CameraInfo, and poses from tf (the chain from the camera's frame up), else from
+PoseStamped, Odometry, TransformStamped or the last Path. Times are those of the messages' headers. Depth
+that is not registered to colour is, by the static tf between the two cameras. Refined poses are written as
+`trajectory.tum`, world_from_cam: a bag is not rewritten.
+"""
+
+from planfit.scan.formats.bag.read import EXPECTS as EXPECTS
+from planfit.scan.formats.bag.read import BagSource as BagSource
+from planfit.scan.formats.bag.read import is_bag as is_bag
+from planfit.scan.formats.bag.read import read as read
+from planfit.scan.formats.bag.read import recognise as recognise

@@ -1,0 +1,295 @@
+"""From a bag to a `Recording`: colour messages, the depth and the pose that belong to each by time."""
+
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from planfit.errors import ScanError
+from planfit.scan.association import pair_times
+from planfit.scan.formats.bag.messages import camera_info_lens, color_of_message, depth_of_message
+from planfit.scan.formats.bag.poses import Transforms, fixed_transform, poses_of_bag, read_tf
+from planfit.scan.formats.bag.topics import IMAGE_TYPES, Topics, choose_topics
+from planfit.scan.images.lens import Lens
+from planfit.scan.options import ScanOptions
+from planfit.scan.poses import write_tum
+from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.source import FolderSource, fingerprint
+
+EXPECTS = "a .bag, .mcap or .db3 file, or a ROS 2 bag's folder with metadata.yaml"
+SUFFIXES = (".bag", ".mcap", ".db3")
+
+
+@dataclass(frozen=True)
+class BagSource:
+    """A bag, which its own library reads."""
+
+    path: Path
+
+
+def is_bag(path: Path) -> bool:
+    """Whether this is a bag, by its name or by what lies in the folder."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file() and any(
+            item.suffix in (".db3", ".mcap", ".zstd") for item in path.iterdir()
+        )
+    return path.suffix.lower() in SUFFIXES
+
+
+def recognise(source: BagSource) -> bool:
+    """Whether this is a bag."""
+    return is_bag(source.path)
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """A message: when it was made, and where in the bag it lies."""
+
+    time: float
+    """s, of its header."""
+    log_ns: int
+    connection: Any
+
+
+@dataclass(frozen=True)
+class Listing:
+    """What one pass over the messages of the chosen topics finds."""
+
+    first: dict[str, Any]
+    """The first message of each topic."""
+    colors: list[Stamp]
+    """In the order of their times."""
+    depths: list[Stamp]
+
+    @property
+    def color_times(self) -> Float[np.ndarray, " c"]:
+        """Of the headers, s."""
+        return np.array([stamp.time for stamp in self.colors])
+
+    @property
+    def depth_times(self) -> Float[np.ndarray, " d"]:
+        """Of the headers, s."""
+        return np.array([stamp.time for stamp in self.depths])
+
+
+class BagImages:
+    """`StoredImages` of a bag, looked up by the time they were logged; safe to use from several threads.
+
+    A frame's colour and depth are named by the numbers of their messages in the listing.
+    """
+
+    def __init__(
+        self, reader: Any, listing: Listing, sizes: tuple[Size, Size], metres_per_unit: float | None
+    ) -> None:
+        self._reader, self._listing, self._sizes = reader, listing, sizes
+        self._metres_per_unit = metres_per_unit
+        self._lock = Lock()
+        weakref.finalize(self, reader.close)
+
+    def missing(self, frame: Frame) -> str:  # noqa: ARG002
+        """Nothing: only messages are listed that are there."""
+        return ""
+
+    def sizes(self, frame: Frame) -> tuple[Size, Size]:  # noqa: ARG002
+        """Of the first images: the sizes of the others are checked when they are decoded."""
+        return self._sizes
+
+    def warnings(self, frames: Sequence[Frame]) -> list[str]:  # noqa: ARG002
+        """None."""
+        return []
+
+    def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
+        stamp = self._listing.colors[int(frame.color)]
+        return color_of_message(self._message(stamp), stamp.connection.topic)
+
+    def depth(self, frame: Frame) -> Float[np.ndarray, "h w"]:
+        """float32 m, NaN where nothing was measured."""
+        stamp = self._listing.depths[int(frame.depth)]
+        return depth_of_message(self._message(stamp), stamp.connection.topic, self._metres_per_unit)
+
+    def _message(self, stamp: Stamp) -> Any:
+        with self._lock:
+            found = self._reader.messages([stamp.connection], stamp.log_ns, stamp.log_ns + 1)
+            for connection, _, data in found:
+                message = self._reader.deserialize(data, connection.msgtype)
+                if header_time(message) == stamp.time:
+                    return message
+        raise ScanError(
+            f"{stamp.connection.topic}: expected a message at {stamp.time:.6f} s, found none; "
+            "is the bag being written?"
+        )
+
+
+def header_time(message: Any) -> float:
+    """Seconds of a message's header."""
+    stamp = message.header.stamp
+    return stamp.sec + stamp.nanosec * 1e-9
+
+
+def read(source: BagSource, options: ScanOptions) -> Recording:
+    """List a scan.
+
+    Raises:
+        ScanError: topics are missing, or their times never match.
+    """
+    path = source.path
+    reader = _open(path)
+    try:
+        return _read(path, reader, options)
+    except BaseException:
+        reader.close()
+        raise
+
+
+def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
+    topics = choose_topics(path, reader.connections, options)
+    listing = _list_messages(path, reader, topics)
+    mine, depth = _pair(path, listing, options.max_time_gap_s)
+    times = listing.color_times[mine]
+    camera_frame = listing.first[topics.color].header.frame_id
+    tree = read_tf(reader)
+    poses, known, warnings = poses_of_bag(
+        path, reader, tree, topics.pose, camera_frame, times, options.max_time_gap_s
+    )
+    color_from_depth, doubt = _mount_of_depth(listing.first, topics, tree)
+    sizes = (
+        _size(color_of_message(listing.first[topics.color], topics.color)),
+        _size(depth_of_message(listing.first[topics.depth], topics.depth)),
+    )
+    color_lens, depth_lens = _lenses(listing.first, topics, sizes)
+
+    def write_poses(
+        directory: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"]
+    ) -> None:
+        write_tum(
+            directory / "trajectory.tum", np.array([frame.time for frame in written]), refined
+        )
+
+    return Recording(
+        format="bag",
+        path=path,
+        frames=[
+            Frame(f"{time:.6f}", float(time), pose, str(color_idx), str(depth_idx))
+            for time, pose, color_idx, depth_idx in zip(
+                times[known], poses[known], mine[known], depth[known], strict=True
+            )
+        ],
+        images=BagImages(reader, listing, sizes, options.depth_scale),
+        color_lens=lambda *_: color_lens,
+        depth_lens=lambda *_: depth_lens,
+        color_from_depth=color_from_depth,
+        write_poses=write_poses,
+        fingerprint=_fingerprint(path, options),
+        skipped=[
+            f"frame at {listing.color_times[i]:.6f} s: no depth within {options.max_time_gap_s:g} s"
+            for i in np.setdiff1d(np.arange(len(listing.colors)), mine)
+        ]
+        + [f"frame at {time:.6f} s: no pose" for time in times[~known]],
+        warnings=[*warnings, *doubt],
+    )
+
+
+def _list_messages(path: Path, reader: Any, topics: Topics) -> Listing:
+    stamps: dict[str, list[Stamp]] = {topics.color: [], topics.depth: []}
+    first: dict[str, Any] = {}
+    wanted = {topics.color, topics.depth, topics.info, topics.depth_info} - {""}
+    for connection, log_ns, data in reader.messages(
+        [c for c in reader.connections if c.topic in wanted]
+    ):
+        if connection.topic not in stamps and connection.topic in first:
+            continue  # of CameraInfo, the first is enough
+        message = reader.deserialize(data, connection.msgtype)
+        first.setdefault(connection.topic, message)
+        if connection.msgtype in IMAGE_TYPES:
+            stamps[connection.topic].append(Stamp(header_time(message), log_ns, connection))
+    for topic in wanted:
+        if topic not in first:
+            raise ScanError(
+                f"{path}: expected messages on {topic}, found none; record it, or choose another topic"
+            )
+    colors, depths = (sorted(stamps[t], key=lambda s: s.time) for t in (topics.color, topics.depth))
+    return Listing(first, colors, depths)
+
+
+def _pair(
+    path: Path, listing: Listing, max_gap_s: float
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Numbers of colour and of depth messages that belong together."""
+    color_times, depth_times = listing.color_times, listing.depth_times
+    mine, depth = pair_times(color_times, depth_times, max_gap_s)
+    if not len(mine):
+        raise ScanError(
+            f"{path}: expected depth within {max_gap_s:g} s of colour ({color_times.min():.3f} "
+            f"to {color_times.max():.3f} s), found {depth_times.min():.3f} to {depth_times.max():.3f}; "
+            "give another topic or --max-time-gap-s"
+        )
+    return mine, depth
+
+
+def _is_registered(topics: Topics) -> bool:
+    return any(word in topics.depth for word in ("aligned", "registered"))
+
+
+def _mount_of_depth(
+    first: dict[str, Any], topics: Topics, tree: Transforms
+) -> tuple[Float[np.ndarray, "4 4"] | None, list[str]]:
+    """From the depth camera to the colour camera, where depth is a camera of its own, and warnings."""
+    color_frame = first[topics.color].header.frame_id
+    depth_frame = first[topics.depth].header.frame_id
+    if depth_frame == color_frame or _is_registered(topics):
+        return None, []
+    has_own_info = topics.depth_info not in ("", topics.info)
+    if has_own_info:
+        color_from_depth = fixed_transform(tree, color_frame, depth_frame)
+        if color_from_depth is not None:
+            return color_from_depth, []
+    lack = "no static tf joins them" if has_own_info else "depth has no CameraInfo of its own"
+    return None, [
+        f"depth is in the frame {depth_frame}, colour in {color_frame}, and {lack}: it is taken as "
+        "registered to colour; give --depth-topic where the bag has registered depth"
+    ]
+
+
+def _size(image: np.ndarray) -> Size:
+    return image.shape[1], image.shape[0]
+
+
+def _lenses(first: dict[str, Any], topics: Topics, sizes: tuple[Size, Size]) -> tuple[Lens, Lens]:
+    """Of colour and depth; registered depth, or depth without a CameraInfo, shows what the colour shows."""
+    color = camera_info_lens(first[topics.info], topics.info, topics.color, sizes[0])
+    if not topics.depth_info or _is_registered(topics):
+        return color, color.scaled(*sizes[1])
+    info = first[topics.depth_info]
+    return color, camera_info_lens(info, topics.depth_info, topics.depth, sizes[1])
+
+
+def _open(path: Path) -> Any:
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise ScanError(
+            f"{path}: expected the library rosbags for bags, found none; install planfit[bag]"
+        ) from error
+    try:
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader.open()
+    except (AnyReaderError, OSError, ValueError) as error:
+        raise ScanError(
+            f"{path}: expected a bag, found one that cannot be read ({error}); "
+            "was the recording cut off? Try rosbag reindex or ros2 bag reindex"
+        ) from error
+    return reader
+
+
+def _fingerprint(path: Path, options: ScanOptions) -> str:
+    if path.is_dir():
+        folder = FolderSource(path)
+        return fingerprint(folder, folder.names(), options)
+    return fingerprint(FolderSource(path.parent), [path.name], options)

@@ -1,0 +1,121 @@
+"""Images that are files of a folder or archive: what is there, of what size, and whether it is whole."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from planfit.errors import ScanError
+from planfit.scan.images.decode import (
+    decode_color,
+    decode_depth,
+    decode_image,
+    header_size,
+    is_cut_off,
+)
+from planfit.scan.recording import Frame, Size
+from planfit.scan.source import FileSource, fingerprint
+
+
+@dataclass(frozen=True)
+class ImageFiles:
+    """`StoredImages` where each image is a file, by the names that frames have."""
+
+    source: FileSource
+    metres_per_unit: float
+    """Of the stored depth."""
+    min_confidence: int = 0
+    """In the unit of the stored confidence; depth of less is left out."""
+
+    def missing(self, frame: Frame) -> str:
+        """The first image that is no file."""
+        for name in (frame.color, frame.depth):
+            if not name or not self.source.exists(name):
+                return name or "an image"
+        return ""
+
+    def sizes(self, frame: Frame) -> tuple[Size, Size]:
+        """Of colour and depth, from their headers."""
+        return whole_image_size(self.source, frame.color), whole_image_size(
+            self.source, frame.depth
+        )
+
+    def warnings(self, frames: Sequence[Frame]) -> list[str]:
+        """That files of confidence are missing; nothing where the recording has none at all."""
+        names = [frame.confidence for frame in frames]
+        missing = [name for name in names if name and not self.source.exists(name)]
+        if self.min_confidence == 0 or not missing or len(missing) == len(names):
+            return []
+        return [
+            f"{len(missing)} of {len(names)} frames have no confidence ({missing[0]} is missing): all of "
+            "their depth is used"
+        ]
+
+    def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
+        return decode_color(self.source.read(frame.color), self.source.path / frame.color)
+
+    def depth(self, frame: Frame) -> Float[np.ndarray, "h w"]:
+        """float32 m, NaN where nothing was measured or the confidence is too low."""
+        path = self.source.path / frame.depth
+        depth = decode_depth(self.source.read(frame.depth), self.metres_per_unit, path)
+        if self.uses_confidence(frame):
+            path = self.source.path / frame.confidence
+            confidence = decode_image(self.source.read(frame.confidence), path, -1)
+            drop_unsure(depth, confidence, self.min_confidence, str(path))
+        return depth
+
+    def uses_confidence(self, frame: Frame) -> bool:
+        """Whether depth of low confidence is to be left out of a frame, and can be."""
+        return (
+            self.min_confidence > 0
+            and bool(frame.confidence)
+            and self.source.exists(frame.confidence)
+        )
+
+    def fingerprint(self, tables: Sequence[str], frames: Sequence[Frame], *parts: object) -> str:
+        """Changes when tables, images that are there, or other `parts` do."""
+        images = (name for f in frames for name in (f.color, f.depth, f.confidence) if name)
+        # Each name once: all frames of a video are in one file.
+        names = dict.fromkeys([*tables, *(name for name in images if self.source.exists(name))])
+        return fingerprint(self.source, names, *parts)
+
+
+def drop_unsure(
+    depth: Float[np.ndarray, "h w"], confidence: np.ndarray, least: int, where: str
+) -> None:
+    """Set depth to NaN, in place, where confidence (h, w) is below `least`.
+
+    Raises:
+        ScanError: the two do not have one size.
+    """
+    if confidence.shape != depth.shape:
+        raise ScanError(
+            f"{where}: expected confidence of {depth.shape[1]} x {depth.shape[0]} px as the depth, "
+            f"found shape {confidence.shape}"
+        )
+    depth[confidence < least] = np.nan
+
+
+def whole_image_size(source: FileSource, name: str) -> Size:
+    """Size of an image file that begins and ends as images do.
+
+    Raises:
+        ScanError: it does not.
+    """
+    path = source.path / name
+    if name.lower().endswith(".npy"):
+        height, width = decode_depth(source.read(name), 1.0, path).shape
+        return width, height
+    head, tail = source.ends(name)
+    try:
+        size = header_size(head, path)
+    except ScanError:
+        size = header_size(source.read(name), path)  # thumbnails in a JPEG's header can be long
+    if is_cut_off(head, tail):
+        raise ScanError(
+            f"{path}: expected a whole image, found one without an end; "
+            "copy it again from the source"
+        )
+    return size

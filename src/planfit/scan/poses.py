@@ -1,0 +1,137 @@
+"""Poses as formats have them: axes (docs/conventions.md), text, and what makes a matrix a pose."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from planfit.errors import ScanError
+from planfit.geometry import se3
+from planfit.scan.source import FileSource
+from planfit.scan.tables import read_matrix
+
+OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Camera axes: OpenGL, Blender and ARKit have x right, y up, z backward; ours are x right, y down, z
+forward."""
+
+UP_Y = np.array([0.0, 1.0, 0.0])
+UP_Z = np.array([0.0, 0.0, 1.0])
+
+MAX_ENTRY = 1e9
+"""Nothing is further from an origin, not even in millimetres around the Earth's axis."""
+
+MAX_ROTATION_DEFECT = 0.02
+"""Largest entry of R^T R - I that is taken for rounding. Recorded poses with four decimals are off
+by 1e-4; a matrix that is off by more than this was not a rotation when it was written."""
+
+
+def check_pose(pose: Float[np.ndarray, "..."], where: str) -> None:
+    """Raise `ScanError`, beginning with `where`, unless `pose` is a rigid 4x4 transform up to rounding."""
+    if pose.shape != (4, 4):
+        raise ScanError(f"{where}: expected a 4x4 pose matrix, found shape {pose.shape}")
+    if not (np.isfinite(pose).all() and np.abs(pose).max() < MAX_ENTRY):
+        raise ScanError(
+            f"{where}: expected finite numbers in the pose, found NaN, infinity or beyond "
+            f"{MAX_ENTRY:g}; "
+            "remove the frame or repair the tracker's output"
+        )
+    rotation = pose[:3, :3]
+    defect = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    if defect > MAX_ROTATION_DEFECT:
+        raise ScanError(
+            f"{where}: expected a rotation in the pose, found a matrix off by {defect:.3g} "
+            f"(at most {MAX_ROTATION_DEFECT}); check for scaled or transposed poses"
+        )
+    if np.linalg.det(rotation) < 0:
+        raise ScanError(
+            f"{where}: expected a right-handed pose, found a mirrored one (determinant -1); "
+            "check the axes that the poses were exported with"
+        )
+    if np.abs(pose[3] - (0, 0, 0, 1)).max() > 1e-6:
+        raise ScanError(f"{where}: expected the last row 0 0 0 1, found {pose[3].tolist()}")
+
+
+def from_opengl(world_from_gl_cams: Float[np.ndarray, "*n 4 4"]) -> Float[np.ndarray, "*n 4 4"]:
+    """Poses of cameras with OpenGL axes, as poses of cameras with ours; also the way back."""
+    # T diag(s) scales column j by s[j]: as a broadcast product, since in a matrix product infinity (a
+    # lost tracker's entry) times 0 would be NaN with a numerical warning.
+    return world_from_gl_cams * np.diag(OPENGL_FROM_OPENCV)
+
+
+def read_pose(source: FileSource, name: str) -> Float[np.ndarray, "4 4"]:
+    """A text file of one 4x4 pose; NaN throughout where the tracker was lost (NaN or infinity in the file).
+
+    Raises:
+        ScanError: the file is no 4x4 pose.
+    """
+    pose = read_matrix(source, name, "a 4x4 matrix of numbers")
+    if pose.shape == (4, 4) and not np.isfinite(pose).all():
+        return np.full((4, 4), np.nan)
+    check_pose(pose, str(source.path / name))
+    return pose
+
+
+def write_pose(path: Path, world_from_cam: Float[np.ndarray, "4 4"]) -> None:
+    """Write one 4x4 pose as text."""
+    path.write_text("\n".join(" ".join(f"{v:.9f}" for v in row) for row in world_from_cam) + "\n")
+
+
+def read_tum(path: Path) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 4 4"]]:
+    """Timestamps and poses of a trajectory in the TUM form: `time tx ty tz qx qy qz qw`, one pose a line.
+
+    Raises:
+        ScanError: the file is missing, empty, or not eight numbers a line.
+    """
+    if not path.exists():
+        raise ScanError(f"{path}: expected a TUM trajectory, found nothing; check the path")
+    try:
+        text = path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScanError(f"{path}: expected a TUM trajectory as text, found {error}") from error
+    return parse_tum(text, path)
+
+
+def parse_tum(
+    content: str, path: Path
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 4 4"]]:
+    """As `read_tum`, of the text of a file; `path` is where it came from, for messages.
+
+    Raises:
+        ScanError: it is empty, or not eight numbers a line.
+    """
+    rows = []
+    for number, line in enumerate(content.splitlines(), start=1):
+        text = line.split("#")[0].split()
+        if not text:
+            continue
+        try:
+            row = [float(v) for v in text]
+        except ValueError:
+            row = []
+        ok = len(row) == 8 and np.isfinite(row).all() and np.abs(row[1:]).max() < MAX_ENTRY
+        if not ok or np.abs(row[4:]).max() < 1e-6:
+            raise ScanError(
+                f"{path}, line {number}: expected eight finite numbers "
+                f"(time tx ty tz qx qy qz qw), found {line.strip()[:80]!r}"
+            )
+        rows.append(row)
+    if not rows:
+        raise ScanError(f"{path}: expected a TUM trajectory, found no pose")
+    values = np.array(rows)
+    rotations = Rotation.from_quat(values[:, 4:]).as_matrix()
+    return values[:, 0], se3.make_transform(rotations, values[:, 1:4])
+
+
+def write_tum(
+    path: Path, timestamps: Float[np.ndarray, " n"], target_from_cams: Float[np.ndarray, "n 4 4"]
+) -> None:
+    """Write a trajectory in the TUM form."""
+    quaternions_xyzw = Rotation.from_matrix(target_from_cams[:, :3, :3]).as_quat(canonical=True)
+    rows = np.concatenate([target_from_cams[:, :3, 3], quaternions_xyzw], axis=1)
+    lines = [
+        # As many digits as the time has: seconds since 1970 with microseconds have sixteen.
+        np.format_float_positional(time, trim="-") + " " + " ".join(f"{v:.9f}" for v in row)
+        for time, row in zip(timestamps, rows, strict=True)
+    ]
+    path.write_text("\n".join(lines) + "\n")
