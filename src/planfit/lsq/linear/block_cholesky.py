@@ -8,8 +8,7 @@ all work is products of dense matrices, which BLAS does at a processor's full sp
 import numba
 import numpy as np
 
-from planfit.lsq.linear.ordering import FillReducingOrdering
-from planfit.lsq.linear.supernodes import find_supernodes
+from planfit.lsq.linear.ordering import FillReducingOrdering, find_supernodes
 
 PANEL = 48
 """Columns eliminated at once, 8 poses."""
@@ -21,10 +20,10 @@ class BlockCholesky:
     """Where the blocks of the factor are, and where they come from."""
 
     def __init__(
-        self, elimination: FillReducingOrdering, rows: np.ndarray, columns: np.ndarray
+        self, ordering: FillReducingOrdering, rows: np.ndarray, columns: np.ndarray
     ) -> None:
         """Work out the structure for blocks at (rows, columns) (u,), upper triangle, diagonal included."""
-        self._nodes = nodes = find_supernodes(elimination)
+        self._nodes = nodes = find_supernodes(ordering)
         n = len(nodes.order)
         place = np.zeros(n, dtype=np.int64)
         place[nodes.order] = np.arange(n)

@@ -7,8 +7,8 @@ import numpy as np
 from scipy import sparse
 
 from planfit.lsq.linear.block_cholesky import BlockCholesky
-from planfit.lsq.linear.ordering import eliminate
-from planfit.lsq.linear.pardiso import Pardiso
+from planfit.lsq.linear.ordering import minimum_degree_ordering
+from planfit.lsq.linear.solvers import Pardiso
 
 MAX_BAND_POSES = 12
 """Blocks up to this far from the diagonal go into the band that preconditions: neighbours in time."""
@@ -56,19 +56,19 @@ class BlockPattern:
     @cached_property
     def cholesky(self) -> BlockCholesky | None:
         """The factor's structure; None where loops would fill it."""
-        elimination = eliminate(self.rows, self.columns, self.n_poses, MAX_DIRECT_WORK)
-        if elimination is None:
+        ordering = minimum_degree_ordering(self.rows, self.columns, self.n_poses, MAX_DIRECT_WORK)
+        if ordering is None:
             return None
-        return BlockCholesky(elimination, self.rows, self.columns)
+        return BlockCholesky(ordering, self.rows, self.columns)
 
     @cached_property
     def any_cholesky(self) -> BlockCholesky:
         """The same, whatever the fill."""
         if self.cholesky is not None:
             return self.cholesky
-        elimination = eliminate(self.rows, self.columns, self.n_poses, np.inf)
-        assert elimination is not None  # nothing is beyond infinity
-        return BlockCholesky(elimination, self.rows, self.columns)
+        ordering = minimum_degree_ordering(self.rows, self.columns, self.n_poses, np.inf)
+        assert ordering is not None  # nothing is beyond infinity
+        return BlockCholesky(ordering, self.rows, self.columns)
 
     @cached_property
     def pardiso(self) -> Pardiso:

@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 
 from planfit.lsq.blocks import NormalBlocks
-from planfit.lsq.linear.banded_cg import solve_banded_cg
 from planfit.lsq.linear.block_pattern import BlockPattern
+from planfit.lsq.linear.solvers import solve_banded_cg
 
 LinearSolver = Literal["auto", "direct", "cg", "pardiso"]
 """How a step is solved for: factorisation, conjugate gradients, or the one that suits the pattern."""
