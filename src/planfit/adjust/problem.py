@@ -16,7 +16,8 @@ from planfit.adjust.terms.wall_offsets import (
     with_offsets,
 )
 from planfit.lsq.bounded import solve_bounded
-from planfit.lsq.solver import Cost, Solution, solve
+from planfit.lsq.problem import Problem
+from planfit.lsq.solver import Cost, Solution
 from planfit.lsq.term import Term
 
 
@@ -92,7 +93,7 @@ def solve_problem(problem: PlanProblem, options: AdjustOptions) -> Solution:
         others, start = problem.others, problem.unknowns
         bounded = solve_bounded(problem.geometric, others, start, options.bounded, options.solver)
         return bounded.solution
-    return solve(problem.terms, problem.unknowns, options.solver)
+    return Problem(problem.terms, problem.unknowns).solve(options.solver)
 
 
 def _descend(problem: PlanProblem, options: AdjustOptions) -> Solution:

@@ -18,33 +18,21 @@ from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import PlanProblem, make_problem, solve_problem
 from planfit.floorplan import Floorplan
 from planfit.lsq.covariance import covariances
-from planfit.lsq.solver import Solution, solve
+from planfit.lsq.problem import Problem
+from planfit.lsq.solver import Solution
 
 
 def close_loops(
     measurements: Measurements, level_from_cams: np.ndarray, options: AdjustOptions
 ) -> Solution:
-    """Make the scan agree with itself: matches, floor and trajectory, the first frame held.
+    """Make the scan agree with itself: matches, floor and odometry, the first frame held.
 
-    The loss of the matches narrows by `options.graduation` (graduated non-convexity: Blake and
-    Zisserman 1987; Yang et al. 2020). The floor, where seen, gives height and tilt; of the first
-    frame only the rest is held.
+    The loss of the matches narrows by `options.gnc_schedule` (graduated non-convexity). The floor, where
+    seen, gives height and tilt; of the first frame only the rest is held.
     """
     pose_prior = measurements.pose_prior(level_from_cams, options)
-    solution: Solution | None = None
-    for factor in options.gnc_schedule:
-        terms = measurements.terms(_with_wider_loss(options, factor))
-        solution = solve([*terms, pose_prior], level_from_cams, options.solver)
-        level_from_cams = solution.target_from_cams
-    assert solution is not None  # graduation is never empty
-    return solution
-
-
-def _with_wider_loss(options: AdjustOptions, factor: float) -> AdjustOptions:
-    """The same options with the scale of the matches' loss times a factor."""
-    chosen = getattr(options, options.geometric)
-    wider = replace(chosen, loss=replace(chosen.loss, scale=factor * chosen.loss.scale))
-    return replace(options, **{options.geometric: wider})
+    problem = Problem([*measurements.terms(options), pose_prior], level_from_cams)
+    return problem.solve_gnc(options.gnc_schedule, options.solver)
 
 
 @dataclass(frozen=True)
