@@ -188,26 +188,27 @@ class Supernodes:
 def find_supernodes(ordering: FillReducingOrdering) -> Supernodes:
     """Join the columns of the factor in an order into supernodes."""
     n = len(ordering.order)
-    rank = np.zeros(n, dtype=np.int64)
-    rank[ordering.order] = np.arange(n)
+    rank = _inverse_permutation(ordering.order)
     start, near = ordering.start, rank[ordering.neighbours]
+    # The parent of a column is the first of those below it; a root's is n (elimination tree, Liu 1990).
     parent = np.full(n, n)
     has_below = np.diff(start) > 0
     if len(near):
         parent[has_below] = np.minimum.reduceat(near, start[:-1][has_below])
+    # A supernode goes by its last column, its top: what is below that is below all of it.
     top = _joined(parent, np.diff(start), MAX_ZEROS, MAX_SMALL)
     tops = np.flatnonzero(top == np.arange(n))
     above = parent[tops]
     super_of = np.searchsorted(tops, top)
     super_parent = np.where(above < n, super_of[np.minimum(above, n - 1)], len(tops))
+    # Postorder of supernodes, the columns of each in their old order: a stable sort keeps that.
     sequence = _postorder(super_parent)
-    turn = np.zeros(len(tops), dtype=np.int64)
-    turn[sequence] = np.arange(len(tops))
-    of_rank = turn[super_of]
+    rank_of_super = _inverse_permutation(sequence)
+    of_rank = rank_of_super[super_of]
     by_place = np.argsort(of_rank, kind="stable")  # rank at each place
-    place = np.zeros(n, dtype=np.int64)
-    place[by_place] = np.arange(n)
+    place = _inverse_permutation(by_place)
     first = np.searchsorted(of_rank[by_place], np.arange(len(tops) + 1))
+    # Copy the lists below the tops, one after the other, as places: `taken` counts on from each list's start.
     ends = tops[sequence]
     counts = np.diff(start)[ends]
     super_start = np.concatenate([[0], np.cumsum(counts)])
@@ -215,7 +216,7 @@ def find_supernodes(ordering: FillReducingOrdering) -> Supernodes:
     below = place[near[taken]]
     owner = np.repeat(np.arange(len(tops)), counts)
     below = below[np.lexsort((below, owner))]
-    parents = np.append(turn, len(tops))[super_parent[sequence]]
+    parents = np.append(rank_of_super, len(tops))[super_parent[sequence]]
     return Supernodes(
         order=ordering.order[by_place],
         first=first,
@@ -225,6 +226,13 @@ def find_supernodes(ordering: FillReducingOrdering) -> Supernodes:
         n_children=np.bincount(parents, minlength=len(tops) + 1)[:-1],
         of_place=of_rank[by_place],
     )
+
+
+def _inverse_permutation(order: np.ndarray) -> np.ndarray:
+    """Where each of n things stands in an order (n,) of them."""
+    result = np.zeros(len(order), dtype=np.int64)
+    result[order] = np.arange(len(order))
+    return result
 
 
 @numba.njit(cache=True, nogil=True)
