@@ -137,7 +137,7 @@ def cost(terms: Sequence[Term], plan_from_cams: np.ndarray) -> float:
 def _pair_factor(
     i: int, j: int, points_a: np.ndarray, points_b: np.ndarray, root: np.ndarray, watch: Stopwatch
 ) -> gtsam.CustomFactor:
-    """Residuals p - T_i^-1 T_j q, axes of camera i; tangents (rotation, translation) on the right."""
+    """Residuals p - T_i^-1 T_j q, axes of camera i; right tangents (rotation, translation), as GTSAM's."""
     n = len(points_a)
     by_rotation_b = -se3.skew(points_b) * root[:, None, None]
     first, second = np.zeros((n, 3, 6)), np.zeros((n, 3, 6))

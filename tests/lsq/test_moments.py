@@ -23,7 +23,7 @@ def planes_case(rng):
         "start": start,
         "pose_idx": np.array([2, 0, 0, 3, 2]),
         "planes": np.column_stack([normals, rng.normal(size=5)]),
-        "information": np.array([1.0, 1.0, 0.3, 0.0, 2.0]),
+        "weight_per_point": np.array([1.0, 1.0, 0.3, 0.0, 2.0]),
         "target_from_cams": random_transforms(rng, 4),
         "sigma": 0.7,
     }
@@ -50,7 +50,7 @@ def pairs_case(rng):
         "sigma": rng.uniform(0.5, 2.0, 30),
         "start": start,
         "pairs": np.array([[0, 1], [1, 3], [3, 0], [2, 3]]),
-        "information": np.array([1.0, 0.2, 3.0, 0.5]),
+        "weight_per_point": np.array([1.0, 0.2, 3.0, 0.5]),
         "target_from_cams": random_transforms(rng, 4),
     }
 
@@ -80,7 +80,7 @@ def test_plane_moments_equal_the_sum_over_points(planes_case, loss, rng):
     quadratic, cost = plane_moments(**planes_case, loss=loss)
     s = (plane_distances(planes_case, poses) / planes_case["sigma"]) ** 2
     rho, weight = loss_value(s, loss)
-    share = per_point(planes_case, planes_case["information"])
+    share = per_point(planes_case, planes_case["weight_per_point"])
     assert_allclose(cost, 0.5 * np.sum(share * rho))
     weight = share * weight / planes_case["sigma"] ** 2
     assert_allclose(quadratic.cost(poses), 0.5 * np.sum(weight * s * planes_case["sigma"] ** 2))
@@ -103,7 +103,7 @@ def test_pair_moments_equal_the_sum_over_matches(pairs_case, loss, rng):
     quadratic, cost = pair_moments(**pairs_case, loss=loss)
     s = np.sum(pair_gaps(pairs_case, poses) ** 2, axis=1) / pairs_case["sigma"] ** 2
     rho, weight = loss_value(s, loss)
-    share = per_point(pairs_case, pairs_case["information"])
+    share = per_point(pairs_case, pairs_case["weight_per_point"])
     assert_allclose(cost, 0.5 * np.sum(share * rho))
     weight = share * weight / pairs_case["sigma"] ** 2
     elsewhere = random_transforms(rng, 4)
@@ -131,8 +131,8 @@ def test_gradients_of_the_quadratics_meet_differences_of_their_cost(planes_case,
         assert_allclose(quadratic.normal_blocks(poses).gradient, expected, atol=1e-5, rtol=1e-5)
 
 
-def test_a_group_without_information_costs_nothing(planes_case):
-    planes_case["information"] = np.zeros(5)
+def test_a_group_without_weight_costs_nothing(planes_case):
+    planes_case["weight_per_point"] = np.zeros(5)
     quadratic, cost = plane_moments(**planes_case, loss=Loss())
     assert cost == 0.0
     assert not np.any(quadratic.moments)
@@ -147,7 +147,7 @@ def test_small_residuals_survive_far_from_the_origin(pairs_case):
     homogeneous = np.column_stack([pairs_case["points_a"], np.ones(30)])
     exact = np.einsum("kab,kb->ka", true[pair], homogeneous)[:, :3]
     pairs_case |= {"points_b": exact + np.array([0.001, 0.0, 0.0]), "sigma": np.ones(30)}
-    pairs_case |= {"target_from_cams": poses, "information": np.ones(4)}
+    pairs_case |= {"target_from_cams": poses, "weight_per_point": np.ones(4)}
     quadratic, cost = pair_moments(**pairs_case, loss=Loss(LossKind.SQUARED))
     assert_allclose(cost, 0.5 * 30 * 1e-6, rtol=1e-3)
     assert_allclose(quadratic.cost(poses), 0.5 * 30 * 1e-6, rtol=1e-3)

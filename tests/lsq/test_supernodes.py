@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
-from planfit.lsq.linear.ordering import eliminate
-from planfit.lsq.linear.supernodes import MAX_SMALL, MAX_ZEROS, find_supernodes
+from planfit.lsq.linear.ordering import (
+    MAX_SMALL,
+    MAX_ZEROS,
+    find_supernodes,
+    minimum_degree_ordering,
+)
 
 
 def walk(n, lap):
@@ -29,7 +33,7 @@ def filled(order, rows, columns):
 @pytest.mark.parametrize(("n", "lap"), [(1, 5), (12, 40), (60, 20), (120, 12), (90, 80)])
 def test_fronts_hold_the_factor_and_few_zeros(n, lap):
     rows, columns = walk(n, lap)
-    nodes = find_supernodes(eliminate(rows, columns, n, np.inf))
+    nodes = find_supernodes(minimum_degree_ordering(rows, columns, n, np.inf))
     np.testing.assert_array_equal(np.sort(nodes.order), np.arange(n))
     expected = filled(nodes.order, rows, columns)
     stored = np.zeros((n, n), dtype=bool)
@@ -49,7 +53,7 @@ def test_fronts_hold_the_factor_and_few_zeros(n, lap):
 
 @pytest.mark.parametrize(("n", "lap"), [(60, 20), (120, 12), (200, 200)])
 def test_what_a_child_leaves_has_rows_in_its_parent(n, lap):
-    nodes = find_supernodes(eliminate(*walk(n, lap), n, np.inf))
+    nodes = find_supernodes(minimum_degree_ordering(*walk(n, lap), n, np.inf))
     waiting = []  # as the factorisation takes them: the last that were left
     for s in range(len(nodes.n_children)):
         own = np.arange(nodes.first[s], nodes.first[s + 1])

@@ -34,7 +34,8 @@ from planfit.errors import OptionError
 from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.bounded import solve_bounded
-from planfit.lsq.solver import Cost, Solution, solve
+from planfit.lsq.problem import Problem
+from planfit.lsq.solver import Cost, Solution
 from planfit.lsq.term import Term
 from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.segmentation import WallPatches
@@ -100,14 +101,6 @@ class AdjustmentProblem:
         terms = [*self.scan_terms, *self.plan_terms, *self.extra]
         return {term.name: term.reweight(target_from_cams)[1] for term in terms}
 
-    def with_wider_loss(self, factor: float) -> "AdjustmentProblem":
-        """The same problem with the scale of the matches' loss times a factor."""
-        name = self.options.geometric
-        chosen = getattr(self.options, name)
-        wider = replace(chosen, loss=replace(chosen.loss, scale=factor * chosen.loss.scale))
-        options = replace(self.options, **{name: wider})
-        return replace(self, options=options, geometric=_geometric_term(self.measurements, options))
-
     def solve(self, start: Float[np.ndarray, "u 4 4"] | None = None) -> Solution:
         """Solve from `start`, or from the problem's own unknowns, by the method of the options.
 
@@ -118,7 +111,7 @@ class AdjustmentProblem:
         """
         start, options = self.unknowns if start is None else start, self.options
         if self.correspondences is None:
-            return solve(self.terms, start, options.solver)
+            return Problem(self.terms, start).solve(options.solver)
         if options.method == "sgd":
             return self._descend(self.correspondences, start)
         if options.is_bounded and self.geometric is not None:
@@ -127,7 +120,7 @@ class AdjustmentProblem:
                 [self.geometric], others, start, options.bounded, options.solver
             )
             return bounded.solution
-        return solve(self.terms, start, options.solver)
+        return Problem(self.terms, start).solve(options.solver)
 
     def offsets(
         self, unknowns: Float[np.ndarray, "u 4 4"]

@@ -19,6 +19,7 @@ from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import AdjustmentProblem, build_problem
 from planfit.floorplan import Floorplan
 from planfit.lsq.covariance import covariances
+from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Solution
 from planfit.lsq.term import Term
 
@@ -30,17 +31,11 @@ def close_loops(
 ) -> Solution:
     """Make the scan agree with itself: matches, floor and odometry, the first frame held.
 
-    The loss of the matches narrows by `options.gnc_schedule` (graduated non-convexity: Blake and
-    Zisserman 1987; Yang et al. 2020). The floor, where seen, gives height and tilt; of the first
-    frame only the rest is held.
+    The loss of the matches narrows by `options.gnc_schedule` (graduated non-convexity). The floor, where
+    seen, gives height and tilt; of the first frame only the rest is held.
     """
     problem = build_problem(measurements, options, level_from_cams)
-    solution: Solution | None = None
-    for factor in options.gnc_schedule:
-        solution = problem.with_wider_loss(factor).solve(level_from_cams)
-        level_from_cams = solution.target_from_cams
-    assert solution is not None  # gnc_schedule is never empty
-    return solution
+    return Problem(problem.terms, problem.unknowns).solve_gnc(options.gnc_schedule, options.solver)
 
 
 @dataclass(frozen=True)

@@ -67,14 +67,14 @@ def weigh_all(s, kind, scale):  # pragma: no cover
 
 @numba.njit(cache=True, nogil=True, fastmath=True)
 def sum_planes(
-    points, start, planes, information, sigma, kind, scale, first, last, moments
+    points, start, planes, weight_per_point, sigma, kind, scale, first, last, moments
 ):  # pragma: no cover
     """Moments of groups first..last - 1 about their planes (camera frame); returns the cost."""
     s, weight = np.zeros(BLOCK), np.zeros(BLOCK)
     inverse = 1.0 / (sigma * sigma)
     cost = 0.0
     for k in range(first, last):
-        if information[k] == 0.0:
+        if weight_per_point[k] == 0.0:
             continue
         a, b, c, d = planes[k]
         xx = xy = xz = yy = yz = zz = sx = sy = sz = total = group_cost = 0.0
@@ -103,8 +103,8 @@ def sum_planes(
                 sy += wy
                 sz += wz
                 total += w
-        cost += 0.5 * information[k] * group_cost
-        f = information[k] * inverse
+        cost += 0.5 * weight_per_point[k] * group_cost
+        f = weight_per_point[k] * inverse
         out = moments[k]
         out[0, 0], out[1, 1], out[2, 2], out[3, 3] = f * xx, f * yy, f * zz, f * total
         out[0, 1] = out[1, 0] = f * xy
@@ -118,7 +118,19 @@ def sum_planes(
 
 @numba.njit(cache=True, nogil=True, fastmath=True)
 def sum_pairs(
-    points_a, points_b, sigma, start, a_from_b, information, kind, scale, first, last, aa, ab, bb
+    points_a,
+    points_b,
+    sigma,
+    start,
+    a_from_b,
+    weight_per_point,
+    kind,
+    scale,
+    first,
+    last,
+    aa,
+    ab,
+    bb,
 ):  # pragma: no cover
     """Moments of the matches of pairs first..last - 1; returns the cost.
 
@@ -129,7 +141,7 @@ def sum_pairs(
     p, q = np.zeros((3, BLOCK)), np.zeros((3, BLOCK))
     cost = 0.0
     for k in range(first, last):
-        if information[k] == 0.0:
+        if weight_per_point[k] == 0.0:
             continue
         t = a_from_b[k]
         group_cost = 0.0
@@ -154,11 +166,11 @@ def sum_pairs(
                 s[m] = (ex * ex + ey * ey + ez * ez) * inverse[m]
             group_cost += weigh(s, n, kind, scale, weight)
             for m in range(n):
-                weight[m] *= information[k] * inverse[m]
+                weight[m] *= weight_per_point[k] * inverse[m]
             _add_own_moments(p, weight, n, aa[k])
             _add_own_moments(q, weight, n, bb[k])
             _add_cross_moments(p, q, weight, n, aa[k], bb[k], ab[k])
-        cost += 0.5 * information[k] * group_cost
+        cost += 0.5 * weight_per_point[k] * group_cost
     return cost
 
 

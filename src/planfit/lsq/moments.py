@@ -17,9 +17,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.geometry import se3
-from planfit.lsq.blocks import NormalBlocks, sum_by_pose
+from planfit.lsq.blocks import NormalBlocks, blocks_of_rows, relative_poses
 from planfit.lsq.kernels import sum_pairs, sum_planes
 from planfit.lsq.robust import Loss
 
@@ -32,45 +33,48 @@ _MAX_PARTS = 64
 class PlaneMoments:
     """Weighted second moments of points seen by a camera that belong on a fixed plane."""
 
-    pose_idx: np.ndarray  # (k,)
-    planes: np.ndarray  # (k, 4): (normal, -offset), target frame, unit normal
-    moments: np.ndarray  # (k, 4, 4)
+    pose_idx: Int[np.ndarray, " k"]
+    planes: Float[np.ndarray, "k 4"]
+    """(normal, -offset), target frame, unit normal."""
+    moments: Float[np.ndarray, "k 4 4"]
+    """Sums of w p~ p~^T, sigma in the weights."""
 
-    def cost(self, target_from_cams: np.ndarray) -> float:
+    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
         """Half the weighted sum of squared distances."""
         planes_cam = _planes_in_cam(self.planes, target_from_cams[self.pose_idx])
         return 0.5 * float(np.einsum("ki,kij,kj->", planes_cam, self.moments, planes_cam))
 
-    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
-        """Gauss-Newton blocks: with u = R p, d distance = (u x n) . turn + n . shift."""
+    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
+        """Gauss-Newton blocks: with u = R p, d distance = (u x n) . rotation + n . translation."""
         poses = target_from_cams[self.pose_idx]
         normals = self.planes[:, :3]
-        # J = A p~ with rows: turn, (u x n) = -[n]x R p; shift, n.
+        # J = A p~ with rows: rotation, (u x n) = -[n]x R p; translation, n.
         jacobian = np.zeros((len(poses), 6, 4))
         jacobian[:, :3, :3] = -se3.skew(normals) @ poses[:, :3, :3]
         jacobian[:, 3:, 3] = normals
         planes_cam = _planes_in_cam(self.planes, poses)
         half = jacobian @ self.moments
-        gradient = np.einsum("kaj,kj->ka", half, planes_cam)
-        n = len(target_from_cams)
-        blocks = sum_by_pose(self.pose_idx, half @ np.swapaxes(jacobian, 1, 2), n)
-        idx = np.arange(n)
-        return NormalBlocks(idx, idx, blocks, sum_by_pose(self.pose_idx, gradient, n))
+        gradients = np.einsum("kaj,kj->ka", half, planes_cam)
+        hessians = half @ np.swapaxes(jacobian, 1, 2)
+        return blocks_of_rows(self.pose_idx[:, None], hessians, gradients, len(target_from_cams))
 
 
 @dataclass(frozen=True)
 class PairMoments:
     """Weighted second moments of matched points of two cameras that belong together."""
 
-    pairs: np.ndarray  # (k, 2)
-    aa: np.ndarray  # (k, 4, 4) sum w p~ p~^T
-    ab: np.ndarray  # (k, 4, 4) sum w p~ q~^T
-    bb: np.ndarray  # (k, 4, 4) sum w q~ q~^T
+    pairs: Int[np.ndarray, "k 2"]
+    aa: Float[np.ndarray, "k 4 4"]
+    """Sums of w p~ p~^T."""
+    ab: Float[np.ndarray, "k 4 4"]
+    """Sums of w p~ q~^T."""
+    bb: Float[np.ndarray, "k 4 4"]
+    """Sums of w q~ q~^T."""
 
-    def cost(self, target_from_cams: np.ndarray) -> float:
+    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
         """Half the weighted sum of squared distances, in the frame of the first camera."""
         # Relative, so that squares of a building's extent do not cancel.
-        a_from_b = _relative(target_from_cams, self.pairs)[:, :3]
+        a_from_b = relative_poses(target_from_cams, self.pairs)[:, :3]
         eye = np.eye(4)[:3]
         return 0.5 * float(
             np.einsum("ai,kij,aj->", eye, self.aa, eye)
@@ -78,7 +82,7 @@ class PairMoments:
             + np.einsum("kai,kij,kaj->", a_from_b, self.bb, a_from_b)
         )
 
-    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
         """Gauss-Newton blocks of r = u + s - v, u = R_i p, v = R_j q, s = t_i - t_j."""
         i, j = self.pairs[:, 0], self.pairs[:, 1]
         rotation_i, rotation_j = target_from_cams[i, :3, :3], target_from_cams[j, :3, :3]
@@ -91,80 +95,77 @@ class PairMoments:
         vv = rotation_j @ self.bb[:, :3, :3] @ np.swapaxes(rotation_j, 1, 2)
         residual = sum_u - sum_v + weight[:, None] * between
         cross_uv = _cross_of_outer(uv)  # sum w u x v
-        turn_i = -cross_uv + np.cross(sum_u, between)
-        turn_j = -cross_uv + np.cross(sum_v, between)
-        n = len(target_from_cams)
-        gradient = sum_by_pose(i, np.concatenate([turn_i, residual], axis=1), n)
-        gradient += sum_by_pose(j, -np.concatenate([turn_j, residual], axis=1), n)
-        diagonal = sum_by_pose(i, _lever_block(uu, sum_u, sum_u, weight), n)
-        diagonal += sum_by_pose(j, _lever_block(vv, sum_v, sum_v, weight), n)
-        off = -_lever_block(uv, sum_u, sum_v, weight)
-        swap = i > j
-        off = np.where(swap[:, None, None], np.swapaxes(off, 1, 2), off)
-        idx = np.arange(n)
-        return NormalBlocks(
-            np.concatenate([idx, np.minimum(i, j)]),
-            np.concatenate([idx, np.maximum(i, j)]),
-            np.concatenate([diagonal, off]),
-            gradient,
+        gradients = np.concatenate(
+            [
+                np.cross(sum_u, between) - cross_uv,
+                residual,
+                cross_uv - np.cross(sum_v, between),
+                -residual,
+            ],
+            axis=1,
         )
+        hessians = np.zeros((len(self.pairs), 12, 12))
+        hessians[:, :6, :6] = _lever_block(uu, sum_u, sum_u, weight)
+        hessians[:, :6, 6:] = -_lever_block(uv, sum_u, sum_v, weight)
+        hessians[:, 6:, 6:] = _lever_block(vv, sum_v, sum_v, weight)
+        return blocks_of_rows(self.pairs, hessians, gradients, len(target_from_cams))
 
 
 def plane_moments(
-    points_cam: np.ndarray,
-    start: np.ndarray,
-    pose_idx: np.ndarray,
-    planes: np.ndarray,
-    information: np.ndarray,
-    target_from_cams: np.ndarray,
+    points_cam: Float[np.ndarray, "m 3"],
+    start: Int[np.ndarray, " l"],
+    pose_idx: Int[np.ndarray, " k"],
+    planes: Float[np.ndarray, "k 4"],
+    weight_per_point: Float[np.ndarray, " k"],
+    target_from_cams: Float[np.ndarray, "n 4 4"],
     sigma: float,
     loss: Loss,
 ) -> tuple[PlaneMoments, float]:
-    """Reweight points (m, 3) in groups and sum them; also the robust cost.
+    """Reweight points in groups and sum them; also the robust cost.
 
     Args:
-        points_cam: (m, 3) m; group k is points start[k]:start[k + 1].
+        points_cam: m; group k is points start[k]:start[k + 1].
         start: (k + 1,).
-        pose_idx: (k,) camera of each group.
-        planes: (k, 4) plane of each group, target frame.
-        information: (k,) how many independent readings each point of a group is worth.
-        target_from_cams: (n, 4, 4).
-        sigma: spread of a point about its plane, m.
+        pose_idx: camera of each group.
+        planes: plane of each group, target frame.
+        weight_per_point: factor on the robust cost of each point of a group.
+        target_from_cams: the poses.
+        sigma: standard deviation of a point about its plane, m.
         loss: robust loss of distance / sigma.
     """
     planes_cam = _planes_in_cam(planes, target_from_cams[pose_idx])
     moments = np.zeros((len(planes), 4, 4))
     shape = (int(loss.kind), float(loss.scale))
-    args = (points_cam, start, planes_cam, information, float(sigma), *shape)
+    args = (points_cam, start, planes_cam, weight_per_point, float(sigma), *shape)
     cost = _in_parts(start, lambda first, last: sum_planes(*args, first, last, moments))
     return PlaneMoments(pose_idx, planes, moments), cost
 
 
 def pair_moments(
-    points_a: np.ndarray,
-    points_b: np.ndarray,
-    sigma: np.ndarray,
-    start: np.ndarray,
-    pairs: np.ndarray,
-    information: np.ndarray,
-    target_from_cams: np.ndarray,
+    points_a: Float[np.ndarray, "m 3"],
+    points_b: Float[np.ndarray, "m 3"],
+    sigma: Float[np.ndarray, " m"],
+    start: Int[np.ndarray, " l"],
+    pairs: Int[np.ndarray, "k 2"],
+    weight_per_point: Float[np.ndarray, " k"],
+    target_from_cams: Float[np.ndarray, "n 4 4"],
     loss: Loss,
 ) -> tuple[PairMoments, float]:
-    """Reweight matched points (m, 3) of pairs (k, 2) and sum them; also the robust cost.
+    """Reweight matched points of pairs and sum them; also the robust cost.
 
     Args:
-        points_a, points_b: (m, 3) m, camera frames; pair k is start[k]:start[k + 1].
-        sigma: (m,) m, spread of their difference, each axis.
+        points_a, points_b: m, camera frames; pair k is start[k]:start[k + 1].
+        sigma: m, standard deviation of their difference, each axis.
         start: (k + 1,).
-        pairs: (k, 2).
-        information: (k,) how many independent readings each match of a pair is worth.
-        target_from_cams: (n, 4, 4).
+        pairs: first and second camera.
+        weight_per_point: factor on the robust cost of each match of a pair.
+        target_from_cams: the poses.
         loss: robust loss of distance / sigma.
     """
-    a_from_b = np.ascontiguousarray(_relative(target_from_cams, pairs))
+    a_from_b = relative_poses(target_from_cams, pairs)
     aa, ab, bb = (np.zeros((len(pairs), 4, 4)) for _ in range(3))
     shape = (int(loss.kind), float(loss.scale))
-    args = (points_a, points_b, sigma, start, a_from_b, information, *shape)
+    args = (points_a, points_b, sigma, start, a_from_b, weight_per_point, *shape)
     cost = _in_parts(start, lambda first, last: sum_pairs(*args, first, last, aa, ab, bb))
     return PairMoments(pairs, aa, ab, bb), cost
 
@@ -189,10 +190,6 @@ def _in_parts(start: np.ndarray, sum_groups: Callable[[int, int], float]) -> flo
 def _planes_in_cam(planes: np.ndarray, target_from_cams: np.ndarray) -> np.ndarray:
     """Planes (k, 4) seen from cameras (k, 4, 4): T^T pi."""
     return np.einsum("kji,kj->ki", target_from_cams, planes)
-
-
-def _relative(target_from_cams: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    return se3.inverse(target_from_cams[pairs[:, 0]]) @ target_from_cams[pairs[:, 1]]
 
 
 def _cross_of_outer(outer: np.ndarray) -> np.ndarray:

@@ -152,7 +152,9 @@ class _Outcome(Enum):
 
 
 def _equations(
-    quadratics: Sequence[Quadratic], poses: np.ndarray, pattern: BlockPattern | None
+    quadratics: Sequence[Quadratic],
+    poses: Float[np.ndarray, "n 4 4"],
+    pattern: BlockPattern | None,
 ) -> NormalEquations:
     return NormalEquations([q.normal_blocks(poses) for q in quadratics], len(poses), pattern)
 
@@ -160,12 +162,12 @@ def _equations(
 def _damped_step(
     equations: NormalEquations,
     quadratics: Sequence[Quadratic],
-    poses: np.ndarray,
+    poses: Float[np.ndarray, "n 4 4"],
     damping: float,
     rounding: float,
     linear_solver: LinearSolver,
     max_tries: int = 8,
-) -> tuple[np.ndarray, float, _Outcome]:
+) -> tuple[Float[np.ndarray, "n 4 4"], float, _Outcome]:
     """One accepted step, or the same poses where none of `max_tries` dampings lowers the cost."""
     cost = sum(q.cost(poses) for q in quadratics)
     growth = 2.0

@@ -6,7 +6,7 @@ synthetic phone scan, but 0.047 instead of 0.022 on 7-Scenes' kitchen and 0.085 
 as real calibrations and clocks err by pixels.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -51,6 +51,10 @@ class PointTerm:
     def _on_device(self) -> GroupedPoints:
         m = self.matches
         return GroupedPoints(self.device, m.start, m.points_a, m.points_b, m.sigma)
+
+    def with_wider_loss(self, factor: float) -> "PointTerm":
+        """The same term with the scale of its loss times `factor`, for graduated non-convexity."""
+        return replace(self, options=replace(self.options, loss=self.options.loss.widened(factor)))
 
     def reweight(
         self, target_from_cams: np.ndarray

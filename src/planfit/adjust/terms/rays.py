@@ -17,7 +17,7 @@ trajectory prior or anchors must hold it, the more so where there are wrong matc
 least where the centres meet, and with a tenth of them wrong, rows of free cameras collapsed.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -94,6 +94,10 @@ class RayTerm:
         rays = [_unit(points) for points in (m.points_a, m.points_b)]
         parallel_sq = float(np.sin(np.deg2rad(self.options.parallel_deg)) ** 2)
         return RayPairs(m.pairs, m.start, rays[0], rays[1], parallel_sq)
+
+    def with_wider_loss(self, factor: float) -> "RayTerm":
+        """The same term with the scale of its loss times `factor`, for graduated non-convexity."""
+        return replace(self, options=replace(self.options, loss=self.options.loss.widened(factor)))
 
     def reweight(self, target_from_cams: np.ndarray) -> tuple["RayQuadratic", float]:
         """Weights of the matches at poses (n, 4, 4)."""

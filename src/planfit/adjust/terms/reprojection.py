@@ -5,7 +5,7 @@ itself is not stored: a match was lifted along its own pixel's ray, so projectin
 gives that pixel back exactly, and the principal point drops out of the difference.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -105,6 +105,10 @@ class ReprojectionTerm:
             np.array(diagonals, dtype=float),
             self.options.min_depth_m,
         )
+
+    def with_wider_loss(self, factor: float) -> "ReprojectionTerm":
+        """The same term with the scale of its loss times `factor`, for graduated non-convexity."""
+        return replace(self, options=replace(self.options, loss=self.options.loss.widened(factor)))
 
     def reweight(self, target_from_cams: np.ndarray) -> tuple["ReprojectionQuadratic", float]:
         """Weights of the reprojected at poses (n, 4, 4); those behind the camera have none."""

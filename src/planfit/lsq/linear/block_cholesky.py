@@ -7,9 +7,9 @@ all work is products of dense matrices, which BLAS does at a processor's full sp
 
 import numba
 import numpy as np
+from jaxtyping import Float, Int
 
-from planfit.lsq.linear.ordering import FillReducingOrdering
-from planfit.lsq.linear.supernodes import find_supernodes
+from planfit.lsq.linear.ordering import FillReducingOrdering, find_supernodes
 
 PANEL = 48
 """Columns eliminated at once, 8 poses."""
@@ -21,10 +21,13 @@ class BlockCholesky:
     """Where the blocks of the factor are, and where they come from."""
 
     def __init__(
-        self, elimination: FillReducingOrdering, rows: np.ndarray, columns: np.ndarray
+        self,
+        ordering: FillReducingOrdering,
+        rows: Int[np.ndarray, " u"],
+        columns: Int[np.ndarray, " u"],
     ) -> None:
-        """Work out the structure for blocks at (rows, columns) (u,), upper triangle, diagonal included."""
-        self._nodes = nodes = find_supernodes(elimination)
+        """Work out the structure for blocks at (rows, columns), upper triangle, diagonal included."""
+        self._nodes = nodes = find_supernodes(ordering)
         n = len(nodes.order)
         place = np.zeros(n, dtype=np.int64)
         place[nodes.order] = np.arange(n)
@@ -40,8 +43,13 @@ class BlockCholesky:
         row = np.maximum(first, second)[self._by_node]
         self._row = _rows_in_front(nodes.first, nodes.start, nodes.below, self._block_start, row)
 
-    def solve(self, upper: np.ndarray, added: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Solve (H + diag(added)) x = right: blocks (u, 6, 6) of H as given, vectors (6 n,).
+    def solve(
+        self,
+        upper: Float[np.ndarray, "u 6 6"],
+        added: Float[np.ndarray, " m"],
+        right: Float[np.ndarray, " m"],
+    ) -> Float[np.ndarray, " m"]:
+        """Solve (H + diag(added)) x = right: the blocks of H as given, m = 6 n.
 
         Raises:
             numpy.linalg.LinAlgError: the matrix is not positive definite.

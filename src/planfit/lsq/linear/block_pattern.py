@@ -4,11 +4,12 @@ from functools import cached_property
 
 import numba
 import numpy as np
+from jaxtyping import Float, Int
 from scipy import sparse
 
 from planfit.lsq.linear.block_cholesky import BlockCholesky
-from planfit.lsq.linear.ordering import eliminate
-from planfit.lsq.linear.pardiso import Pardiso
+from planfit.lsq.linear.ordering import minimum_degree_ordering
+from planfit.lsq.linear.solvers import Pardiso
 
 MAX_BAND_POSES = 12
 """Blocks up to this far from the diagonal go into the band that preconditions: neighbours in time."""
@@ -21,16 +22,20 @@ gradients take 1.5 to 8 s; scattered loops exceed it at 8,000, where they take 0
 class BlockPattern:
     """Places of the sums of blocks (row, column) of poses, row <= column, and of their transposes."""
 
-    def __init__(self, rows: np.ndarray, columns: np.ndarray, n_poses: int) -> None:
-        """Work out the pattern of blocks (b,) that a sum is made of; every diagonal block is in it."""
+    def __init__(
+        self, rows: Int[np.ndarray, " b"], columns: Int[np.ndarray, " b"], n_poses: int
+    ) -> None:
+        """Work out the pattern of the blocks that a sum is made of; every diagonal block is in it."""
         self.n_poses = n_poses
         self._rows, self._columns = rows, columns
         poses = np.arange(n_poses)
+        # One number a place, so that a sort of numbers finds blocks at the same place.
         codes = np.concatenate([rows, poses]) * n_poses + np.concatenate([columns, poses])
         unique, self._slot = np.unique(codes, return_inverse=True)
         self.rows, self.columns = unique // n_poses, unique % n_poses
         self.diagonal = np.flatnonzero(self.rows == self.columns)
         off = np.flatnonzero(self.rows != self.columns)
+        # Blocks off the diagonal come a second time as their transposes; SciPy wants rows in order.
         every_row = np.concatenate([self.rows, self.columns[off]])
         every_column = np.concatenate([self.columns, self.rows[off]])
         order = np.lexsort((every_column, every_row))
@@ -40,7 +45,9 @@ class BlockPattern:
         self._indptr = np.searchsorted(every_row[order], np.arange(n_poses + 1))
         self._band = np.flatnonzero(self.columns - self.rows <= MAX_BAND_POSES)
 
-    def fits(self, rows: np.ndarray, columns: np.ndarray, n_poses: int) -> bool:
+    def fits(
+        self, rows: Int[np.ndarray, " b"], columns: Int[np.ndarray, " b"], n_poses: int
+    ) -> bool:
         """Whether blocks at these places have this pattern."""
         return (
             n_poses == self.n_poses
@@ -56,39 +63,39 @@ class BlockPattern:
     @cached_property
     def cholesky(self) -> BlockCholesky | None:
         """The factor's structure; None where loops would fill it."""
-        elimination = eliminate(self.rows, self.columns, self.n_poses, MAX_DIRECT_WORK)
-        if elimination is None:
+        ordering = minimum_degree_ordering(self.rows, self.columns, self.n_poses, MAX_DIRECT_WORK)
+        if ordering is None:
             return None
-        return BlockCholesky(elimination, self.rows, self.columns)
+        return BlockCholesky(ordering, self.rows, self.columns)
 
     @cached_property
     def any_cholesky(self) -> BlockCholesky:
         """The same, whatever the fill."""
         if self.cholesky is not None:
             return self.cholesky
-        elimination = eliminate(self.rows, self.columns, self.n_poses, np.inf)
-        assert elimination is not None  # nothing is beyond infinity
-        return BlockCholesky(elimination, self.rows, self.columns)
+        ordering = minimum_degree_ordering(self.rows, self.columns, self.n_poses, np.inf)
+        assert ordering is not None  # nothing is beyond infinity
+        return BlockCholesky(ordering, self.rows, self.columns)
 
     @cached_property
     def pardiso(self) -> Pardiso:
         """MKL's solver, its analysis of this pattern kept."""
         return Pardiso()
 
-    def sum_blocks(self, blocks: np.ndarray) -> np.ndarray:
-        """Sums (u, 6, 6) of blocks (b, 6, 6) at the same place, in the order of `rows`, `columns`."""
+    def sum_blocks(self, blocks: Float[np.ndarray, "b 6 6"]) -> Float[np.ndarray, "u 6 6"]:
+        """Sums of blocks at the same place, in the order of `rows`, `columns`."""
         upper = np.zeros((len(self.rows), 6, 6))
         _add_blocks(np.ascontiguousarray(blocks), self._slot[: len(blocks)], upper)
         return upper
 
-    def symmetric(self, upper: np.ndarray) -> sparse.bsr_array:
+    def symmetric(self, upper: Float[np.ndarray, "u 6 6"]) -> sparse.bsr_array:
         """The whole matrix (6 n, 6 n), sparse in blocks."""
         data = upper[self._source]
         data[self._is_transposed] = np.swapaxes(data[self._is_transposed], 1, 2)
         size = 6 * self.n_poses
         return sparse.bsr_array((data, self._indices, self._indptr), shape=(size, size))
 
-    def banded(self, upper: np.ndarray) -> np.ndarray:
+    def banded(self, upper: Float[np.ndarray, "u 6 6"]) -> Float[np.ndarray, "w m"]:
         """The band near the diagonal in LAPACK's lower form: `band[i - j, j]` is entry (i, j)."""
         near = self._band
         width = int((self.columns[near] - self.rows[near]).max(initial=0))

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.lsq.blocks import NormalBlocks
-from planfit.lsq.linear.banded_cg import solve_banded_cg
 from planfit.lsq.linear.block_pattern import BlockPattern
+from planfit.lsq.linear.solvers import solve_banded_cg
 
 LinearSolver = Literal["auto", "direct", "cg", "pardiso"]
 """How a step is solved for: factorisation, conjugate gradients, or the one that suits the pattern."""
@@ -30,11 +31,11 @@ class NormalEquations:
         self.matrix = self.pattern.symmetric(self._upper)
         self.diagonal = np.diagonal(self._upper[self.pattern.diagonal], axis1=1, axis2=2).ravel()
 
-    def step(self, damping: float, solver: LinearSolver = "auto") -> np.ndarray:
-        """Damped step (n, 6): (H + damping * D) delta = -gradient, D the diagonal of H (Marquardt).
+    def step(self, damping: float, solver: LinearSolver = "auto") -> Float[np.ndarray, "n 6"]:
+        """Damped step: (H + damping * D) delta = -gradient, D the diagonal of H (Marquardt).
 
         Directions that nothing measures have a zero diagonal; a floor on D keeps them still.
-        `auto` factorises where the pattern's elimination is little work, else iterates.
+        `auto` factorises where the pattern's factor is little work, else iterates.
 
         Raises:
             numpy.linalg.LinAlgError: rounding has made the matrix indefinite; more damping mends it.
@@ -54,7 +55,7 @@ class NormalEquations:
         band = self.pattern.banded(self._upper)
         return solve_banded_cg(self.matrix, band, added, right).reshape(-1, 6)
 
-    def predicted_decrease(self, delta: np.ndarray) -> float:
+    def predicted_decrease(self, delta: Float[np.ndarray, "n 6"]) -> float:
         """How much half the squared residuals fall by a step, if they are linear."""
         flat = delta.ravel()
         return float(-(self.gradient.ravel() @ flat) - 0.5 * flat @ (self.matrix @ flat))

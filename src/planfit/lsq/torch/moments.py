@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.errors import OptionError
-from planfit.lsq.blocks import NormalBlocks, sum_by_pose
+from planfit.lsq.blocks import NormalBlocks, blocks_of_rows
 from planfit.lsq.robust import Loss, LossKind
 
 _PART_POINTS = 4_000_000
@@ -43,14 +44,16 @@ def require_device(device: str) -> Any:
 class GroupedPoints:
     """Points in groups, on a device."""
 
-    def __init__(self, device: str, start: np.ndarray, *columns: np.ndarray) -> None:
+    def __init__(
+        self, device: str, start: Int[np.ndarray, " l"], *columns: Float[np.ndarray, "m ..."]
+    ) -> None:
         """Upload `columns`, each (m, ...) with group k in start[k]:start[k + 1]; kept in float64."""
         self.torch = require_device(device)
         self.device = device
         self.start = np.asarray(start)
         self.columns = tuple(self.real(column) for column in columns)
 
-    def real(self, values: np.ndarray) -> Any:
+    def real(self, values: Float[np.ndarray, "..."]) -> Any:
         """An array on the device, float64."""
         return self.torch.as_tensor(np.asarray(values, dtype=float), device=self.device)
 
@@ -78,16 +81,16 @@ class TorchPlaneMoments:
     """As `planfit.lsq.moments.PlaneMoments`, on a device."""
 
     torch: Any
-    pose_idx: np.ndarray  # (k,)
+    pose_idx: Int[np.ndarray, " k"]
     planes: Any  # (k, 4) target frame
     moments: Any  # (k, 4, 4)
 
-    def cost(self, target_from_cams: np.ndarray) -> float:
+    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
         """Half the weighted sum of squared distances."""
         planes_cam = self._in_cam(self._poses(target_from_cams))
         return 0.5 * float(self.torch.einsum("ki,kij,kj->", planes_cam, self.moments, planes_cam))
 
-    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
         """Gauss-Newton blocks; see there."""
         torch, poses = self.torch, self._poses(target_from_cams)
         normals = self.planes[:, :3]
@@ -95,15 +98,11 @@ class TorchPlaneMoments:
         jacobian[:, :3, :3] = -_skew(torch, normals) @ poses[:, :3, :3]
         jacobian[:, 3:, 3] = normals
         half = jacobian @ self.moments
-        gradient = torch.einsum("kaj,kj->ka", half, self._in_cam(poses)).cpu().numpy()
-        blocks = (half @ jacobian.transpose(1, 2)).cpu().numpy()
-        n = len(target_from_cams)
-        every, idx = np.arange(n), self.pose_idx
-        return NormalBlocks(
-            every, every, sum_by_pose(idx, blocks, n), sum_by_pose(idx, gradient, n)
-        )
+        gradients = torch.einsum("kaj,kj->ka", half, self._in_cam(poses)).cpu().numpy()
+        hessians = (half @ jacobian.transpose(1, 2)).cpu().numpy()
+        return blocks_of_rows(self.pose_idx[:, None], hessians, gradients, len(target_from_cams))
 
-    def _poses(self, target_from_cams: np.ndarray) -> Any:
+    def _poses(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Any:
         poses = np.ascontiguousarray(target_from_cams[self.pose_idx])
         return self.torch.as_tensor(poses, device=self.moments.device)
 
@@ -116,12 +115,12 @@ class TorchPairMoments:
     """As `planfit.lsq.moments.PairMoments`, on a device."""
 
     torch: Any
-    pairs: np.ndarray  # (k, 2)
+    pairs: Int[np.ndarray, "k 2"]
     aa: Any  # (k, 4, 4)
     ab: Any  # (k, 4, 4)
     bb: Any  # (k, 4, 4)
 
-    def cost(self, target_from_cams: np.ndarray) -> float:
+    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
         """Half the weighted sum of squared distances, in the frame of the first camera."""
         first, second = self._poses(target_from_cams)
         a_from_b = _relative(self.torch, first, second)
@@ -131,7 +130,7 @@ class TorchPairMoments:
         own = einsum("kaa->", self.aa[:, :3, :3])
         return 0.5 * float(own - 2.0 * crossed + squared)
 
-    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
         """Gauss-Newton blocks; see there."""
         torch = self.torch
         first, second = self._poses(target_from_cams)
@@ -146,25 +145,22 @@ class TorchPairMoments:
         residual = sum_u - sum_v + weight[:, None] * between
         crossed = uv - uv.transpose(1, 2)
         cross_uv = torch.stack([crossed[:, 1, 2], crossed[:, 2, 0], crossed[:, 0, 1]], dim=1)
-        turn_i = -cross_uv + torch.linalg.cross(sum_u, between)
-        turn_j = -cross_uv + torch.linalg.cross(sum_v, between)
-        pull_i = torch.cat([turn_i, residual], dim=1).cpu().numpy()
-        pull_j = -torch.cat([turn_j, residual], dim=1).cpu().numpy()
-        own_i = _lever_block(torch, uu, sum_u, sum_u, weight).cpu().numpy()
-        own_j = _lever_block(torch, vv, sum_v, sum_v, weight).cpu().numpy()
-        off = -_lever_block(torch, uv, sum_u, sum_v, weight).cpu().numpy()
-        i, j = self.pairs.T
-        off = np.where((i > j)[:, None, None], np.swapaxes(off, 1, 2), off)
-        n = len(target_from_cams)
-        every = np.arange(n)
-        return NormalBlocks(
-            np.concatenate([every, np.minimum(i, j)]),
-            np.concatenate([every, np.maximum(i, j)]),
-            np.concatenate([sum_by_pose(i, own_i, n) + sum_by_pose(j, own_j, n), off]),
-            sum_by_pose(i, pull_i, n) + sum_by_pose(j, pull_j, n),
+        rotation_part_i = torch.linalg.cross(sum_u, between) - cross_uv
+        rotation_part_j = cross_uv - torch.linalg.cross(sum_v, between)
+        parts = [rotation_part_i, residual, rotation_part_j, -residual]
+        across = -_lever_block(torch, uv, sum_u, sum_v, weight)
+        hessians = torch.cat(
+            [
+                torch.cat([_lever_block(torch, uu, sum_u, sum_u, weight), across], dim=2),
+                # The lower half is not read.
+                torch.cat([across, _lever_block(torch, vv, sum_v, sum_v, weight)], dim=2),
+            ],
+            dim=1,
         )
+        gradients = torch.cat(parts, dim=1).cpu().numpy()
+        return blocks_of_rows(self.pairs, hessians.cpu().numpy(), gradients, len(target_from_cams))
 
-    def _poses(self, target_from_cams: np.ndarray) -> tuple[Any, Any]:
+    def _poses(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[Any, Any]:
         poses = self.torch.as_tensor(np.ascontiguousarray(target_from_cams), device=self.aa.device)
         i, j = (self.torch.as_tensor(side.copy(), device=self.aa.device) for side in self.pairs.T)
         return poses[i], poses[j]
@@ -172,16 +168,16 @@ class TorchPairMoments:
 
 def plane_moments_on(
     points: GroupedPoints,
-    pose_idx: np.ndarray,
-    planes: np.ndarray,
-    information: np.ndarray,
-    target_from_cams: np.ndarray,
+    pose_idx: Int[np.ndarray, " k"],
+    planes: Float[np.ndarray, "k 4"],
+    weight_per_point: Float[np.ndarray, " k"],
+    target_from_cams: Float[np.ndarray, "n 4 4"],
     sigma: float,
     loss: Loss,
 ) -> tuple[TorchPlaneMoments, float]:
     """As `planfit.lsq.moments.plane_moments`; `points` hold one column, the points (m, 3)."""
     torch = points.torch
-    planes_on, worth = points.real(planes), points.real(information)
+    planes_on, weights_on = points.real(planes), points.real(weight_per_point)
     poses = points.real(target_from_cams[pose_idx])
     planes_cam = torch.einsum("kji,kj->ki", poses, planes_on)
     found, cost = [], 0.0
@@ -190,7 +186,7 @@ def plane_moments_on(
         plane = planes_cam[groups][group]
         distance = (xyz * plane[:, :3]).sum(1) + plane[:, 3]
         rho, weight = _weigh(torch, (distance / sigma) ** 2, loss)
-        each = worth[groups][group]
+        each = weights_on[groups][group]
         cost += 0.5 * float((each * rho).sum())
         found.append(_second_moments(points, xyz, xyz, each * weight / sigma**2, counts))
     moments = torch.cat(found) if found else points.real(np.zeros((0, 4, 4)))
@@ -199,13 +195,13 @@ def plane_moments_on(
 
 def pair_moments_on(
     points: GroupedPoints,
-    pairs: np.ndarray,
-    information: np.ndarray,
-    target_from_cams: np.ndarray,
+    pairs: Int[np.ndarray, "k 2"],
+    weight_per_point: Float[np.ndarray, " k"],
+    target_from_cams: Float[np.ndarray, "n 4 4"],
     loss: Loss,
 ) -> tuple[TorchPairMoments, float]:
     """As `planfit.lsq.moments.pair_moments`; columns: points of each side (m, 3), and sigma (m,)."""
-    torch, worth = points.torch, points.real(information)
+    torch, weights_on = points.torch, points.real(weight_per_point)
     first, second = (points.real(target_from_cams[side]) for side in pairs.T)
     a_from_b = _relative(torch, first, second)
     found: list[list[Any]] = [[], [], []]
@@ -215,7 +211,7 @@ def pair_moments_on(
         there = a_from_b[groups][group]
         apart = a - torch.einsum("mij,mj->mi", there[:, :, :3], b) - there[:, :, 3]
         rho, weight = _weigh(torch, (apart**2).sum(1) / sigma**2, loss)
-        each = worth[groups][group]
+        each = weights_on[groups][group]
         cost += 0.5 * float((each * rho).sum())
         per_m2 = each * weight / sigma**2
         for kept, (p, q) in zip(found, ((a, a), (a, b), (b, b)), strict=True):
@@ -234,7 +230,7 @@ def _second_moments(points: GroupedPoints, p: Any, q: Any, weight: Any, counts: 
 
 
 def _weigh(torch: Any, s: Any, loss: Loss) -> tuple[Any, Any]:
-    """Costs and weights (m,) of squared residuals (m,) in spreads; as `kernels.weigh`."""
+    """Costs and weights (m,) of squared residuals (m,) in sigmas; as `kernels.weigh`."""
     c2 = loss.scale**2
     if loss.kind is LossKind.SQUARED:
         return s, torch.ones_like(s)
@@ -253,8 +249,8 @@ def _weigh(torch: Any, s: Any, loss: Loss) -> tuple[Any, Any]:
 def _relative(torch: Any, first: Any, second: Any) -> Any:
     """(k, 3, 4) transforms first^-1 second."""
     back = first[:, :3, :3].transpose(1, 2)
-    shift = back @ (second[:, :3, 3] - first[:, :3, 3])[:, :, None]
-    return torch.cat([back @ second[:, :3, :3], shift], dim=2)
+    translation = back @ (second[:, :3, 3] - first[:, :3, 3])[:, :, None]
+    return torch.cat([back @ second[:, :3, :3], translation], dim=2)
 
 
 def _skew(torch: Any, v: Any) -> Any:
