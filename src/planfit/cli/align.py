@@ -17,7 +17,7 @@ from planfit.errors import OutputError, ScanError
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.align import align_scan
 from planfit.pipeline.options import RefineOptions
-from planfit.report import draw_place
+from planfit.report import draw_alignment
 from planfit.runtime import Runtime
 from planfit.scan import ScanOptions, read_scan
 
@@ -137,7 +137,7 @@ def _write(
     for i, fit in enumerate(alignment.candidates, start=1):
         path = folder / f"candidate_{i}.png"
         plan = floorplan if floorplan.is_metric else metric_plan(floorplan, fit.scale_xy)
-        _replace(path, draw_place(plan, walls, fit, _title(i, fit, floorplan.is_metric)))
+        _replace(path, draw_alignment(plan, walls, fit, _title(i, fit, floorplan.is_metric)))
         pictures.append(path)
     text = json.dumps(to_record(floorplan, alignment), indent=1)
     _replace(folder / "alignment.json", text.encode())
