@@ -92,7 +92,7 @@ def test_warnings_about_the_alignment(world):
     few = Check("wall points near the plan", 0.1, MIN_NEAR_SHARE["masks"] - 0.01, "share", False)
     bad = Check("held-out matches", 0.05, 0.1, "m", True)
     cases = {
-        "not placed": {"alignment": None},
+        "not aligned": {"alignment": None},
         "so and so": {"alignment": Alignment(np.eye(4), 0.9, None, warnings=("so and so",))},
         "lie near the plan": {"checks": (few,)},
         "raise adjust.max-alternations": {

@@ -60,8 +60,8 @@ def test_absolute_errors(trajectories: tuple[Path, Path], tmp_path: Path) -> Non
     assert errors.aligned_rms_m == pytest.approx(aligned, rel=1e-6)
     largest = evo(APE, trajectories, tmp_path, statistic="max")
     assert errors.max_m == pytest.approx(largest, rel=1e-6)
-    turn = evo(APE, trajectories, tmp_path, "--pose_relation", "angle_deg", statistic="mean")
-    assert errors.rotation_mean_deg == pytest.approx(turn, rel=1e-5)
+    angle_deg = evo(APE, trajectories, tmp_path, "--pose_relation", "angle_deg", statistic="mean")
+    assert errors.rotation_mean_deg == pytest.approx(angle_deg, rel=1e-5)
 
 
 def test_relative_errors_to_the_next_frame(trajectories: tuple[Path, Path], tmp_path: Path) -> None:
@@ -69,10 +69,10 @@ def test_relative_errors_to_the_next_frame(trajectories: tuple[Path, Path], tmp_
     errors = relative_errors(estimate, truth)
     assert errors is not None
     steps = ("--delta", "1", "--delta_unit", "f", "--all_pairs")
-    shift = evo(RPE, trajectories, tmp_path, *steps)
-    assert errors.translation_rms_m == pytest.approx(shift, rel=1e-6)
-    turn = evo(RPE, trajectories, tmp_path, *steps, "--pose_relation", "angle_deg")
-    assert errors.rotation_rms_deg == pytest.approx(turn, rel=1e-5)
+    distance_m = evo(RPE, trajectories, tmp_path, *steps)
+    assert errors.translation_rms_m == pytest.approx(distance_m, rel=1e-6)
+    angle_deg = evo(RPE, trajectories, tmp_path, *steps, "--pose_relation", "angle_deg")
+    assert errors.rotation_rms_deg == pytest.approx(angle_deg, rel=1e-5)
 
 
 def test_relative_errors_over_a_length(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -90,7 +90,7 @@ def test_relative_errors_over_a_length(tmp_path: Path, rng: np.random.Generator)
     assert errors.n_pairs == 180
     pairs = ("--delta", "1.98", "--delta_unit", "m", "--all_pairs", "--pairs_from_reference")
     pairs = (*pairs, "--delta_tol", "0.02")
-    shift = evo(RPE, paths, tmp_path, *pairs)
-    assert errors.translation_rms_m == pytest.approx(shift, rel=1e-6)
-    turn = evo(RPE, paths, tmp_path, *pairs, "--pose_relation", "angle_deg")
-    assert errors.rotation_rms_deg == pytest.approx(turn, rel=1e-5)
+    distance_m = evo(RPE, paths, tmp_path, *pairs)
+    assert errors.translation_rms_m == pytest.approx(distance_m, rel=1e-6)
+    angle_deg = evo(RPE, paths, tmp_path, *pairs, "--pose_relation", "angle_deg")
+    assert errors.rotation_rms_deg == pytest.approx(angle_deg, rel=1e-5)

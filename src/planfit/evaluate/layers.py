@@ -1,4 +1,4 @@
-"""Share of walls that the scan shows as two layers: what drift leaves where a place is seen again.
+"""Share of walls that the scan shows as two layers: what drift leaves where the camera comes back.
 
 No plan is needed. Walls are looked at through square windows. In each, every frame that shows the wall gives
 a few measurements: how far its points lie before the window's plane. A window is double where these fall into

@@ -58,6 +58,7 @@ def sum_cells(points, start, cells, edge):  # pragma: no cover - compiled
 @numba.njit(cache=True, nogil=True, inline="always")
 def _shifted(sums, x, y, z, out):  # pragma: no cover - compiled
     """The same sums about a point that lies (-x, -y, -z) from the one that they are about."""
+    # Parallel axes: the sum of (p + x)(q + y) is that of pq + yp + xq + xy.
     n, sx, sy, sz = sums[0], sums[1], sums[2], sums[3]
     out[0] = n
     out[1] = sx + n * x
@@ -275,16 +276,16 @@ def smallest_eigenvalues(covariance, out):  # pragma: no cover - compiled
             if abs(b) + abs(c) + abs(e) <= small:
                 break
             if b != 0.0:
-                cosine, sine, shift = _rotation(a, d, b)
-                a, d, b = a - shift, d + shift, 0.0
+                cosine, sine, change = _rotation(a, d, b)
+                a, d, b = a - change, d + change, 0.0
                 c, e = cosine * c - sine * e, sine * c + cosine * e
             if c != 0.0:
-                cosine, sine, shift = _rotation(a, f, c)
-                a, f, c = a - shift, f + shift, 0.0
+                cosine, sine, change = _rotation(a, f, c)
+                a, f, c = a - change, f + change, 0.0
                 b, e = cosine * b - sine * e, sine * b + cosine * e
             if e != 0.0:
-                cosine, sine, shift = _rotation(d, f, e)
-                d, f, e = d - shift, f + shift, 0.0
+                cosine, sine, change = _rotation(d, f, e)
+                d, f, e = d - change, f + change, 0.0
                 b, c = cosine * b - sine * c, sine * b + cosine * c
         out[m] = min(a, d, f)
 

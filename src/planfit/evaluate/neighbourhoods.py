@@ -164,7 +164,7 @@ def _blocks(start: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _keys(points: np.ndarray, origin: np.ndarray, edge: float) -> np.ndarray:
-    """Sorting key (n,) of each point's cell: x, y, z with 21 bits each."""
+    """Sorting key (n,) of each point's cell: x, y, z with 21 bits each, 63 of an integer's 64."""
     key = np.zeros(len(points), dtype=np.int64)
     for axis in range(3):
         key <<= 21

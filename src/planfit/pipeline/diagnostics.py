@@ -33,7 +33,7 @@ def scan_warnings(
         )
     if not structure.has_walls:
         warnings.append(
-            "no wall was seen: the scan cannot be placed on the plan by its walls, and only the "
+            "no wall was seen: the scan cannot be aligned with the plan by its walls, and only the "
             "matches and the floor were used; give wall masks, or scan more of the walls"
         )
     if matches.n_matches == 0:
@@ -59,7 +59,7 @@ def alignment_warnings(
     """Warnings about how scan and plan came together."""
     warnings = list(alignment.warnings) if alignment else []
     if alignment is None and not is_alignment_claimed:
-        warnings.append("the scan is not placed on the plan: its own axes were kept, levelled")
+        warnings.append("the scan is not aligned with the plan: its own axes were kept, levelled")
     near = next((check.after for check in checks if check.unit == "share"), 1.0)
     if near < MIN_NEAR_SHARE[structure.back_end]:
         n_patches, n_associated = len(structure.walls), plan_adjustment.association.n_associated

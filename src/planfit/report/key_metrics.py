@@ -68,7 +68,7 @@ def key_metrics(
     ]
     pairs: list[tuple[str, str, float, float]] = []
     before, after = both.before, both.after
-    if both.is_placed and before.walls is not None and after.walls is not None:
+    if both.is_aligned and before.walls is not None and after.walls is not None:
         pairs.append(
             (
                 "Distance to the plan (NSD)",

@@ -46,7 +46,7 @@ class BeforeAfter:
 
     before: Measures
     after: Measures
-    is_placed: bool
+    is_aligned: bool
     """Whether the scan was aligned with the plan by its walls; else distances to it mean nothing."""
     correction: Float[np.ndarray, "n 6"]
     """[rad, m] of each frame, from before to after: rotation and translation of the camera."""
@@ -54,7 +54,7 @@ class BeforeAfter:
     @property
     def has_walls(self) -> bool:
         """Whether there are wall points whose distances to the plan mean something."""
-        return self.is_placed and self.before.walls is not None
+        return self.is_aligned and self.before.walls is not None
 
     @property
     def has_floor(self) -> bool:

@@ -47,7 +47,7 @@ def overview(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
         )
         for name, side in _sides(both)
     ]
-    if both.is_placed:
+    if both.is_aligned:
         words = (
             "Seen from above. Each coloured dot is a scanned point of a wall; thin dark lines are "
             "the walls as drawn. Where the poses are right, dots lie on the lines, and one wall "
@@ -106,7 +106,7 @@ def floor(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
         maps.append(
             _captioned(
                 charts.floor_map(
-                    floorplan if both.is_placed else None, side, crop, _width_in(crop)
+                    floorplan if both.is_aligned else None, side, crop, _width_in(crop)
                 ),
                 f"<strong>{name}:</strong> half of the floor points lie within "
                 f"{formatting.length(side.floor and side.floor.height_median_m)} of the floor plane; RMS "
@@ -181,7 +181,7 @@ def frame_matches(floorplan: Floorplan, both: BeforeAfter, matches: Matches, cro
     n_frames = len(both.after.trajectory)
     loop_closures = loop_closures_of(matches, tables.LOOP_MIN_FRAMES)
     by_frame = matches_by_frame(matches, n_frames)
-    plan_ends = floorplan.ends if both.is_placed else np.zeros((0, 2, 2))
+    plan_ends = floorplan.ends if both.is_aligned else np.zeros((0, 2, 2))
     n_none = int(np.sum(by_frame == 0))
     none = (
         f" {n_none} of {n_frames} {_plural(n_none, 'has', 'have')} none: only the recorded motion, "

@@ -85,7 +85,7 @@ def draw_overlay(floorplan: Floorplan, result: RefineResult) -> bytes:
 
 def fit_in_words(both: BeforeAfter, side: Measures) -> str:
     """The numbers that matter of one side."""
-    if not both.is_placed:
+    if not both.is_aligned:
         return "not aligned with the plan"
     if side.walls is None:
         return "no wall was seen"
@@ -120,12 +120,12 @@ def draw_side(
     """Wall points, plan, path, scale and legend of one side, on axes of the crop's shape."""
     is_after = side is both.after
     color = AFTER if is_after else BEFORE
-    set_up_view(axes, crop, both.is_placed)
+    set_up_view(axes, crop, both.is_aligned)
     draw_points(axes, crop, side.wall_xy, color)
     entries: list[Entry] = []
     if len(side.wall_xy):
         entries.append((f"wall points {'after' if is_after else 'before'}", color, "s"))
-    if both.is_placed:
+    if both.is_aligned:
         draw_faces(axes, crop, floorplan.ends)
         entries.append(("plan", INK, "-"))
     draw_path(axes, side.trajectory[:, :2])

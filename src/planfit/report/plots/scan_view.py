@@ -58,7 +58,7 @@ def draw_scan_view(
     axes_height = axes_width * crop.height_per_width
     figure = new_figure(width, _BOTTOM_IN + axes_height + _TITLE_IN)
     axes = add_axes(figure, _LEFT_IN, _BOTTOM_IN, axes_width, axes_height)
-    set_up_view(axes, crop, is_placed=False)
+    set_up_view(axes, crop, is_aligned=False)
     draw_points(axes, crop, xy, AFTER)
     _draw_path(axes, centres, gaps, jumps)
     draw_scale(axes, crop)

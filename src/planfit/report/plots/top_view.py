@@ -75,14 +75,14 @@ def crop_to_scan(both: BeforeAfter, shapes: tuple[float, float] = (0.2, 1.6)) ->
     return Crop(middle - size / 2, middle + size / 2)
 
 
-def set_up_view(axes: Axes, crop: Crop, is_placed: bool = True) -> None:
+def set_up_view(axes: Axes, crop: Crop, is_aligned: bool = True) -> None:
     """Metre axes of a crop, true to scale."""
     axes.set_xlim(crop.low[0], crop.high[0])
     axes.set_ylim(crop.low[1], crop.high[1])
     axes.set_aspect("equal")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10], min_n_ticks=2))
-    where = " in the plan" if is_placed else ""
+    where = " in the plan" if is_aligned else ""
     axes.set_xlabel(f"x{where} (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
     axes.set_ylabel(f"y{where} (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
 
