@@ -20,9 +20,8 @@ from planfit.align import metric_plan
 from planfit.floorplan import Floorplan
 from planfit.pipeline.align import AlignResult, align
 from planfit.pipeline.prepare import PreparedScan, extract_observations, prepare
-from planfit.report import draw_overlay, draw_place
-from planfit.report.drawing import AFTER, BEFORE, FONT_PT, GREY, INK, new_figure
-from planfit.report.plan_picture import draw_plan_picture
+from planfit.report import draw_alignment, draw_overlay, draw_plan_picture
+from planfit.report.plots.drawing import AFTER, BEFORE, FONT_PT, GREY, INK, new_figure
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.synth.drawing import DrawingOptions, draw_building
@@ -128,13 +127,13 @@ def draw_loops(scan: Scan, prepared: PreparedScan) -> Figure:
     return figure
 
 
-def draw_places(found: AlignResult, plan: Floorplan) -> bytes:
+def draw_alignments(found: AlignResult, plan: Floorplan) -> bytes:
     """The place that was taken and the next one, side by side."""
     alignment, walls = found.alignment, found.walls
     pictures = []
     for number, fit in enumerate(alignment.candidates[:2], start=1):
         words = f"place {number}: {fit.score:.0%} of the scanned wall explained"
-        png = draw_place(metric_plan(plan, fit.scale_xy), walls, fit, words)
+        png = draw_alignment(metric_plan(plan, fit.scale_xy), walls, fit, words)
         pictures.append(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR))
     height = max(len(one) for one in pictures)
     padded = [
@@ -169,7 +168,7 @@ def main() -> None:
     save("structure", draw_structure(scan, prepared))
     save("matches", draw_matches(scan, prepared))
     save("loops", draw_loops(scan, prepared))
-    save("places", draw_places(align(scan, plan, options, runtime), plan))
+    save("places", draw_alignments(align(scan, plan, options, runtime), plan))
     result = planfit.refine(scan, plan, options, runtime)
     save("walls", draw_overlay(result.floorplan, result))
     print(*result.checks, *result.warnings, sep="\n")

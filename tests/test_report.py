@@ -14,24 +14,23 @@ from planfit.adjust import PlanAdjustment
 from planfit.adjust.association import Association
 from planfit.align import Alignment
 from planfit.align.refine import AlignmentHypothesis
+from planfit.evaluate import wall_distances
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.lsq.solver import Cost, Solution, Stop
 from planfit.matching import Matches
-from planfit.pipeline import validation as checks
 from planfit.pipeline.refine import RefineResult
 from planfit.pipeline.validation import Check
-from planfit.report import TruthErrors, amounts, draw_overlay, make_report
-from planfit.report.close_ups import choose_close_ups
-from planfit.report.cross_sections import cut_walls
-from planfit.report.drawing import Picture
-from planfit.report.key_figures import key_figures, verdict
-from planfit.report.links import loops_of, matches_by_frame
+from planfit.report import TruthErrors, draw_overlay, formatting, make_report
+from planfit.report.html.wall_table import wall_table
+from planfit.report.key_metrics import key_metrics, verdict
 from planfit.report.measures import measure
-from planfit.report.missing_walls import undrawn_walls, unseen_faces
-from planfit.report.top_view import Crop, crop_to_scan, find_gaps
-from planfit.report.wall_table import wall_table
-from planfit.report.walls import seen_faces
+from planfit.report.plots.close_ups import choose_close_ups
+from planfit.report.plots.cross_sections import cut_walls
+from planfit.report.plots.drawing import Picture
+from planfit.report.plots.matches import loop_closures_of, matches_by_frame
+from planfit.report.plots.top_view import Crop, crop_to_scan, find_gaps
+from planfit.report.walls import seen_faces, undrawn_walls, unseen_faces
 from planfit.segmentation import (
     Gravity,
     LevelPoints,
@@ -230,17 +229,17 @@ class Page(HTMLParser):
 @pytest.fixture
 def small_pictures(monkeypatch):
     """Rendering is most of the time that a report takes."""
-    monkeypatch.setattr("planfit.report.drawing.DPI", 40)
-    monkeypatch.setattr("planfit.report.top_view.DPI", 40)
+    monkeypatch.setattr("planfit.report.plots.drawing.DPI", 40)
+    monkeypatch.setattr("planfit.report.plots.top_view.DPI", 40)
 
 
 @pytest.fixture
 def no_pictures(monkeypatch):
-    """Figures are made but not rendered, for tests of words."""
+    """Plots are made but not rendered, for tests of words."""
     blank = Picture(b"", 1, 1)
-    monkeypatch.setattr("planfit.report.overlay.to_picture", lambda _: blank)
-    for module in ("figures", "links", "cross_sections"):
-        monkeypatch.setattr(f"planfit.report.{module}.to_picture", lambda _: blank)
+    monkeypatch.setattr("planfit.report.plots.overlay.to_picture", lambda _: blank)
+    for module in ("charts", "matches", "cross_sections"):
+        monkeypatch.setattr(f"planfit.report.plots.{module}.to_picture", lambda _: blank)
 
 
 def read(floorplan, result, options="", truth=None):
@@ -256,7 +255,7 @@ def test_report_is_self_contained(floorplan):
     assert page.tags.count("script") == 1  # our own, inside
     assert not re.search(r"fetch\(|XMLHttp|eval\(|innerHTML", html)
     assert not re.search(r"https?://|url\(|@import", html)
-    assert "Before you use this result" not in page.words  # there are no doubts
+    assert "Before you use this result" not in page.words  # there are no warnings
     assert len(html) < 4e6
     assert html == make_report("scan", floorplan, make_result(), "")
 
@@ -271,63 +270,66 @@ def test_text_is_escaped(floorplan, no_pictures):
         assert text in words
 
 
-def test_doubts_are_shown_before_the_numbers(floorplan, no_pictures):
+def test_warnings_are_shown_before_the_numbers(floorplan, no_pictures):
     result = replace(make_result(), warnings=("no loop", "few frames"))
     words = read(floorplan, result).words
     assert "Before you use this result" in words
-    assert words.index("no loop") < words.index("few frames") < words.index("Key figures")
+    assert words.index("no loop") < words.index("few frames") < words.index("Key metrics")
 
 
 def test_measures_equal_those_computed_by_hand(floorplan):
     result = make_result()
     both = measure(floorplan, result)
     # Half of the walls are moved along themselves, half across.
-    assert both.before.nsd == pytest.approx(0.15)
-    assert both.after.nsd == pytest.approx(0.0, abs=1e-12)
-    assert both.before.near_share == pytest.approx(0.5)
-    assert both.after.near_share == 1.0
-    assert both.after.floor_rms == pytest.approx(0.02)
-    assert both.after.floor_median == pytest.approx(0.02)
+    assert both.before.walls.nsd_m == pytest.approx(0.15)
+    assert both.after.walls.nsd_m == pytest.approx(0.0, abs=1e-12)
+    assert both.before.walls.near_share == pytest.approx(0.5)
+    assert both.after.walls.near_share == 1.0
+    assert both.after.floor.height_rms_m == pytest.approx(0.02)
+    assert both.after.floor.height_median_m == pytest.approx(0.02)
     np.testing.assert_allclose(both.correction[:, 3:], np.tile(-SHIFT, (12, 1)), atol=1e-12)
     np.testing.assert_allclose(both.correction[:, :3], 0.0, atol=1e-9)
 
 
-def test_measures_equal_those_of_the_checks(floorplan):
+def test_measures_equal_those_of_evaluate(floorplan):
     result = make_result()
-    loose = np.random.default_rng(1).normal(size=(70_000, 3))  # enough to be thinned
+    unassigned = np.random.default_rng(1).normal(size=(70_000, 3))
     structure = replace(
-        result.structure, unassigned_points_cam=loose, unassigned_frame_idx=np.full(len(loose), 3)
+        result.structure,
+        unassigned_points_cam=unassigned,
+        unassigned_frame_idx=np.full(len(unassigned), 3),
     )
     both = measure(floorplan, replace(result, structure=structure))
-    expected = checks.wall_distances(structure, floorplan, result.initial_plan_from_cams)
-    np.testing.assert_array_equal(both.before.sample_distances, expected)
+    expected = wall_distances(structure, floorplan, result.initial_plan_from_cams)
+    np.testing.assert_array_equal(both.before.walls.nearest_m, expected.nearest_m)
+    np.testing.assert_array_equal(both.before.wall_distances_m, expected.nearest_m)
 
 
-def test_key_figures_appear_with_units_and_change(floorplan, no_pictures):
+def test_key_metrics_appear_with_units_and_change(floorplan, no_pictures):
     words = read(floorplan, make_result(), truth=TruthErrors(1.0, 0.25, 0.5, 0.1)).words
-    figures = words[words.index("Key figures") : words.index("The scan on the plan")]
-    assert "0.080 m0.020 m−75 %" in figures
-    assert "50 %100 %+50 percentage points" in figures
-    assert "0.150 m0.000 m−100 %" in figures
-    assert "1.00 m0.250 m−75 %" in figures
-    assert "0.500 m0.100 m−80 %" in figures
-    assert "from 1.00 m to 0.250 m" in words[: words.index("Key figures")]
+    metrics = words[words.index("Key metrics") : words.index("The scan on the plan")]
+    assert "0.080 m0.020 m−75 %" in metrics
+    assert "50 %100 %+50 percentage points" in metrics
+    assert "0.150 m0.000 m−100 %" in metrics
+    assert "1.00 m0.250 m−75 %" in metrics
+    assert "0.500 m0.100 m−80 %" in metrics
+    assert "from 1.00 m to 0.250 m" in words[: words.index("Key metrics")]
 
 
 def test_verdict_tells_what_improved(floorplan):
     result = make_result()
-    figures = key_figures(result, measure(floorplan, result), None)
-    words = verdict(result, figures)
+    metrics = key_metrics(result, measure(floorplan, result), None)
+    words = verdict(result, metrics)
     assert words.startswith("The poses now fit better")
-    assert f"100{amounts.SPACE}%" in words
-    assert f"0.020{amounts.SPACE}m" in words
+    assert f"100{formatting.SPACE}%" in words
+    assert f"0.020{formatting.SPACE}m" in words
 
 
 def test_verdict_tells_what_got_worse(floorplan, no_pictures):
     worse = Check("wall points within 0.1 m of the plan", 0.9, 0.4, "share", True)
     result = replace(make_result(), checks=(make_result().checks[0], worse))
     page = read(floorplan, result)
-    top = page.words[: page.words.index("Key figures")]
+    top = page.words[: page.words.index("Key metrics")]
     assert "worse than the input" in top
     assert "40 % of the scanned wall points" in top
     assert "0.020 m" not in top
@@ -342,7 +344,7 @@ def test_verdict_does_not_call_the_same_better(floorplan, no_pictures):
 @pytest.mark.parametrize(
     ("strip", "expected"),
     [
-        (without_walls, "could not be placed on the plan"),
+        (without_walls, "could not be aligned with the plan"),
         (without_floor, "No floor was seen"),
         (without_matches, "matched points0"),
         (without_association, "No wall of the plan was recognised"),
@@ -371,7 +373,7 @@ def test_overlay_where_little_was_seen(small_pictures, floorplan, strip):
     assert draw_overlay(floorplan, strip(make_result(1))).startswith(PNG_MAGIC)
 
 
-def test_not_placed_shows_no_distances_to_the_plan(floorplan, no_pictures):
+def test_not_aligned_shows_no_distances_to_the_plan(floorplan, no_pictures):
     result = without_walls(make_result())
     loose = replace(
         result.structure,
@@ -423,8 +425,8 @@ def test_close_ups_show_where_it_changed_and_do_not_overlap(floorplan):
     both = measure(floorplan, make_result())
     xy = rng.uniform([0, 0], [60, 20], (20_000, 2))
     changed = (np.abs(xy - [50, 10]) < 2).all(axis=1) | (np.abs(xy - [20, 5]) < 2).all(axis=1)
-    before = replace(both.before, sample_xy=xy, sample_distances=0.5 * changed)
-    after = replace(both.after, sample_xy=xy, sample_distances=0.0 * changed)
+    before = replace(both.before, wall_xy=xy, wall_distances_m=0.5 * changed)
+    after = replace(both.after, wall_xy=xy, wall_distances_m=0.0 * changed)
     both = replace(both, before=before, after=after)
     marks = choose_close_ups(both, crop_to_scan(both))
     assert [mark.letter for mark in marks] == ["A", "B"]
@@ -444,8 +446,8 @@ def test_walls_are_listed_by_support_with_their_offset(floorplan, no_pictures):
     assert [(face.face_idx, face.n_patches) for face in faces] == [(0, 4), (1, 4), (2, 3), (3, 3)]
     assert [face.number for face in faces] == [1, 2, 3, 4]
     assert faces[0].agrees
-    assert faces[1].verdict == f"shifted by 7.0{amounts.SPACE}cm into the room"
-    assert faces[2].verdict == f"shifted by 12.0{amounts.SPACE}cm into the wall"
+    assert faces[1].verdict == f"shifted by 7.0{formatting.SPACE}cm into the room"
+    assert faces[2].verdict == f"shifted by 12.0{formatting.SPACE}cm into the wall"
     assert faces[0].length == WIDTH
     words = read(floorplan, result).words
     assert "Of 4 walls of the plan that were seen, 2 agree with the scan within 5 cm." in words
@@ -454,36 +456,36 @@ def test_walls_are_listed_by_support_with_their_offset(floorplan, no_pictures):
     assert "3shifted by 12.0 cm into the wall−12.0 cm0.0 cm38.00 m4.0, 6.0" in words
 
 
-def test_spread_is_the_median_deviation(floorplan):
+def test_mad_is_the_median_deviation(floorplan):
     association = Association(np.zeros(5, dtype=int), np.array([0.0, 0.01, 0.02, 0.03, 0.50]))
     (face,) = seen_faces(floorplan, walls_of(floorplan, association))
     assert face.offset == pytest.approx(0.02)
-    assert face.spread == pytest.approx(0.01)
+    assert face.mad == pytest.approx(0.01)
 
 
-def test_few_pieces_are_no_evidence_of_a_shift(floorplan):
+def test_few_patches_do_not_tell_of_a_shift(floorplan):
     (face,) = seen_faces(
         floorplan, walls_of(floorplan, Association(np.array([1]), np.array([0.2])))
     )
     assert not face.agrees
     assert not face.is_shifted
-    assert "only 1 piece" in face.verdict
+    assert "only 1 patch" in face.verdict
 
 
 def test_a_face_with_unknown_side_has_no_direction(floorplan):
     plan = replace(floorplan, is_oriented=np.full(4, False))
     (face,) = seen_faces(plan, walls_of(plan, Association(np.zeros(3, dtype=int), np.full(3, 0.2))))
-    assert face.verdict == f"shifted by 20.0{amounts.SPACE}cm"
+    assert face.verdict == f"shifted by 20.0{formatting.SPACE}cm"
 
 
-def test_facts_costs_and_times_are_listed(floorplan, no_pictures):
+def test_statistics_costs_and_times_are_listed(floorplan, no_pictures):
     words = read(floorplan, make_result(), options="[walls]\nsigma_m = 0.05\n").words
-    for fact in (
+    for words_of in (
         "frames12",
         "keypoints with depth1 234",
         "pairs of frames tried7",
         "pairs verified2",
-        "loops (more than 4 frames apart)1",
+        "loop closures (more than 4 frames apart)1",
         "matched points3",
         "found on the plan12 (100 %)",
         "floor points480",
@@ -497,7 +499,7 @@ def test_facts_costs_and_times_are_listed(floorplan, no_pictures):
         "sum2.5 s",
         "sigma_m = 0.05",
     ):
-        assert fact in words, fact
+        assert words_of in words, words_of
 
 
 def test_gaps_are_steps_far_above_the_usual():
@@ -508,25 +510,25 @@ def test_gaps_are_steps_far_above_the_usual():
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (amounts.length(0.0726), "0.073 m"),
-        (amounts.length(1.114), "1.11 m"),
-        (amounts.length(None), "n/a"),
-        (amounts.share(0.9971), "99.7 %"),
-        (amounts.share(1.0), "100 %"),
-        (amounts.share(0.004), "0.4 %"),
-        (amounts.centimetres(-0.0004, signed=True), "0.0 cm"),
-        (amounts.centimetres(0.123, signed=True), "+12.3 cm"),
-        (amounts.change(0.2, 0.3, "m"), "+50 %"),
-        (amounts.change(0.0, 0.3, "m"), "from zero"),
-        (amounts.change(0.3, 0.3, "share"), "unchanged"),
-        (amounts.count(276002), "276 002"),
+        (formatting.length(0.0726), "0.073 m"),
+        (formatting.length(1.114), "1.11 m"),
+        (formatting.length(None), "n/a"),
+        (formatting.share(0.9971), "99.7 %"),
+        (formatting.share(1.0), "100 %"),
+        (formatting.share(0.004), "0.4 %"),
+        (formatting.centimetres(-0.0004, signed=True), "0.0 cm"),
+        (formatting.centimetres(0.123, signed=True), "+12.3 cm"),
+        (formatting.change(0.2, 0.3, "m"), "+50 %"),
+        (formatting.change(0.0, 0.3, "m"), "from zero"),
+        (formatting.change(0.3, 0.3, "share"), "unchanged"),
+        (formatting.count(276002), "276 002"),
     ],
 )
-def test_amounts(text, expected):
+def test_quantities(text, expected):
     assert re.sub(r"\s", " ", text) == expected
 
 
-def test_offsets_that_the_adjustment_gave_are_shown_with_their_spread():
+def test_offsets_that_the_adjustment_gave_are_shown_with_their_sigma():
     plan = room_plan()
     association = Association(np.array([1, 1, 1, 2]), np.array([0.04, 0.03, 0.05, 0.0]))
     offsets_m, sigmas_m = np.array([0, 0.034, 0, 0]), np.array([np.nan, 0.012, np.nan, np.nan])
@@ -539,8 +541,8 @@ def test_offsets_that_the_adjustment_gave_are_shown_with_their_spread():
     assert "given way by" not in wall_table(seen_faces(plan, walls_of(plan, association)))
 
 
-def pieces_at(ends):
-    """Upright pieces (k, 2, 2) m, seen by one camera that stands in the plan's axes; normals to the left."""
+def patches_at(ends):
+    """Upright patches (k, 2, 2) m, seen by one camera that stands in the plan's axes; normals to the left."""
     ends = np.asarray(ends, dtype=float)
     normals = segments.left_normals(ends)
     k = len(ends)
@@ -554,12 +556,12 @@ def pieces_at(ends):
 
 
 def row(y, *starts, length=0.6, back=False):
-    """Pieces along x at a height on the plan, from left to right or looking the other way."""
+    """Patches along x at a height on the plan, from left to right or looking the other way."""
     ends = [[[x, y], [x + length, y]] for x in starts]
     return [list(reversed(e)) for e in ends] if back else ends
 
 
-def test_walls_that_the_plan_lacks_are_joined_from_their_pieces():
+def test_walls_that_the_plan_lacks_are_joined_from_their_patches():
     ends = [
         *row(0.0, 0.0, 0.5, 1.0, 1.9),  # one wall, with a gap of 0.3 m
         *row(0.05, 0.2, length=1.0),  # the same wall, seen again
@@ -571,7 +573,7 @@ def test_walls_that_the_plan_lacks_are_joined_from_their_pieces():
     face_idx = np.full(len(ends), -1)
     face_idx[-3:] = 0
     walls = undrawn_walls(
-        pieces_at(ends), Association(face_idx, np.zeros(len(ends))), np.eye(4)[None]
+        patches_at(ends), Association(face_idx, np.zeros(len(ends))), np.eye(4)[None]
     )
     assert [wall.n_patches for wall in walls] == [5, 3]
     assert walls[0].length == pytest.approx(2.5, abs=0.01)
@@ -598,9 +600,9 @@ def test_missing_and_unseen_walls_stand_in_the_table(floorplan, no_pictures):
     assert "not seen08.00 m4.0, 6.0" in words
 
 
-def test_loops_and_matches_of_frames_are_counted():
+def test_loop_closures_and_matches_of_frames_are_counted():
     matches = make_result().matches  # two matches of frames 0 and 1, one of 0 and 5
-    assert loops_of(matches, 4).tolist() == [[0, 5]]
+    assert loop_closures_of(matches, 4).tolist() == [[0, 5]]
     assert matches_by_frame(matches, 7).tolist() == [3, 2, 0, 0, 0, 1, 0]
 
 

@@ -141,7 +141,7 @@ def _compare(arguments: CompareArguments) -> None:
                 f"{row.mean_a:.4g}",
                 f"{row.mean_b:.4g}",
                 f"{row.mean_difference:+.4g}",
-                f"{row.spread:.3g}",
+                f"{row.sigma:.3g}",
                 sure,
                 f"{row.wins} of {row.n}",
             ]

@@ -13,7 +13,7 @@ from planfit.errors import PlanfitError, ScanError
 from planfit.evaluate import (
     MapJudge,
     MapOptions,
-    floor_flatness,
+    floor_heights,
     make_map_judge,
     make_true_cloud,
     position_errors,
@@ -142,7 +142,7 @@ def _of_map(case: Case, poses: Float[np.ndarray, "n 4 4"], workers: int) -> dict
 def _against_plan(case: Case, poses: Float[np.ndarray, "n 4 4"], workers: int) -> dict[str, float]:
     structure = case.observations.structure
     walls = wall_distances(structure, case.floorplan, poses, workers)
-    floor = floor_flatness(structure, poses)
+    floor = floor_heights(structure, poses)
     metrics = {"double_walls": 100 * wall_layers(structure.walls, poses).double_share}
     if walls is not None:
         metrics |= {"nsd": 100 * walls.nsd_m, "nsd_oriented": 100 * walls.oriented_nsd_m}

@@ -211,7 +211,7 @@ def _against(results: Results, set_name: str) -> str:
         if row.name not in _QUALITY:
             continue
         factor = _FACTORS.get(row.name, 1.0)
-        sigma = "-" if np.isnan(row.spread) else f"{factor * row.spread:.3f}"
+        sigma = "-" if np.isnan(row.sigma) else f"{factor * row.sigma:.3f}"
         true = [truth[scan][row.name] for scan in both if row.name in truth.get(scan, {})]
         least = f"{factor * np.mean(true):.3f}" if len(true) == row.n else "-"
         lines.append(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from builders import nudged, random_transforms
-from planfit.evaluate import position_errors, step_errors
+from planfit.evaluate import position_errors, relative_errors
 from planfit.scan import read_tum, write_tum
 
 _FOLDERS = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
@@ -60,19 +60,19 @@ def test_absolute_errors(trajectories: tuple[Path, Path], tmp_path: Path) -> Non
     assert errors.aligned_rms_m == pytest.approx(aligned, rel=1e-6)
     largest = evo(APE, trajectories, tmp_path, statistic="max")
     assert errors.max_m == pytest.approx(largest, rel=1e-6)
-    turn = evo(APE, trajectories, tmp_path, "--pose_relation", "angle_deg", statistic="mean")
-    assert errors.turn_mean_deg == pytest.approx(turn, rel=1e-5)
+    angle_deg = evo(APE, trajectories, tmp_path, "--pose_relation", "angle_deg", statistic="mean")
+    assert errors.rotation_mean_deg == pytest.approx(angle_deg, rel=1e-5)
 
 
 def test_relative_errors_to_the_next_frame(trajectories: tuple[Path, Path], tmp_path: Path) -> None:
     truth, estimate = (read_tum(path)[1] for path in trajectories)
-    errors = step_errors(estimate, truth)
+    errors = relative_errors(estimate, truth)
     assert errors is not None
     steps = ("--delta", "1", "--delta_unit", "f", "--all_pairs")
-    shift = evo(RPE, trajectories, tmp_path, *steps)
-    assert errors.shift_rms_m == pytest.approx(shift, rel=1e-6)
-    turn = evo(RPE, trajectories, tmp_path, *steps, "--pose_relation", "angle_deg")
-    assert errors.turn_rms_deg == pytest.approx(turn, rel=1e-5)
+    distance_m = evo(RPE, trajectories, tmp_path, *steps)
+    assert errors.translation_rms_m == pytest.approx(distance_m, rel=1e-6)
+    angle_deg = evo(RPE, trajectories, tmp_path, *steps, "--pose_relation", "angle_deg")
+    assert errors.rotation_rms_deg == pytest.approx(angle_deg, rel=1e-5)
 
 
 def test_relative_errors_over_a_length(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -85,12 +85,12 @@ def test_relative_errors_over_a_length(tmp_path: Path, rng: np.random.Generator)
     paths = tmp_path / "truth.tum", tmp_path / "estimate.tum"
     for path, poses in zip(paths, (truth, nudged(rng, truth, 1.0, 0.05)), strict=True):
         write_tum(path, np.arange(200.0), poses)
-    errors = step_errors(read_tum(paths[1])[1], read_tum(paths[0])[1], 1.98)
+    errors = relative_errors(read_tum(paths[1])[1], read_tum(paths[0])[1], 1.98)
     assert errors is not None
     assert errors.n_pairs == 180
     pairs = ("--delta", "1.98", "--delta_unit", "m", "--all_pairs", "--pairs_from_reference")
     pairs = (*pairs, "--delta_tol", "0.02")
-    shift = evo(RPE, paths, tmp_path, *pairs)
-    assert errors.shift_rms_m == pytest.approx(shift, rel=1e-6)
-    turn = evo(RPE, paths, tmp_path, *pairs, "--pose_relation", "angle_deg")
-    assert errors.turn_rms_deg == pytest.approx(turn, rel=1e-5)
+    distance_m = evo(RPE, paths, tmp_path, *pairs)
+    assert errors.translation_rms_m == pytest.approx(distance_m, rel=1e-6)
+    angle_deg = evo(RPE, paths, tmp_path, *pairs, "--pose_relation", "angle_deg")
+    assert errors.rotation_rms_deg == pytest.approx(angle_deg, rel=1e-5)

@@ -134,7 +134,7 @@ def test_each_option_does_what_it_says(rng):
     noisy = drifted(poses, 0.08)
     noisy[:, 1, 3] += 0.012 * np.array([-1, 1] * FIRST)
     assert wall_layers(walls, noisy).double_share > 0.5
-    assert wall_layers(walls, noisy, LayerOptions(gap_to_spread=10)).double_share == 0.0
+    assert wall_layers(walls, noisy, LayerOptions(gap_to_sigma=10)).double_share == 0.0
     niche = make_structure(
         poses, patches=wall_patches(rng, poses) + wall_patches(rng, poses, 0.12)[:8]
     ).walls

@@ -48,10 +48,10 @@ def test_all_pairs_give_the_same(rng, cells_per_radius, radius_m):
     seed=st.integers(0, 10_000),
     n=st.integers(1, 60),
     extent=st.floats(0.01, 5.0),
-    shift=st.floats(-100, 100),
+    offset=st.floats(-100, 100),
 )
-def test_any_cloud_anywhere(seed, n, extent, shift):
-    points = np.random.default_rng(seed).uniform(-extent, extent, (n, 3)) + shift
+def test_any_cloud_anywhere(seed, n, extent, offset):
+    points = np.random.default_rng(seed).uniform(-extent, extent, (n, 3)) + offset
     expected_counts, expected = slow_covariances(points, 0.2)
     counts, found = all_covariances(points, 0.2)
     assert_array_equal(counts, expected_counts)
@@ -60,7 +60,7 @@ def test_any_cloud_anywhere(seed, n, extent, shift):
 
 def test_far_from_the_origin_nothing_is_lost(rng):
     points = surfaces(rng, 500)
-    near, far = (all_covariances(points + shift, 0.2)[1] for shift in (0.0, 5e5))
+    near, far = (all_covariances(points + offset, 0.2)[1] for offset in (0.0, 5e5))
     assert_allclose(far, near, atol=1e-9)  # coordinates themselves have 1e-10 m there
 
 
@@ -89,11 +89,11 @@ def test_stray_points_and_a_radius_of_zero_are_refused():
 
 
 def test_smallest_eigenvalues_of_planes_lines_and_blobs(rng):
-    turns = np.linalg.qr(rng.normal(size=(400, 3, 3)))[0]
+    rotations = np.linalg.qr(rng.normal(size=(400, 3, 3)))[0]
     sizes = 10.0 ** rng.uniform(-12, 0, (400, 3))
     sizes[:50, 1] = sizes[:50, 0]  # double roots, and the same thrice
     sizes[:10] = sizes[:10, :1]
-    matrices = turns @ (sizes[:, :, None] * np.swapaxes(turns, 1, 2))
+    matrices = rotations @ (sizes[:, :, None] * np.swapaxes(rotations, 1, 2))
     entries = matrices[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     found = np.zeros(400)
     smallest_eigenvalues(entries, found)

@@ -18,12 +18,12 @@ def test_by_hand():
         "4": {"ate": 9.0},
     }
     ate, nsd = compare_paired(a, b)
-    assert (ate.name, ate.n, ate.wins, ate.losses, ate.correspondences) == ("ate", 3, 2, 1, 0)
+    assert (ate.name, ate.n, ate.wins, ate.losses, ate.ties) == ("ate", 3, 2, 1, 0)
     assert (ate.mean_a, ate.mean_b) == (2.0, 1.5)
     assert ate.mean_difference == pytest.approx(-0.5)
-    assert ate.spread == pytest.approx(1.0)
+    assert ate.sigma == pytest.approx(1.0)
     assert ate.standard_error == pytest.approx(1 / np.sqrt(3))
-    assert (nsd.n, nsd.wins, nsd.losses, nsd.correspondences) == (2, 1, 0, 1)
+    assert (nsd.n, nsd.wins, nsd.losses, nsd.ties) == (2, 1, 0, 1)
 
 
 def test_a_difference_that_hides_in_the_spread_of_the_cases_shows_in_pairs(rng):
@@ -48,15 +48,15 @@ def test_the_other_way_round_is_the_opposite(a, b):
         return
     (there,), (back,) = compare_paired(a, b), compare_paired(b, a)
     assert there.mean_difference == pytest.approx(-back.mean_difference, abs=1e-6)
-    assert (there.wins, there.losses, there.correspondences) == (
+    assert (there.wins, there.losses, there.ties) == (
         back.losses,
         back.wins,
-        back.correspondences,
+        back.ties,
     )
-    assert there.spread == pytest.approx(back.spread, nan_ok=True)
+    assert there.sigma == pytest.approx(back.sigma, nan_ok=True)
 
 
 def test_one_case_has_no_spread_and_what_could_not_be_taken_is_left_out():
     (row,) = compare_paired({"1": {"x": 1.0, "y": np.nan}}, {"1": {"x": 2.0, "y": 1.0}})
     assert (row.name, row.losses) == ("x", 1)
-    assert np.isnan(row.spread)
+    assert np.isnan(row.sigma)

@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 
 from builders import random_transforms
 from planfit.errors import ScanError
-from planfit.evaluate import associate_times, position_errors, step_errors
+from planfit.evaluate import associate_times, position_errors, relative_errors
 from planfit.geometry import se3
 
 
@@ -21,7 +21,7 @@ def test_truth_has_no_error(rng):
     errors = position_errors(poses, poses)
     assert errors.rms_m == errors.mean_m == errors.max_m == 0.0
     assert errors.aligned_rms_m == pytest.approx(0.0, abs=1e-9)
-    assert errors.turn_mean_deg == pytest.approx(0.0, abs=1e-5)
+    assert errors.rotation_mean_deg == pytest.approx(0.0, abs=1e-5)
 
 
 def test_by_hand():
@@ -40,7 +40,7 @@ def test_alignment_removes_a_rigid_motion_and_nothing_else(rng):
     errors = position_errors(moved, truth)
     assert errors.rms_m > 1.0
     assert errors.aligned_rms_m == pytest.approx(0.0, abs=1e-9)
-    assert errors.turn_mean_deg == pytest.approx(np.rad2deg(0.5))
+    assert errors.rotation_mean_deg == pytest.approx(np.rad2deg(0.5))
     scaled = truth.copy()
     scaled[:, :3, 3] *= 1.1
     centred = truth[:, :3, 3] - truth[:, :3, 3].mean(axis=0)
@@ -67,34 +67,34 @@ def test_one_or_two_poses_are_not_aligned(n):
 def test_steps_by_hand():
     poses = line(5)
     poses[3:, 1, 3] += 0.4  # one jump aside between the third and the fourth
-    errors = step_errors(poses, line(5), 1.0)
+    errors = relative_errors(poses, line(5), 1.0)
     assert errors.n_pairs == 4
-    assert errors.shift_rms_m == pytest.approx(np.sqrt(0.4**2 / 4))
-    assert errors.turn_rms_deg == pytest.approx(0.0, abs=1e-6)
-    errors = step_errors(poses, line(5), 2.0)
+    assert errors.translation_rms_m == pytest.approx(np.sqrt(0.4**2 / 4))
+    assert errors.rotation_rms_deg == pytest.approx(0.0, abs=1e-6)
+    errors = relative_errors(poses, line(5), 2.0)
     assert errors.n_pairs == 3
-    assert errors.shift_rms_m == pytest.approx(np.sqrt(2 * 0.4**2 / 3))
+    assert errors.translation_rms_m == pytest.approx(np.sqrt(2 * 0.4**2 / 3))
 
 
 def test_a_turn_in_the_path_is_counted_once():
     poses = line(5)
     poses[2:] = se3.yaw_transform(np.deg2rad(6.0)) @ poses[2:]
     poses[2:, :3, 3] += line(5)[2, :3, 3] - poses[2, :3, 3]
-    errors = step_errors(poses, line(5), 1.0)
-    assert errors.turn_rms_deg == pytest.approx(np.sqrt(6.0**2 / 4))
+    errors = relative_errors(poses, line(5), 1.0)
+    assert errors.rotation_rms_deg == pytest.approx(np.sqrt(6.0**2 / 4))
 
 
 def test_steps_do_not_depend_on_the_frame(rng):
     truth = random_transforms(rng, 15)
     poses = se3.retract(truth, rng.normal(0, 0.02, (15, 6)))
-    here = step_errors(poses, truth, 5.0)
-    there = step_errors(random_transforms(rng, 1)[0] @ poses, truth, 5.0)
-    assert there.shift_rms_m == pytest.approx(here.shift_rms_m)
-    assert there.turn_rms_deg == pytest.approx(here.turn_rms_deg)
+    here = relative_errors(poses, truth, 5.0)
+    there = relative_errors(random_transforms(rng, 1)[0] @ poses, truth, 5.0)
+    assert there.translation_rms_m == pytest.approx(here.translation_rms_m)
+    assert there.rotation_rms_deg == pytest.approx(here.rotation_rms_deg)
 
 
 def test_a_path_shorter_than_the_step():
-    assert step_errors(line(3), line(3), 5.0) is None
+    assert relative_errors(line(3), line(3), 5.0) is None
 
 
 def test_times_are_associated_with_the_nearest():

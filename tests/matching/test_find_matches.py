@@ -7,13 +7,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import NoFiles, look, make_matches, random_transforms, room_scan
+from planfit.evaluate import match_distances
 from planfit.geometry import se3
 from planfit.matching import MatchingOptions, find_matches
 from planfit.matching.detect import KeypointOptions
 from planfit.matching.loop_closure import CycleConsistencyOptions
 from planfit.matching.pairs import PairOptions
 from planfit.matching.verify import VerifyOptions, point_sigma
-from planfit.pipeline.validation import match_distances
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
 

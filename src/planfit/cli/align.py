@@ -16,7 +16,7 @@ from planfit.errors import OutputError
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.align import align
 from planfit.pipeline.options import RefineOptions
-from planfit.report import draw_place
+from planfit.report import draw_alignment
 from planfit.runtime import Runtime
 from planfit.scan import ScanOptions, read_scan
 
@@ -132,7 +132,8 @@ def _write(
         path = folder / f"candidate_{i}.png"
         plan = floorplan if floorplan.is_metric else metric_plan(floorplan, hypothesis.scale_xy)
         _replace(
-            path, draw_place(plan, walls, hypothesis, _title(i, hypothesis, floorplan.is_metric))
+            path,
+            draw_alignment(plan, walls, hypothesis, _title(i, hypothesis, floorplan.is_metric)),
         )
         pictures.append(path)
     text = json.dumps(to_record(floorplan, alignment), indent=1)

@@ -12,8 +12,7 @@ import tyro
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.refine import refine_into
 from planfit.errors import OutputError
-from planfit.evaluate import position_errors
-from planfit.export.record import surface_metrics
+from planfit.evaluate import position_errors, surface_metrics
 from planfit.floorplan import read_floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import RefineResult
@@ -73,17 +72,20 @@ def demo_command(arguments: DemoArguments) -> int:
     result = refine_into(
         run_folder, scan, floorplan, RefineOptions(), arguments.workers, True, truth_of
     )
-    errors, metrics = truth_of(result), surface_metrics(floorplan, result)
+    errors = truth_of(result)
+    metrics = surface_metrics(
+        result.structure, floorplan, result.initial_plan_from_cams, result.plan_from_cams
+    )
     walked = float(np.linalg.norm(np.diff(true_world_from_cams[:, :3, 3], axis=0), axis=1).sum())
     rows = [
         ["position error, RMS", f"{errors.before_rms_m:.3f} m", f"{errors.after_rms_m:.3f} m"],
         *(
-            [words, f"{metrics[name]['before']:.3f} m", f"{metrics[name]['after']:.3f} m"]
-            for name, words in (
-                ("nsd_m", "wall points to the plan (NSD)"),
-                ("floor_rms_m", "floor points about their height"),
-            )
-            if name in metrics
+            [
+                metric.meaning.strip(),
+                *(f"{v:.1f} {metric.unit}" for v in (metric.before, metric.after)),
+            ]
+            for metric in metrics
+            if metric.name in ("nsd", "floor_plane_rms")
         ),
     ]
     out.print()

@@ -13,16 +13,16 @@ import tyro
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.evaluate_inputs import Compared, read_poses, read_run
-from planfit.errors import require, require_plain_numbers
+from planfit.errors import require
 from planfit.evaluate import (
+    ComparedPoses,
     EvaluateOptions,
-    Figure,
+    Evaluation,
+    Metric,
     Truth,
     associate_times,
-    map_figures,
+    evaluate_poses,
     read_true_cloud,
-    surface_figures,
-    trajectory_figures,
 )
 from planfit.runtime import Runtime
 from planfit.scan import ScanOptions, read_tum
@@ -35,7 +35,7 @@ _SHOWN_UNITS: dict[str, str] = {"1": "", "cm^2": "cm²", "deg": "°"}
 @dataclass(frozen=True)
 class EvaluateArguments:
     """How good the poses of a scan are, before and after: by the map they make, against the plan, and against
-    true poses and a true scan where there are any. docs/metrics.md defines each figure. With --poses, which
+    true poses and a true scan where there are any. docs/metrics.md defines each metric. With --poses, which
     are then those after, a scan is judged instead of a run, and is read by the flags of a scan; a run's scan
     is read as the run read it."""
 
@@ -60,10 +60,6 @@ class EvaluateArguments:
     """True scan (PLY, OBJ: points or mesh, metres) in the axes of --truth-frame, right within a metre."""
     max_difference_s: float = 0.02
     """Poses are compared where their times differ by at most this."""
-    delta_m: float = 5.0
-    """Path length over which relative errors are taken."""
-    depth_maps: bool = True
-    """Take the figures that read every depth map: MME, MPV, MOM, NND."""
     json: bool = False
     """Print JSON instead of a table."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
@@ -74,9 +70,9 @@ class EvaluateArguments:
 
 
 def evaluate_command(arguments: EvaluateArguments) -> int:
-    """Print every figure before and after."""
+    """Print every metric before and after."""
     with StageBars() as bars:
-        report = evaluate_poses(arguments, bars)
+        report = make_evaluation(arguments, bars)
     if arguments.json:
         out.print_json(json.dumps(report, allow_nan=False))
         return 0
@@ -86,17 +82,36 @@ def evaluate_command(arguments: EvaluateArguments) -> int:
     return 0
 
 
-def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, Any]:
-    """All figures as plain values.
+def make_evaluation(arguments: EvaluateArguments, bars: StageBars) -> dict[str, Any]:
+    """All metrics as plain values.
 
     Raises:
         ScanError: the folder is not that of a run or scan, or the truth does not belong to it.
         OptionError: an option has a value that cannot work.
         FloorplanError: the plan cannot be read, or is another than the run's.
     """
-    require_plain_numbers(arguments.options)
-    plan_options = arguments.plan_flags.options
-    poses = arguments.scan_options.poses
+    compared, runtime = _compared(arguments, bars)
+    poses = ComparedPoses(
+        compared.structure, compared.world, compared.plan, floorplan=compared.floorplan
+    )
+    truth, options = _truth(arguments, compared), arguments.options
+    evaluation = evaluate_poses(compared.scan, poses, None, truth, options, runtime)
+    return {
+        "of": str(arguments.scan_options.poses or arguments.folder),
+        "scan": compared.scan.name,
+        "plan": compared.floorplan.name if compared.floorplan else None,
+        "frames": len(compared.scan),
+        "compared": evaluation.n_true_poses if arguments.truth else None,
+        "truth_frame": arguments.truth_frame,
+        "map": dataclasses.asdict(options.map) if options.depth_maps else None,
+        "metrics": {name: _plain(metric) for name, metric in evaluation.metrics.items()},
+        "notes": [*compared.notes, *_notes(arguments, evaluation)],
+    }
+
+
+def _compared(arguments: EvaluateArguments, bars: StageBars) -> tuple[Compared, Runtime]:
+    """The poses of a run, or of a scan and a file of poses; and the threads and cache for them."""
+    plan_options, poses = arguments.plan_flags.options, arguments.scan_options.poses
     if poses is None:
         require(
             arguments.scan_options == ScanOptions(),
@@ -106,102 +121,73 @@ def evaluate_poses(arguments: EvaluateArguments, bars: StageBars) -> dict[str, A
         is_run = (arguments.folder / "run.json").exists()
         cache = arguments.folder / "cache" if is_run else None
         runtime = Runtime(arguments.workers, cache, bars.update)
-        compared = read_run(arguments.folder, arguments.scan, arguments.plan, plan_options, runtime)
-    else:
-        if arguments.poses_frame == "plan" and arguments.truth_frame == "world":
-            require(
-                arguments.truth is None and arguments.true_cloud is None,
-                "--truth-frame: expected plan, as poses in the plan's frame do not tell where the "
-                "scan's own axes are; give the truth in the plan's frame too",
-            )
-        runtime = Runtime(arguments.workers, None, bars.update)
-        compared = read_poses(
-            arguments.folder, dataclasses.replace(arguments.scan_options, poses=None), arguments.plan,
-            poses, arguments.poses_frame, plan_options, runtime,
-        )  # fmt: skip
-    notes = list(compared.notes)
-    before, after = compared.world if arguments.truth_frame == "world" else compared.plan
-    figures: list[Figure] = []
-    truth = _truth(arguments, compared)
-    if truth is not None:
-        figures += trajectory_figures(before, after, truth, arguments.delta_m)
-        notes += _frame_notes(arguments, figures)
-    bars.update("walls and floor", 0, 0)
-    figures += surface_figures(
-        compared.structure,
-        compared.floorplan,
-        *compared.plan,
-        arguments.options.layers,
-        arguments.workers,
-    )
-    bars.update("walls and floor", 1, 0)
-    if arguments.depth_maps:
-        options = arguments.options.map
-        true_cloud = None
-        if arguments.true_cloud is not None:
-            true_cloud = read_true_cloud(arguments.true_cloud, options.voxel_m)
-        figures += map_figures(compared.scan, before, after, options, runtime, true_cloud)
-        notes += _cloud_notes(arguments, figures)
-    return {
-        "of": str(poses or arguments.folder),
-        "scan": compared.scan.name,
-        "plan": compared.floorplan.name if compared.floorplan else None,
-        "frames": len(compared.scan),
-        "compared": len(truth.frame_idx) if truth else None,
-        "truth_frame": arguments.truth_frame,
-        "map": dataclasses.asdict(arguments.options.map) if arguments.depth_maps else None,
-        "figures": {figure.name: _plain(figure) for figure in figures},
-        "notes": notes,
-    }
+        run = read_run(arguments.folder, arguments.scan, arguments.plan, plan_options, runtime)
+        return run, runtime
+    if arguments.poses_frame == "plan" and arguments.truth_frame == "world":
+        require(
+            arguments.truth is None and arguments.true_cloud is None,
+            "--truth-frame: expected plan, as poses in the plan's frame do not tell where the "
+            "scan's own axes are; give the truth in the plan's frame too",
+        )
+    runtime = Runtime(arguments.workers, None, bars.update)
+    given = read_poses(
+        arguments.folder, dataclasses.replace(arguments.scan_options, poses=None), arguments.plan,
+        poses, arguments.poses_frame, plan_options, runtime,
+    )  # fmt: skip
+    return given, runtime
 
 
 def _truth(arguments: EvaluateArguments, compared: Compared) -> Truth | None:
-    if arguments.truth is None:
+    """True poses and true scan, where either is given."""
+    if arguments.truth is None and arguments.true_cloud is None:
         return None
-    times, poses = read_tum(arguments.truth)
-    mine, theirs = associate_times(compared.scan.timestamps, times, arguments.max_difference_s)
-    return Truth(mine, poses[theirs])
+    mine, true_poses, cloud = np.zeros(0, dtype=int), np.zeros((0, 4, 4)), None
+    if arguments.truth is not None:
+        times, poses = read_tum(arguments.truth)
+        mine, theirs = associate_times(compared.scan.timestamps, times, arguments.max_difference_s)
+        true_poses = poses[theirs]
+    if arguments.true_cloud is not None and arguments.options.depth_maps:
+        cloud = read_true_cloud(arguments.true_cloud, arguments.options.map.voxel_m)
+    return Truth(mine, true_poses, arguments.truth_frame, cloud)
 
 
-def _frame_notes(arguments: EvaluateArguments, figures: list[Figure]) -> list[str]:
-    by_name = {figure.name: figure.after for figure in figures}
-    if by_name["ate_rms"] > 1.0 and by_name["ate_aligned_rms"] < 0.3 * by_name["ate_rms"]:
+def _notes(arguments: EvaluateArguments, evaluation: Evaluation) -> list[str]:
+    """Where truth and scan seem to be in different frames."""
+    notes, after = [], {name: metric.after for name, metric in evaluation.metrics.items()}
+    ate = after.get("ate_rms", 0.0)
+    if ate > 1.0 and after["ate_aligned_rms"] < 0.3 * ate:
         other = "plan" if arguments.truth_frame == "world" else "world"
-        return [
+        notes.append(
             f"most of the error is one rigid motion: is the truth in the {arguments.truth_frame} "
             f"frame? Try --truth-frame {other}"
-        ]
-    return []
-
-
-def _cloud_notes(arguments: EvaluateArguments, figures: list[Figure]) -> list[str]:
-    if any(figure.name == "nnd" and figure.after > _FAR_CM for figure in figures):
-        return [
+        )
+    if after.get("nnd", 0.0) > _FAR_CM:
+        notes.append(
             f"the true scan lies far from the map: is it in metres and in the "
             f"{arguments.truth_frame} frame (--truth-frame)?"
-        ]
-    return []
+        )
+    return notes
 
 
-def _plain(figure: Figure) -> dict[str, Any]:
-    """A figure as plain values; null where it could not be taken."""
-    values = {"before": figure.before, "after": figure.after, "difference": figure.difference}
+def _plain(metric: Metric) -> dict[str, Any]:
+    """A metric as plain values; null where it could not be taken."""
+    values = {"before": metric.before, "after": metric.after, "difference": metric.difference}
     return {
-        "meaning": figure.meaning,
-        "unit": figure.unit,
+        "meaning": metric.meaning,
+        "unit": metric.unit,
         **{name: float(v) if np.isfinite(v) else None for name, v in values.items()},
     }
 
 
 def _table(report: dict[str, Any]) -> Any:
     rows = []
-    for figure in report["figures"].values():
-        unit = _SHOWN_UNITS.get(str(figure["unit"]), str(figure["unit"]))
-        texts = [_amount(figure[name], unit) for name in ("before", "after")]
-        difference = figure["difference"]
+    for metric in report["metrics"].values():
+        unit = _SHOWN_UNITS.get(str(metric["unit"]), str(metric["unit"]))
+        texts = [_amount(metric[name], unit) for name in ("before", "after")]
+        difference = metric["difference"]
         colour = "" if not difference else "[green]" if difference < 0 else "[red]"
         sign = "+" if difference is not None and difference >= 0 else ""
-        rows.append([figure["meaning"], *texts, f"{colour}{sign}{_amount(difference, unit)}"])
+        rows.append([metric["meaning"], *texts, f"{colour}{sign}{_amount(difference, unit)}"])
     title = f"{report['of']}: {report['frames']} frames"
     if report["compared"] is not None:
         title += f", {report['compared']} with a true pose, {report['truth_frame']} frame"

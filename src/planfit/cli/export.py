@@ -17,7 +17,7 @@ from planfit.errors import OutputError, ScanError, require_positive
 from planfit.export.cloud import place_cloud, sample_cloud, write_ply
 from planfit.export.datasets import write_colmap, write_nerfstudio
 from planfit.export.mesh import check_suffix, fuse_mesh, load_open3d, write_mesh
-from planfit.export.poses import write_kitti, write_pose_graph
+from planfit.export.write import write_kitti, write_pose_graph
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan, read_tum, write_tum

@@ -14,7 +14,7 @@ from planfit.cli.console import out, table
 from planfit.errors import OutputError
 from planfit.export.plan_files import write_plan_dxf, write_plan_svg
 from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
-from planfit.report.plan_picture import draw_plan_picture
+from planfit.report import draw_plan_picture
 
 
 @dataclass(frozen=True)

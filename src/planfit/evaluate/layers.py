@@ -1,14 +1,15 @@
-"""Share of walls that the scan shows as two layers: what drift leaves where a place is seen again.
+"""Share of walls that the scan shows as two layers: what drift leaves where the camera comes back.
 
 No plan is needed. Walls are looked at through square windows. In each, every frame that shows the wall gives
-a few readings: how far its points lie before the window's plane. A window is double where these readings fall
-into two groups with a gap between them, and almost no frame sees both: a niche, a radiator or the edge of a
+a few measurements: how far its points lie before the window's plane. A window is double where these fall into
+two groups with a gap between them, and almost no frame sees both: a niche, a radiator or the edge of a
 door is seen with the wall behind it in the same frame, a wall doubled by drift never is.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from planfit.errors import require_positive, require_share
@@ -28,19 +29,19 @@ class LayerOptions:
     """Layers nearer than this are one: depth cameras are off by as much from frame to frame."""
     max_gap_m: float = 0.3
     """Layers further apart are two walls."""
-    gap_to_spread: float = 2.0
-    """The gap is at least this many times the spread (standard deviation) of either layer; else the wall is
+    gap_to_sigma: float = 2.0
+    """The gap is at least this many times the standard deviation of either layer; else the wall is
     thick, not double."""
     min_frames: int = 2
     """Each layer is seen by this many frames or more; windows seen by fewer than twice as many are not
     judged."""
     min_points: int = 5
-    """Points that a frame's reading of a window takes."""
+    """Points that a frame's measurement of a window takes."""
     max_both_share: float = 0.1
     """Share of frames that may see both layers; where more do, they are two surfaces."""
 
     def __post_init__(self) -> None:
-        names = ("window_m", "min_gap_m", "max_gap_m", "gap_to_spread", "min_frames", "min_points")
+        names = ("window_m", "min_gap_m", "max_gap_m", "gap_to_sigma", "min_frames", "min_points")
         require_positive(self, *names)
         require_share(self, "max_both_share")
 
@@ -55,37 +56,30 @@ class Layers:
     """Windows judged: seen by enough frames."""
     gap_median_m: float
     """Median distance of the two layers where double; NaN where none is."""
-    windows: np.ndarray
-    """(n_windows, 3) m, centres, target frame."""
-    is_double: np.ndarray
-    """(n_windows,)"""
+    windows: Float[np.ndarray, "w 3"]
+    """Centres, m, target frame."""
+    is_double: Bool[np.ndarray, " w"]
 
 
 def wall_layers(
-    walls: WallPatches, target_from_cams: np.ndarray, options: LayerOptions | None = None
+    walls: WallPatches,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    options: LayerOptions | None = None,
 ) -> Layers:
-    """Judge the flat pieces of wall of a scan at poses (n, 4, 4), z up."""
+    """Judge the wall patches of a scan at poses with z up."""
     options = options or LayerOptions()
-    places, normals, frame_idx = _readings(walls, target_from_cams, options)
+    positions, normals, frame_idx = _measurements(walls, target_from_cams, options)
     centres, gaps = [], []
-    if len(places):
-        tree = cKDTree(places)
-        reach = np.hypot(options.window_m / np.sqrt(2), options.max_gap_m)
-        is_open = np.ones(len(places), dtype=bool)
-        for i in range(len(places)):
-            if not is_open[i]:
-                continue
-            near = np.array(tree.query_ball_point(places[i], reach))
-            near = near[normals[near] @ normals[i] > _PARALLEL]
-            step = places[near] - places[i]
-            before = step @ normals[i]
-            along = step @ np.array([-normals[i, 1], normals[i, 0], 0.0])
-            inside = np.maximum(np.abs(along), np.abs(step[:, 2])) <= options.window_m / 2
-            inside &= np.abs(before) <= options.max_gap_m
-            is_open[near[inside]] = False  # each bit of wall is judged through one window
-            if len(np.unique(frame_idx[near[inside]])) >= 2 * options.min_frames:
-                centres.append(places[i])
-                gaps.append(_gap(before[inside], frame_idx[near[inside]], options))
+    is_open = np.ones(len(positions), dtype=bool)
+    tree = cKDTree(positions) if len(positions) else None
+    for i in range(len(positions)):
+        if tree is None or not is_open[i]:
+            continue
+        inside, before = _in_window(tree, positions, normals, i, options)
+        is_open[inside] = False  # each bit of wall is judged through one window
+        if len(np.unique(frame_idx[inside])) >= 2 * options.min_frames:
+            centres.append(positions[i])
+            gaps.append(_gap(before, frame_idx[inside], options))
     gap = np.array(gaps)
     is_double = gap > 0
     return Layers(
@@ -97,15 +91,34 @@ def wall_layers(
     )
 
 
+def _in_window(
+    tree: cKDTree, positions: np.ndarray, normals: np.ndarray, i: int, options: LayerOptions
+) -> tuple[np.ndarray, np.ndarray]:
+    """Measurements (k,) of the same side in the window about measurement i, and m before it."""
+    # A ball about the window, a box of its side along and up and of the largest gap to both sides.
+    near = np.array(
+        tree.query_ball_point(
+            positions[i], np.hypot(options.window_m / np.sqrt(2), options.max_gap_m)
+        )
+    )
+    near = near[normals[near] @ normals[i] > _PARALLEL]
+    step = positions[near] - positions[i]
+    before = step @ normals[i]
+    along = step @ np.array([-normals[i, 1], normals[i, 0], 0.0])
+    inside = np.maximum(np.abs(along), np.abs(step[:, 2])) <= options.window_m / 2
+    inside &= np.abs(before) <= options.max_gap_m
+    return near[inside], before[inside]
+
+
 def _gap(before: np.ndarray, frame_idx: np.ndarray, options: LayerOptions) -> float:
-    """Distance (m) of the two layers among readings (m,) of frames (m,); 0 where there are not two."""
+    """Distance (m) of the two layers among measurements (m,) of frames (m,); 0 where there are not two."""
     order = np.argsort(before)
     before, frame_idx = before[order], frame_idx[order]
     cut = int(np.argmax(np.diff(before))) + 1
     low, high = before[:cut], before[cut:]
     gap = float(high[0] - low[-1])
-    spread = max(float(np.std(low)), float(np.std(high)))
-    if gap < max(options.min_gap_m, options.gap_to_spread * spread):
+    sigma = max(float(np.std(low)), float(np.std(high)))
+    if gap < max(options.min_gap_m, options.gap_to_sigma * sigma):
         return 0.0
     frames_low, frames_high = set(frame_idx[:cut].tolist()), set(frame_idx[cut:].tolist())
     both = frames_low & frames_high
@@ -116,12 +129,12 @@ def _gap(before: np.ndarray, frame_idx: np.ndarray, options: LayerOptions) -> fl
     return float(np.median(high) - np.median(low))
 
 
-def _readings(
+def _measurements(
     walls: WallPatches, target_from_cams: np.ndarray, options: LayerOptions
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean place (m, 3) m, level normal (m, 3) and frame (m,) of the points of each piece in each square.
+    """Mean position (m, 3) m, level normal (m, 3) and frame (m,) of the points of each patch in each square.
 
-    Squares are half a window wide, so that every window holds readings of every frame that shows it.
+    Squares are half a window wide, so that every window holds measurements of every frame that shows it.
     """
     patch = np.repeat(np.arange(len(walls)), np.diff(walls.start))
     frames = walls.frame_idx[patch]
@@ -131,16 +144,18 @@ def _readings(
     normals[:, 2] = 0.0
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     points = np.zeros((len(patch), 3))
-    for first in range(0, len(patch), 1_000_000):
+    for first in range(
+        0, len(patch), 1_000_000
+    ):  # each point takes a transform of its own, 128 bytes
         part = slice(first, first + 1_000_000)
-        placed = se3.transform(target_from_cams[frames[part]], walls.points_cam[part, None])
-        points[part] = placed[:, 0]
+        points[part] = se3.transform_each(target_from_cams[frames[part]], walls.points_cam[part])
     side = options.window_m / 2
     along = points[:, 1] * normals[patch, 0] - points[:, 0] * normals[patch, 1]
     square = np.stack(
         [patch, np.floor(along / side).astype(int), np.floor(points[:, 2] / side).astype(int)],
         axis=1,
     )
+    # Sorted by patch, then square, the points of a square follow each other and reduceat adds them.
     order = np.lexsort(square.T[::-1])
     square = square[order]
     is_first = np.concatenate([[True], (np.diff(square, axis=0) != 0).any(axis=1)])[: len(square)]
@@ -148,7 +163,7 @@ def _readings(
     if len(start) == 0:
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=int)
     sizes = np.diff(np.concatenate([start, [len(square)]]))
-    places = np.add.reduceat(points[order], start, axis=0) / sizes[:, None]
+    positions = np.add.reduceat(points[order], start, axis=0) / sizes[:, None]
     kept = sizes >= options.min_points
     of_patch = square[start, 0][kept]
-    return places[kept], normals[of_patch], walls.frame_idx[of_patch]
+    return positions[kept], normals[of_patch], walls.frame_idx[of_patch]

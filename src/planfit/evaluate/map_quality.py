@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.evaluate.neighbour_kernels import smallest_eigenvalues
 from planfit.evaluate.neighbourhoods import each_block, make_grid
@@ -12,8 +13,8 @@ DEPTH_RADIUS_M = 0.2
 MIN_NEIGHBOURS = 6
 """Neighbours, the point included, from which on a point counts: more than five."""
 _FLAT = 1e-14
-"""A determinant below this times the cube of the trace is zero but for rounding: a depth reading of 1 mm in
-0.2 m leaves 1e-8."""
+"""A determinant below this times the cube of the trace is zero but for rounding: a depth off by 1 mm in 0.2 m
+leaves 1e-8."""
 
 
 @dataclass(frozen=True)
@@ -26,16 +27,16 @@ class MapQuality:
     point has enough neighbours around it."""
     mpv_m2: float
     """Mean over points of the smallest eigenvalue of C; NaN likewise."""
-    plane_variance_m2: np.ndarray
-    """(n,) smallest eigenvalue at each point, NaN where it has fewer than two neighbours."""
-    n_neighbours: np.ndarray
-    """(n,) within the radius, the point included."""
+    plane_variance_m2: Float[np.ndarray, " m"]
+    """Smallest eigenvalue at each point, NaN where it has fewer than two neighbours."""
+    n_neighbours: Int[np.ndarray, " m"]
+    """Within the radius, the point included."""
 
 
 def map_quality(
-    points: np.ndarray, radius_m: float = DEPTH_RADIUS_M, workers: int = 1
+    points: Float[np.ndarray, "m 3"], radius_m: float = DEPTH_RADIUS_M, workers: int = 1
 ) -> MapQuality:
-    """MME and MPV of points (n, 3) m, and the plane variance at every point.
+    """MME and MPV of points (m), and the plane variance at every point.
 
     Raises:
         OptionError: the radius is not above 0, or a few points are far away from all others.
@@ -81,5 +82,5 @@ def _block(
 
 def _determinants(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Determinants and traces (m,) of symmetric matrices by their six entries (m, 6)."""
-    a, b, c, d, e, f = covariance.T
+    a, b, c, d, e, f = covariance.T  # xx xy xz yy yz zz; expanded along the first row
     return a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d), a + d + f

@@ -9,19 +9,19 @@ _FAST = {"reassoc", "contract", "nsz"}
 
 @numba.njit(cache=True, nogil=True)
 def fill_table(keys):  # pragma: no cover - compiled
-    """Open-addressing table of distinct keys (q,) >= 0: keys and their places, -1 where empty."""
+    """Open-addressing table of distinct keys (q,) >= 0: keys and their indices, -1 where empty."""
     size = 16
     while size < 2 * len(keys):
         size *= 2
     table_keys = np.full(size, -1, dtype=np.int64)
-    places = np.full(size, -1, dtype=np.int64)
-    for place in range(len(keys)):
-        at = _slot(keys[place], size)
+    indices = np.full(size, -1, dtype=np.int64)
+    for index in range(len(keys)):
+        at = _slot(keys[index], size)
         while table_keys[at] >= 0:
             at = (at + 1) & (size - 1)
-        table_keys[at] = keys[place]
-        places[at] = place
-    return table_keys, places
+        table_keys[at] = keys[index]
+        indices[at] = index
+    return table_keys, indices
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -58,6 +58,7 @@ def sum_cells(points, start, cells, edge):  # pragma: no cover - compiled
 @numba.njit(cache=True, nogil=True, inline="always")
 def _shifted(sums, x, y, z, out):  # pragma: no cover - compiled
     """The same sums about a point that lies (-x, -y, -z) from the one that they are about."""
+    # Parallel axes: the sum of (p + x)(q + y) is that of pq + yp + xq + xy.
     n, sx, sy, sz = sums[0], sums[1], sums[2], sums[3]
     out[0] = n
     out[1] = sx + n * x
@@ -144,7 +145,7 @@ def _near_cells(
     start,
     column_start,
     table_keys,
-    places,
+    indices,
     sums,
     edge,
     reach,
@@ -171,7 +172,7 @@ def _near_cells(
                 at = (at + 1) & (size - 1)
             if table_keys[at] < 0:
                 continue
-            below, above = column_start[places[at]], column_start[places[at] + 1]
+            below, above = column_start[indices[at]], column_start[indices[at] + 1]
             end = above
             while below < above:  # the first cell that is high enough
                 middle = (below + above) // 2
@@ -209,7 +210,7 @@ def sum_neighbours(
     start,
     column_start,
     table_keys,
-    places,
+    indices,
     sums,
     radius,
     reach,
@@ -231,7 +232,7 @@ def sum_neighbours(
         )
         shared[:] = 0.0
         n_near = _near_cells(
-            c, cells, start, column_start, table_keys, places, sums, edge, reach,
+            c, cells, start, column_start, table_keys, indices, sums, edge, reach,
             runs, centres, about, shared,
         )  # fmt: skip
         for m in range(start[c], start[c + 1]):
@@ -275,16 +276,16 @@ def smallest_eigenvalues(covariance, out):  # pragma: no cover - compiled
             if abs(b) + abs(c) + abs(e) <= small:
                 break
             if b != 0.0:
-                cosine, sine, shift = _rotation(a, d, b)
-                a, d, b = a - shift, d + shift, 0.0
+                cosine, sine, change = _rotation(a, d, b)
+                a, d, b = a - change, d + change, 0.0
                 c, e = cosine * c - sine * e, sine * c + cosine * e
             if c != 0.0:
-                cosine, sine, shift = _rotation(a, f, c)
-                a, f, c = a - shift, f + shift, 0.0
+                cosine, sine, change = _rotation(a, f, c)
+                a, f, c = a - change, f + change, 0.0
                 b, e = cosine * b - sine * e, sine * b + cosine * e
             if e != 0.0:
-                cosine, sine, shift = _rotation(d, f, e)
-                d, f, e = d - shift, f + shift, 0.0
+                cosine, sine, change = _rotation(d, f, e)
+                d, f, e = d - change, f + change, 0.0
                 b, c = cosine * b - sine * c, sine * b + cosine * c
         out[m] = min(a, d, f)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.errors import require
 from planfit.evaluate.neighbour_kernels import fill_table, sum_cells, sum_neighbours
@@ -31,28 +32,32 @@ class NeighbourGrid:
 
     radius: float  # m
     cells_per_radius: int  # edge of a cube is radius / cells_per_radius
-    origin: np.ndarray  # (3,) m, corner of cell (0, 0, 0)
-    order: np.ndarray  # (n,) index of each sorted point in the cloud as given
-    points: np.ndarray  # (3, n) m from the origin, sorted by column of cells, then by height
-    cells: np.ndarray  # (c, 3) int, indices of the cells that hold points
-    start: np.ndarray  # (c + 1,): points of cell j are start[j]:start[j + 1]
-    column_start: np.ndarray  # (q + 1,): cells of column i are column_start[i]:column_start[i + 1]
+    origin: Float[np.ndarray, "3"]  # m, corner of cell (0, 0, 0)
+    order: Int[np.ndarray, " m"]  # index of each sorted point in the cloud as given
+    points: Float[np.ndarray, "3 m"]  # m from the origin, sorted by column of cells, then height
+    cells: Int[np.ndarray, "c 3"]  # indices of the cells that hold points
+    start: Int[np.ndarray, " c+1"]  # points of cell j are start[j]:start[j + 1]
+    column_start: Int[
+        np.ndarray, " starts"
+    ]  # cells of column i: column_start[i]:column_start[i + 1]
     table: tuple[np.ndarray, np.ndarray]  # columns by a hash of their two indices
-    sums: np.ndarray  # (c, 10) of each cell about its centre: number, x y z, xx xy xz yy yz zz
+    sums: Float[
+        np.ndarray, "c 10"
+    ]  # of each cell about its centre: number, x y z, xx xy xz yy yz zz
 
     def __len__(self) -> int:
         return len(self.order)
 
 
 def make_grid(
-    points: np.ndarray, radius_m: float, cells_per_radius: int | None = None
+    points: Float[np.ndarray, "m 3"], radius_m: float, cells_per_radius: int | None = None
 ) -> NeighbourGrid:
-    """Sort points (n, 3) m for neighbourhoods of `radius_m`.
+    """Sort points (m) for neighbourhoods of `radius_m`.
 
     `cells_per_radius` changes the time and not the result; by default it suits the density.
 
     Raises:
-        OptionError: the radius is not above 0, or the points are spread over more than a million radii.
+        OptionError: the radius is not above 0, or the points extend over more than 100,000 radii.
     """
     require(radius_m > 0, f"radius_m: expected a length above 0, found {radius_m}")
     origin = points.min(axis=0) if len(points) else np.zeros(3)
@@ -71,6 +76,7 @@ def make_grid(
     is_first = np.concatenate([[True], key[1:] != key[:-1]])[: len(key)]
     start = np.concatenate([np.flatnonzero(is_first), [len(key)]])
     key = key[start[:-1]]
+    # The key packs x, y, z in 21 bits each, x first: sorted, cells of one column (x, y) are neighbours.
     cells = np.stack([key >> 42, (key >> 21) & 0x1FFFFF, key & 0x1FFFFF], axis=1)
     column = key >> 21
     is_first = np.concatenate([[True], column[1:] != column[:-1]])[: len(column)]
@@ -116,16 +122,15 @@ def each_block(
     with ThreadPoolExecutor(workers) as pool:
         for bounds in _blocks(grid.start):
             waiting.append(pool.submit(one, bounds))
-            if (
-                len(waiting) > 2 * workers
-            ):  # a few blocks ahead of the one in use, never all of them
+            # A few blocks ahead of the one in use, never all of them: they would fill the memory.
+            if len(waiting) > 2 * workers:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
 
 
-def as_matrices(covariance: np.ndarray) -> np.ndarray:
-    """Symmetric matrices (m, 3, 3) of their six entries (m, 6)."""
+def as_matrices(covariance: Float[np.ndarray, "m 6"]) -> Float[np.ndarray, "m 3 3"]:
+    """Symmetric matrices of their six entries xx xy xz yy yz zz."""
     return covariance[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
 
 
@@ -159,7 +164,7 @@ def _blocks(start: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _keys(points: np.ndarray, origin: np.ndarray, edge: float) -> np.ndarray:
-    """Sorting key (n,) of each point's cell: x, y, z with 21 bits each."""
+    """Sorting key (n,) of each point's cell: x, y, z with 21 bits each, 63 of an integer's 64."""
     key = np.zeros(len(points), dtype=np.int64)
     for axis in range(3):
         key <<= 21

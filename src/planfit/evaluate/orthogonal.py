@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from planfit.evaluate.map_quality import MapQuality
@@ -11,7 +12,7 @@ from planfit.evaluate.sampling import MapSample
 
 _PLANAR = 100.0
 """A point is planar where its smallest eigenvalue is below the middle one by this factor."""
-_SPREAD = 0.1
+_MAX_DIFFERENCE = 0.1
 """Normals of one cluster differ by at most this (complete linkage); the cosine of orthogonal ones is
 smaller."""
 _MIN_NEIGHBOURS = 4
@@ -26,7 +27,7 @@ class OrthogonalSets:
     """Points on three mutually orthogonal planes of a depth map, as indices into a `MapSample`."""
 
     frame_idx: int
-    sets: tuple[np.ndarray, np.ndarray, np.ndarray]
+    sets: tuple[Int[np.ndarray, " a"], Int[np.ndarray, " b"], Int[np.ndarray, " c"]]
 
 
 def find_orthogonal_sets(
@@ -48,30 +49,32 @@ def find_orthogonal_sets(
 
 
 def orthogonal_triple(
-    points_cam: np.ndarray, radius_m: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Indices of points (n, 3) m, camera frame, in the three orthogonal clusters with the most points."""
+    points_cam: Float[np.ndarray, "m 3"], radius_m: float
+) -> tuple[Int[np.ndarray, " a"], Int[np.ndarray, " b"], Int[np.ndarray, " c"]] | None:
+    """Indices of points (m), camera frame, in the three orthogonal clusters with the most points."""
     idx, normals = planar_normals(points_cam, radius_m)
     step = max(1, -(-len(idx) // _MAX_POINTS))
     idx, normals = idx[::step], normals[::step]
     if len(idx) < 3 * _MIN_POINTS:
         return None
-    labels = fcluster(linkage(normals, "complete"), _SPREAD, criterion="distance")
+    labels = fcluster(linkage(normals, "complete"), _MAX_DIFFERENCE, criterion="distance")
     sizes = np.bincount(labels)
     kept = np.flatnonzero(sizes >= _MIN_POINTS)
     means = (
         np.stack([normals[labels == k].mean(axis=0) for k in kept]) if len(kept) else normals[:0]
     )
     means /= np.linalg.norm(means, axis=1, keepdims=True)
-    best = _largest_triple(np.abs(means @ means.T) < _SPREAD, sizes[kept])
+    best = _largest_triple(np.abs(means @ means.T) < _MAX_DIFFERENCE, sizes[kept])
     if best is None:
         return None
     first, second, third = (idx[labels == kept[k]] for k in best)
     return first, second, third
 
 
-def planar_normals(points_cam: np.ndarray, radius_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Index (m,) of the planar points among points (n, 3) m, and their normals (m, 3) towards the camera."""
+def planar_normals(
+    points_cam: Float[np.ndarray, "m 3"], radius_m: float
+) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
+    """Index of the planar points among points (m), and their unit normals towards the camera."""
     counts = np.zeros(len(points_cam), dtype=int)
     covariance = np.zeros((len(points_cam), 6))
     for idx, n, found in covariances(make_grid(points_cam, radius_m)):
@@ -109,6 +112,7 @@ def mom_m2(sets: tuple[OrthogonalSets, ...], quality: MapQuality) -> float:
 def _largest_triple(is_orthogonal: np.ndarray, sizes: np.ndarray) -> tuple[int, int, int] | None:
     """Three clusters, each orthogonal to the others, with the most points; the first of equals."""
     best, most = None, 0
+    # k < j < i, so that each triple is looked at once.
     for i in range(len(sizes)):
         for j in np.flatnonzero(is_orthogonal[i, : i + 1]):
             common = np.flatnonzero(is_orthogonal[i, :j] & is_orthogonal[j, :j])

@@ -8,12 +8,12 @@ import numpy as np
 from planfit.errors import require
 
 Values = Mapping[str, Mapping[str, float]]
-"""Of each case (scan and seed), each figure by name; lower is better."""
+"""Of each case (scan and seed), each metric by name; lower is better."""
 
 
 @dataclass(frozen=True)
 class Paired:
-    """A figure of B against A over the cases that both have."""
+    """A metric of B against A over the cases that both have."""
 
     name: str
     n: int
@@ -21,7 +21,7 @@ class Paired:
     mean_b: float
     mean_difference: float
     """Mean of B minus A: below 0, B is better."""
-    spread: float
+    sigma: float
     """Standard deviation of the differences (n - 1); NaN of fewer than two."""
     wins: int
     """Cases in which B is better than A by more than rounding."""
@@ -29,20 +29,20 @@ class Paired:
     """Cases in which B is worse."""
 
     @property
-    def correspondences(self) -> int:
+    def ties(self) -> int:
         """Cases in which neither is."""
         return self.n - self.wins - self.losses
 
     @property
     def standard_error(self) -> float:
         """Of the mean difference; a mean beyond twice of it is hardly chance."""
-        return self.spread / np.sqrt(self.n)
+        return self.sigma / np.sqrt(self.n)
 
 
 def compare_paired(a: Values, b: Values) -> list[Paired]:
-    """Every figure that both have, case by case; in the order of A.
+    """Every metric that both have, case by case; in the order of A.
 
-    Cases and figures of one alone, and values that are not finite, are left out.
+    Cases and metrics of one alone, and values that are not finite, are left out.
 
     Raises:
         OptionError: no case is in both.
@@ -72,7 +72,7 @@ def compare_paired(a: Values, b: Values) -> list[Paired]:
                 mean_a=float(mean_a),
                 mean_b=float(mean_b),
                 mean_difference=float(difference.mean()),
-                spread=float(np.std(difference, ddof=1)) if len(pairs) > 1 else np.nan,
+                sigma=float(np.std(difference, ddof=1)) if len(pairs) > 1 else np.nan,
                 wins=int(np.sum(difference < -rounding)),
                 losses=int(np.sum(difference > rounding)),
             )

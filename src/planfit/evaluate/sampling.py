@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.errors import require_positive
 from planfit.evaluate.map_quality import DEPTH_RADIUS_M
@@ -22,7 +23,7 @@ class MapOptions:
     radius_m: float = DEPTH_RADIUS_M
     """Neighbourhood; 0.2 for depth cameras, 1.0 for LiDAR."""
     max_depth_m: float = 8.0
-    """Readings further away are dropped."""
+    """Depth measurements beyond are dropped."""
     stride_px: int = 2
     """One pixel in this many, each way, is read."""
     frame_step: int = 1
@@ -39,15 +40,16 @@ class MapOptions:
 class MapSample:
     """Points in camera frames; frame i has points start[i]:start[i + 1], many or none."""
 
-    points_cam: np.ndarray  # (m, 3) m, float32
-    start: np.ndarray  # (n_frames + 1,)
+    points_cam: Float[np.ndarray, "m 3"]
+    """m; single precision."""
+    start: Int[np.ndarray, " starts"]
 
-    def of_frame(self, i: int) -> np.ndarray:
-        """Points (k, 3) m of frame i, camera frame."""
+    def of_frame(self, i: int) -> Float[np.ndarray, "k 3"]:
+        """Points (m) of frame i, camera frame."""
         return self.points_cam[self.start[i] : self.start[i + 1]]
 
-    def placed(self, target_from_cams: np.ndarray) -> np.ndarray:
-        """All points (m, 3) m in the target frame."""
+    def placed(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "m 3"]:
+        """All points (m) in the target frame."""
         points = np.zeros((len(self.points_cam), 3))
         for i, pose in enumerate(target_from_cams):
             points[self.start[i] : self.start[i + 1]] = se3.transform(pose, self.of_frame(i))
@@ -71,13 +73,14 @@ def sample_depth_maps(scan: Scan, options: MapOptions, runtime: Runtime) -> MapS
     return MapSample(points, np.concatenate([[0], np.cumsum(sizes)]))
 
 
-def thin(points: np.ndarray, voxel_m: float) -> np.ndarray:
-    """Mean of the points (n, 3) m in each cube of the grid through the origin; ordered by cube."""
+def thin(points: Float[np.ndarray, "m 3"], voxel_m: float) -> Float[np.ndarray, "v 3"]:
+    """Mean of the points (m) in each cube of the grid through the origin; ordered by cube."""
     if len(points) == 0:
         return points
     cube = np.floor(points / voxel_m).astype(np.int64)
     cube -= cube.min(axis=0)
     _, ny, nz = (int(v) + 1 for v in cube.max(axis=0))
+    # One integer a cube; sorted by it, the points of a cube follow each other and reduceat adds them.
     key = (cube[:, 0] * ny + cube[:, 1]) * nz + cube[:, 2]
     order = np.argsort(key, kind="stable")
     key = key[order]

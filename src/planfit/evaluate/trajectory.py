@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.errors import ScanError, require
 from planfit.geometry import se3
@@ -11,7 +12,7 @@ from planfit.scan.association import pair_times
 
 @dataclass(frozen=True)
 class PositionErrors:
-    """Absolute trajectory error: distances between estimated and true camera positions."""
+    """Absolute trajectory error (ATE): distances between estimated and true camera positions."""
 
     rms_m: float
     """In the frame given, without any alignment to the truth."""
@@ -21,31 +22,33 @@ class PositionErrors:
     """Mean of estimated minus true position, by axis: a whole scan misplaced shows up here."""
     aligned_rms_m: float
     """After the rigid motion that brings the positions closest (Umeyama, without scale)."""
-    turn_mean_deg: float
+    rotation_mean_deg: float
     """Mean angle between estimated and true orientation, without alignment."""
 
 
 @dataclass(frozen=True)
-class StepErrors:
-    """Relative pose error over a path length: error of the motion from a frame to a later one."""
+class RelativeErrors:
+    """Relative pose error (RPE) over a path length: error of the motion from a frame to a later one."""
 
     delta_m: float | None
     """Path length between the two frames; None: each frame and the next."""
     n_pairs: int
-    shift_rms_m: float
-    turn_rms_deg: float
+    translation_rms_m: float
+    rotation_rms_deg: float
 
 
-def position_errors(target_from_cams: np.ndarray, true_from_cams: np.ndarray) -> PositionErrors:
-    """Compare poses (n, 4, 4) with true ones (n, 4, 4) in the same frame."""
+def position_errors(
+    target_from_cams: Float[np.ndarray, "n 4 4"], true_from_cams: Float[np.ndarray, "n 4 4"]
+) -> PositionErrors:
+    """Compare poses with true ones in the same frame."""
     positions, truth = target_from_cams[:, :3, 3], true_from_cams[:, :3, 3]
     offset = positions - truth
     distance = np.linalg.norm(offset, axis=1)
     aligned = distance
-    if len(positions) >= 3:
+    if len(positions) >= 3:  # fewer do not fix a rotation
         moved = se3.transform(se3.fit_rigid(positions, truth), positions)
         aligned = np.linalg.norm(moved - truth, axis=1)
-    turn = se3.rotation_angle(
+    angle_rad = se3.rotation_angle(
         np.swapaxes(true_from_cams[:, :3, :3], 1, 2) @ target_from_cams[:, :3, :3]
     )
     x, y, z = (float(v) for v in offset.mean(axis=0))
@@ -55,13 +58,15 @@ def position_errors(target_from_cams: np.ndarray, true_from_cams: np.ndarray) ->
         max_m=float(distance.max()),
         mean_offset_m=(x, y, z),
         aligned_rms_m=_rms(aligned),
-        turn_mean_deg=float(np.rad2deg(turn).mean()),
+        rotation_mean_deg=float(np.rad2deg(angle_rad).mean()),
     )
 
 
-def step_errors(
-    target_from_cams: np.ndarray, true_from_cams: np.ndarray, delta_m: float | None = None
-) -> StepErrors | None:
+def relative_errors(
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    true_from_cams: Float[np.ndarray, "n 4 4"],
+    delta_m: float | None = None,
+) -> RelativeErrors | None:
     """Error of motions over `delta_m` of true path, or to the next frame; None where there are none.
 
     Needs no alignment: relative motion does not depend on the frame.
@@ -72,6 +77,7 @@ def step_errors(
         last = np.arange(1, len(walked) + 1)
     else:
         require(delta_m > 0, f"delta_m: expected a length above 0, found {delta_m}")
+        # The first frame past the length; none past the end of the path gives len(walked).
         last = np.searchsorted(walked, walked + delta_m)
     first = np.flatnonzero(last < len(walked))
     if len(first) == 0:
@@ -80,17 +86,19 @@ def step_errors(
     estimated = se3.inverse(target_from_cams[first]) @ target_from_cams[last]
     true = se3.inverse(true_from_cams[first]) @ true_from_cams[last]
     error = se3.inverse(true) @ estimated
-    return StepErrors(
+    return RelativeErrors(
         delta_m=delta_m,
         n_pairs=len(first),
-        shift_rms_m=_rms(np.linalg.norm(error[:, :3, 3], axis=1)),
-        turn_rms_deg=_rms(np.rad2deg(se3.rotation_angle(error[:, :3, :3]))),
+        translation_rms_m=_rms(np.linalg.norm(error[:, :3, 3], axis=1)),
+        rotation_rms_deg=_rms(np.rad2deg(se3.rotation_angle(error[:, :3, :3]))),
     )
 
 
 def associate_times(
-    times: np.ndarray, true_times: np.ndarray, max_difference_s: float = 0.02
-) -> tuple[np.ndarray, np.ndarray]:
+    times: Float[np.ndarray, " n"],
+    true_times: Float[np.ndarray, " t"],
+    max_difference_s: float = 0.02,
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Indices of poses and of true poses that belong together by time, as `planfit.scan.association` pairs
     them: each at most once, nearest first.
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from planfit.errors import ScanError
@@ -20,8 +21,8 @@ _ROUNDS = 60
 class TrueCloud:
     """Points of a true scan, with what nearest neighbours and registration need."""
 
-    points: np.ndarray  # (n, 3) m
-    normals: np.ndarray  # (n, 3) unit, either side
+    points: Float[np.ndarray, "t 3"]  # m
+    normals: Float[np.ndarray, "t 3"]  # unit, either side
     tree: cKDTree
 
 
@@ -33,8 +34,8 @@ class NearestNeighbours:
     """Mean distance from the map's points to the nearest true point, after registration."""
     unregistered_m: float
     """The same where the registration began, of the points that took part in it."""
-    truth_from_map: np.ndarray
-    """(4, 4) the registration."""
+    truth_from_map: Float[np.ndarray, "4 4"]
+    """The registration."""
 
 
 def read_true_cloud(path: Path, spacing_m: float, seed: int = 0) -> TrueCloud:
@@ -64,8 +65,8 @@ def read_true_cloud(path: Path, spacing_m: float, seed: int = 0) -> TrueCloud:
     return make_true_cloud(points, 3 * spacing_m)
 
 
-def make_true_cloud(points: np.ndarray, normal_radius_m: float) -> TrueCloud:
-    """A true scan of points (n, 3) m; normals are those of the points within `normal_radius_m`."""
+def make_true_cloud(points: Float[np.ndarray, "t 3"], normal_radius_m: float) -> TrueCloud:
+    """A true scan of points (m); normals are those of the points within `normal_radius_m`."""
     normals = np.zeros((len(points), 3))
     for idx, _, covariance in covariances(make_grid(points, normal_radius_m)):
         normals[idx] = np.linalg.eigh(as_matrices(covariance))[1][:, :, 0]
@@ -73,18 +74,18 @@ def make_true_cloud(points: np.ndarray, normal_radius_m: float) -> TrueCloud:
 
 
 def nearest_neighbours(
-    points: np.ndarray,
+    points: Float[np.ndarray, "m 3"],
     truth: TrueCloud,
-    truth_from_map: np.ndarray | None = None,
+    truth_from_map: Float[np.ndarray, "4 4"] | None = None,
     reach_m: float = 1.0,
     workers: int = 1,
 ) -> NearestNeighbours:
-    """NND of a map (m, 3) m.
+    """NND of a map.
 
     Args:
-        points: the map.
+        points: the map, m.
         truth: the true scan.
-        truth_from_map: (4, 4) where the registration begins; by default where the map lies. It must be
+        truth_from_map: where the registration begins; by default where the map lies. It must be
             right within about `reach_m`.
         reach_m: pairs further apart than this take no part; it shrinks to a tenth during the registration.
         workers: threads.
@@ -108,9 +109,13 @@ def _mean_distance(points: np.ndarray, truth: TrueCloud, pose: np.ndarray, worke
 
 
 def register(
-    points: np.ndarray, truth: TrueCloud, start: np.ndarray, reach_m: float, workers: int = 1
-) -> np.ndarray:
-    """Rigid motion (4, 4) of points (m, 3) onto the true scan, begun at `start`.
+    points: Float[np.ndarray, "m 3"],
+    truth: TrueCloud,
+    start: Float[np.ndarray, "4 4"],
+    reach_m: float,
+    workers: int = 1,
+) -> Float[np.ndarray, "4 4"]:
+    """Point-to-plane ICP: truth_from_map that brings points (m) onto the true scan, begun at `start`.
 
     Pairs of nearest points, distances across the true surface; pairs further apart than `reach_m` are left
     out, and it shrinks to a tenth.
@@ -132,8 +137,9 @@ def register(
         hessian = jacobian.T @ jacobian
         hessian += 1e-6 * np.trace(hessian) * np.eye(6)
         delta = np.linalg.solve(hessian, jacobian.T @ off)
-        turn = se3.exp_so3(delta[:3])
-        pose = se3.make_transform(turn, centre + delta[3:] - turn @ centre) @ pose
+        rotation = se3.exp_so3(delta[:3])  # about the centre, where the linearisation holds best
+        translation = centre + delta[3:] - rotation @ centre
+        pose = se3.make_transform(rotation, translation) @ pose
         if reach <= 0.1001 * reach_m and np.abs(delta).max() < 1e-5:
             break
     return pose

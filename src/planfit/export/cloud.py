@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Int, UInt8
 
 from planfit.geometry import se3
 from planfit.runtime import Arrays, Runtime, cache_key
@@ -15,9 +16,12 @@ from planfit.scan import Scan
 class Cloud:
     """Points in camera frames, with colour."""
 
-    points_cam: np.ndarray  # (m, 3) m
-    colors: np.ndarray  # (m, 3) uint8
-    start: np.ndarray  # (n_frames + 1,)
+    points_cam: Float[np.ndarray, "m 3"]
+    """m"""
+    colors: UInt8[np.ndarray, "m 3"]
+    """RGB"""
+    start: Int[np.ndarray, " starts"]
+    """(n_frames + 1,): points of frame i are start[i]:start[i + 1]."""
 
 
 def sample_cloud(
@@ -38,8 +42,10 @@ def sample_cloud(
     )
 
 
-def place_cloud(cloud: Cloud, target_from_cams: np.ndarray) -> np.ndarray:
-    """Points (m, 3) m in the target frame."""
+def place_cloud(
+    cloud: Cloud, target_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, "m 3"]:
+    """Points (m) in the target frame."""
     placed = [
         se3.transform(pose, cloud.points_cam[first:last])
         for pose, first, last in zip(
@@ -49,8 +55,10 @@ def place_cloud(cloud: Cloud, target_from_cams: np.ndarray) -> np.ndarray:
     return np.concatenate(placed)
 
 
-def write_ply(path: Path, points: np.ndarray, colors: np.ndarray) -> None:
-    """Write points (m, 3) m with colours (m, 3) uint8 as binary PLY."""
+def write_ply(
+    path: Path, points: Float[np.ndarray, "m 3"], colors: UInt8[np.ndarray, "m 3"]
+) -> None:
+    """Write points (m) with colours as binary PLY, in single precision."""
     vertices = np.zeros(
         len(points),
         dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("r", "u1"), ("g", "u1"), ("b", "u1")],
@@ -74,7 +82,7 @@ def _sample(scan: Scan, per_frame: int, max_depth_m: float, i: int) -> Arrays:
     step = max(1, int(np.sqrt(depth.size / per_frame)))
     rows, columns = np.mgrid[step // 2 : depth.shape[0] : step, step // 2 : depth.shape[1] : step]
     at = depth[rows, columns]
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # NaN, where there is no depth, is not below anything
         keep = at < max_depth_m
     uv = np.stack([columns[keep], rows[keep]], axis=1)
     return {

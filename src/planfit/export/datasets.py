@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from jaxtyping import Float, UInt8, UInt16
 
 from planfit.errors import OutputError
 from planfit.export.cloud import Cloud, place_cloud, write_ply
@@ -17,7 +18,11 @@ COLOR_FOLDER, DEPTH_FOLDER = "images", "depth"
 
 
 def write_colmap(
-    folder: Path, scan: Scan, target_from_cams: np.ndarray, cloud: Cloud, runtime: Runtime
+    folder: Path,
+    scan: Scan,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    cloud: Cloud,
+    runtime: Runtime,
 ) -> None:
     """`sparse/0` (text), `images/`, and `depth/` in millimetres, in an empty folder; `cloud` becomes points.
 
@@ -33,7 +38,7 @@ def write_colmap(
             "PINHOLE",
             camera.width,
             camera.height,
-            (camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5),
+            (camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5),  # corners at 0
         )
         for camera, number in id_of.items()
     ]
@@ -50,7 +55,11 @@ def write_colmap(
 
 
 def write_nerfstudio(
-    folder: Path, scan: Scan, target_from_cams: np.ndarray, cloud: Cloud, runtime: Runtime
+    folder: Path,
+    scan: Scan,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    cloud: Cloud,
+    runtime: Runtime,
 ) -> None:
     """`transforms.json`, `images/`, `depth/` in millimetres, and `sparse_pc.ply`, in an empty folder.
 
@@ -89,7 +98,7 @@ def _write_images(folder: Path, scan: Scan, runtime: Runtime) -> None:
         quality = [cv2.IMWRITE_JPEG_QUALITY, 95]
         _write_image(folder / COLOR_FOLDER / f"{name}.jpg", color, quality)
         millimetres = np.rint(np.nan_to_num(scan.files.depth(i), nan=0.0) * 1e3)
-        # 65535 means no reading in some programs.
+        # 65535 means no measurement in some programs.
         stored = np.where(millimetres < 65535, millimetres, 0).astype(np.uint16)
         _write_image(folder / DEPTH_FOLDER / f"{name}.png", stored, [])
         return {}
@@ -97,7 +106,9 @@ def _write_images(folder: Path, scan: Scan, runtime: Runtime) -> None:
     Runtime(runtime.workers, None, runtime.on_progress).map("images", "", len(scan), one_frame)
 
 
-def _write_image(path: Path, image: np.ndarray, parameters: list[int]) -> None:
+def _write_image(
+    path: Path, image: UInt8[np.ndarray, "h w 3"] | UInt16[np.ndarray, "h w"], parameters: list[int]
+) -> None:
     is_encoded, data = cv2.imencode(path.suffix, image, parameters)
     if not is_encoded:
         raise OutputError(f"{path}: the image cannot be encoded")

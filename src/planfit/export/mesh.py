@@ -6,6 +6,7 @@ from types import ModuleType
 
 import numpy as np
 import trimesh
+from jaxtyping import Float
 
 from planfit.errors import OutputError
 from planfit.geometry import se3
@@ -42,7 +43,11 @@ def load_open3d() -> ModuleType:
 
 
 def fuse_mesh(
-    scan: Scan, target_from_cams: np.ndarray, voxel_m: float, max_depth_m: float, runtime: Runtime
+    scan: Scan,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    voxel_m: float,
+    max_depth_m: float,
+    runtime: Runtime,
 ) -> trimesh.Trimesh:
     """Coloured triangles in the target frame.
 
@@ -50,7 +55,7 @@ def fuse_mesh(
 
     Args:
         scan: whose images are fused.
-        target_from_cams: (n, 4, 4) poses.
+        target_from_cams: poses.
         voxel_m: edge of a voxel; details below about two of them are lost.
         max_depth_m: depth beyond is left out.
         runtime: whose progress is told.

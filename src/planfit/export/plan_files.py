@@ -5,6 +5,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 from ezdxf.filemanagement import new
+from jaxtyping import Float
 
 from planfit.floorplan import Floorplan
 
@@ -38,7 +39,7 @@ def write_plan_svg(path: Path, floorplan: Floorplan) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _svg_line(ends: np.ndarray, extra: str) -> str:
+def _svg_line(ends: Float[np.ndarray, "2 2"], extra: str) -> str:
     (x1, y1), (x2, y2) = ends
     return f'<line x1="{x1:.9g}" y1="{-y1:.9g}" x2="{x2:.9g}" y2="{-y2:.9g}"{extra}/>'
 

@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from planfit.align import Alignment
+from planfit.evaluate import surface_metrics
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.pipeline import validation as checks
+from planfit.matching import Matches
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import RefineResult
-from planfit.scan import Scan, corrupt_frames
+from planfit.scan import Scan
 
 
 def make_record(
@@ -22,58 +24,28 @@ def make_record(
     options: RefineOptions,
     result: RefineResult,
 ) -> dict[str, Any]:
-    """Everything about a run as plain values, for `run.json`. Lengths in metres, times in seconds."""
-    solution, alignment = result.walls.solution, result.alignment
+    """Everything about a run as plain values, for `run.json`. Lengths in metres, times in seconds; metrics
+    have their unit beside them."""
+    neighbours = options.matching.pairs.neighbours
     return {
         "planfit": version,
         "inputs": inputs,
         "options": plain(options),
-        "scan_format": scan.format,
-        "frames": len(scan),
-        "frames_left_out": list(scan.skipped),
-        "frames_not_decoded": corrupt_frames(scan),
+        **_scan_record(scan),
         "plan_faces": len(floorplan),
         "labels_from": result.structure.back_end,
         "up_world": result.gravity.up_world.tolist(),
         "up_from": result.gravity.source,
-        "matches": {
-            "keypoints": result.matches.n_keypoints,
-            "pairs_tried": result.matches.n_tried,
-            "pairs_verified": len(result.matches.pairs),
-            "pairs_of_revisits": result.matches.n_loops(options.matching.pairs.neighbours),
-            "matches": result.matches.n_matches,
-        },
-        "alignment": None
-        if alignment is None
-        else {
-            "plan_from_level": alignment.plan_from_level.tolist(),
-            "score": alignment.score,
-            "runner_up_score": alignment.runner_up.score if alignment.runner_up else None,
-            "is_as_recorded": alignment.is_as_recorded,
-            "is_sure": alignment.is_sure,
-            "metres_per_unit_xy": list(alignment.scale_xy),
-            "metres_per_unit_spread_share": alignment.scale_sigma,
-        },
-        "world_from_plan": result.world_from_plan.tolist(),
-        "plan_from_world_before": (
-            result.initial_plan_from_cams[0] @ se3.inverse(scan.world_from_cams[0])
-        ).tolist(),
-        "plan_from_world_axes": None
-        if scan.plan_from_world_axes is None
-        else scan.plan_from_world_axes.tolist(),
-        "walls": {
-            "pieces": len(result.structure.walls),
-            "associated": result.walls.association.n_associated,
-            "rounds": result.walls.rounds,
-            "settled": result.walls.settled,
-            "offsets": wall_offsets(result),
-        },
-        "stop": solution.stop.value,
+        "matches": _matches_record(result.matches, neighbours),
+        "alignment": None if result.alignment is None else _alignment_record(result.alignment),
+        **_transforms(scan, result),
+        "walls": _walls_record(result),
+        "stop": result.walls.solution.stop.value,
         "cost_by_term": {
             name: {"before": before, "after": after}
             for name, (before, after) in result.cost_by_term.items()
         },
-        "metrics": surface_metrics(floorplan, result),
+        "metrics": metrics_record(floorplan, result),
         "checks": [plain(check) for check in result.checks],
         "is_better": result.is_better,
         "warnings": list(result.warnings),
@@ -81,22 +53,82 @@ def make_record(
     }
 
 
+def metrics_record(floorplan: Floorplan, result: RefineResult) -> dict[str, dict[str, Any]]:
+    """Metrics of walls and floor, by name, as `planfit evaluate` gives them."""
+    metrics = surface_metrics(
+        result.structure, floorplan, result.initial_plan_from_cams, result.plan_from_cams
+    )
+    return {
+        m.name: {"before": _finite(m.before), "after": _finite(m.after), "unit": m.unit}
+        for m in metrics
+    }
+
+
+def _finite(value: float) -> float | None:
+    """JSON has no NaN, which the oriented NSD is where no face looks at some camera."""
+    return value if np.isfinite(value) else None
+
+
+def _scan_record(scan: Scan) -> dict[str, Any]:
+    return {
+        "scan_format": scan.format,
+        "frames": len(scan),
+        "frames_left_out": list(scan.skipped),
+        "frames_not_decoded": corrupt_frames(scan),
+    }
+
+
+def _matches_record(matches: Matches, neighbours: int) -> dict[str, int]:
+    """Pairs of frames further apart than `neighbours` are loop closures."""
+    return {
+        "keypoints": matches.n_keypoints,
+        "pairs_tried": matches.n_tried,
+        "pairs_verified": len(matches.pairs),
+        "loop_closures": matches.n_loops(neighbours),
+        "matches": matches.n_matches,
+    }
+
+
+def _alignment_record(alignment: Alignment) -> dict[str, Any]:
+    return {
+        "plan_from_level": alignment.plan_from_level.tolist(),
+        "score": alignment.score,
+        "runner_up_score": alignment.runner_up.score if alignment.runner_up else None,
+        "is_as_recorded": alignment.is_as_recorded,
+        "is_sure": alignment.is_sure,
+        "metres_per_unit_xy": list(alignment.scale_xy),
+        "metres_per_unit_sigma_share": alignment.scale_sigma,
+    }
+
+
+def _transforms(scan: Scan, result: RefineResult) -> dict[str, Any]:
+    """Between the scan's own axes and the plan: refined, recorded, and as the scan's format has it."""
+    before = result.initial_plan_from_cams[0] @ se3.inverse(scan.world_from_cams[0])
+    axes = scan.plan_from_world_axes
+    return {
+        "world_from_plan": result.world_from_plan.tolist(),
+        "plan_from_world_before": before.tolist(),
+        "plan_from_world_axes": None if axes is None else axes.tolist(),
+    }
+
+
+def _walls_record(result: RefineResult) -> dict[str, Any]:
+    return {
+        "patches": len(result.structure.walls),
+        "associated": result.walls.association.n_associated,
+        "rounds": result.walls.rounds,
+        "settled": result.walls.settled,
+        "offsets": wall_offsets(result),
+    }
+
+
 def wall_offsets(result: RefineResult) -> list[dict[str, float]]:
-    """Faces that were given an offset of their own: how far they stand off, and its standard deviation."""
+    """Faces that were given an offset of their own: how far they stand off, with its sigma."""
     offsets_m, sigmas_m = result.walls.offsets_m, result.walls.offset_sigmas_m
     return [
         {"face": int(i), "offset_m": float(offsets_m[i]), "sigma_m": float(sigmas_m[i])}
         for i in np.flatnonzero(np.isfinite(sigmas_m))
     ]
-
-
-def surface_metrics(floorplan: Floorplan, result: RefineResult) -> dict[str, dict[str, float]]:
-    """`planfit.pipeline.validation.surface_metrics` before and after, by figure."""
-    before, after = (
-        checks.surface_metrics(result.structure, floorplan, poses)
-        for poses in (result.initial_plan_from_cams, result.plan_from_cams)
-    )
-    return {name: {"before": before[name], "after": after[name]} for name in before}
 
 
 def plain(value: Any) -> Any:

@@ -1,14 +1,17 @@
-"""Write the results of a run into a folder."""
+"""Files of poses: the results of a run, and trajectories for other programs (KITTI, g2o)."""
 
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.export.cloud import Cloud, place_cloud, write_ply
+from planfit.lsq.g2o import PoseGraph, write_g2o
 from planfit.pipeline.refine import RefineResult
 from planfit.scan import Scan, write_tum
+from planfit.scan.odometry import Odometry
 
 
 def write_results(
@@ -36,3 +39,22 @@ def write_results(
             covariances=result.walls.covariances,
         )
     (folder / "run.json").write_text(json.dumps(record, indent=1, allow_nan=False) + "\n")
+
+
+def write_kitti(path: Path, target_from_cams: Float[np.ndarray, "n 4 4"]) -> None:
+    """Write poses, the upper three rows of each in a line."""
+    lines = [" ".join(f"{v:.9e}" for v in pose[:3].ravel()) for pose in target_from_cams]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def write_pose_graph(
+    path: Path, target_from_cams: Float[np.ndarray, "n 4 4"], odometry: Odometry
+) -> None:
+    """g2o's file: poses as vertices, the recorded steps as edges, the first pose fixed."""
+    steps = np.arange(len(odometry.cam_from_next))
+    sigma = np.repeat(
+        [odometry.sigma_rotation, odometry.sigma_translation], 3, axis=0
+    ).T  # (n - 1, 6)
+    information = sigma[:, :, None] ** -2.0 * np.eye(6)
+    pairs = np.stack([steps, steps + 1], axis=1)
+    write_g2o(path, PoseGraph(target_from_cams, pairs, odometry.cam_from_next, information))

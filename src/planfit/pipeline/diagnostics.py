@@ -1,4 +1,4 @@
-"""What a user should know before trusting a result: each doubt in plain words, with what to do."""
+"""What a user should know before trusting a result: each warning in plain words, with what to do."""
 
 from planfit.adjust import PlanAdjustment
 from planfit.align import Alignment
@@ -15,12 +15,12 @@ leave 0.86 to 1.00 with masks; geometry takes tall furniture for wall and leaves
 def scan_warnings(
     scan: Scan, gravity: Gravity, structure: Structure, matches: Matches, neighbours: int
 ) -> tuple[str, ...]:
-    """Doubts about what the scan shows."""
+    """Warnings about what the scan shows."""
     warnings = []
     if len(scan) < 20:
         warnings.append(
             f"only {len(scan)} frames: there is little to hold the poses together; "
-            "more frames with overlap give a surer result"
+            "more frames that see the same places give a surer result"
         )
     if gravity.confidence < 0.05:
         warnings.append(
@@ -33,7 +33,7 @@ def scan_warnings(
         )
     if not structure.has_walls:
         warnings.append(
-            "no wall was seen: the scan cannot be placed on the plan by its walls, and only the "
+            "no wall was seen: the scan cannot be aligned with the plan by its walls, and only the "
             "matches and the floor were used; give wall masks, or scan more of the walls"
         )
     if matches.n_matches == 0:
@@ -43,7 +43,7 @@ def scan_warnings(
         )
     elif matches.n_loops(neighbours) == 0:
         warnings.append(
-            "no place was seen to be visited again (no loop): drift along the path is corrected by "
+            "no place was seen to be visited again (no loop closure): drift along the path is corrected by "
             "walls and floor only"
         )
     return tuple(warnings)
@@ -56,22 +56,22 @@ def alignment_warnings(
     structure: Structure,
     checks: tuple[Check, ...],
 ) -> tuple[str, ...]:
-    """Doubts about how scan and plan came together."""
+    """Warnings about how scan and plan came together."""
     warnings = list(alignment.warnings) if alignment else []
     if alignment is None and not is_alignment_claimed:
-        warnings.append("the scan is not placed on the plan: its own axes were kept, levelled")
+        warnings.append("the scan is not aligned with the plan: its own axes were kept, levelled")
     near = next((check.after for check in checks if check.unit == "share"), 1.0)
     if near < MIN_NEAR_SHARE[structure.back_end]:
         n_patches, n_associated = len(structure.walls), plan_adjustment.association.n_associated
         warnings.append(
             f"only {near:.0%} of the wall points lie near the plan in the end ({n_associated} of "
-            f"{n_patches} pieces of wall found a face): parts of the plan may be missing, moved or "
+            f"{n_patches} wall patches found a face): parts of the plan may be missing, moved or "
             "out of date, or it is the plan of another place; look at the overlay"
         )
     warnings += plan_adjustment.weakly_constrained
     if not plan_adjustment.settled:
         warnings.append(
-            "walls and faces were still changing partners when the rounds ran out; "
+            "correspondences of walls and faces were still changing when the rounds ran out; "
             "raise adjust.max-alternations"
         )
     warnings += [

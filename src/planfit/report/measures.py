@@ -1,53 +1,43 @@
-"""Walls and floor of a scan against the plan, before and after: computed once for all pictures."""
+"""The scan before and after, placed once for all plots; its metrics are those of `planfit.evaluate`."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
-from planfit.floorplan import Floorplan, nearest_faces
+from planfit.evaluate import (
+    FloorHeights,
+    WallDistances,
+    floor_heights,
+    wall_distances,
+    wall_points,
+)
+from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.pipeline import validation as checks
 from planfit.pipeline.refine import RefineResult
+from planfit.segmentation import Structure
 
-_MAX_DISTANCES = 60_000  # as checks.wall_distances, so that both give the same numbers
-_MAX_DRAWN = 600_000  # bounds memory; more dots than a picture has pixels show nothing new
+_MAX_DRAWN = 600_000
+"""Points that plots take, evenly thinned, which bounds memory: more dots than a picture has pixels show
+nothing new. Metrics are taken of all points."""
 
 
 @dataclass(frozen=True)
 class Measures:
     """The scan at one set of poses, in the plan frame."""
 
-    trajectory: np.ndarray  # (n, 3) m, camera centres
-    wall_xy: (
-        np.ndarray
-    )  # (w, 2) m, wall points from above; evenly thinned where there are very many
-    sample_xy: np.ndarray  # (m, 2) m, wall points, thinned further
-    sample_distances: np.ndarray  # (m,) m, of those to the nearest segment of the plan
-    floor_xy: np.ndarray  # (f, 2) m
-    floor_heights: np.ndarray  # (f,) m, above the floor plane
-
-    @property
-    def nsd(self) -> float | None:
-        """Mean distance (m) of wall points to the nearest plan segment (paper, Sec. IV-B)."""
-        return float(self.sample_distances.mean()) if len(self.sample_distances) else None
-
-    @property
-    def near_share(self) -> float | None:
-        """Share of wall points within `checks.NEAR_FACE_M` of the plan."""
-        if len(self.sample_distances) == 0:
-            return None
-        return float(np.mean(self.sample_distances < checks.NEAR_FACE_M))
-
-    @property
-    def floor_rms(self) -> float | None:
-        """Root mean square (m) of floor heights about their mean."""
-        return float(np.std(self.floor_heights)) if len(self.floor_heights) else None
-
-    @property
-    def floor_median(self) -> float | None:
-        """Height (m) off the floor plane within which half of the floor points lie."""
-        heights = np.abs(self.floor_heights)
-        return float(np.median(heights)) if len(heights) else None
+    trajectory: Float[np.ndarray, "n 3"]
+    """Camera centres, m."""
+    walls: WallDistances | None
+    """Of all wall points; None where no wall was seen."""
+    floor: FloorHeights | None
+    """Of all floor points; None where no floor was seen."""
+    wall_xy: Float[np.ndarray, "w 2"]
+    """Wall points from above, m; thinned for plots."""
+    wall_distances_m: Float[np.ndarray, " w"]
+    """Distance of these to the nearest face of the plan."""
+    floor_points: Float[np.ndarray, "f 3"]
+    """Floor points, m, heights above the floor of their storey; thinned for plots."""
 
 
 @dataclass(frozen=True)
@@ -56,41 +46,46 @@ class BeforeAfter:
 
     before: Measures
     after: Measures
-    is_placed: bool
-    """Whether the scan was placed on the plan by its walls; else distances to it mean nothing."""
-    correction: np.ndarray
-    """(n, 6) [rad, m] of each frame, from before to after: turn and shift of the camera."""
+    is_aligned: bool
+    """Whether the scan was aligned with the plan by its walls; else distances to it mean nothing."""
+    correction: Float[np.ndarray, "n 6"]
+    """[rad, m] of each frame, from before to after: rotation and translation of the camera."""
 
     @property
     def has_walls(self) -> bool:
         """Whether there are wall points whose distances to the plan mean something."""
-        return self.is_placed and len(self.before.sample_distances) > 0
+        return self.is_aligned and self.before.walls is not None
 
     @property
     def has_floor(self) -> bool:
         """Whether floor was seen."""
-        return len(self.before.floor_heights) > 0
+        return self.before.floor is not None
 
 
 def measure(floorplan: Floorplan, result: RefineResult) -> BeforeAfter:
     """Place walls, floor and cameras of a result at its poses before and after."""
     poses = (result.initial_plan_from_cams, result.plan_from_cams)
-    before, after = (_measure_at(floorplan, result, plan_from_cams) for plan_from_cams in poses)
+    before, after = (_measure_at(floorplan, result.structure, p) for p in poses)
     return BeforeAfter(
         before, after, result.alignment is not None, se3.difference(poses[1], poses[0])
     )
 
 
-def _measure_at(floorplan: Floorplan, result: RefineResult, plan_from_cams: np.ndarray) -> Measures:
-    structure = result.structure
-    wall = checks.wall_points_plan(structure, plan_from_cams, _MAX_DRAWN)
-    sample = checks.wall_points_plan(structure, plan_from_cams, _MAX_DISTANCES)
-    floor = checks.floor_points(structure, plan_from_cams, _MAX_DRAWN)
+def _measure_at(
+    floorplan: Floorplan, structure: Structure, plan_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Measures:
+    walls = wall_distances(structure, floorplan, plan_from_cams)
+    floor = floor_heights(structure, plan_from_cams)
+    floor_points = np.zeros((0, 3)) if floor is None else floor.points
     return Measures(
         trajectory=plan_from_cams[:, :3, 3],
-        wall_xy=wall[:, :2],
-        sample_xy=sample[:, :2],
-        sample_distances=nearest_faces.nearest_distance(sample[:, :2], floorplan.ends),
-        floor_xy=floor[:, :2],
-        floor_heights=floor[:, 2],
+        walls=walls,
+        floor=floor,
+        wall_xy=_thinned(wall_points(structure, plan_from_cams)[:, :2]),
+        wall_distances_m=np.zeros(0) if walls is None else _thinned(walls.nearest_m),
+        floor_points=_thinned(floor_points),
     )
+
+
+def _thinned(points: Float[np.ndarray, "m ..."]) -> Float[np.ndarray, "w ..."]:
+    return points[:: max(1, len(points) // _MAX_DRAWN)]

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from html import escape
 
 from planfit.pipeline.refine import RefineResult
-from planfit.report import amounts
-from planfit.report.key_figures import KeyFigure
+from planfit.report import formatting
+from planfit.report.key_metrics import KeyMetric
 
 LOOP_MIN_FRAMES = 4
-"""Pairs of frames further apart than this are revisits: loops."""
+"""Pairs of frames further apart than this are loop closures."""
 _TERMS = {
     "points": "matched points",
     "reprojection": "matched points, seen again",
@@ -48,18 +48,18 @@ def table(
     return f'<div class="scroll"><table>{top}<tbody>{"".join(body)}</tbody></table></div>'
 
 
-def key_figure_table(figures: Sequence[KeyFigure]) -> str:
+def key_metric_table(metrics: Sequence[KeyMetric]) -> str:
     """Before, after and change of the numbers that matter."""
     rows = []
-    for figure in figures:
-        state = "worse" if figure.is_worse else "better" if figure.is_improved else ""
+    for metric in metrics:
+        state = "worse" if metric.is_worse else "better" if metric.is_improved else ""
         rows.append(
             (
-                f"<strong>{escape(figure.name)}</strong><br><small>{escape(figure.meaning)}</small>",
-                f'<span class="before">{amounts.amount(figure.before, figure.unit)}</span>',
-                f'<span class="after">{amounts.amount(figure.after, figure.unit)}</span>',
+                f"<strong>{escape(metric.name)}</strong><br><small>{escape(metric.meaning)}</small>",
+                f'<span class="before">{formatting.quantity(metric.before, metric.unit)}</span>',
+                f'<span class="after">{formatting.quantity(metric.after, metric.unit)}</span>',
                 f'<span class="{state}">'
-                f"{amounts.change(figure.before, figure.after, figure.unit)}</span>"
+                f"{formatting.change(metric.before, metric.after, metric.unit)}</span>"
                 + (f"<br><small>{state}</small>" if state else ""),
             )
         )
@@ -73,7 +73,7 @@ def cost_table(result: RefineResult) -> str:
             escape(_TERMS.get(name, name)),
             f'<span class="before">{_cost(before)}</span>',
             f'<span class="after">{_cost(after)}</span>',
-            amounts.change(before, after, ""),
+            formatting.change(before, after, ""),
         )
         for name, (before, after) in result.cost_by_term.items()
     ]
@@ -83,22 +83,22 @@ def cost_table(result: RefineResult) -> str:
             "<strong>sum</strong>",
             _cost(total[0]),
             _cost(total[1]),
-            amounts.change(total[0], total[1], ""),
+            formatting.change(total[0], total[1], ""),
         )
     )
-    return table(("evidence", "before", "after", "change"), rows, "wnnn")
+    return table(("term", "before", "after", "change"), rows, "wnnn")
 
 
 def time_table(result: RefineResult) -> str:
     """Seconds of each stage."""
     by_stage = result.seconds_by_stage
-    rows = [(escape(stage), amounts.seconds(value)) for stage, value in by_stage.items()]
-    rows.append(("<strong>sum</strong>", amounts.seconds(sum(by_stage.values()))))
+    rows = [(escape(stage), formatting.seconds(value)) for stage, value in by_stage.items()]
+    rows.append(("<strong>sum</strong>", formatting.seconds(sum(by_stage.values()))))
     return table(("stage", "time"), rows, "wn")
 
 
-def fact_table(result: RefineResult, path_length: float) -> str:
-    """What was seen, and what was made of it.
+def statistics_table(result: RefineResult, path_length: float) -> str:
+    """What was seen, and what became of it.
 
     Args:
         result: the run.
@@ -106,65 +106,65 @@ def fact_table(result: RefineResult, path_length: float) -> str:
     """
     matches, structure, walls = result.matches, result.structure, result.walls
     n_wall = structure.n_wall_points
-    facts = [
-        ("frames", amounts.count(len(result.plan_from_cams))),
-        ("path length, as recorded", f"{path_length:.0f}{amounts.SPACE}m"),
-        ("keypoints with depth", amounts.count(matches.n_keypoints)),
-        ("pairs of frames tried", amounts.count(matches.n_tried)),
-        ("pairs verified", amounts.count(len(matches.pairs))),
+    rows = [
+        ("frames", formatting.count(len(result.plan_from_cams))),
+        ("path length, as recorded", f"{path_length:.0f}{formatting.SPACE}m"),
+        ("keypoints with depth", formatting.count(matches.n_keypoints)),
+        ("pairs of frames tried", formatting.count(matches.n_tried)),
+        ("pairs verified", formatting.count(len(matches.pairs))),
         (
-            f"of these, loops (more than {LOOP_MIN_FRAMES} frames apart)",
-            amounts.count(matches.n_loops(LOOP_MIN_FRAMES)),
+            f"of these, loop closures (more than {LOOP_MIN_FRAMES} frames apart)",
+            formatting.count(matches.n_loops(LOOP_MIN_FRAMES)),
         ),
-        ("matched points", amounts.count(matches.n_matches)),
-        ("wall points", amounts.count(n_wall)),
-        ("flat pieces of wall", amounts.count(len(structure.walls))),
+        ("matched points", formatting.count(matches.n_matches)),
+        ("wall points", formatting.count(n_wall)),
+        ("wall patches", formatting.count(len(structure.walls))),
         (
             "of these, found on the plan",
-            amounts.count(walls.association.n_associated)
+            formatting.count(walls.association.n_associated)
             + (
-                f" ({amounts.share(walls.association.n_associated / len(structure.walls))})"
+                f" ({formatting.share(walls.association.n_associated / len(structure.walls))})"
                 if len(structure.walls)
                 else ""
             ),
         ),
-        ("floor points", amounts.count(len(structure.floor.points_cam))),
+        ("floor points", formatting.count(len(structure.floor.points_cam))),
         ("floor and walls labelled by", escape(structure.back_end)),
         ("direction of gravity", escape(result.gravity.source)),
-        *_alignment_facts(result),
+        *_alignment_rows(result),
         (
-            "rounds of walls",
+            "rounds of wall association",
             f"{walls.rounds}, {'settled' if walls.settled else 'not settled'}",
         ),
         ("last solve ended because", escape(walls.solution.stop.value)),
     ]
-    return table(("", ""), facts, "ww")
+    return table(("", ""), rows, "ww")
 
 
-def _alignment_facts(result: RefineResult) -> list[tuple[str, str]]:
+def _alignment_rows(result: RefineResult) -> list[tuple[str, str]]:
     alignment = result.alignment
     if alignment is None:
-        return [("place on the plan", "not found: no flat piece of wall was seen")]
+        return [("alignment with the plan", "not found: no wall patch was seen")]
     other = alignment.runner_up
-    facts = [
-        ("place on the plan: scanned wall that fits", amounts.share(alignment.score)),
-        ("second-best place elsewhere", amounts.share(other.score) if other else "none"),
+    rows = [
+        ("alignment with the plan: scanned wall that fits", formatting.share(alignment.score)),
+        ("second-best alignment elsewhere", formatting.share(other.score) if other else "none"),
         (
             "margin between the two",
-            f"{100 * alignment.margin:.0f}{amounts.SPACE}percentage points",
+            f"{100 * alignment.margin:.0f}{formatting.SPACE}percentage points",
         ),
     ]
     if alignment.scale_xy != (1.0, 1.0):
-        spread = f", within {alignment.scale_sigma:.2%}" if alignment.scale_sigma > 0 else ""
-        facts.append(
-            ("one unit of the plan", f"{alignment.metres_per_unit:.5g}{amounts.SPACE}m{spread}")
+        sigma = f", sigma {alignment.scale_sigma:.2%}" if alignment.scale_sigma > 0 else ""
+        rows.append(
+            ("one unit of the plan", f"{alignment.metres_per_unit:.5g}{formatting.SPACE}m{sigma}")
         )
     if alignment.is_as_recorded:
-        facts.append(("place recorded by the scan's format", "agrees with the one found"))
-    return facts
+        rows.append(("alignment recorded by the scan's format", "agrees with the one found"))
+    return rows
 
 
 def _cost(value: float) -> str:
     if abs(value) < 1e-9:
         return "0"
-    return amounts.count(round(value)) if abs(value) >= 100 else f"{value:.3g}"
+    return formatting.count(round(value)) if abs(value) >= 100 else f"{value:.3g}"

@@ -10,10 +10,10 @@ import numpy as np
 from planfit import __version__
 from planfit.floorplan import Floorplan
 from planfit.pipeline.refine import RefineResult
-from planfit.report import sections, tables
-from planfit.report.key_figures import KeyFigure, TruthErrors, key_figures, verdict
+from planfit.report.html import sections, tables
+from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict
 from planfit.report.measures import measure
-from planfit.report.top_view import crop_to_scan
+from planfit.report.plots.top_view import crop_to_scan
 
 
 def make_report(
@@ -34,7 +34,7 @@ def make_report(
     """
     both = measure(floorplan, result)
     crop = crop_to_scan(both)
-    numbers = key_figures(result, both, truth)
+    numbers = key_metrics(result, both, truth)
     plan_name, scan_name = _last_part(floorplan.name), _last_part(scan_name)
     body = [
         _top(scan_name, plan_name, result, numbers, truth),
@@ -42,14 +42,14 @@ def make_report(
         sections.fit_and_correction(both),
         sections.floor(floorplan, both, crop),
         sections.walls(floorplan, result, crop),
-        sections.links(floorplan, both, result.matches, crop),
+        sections.frame_matches(floorplan, both, result.matches, crop),
         _costs_and_time(result),
-        _facts(result, options_text),
+        _statistics(result, options_text),
         f"<footer>Made by planfit {escape(__version__)}. x and y as in the plan, heights above the "
         "floor.</footer>",
     ]
     style, script = (
-        resources.files("planfit.report").joinpath(name).read_text("utf-8")
+        resources.files("planfit.report.html").joinpath(name).read_text("utf-8")
         for name in ("style.css", "sort.js")
     )
     return (
@@ -66,11 +66,11 @@ def _top(
     scan_name: str,
     plan_name: str,
     result: RefineResult,
-    numbers: Sequence[KeyFigure],
+    numbers: Sequence[KeyMetric],
     truth: TruthErrors | None,
 ) -> str:
-    """Title, verdict, doubts, key figures."""
-    warnings = "".join(f"<li>{escape(doubt)}</li>" for doubt in result.warnings)
+    """Title, verdict, warnings, key metrics."""
+    warnings = "".join(f"<li>{escape(warning)}</li>" for warning in result.warnings)
     parts = [
         f"<h1>{escape(scan_name)}</h1>",
         f'<p class="under">fitted to the floorplan {escape(plan_name)} by planfit '
@@ -82,9 +82,9 @@ def _top(
         parts.append(
             f'<div class="warnings"><h2>Before you use this result</h2><ul>{warnings}</ul></div>'
         )
-    parts.append("<h2>Key figures</h2>")
+    parts.append("<h2>Key metrics</h2>")
     if numbers:
-        parts.append(tables.key_figure_table(numbers))
+        parts.append(tables.key_metric_table(numbers))
     else:
         parts.append("<p>Too little was seen of walls, floor and matches to measure anything.</p>")
     return "\n".join(parts)
@@ -93,7 +93,7 @@ def _top(
 def _costs_and_time(result: RefineResult) -> str:
     return (
         '<h2>How it was solved</h2><div class="columns">'
-        "<div><h3>Cost of each kind of evidence</h3>"
+        "<div><h3>Cost of each term</h3>"
         "<p>Misfit, weighted by how sure each observation is; it has no unit, and less is better. "
         "The recorded motion fits itself perfectly before; its cost after is what was given up of "
         "it for the rest.</p>"
@@ -103,11 +103,11 @@ def _costs_and_time(result: RefineResult) -> str:
     )
 
 
-def _facts(result: RefineResult, options_text: str) -> str:
+def _statistics(result: RefineResult, options_text: str) -> str:
     centres = result.initial_plan_from_cams[:, :3, 3]
     path_length = float(np.linalg.norm(np.diff(centres, axis=0), axis=1).sum())
     return (
-        f"<h2>Facts of the scan</h2>{tables.fact_table(result, path_length)}"
+        f"<h2>Statistics of the scan</h2>{tables.statistics_table(result, path_length)}"
         "<details><summary>Options of this run</summary>"
         f"<pre>{escape(options_text)}</pre></details>"
     )

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from planfit.pipeline import validation as checks
+from planfit.evaluate import NEAR_FACE_M
 from planfit.pipeline.refine import RefineResult
-from planfit.report import amounts
+from planfit.pipeline.validation import Check
+from planfit.report import formatting
 from planfit.report.measures import BeforeAfter
 
 
@@ -24,7 +25,7 @@ class TruthErrors:
 
 
 @dataclass(frozen=True)
-class KeyFigure:
+class KeyMetric:
     """One number before and after."""
 
     name: str
@@ -52,43 +53,45 @@ _CHECKS = {
     ),
     "share": (
         "Wall points on the plan",
-        f"share of scanned wall points within {checks.NEAR_FACE_M:.2f} m of a drawn wall",
+        f"share of scanned wall points within {NEAR_FACE_M:.2f} m of a drawn wall",
     ),
 }
 
 
-def key_figures(
+def key_metrics(
     result: RefineResult, both: BeforeAfter, truth: TruthErrors | None
-) -> list[KeyFigure]:
+) -> list[KeyMetric]:
     """All that could be measured, the checks first."""
-    figures = [
-        KeyFigure(*_words(check), check.before, check.after, check.unit, check.is_worse)
+    metrics = [
+        KeyMetric(*_words(check), check.before, check.after, check.unit, check.is_worse)
         for check in result.checks
     ]
-    pairs: list[tuple[str, str, float | None, float | None]] = []
-    if both.has_walls:
+    pairs: list[tuple[str, str, float, float]] = []
+    before, after = both.before, both.after
+    if both.is_aligned and before.walls is not None and after.walls is not None:
         pairs.append(
             (
                 "Distance to the plan (NSD)",
                 "mean distance of scanned wall points to the nearest drawn wall",
-                both.before.nsd,
-                both.after.nsd,
+                before.walls.nsd_m,
+                after.walls.nsd_m,
             )
         )
-    pairs += [
-        (
-            "Floor, half of the points",
-            "lie within this height of the floor plane",
-            both.before.floor_median,
-            both.after.floor_median,
-        ),
-        (
-            "Floor, all points",
-            "RMS height about their mean; counts things that lie on the floor too",
-            both.before.floor_rms,
-            both.after.floor_rms,
-        ),
-    ]
+    if before.floor is not None and after.floor is not None:
+        pairs += [
+            (
+                "Floor, half of the points",
+                "lie within this height of the floor plane",
+                before.floor.height_median_m,
+                after.floor.height_median_m,
+            ),
+            (
+                "Floor, all points",
+                "RMS height about their mean; counts things that lie on the floor too",
+                before.floor.height_rms_m,
+                after.floor.height_rms_m,
+            ),
+        ]
     if truth:
         pairs += [
             (
@@ -104,34 +107,33 @@ def key_figures(
                 truth.after_aligned_rms_m,
             ),
         ]
-    figures += [
-        KeyFigure(name, meaning, before, after, "m", after > 1.02 * before + 1e-4)
-        for name, meaning, before, after in pairs
-        if before is not None and after is not None
+    metrics += [
+        KeyMetric(name, meaning, first, last, "m", last > 1.02 * first + 1e-4)
+        for name, meaning, first, last in pairs
     ]
-    return figures
+    return metrics
 
 
 def verdict(
-    result: RefineResult, figures: Sequence[KeyFigure], truth: TruthErrors | None = None
+    result: RefineResult, metrics: Sequence[KeyMetric], truth: TruthErrors | None = None
 ) -> str:
     """In plain words: what was improved and by how much, or why it could not be."""
-    words = _verdict_of_checks(result, figures[: len(result.checks)])
+    words = _verdict_of_checks(result, metrics[: len(result.checks)])
     if truth:
-        before, after = (amounts.length(v) for v in (truth.before_rms_m, truth.after_rms_m))
+        before, after = (formatting.length(v) for v in (truth.before_rms_m, truth.after_rms_m))
         words += f" Against the true positions, the error went from {before} to {after} RMS."
     return words
 
 
-def _verdict_of_checks(result: RefineResult, judged: Sequence[KeyFigure]) -> str:
+def _verdict_of_checks(result: RefineResult, judged: Sequence[KeyMetric]) -> str:
     if result.alignment is None:
         return (
-            "The scan could not be placed on the plan, because no flat piece of wall was seen in "
+            "The scan could not be aligned with the plan, because no wall patch was seen in "
             "it; the poses were only made to agree with each other."
         )
     if not result.alignment.is_sure:
         return (
-            "The scan's place on the plan is not certain, so these poses may be wrong as a whole; "
+            "The alignment of the scan with the plan is not certain, so these poses may be wrong as a whole; "
             "read the notes below before using them."
         )
     if not result.is_better:
@@ -139,7 +141,7 @@ def _verdict_of_checks(result: RefineResult, judged: Sequence[KeyFigure]) -> str
         return f"The result is worse than the input; do not use it without a look: {worse}."
     if not judged:
         return (
-            "The scan was placed on the plan, but too few matches and walls were seen to check "
+            "The scan was aligned with the plan, but too few matches and walls were seen to check "
             "whether the poses became better."
         )
     improved = [f for f in judged if f.is_improved]
@@ -149,17 +151,17 @@ def _verdict_of_checks(result: RefineResult, judged: Sequence[KeyFigure]) -> str
     return f"The poses now fit better: {'; '.join(_told(f) for f in improved)}."
 
 
-def _told(figure: KeyFigure) -> str:
-    before, after = (amounts.amount(v, figure.unit) for v in (figure.before, figure.after))
-    if figure.unit == "share":
+def _told(metric: KeyMetric) -> str:
+    before, after = (formatting.quantity(v, metric.unit) for v in (metric.before, metric.after))
+    if metric.unit == "share":
         return (
-            f"{after} of the scanned wall points lie within {checks.NEAR_FACE_M:.2f}"
-            f"{amounts.SPACE}m of a drawn wall ({before} before)"
+            f"{after} of the scanned wall points lie within {NEAR_FACE_M:.2f}"
+            f"{formatting.SPACE}m of a drawn wall ({before} before)"
         )
-    if figure.unit == "m":
+    if metric.unit == "m":
         return f"points seen twice agree to {after} ({before} before)"
-    return f"{figure.name} went from {before} to {after}"
+    return f"{metric.name} went from {before} to {after}"
 
 
-def _words(check: checks.Check) -> tuple[str, str]:
+def _words(check: Check) -> tuple[str, str]:
     return _CHECKS.get(check.unit, (check.name, ""))

@@ -1,35 +1,36 @@
-"""What ties frames to each other: revisits from above, and matched points of each frame."""
+"""Matches between frames: loop closures from above, and matched points of each frame."""
 
 import numpy as np
+from jaxtyping import Float, Int
 from matplotlib.collections import LineCollection
 from matplotlib.ticker import MaxNLocator
 
 from planfit.matching import Matches
-from planfit.report.drawing import (
+from planfit.report.plots.drawing import (
     AFTER,
     LIGHT,
     PANEL_IN,
     UNMATCHED,
     Picture,
     add_axes,
+    label_axes,
     new_figure,
     to_picture,
 )
-from planfit.report.figures import label_axes
-from planfit.report.overlay import BOTTOM_IN, LEFT_IN, LEGEND_IN, RIGHT_IN, Entry, add_legend
-from planfit.report.top_view import Crop, draw_faces, draw_path, draw_scale, set_up_view
+from planfit.report.plots.overlay import BOTTOM_IN, LEFT_IN, LEGEND_IN, RIGHT_IN, Entry, add_legend
+from planfit.report.plots.top_view import Crop, draw_faces, draw_path, draw_scale, set_up_view
 
 _HEIGHT_IN = 2.4
 
 
-def loops_of(matches: Matches, min_frames: int) -> np.ndarray:
-    """Verified pairs (p, 2) of frames that are more than `min_frames` apart."""
+def loop_closures_of(matches: Matches, min_frames: int) -> Int[np.ndarray, "c 2"]:
+    """Verified pairs of frames that are more than `min_frames` apart."""
     apart = matches.pairs[:, 1] - matches.pairs[:, 0]
     return matches.pairs[apart > min_frames]
 
 
-def matches_by_frame(matches: Matches, n_frames: int) -> np.ndarray:
-    """(n,) matched points that each frame takes part in."""
+def matches_by_frame(matches: Matches, n_frames: int) -> Int[np.ndarray, " n"]:
+    """Matched points that each frame takes part in."""
     counts = np.diff(matches.start)
     by_frame = np.zeros(n_frames)
     for side in (0, 1):
@@ -37,10 +38,14 @@ def matches_by_frame(matches: Matches, n_frames: int) -> np.ndarray:
     return by_frame.astype(int)
 
 
-def loop_map(
-    plan_ends: np.ndarray, trajectory: np.ndarray, loops: np.ndarray, crop: Crop, width_in: float
+def loop_closure_map(
+    plan_ends: Float[np.ndarray, "f 2 2"],
+    trajectory: Float[np.ndarray, "n 3"],
+    loop_closures: Int[np.ndarray, "c 2"],
+    crop: Crop,
+    width_in: float,
 ) -> Picture:
-    """A line for each revisit (l, 2), between the places of its two frames (n, 3) m."""
+    """A line for each loop closure, between the camera centres (m) of its two frames."""
     axes_width = width_in - LEFT_IN - RIGHT_IN
     axes_height = axes_width * crop.height_per_width
     figure = new_figure(width_in, BOTTOM_IN + axes_height + LEGEND_IN)
@@ -49,17 +54,17 @@ def loop_map(
     draw_faces(axes, crop, plan_ends, LIGHT)
     draw_path(axes, trajectory[:, :2], 0.7)
     lines = LineCollection(
-        list(trajectory[loops][:, :, :2]), colors=AFTER, linewidths=0.8, alpha=0.6, zorder=4
+        list(trajectory[loop_closures][:, :, :2]), colors=AFTER, linewidths=0.8, alpha=0.6, zorder=4
     )
     axes.add_collection(lines, autolim=False)
     draw_scale(axes, crop)
-    entries: list[Entry] = [("revisit, verified", AFTER, "-")]
+    entries: list[Entry] = [("loop closure, verified", AFTER, "-")]
     add_legend(axes, entries)
     return to_picture(figure)
 
 
-def matches_plot(by_frame: np.ndarray) -> Picture:
-    """Matched points of each frame (n,); frames without any are marked."""
+def matches_plot(by_frame: Int[np.ndarray, " n"]) -> Picture:
+    """Matched points of each frame; frames without any are marked."""
     figure = new_figure(PANEL_IN, _HEIGHT_IN)
     axes = add_axes(figure, 0.6, 0.42, PANEL_IN - 0.75, _HEIGHT_IN - 0.42 - LEGEND_IN)
     frames = np.arange(len(by_frame))

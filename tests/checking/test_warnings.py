@@ -1,4 +1,4 @@
-"""Each doubt is raised by what it names, and by nothing else."""
+"""Each warning is given by what it names, and by nothing else."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def world(rng):
     return make_world(rng, n=24)
 
 
-def doubts_of_scan(world, **changes):
+def warnings_of_scan(world, **changes):
     given = {
         "scan": room_scan(world.plan_from_cams),
         "gravity": GRAVITY,
@@ -33,11 +33,11 @@ def doubts_of_scan(world, **changes):
     return scan_warnings(**(given | changes))
 
 
-def test_a_good_scan_raises_none(world):
-    assert doubts_of_scan(world) == ()
+def test_a_good_scan_gives_none(world):
+    assert warnings_of_scan(world) == ()
 
 
-def test_doubts_about_the_scan(world, rng):
+def test_warnings_about_the_scan(world, rng):
     poses = world.plan_from_cams
     points = rng.normal(size=(20, 3))
     walls = replace(world.structure, floor=no_level_points(len(world.plan_from_cams)))
@@ -49,9 +49,9 @@ def test_doubts_about_the_scan(world, rng):
         "no loop": {"matches": make_matches(poses, [(0, 1), (3, 7)], points)},
     }
     for words, change in cases.items():
-        (doubt,) = doubts_of_scan(world, **change)
-        assert words in doubt
-    blind = doubts_of_scan(world, structure=make_structure(poses))
+        (warning,) = warnings_of_scan(world, **change)
+        assert words in warning
+    blind = warnings_of_scan(world, structure=make_structure(poses))
     assert len(blind) == 2
     assert "no wall was seen" in blind[1]
 
@@ -68,7 +68,7 @@ def plan_adjustment(world, n_associated, settled=True):
     )
 
 
-def doubts_of_fit(world, **changes):
+def warnings_of_alignment(world, **changes):
     given = {
         "alignment": Alignment(np.eye(4), 0.9, None),
         "is_alignment_claimed": False,
@@ -82,17 +82,17 @@ def doubts_of_fit(world, **changes):
     return alignment_warnings(**(given | changes))
 
 
-def test_a_good_fit_raises_none(world):
-    assert doubts_of_fit(world) == ()
-    assert doubts_of_fit(world, alignment=None, is_alignment_claimed=True) == ()
-    assert doubts_of_fit(world, checks=()) == ()
+def test_a_good_alignment_gives_none(world):
+    assert warnings_of_alignment(world) == ()
+    assert warnings_of_alignment(world, alignment=None, is_alignment_claimed=True) == ()
+    assert warnings_of_alignment(world, checks=()) == ()
 
 
-def test_doubts_about_the_fit(world):
+def test_warnings_about_the_alignment(world):
     few = Check("wall points near the plan", 0.1, MIN_NEAR_SHARE["masks"] - 0.01, "share", False)
     bad = Check("held-out matches", 0.05, 0.1, "m", True)
     cases = {
-        "not placed": {"alignment": None},
+        "not aligned": {"alignment": None},
         "so and so": {"alignment": Alignment(np.eye(4), 0.9, None, warnings=("so and so",))},
         "lie near the plan": {"checks": (few,)},
         "raise adjust.max-alternations": {
@@ -101,12 +101,12 @@ def test_doubts_about_the_fit(world):
         "worse than before: held-out matches went from 0.05 to 0.1 m": {"checks": (bad,)},
     }
     for words, change in cases.items():
-        (doubt,) = doubts_of_fit(world, **change)
-        assert words in doubt
+        (warning,) = warnings_of_alignment(world, **change)
+        assert words in warning
 
 
 def test_geometry_may_leave_more_wall_points_off_the_plan(world):
     few = Check("wall points near the plan", 0.1, 0.66, "share", False)
     by_geometry = replace(world.structure, back_end="geometry")
-    assert doubts_of_fit(world, checks=(few,), structure=by_geometry) == ()
-    assert doubts_of_fit(world, checks=(few,)) != ()
+    assert warnings_of_alignment(world, checks=(few,), structure=by_geometry) == ()
+    assert warnings_of_alignment(world, checks=(few,)) != ()

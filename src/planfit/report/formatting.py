@@ -25,7 +25,7 @@ def share(value: float | None) -> str:
     return f"{text}{SPACE}%"
 
 
-def amount(value: float | None, unit: str) -> str:
+def quantity(value: float | None, unit: str) -> str:
     """A number of a check: shares as per cent, metres as metres, others as they are."""
     if unit == "share":
         return share(value)

@@ -1,4 +1,4 @@
-"""Colours, axes and the way from a figure to PNG bytes. No global state of matplotlib is used."""
+"""Colours, axes and PNG bytes of a Matplotlib figure. No global state of matplotlib is used."""
 
 import io
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 def add_axes(
     figure: Figure, left_in: float, bottom_in: float, width_in: float, height_in: float
 ) -> Axes:
-    """Axes at a place in inches, quiet frame and small labels."""
+    """Axes at a position in inches, quiet frame and small labels."""
     width, height = figure.get_size_inches()
     axes = figure.add_axes(
         (left_in / width, bottom_in / height, width_in / width, height_in / height)
@@ -49,6 +49,14 @@ def add_axes(
     for spine in axes.spines.values():
         spine.set(color=LIGHT, linewidth=0.8)
     return axes
+
+
+def label_axes(axes: Axes, x: str, y: str) -> None:
+    """Small grey axis titles."""
+    axes.set_xlabel(x, fontsize=FONT_PT, color=GREY, labelpad=2)
+    axes.set_ylabel(y, fontsize=FONT_PT, color=GREY, labelpad=3)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
 
 
 def to_picture(figure: Figure) -> Picture:

@@ -1,14 +1,15 @@
-"""Pictures beside the overlay: distances, floor, correction of each frame, walls of the plan."""
+"""Plots beside the overlay: distances, floor, correction of each frame, walls of the plan."""
 
 import numpy as np
-from matplotlib.axes import Axes
+from jaxtyping import Float, Int
 from matplotlib.ticker import MaxNLocator
 
 from planfit.adjust.association import wall_patches_in_plan
+from planfit.evaluate import NEAR_FACE_M
 from planfit.floorplan import Floorplan
-from planfit.pipeline import validation as checks
 from planfit.pipeline.refine import RefineResult
-from planfit.report.drawing import (
+from planfit.report.measures import BeforeAfter, Measures
+from planfit.report.plots.drawing import (
     AFTER,
     AGREES,
     BEFORE,
@@ -23,12 +24,12 @@ from planfit.report.drawing import (
     UNMATCHED,
     Picture,
     add_axes,
+    label_axes,
     new_figure,
     to_picture,
 )
-from planfit.report.measures import BeforeAfter, Measures
-from planfit.report.overlay import BOTTOM_IN, LEFT_IN, LEGEND_IN, RIGHT_IN, Entry, add_legend
-from planfit.report.top_view import Crop, draw_faces, draw_scale, find_gaps, set_up_view
+from planfit.report.plots.overlay import BOTTOM_IN, LEFT_IN, LEGEND_IN, RIGHT_IN, Entry, add_legend
+from planfit.report.plots.top_view import Crop, draw_faces, draw_scale, find_gaps, set_up_view
 from planfit.report.walls import SeenFace
 
 FLOOR_RANGE_M = 0.2
@@ -37,7 +38,7 @@ _MIN_CELL_M, _MAX_CELLS = 0.1, 160
 
 def distance_histogram(both: BeforeAfter) -> tuple[Picture, float]:
     """Distances of wall points to the plan; and the distance (m) at which the axis ends."""
-    before, after = both.before.sample_distances, both.after.sample_distances
+    before, after = both.before.wall_distances_m, both.after.wall_distances_m
     end = float(np.clip(np.ceil(10 * np.percentile(before, 95)) / 10, 0.3, 1.0))
     bins = np.arange(0.0, end + 1e-9, 0.02)
     figure = new_figure(PANEL_IN, 2.9)
@@ -46,7 +47,7 @@ def distance_histogram(both: BeforeAfter) -> tuple[Picture, float]:
         counts = 100 * np.histogram(distances, bins)[0] / len(distances)
         axes.stairs(counts, bins, color=color, linewidth=1.5, zorder=3)
         axes.stairs(counts, bins, color=color, alpha=0.18, fill=True, zorder=2)
-    axes.axvline(checks.NEAR_FACE_M, color=GREY, linewidth=0.9, linestyle=(0, (4, 2)), zorder=1)
+    axes.axvline(NEAR_FACE_M, color=GREY, linewidth=0.9, linestyle=(0, (4, 2)), zorder=1)
     axes.set_xlim(0.0, end)
     axes.set_ylim(bottom=0.0)
     label_axes(axes, "distance to the nearest drawn wall (m)", "wall points (% per 2 cm)")
@@ -55,7 +56,7 @@ def distance_histogram(both: BeforeAfter) -> tuple[Picture, float]:
         [
             ("before", BEFORE, "s"),
             ("after", AFTER, "s"),
-            (f"{checks.NEAR_FACE_M:.2f} m", GREY, "--"),
+            (f"{NEAR_FACE_M:.2f} m", GREY, "--"),
         ],
     )
     return to_picture(figure), end
@@ -71,12 +72,13 @@ def floor_map(floorplan: Floorplan | None, side: Measures, crop: Crop, width_in:
     axes.set_facecolor("#e8ebee")
     columns = int(np.clip(crop.size[0] / _MIN_CELL_M, 1, _MAX_CELLS))
     rows = max(1, round(columns * crop.height_per_width))
-    inside = crop.contains(side.floor_xy)
-    at = ((side.floor_xy[inside] - crop.low) / crop.size * [columns, rows]).astype(int)
+    floor_xy = side.floor_points[:, :2]
+    inside = crop.contains(floor_xy)
+    at = ((floor_xy[inside] - crop.low) / crop.size * [columns, rows]).astype(int)
     at = np.minimum(at, [columns - 1, rows - 1])
     flat = at[:, 1] * columns + at[:, 0]
     cells, is_empty = np.zeros(rows * columns), np.ones(rows * columns, dtype=bool)
-    used, medians = _medians(flat, side.floor_heights[inside])
+    used, medians = _medians(flat, side.floor_points[inside, 2])
     cells[used], is_empty[used] = medians, False
     image = axes.imshow(
         np.ma.masked_array(cells, is_empty).reshape(rows, columns),
@@ -107,9 +109,9 @@ def floor_map(floorplan: Floorplan | None, side: Measures, crop: Crop, width_in:
 
 
 def correction_plot(both: BeforeAfter) -> Picture:
-    """Shift and turn of each frame from before to after."""
+    """Translation and rotation of each frame from before to after."""
     correction = both.correction
-    shift, turn = correction[:, 3:], np.rad2deg(correction[:, :3])
+    translation, rotation_deg = correction[:, 3:], np.rad2deg(correction[:, :3])
     frames = np.arange(len(correction))
     figure = new_figure(PANEL_IN, 3.6)
     height = (3.6 - 0.42 - 2 * LEGEND_IN - 0.12) / 2
@@ -117,13 +119,13 @@ def correction_plot(both: BeforeAfter) -> Picture:
     lower = add_axes(figure, 0.55, 0.42, PANEL_IN - 0.75, height)
     gaps = find_gaps(both.before.trajectory)
     gap_entry: list[Entry] = [("gap in the path", PATH, ":")] if len(gaps) else []
-    level_shift = np.linalg.norm(shift[:, :2], axis=1)
-    tilt = np.linalg.norm(turn[:, :2], axis=1)
-    shifts = ("shift on the plan", level_shift), ("change of height", shift[:, 2])
-    turns = ("change of heading", turn[:, 2]), ("tilt", tilt)
+    level_translation = np.linalg.norm(translation[:, :2], axis=1)
+    tilt = np.linalg.norm(rotation_deg[:, :2], axis=1)
+    translations = ("on the plan", level_translation), ("height", translation[:, 2])
+    rotations = ("yaw", rotation_deg[:, 2]), ("tilt", tilt)
     for axes, (first, second), unit, least in (
-        (upper, shifts, "shift (m)", 0.05),
-        (lower, turns, "turn (deg)", 0.5),
+        (upper, translations, "translation (m)", 0.05),
+        (lower, rotations, "rotation (deg)", 0.5),
     ):
         axes.axhline(0.0, color=LIGHT, linewidth=0.8, zorder=1)
         for gap in gaps:
@@ -172,16 +174,11 @@ def wall_map(
     return to_picture(figure)
 
 
-def _medians(group: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Groups (g,), and the median (g,) of the values (n,) of each."""
+def _medians(
+    group: Int[np.ndarray, " m"], values: Float[np.ndarray, " m"]
+) -> tuple[Int[np.ndarray, " g"], Float[np.ndarray, " g"]]:
+    """Groups, and the median of the values of each."""
+    # Sorted by group and then by value, the median of a group is half of its size past its first.
     order = np.lexsort((values, group))
     found, start, counts = np.unique(group[order], return_index=True, return_counts=True)
     return found, values[order][start + counts // 2]
-
-
-def label_axes(axes: Axes, x: str, y: str) -> None:
-    """Small grey axis titles."""
-    axes.set_xlabel(x, fontsize=FONT_PT, color=GREY, labelpad=2)
-    axes.set_ylabel(y, fontsize=FONT_PT, color=GREY, labelpad=3)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)

@@ -1,9 +1,9 @@
-"""Places where before and after differ most."""
+"""Where before and after differ most."""
 
 import numpy as np
 
 from planfit.report.measures import BeforeAfter
-from planfit.report.top_view import Crop, Mark
+from planfit.report.plots.top_view import Crop, Mark
 
 SIZE_M = 8.0
 _MIN_DIFFERENCE_M = 0.02
@@ -13,16 +13,16 @@ _CELLS = 8
 
 
 def choose_close_ups(both: BeforeAfter, crop: Crop, max_count: int = 3) -> tuple[Mark, ...]:
-    """Square places that do not overlap, the greatest change of distance to the plan first.
+    """Square windows that do not overlap, the greatest change of distance to the plan first.
 
     None where the scan is so small that its overview shows everything.
     """
     if not both.has_walls or crop.size.max() < 2 * SIZE_M:
         return ()
     # Far strays would outweigh whole walls.
-    before, after = (np.minimum(s.sample_distances, 1.0) for s in (both.before, both.after))
-    inside = crop.contains(both.after.sample_xy)
-    xy, difference = both.after.sample_xy[inside], np.abs(before - after)[inside]
+    before, after = (np.minimum(s.wall_distances_m, 1.0) for s in (both.before, both.after))
+    inside = crop.contains(both.after.wall_xy)
+    xy, difference = both.after.wall_xy[inside], np.abs(before - after)[inside]
     cell_m = SIZE_M / _CELLS
     shape = np.maximum(np.ceil(crop.size / cell_m).astype(int), _CELLS)
     at = np.minimum(((xy - crop.low) / cell_m).astype(int), shape - 1)

@@ -1,22 +1,15 @@
-"""Held-out evidence: the split, and when a result counts as worse."""
-
-from dataclasses import replace
+"""Held-out matches: the split, and when a result counts as worse."""
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 from builders import make_matches, make_structure, make_world, nudged, room_plan
-from planfit.geometry import se3
 from planfit.pipeline.validation import (
     consistency_check,
-    floor_heights,
     hold_out,
     match_check,
-    match_distances,
     wall_check,
-    wall_distances,
-    wall_points_plan,
 )
 
 
@@ -47,15 +40,6 @@ def test_no_matches_to_split(world, rng):
     for part in hold_out(none, 0.5, rng):
         assert part.n_matches == 0
         assert_array_equal(part.start, [0])
-
-
-def test_match_distances(world, rng):
-    assert_allclose(match_distances(world.matches, world.plan_from_cams), 0, atol=1e-12)
-    poses = world.plan_from_cams.copy()
-    poses[3, 0, 3] += 0.5
-    distances = match_distances(world.matches, poses)
-    pair = np.repeat(world.matches.pairs, np.diff(world.matches.start), axis=0)
-    assert_allclose(distances, np.where((pair == 3).any(axis=1), 0.5, 0.0), atol=1e-9)
 
 
 def test_matches_that_drift_apart_are_worse(world, rng):
@@ -89,31 +73,7 @@ def test_no_walls_no_check(world):
     assert wall_check(none, room_plan(), world.plan_from_cams, world.plan_from_cams) is None
 
 
-def test_wall_points_are_all_there_and_on_the_plan(world):
-    points = wall_points_plan(world.structure, world.plan_from_cams)
-    assert len(points) == len(world.structure.walls.points_cam)
-    distances = wall_distances(world.structure, world.floorplan, world.plan_from_cams)
-    assert_allclose(distances, 0, atol=1e-9)
-    loose = replace(
-        world.structure,
-        unassigned_points_cam=se3.transform(
-            se3.inverse(world.plan_from_cams[2]), [[3.0, 2.0, 1.0]]
-        ),
-        unassigned_frame_idx=np.array([2]),
-    )
-    assert_allclose(wall_points_plan(loose, world.plan_from_cams)[-1], [3, 2, 1])
-    assert wall_distances(loose, world.floorplan, world.plan_from_cams).max() == pytest.approx(2.0)
-
-
-def test_floor_heights(world):
-    assert_allclose(floor_heights(world.structure, world.plan_from_cams), 0, atol=1e-9)
-    raised = world.plan_from_cams.copy()
-    raised[4, 2, 3] += 0.2
-    expected = np.where(world.structure.floor.frame_idx == 4, 0.2, 0.0)
-    assert_allclose(floor_heights(world.structure, raised), expected, atol=1e-9)
-
-
-def test_tension_is_quiet_until_the_walls_pull_costs_a_quarter():
+def test_plan_and_scan_are_consistent_until_the_walls_cost_a_quarter():
     assert consistency_check(1000.0, 1200.0, n_frames=10) is None
     found = consistency_check(1000.0, 1300.0, n_frames=10)
     assert found is not None
@@ -121,6 +81,6 @@ def test_tension_is_quiet_until_the_walls_pull_costs_a_quarter():
     assert found.after == pytest.approx(1.3)
 
 
-def test_drift_that_only_walls_correct_is_no_tension():
+def test_drift_that_only_walls_correct_is_no_contradiction():
     assert consistency_check(0.0, 300.0, n_frames=100) is None
     assert consistency_check(0.0, 400.0, n_frames=100) is not None

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
-from builders import faces_plan, look, make_structure, room_plan
-from planfit.evaluate import floor_flatness, wall_distances
+from builders import faces_plan, look, make_structure, make_world, room_plan
+from planfit.evaluate import floor_heights, wall_distances, wall_points
 from planfit.floorplan import Floorplan, nearest_faces
 from planfit.floorplan.nearest_faces import facing_distances
 from planfit.geometry import se3, segments
@@ -70,7 +70,7 @@ def structure_of_a_wall(poses, y_m, n=200):
     return make_structure(poses, patches=[(0, points, [0.0, -1.0])])
 
 
-def test_a_wall_pulled_to_the_wrong_face_shows_in_the_oriented_figure_alone():
+def test_a_wall_pulled_to_the_wrong_face_shows_in_the_oriented_nsd_alone():
     poses = look([2.5, -2.0, 1.4], 90)[None]
     structure = structure_of_a_wall(
         poses, 0.2
@@ -96,34 +96,36 @@ def test_points_are_placed_in_chunks_that_change_nothing(monkeypatch):
     poses = look([2.5, -2.0, 1.4], 90)[None]
     structure = structure_of_a_wall(poses, 0.03)
     whole = wall_distances(structure, thick_wall(), poses)
-    monkeypatch.setattr("planfit.evaluate.plan_distance._CHUNK", 7)
+    monkeypatch.setattr("planfit.evaluate.surfaces._CHUNK", 7)
     parts = wall_distances(structure, thick_wall(), poses)
-    assert parts.nsd_m == pytest.approx(whole.nsd_m, rel=1e-12)
+    assert_array_equal(parts.nearest_m, whole.nearest_m)
+    assert_array_equal(parts.facing_m, whole.facing_m)
+    assert_array_equal(wall_distances(structure, thick_wall(), poses, 3).nearest_m, whole.nearest_m)
 
 
-def test_no_walls_no_figure():
+def test_no_walls_no_metric():
     poses = look([0, 0, 1.4], 0)[None]
     assert wall_distances(make_structure(poses), room_plan(), poses) is None
-    assert floor_flatness(make_structure(poses), poses) is None
+    assert floor_heights(make_structure(poses), poses) is None
 
 
-def floor_points(rng, n=500, tilt=0.0, sigma_m=0.0):
+def floor_of_points(rng, n=500, tilt=0.0, sigma_m=0.0):
     xy = rng.uniform(-3, 3, (n, 2))
     return np.concatenate([xy, (tilt * xy[:, :1] + sigma_m * rng.normal(size=(n, 1)))], axis=1)
 
 
 def test_a_leaning_floor_is_flat_about_its_plane_only(rng):
     poses = look([0, 0, 1.4], 0, 30)[None]
-    points = floor_points(rng, tilt=0.02)
-    found = floor_flatness(make_structure(poses, floor=[(0, points)]), poses)
+    points = floor_of_points(rng, tilt=0.02)
+    found = floor_heights(make_structure(poses, floor=[(0, points)]), poses)
     assert found.plane_rms_m == pytest.approx(0.0, abs=1e-9)
     assert found.height_rms_m == pytest.approx(np.std(points[:, 2]), rel=1e-9)
 
 
 def test_noise_of_the_floor_shows_in_both(rng):
     poses = look([0, 0, 1.4], 0, 30)[None]
-    points = floor_points(rng, 5000, sigma_m=0.01)
-    found = floor_flatness(make_structure(poses, floor=[(0, points)]), poses)
+    points = floor_of_points(rng, 5000, sigma_m=0.01)
+    found = floor_heights(make_structure(poses, floor=[(0, points)]), poses)
     assert found.plane_rms_m == pytest.approx(0.01, rel=0.05)
     design = np.column_stack([points[:, :2], np.ones(5000)])
     residual = points[:, 2] - design @ np.linalg.lstsq(design, points[:, 2], rcond=None)[0]
@@ -133,11 +135,14 @@ def test_noise_of_the_floor_shows_in_both(rng):
 
 def test_storeys_are_floors_of_their_own_and_stairs_are_none(rng):
     poses = np.stack([look([0, 0, 1.4 + z], 0, 30) for z in (0.0, 1.5, 3.0)])
-    floors = [(i, floor_points(rng) + np.array([0, 0, z])) for i, z in enumerate((0.0, 1.5, 3.0))]
+    floors = [
+        (i, floor_of_points(rng) + np.array([0, 0, z])) for i, z in enumerate((0.0, 1.5, 3.0))
+    ]
     structure = make_structure(poses, floor=floors)
     structure = replace(structure, floor_heights_m=np.array([0.0, np.nan, 3.0]))
-    found = floor_flatness(structure, poses)
+    found = floor_heights(structure, poses)
     assert found.height_rms_m == pytest.approx(0.0, abs=1e-9)
+    assert found.height_median_m == pytest.approx(0.0, abs=1e-9)
     assert found.n_points == 1000
 
 
@@ -150,3 +155,47 @@ def test_walls_of_a_turned_room_count_the_same(rng):
     structure = make_structure(poses, patches=[(0, points, [0.0, -1.0])])
     found = wall_distances(structure, plan, turn @ poses)
     assert found.nsd_m == pytest.approx(0.05)
+
+
+def test_wall_points_are_all_there_and_on_the_plan(rng):
+    world = make_world(rng)
+    points = wall_points(world.structure, world.plan_from_cams)
+    assert len(points) == len(world.structure.walls.points_cam)
+    found = wall_distances(world.structure, world.floorplan, world.plan_from_cams)
+    assert_allclose(found.nearest_m, 0, atol=1e-9)
+    assert found.near_share == 1.0
+    unassigned = replace(
+        world.structure,
+        unassigned_points_cam=se3.transform(
+            se3.inverse(world.plan_from_cams[2]), np.array([[3.0, 2.0, 1.0]])
+        ),
+        unassigned_frame_idx=np.array([2]),
+    )
+    assert_allclose(wall_points(unassigned, world.plan_from_cams)[-1], [3, 2, 1])
+    found = wall_distances(unassigned, world.floorplan, world.plan_from_cams)
+    assert found.nearest_m[-1] == found.nearest_m.max() == pytest.approx(2.0)
+    assert found.near_share == pytest.approx(1 - 1 / found.n_points)
+
+
+def test_floor_heights_follow_each_frame(rng):
+    world = make_world(rng)
+    assert_allclose(floor_heights(world.structure, world.plan_from_cams).heights_m, 0, atol=1e-9)
+    raised = world.plan_from_cams.copy()
+    raised[4, 2, 3] += 0.2
+    expected = np.where(world.structure.floor.frame_idx == 4, 0.2, 0.0)
+    found = floor_heights(world.structure, raised)
+    assert_allclose(found.heights_m, expected, atol=1e-9)
+    assert found.height_median_m == pytest.approx(np.median(expected), abs=1e-9)
+    assert found.height_rms_m == pytest.approx(np.std(expected))
+
+
+def test_no_point_is_left_out_however_many_there_are(rng):
+    """A sample's mean would differ with where its thinning begins."""
+    poses = look([3.0, 2.0, 1.4], 90)[None]
+    n = 70_001
+    points = np.stack([rng.uniform(1, 5, n), 4.0 + rng.normal(0, 0.05, n), np.ones(n)], axis=1)
+    structure = make_structure(poses, patches=[(0, points, [0.0, -1.0])])
+    found = wall_distances(structure, room_plan(), poses)
+    assert found.n_points == n
+    assert found.nsd_m == pytest.approx(np.abs(points[:, 1] - 4.0).mean(), rel=1e-9)
+    assert found.near_share == np.mean(np.abs(points[:, 1] - 4.0) < 0.1)

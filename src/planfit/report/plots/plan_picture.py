@@ -16,7 +16,7 @@ _GROW = 0.5
 """Line work is shown around the faces as far as this share of their longer side: a wing that was missed is,
 a title block far off is not."""
 _DRAWN = (172, 172, 172)
-_FACE, _OPENING, _LOOSE, _DROPPED = (0, 94, 213), (178, 114, 0), (158, 115, 0), (193, 120, 200)
+_FACE, _OPENING, _UNORIENTED, _DROPPED = (0, 94, 213), (178, 114, 0), (158, 115, 0), (193, 120, 200)
 """BGR; Okabe and Ito's palette."""
 
 
@@ -42,14 +42,14 @@ def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
     scale = float(np.sqrt(abs(np.linalg.det(uv_from_plan[:2, :2]))))
     _draw(canvas, _moved(drawn, uv_from_plan), _DRAWN, 1)
     _draw(canvas, _moved(left_out, uv_from_plan), _DROPPED, 1)
-    turn = uv_from_plan[:2, :2] / scale
-    for is_oriented, color in ((True, _FACE), (False, _LOOSE)):
+    rotation = uv_from_plan[:2, :2] / scale
+    for is_oriented, color in ((True, _FACE), (False, _UNORIENTED)):
         kept = floorplan.is_oriented == is_oriented
         _draw(canvas, _moved(floorplan.ends[kept], uv_from_plan), color, 2)
     ends = _moved(floorplan.ends[floorplan.is_oriented], uv_from_plan)
     if len(ends):
         middle = ends.mean(axis=1)
-        tips = middle + 9.0 * floorplan.normals[floorplan.is_oriented] @ turn.T
+        tips = middle + 9.0 * floorplan.normals[floorplan.is_oriented] @ rotation.T
         long = segments.lengths(ends) > 12.0
         _draw(canvas, np.stack([middle, tips], axis=1)[long], _FACE, 1)
     if floorplan.openings is not None and len(floorplan.openings):
@@ -66,17 +66,17 @@ def _pale(path: Path) -> tuple[np.ndarray, float]:
     page.alpha_composite(rgba)
     grey = np.asarray(page.convert("L"))
     zoom = _SIDE_PX / max(grey.shape)
-    way = cv2.INTER_AREA if zoom < 1 else cv2.INTER_CUBIC
+    interpolation = cv2.INTER_AREA if zoom < 1 else cv2.INTER_CUBIC
     size = (round(grey.shape[1] * zoom), round(grey.shape[0] * zoom))
-    grey = cv2.resize(grey, size, interpolation=way)
+    grey = cv2.resize(grey, size, interpolation=interpolation)
     pale = (255 - 0.45 * (255.0 - grey)).astype(np.uint8)
     return cv2.cvtColor(pale, cv2.COLOR_GRAY2BGR), zoom
 
 
 def _zoomed(file_from_plan: np.ndarray, zoom: float) -> np.ndarray:
-    """Pixel centres are integers before and after."""
-    shift = 0.5 * zoom - 0.5
-    return np.array([[zoom, 0, shift], [0, zoom, shift], [0, 0, 1]]) @ file_from_plan
+    """file_from_plan (3, 3) in pixels of the zoomed picture: pixel centres are integers before and after."""
+    offset = 0.5 * zoom - 0.5
+    return np.array([[zoom, 0, offset], [0, zoom, offset], [0, 0, 1]]) @ file_from_plan
 
 
 def _in_plan(floorplan: Floorplan, lines_in_file: np.ndarray | None) -> np.ndarray:
@@ -112,6 +112,7 @@ def _moved(ends: np.ndarray, uv_from_plan: np.ndarray) -> np.ndarray:
 
 
 def _draw(canvas: np.ndarray, ends: np.ndarray, color: tuple[int, int, int], width: int) -> None:
+    # Fixed point with four fractional bits, for lines between pixels; far ends must not overflow.
     points = np.round(np.clip(ends, -1e5, 1e5) * 16).astype(np.int32)
     cv2.polylines(canvas, list(points), False, color, width, cv2.LINE_AA, 4)
 
@@ -122,7 +123,7 @@ def _with_key(canvas: np.ndarray, floorplan: Floorplan) -> np.ndarray:
     if floorplan.source.drawn_lines is not None:
         entries.append(("line work", _DRAWN))
     if not floorplan.is_oriented.all():
-        entries.append(("face, free side unknown", _LOOSE))
+        entries.append(("face, free side unknown", _UNORIENTED))
     if floorplan.openings is not None and len(floorplan.openings):
         entries.append(("opening", _OPENING))
     if floorplan.source.dropped_lines is not None and len(floorplan.source.dropped_lines):

@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.refine import RefineResult
-from planfit.report.drawing import (
+from planfit.report.plots.drawing import (
     AFTER,
     BEFORE,
     FONT_PT,
@@ -19,7 +20,7 @@ from planfit.report.drawing import (
     new_figure,
     to_picture,
 )
-from planfit.report.top_view import Crop, draw_points
+from planfit.report.plots.top_view import Crop, draw_points
 from planfit.report.walls import FEW_PATCHES, SeenFace
 
 _HEIGHT_IN = 3.6
@@ -32,16 +33,15 @@ class CrossSection:
     """The scanned points of one drawn wall, seen along it."""
 
     face: SeenFace
-    before: (
-        np.ndarray
-    )  # (n, 2) m: distance from the drawn face along its normal, height above floor
-    after: np.ndarray  # (n, 2) m
+    before: Float[np.ndarray, "m 2"]
+    """m: distance from the drawn face along its normal, and height above the floor."""
+    after: Float[np.ndarray, "m 2"]
 
 
 def cut_walls(
     floorplan: Floorplan, result: RefineResult, faces: list[SeenFace], max_count: int = 2
 ) -> list[CrossSection]:
-    """The walls whose scanned points changed most, each by all points of its pieces.
+    """The walls whose scanned points changed most, each by all points of its patches.
 
     A wall counts by its mean change of distance times the root of its points: a long wall that came
     together says more than a stub.
@@ -86,7 +86,8 @@ def draw_section(section: CrossSection) -> Picture:
         axes = add_axes(figure, left, 0.42, width_in, height_in)
         axes.set_xlim(low_m, high_m)
         axes.set_ylim(0.0, top_m)
-        # Distances are stretched: centimetres matter across a wall, metres along its height.
+        # draw_points needs square cells: both axes are brought to the scale of the distances, and `extent`
+        # puts the image back. Distances are stretched: centimetres matter across a wall, metres along it.
         square = np.array([1.0, (high_m - low_m) / width_in * height_in / top_m])
         crop = Crop(np.array([low_m, 0.0]), np.array([high_m, top_m]) * square)
         draw_points(axes, crop, points * square, color, (low_m, high_m, 0.0, top_m))
@@ -101,9 +102,12 @@ def draw_section(section: CrossSection) -> Picture:
 
 
 def _across(
-    floorplan: Floorplan, face: int, plan_from_cams: np.ndarray, points_cam: np.ndarray
-) -> np.ndarray:
-    """Distance from a face and height (n, 2) m of points (n, 3), each with its own pose (n, 4, 4)."""
-    points = se3.transform(plan_from_cams, points_cam[:, None])[:, 0]
+    floorplan: Floorplan,
+    face: int,
+    plan_from_cams: Float[np.ndarray, "m 4 4"],
+    points_cam: Float[np.ndarray, "m 3"],
+) -> Float[np.ndarray, "m 2"]:
+    """Distance from a face and height (m) of points, each with its own pose."""
+    points = se3.transform_each(plan_from_cams, points_cam)
     distance = points[:, :2] @ floorplan.normals[face] - floorplan.offsets[face]
     return np.column_stack([distance, points[:, 2]])

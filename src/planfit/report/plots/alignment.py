@@ -1,4 +1,4 @@
-"""A place of the scan on the plan, as a picture: scanned wall over the faces."""
+"""An alignment of the scan with the plan, as a picture: scanned wall over the faces."""
 
 import textwrap
 
@@ -6,31 +6,32 @@ import numpy as np
 
 from planfit.align import AlignmentHypothesis, WallSamples
 from planfit.floorplan import Floorplan
-from planfit.report.drawing import AFTER, FONT_PT, INK, PATH, add_axes, new_figure, to_picture
-from planfit.report.overlay import Entry, add_legend
-from planfit.report.top_view import Crop, draw_faces, draw_scale, set_up_view
+from planfit.report.plots.drawing import AFTER, FONT_PT, INK, PATH, add_axes, new_figure, to_picture
+from planfit.report.plots.overlay import Entry, add_legend
+from planfit.report.plots.top_view import Crop, draw_faces, draw_scale, set_up_view
 
 WIDTH_IN, MIN_WIDTH_IN = 9.0, 4.5
 LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 0.6, 0.15, 0.65, 0.75
-WORDS_PER_IN = 13
+LETTERS_PER_IN = 13
 """Letters of the title that fit an inch."""
 MARGIN = 0.04
 """Free space around the plan, as a share of its extent."""
 
 
-def draw_place(
-    floorplan: Floorplan, walls: WallSamples, place: AlignmentHypothesis, words: str
+def draw_alignment(
+    floorplan: Floorplan, walls: WallSamples, hypothesis: AlignmentHypothesis, title: str
 ) -> bytes:
-    """PNG of scanned wall, placed, over the whole plan.
+    """PNG of scanned wall, aligned, over the whole plan.
 
     Args:
-        floorplan: in metres, at the scale of this place.
+        floorplan: in metres, at the scale of this hypothesis.
         walls: samples, level frame.
-        place: where they go.
-        words: the title.
+        hypothesis: where they go.
+        title: a line or two above the picture.
     """
-    turn, shift = place.plan_from_level[:2, :2], place.plan_from_level[:2, 3]
-    xy = walls.xy @ turn.T + shift
+    plan_from_level = hypothesis.plan_from_level
+    rotation, translation = plan_from_level[:2, :2], plan_from_level[:2, 3]
+    xy = walls.xy @ rotation.T + translation
     everything = np.concatenate([floorplan.ends.reshape(-1, 2), xy])
     low, high = everything.min(axis=0), everything.max(axis=0)
     # A strip of a plan is widened, so that axes and legend have room.
@@ -50,14 +51,14 @@ def draw_place(
     axes.plot(xy[:, 0], xy[:, 1], "s", color=AFTER, markersize=dot_pt, mew=0, alpha=0.5, zorder=4)
     entries: list[Entry] = [("plan", INK, "-"), ("scanned wall", AFTER, "s")]
     if walls.seen_from is not None:
-        eyes = walls.seen_from @ turn.T + shift
+        eyes = walls.seen_from @ rotation.T + translation
         axes.plot(eyes[:, 0], eyes[:, 1], ".", color=PATH, markersize=2.0, zorder=5)
         entries.append(("cameras", PATH, "s"))
     draw_scale(axes, crop)
     add_legend(axes, entries)
-    title = textwrap.fill(words, int(axes_width * WORDS_PER_IN))
+    wrapped = textwrap.fill(title, int(axes_width * LETTERS_PER_IN))
     axes.text(
-        0.0, 1.0 + 0.28 / axes_height, title, transform=axes.transAxes, fontsize=FONT_PT,
+        0.0, 1.0 + 0.28 / axes_height, wrapped, transform=axes.transAxes, fontsize=FONT_PT,
         fontweight="bold", color=INK, va="bottom",
     )  # fmt: skip
     return to_picture(figure).png

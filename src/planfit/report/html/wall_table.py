@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
+from jaxtyping import Int
 
 from planfit.floorplan import Floorplan
-from planfit.report import amounts
-from planfit.report.missing_walls import UndrawnWall
-from planfit.report.walls import SeenFace
+from planfit.report import formatting
+from planfit.report.walls import SeenFace, UndrawnWall
 
-_HEADS = ("No.", "verdict", "offset", "spread", "pieces", "length", "middle x, y (m)")
+_HEADS = ("No.", "verdict", "offset", "MAD", "patches", "length", "middle x, y (m)")
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ _NONE = _Cell("", float("inf"))
 def wall_table(
     faces: Sequence[SeenFace],
     undrawn: Sequence[UndrawnWall] = (),
-    unseen: Sequence[int] | np.ndarray = (),
+    unseen: Sequence[int] | Int[np.ndarray, " k"] = (),
     floorplan: Floorplan | None = None,
 ) -> str:
     """A table that sorts by the column whose head is pressed.
@@ -42,32 +42,12 @@ def wall_table(
     """
     has_solved = any(face.solved for face in faces)
     heads = (*_HEADS, "given way by") if has_solved else _HEADS
-    rows = [_seen(face, has_solved) for face in faces]
-    styles = ["shifted" if face.is_shifted else "" for face in faces]
     blank = (_NONE,) if has_solved else ()
-    for wall in undrawn:
-        rows.append(
-            (
-                _NONE,
-                _Cell("missing in the plan", "missing in the plan"),
-                _NONE,
-                _NONE,
-                _Cell(str(wall.n_patches), wall.n_patches),
-                _length(wall.length),
-                _place(*wall.middle_xy),
-                *blank,
-            )
-        )
-        styles.append("undrawn")
-    for face in unseen:
+    rows = [("shifted" if f.is_shifted else "", _seen(f, has_solved)) for f in faces]
+    rows += [("undrawn", (*_undrawn(wall), *blank)) for wall in undrawn]
+    if len(unseen):
         assert floorplan is not None
-        x, y = floorplan.ends[face].mean(axis=0)
-        verdict = _Cell("not seen", "not seen")
-        size = _length(float(floorplan.lengths[face]))
-        rows.append(
-            (_NONE, verdict, _NONE, _NONE, _Cell("0", 0), size, _place(float(x), float(y)), *blank)
-        )
-        styles.append("unseen")
+        rows += [("unseen", (*_unseen(floorplan, face), *blank)) for face in unseen]
     number = ' class="num"'
     kinds = [number, "", *[number] * (len(heads) - 2)]
     head = "".join(
@@ -78,7 +58,7 @@ def wall_table(
         f'<tr class="{style}">'
         + "".join(_td(c, k) for c, k in zip(row, kinds, strict=True))
         + "</tr>"
-        for row, style in zip(rows, styles, strict=True)
+        for style, row in rows
     )
     return (
         f'<div class="walls"><table class="sortable"><thead><tr>{head}</tr></thead>'
@@ -86,31 +66,53 @@ def wall_table(
     )
 
 
+def _undrawn(wall: UndrawnWall) -> tuple[_Cell, ...]:
+    """Cells of a wall that the plan lacks."""
+    return (
+        _NONE,
+        _Cell("missing in the plan", "missing in the plan"),
+        _NONE,
+        _NONE,
+        _Cell(str(wall.n_patches), wall.n_patches),
+        _length(wall.length),
+        _position(*wall.middle_xy),
+    )
+
+
+def _unseen(floorplan: Floorplan, face: int) -> tuple[_Cell, ...]:
+    """Cells of a face that the scan does not show."""
+    x, y = floorplan.ends[face].mean(axis=0)
+    verdict = _Cell("not seen", "not seen")
+    size = _length(float(floorplan.lengths[face]))
+    return _NONE, verdict, _NONE, _NONE, _Cell("0", 0), size, _position(float(x), float(y))
+
+
 def _seen(face: SeenFace, has_solved: bool) -> tuple[_Cell, ...]:
+    """Cells of a face that the scan shows."""
     cells = (
         _Cell(str(face.number), face.number),
         _Cell(escape(face.verdict), face.verdict),
-        _Cell(amounts.centimetres(face.offset, signed=True), face.offset),
-        _Cell(amounts.centimetres(face.spread), face.spread),
+        _Cell(formatting.centimetres(face.offset, signed=True), face.offset),
+        _Cell(formatting.centimetres(face.mad), face.mad),
         _Cell(str(face.n_patches), face.n_patches),
         _length(face.length),
-        _place(*face.middle_xy),
+        _position(*face.middle_xy),
     )
     if not has_solved:
         return cells
     if face.solved is None:
         return (*cells, _NONE)
     offset, sigma = face.solved
-    shown = f"{amounts.centimetres(offset, signed=True)} ± {amounts.centimetres(sigma)}"
+    shown = f"{formatting.centimetres(offset, signed=True)} ± {formatting.centimetres(sigma)}"
     return (*cells, _Cell(shown, offset))
 
 
 def _length(value_m: float) -> _Cell:
-    return _Cell(f"{value_m:.2f}{amounts.SPACE}m", value_m)
+    return _Cell(f"{value_m:.2f}{formatting.SPACE}m", value_m)
 
 
-def _place(x: float, y: float) -> _Cell:
-    return _Cell(f"{x:.1f}, {y:.1f}".replace("-", amounts.MINUS), x)
+def _position(x: float, y: float) -> _Cell:
+    return _Cell(f"{x:.1f}, {y:.1f}".replace("-", formatting.MINUS), x)
 
 
 def _td(cell: _Cell, kind: str) -> str:

@@ -1,15 +1,16 @@
-"""Wall points over the plan, before and after: the whole scan, and places in it."""
+"""Wall points over the plan, before and after: the whole scan, and parts of it."""
 
 from typing import Literal
 
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from planfit.evaluate import NEAR_FACE_M
 from planfit.floorplan import Floorplan
-from planfit.pipeline import validation as checks
 from planfit.pipeline.refine import RefineResult
-from planfit.report import amounts
-from planfit.report.drawing import (
+from planfit.report import formatting
+from planfit.report.measures import BeforeAfter, Measures, measure
+from planfit.report.plots.drawing import (
     AFTER,
     BEFORE,
     FONT_PT,
@@ -21,8 +22,7 @@ from planfit.report.drawing import (
     new_figure,
     to_picture,
 )
-from planfit.report.measures import BeforeAfter, Measures, measure
-from planfit.report.top_view import (
+from planfit.report.plots.top_view import (
     Crop,
     Mark,
     crop_to_scan,
@@ -85,13 +85,13 @@ def draw_overlay(floorplan: Floorplan, result: RefineResult) -> bytes:
 
 def fit_in_words(both: BeforeAfter, side: Measures) -> str:
     """The numbers that matter of one side."""
-    if not both.is_placed:
-        return "not placed on the plan"
-    if not both.has_walls:
+    if not both.is_aligned:
+        return "not aligned with the plan"
+    if side.walls is None:
         return "no wall was seen"
     return (
-        f"{amounts.share(side.near_share)} of wall points within {checks.NEAR_FACE_M:.2f}"
-        f"{amounts.SPACE}m of the plan, NSD {amounts.length(side.nsd)}"
+        f"{formatting.share(side.walls.near_share)} of wall points within {NEAR_FACE_M:.2f}"
+        f"{formatting.SPACE}m of the plan, NSD {formatting.length(side.walls.nsd_m)}"
     )
 
 
@@ -120,12 +120,12 @@ def draw_side(
     """Wall points, plan, path, scale and legend of one side, on axes of the crop's shape."""
     is_after = side is both.after
     color = AFTER if is_after else BEFORE
-    set_up_view(axes, crop, both.is_placed)
+    set_up_view(axes, crop, both.is_aligned)
     draw_points(axes, crop, side.wall_xy, color)
     entries: list[Entry] = []
     if len(side.wall_xy):
         entries.append((f"wall points {'after' if is_after else 'before'}", color, "s"))
-    if both.is_placed:
+    if both.is_aligned:
         draw_faces(axes, crop, floorplan.ends)
         entries.append(("plan", INK, "-"))
     draw_path(axes, side.trajectory[:, :2])

@@ -3,14 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from planfit.report.drawing import DPI, FONT_PT, GREY, INK, PATH
 from planfit.report.measures import BeforeAfter
+from planfit.report.plots.drawing import DPI, FONT_PT, GREY, INK, PATH
 
 _MARGIN_M = 1.0
 _GAP_M = 2.0
@@ -21,12 +22,12 @@ _GAP_M = 2.0
 class Crop:
     """A rectangle of the plan, m."""
 
-    low: np.ndarray  # (2,)
-    high: np.ndarray  # (2,)
+    low: Float[np.ndarray, "2"]
+    high: Float[np.ndarray, "2"]
 
     @property
-    def size(self) -> np.ndarray:
-        """(2,) m."""
+    def size(self) -> Float[np.ndarray, "2"]:
+        """Width and height, m."""
         return self.high - self.low
 
     @property
@@ -34,19 +35,19 @@ class Crop:
         """Shape."""
         return float(self.size[1] / self.size[0])
 
-    def contains(self, xy: np.ndarray) -> np.ndarray:
-        """(n,) bool of points (n, 2)."""
+    def contains(self, xy: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
+        """Whether points lie within."""
         return np.all((xy >= self.low) & (xy <= self.high), axis=1)
 
-    def touches(self, ends: np.ndarray) -> np.ndarray:
-        """(n,) bool of segments (n, 2, 2): whether their bounding boxes meet this."""
+    def touches(self, ends: Float[np.ndarray, "f 2 2"]) -> Bool[np.ndarray, " f"]:
+        """Whether the bounding boxes of segments meet this."""
         above, below = ends.max(axis=1) >= self.low, ends.min(axis=1) <= self.high
         return np.all(above & below, axis=1)
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A lettered place on a picture."""
+    """A lettered window on a plot."""
 
     letter: str
     crop: Crop
@@ -61,7 +62,7 @@ def crop_to_scan(both: BeforeAfter, shapes: tuple[float, float] = (0.2, 1.6)) ->
     """
     parts = []
     for side in (both.before, both.after):
-        for points in (side.sample_xy, side.floor_xy):
+        for points in (side.wall_xy, side.floor_points[:, :2]):
             if len(points) > 20:
                 parts.append(np.percentile(points, [0.3, 99.7], axis=0))
             elif len(points):
@@ -74,14 +75,14 @@ def crop_to_scan(both: BeforeAfter, shapes: tuple[float, float] = (0.2, 1.6)) ->
     return Crop(middle - size / 2, middle + size / 2)
 
 
-def set_up_view(axes: Axes, crop: Crop, is_placed: bool = True) -> None:
+def set_up_view(axes: Axes, crop: Crop, is_aligned: bool = True) -> None:
     """Metre axes of a crop, true to scale."""
     axes.set_xlim(crop.low[0], crop.high[0])
     axes.set_ylim(crop.low[1], crop.high[1])
     axes.set_aspect("equal")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10], min_n_ticks=2))
-    where = " in the plan" if is_placed else ""
+    where = " in the plan" if is_aligned else ""
     axes.set_xlabel(f"x{where} (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
     axes.set_ylabel(f"y{where} (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
 
@@ -89,11 +90,11 @@ def set_up_view(axes: Axes, crop: Crop, is_placed: bool = True) -> None:
 def draw_points(
     axes: Axes,
     crop: Crop,
-    xy: np.ndarray,
+    xy: Float[np.ndarray, "m 2"],
     color: str,
     extent: tuple[float, float, float, float] | None = None,
 ) -> None:
-    """Points (n, 2) as a density image: every point counts, and none hides another.
+    """Points as a density image: every point counts, and none hides another.
 
     `extent` is where on the axes the crop is drawn (left, right, bottom, top), if not at itself.
     """
@@ -106,7 +107,7 @@ def draw_points(
     if len(inside) == 0:
         return
     at = ((inside - crop.low) / crop.size * [columns, rows]).astype(int)
-    at = np.minimum(at, [columns - 1, rows - 1])
+    at = np.minimum(at, [columns - 1, rows - 1])  # the upper border belongs to the last cell
     counts = np.bincount(at[:, 1] * columns + at[:, 0], minlength=rows * columns)
     full = max(float(np.percentile(counts[counts > 0], 90)), 1.0)
     image = np.ones((rows * columns, 4))
@@ -125,21 +126,22 @@ def draw_points(
 def draw_faces(
     axes: Axes,
     crop: Crop,
-    ends: np.ndarray,
+    ends: Float[np.ndarray, "f 2 2"],
     color: str = INK,
     width_pt: float = 0.7,
     zorder: float = 3,
 ) -> None:
-    """Segments (n, 2, 2) m that meet the crop."""
+    """Segments (m) that meet the crop."""
     lines = LineCollection(
         list(ends[crop.touches(ends)]), colors=color, linewidths=width_pt, zorder=zorder
     )
     axes.add_collection(lines, autolim=False)
 
 
-def draw_path(axes: Axes, xy: np.ndarray, width_pt: float = 0.9) -> None:
-    """The way of the camera (n, 2) m, and where it began; dotted where the recording has a gap."""
+def draw_path(axes: Axes, xy: Float[np.ndarray, "n 2"], width_pt: float = 0.9) -> None:
+    """The path of the camera, m, and where it began; dotted where the recording has a gap."""
     gaps = find_gaps(xy)
+    # A line is broken at NaN.
     walked = np.insert(xy, gaps + 1, np.nan, axis=0)
     axes.plot(walked[:, 0], walked[:, 1], color=PATH, linewidth=width_pt, zorder=5)
     for gap in gaps:
@@ -148,8 +150,8 @@ def draw_path(axes: Axes, xy: np.ndarray, width_pt: float = 0.9) -> None:
     axes.plot(xy[:1, 0], xy[:1, 1], "o", color="white", mec=PATH, markersize=4.5, mew=1.2, zorder=6)
 
 
-def find_gaps(positions: np.ndarray) -> np.ndarray:
-    """Frames (g,) after which the camera (n, d) m is far off at once: frames are missing there."""
+def find_gaps(positions: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " g"]:
+    """Frames after which the camera (m) is far off at once: frames are missing there."""
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     if len(steps) == 0:
         return np.zeros(0, dtype=int)
@@ -157,7 +159,7 @@ def find_gaps(positions: np.ndarray) -> np.ndarray:
 
 
 def draw_mark(axes: Axes, mark: Mark) -> None:
-    """A lettered frame around a place."""
+    """A lettered frame around a window."""
     axes.add_patch(
         Rectangle(
             (float(mark.crop.low[0]), float(mark.crop.low[1])),

@@ -6,35 +6,48 @@ from html import escape
 
 import numpy as np
 
+from planfit.evaluate import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.matching import Matches
-from planfit.pipeline import validation as checks
 from planfit.pipeline.refine import RefineResult
-from planfit.report import amounts, figures, tables
-from planfit.report.close_ups import choose_close_ups
-from planfit.report.cross_sections import CrossSection, cut_walls, draw_section
-from planfit.report.drawing import AGREES, NOT_SEEN, PANEL_IN, SHIFTED, UNMATCHED, Picture
-from planfit.report.links import loop_map, loops_of, matches_by_frame, matches_plot
+from planfit.report import formatting
+from planfit.report.html import tables
+from planfit.report.html.wall_table import wall_table
 from planfit.report.measures import BeforeAfter, Measures
-from planfit.report.missing_walls import undrawn_walls, unseen_faces
-from planfit.report.overlay import WIDE_IN, fit_in_words, is_wide, side_picture
-from planfit.report.top_view import Crop, Mark
-from planfit.report.wall_table import wall_table
-from planfit.report.walls import AGREES_WITHIN_M, FEW_PATCHES, SeenFace, seen_faces
+from planfit.report.plots import charts
+from planfit.report.plots.close_ups import choose_close_ups
+from planfit.report.plots.cross_sections import CrossSection, cut_walls, draw_section
+from planfit.report.plots.drawing import AGREES, NOT_SEEN, PANEL_IN, SHIFTED, UNMATCHED, Picture
+from planfit.report.plots.matches import (
+    loop_closure_map,
+    loop_closures_of,
+    matches_by_frame,
+    matches_plot,
+)
+from planfit.report.plots.overlay import WIDE_IN, fit_in_words, is_wide, side_picture
+from planfit.report.plots.top_view import Crop, Mark
+from planfit.report.walls import (
+    AGREES_WITHIN_M,
+    FEW_PATCHES,
+    SeenFace,
+    seen_faces,
+    undrawn_walls,
+    unseen_faces,
+)
 
 
 def overview(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
     """The whole scan on the plan, before and after, and close-ups."""
     marks = choose_close_ups(both, crop)
     pictures = [
-        _figure(
+        _captioned(
             side_picture(floorplan, both, side, crop, marks, _width_in(crop)),
             f"<strong>{name}:</strong> {escape(fit_in_words(both, side))}",
             f"Wall points {name} on the plan, from above",
         )
         for name, side in _sides(both)
     ]
-    if both.is_placed:
+    if both.is_aligned:
         words = (
             "Seen from above. Each coloured dot is a scanned point of a wall; thin dark lines are "
             "the walls as drawn. Where the poses are right, dots lie on the lines, and one wall "
@@ -42,11 +55,11 @@ def overview(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
             "there is an opening that the plan does not show, or the poses are wrong there."
         )
     else:
-        words = "Seen from above. The scan was not placed on the plan, so the plan is not drawn."
+        words = "Seen from above. The scan was not aligned with the plan, so the plan is not drawn."
     html = [f"<h2>The scan on the plan</h2><p>{words}</p>{_side_by_side(pictures, crop)}"]
     if marks:
         html.append(
-            "<h3>Close-ups</h3><p>The places marked above, where before and after differ most.</p>"
+            "<h3>Close-ups</h3><p>The windows marked above, where before and after differ most.</p>"
         )
         html += [_close_up(floorplan, both, mark) for mark in marks]
     return "\n".join(html)
@@ -56,29 +69,29 @@ def fit_and_correction(both: BeforeAfter) -> str:
     """How far wall points are from the plan, and how each frame was moved."""
     parts = []
     if both.has_walls:
-        picture, end = figures.distance_histogram(both)
-        beyond = [float(np.mean(side.sample_distances > end)) for _, side in _sides(both)]
+        picture, end = charts.distance_histogram(both)
+        beyond = [_share_beyond(side, end) for _, side in _sides(both)]
         parts.append(
-            _figure(
+            _captioned(
                 picture,
                 "<strong>Distance of wall points to the plan.</strong> The more of them on the "
-                f"left, the better the fit. Dashed: the {checks.NEAR_FACE_M:.2f}{amounts.SPACE}m "
-                f"of the key figures. Beyond {end:.1f}{amounts.SPACE}m lie "
-                f"{amounts.share(beyond[0])} of the points before and "
-                f"{amounts.share(beyond[1])} after.",
+                f"left, the better the fit. Dashed: the {NEAR_FACE_M:.2f}{formatting.SPACE}m "
+                f"of the key metrics. Beyond {end:.1f}{formatting.SPACE}m lie "
+                f"{formatting.share(beyond[0])} of the points before and "
+                f"{formatting.share(beyond[1])} after.",
                 "Histogram of distances of wall points to the plan, before and after",
             )
         )
-    shift = float(np.linalg.norm(both.correction[:, 3:], axis=1).max(initial=0.0))
-    turn = float(np.rad2deg(np.linalg.norm(both.correction[:, :3], axis=1).max(initial=0.0)))
+    most_m = float(np.linalg.norm(both.correction[:, 3:], axis=1).max(initial=0.0))
+    most_rad = float(np.linalg.norm(both.correction[:, :3], axis=1).max(initial=0.0))
     parts.append(
-        _figure(
-            figures.correction_plot(both),
+        _captioned(
+            charts.correction_plot(both),
             "<strong>Correction of each frame,</strong> from the recorded to the refined pose: at "
-            f"most {amounts.length(shift)} and {turn:.1f}{amounts.SPACE}deg. Slow waves are drift "
-            "that was taken out. A jump is to be expected at a gap in the path; elsewhere it "
+            f"most {formatting.length(most_m)} and {np.rad2deg(most_rad):.1f}{formatting.SPACE}deg. Slow "
+            "waves are drift that was taken out. A jump is to be expected at a gap in the path; elsewhere it "
             "deserves a look at that frame.",
-            "Shift and turn of each frame",
+            "Translation and rotation of each frame",
         )
     )
     return f'<h2>Fit and correction</h2><div class="pair">{"".join(parts)}</div>'
@@ -91,17 +104,17 @@ def floor(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
     maps = []
     for name, side in _sides(both):
         maps.append(
-            _figure(
-                figures.floor_map(
-                    floorplan if both.is_placed else None, side, crop, _width_in(crop)
+            _captioned(
+                charts.floor_map(
+                    floorplan if both.is_aligned else None, side, crop, _width_in(crop)
                 ),
                 f"<strong>{name}:</strong> half of the floor points lie within "
-                f"{amounts.length(side.floor_median)} of the floor plane; RMS "
-                f"{amounts.length(side.floor_rms)} about their mean",
+                f"{formatting.length(side.floor and side.floor.height_median_m)} of the floor plane; RMS "
+                f"{formatting.length(side.floor and side.floor.height_rms_m)} about their mean",
                 f"Floor heights {name}",
             )
         )
-    limit = f"{figures.FLOOR_RANGE_M:.1f}{amounts.SPACE}m"
+    limit = f"{charts.FLOOR_RANGE_M:.1f}{formatting.SPACE}m"
     return (
         "<h2>Floor</h2><p>Height of the scanned floor: red is above the floor plane, blue below, "
         f"colours end at ±{limit}. A flat floor is white all over. Slopes, and steps where the "
@@ -115,7 +128,7 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
     """Which walls of the plan were seen, and how far each is from where it is drawn."""
     n_patches = len(result.structure.walls)
     if n_patches == 0:
-        return "<h2>Walls of the plan</h2><p>No flat piece of wall was seen in this scan.</p>"
+        return "<h2>Walls of the plan</h2><p>No wall patch was seen in this scan.</p>"
     faces = seen_faces(floorplan, result.walls)
     association = result.walls.association
     n_lost = n_patches - association.n_associated
@@ -129,20 +142,20 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
         f'<span class="entry"><span class="key" style="background:{color}"></span>{words}</span>'
         for color, words in keys
     )
-    picture = _figure(
-        figures.wall_map(floorplan, result, faces, crop, _width_in(crop)),
+    picture = _captioned(
+        charts.wall_map(floorplan, result, faces, crop, _width_in(crop)),
         legend,
         "Walls of the plan by agreement with the scan",
     )
     html = [
         f"<h2>Walls of the plan</h2><p>{escape(_walls_in_words(faces))} {n_lost} of {n_patches} "
-        "flat pieces of scanned wall found no wall on the plan: furniture, what the plan does not "
+        "wall patches of the scan found no wall on the plan: furniture, what the plan does not "
         f"draw, or walls that were moved.</p>{_side_by_side([picture], crop)}"
     ]
     cuts = cut_walls(floorplan, result, faces)
     if cuts:
         html.append(
-            "<h3>Walls cut across</h3><p>The walls that changed most, seen along themselves: each dot "
+            "<h3>Cross-sections of walls</h3><p>The walls that changed most, seen along themselves: each dot "
             "is a scanned point, the dark line the wall as drawn, and distances from it are stretched. "
             "A wall that was scanned twice makes two upright bands before; after, one.</p>"
             f'<div class="pair">{"".join(_cut(cut) for cut in cuts)}</div>'
@@ -154,21 +167,21 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
             "<h3>Wall by wall</h3>"
             f"<p>{len(faces)} seen, {len(undrawn)} missing in the plan, {len(unseen)} not seen. Press a "
             "head to sort. Offset: median distance of the scanned "
-            "pieces of a wall from where it is drawn, after the fit; positive towards the room, "
-            "negative into the wall. Spread: median deviation of the pieces from that. Walls with most "
-            "pieces come first, then what was scanned but is missing in the plan (furniture, too, where "
-            "it stands like a wall), then walls of the part shown above that were not seen.</p>"
+            "patches of a wall from where it is drawn, after the fit; positive towards the room, "
+            "negative into the wall. MAD: median absolute deviation of the patches from that. Walls "
+            "with most patches come first, then what was scanned but is missing in the plan (furniture, "
+            "too, where it stands like a wall), then walls of the part shown above that were not seen.</p>"
             f"{wall_table(faces, undrawn, unseen, floorplan)}"
         )
     return "\n".join(html)
 
 
-def links(floorplan: Floorplan, both: BeforeAfter, matches: Matches, crop: Crop) -> str:
-    """Revisits, and matched points of each frame."""
+def frame_matches(floorplan: Floorplan, both: BeforeAfter, matches: Matches, crop: Crop) -> str:
+    """Loop closures, and matched points of each frame."""
     n_frames = len(both.after.trajectory)
-    loops = loops_of(matches, tables.LOOP_MIN_FRAMES)
+    loop_closures = loop_closures_of(matches, tables.LOOP_MIN_FRAMES)
     by_frame = matches_by_frame(matches, n_frames)
-    plan_ends = floorplan.ends if both.is_placed else np.zeros((0, 2, 2))
+    plan_ends = floorplan.ends if both.is_aligned else np.zeros((0, 2, 2))
     n_none = int(np.sum(by_frame == 0))
     none = (
         f" {n_none} of {n_frames} {_plural(n_none, 'has', 'have')} none: only the recorded motion, "
@@ -177,14 +190,14 @@ def links(floorplan: Floorplan, both: BeforeAfter, matches: Matches, crop: Crop)
         else ""
     )
     pictures = [
-        _figure(
-            loop_map(plan_ends, both.after.trajectory, loops, crop, PANEL_IN),
-            f"<strong>Revisits:</strong> {amounts.count(len(loops))} pairs of frames, more than "
-            f"{tables.LOOP_MIN_FRAMES} frames apart, that show the same place. Where the path comes "
-            "back and there is no line, the plan alone holds the visits together.",
-            "Verified revisits from above",
+        _captioned(
+            loop_closure_map(plan_ends, both.after.trajectory, loop_closures, crop, PANEL_IN),
+            f"<strong>Loop closures:</strong> {formatting.count(len(loop_closures))} pairs of frames, more "
+            f"than {tables.LOOP_MIN_FRAMES} frames apart, that see the same part of the building. Where the "
+            "path comes back and there is no line, the plan alone holds the visits together.",
+            "Verified loop closures from above",
         ),
-        _figure(
+        _captioned(
             matches_plot(by_frame),
             f"<strong>Matched points of each frame.</strong>{none}",
             "Matched points of each frame",
@@ -195,22 +208,24 @@ def links(floorplan: Floorplan, both: BeforeAfter, matches: Matches, crop: Crop)
 
 def _cut(section: CrossSection) -> str:
     face = section.face
-    apart = [amounts.length(float(np.abs(p[:, 0]).mean())) for p in (section.before, section.after)]
-    return _figure(
+    apart = [
+        formatting.length(float(np.abs(p[:, 0]).mean())) for p in (section.before, section.after)
+    ]
+    return _captioned(
         draw_section(section),
-        f"<strong>No.{amounts.SPACE}{face.number}:</strong> {amounts.count(len(section.after))} "
+        f"<strong>No.{formatting.SPACE}{face.number}:</strong> {formatting.count(len(section.after))} "
         f"points, on average {apart[0]} from the drawn wall before and {apart[1]} after",
         f"Wall {face.number} cut across, before and after",
     )
 
 
 def _close_up(floorplan: Floorplan, both: BeforeAfter, mark: Mark) -> str:
-    inside = mark.crop.contains(both.after.sample_xy)
+    inside = mark.crop.contains(both.after.wall_xy)
     pictures = []
     for name, side in _sides(both):
-        distance = amounts.length(float(side.sample_distances[inside].mean()))
+        distance = formatting.length(float(side.wall_distances_m[inside].mean()))
         pictures.append(
-            _figure(
+            _captioned(
                 side_picture(floorplan, both, side, mark.crop),
                 f"<strong>{mark.letter}, {name}:</strong> these wall points lie {distance} from "
                 "the plan on average",
@@ -228,10 +243,10 @@ def _walls_in_words(faces: Sequence[SeenFace]) -> str:
     few = len(faces) - agree - len(shifted)
     parts = [
         f"Of {len(faces)} walls of the plan that were seen, {agree} agree with the scan within "
-        f"{100 * AGREES_WITHIN_M:.0f}{amounts.SPACE}cm."
+        f"{100 * AGREES_WITHIN_M:.0f}{formatting.SPACE}cm."
     ]
     if shifted:
-        told = ", ".join(f"No.{amounts.SPACE}{f.number} ({f.verdict})" for f in shifted[:3])
+        told = ", ".join(f"No.{formatting.SPACE}{f.number} ({f.verdict})" for f in shifted[:3])
         more = " and others" if len(shifted) > 3 else ""
         parts.append(
             f"{len(shifted)} {_plural(len(shifted), 'lies', 'lie')} elsewhere: {told}{more}."
@@ -239,7 +254,7 @@ def _walls_in_words(faces: Sequence[SeenFace]) -> str:
     if few:
         parts.append(
             f"{few} {_plural(few, 'seems', 'seem')} to lie elsewhere, but with fewer than "
-            f"{FEW_PATCHES} pieces that may be an accident."
+            f"{FEW_PATCHES} patches that may be an accident."
         )
     return " ".join(parts)
 
@@ -261,7 +276,12 @@ def _side_by_side(pictures: Sequence[str], crop: Crop) -> str:
     return f'<div class="{"stack" if is_wide(crop) else "pair"}">{"".join(pictures)}</div>'
 
 
-def _figure(picture: Picture, caption_html: str, alt: str) -> str:
+def _share_beyond(side: Measures, end_m: float) -> float:
+    """Share of wall points further than a distance from the plan."""
+    return 0.0 if side.walls is None else float(np.mean(side.walls.nearest_m > end_m))
+
+
+def _captioned(picture: Picture, caption_html: str, alt: str) -> str:
     data = base64.b64encode(picture.png).decode("ascii")
     return (
         f"<figure><figcaption>{caption_html}</figcaption>"

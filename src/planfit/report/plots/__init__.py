@@ -1,0 +1,1 @@
+"""Pictures: the scan on the plan, and what a run measured, as PNG."""
