@@ -11,7 +11,7 @@ import numpy as np
 
 from planfit.adjust import Measurements
 from planfit.adjust.association import Association
-from planfit.floorplan import Floorplan, make_floorplan
+from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -81,7 +81,7 @@ def _ring_corridor(side_m: float, piece_m: float) -> Floorplan:
             share = np.linspace(0, 1, max(1, round(side_m / piece_m)) + 1)[:, None]
             cuts = first * (1 - share) + last * share
             patches.append(np.stack([cuts[:-1], cuts[1:]], axis=1))
-    return make_floorplan("ring corridor", np.concatenate(patches))
+    return Floorplan.from_segments(np.concatenate(patches), name="ring corridor")
 
 
 def _walk(n: int, frames_per_lap: int, side_m: float, rng: np.random.Generator) -> np.ndarray:

@@ -19,7 +19,7 @@ from planfit.align.refine import (
 )
 from planfit.align.visibility import SIGHT_MARGIN_M, crosses_face, nearest_faces
 from planfit.align.wall_samples import WallSamples, thin
-from planfit.floorplan import make_floorplan
+from planfit.floorplan import Floorplan
 from planfit.geometry import segments
 
 
@@ -58,7 +58,7 @@ def test_a_place_off_the_plan_scores_zero(samples):
 def test_nearest_faces_against_one_sample_at_a_time(rng):
     ends = rng.uniform(0, 10, (15, 2, 2))
     ends[10:] = ends[:5] + 0.15
-    plan = make_floorplan("random", ends)
+    plan = Floorplan.from_segments(ends, name="random")
     assert 0 < plan.is_oriented.sum() < 15
     xy = rng.uniform(0, 10, (200, 2))
     angle = rng.uniform(0, 2 * np.pi, 200)

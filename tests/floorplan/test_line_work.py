@@ -19,12 +19,11 @@ from plan_files import (
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, read_floorplan
 from planfit.floorplan.faces import orient_faces
-from planfit.floorplan.vector.collinear import merge_collinear
-from planfit.floorplan.vector.dimension_texts import length_of_text
+from planfit.floorplan.vector.double_lines import rows_of_lines
 from planfit.floorplan.vector.layer_names import Role, role_of
-from planfit.floorplan.vector.line_walls import rows_of_lines
-from planfit.floorplan.vector.regions import faces_of_regions
-from planfit.floorplan.vector.section import section_area
+from planfit.floorplan.vector.line_work import merge_collinear
+from planfit.floorplan.vector.regions import faces_of_regions, section_area
+from planfit.floorplan.vector.units import length_of_text
 
 WALLS, BUILDING = make_plan(n_rooms=6)
 TRUTH = faces_of_regions(WALLS, 1e-6, 0.5)

@@ -13,10 +13,14 @@ from numpy.testing import assert_allclose
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, read_floorplan
-from planfit.floorplan.raster.candidates import opened
-from planfit.floorplan.raster.frame import without_frame
+from planfit.floorplan.raster.line_work import opened
 from planfit.floorplan.raster.openings import find_openings
-from planfit.floorplan.raster.picture import find_skew_deg, make_darkness, make_upright
+from planfit.floorplan.raster.picture import (
+    find_skew_deg,
+    make_darkness,
+    make_upright,
+    without_frame,
+)
 from planfit.floorplan.raster.storeys import find_storeys
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from planfit.floorplan import PlanOptions
-from planfit.floorplan.options import Unit
+from planfit.floorplan.units import Unit
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.file import fingerprint_of
+from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.vector.curves import flatten_cubic
-from planfit.floorplan.vector.drawing import Drawing, DrawingBuilder, Text
-from planfit.floorplan.vector.drawing_plan import plan_of_drawing
+from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
+from planfit.floorplan.vector.line_work import flatten_cubic
+from planfit.floorplan.vector.plan import plan_of_drawing
 
 MIN_PIECES = 20
 """A page with fewer lines and areas, and a picture on it, is the picture."""
@@ -68,18 +68,19 @@ def _open(path: Path) -> pdfium.PdfDocument:
 
 def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> Floorplan:
     # Here, not above: drawings need no OpenCV.
-    from planfit.floorplan.raster import read_picture
+    from planfit.floorplan.formats.picture import fingerprint_with_mask, read_image
 
     longer = max(page.get_size())
     scale = min(PICTURE_DPI / 72.0, MAX_PICTURE_PX / longer)
     bitmap = page.render(scale=scale, rev_byteorder=False)  # type: ignore[arg-type] - any number
     picture = bitmap.to_numpy()[..., :3]
-    return read_picture(
-        np.ascontiguousarray(picture), str(path), fingerprint_of(path), options, "picture in a PDF"
+    fingerprint = fingerprint_with_mask(path, options)
+    return read_image(
+        np.ascontiguousarray(picture), str(path), fingerprint, options, "picture in a PDF"
     )
 
 
-def _drawing(page: pdfium.PdfPage) -> tuple[Drawing, bool]:
+def _drawing(page: pdfium.PdfPage) -> tuple[VectorDrawing, bool]:
     builder = DrawingBuilder()
     shown_from_page = _shown_from_page(page)
     has_picture = False
@@ -106,8 +107,7 @@ def _drawing(page: pdfium.PdfPage) -> tuple[Drawing, bool]:
             elif kind == raw.FPDF_PAGEOBJ_FORM and depth < _MAX_FORM_DEPTH:
                 stack.append((owner, item, shown_from_item, depth + 1))
     _add_texts(builder, page, shown_from_page)
-    lines, fills, texts, layers = builder.build()
-    return Drawing(lines, fills, texts, layers, None, "paper"), has_picture
+    return builder.build(unit="paper"), has_picture
 
 
 def _shown_from_page(page: pdfium.PdfPage) -> np.ndarray:

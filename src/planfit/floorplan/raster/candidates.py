@@ -8,8 +8,8 @@ import numpy as np
 
 from planfit.floorplan.raster.cells import find_wall_cells
 from planfit.floorplan.raster.hatching import fill_hatching
-from planfit.floorplan.raster.morphology import closed, opened
-from planfit.floorplan.raster.strips import LineWork, between_lines, find_line_work
+from planfit.floorplan.raster.line_work import LineWork, closed, find_line_work, opened
+from planfit.floorplan.raster.strips import between_lines
 
 Edge = Literal["edge", "stroke", "mask"]
 
@@ -26,7 +26,7 @@ _MAX_LINE_SHARE = 0.02
 
 @dataclass(frozen=True)
 class Candidate:
-    """One reading of the walls."""
+    """A mask of what may be wall, drawn in one style."""
 
     style: str
     """In words."""
@@ -47,15 +47,15 @@ class Candidate:
 
 
 def find_candidates(darkness: np.ndarray) -> list[Candidate]:
-    """Readings as solid walls (black, and each grey tone), as hatched walls, as double lines."""
+    """Candidates as solid walls (black, and each grey tone), as hatched walls, as double lines."""
     lines = (darkness > LINE).astype(np.uint8)
     extent = _extent(lines)
     if extent < 30:
         return []
-    runtime = find_line_work(lines, max(int(extent / 14), 6))
-    line_px = runtime.line_px
+    line_work = find_line_work(lines, max(int(extent / 14), 6))
+    line_px = line_work.line_px
     result = [*_black(darkness, line_px, extent), *_grey(darkness, line_px, extent)]
-    result += _hatched(lines, runtime, extent)
+    result += _hatched(lines, line_work, extent)
     cells = find_wall_cells(lines, line_px, extent)
     if cells.any():
         grow = line_px / 2
@@ -66,7 +66,7 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     bars = opened(lines, max(round(1.5 * line_px), round(line_px) + 2))
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
     bars = cv2.erode(bars, np.ones((int(line_px) | 1,) * 2, np.uint8))
-    for inside in between_lines(runtime, bars):
+    for inside in between_lines(line_work, bars):
         grow = line_px / 2
         result.append(
             Candidate("double lines", inside.strips, "stroke", LINE, grow, 1.0, inside.bars)
@@ -194,13 +194,13 @@ def _inside_outlines(
     return opened(closed(inner, int(line_px) + 2), 3)  # texts and lines across are filled
 
 
-def _hatched(lines: np.ndarray, runtime: LineWork, extent: float) -> list[Candidate]:
+def _hatched(lines: np.ndarray, line_work: LineWork, extent: float) -> list[Candidate]:
     """Walls that become solid when gaps as wide as those of the hatching are filled."""
-    empty = runtime.empty_strips(lines)
+    empty = line_work.empty_strips(lines)
     result, size = [], 3
     while size <= max(extent / 60, 5):
-        least = int(max(size, 2 * runtime.line_px)) + 1
-        walls = fill_hatching(lines, runtime, empty, size, least)
+        least = int(max(size, 2 * line_work.line_px)) + 1
+        walls = fill_hatching(lines, line_work, empty, size, least)
         result.append(
             Candidate("hatched", walls.mask, "stroke", LINE, walls.grow_px, least,
                       hatched_share=walls.share)

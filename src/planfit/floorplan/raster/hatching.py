@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from planfit.floorplan.raster.morphology import closed, opened
-from planfit.floorplan.raster.strips import LineWork
+from planfit.floorplan.raster.line_work import LineWork, closed, opened
 
 _MOSTLY = 0.5
 """From this share of hatched inside on, all walls of the drawing are taken to be hatched."""
@@ -25,7 +24,7 @@ class Hatching:
 
 
 def fill_hatching(
-    lines: np.ndarray, runtime: LineWork, empty: np.ndarray, size: int, least: int
+    lines: np.ndarray, line_work: LineWork, empty: np.ndarray, size: int, least: int
 ) -> Hatching:
     """Fill gaps narrower than `size` px and keep what is then at least `least` px thick.
 
@@ -35,22 +34,24 @@ def fill_hatching(
 
     Args:
         lines: (h, w) uint8, 1 on everything dark.
-        runtime: lines along the axes.
+        line_work: lines along the axes.
         empty: (h, w) uint8, 1 in empty strips between these.
         size: px.
         least: px.
     """
-    oblique = lines & (1 - (runtime.along[0] | runtime.along[1]))
+    oblique = lines & (1 - (line_work.along[0] | line_work.along[1]))
     filled = closed(lines, size)
     filled &= (1 - empty) | lines
     mask = opened(filled, least)
-    share = _hatched_share(mask, oblique, size, runtime.line_px)
+    share = _hatched_share(mask, oblique, size, line_work.line_px)
     if share < _MOSTLY:
-        return Hatching(mask, share, -runtime.line_px / 2)
-    line_px = round(runtime.line_px)
+        return Hatching(mask, share, -line_work.line_px / 2)
+    line_px = round(line_work.line_px)
     mask = closed(_hatched_cells(filled, lines, oblique), line_px + 3)
-    mask = _outlined_alike(opened(mask, max(line_px + 2, size // 2)), runtime)
-    return Hatching(mask, _hatched_share(mask, oblique, size, runtime.line_px), runtime.line_px / 2)
+    mask = _outlined_alike(opened(mask, max(line_px + 2, size // 2)), line_work)
+    return Hatching(
+        mask, _hatched_share(mask, oblique, size, line_work.line_px), line_work.line_px / 2
+    )
 
 
 def _hatched_share(mask: np.ndarray, oblique: np.ndarray, size: int, line_px: float) -> float:
@@ -74,12 +75,12 @@ def _hatched_cells(filled: np.ndarray, lines: np.ndarray, oblique: np.ndarray) -
     return is_hatched[np.asarray(labels, dtype=int)]
 
 
-def _outlined_alike(mask: np.ndarray, runtime: LineWork) -> np.ndarray:
+def _outlined_alike(mask: np.ndarray, line_work: LineWork) -> np.ndarray:
     """Where most walls have lines along their faces, all have: words, which close up too, have none."""
     count, labels = cv2.connectedComponents(mask, connectivity=4)
     rim = mask & (1 - cv2.erode(mask, np.ones((3, 3), np.uint8)))
-    reach = 2 * round(runtime.line_px) + 3
-    lined = cv2.dilate(np.bitwise_or(*runtime.along), np.ones((reach, reach), np.uint8))
+    reach = 2 * round(line_work.line_px) + 3
+    lined = cv2.dilate(np.bitwise_or(*line_work.along), np.ones((reach, reach), np.uint8))
     n_rim = np.bincount(labels[rim > 0], minlength=count)
     share = np.bincount(labels[(rim > 0) & (lined > 0)], minlength=count) / np.maximum(n_rim, 1)
     if n_rim[share > 0.75].sum() < 0.6 * n_rim.sum():

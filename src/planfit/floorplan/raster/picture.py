@@ -1,12 +1,9 @@
-"""A picture of a plan, made ready for reading: as darkness over its paper, upright."""
+"""A picture made ready for interpretation: as darkness over its paper, upright, without its frame."""
 
-import warnings
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image, ImageOps, UnidentifiedImageError
 
 from planfit.errors import FloorplanError
 
@@ -16,7 +13,6 @@ _PAPER = 0.12
 """Darkness below this is paper."""
 MIN_PAPER_SHARE = 0.25
 """Drawings are mostly paper; photographs of other things are not."""
-
 _PEAK = 0.25
 """Walls have at least this share of the line work of the most frequent direction."""
 _APART_BINS = 16
@@ -27,6 +23,10 @@ _MAX_WINDOWS = 3
 """Windows of 1.2 deg that the turn is looked for in, each about the end of the one before."""
 _LONG_LINE = 1 / 12
 """Walls have lines longer than this share of the drawing; hatching, as long as walls are thick, has none."""
+_DARK = 0.3
+_WIDE, _ALIKE = 0.08, 1.4
+"""The outer line of a building of double lines is as far from the next line on all four sides, up to the
+factor; a frame is not, or is further away than this share of the sheet."""
 
 
 @dataclass(frozen=True)
@@ -41,43 +41,8 @@ class Upright:
     """Turn of the lines in the picture, counter-clockwise as seen."""
 
 
-def load_picture(path: Path) -> np.ndarray:
-    """(h, w, 3) uint8 BGR, as a viewer shows it: transparent is white, EXIF turns are made.
-
-    Raises:
-        FloorplanError: not a picture, damaged, or too large to be read in reasonable time.
-    """
-    try:
-        # Pillow's own limit warns from 89 million pixels on and raises from twice that.
-        with warnings.catch_warnings(action="ignore"), Image.open(path) as file:
-            _check_size(str(path), file.width, file.height)
-            turned = ImageOps.exif_transpose(file)
-            if turned.mode.startswith("I") or turned.mode == "F":  # 16 and 32 bits a pixel
-                values = np.asarray(turned, dtype=float)
-                top = max(float(values.max()), 1.0)
-                top = 65535.0 if 255.0 < top <= 65535.0 else max(top, 255.0)
-                turned = Image.fromarray(np.round(values / top * 255).astype(np.uint8))
-            rgba = turned.convert("RGBA")
-            page = Image.new("RGBA", rgba.size, "white")
-            page.alpha_composite(rgba)
-            rgb = np.asarray(page.convert("RGB"))
-    except FloorplanError:
-        raise
-    except Image.DecompressionBombError as error:
-        raise FloorplanError(
-            f"{path}: expected a picture of at most {MAX_PIXELS // 1_000_000} million pixels, found "
-            f"more than {2 * (Image.MAX_IMAGE_PIXELS or MAX_PIXELS) // 1_000_000} million; "
-            "scale it down until walls are 10 to 30 px thick"
-        ) from error
-    except (OSError, ValueError, SyntaxError, UnidentifiedImageError) as error:  # fmt: skip
-        raise FloorplanError(
-            f"{path}: expected a picture (PNG, JPEG, TIFF), found a damaged or other file; "
-            "open it in a viewer and save it again"
-        ) from error
-    return np.ascontiguousarray(rgb[..., ::-1])
-
-
-def _check_size(name: str, width: int, height: int) -> None:
+def check_size(name: str, width: int, height: int) -> None:
+    """Raise `FloorplanError` where a picture is too large to be read in reasonable time, or too small."""
     if max(width, height) > MAX_SIDE_PX or width * height > MAX_PIXELS:
         raise FloorplanError(
             f"{name}: expected a picture of at most {MAX_SIDE_PX} px a side and "
@@ -100,7 +65,7 @@ def make_darkness(image_bgr: np.ndarray, name: str, is_judged: bool = True) -> n
         FloorplanError: too large or small, or the picture has no paper (it is a photograph of something
             else) or nothing on it.
     """
-    _check_size(name, image_bgr.shape[1], image_bgr.shape[0])
+    check_size(name, image_bgr.shape[1], image_bgr.shape[0])
     grey = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY)
     if np.median(grey) < 100:  # a drawing in white on dark
         grey = 255 - grey
@@ -247,3 +212,52 @@ def _sharpness(small: np.ndarray, angle_deg: float) -> float:
     turned = cv2.warpAffine(small, matrix, (w, h), flags=cv2.INTER_LINEAR)
     rows, columns = turned.sum(axis=1), turned.sum(axis=0)
     return float((np.diff(rows) ** 2).sum() + (np.diff(columns) ** 2).sum())
+
+
+def without_frame(darkness: np.ndarray) -> np.ndarray:
+    """The picture (h, w) with the frame blanked; the same where there is none."""
+    lines = (darkness > _DARK).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
+    marks = stats[1:][stats[1:, 4] > 40]  # specks lie anywhere
+    if len(marks) == 0:
+        return darkness
+    low = marks[:, :2].min(axis=0)
+    width, height = (marks[:, :2] + marks[:, 2:4]).max(axis=0) - low
+    is_all_round = (stats[:, 2] > 0.93 * width) & (stats[:, 3] > 0.93 * height)
+    is_all_round[0] = False
+    result = darkness
+    for label in np.flatnonzero(is_all_round):
+        others = np.delete(np.arange(1, count), label - 1)
+        # Specks outside do not matter.
+        inside = others[stats[others, 4] > 1e-4 * height * width]
+        if len(inside) == 0 or stats[label, 4] > stats[others, 4].sum():
+            continue
+        box, rest = stats[label], stats[inside]
+        if (rest[:, :2] < box[:2]).any() or (rest[:, :2] + rest[:, 2:4] > box[:2] + box[2:4]).any():
+            continue
+        part = slice(box[1], box[1] + box[3]), slice(box[0], box[0] + box[2])
+        mask = labels == label
+        if _has_four_sides(mask[part]) and not _is_outline(
+            (lines[part] > 0) & ~mask[part], 0.3 * max(height, width)
+        ):
+            blank = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+            result = np.where(blank, np.float32(0.0), result)
+    return result
+
+
+def _is_outline(inside: np.ndarray, far: float) -> bool:
+    """Whether what is inside (h, w) bool a closed line keeps the distance of a wall to it on all sides."""
+    gaps = []
+    for turned in (inside, inside[::-1], inside.T, inside.T[::-1]):
+        first = np.argmax(turned, axis=0)[turned.any(axis=0)]
+        first = first[first < far]
+        gaps.append(float(np.median(first)) if len(first) else far)
+    return max(gaps) < min(_WIDE * max(inside.shape), _ALIKE * min(gaps) + 3.0)
+
+
+def _has_four_sides(mask: np.ndarray) -> bool:
+    """Whether lines run along most of every side of a component's box."""
+    band = max(3, max(mask.shape) // 60)
+    sides = (mask[:band].any(axis=0), mask[-band:].any(axis=0),
+             mask[:, :band].any(axis=1), mask[:, -band:].any(axis=1))  # fmt: skip
+    return all(side.mean() > 0.9 for side in sides)

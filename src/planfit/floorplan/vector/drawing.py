@@ -6,8 +6,6 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from planfit.geometry import segments
-
 ABSURD = 1e9
 """No national grid reaches this far, in any unit: such coordinates are faults of the file."""
 
@@ -17,7 +15,7 @@ class Lines:
     """Straight pieces of line work, x right and y up in the drawing."""
 
     ends: np.ndarray  # (n, 2, 2)
-    layer: np.ndarray  # (n,) index into `Drawing.layers`
+    layer: np.ndarray  # (n,) index into `VectorDrawing.layers`
     path: np.ndarray  # (n,) which path of the file a piece belongs to
     style: np.ndarray  # (n,) equal where colour and stroke width are
     is_curved: np.ndarray  # (n,) bool, piece of an arc, a circle or a spline
@@ -57,7 +55,7 @@ class Text:
 
 
 @dataclass(frozen=True)
-class Drawing:
+class VectorDrawing:
     """Everything of a drawing that tells about walls; coordinates in the file's unit, y up."""
 
     lines: Lines
@@ -118,46 +116,20 @@ class DrawingBuilder:
         if area.area > 0:
             self.fills.append(Fill(area, self.layer(layer), colour))
 
-    def build(self) -> tuple[Lines, tuple[Fill, ...], tuple[Text, ...], tuple[str, ...]]:
-        """The parts of a `Drawing`."""
+    def build(
+        self,
+        metres_per_unit: float | None = None,
+        unit: str = "unknown",
+        hidden_layers: tuple[str, ...] = (),
+    ) -> "VectorDrawing":
+        """The drawing of all that was added; see `VectorDrawing` for the arguments."""
         numbers = np.concatenate([*self._numbers, np.zeros((0, 4), dtype=int)])
         ends = np.concatenate([*self._ends, np.zeros((0, 2, 2))])
         lines = Lines(ends, numbers[:, 0], numbers[:, 1], numbers[:, 2], numbers[:, 3].astype(bool))
-        lines = _clipped(lines, self._clips)
-        return lines, tuple(self.fills), tuple(self.texts), tuple(self._layers)
-
-
-def cleaned(drawing: Drawing) -> tuple[Drawing, tuple[str, ...]]:
-    """The drawing without pieces that no plan has, and a sentence on each kind left out."""
-    lines, notes = drawing.lines, []
-    with np.errstate(invalid="ignore"):
-        is_absurd = np.asarray(~(np.abs(lines.ends) < ABSURD).all(axis=(1, 2)))
-    if is_absurd.any():
-        notes.append(
-            f"{_count(is_absurd.sum(), 'line')} with coordinates that are no numbers or beyond 1e9"
-        )
-        lines = lines.take(~is_absurd)
-    if len(lines):
-        extent = usual_extent(lines.ends.reshape(-1, 2))
-        is_point = segments.lengths(lines.ends) <= 1e-7 * extent
-        if is_point.any():
-            notes.append(f"{_count(is_point.sum(), 'line')} without length")
-            lines = lines.take(~is_point)
-        unit = max(1e-6 * extent, 1e-12)
-        keys = np.round(lines.ends / unit).astype(np.int64).reshape(-1, 4)
-        is_turned = (keys[:, 0] > keys[:, 2]) | (
-            (keys[:, 0] == keys[:, 2]) & (keys[:, 1] > keys[:, 3])
-        )
-        keys[is_turned] = keys[is_turned][:, [2, 3, 0, 1]]
-        _, first = np.unique(np.column_stack([keys, lines.layer]), axis=0, return_index=True)
-        # They stay: outlines of neighbours share sides, and each is needed whole to be closed. Lines on
-        # one another are one wall in `merge_collinear`.
-        if len(first) < len(lines):
-            notes.append(f"{_count(len(lines) - len(first), 'line')} drawn twice")
-    lines = _simplified(lines)
-    lines = lines.take(segments.lengths(lines.ends) > 0)
-    lines = replace(lines, is_curved=lines.is_curved | bent_pieces(lines))
-    return replace(drawing, lines=lines), tuple(notes)
+        return VectorDrawing(
+            _clipped(lines, self._clips), tuple(self.fills), tuple(self.texts), tuple(self._layers),
+            metres_per_unit, unit, hidden_layers,
+        )  # fmt: skip
 
 
 def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:
@@ -190,75 +162,3 @@ def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:
     ends, order = np.concatenate(ends)[keep], order[keep]
     in_order = np.argsort(order, kind="stable")
     return replace(lines.take(order[in_order]), ends=ends[in_order])
-
-
-def _simplified(lines: Lines) -> Lines:
-    """Paths with fewer corners, none off by more than 3e-5 of the drawing (a millimetre in a
-    building of 30 m): some files hold curves as tens of thousands of pieces."""
-    n = len(lines)
-    if n < 4:
-        return lines
-    extent = usual_extent(lines.ends.reshape(-1, 2))
-    joined = (
-        (lines.path[:-1] == lines.path[1:])
-        & (lines.is_curved[:-1] == lines.is_curved[1:])
-        & (np.abs(lines.ends[:-1, 1] - lines.ends[1:, 0]).max(axis=1) <= 1e-9 * extent)
-    )
-    first = np.flatnonzero(np.concatenate([[True], ~joined]))
-    run = np.repeat(np.arange(len(first)), np.diff(np.append(first, n)))
-    last = np.append(first[1:], n) - 1
-    points = np.concatenate([lines.ends[:, 0], lines.ends[last, 1]])
-    owner = np.concatenate([run, np.arange(len(first))])
-    order = np.argsort(owner, kind="stable")
-    paths = shapely.linestrings(points[order], indices=owner[order])
-    simple, of = shapely.get_coordinates(
-        shapely.simplify(paths, 3e-5 * extent, preserve_topology=False), return_index=True
-    )
-    same = of[:-1] == of[1:]
-    taken = lines.take(first[of[:-1][same]])
-    return replace(taken, ends=np.stack([simple[:-1][same], simple[1:][same]], axis=1))
-
-
-def bent_pieces(lines: Lines) -> np.ndarray:
-    """(n,) bool: pieces of curves that a file holds as short straight pieces.
-
-    A piece is of a curve where it turns by 2 to 40 degrees to the same side at both ends, or follows
-    such a piece with such a turn.
-    """
-    n = len(lines)
-    if n < 3:
-        return np.zeros(n, dtype=bool)
-    along = segments.directions(lines.ends)
-    turn = np.arctan2(
-        along[:-1, 0] * along[1:, 1] - along[:-1, 1] * along[1:, 0],
-        np.einsum("ni,ni->n", along[:-1], along[1:]),
-    )
-    length = segments.lengths(lines.ends)
-    gap = np.linalg.norm(lines.ends[1:, 0] - lines.ends[:-1, 1], axis=1)
-    joined = (lines.path[:-1] == lines.path[1:]) & (
-        gap < 1e-3 * np.minimum(length[:-1], length[1:])
-    )
-    bend = np.where(
-        joined & (np.abs(turn) > np.deg2rad(2)) & (np.abs(turn) < np.deg2rad(40)),
-        np.sign(turn),
-        0.0,
-    )
-    before, after = np.concatenate([[0.0], bend]), np.concatenate([bend, [0.0]])
-    is_curved = before * after > 0
-    follows = (before != 0) & np.concatenate([[False], is_curved[:-1]])
-    leads = (after != 0) & np.concatenate([is_curved[1:], [False]])
-    return is_curved | follows | leads
-
-
-def usual_extent(points: np.ndarray) -> float:
-    """Larger side of the box around points (n, 2), without those further from the middle than twenty times
-    the median: one stray line a world away must not make the rest specks."""
-    away = np.abs(points - np.median(points, axis=0))
-    usual = float(np.median(away, axis=0).max())
-    near = away.max(axis=1) <= 20 * usual
-    extent = float(np.ptp(points[near], axis=0).max()) if near.any() else 0.0
-    return extent if extent > 0 else float(np.ptp(points, axis=0).max())
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}" + ("" if n == 1 else "s")

@@ -1,4 +1,4 @@
-"""What filled areas mean: solid wall, or the floors of rooms with the walls left white between."""
+"""What filled and hatched areas mean: solid wall, or the floors of rooms with the walls left out between."""
 
 import itertools
 from dataclasses import dataclass
@@ -7,9 +7,12 @@ import numpy as np
 import scipy.sparse
 import shapely
 from shapely.geometry.base import BaseGeometry
+from shapely.geometry.polygon import orient
 
+from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.vector.drawing import Fill
 from planfit.floorplan.vector.layer_names import Role
+from planfit.floorplan.vector.line_work import cut_out
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ def sort_fills(fills: tuple[Fill, ...], roles: list[Role], extent: float) -> Are
         parts = parts[sizes > (1e-3 * extent) ** 2]
         if len(parts) == 0:
             continue
-        slim = _weighted_median(perimeters**2 / (16 * np.maximum(sizes, 1e-300)), sizes)
+        slim = weighted_median(perimeters**2 / (16 * np.maximum(sizes, 1e-300)), sizes)
         coverage = sizes.sum() / max(shapely.convex_hull(area).area, 1e-300)
         is_called_wall = roles[layer] == Role.WALL
         looks_like_wall = slim > 2.5 and coverage < 0.45
@@ -72,12 +75,6 @@ def _outline_length(polygon: BaseGeometry) -> float:
 def _is_dark(colour: tuple[int, int, int] | None) -> bool:
     """Black to light grey, or unknown: colours are for rooms."""
     return colour is None or (max(colour) - min(colour) < 40 and max(colour) < 230)
-
-
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    order = np.argsort(values)
-    share = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
 def main_rooms(rooms: list[BaseGeometry], extent: float) -> list[BaseGeometry]:
@@ -158,3 +155,30 @@ def _covers(hatches: np.ndarray, area: BaseGeometry) -> bool:
     reach = 0.6 * float(np.percentile(np.asarray(steps, dtype=float), 75))
     bands = shapely.buffer(shapely.linestrings(hatches), reach, cap_style="square")
     return shapely.intersection(shapely.union_all(bands), area).area > 0.6 * area.area
+
+
+def edges_of_rooms(rooms: list[BaseGeometry], tolerance: float) -> np.ndarray:
+    """Edges (n, 2, 2) of rooms with the room on the left; where two rooms meet without a wall
+    between them, within `tolerance`, there is none."""
+    parts = [p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
+             if p.geom_type == "Polygon" and not p.is_empty]  # fmt: skip
+    tree = shapely.STRtree(parts)
+    edges = []
+    for i, part in enumerate(parts):
+        polygon = orient(part)
+        others = [parts[j] for j in tree.query(part, "dwithin", tolerance) if j != i]
+        near = shapely.buffer(shapely.union_all(others), 1.5 * tolerance)
+        for ring in (polygon.exterior, *polygon.interiors):
+            corners = np.asarray(ring.coords)[:, :2]
+            ends = np.stack([corners[:-1], corners[1:]], axis=1)
+            edges.append(cut_out(ends, near, 3 * tolerance)[0])
+    return np.concatenate([*edges, np.zeros((0, 2, 2))])
+
+
+def outside_rooms(
+    ends: np.ndarray, rooms: list[BaseGeometry], tolerance: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The pieces (m, 2, 2) of lines that lie in no room nor along its edge, and the line (m,) each
+    is of: what is drawn inside a room is furniture, stairs and text."""
+    area = shapely.buffer(shapely.union_all(rooms), tolerance)
+    return cut_out(ends, area, 3 * tolerance)

@@ -1,20 +1,28 @@
 """From a picture of a plan to its wall faces."""
 
-import hashlib
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
 import shapely
+from jaxtyping import Bool, UInt8
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
-from planfit.floorplan.raster.choose import Reading, choose, straight_length, trace
-from planfit.floorplan.raster.frame import without_frame
+from planfit.floorplan.raster.interpretation import (
+    Interpretation,
+    choose,
+    interpret,
+    straight_length,
+)
 from planfit.floorplan.raster.openings import find_openings
-from planfit.floorplan.raster.picture import Upright, load_picture, make_darkness, make_upright
+from planfit.floorplan.raster.picture import (
+    Upright,
+    make_darkness,
+    make_upright,
+    without_frame,
+)
 from planfit.floorplan.raster.storeys import find_storeys, storey_words
 from planfit.floorplan.raster.trace import settle_faces
 from planfit.floorplan.types import Floorplan, PlanSource
@@ -30,56 +38,47 @@ _LEAST_LONG_SHARE = 0.25
 _DOUBTFUL_STRAIGHT = 0.6
 
 
-def read_raster(path: Path, options: PlanOptions) -> Floorplan:
-    """Read a PNG, JPEG or TIFF picture of a plan.
-
-    Plan x-y are the picture's (u, -v): pixels, unless the options tell the scale.
-
-    Raises:
-        FloorplanError: no picture, too large or too small, blank, a photograph, or without walls.
-    """
-    fingerprint = hashlib.sha256(path.read_bytes())
-    if options.wall_mask is not None:
-        if not options.wall_mask.exists():
-            raise FloorplanError(
-                f"{options.wall_mask}: expected a wall mask, found nothing; check the path"
-            )
-        fingerprint.update(options.wall_mask.read_bytes())
-    image = load_picture(path)
-    return read_picture(image, str(path), fingerprint.hexdigest()[:16], options, "raster picture")
-
-
-def read_picture(
-    image_bgr: np.ndarray, name: str, fingerprint: str, options: PlanOptions, kind: str
+def plan_of_picture(
+    image_bgr: UInt8[np.ndarray, "h w 3"],
+    name: str,
+    fingerprint: str,
+    options: PlanOptions,
+    kind: str,
+    wall_mask: Bool[np.ndarray, "h w"] | None = None,
 ) -> Floorplan:
-    """Read a picture (h, w, 3) uint8 of a plan; see `read_raster`.
+    """Wall faces of a picture of a plan; x-y are the picture's (u, -v) in pixels, or metres where the options
+    tell the scale.
 
     Args:
         image_bgr: integer pixels are pixel centres.
         name: of the file, for messages.
         fingerprint: of the file.
-        options: unit, scale, storey and wall mask are used.
+        options: unit, scale and storey are used.
         kind: of the file, in words.
+        wall_mask: where there is wall; None where the picture is to tell.
+
+    Raises:
+        FloorplanError: too large or too small, blank, a photograph, or without walls.
     """
-    mask = None if options.wall_mask is None else _load_mask(options.wall_mask, image_bgr, name)
+    mask = wall_mask
     darkness = make_darkness(image_bgr, name, is_judged=mask is None)
     upright = make_upright(darkness if mask is None else mask.astype(np.float32))
     if mask is not None:
-        upright = _same_turn(darkness, upright)
+        upright = _same_rotation(darkness, upright)
     side = max(upright.darkness.shape)
     shrink = side / WORK_SIDE_PX if side > 1.5 * WORK_SIDE_PX else 1.0
     small = _shrunk(upright.darkness, shrink)
     if mask is None:
         small = without_frame(small)
-        reading = choose(find_candidates(small), find_extent(small))
+        interpretation = choose(find_candidates(small), find_extent(small))
     else:
-        turned = _shrunk(_turned(mask.astype(np.float32), upright), shrink)
-        given = Candidate("as given", (turned > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
-        reading = trace(given, float(max(small.shape)), is_given=True)
-    _check(name, reading, small.shape)
-    assert reading is not None
-    found = _faces(reading, upright, shrink)
-    return _to_floorplan(found, reading, upright, (name, fingerprint, kind), options, shrink)
+        rotated = _shrunk(_rotated(mask.astype(np.float32), upright), shrink)
+        given = Candidate("as given", (rotated > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
+        interpretation = interpret(given, float(max(small.shape)), is_given=True)
+    _check(name, interpretation, small.shape)
+    assert interpretation is not None
+    found = _faces(interpretation, upright, shrink)
+    return _to_floorplan(found, interpretation, upright, (name, fingerprint, kind), options, shrink)
 
 
 @dataclass(frozen=True)
@@ -92,16 +91,22 @@ class _Found:
     storeys: tuple[str, ...]
 
 
-def _check(name: str, reading: Reading | None, shape: tuple[int, ...]) -> None:
+def _check(name: str, interpretation: Interpretation | None, shape: tuple[int, ...]) -> None:
     """Refuse what is no plan."""
     found = ""
-    if reading is None or not reading.walls:
+    if interpretation is None or not interpretation.walls:
         found = "none"
     else:
-        length = float(sum(shapely.length(np.array(reading.walls, dtype=object))))
-        if reading.candidate.edge != "mask" and reading.straight_share < _LEAST_STRAIGHT:
+        length = float(sum(shapely.length(np.array(interpretation.walls, dtype=object))))
+        if (
+            interpretation.candidate.edge != "mask"
+            and interpretation.straight_share < _LEAST_STRAIGHT
+        ):
             found = "shapes without straight sides"
-        elif reading.candidate.edge != "mask" and _long_share(reading) < _LEAST_LONG_SHARE:
+        elif (
+            interpretation.candidate.edge != "mask"
+            and _long_share(interpretation) < _LEAST_LONG_SHARE
+        ):
             found = "short strokes, as of letters or curves"
         elif length < 0.5 * max(shape):
             found = f"{length:.0f} px of them, too little for a building"
@@ -112,36 +117,20 @@ def _check(name: str, reading: Reading | None, shape: tuple[int, ...]) -> None:
         )
 
 
-def _long_share(reading: Reading) -> float:
+def _long_share(interpretation: Interpretation) -> float:
     """Share of the outline of the walls in edges several times as long as walls are thick."""
-    long = sum(straight_length(wall, 5.0 * reading.thickness_px) for wall in reading.walls)
-    return long / sum(wall.length for wall in reading.walls)
+    long = sum(
+        straight_length(wall, 5.0 * interpretation.thickness_px) for wall in interpretation.walls
+    )
+    return long / sum(wall.length for wall in interpretation.walls)
 
 
-def _load_mask(path: Path, image: np.ndarray, name: str) -> np.ndarray:
-    """(h, w) uint8, 1 where the user's picture is white."""
-    if not path.exists():
-        raise FloorplanError(f"{path}: expected a wall mask, found nothing; check the path")
-    mask = load_picture(path).mean(axis=2) > 127
-    if mask.shape != image.shape[:2]:
-        h, w = image.shape[:2]
-        raise FloorplanError(
-            f"{path}: expected a wall mask of the size of {name}, {w} x {h} px, "
-            f"found {mask.shape[1]} x {mask.shape[0]}; resize it"
-        )
-    if not mask.any() or mask.all():
-        raise FloorplanError(
-            f"{path}: expected white where there is wall and black elsewhere, found one tone"
-        )
-    return mask.astype(np.uint8)
+def _same_rotation(darkness: np.ndarray, upright: Upright) -> Upright:
+    return Upright(_rotated(darkness, upright), upright.upright_from_picture, upright.skew_deg)
 
 
-def _same_turn(darkness: np.ndarray, upright: Upright) -> Upright:
-    return Upright(_turned(darkness, upright), upright.upright_from_picture, upright.skew_deg)
-
-
-def _turned(values: np.ndarray, upright: Upright) -> np.ndarray:
-    """A picture turned as the upright one was."""
+def _rotated(values: np.ndarray, upright: Upright) -> np.ndarray:
+    """A picture rotated as the upright one was."""
     if upright.skew_deg == 0.0:
         return values
     h, w = upright.darkness.shape
@@ -154,19 +143,19 @@ def _shrunk(values: np.ndarray, shrink: float) -> np.ndarray:
     return cv2.resize(values, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
 
 
-def _faces(reading: Reading, upright: Upright, shrink: float) -> _Found:
+def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _Found:
     """Faces of each storey, where the ink of the full picture has them."""
-    walls = np.array(reading.walls, dtype=object)
-    least_px = max(0.5 * reading.thickness_px, 5.0)
+    walls = np.array(interpretation.walls, dtype=object)
+    least_px = max(0.5 * interpretation.thickness_px, 5.0)
     faces = faces_of_regions(shapely.GeometryCollection(list(walls)), 0.6, least_px)
     openings = find_openings(faces.ends, faces.normals, faces.thickness)
     small = _shrunk(upright.darkness, shrink)
-    storey_of = find_storeys(walls, reading.thickness_px, openings, small > LINE)
+    storey_of = find_storeys(walls, interpretation.thickness_px, openings, small > LINE)
     inside = faces.ends.mean(axis=1) - 0.5 * faces.normals
     storey = storey_of[shapely.STRtree(walls).nearest(shapely.points(inside))]
     size = np.array(upright.darkness.shape[::-1]) / np.array(small.shape[::-1])
     faces = RegionFaces((faces.ends + 0.5) * size - 0.5, faces.normals, faces.thickness * shrink)
-    candidate = reading.candidate
+    candidate = interpretation.candidate
     if candidate.edge != "mask" and len(faces.ends):
         faces = settle_faces(
             faces,
@@ -180,7 +169,7 @@ def _faces(reading: Reading, upright: Upright, shrink: float) -> _Found:
 
 def _to_floorplan(
     found: _Found,
-    reading: Reading,
+    interpretation: Interpretation,
     upright: Upright,
     origin: tuple[str, str, str],
     options: PlanOptions,
@@ -198,7 +187,10 @@ def _to_floorplan(
             f"{n_storeys} plans on one sheet, probably storeys: {words}; all are kept, "
             "choose one with --storey 0 and so on"
         )
-    if reading.candidate.edge != "mask" and reading.straight_share < _DOUBTFUL_STRAIGHT:
+    if (
+        interpretation.candidate.edge != "mask"
+        and interpretation.straight_share < _DOUBTFUL_STRAIGHT
+    ):
         warnings.append(
             "much that looks like wall was left out, because its form is none: compare the overlay "
             "(-o FILE.png) with the drawing"
@@ -211,7 +203,7 @@ def _to_floorplan(
             f"the sheet is turned by {upright.skew_deg:.1f} deg; faces are in its own axes"
         )
     picture_from_upright = cv2.invertAffineTransform(upright.upright_from_picture)
-    unit = choose_unit(options, None, "")
+    unit = choose_unit(options.unit, options.metres_per_unit)
     mirror = np.array([1.0, -1.0])
     plan = Floorplan(
         name,
@@ -223,17 +215,17 @@ def _to_floorplan(
         _moved(openings, picture_from_upright) * mirror,
         is_metric=False,
         source=PlanSource(
-            kind=f"{kind}, walls {reading.candidate.style}",
+            kind=f"{kind}, walls {interpretation.candidate.style}",
             unit="px" if unit.metres is None else f"px of {unit.metres:g} m",
             unit_from=unit.known_from or "unknown: a picture does not tell, and texts are not read",
             storey=options.storey,
             storeys=tuple(f"{k}: {w}" for k, w in enumerate(found.storeys))
             if n_storeys > 1
             else (),
-            dropped=_dropped_words(reading),
+            dropped=_dropped_words(interpretation),
             warnings=tuple(warnings),
             file_from_plan=np.diag([1.0, -1.0, 1.0]),
-            dropped_lines=_moved(_outlines(reading, shrink), picture_from_upright),
+            dropped_lines=_moved(_outlines(interpretation, shrink), picture_from_upright),
         ),
     )
     return plan if unit.metres is None else plan.scaled(unit.metres)
@@ -251,19 +243,19 @@ def _storey_number(name: str, asked: str, storeys: tuple[str, ...]) -> int:
     )
 
 
-def _dropped_words(reading: Reading) -> tuple[str, ...]:
-    if not reading.dropped:
+def _dropped_words(interpretation: Interpretation) -> tuple[str, ...]:
+    if not interpretation.dropped:
         return ()
     return (
-        f"{len(reading.dropped)} marks of the tone and thickness of walls, but not of their form "
+        f"{len(interpretation.dropped)} marks of the tone and thickness of walls, but not of their form "
         "(letters, arrows, furniture, frames)",
     )
 
 
-def _outlines(reading: Reading, shrink: float) -> np.ndarray:
+def _outlines(interpretation: Interpretation, shrink: float) -> np.ndarray:
     """Edges (k, 2, 2) of what was dropped, px of the upright picture."""
     parts = [np.zeros((0, 2, 2))]
-    for region in reading.dropped:
+    for region in interpretation.dropped:
         for ring in (region.exterior, *region.interiors):
             points = (np.asarray(ring.coords) + 0.5) * shrink - 0.5
             parts.append(np.stack([points[:-1], points[1:]], axis=1))

@@ -7,11 +7,12 @@ import scipy.spatial
 import trimesh
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.file import fingerprint_of
-from planfit.floorplan.options import METRES_PER_UNIT, PlanOptions
+from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.vector.scan_lines import wall_lines
-from planfit.floorplan.vector.shown_lines import MAX_LINES
+from planfit.floorplan.units import choose_unit
+from planfit.floorplan.vector.line_work import MAX_LINES
+from planfit.floorplan.vector.point_lines import wall_lines
 
 N_SAMPLES = 400_000
 HALF_BAND_M = 0.35
@@ -23,7 +24,7 @@ DASH_M = 0.02
 _NEIGHBOURS = 16
 
 
-def read_model(path: Path, options: PlanOptions) -> Floorplan:
+def read_mesh(path: Path, options: PlanOptions) -> Floorplan:
     """Wall faces of a mesh or point cloud (PLY, OBJ, GLB, STL, OFF), about the height of the cut.
 
     The vertical axis is the one along which most of the surface lies in a thin layer: the floor. GLB
@@ -33,7 +34,8 @@ def read_model(path: Path, options: PlanOptions) -> Floorplan:
         FloorplanError: it cannot be read, holds no surface, or no upright one at the cut.
     """
     points, normals, is_oriented = _surface(path)
-    scale = options.metres_per_unit or METRES_PER_UNIT.get(options.unit, 1.0)
+    unit = choose_unit(options.unit, options.metres_per_unit, "m", "assumed")
+    scale = 1.0 if unit.metres is None else unit.metres
     points = points * scale
     is_glb = path.suffix.lower() in (".glb", ".gltf")
     axis = 1 if is_glb else _vertical_axis(points, normals)
@@ -61,11 +63,11 @@ def read_model(path: Path, options: PlanOptions) -> Floorplan:
     rows[2, 2] = 1.0
     return Floorplan(
         str(path), lines.ends, lines.normals, np.full(len(lines.ends), is_oriented),
-        fingerprint_of(path), is_metric=options.unit != "unknown",
+        fingerprint_of(path), is_metric=unit.metres is not None,
         source=PlanSource(
             kind="mesh or point cloud",
-            unit="m" if options.unit == "auto" else options.unit,
-            unit_from="assumed" if options.unit == "auto" else "--unit",
+            unit=unit.name,
+            unit_from=unit.known_from,
             warnings=(f"up is {'xyz'[axis]} ({up}); the floor is at {floor:.2f} m",),
             dropped=(f"{lines.n_left} of {len(xy)} points on no straight wall",),
             file_from_plan=rows,

@@ -5,13 +5,20 @@ treads and hatches in rows at equal distance, panes of windows between two other
 in small pieces that touch nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import scipy.sparse
 import shapely
+from jaxtyping import Bool, Float, Int, Shaped
 
-from planfit.floorplan.faces import Partners, covered_lengths, find_partners, line_strings
+from planfit.floorplan.faces import (
+    Partners,
+    covered_lengths,
+    find_partners,
+    line_strings,
+    weighted_median,
+)
 from planfit.geometry import segments
 
 MIN_THICKNESS_M, MAX_THICKNESS_M = 0.03, 0.62
@@ -33,11 +40,32 @@ class Thickness:
 class LineFaces:
     """Faces among lines; all in the unit of the drawing."""
 
-    ends: np.ndarray  # (m, 2, 2)
-    normals: np.ndarray  # (m, 2)
-    is_oriented: np.ndarray  # (m,)
-    thickness: np.ndarray  # (m,) NaN where unknown
-    line: np.ndarray  # (m,) the line that each lies on
+    ends: Float[np.ndarray, "m 2 2"]
+    normals: Float[np.ndarray, "m 2"]
+    is_oriented: Bool[np.ndarray, " m"]
+    thickness: Float[np.ndarray, " m"]
+    """NaN where unknown."""
+    line: Int[np.ndarray, " m"]
+    """Index of the line that each lies on, -1 for none."""
+
+    def take(self, keep: Shaped[np.ndarray, " k"]) -> "LineFaces":
+        """Those of a mask or an index."""
+        return LineFaces(
+            self.ends[keep],
+            self.normals[keep],
+            self.is_oriented[keep],
+            self.thickness[keep],
+            self.line[keep],
+        )
+
+    @staticmethod
+    def together(parts: "list[LineFaces]") -> "LineFaces":
+        """All of several; none of no parts."""
+        none = LineFaces(
+            np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros(0, bool), np.zeros(0), np.zeros(0, int)
+        )
+        names = [field.name for field in fields(LineFaces)]
+        return LineFaces(*(np.concatenate([getattr(p, n) for p in [none, *parts]]) for n in names))
 
 
 def thickness_bounds(metres_per_unit: float | None, extent: float) -> tuple[float, float]:
@@ -62,10 +90,7 @@ def estimate_thickness(
     order = np.lexsort((gap, line))
     _, first = np.unique(line[order], return_index=True)
     nearest = order[first]
-    gap, weight = gap[nearest], overlap[nearest]
-    order = np.argsort(gap)
-    share = np.cumsum(weight[order]) / weight.sum()
-    usual = float(gap[order][np.searchsorted(share, 0.5)])
+    usual = weighted_median(gap[nearest], overlap[nearest])
     if metres_per_unit is None:
         return Thickness(usual, 0.2 * usual, min(4 * usual, most))
     return Thickness(usual, least, most)
@@ -142,17 +167,17 @@ def faces_of_lines(
     keep = (overlap > 0.8 * gap) & (free_side[pairs.line] != side)
     keep &= free_side[pairs.partner] != _side_seen_from_partner(ends, pairs)
     near = pairs
-    pairs = _taken(pairs, keep)
+    pairs = pairs.take(keep)
     is_inner = _inner_lines(ends, pairs, thickness) & (free_side == 0)
     keep = ~is_inner[pairs.line] & ~is_inner[pairs.partner]
-    pairs = _taken(pairs, keep)
+    pairs = pairs.take(keep)
     wall_side = _wall_sides(ends, pairs, free_side)
     keep = (wall_side[pairs.line] == np.sign(pairs.gap)) & (
         wall_side[pairs.partner] == _side_seen_from_partner(ends, pairs)
     )
-    pairs = _taken(pairs, keep)
+    pairs = pairs.take(keep)
     in_wall = _standing(ends, pairs, thickness, is_surely_wall | (free_side != 0))
-    pairs = _taken(pairs, in_wall[pairs.line])
+    pairs = pairs.take(in_wall[pairs.line])
     return _faces(ends, _with_short(ends, pairs, near, wall_side), wall_side, thickness), is_inner
 
 
@@ -173,12 +198,6 @@ def _with_short(
             for name in ("line", "partner", "gap", "low", "high")]  # fmt: skip
     order = np.argsort(both[0], kind="stable")
     return Partners(*(values[order] for values in both))
-
-
-def _taken(pairs: Partners, keep: np.ndarray) -> Partners:
-    return Partners(
-        pairs.line[keep], pairs.partner[keep], pairs.gap[keep], pairs.low[keep], pairs.high[keep]
-    )
 
 
 def _side_seen_from_partner(ends: np.ndarray, pairs: Partners) -> np.ndarray:
@@ -228,7 +247,7 @@ def _wall_sides(ends: np.ndarray, pairs: Partners, free_side: np.ndarray) -> np.
 def _standing(
     ends: np.ndarray, pairs: Partners, thickness: Thickness, is_surely_wall: np.ndarray
 ) -> np.ndarray:
-    """(n,) lines that belong to a piece of wall long enough to be one.
+    """(n,) lines that belong to a run of wall long enough to be one.
 
     Pieces are lines that are partners or touch. A piece needs a stretch four times as long as thick,
     and in all as much as a wall beside a door; what the layer calls wall, and columns there, need not.
@@ -299,9 +318,7 @@ def _faces(
     for i in np.flatnonzero(np.diff(starts)):
         mine = slice(starts[i], starts[i + 1])
         gap = np.abs(pairs.gap[mine])
-        weight = pairs.high[mine] - pairs.low[mine]
-        order = np.argsort(gap)
-        depth = float(gap[order][np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())])
+        depth = weighted_median(gap, pairs.high[mine] - pairs.low[mine])
         for low, high in _joined(pairs.low[mine], pairs.high[mine], thickness.most):
             if high - low < 1.5 * min(depth, thickness.usual):
                 continue  # ends of walls and jambs: too short to hold a scan to
