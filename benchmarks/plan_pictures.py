@@ -20,7 +20,7 @@ from planfit.floorplan import PlanOptions
 from planfit.floorplan.raster import read_picture
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
-from planfit.synth.drawing import STYLES, Drawing, DrawingOptions, draw_building
+from planfit.synth.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
 
 NEAR_PX = 3.0
 FIRST_SEED = 5000
@@ -44,7 +44,7 @@ class Score:
     """Median distance of faces found, where they are within 3 px."""
 
 
-def make_drawing(condition: str, style: str, seed: int) -> Drawing:
+def make_drawing(condition: str, style: str, seed: int) -> PlanPicture:
     rng = np.random.default_rng([seed, STYLES.index(style)])
     building = make_building(
         BuildingOptions(
@@ -65,7 +65,7 @@ def make_drawing(condition: str, style: str, seed: int) -> Drawing:
     return draw_building(building, options, rng)
 
 
-def score(drawing: Drawing, image: np.ndarray | None = None) -> Score:
+def score(drawing: PlanPicture, image: np.ndarray | None = None) -> Score:
     try:
         plan = read_picture(
             drawing.image if image is None else image, "drawing", "", PlanOptions(), "picture"

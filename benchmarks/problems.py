@@ -58,7 +58,7 @@ def make_problem(
     floorplan = _ring_corridor(side_m, piece_m or side_m)
     true = _walk(n_frames, frames_per_lap, side_m, rng)
     up = np.array([0.0, 0.0, 1.0])
-    drift = drift or DriftOptions(yaw_deg=0.02, shift_m=0.004)
+    drift = drift or DriftOptions(yaw_deg=0.02, translation_m=0.004)
     recorded = drift_poses(true, drift, rng, up)
     matches = _matches(true, frames_per_lap, neighbours, revisits, matches_per_pair, rng)
     structure, face_idx = _structure(true, floorplan, points_per_frame, rng)

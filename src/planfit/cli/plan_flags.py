@@ -25,8 +25,8 @@ class PlanFlags:
     cut_height_m: float = 1.2
     """Height above the storey's floor at which models (IFC, meshes) are cut."""
     wall_mask: Path | None = None
-    """Picture of the size of the plan, white where there is wall; takes the place of planfit's reading of
-    the picture."""
+    """Picture of the size of the plan, white where there is wall; takes the place of planfit's
+    interpretation of the picture."""
     mirror: bool = False
     """Swap left and right of the plan: for one that was drawn or exported mirrored."""
 

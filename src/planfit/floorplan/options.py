@@ -1,4 +1,4 @@
-"""Everything that can be chosen about the reading of a plan."""
+"""Everything that can be chosen about reading a plan."""
 
 from dataclasses import dataclass
 from pathlib import Path

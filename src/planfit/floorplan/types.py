@@ -39,7 +39,8 @@ class PlanSource:
     """From homogeneous plan x-y to the file's own coordinates (pixels for a picture, integer =
     pixel centre), to draw faces over the drawing; None where the file has no such coordinates."""
     drawn_lines: Float[np.ndarray, "k 2 2"] | None = None
-    """In the file's own coordinates: line work that was looked at for walls, the longest segments where there are very many, to be shown behind the faces; None for pictures and bare segments."""
+    """In the file's own coordinates: line work that was looked at for walls, the longest segments where
+    there are very many, to be shown behind the faces; None for pictures and bare segments."""
     dropped_lines: Float[np.ndarray, "d 2 2"] | None = None
     """In the file's own coordinates: outlines of what was left out, to be shown; None where nothing
     was or it has no place."""
@@ -257,6 +258,6 @@ def _given_sides(
     return left * np.sign(cosine)[:, None], is_given
 
 
-def _fingerprint(ends: np.ndarray, normals: np.ndarray | None) -> str:
+def _fingerprint(ends: Float[np.ndarray, "n 2 2"], normals: Float[np.ndarray, "n 2"] | None) -> str:
     content = ends.tobytes() + (b"" if normals is None else normals.tobytes())
     return hashlib.sha256(content).hexdigest()[:16]

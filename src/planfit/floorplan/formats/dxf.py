@@ -18,6 +18,7 @@ from ezdxf.disassemble import recursive_decompose
 from ezdxf.document import Drawing as Document
 from ezdxf.entities.dxfgfx import DXFGraphic
 from ezdxf.lldxf.const import DXFError
+from jaxtyping import Float
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
@@ -164,7 +165,7 @@ def _add(builder: DrawingBuilder, entity: DXFGraphic, layer: str, flatten: float
 
 
 def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten: float) -> None:
-    """Straight and curved pieces of a path apart: an arc between two walls is a door."""
+    """Straight and curved segments of a path apart: an arc between two walls is a door."""
     if len(made) == 0:
         return
     points, is_curved = [np.array(made.start)[:2]], []
@@ -174,9 +175,9 @@ def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten:
             points.append(np.array(command.end)[:2])
             is_curved.append(command.type == ezpath.Command.MOVE_TO)
         else:
-            piece = ezpath.Path(at)
-            piece.append_path(_single(at, command))
-            flat = _xy(piece.flattening(flatten, segments=4))[1:]
+            curve = ezpath.Path(at)
+            curve.append_path(_single(at, command))
+            flat = _xy(curve.flattening(flatten, segments=4))[1:]
             is_bent = _is_bent(np.array([np.array(at)[:2], *flat]))
             flat = flat if is_bent else flat[-1:]
             points.extend(flat)
@@ -186,15 +187,15 @@ def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten:
 
 
 def _single(start, command):
-    piece = ezpath.Path(start)
+    curve = ezpath.Path(start)
     if command.type == ezpath.Command.CURVE4_TO:
-        piece.curve4_to(command.end, command.ctrl1, command.ctrl2)
+        curve.curve4_to(command.end, command.ctrl1, command.ctrl2)
     else:
-        piece.curve3_to(command.end, command.ctrl)
-    return piece
+        curve.curve3_to(command.end, command.ctrl)
+    return curve
 
 
-def _is_bent(points: np.ndarray) -> bool:
+def _is_bent(points: Float[np.ndarray, "n 2"]) -> bool:
     """Some programs write straight walls as splines."""
     chord = points[-1] - points[0]
     length = math.hypot(*chord)
@@ -234,7 +235,7 @@ def _colour(entity: DXFGraphic) -> tuple[int, int, int] | None:
     return (red, green, blue)
 
 
-def _xy(points) -> np.ndarray:
+def _xy(points) -> Float[np.ndarray, "n 2"]:
     return np.array([(p[0], p[1]) for p in points], dtype=float).reshape(-1, 2)
 
 

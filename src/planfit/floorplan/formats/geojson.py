@@ -335,11 +335,11 @@ def _edges(
         for ring in (polygon.exterior, *polygon.interiors)
     ]
     ends = np.concatenate([np.stack([r[:-1], r[1:]], axis=1) for r in rings])
-    pieces, _ = shapely.get_parts(
+    parts, _ = shapely.get_parts(
         shapely.difference(shapely.linestrings(ends), shapely.union_all(gaps)), return_index=True
     )
-    pieces = pieces[shapely.length(pieces) > 0.05 * metre]
-    return ends_of(pieces)
+    parts = parts[shapely.length(parts) > 0.05 * metre]
+    return ends_of(parts)
 
 
 def _drawing(areas: list[BaseGeometry], features: list[_Feature]) -> VectorDrawing:

@@ -56,7 +56,7 @@ def fingerprint_with_mask(path: Path, options: PlanOptions) -> str:
 
 
 def load_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
-    """(h, w, 3) uint8 BGR, as a viewer shows it: transparent is white, EXIF rotations are made.
+    """BGR, as a viewer shows it: transparent is white, EXIF rotations are made.
 
     Raises:
         FloorplanError: not a picture, damaged, or too large to be read in reasonable time.

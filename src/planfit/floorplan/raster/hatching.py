@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from jaxtyping import UInt8
 
 from planfit.floorplan.raster.line_work import LineWork, closed, opened
 
@@ -15,8 +16,8 @@ _MOSTLY = 0.5
 class Hatching:
     """Walls found by filling gaps."""
 
-    mask: np.ndarray
-    """(h, w) uint8, 1 where there is wall."""
+    mask: UInt8[np.ndarray, "h w"]
+    """1 where there is wall."""
     share: float
     """Of the inside of the mask, what oblique lines cover as evenly as hatching does."""
     grow_px: float
@@ -24,7 +25,11 @@ class Hatching:
 
 
 def fill_hatching(
-    lines: np.ndarray, line_work: LineWork, empty: np.ndarray, size: int, least: int
+    lines: UInt8[np.ndarray, "h w"],
+    line_work: LineWork,
+    empty: UInt8[np.ndarray, "h w"],
+    size: int,
+    least: int,
 ) -> Hatching:
     """Fill gaps narrower than `size` px and keep what is then at least `least` px thick.
 
@@ -33,9 +38,9 @@ def fill_hatching(
     up to the outline: what is outlined beside them is not hatched.
 
     Args:
-        lines: (h, w) uint8, 1 on everything dark.
+        lines: 1 on everything dark.
         line_work: lines along the axes.
-        empty: (h, w) uint8, 1 in empty strips between these.
+        empty: 1 in empty strips between these.
         size: px.
         least: px.
     """
@@ -54,7 +59,9 @@ def fill_hatching(
     )
 
 
-def _hatched_share(mask: np.ndarray, oblique: np.ndarray, size: int, line_px: float) -> float:
+def _hatched_share(
+    mask: UInt8[np.ndarray, "h w"], oblique: UInt8[np.ndarray, "h w"], size: int, line_px: float
+) -> float:
     """Share of the inside of a mask that oblique lines cover evenly, at distances up to `size` px."""
     inside = cv2.erode(mask, np.ones((2 * round(line_px) + 1,) * 2, np.uint8)) > 0
     if not inside.any():
@@ -63,7 +70,11 @@ def _hatched_share(mask: np.ndarray, oblique: np.ndarray, size: int, line_px: fl
     return float(((density > 0.08) & (density < 0.8)).mean())
 
 
-def _hatched_cells(filled: np.ndarray, lines: np.ndarray, oblique: np.ndarray) -> np.ndarray:
+def _hatched_cells(
+    filled: UInt8[np.ndarray, "h w"],
+    lines: UInt8[np.ndarray, "h w"],
+    oblique: UInt8[np.ndarray, "h w"],
+) -> UInt8[np.ndarray, "h w"]:
     """Filled gaps whose rim is hatching: those of windows and beside furniture have lines along the axes."""
     gaps = (filled & (1 - lines)).astype(np.uint8)
     count, labels = cv2.connectedComponents(gaps, connectivity=4)
@@ -75,7 +86,9 @@ def _hatched_cells(filled: np.ndarray, lines: np.ndarray, oblique: np.ndarray) -
     return is_hatched[np.asarray(labels, dtype=int)]
 
 
-def _outlined_alike(mask: np.ndarray, line_work: LineWork) -> np.ndarray:
+def _outlined_alike(
+    mask: UInt8[np.ndarray, "h w"], line_work: LineWork
+) -> UInt8[np.ndarray, "h w"]:
     """Where most walls have lines along their faces, all have: words, which close up too, have none."""
     count, labels = cv2.connectedComponents(mask, connectivity=4)
     rim = mask & (1 - cv2.erode(mask, np.ones((3, 3), np.uint8)))

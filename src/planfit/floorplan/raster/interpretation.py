@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float, Shaped
 
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.candidates import Candidate
@@ -16,7 +17,7 @@ from planfit.floorplan.raster.trace import trace_regions
 _STRAIGHT = 0.6
 """Share of a wall's outline that is long and straight."""
 _LONG = 3.0
-"""A piece of wall by itself is at least this many times as long as it is thick."""
+"""A wall by itself is at least this many times as long as it is thick."""
 _APART = 24.0
 """A wall that hangs on no other has an outline at least this many times as long as it is thick."""
 _FATTEST = 1 / 9
@@ -74,7 +75,7 @@ def interpret(candidate: Candidate, extent_px: float, is_given: bool = False) ->
         )
     good = float(straight[is_wall].sum())
     straight_share = good / float(outline.sum())
-    # Walls hang together: long pieces are better evidence than many short ones of the same length.
+    # Walls hang together: long walls are better evidence than many short ones of the same length.
     weight = straight / (straight + 0.3 * extent_px)
     return Interpretation(
         candidate,
@@ -86,8 +87,8 @@ def interpret(candidate: Candidate, extent_px: float, is_given: bool = False) ->
     )
 
 
-def _joined(walls: np.ndarray, candidate: Candidate) -> tuple[shapely.Polygon, ...]:
-    """Pieces of wall that only a line parts become one."""
+def _joined(walls: Shaped[np.ndarray, " n"], candidate: Candidate) -> tuple[shapely.Polygon, ...]:
+    """Parts of walls that only a line separates become one."""
     if candidate.edge != "stroke":
         return tuple(walls)
     reach = max(0.6 * abs(candidate.grow_px), 0.6)
@@ -145,7 +146,9 @@ def straight_length(region: shapely.Polygon, least_px: float) -> float:
     return total
 
 
-def _are_columns(regions: np.ndarray, outline: np.ndarray, usual: float) -> np.ndarray:
+def _are_columns(
+    regions: Shaped[np.ndarray, " n"], outline: Float[np.ndarray, " n"], usual: float
+) -> Bool[np.ndarray, " n"]:
     """Compact rectangles at least as thick as most walls, and not much thicker."""
     area = shapely.area(regions)
     side = outline / 4
@@ -156,8 +159,11 @@ def _are_columns(regions: np.ndarray, outline: np.ndarray, usual: float) -> np.n
 
 
 def _are_frames(
-    regions: np.ndarray, outline: np.ndarray, is_wall: np.ndarray, is_thin: np.ndarray
-) -> np.ndarray:
+    regions: Shaped[np.ndarray, " n"],
+    outline: Float[np.ndarray, " n"],
+    is_wall: Bool[np.ndarray, " n"],
+    is_thin: Bool[np.ndarray, " n"],
+) -> Bool[np.ndarray, " n"]:
     """Closed rectangles around most of the other walls, which do not touch them: frames of the sheet, with
     a title block in them where they are thin."""
     result = np.zeros(len(regions), dtype=bool)
@@ -176,20 +182,20 @@ def _are_frames(
 
 
 def _are_part_of_the_building(
-    regions: np.ndarray,
-    straight: np.ndarray,
-    is_wall: np.ndarray,
-    thickness: np.ndarray,
+    regions: Shaped[np.ndarray, " n"],
+    straight: Float[np.ndarray, " n"],
+    is_wall: Bool[np.ndarray, " n"],
+    thickness: Float[np.ndarray, " n"],
     extent_px: float,
     usual: float,
-) -> np.ndarray:
-    """Large pieces, and small ones in line with them: what else is outlined is furniture.
+) -> Bool[np.ndarray, " n"]:
+    """Large regions, and small ones in line with them: what else is outlined is furniture.
 
     Args:
-        regions: (n,) polygons.
-        straight: (n,) length of their long edges, px.
-        is_wall: (n,) bool.
-        thickness: (n,) of the usual one.
+        regions: polygons.
+        straight: length of their long edges, px.
+        is_wall: what has the form of walls by itself.
+        thickness: in shares of the usual one.
         extent_px: of the drawing.
         usual: thickness, px.
     """
@@ -222,8 +228,10 @@ def _are_part_of_the_building(
     return result
 
 
-def _goes_on(own: np.ndarray, other: np.ndarray, thickness_px: float) -> bool:
-    """Whether two opposite long edges of a piece are in line with edges of a wall not far away."""
+def _goes_on(
+    own: Float[np.ndarray, "a 6"], other: Float[np.ndarray, "b 6"], thickness_px: float
+) -> bool:
+    """Whether two opposite long edges of a region are in line with edges of a wall not far away."""
     if len(own) == 0 or len(other) == 0:
         return False
     own = own[own[:, 5] > 0.6 * own[:, 5].max()]
@@ -235,7 +243,7 @@ def _goes_on(own: np.ndarray, other: np.ndarray, thickness_px: float) -> bool:
     return bool((in_line[:, :2] @ in_line[:, :2].T < -0.9).any())
 
 
-def _long_lines(region: shapely.Polygon) -> np.ndarray:
+def _long_lines(region: shapely.Polygon) -> Float[np.ndarray, "k 6"]:
     """Normal, offset, middle and length (k, 6) of a region's longer edges."""
     rows = []
     for ring in (region.exterior, *region.interiors):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from jaxtyping import Int, UInt8
 
 _LONG = 3.0
 """A strip is at least this many times as long as it is wide."""
@@ -15,15 +16,15 @@ _LINE_PX = 12
 """Line work along an axis is at least this long; letters and hatching are not."""
 
 
-def opened(mask: np.ndarray, size: int) -> np.ndarray:
+def opened(mask: UInt8[np.ndarray, "h w"], size: int) -> UInt8[np.ndarray, "h w"]:
     """Without what is thinner than `size` px."""
     kernel = np.ones((size, size), np.uint8)
-    # OpenCV's own opening shifts by a pixel where the size is even.
+    # OpenCV's own opening moves by a pixel where the size is even.
     back = (size - 1 - size // 2, size - 1 - size // 2)
     return cv2.dilate(cv2.erode(mask, kernel), kernel, anchor=back)
 
 
-def closed(mask: np.ndarray, size: int) -> np.ndarray:
+def closed(mask: UInt8[np.ndarray, "h w"], size: int) -> UInt8[np.ndarray, "h w"]:
     """With gaps thinner than `size` px filled."""
     reach = size + 1  # the border of the picture is no wall
     padded = cv2.copyMakeBorder(mask, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0)
@@ -37,15 +38,15 @@ def closed(mask: np.ndarray, size: int) -> np.ndarray:
 class LineWork:
     """Lines along rows and along columns, and the gaps between them."""
 
-    along: tuple[np.ndarray, np.ndarray]
+    along: tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]
     """Lines along rows, lines along columns: (h, w) uint8, 1 on a line."""
-    strips: tuple[np.ndarray, np.ndarray]
+    strips: tuple[Int[np.ndarray, "h w"], Int[np.ndarray, "h w"]]
     """Strips between lines along rows, along columns: (h, w) int16, width of the strip at each of its pixels,
     else 0."""
     line_px: float
     """Usual width of a line."""
 
-    def empty_strips(self, lines: np.ndarray) -> np.ndarray:
+    def empty_strips(self, lines: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
         """(h, w) uint8, 1 in strips that nothing is drawn in, as hatching would be.
 
         `lines` (h, w) uint8: everything dark.
@@ -62,7 +63,7 @@ class LineWork:
         return result
 
 
-def find_line_work(lines: np.ndarray, widest: int) -> LineWork:
+def find_line_work(lines: UInt8[np.ndarray, "h w"], widest: int) -> LineWork:
     """Lines in a mask (h, w) uint8 of everything dark, and strips between them up to `widest` px wide."""
     turned = np.ascontiguousarray(lines.T)
     along_rows, along_columns = _along_rows(lines), _along_rows(turned)
@@ -78,14 +79,14 @@ def find_line_work(lines: np.ndarray, widest: int) -> LineWork:
     )
 
 
-def _along_rows(lines: np.ndarray) -> np.ndarray:
+def _along_rows(lines: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
     """What of a mask belongs to lines along rows, up to a slant of some degrees."""
     thick = cv2.dilate(lines, np.ones((3, 1), np.uint8))
     long = cv2.morphologyEx(thick, cv2.MORPH_OPEN, np.ones((1, _LINE_PX), np.uint8))
     return long & lines
 
 
-def _usual_width(*along: np.ndarray) -> float:
+def _usual_width(*along: UInt8[np.ndarray, "_ _"]) -> float:
     """Width (px) that the greatest length of lines along rows has."""
     length = np.zeros(14)
     for mask in along:
@@ -98,7 +99,7 @@ def _usual_width(*along: np.ndarray) -> float:
     return float(max(np.argmax(length), 1))
 
 
-def _gap_across(lines: np.ndarray) -> np.ndarray:
+def _gap_across(lines: UInt8[np.ndarray, "h w"]) -> Int[np.ndarray, "h w"]:
     """At each empty pixel, the count of empty pixels between the line above and the line below; 0 on lines
     and where there is no line on one side. (h, w) int16."""
     h = len(lines)
@@ -110,7 +111,7 @@ def _gap_across(lines: np.ndarray) -> np.ndarray:
     return gap
 
 
-def _strips(gap: np.ndarray, widest: int) -> np.ndarray:
+def _strips(gap: Int[np.ndarray, "h w"], widest: int) -> Int[np.ndarray, "h w"]:
     """Width at pixels whose gap stays the same, within a quarter and 1 px, over a long way along rows."""
     found = np.zeros(gap.shape, np.uint8)
     low = 1

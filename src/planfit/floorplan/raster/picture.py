@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from jaxtyping import Bool, Float, UInt8
 
 from planfit.errors import FloorplanError
 
@@ -20,7 +21,7 @@ _APART_BINS = 16
 _SAME_DEG = 3.0
 """Edges belong to a direction up to this angle from it."""
 _MAX_WINDOWS = 3
-"""Windows of 1.2 deg that the turn is looked for in, each about the end of the one before."""
+"""Windows of 1.2 deg that the skew is looked for in, each about the end of the one before."""
 _LONG_LINE = 1 / 12
 """Walls have lines longer than this share of the drawing; hatching, as long as walls are thick, has none."""
 _DARK = 0.3
@@ -33,12 +34,12 @@ factor; a frame is not, or is further away than this share of the sheet."""
 class Upright:
     """A plan as darkness, turned so that most of its lines run along rows and columns."""
 
-    darkness: np.ndarray
-    """(h, w) float32, 0 for paper, 1 for black."""
-    upright_from_picture: np.ndarray
-    """(2, 3) from pixels of the picture to those of `darkness`; a turn and a shift."""
+    darkness: Float[np.ndarray, "h w"]
+    """0 for paper, 1 for black."""
+    upright_from_picture: Float[np.ndarray, "2 3"]
+    """From pixels of the picture to those of `darkness`; a rotation and a translation."""
     skew_deg: float
-    """Turn of the lines in the picture, counter-clockwise as seen."""
+    """Rotation of the lines in the picture, counter-clockwise as seen."""
 
 
 def check_size(name: str, width: int, height: int) -> None:
@@ -56,7 +57,9 @@ def check_size(name: str, width: int, height: int) -> None:
         )
 
 
-def make_darkness(image_bgr: np.ndarray, name: str, is_judged: bool = True) -> np.ndarray:
+def make_darkness(
+    image_bgr: UInt8[np.ndarray, "h w 3"], name: str, is_judged: bool = True
+) -> Float[np.ndarray, "h w"]:
     """Darkness (h, w) float32 over the paper around each place: even under uneven light.
 
     `is_judged`: refuse what is no drawing.
@@ -84,7 +87,7 @@ def make_darkness(image_bgr: np.ndarray, name: str, is_judged: bool = True) -> n
     return darkness
 
 
-def _over_paper(grey: np.ndarray) -> np.ndarray:
+def _over_paper(grey: UInt8[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     """1 - brightness / brightness of the paper, which is the brightest around, smoothed."""
     h, w = grey.shape
     shrink = max(1.0, max(h, w) / 320)
@@ -99,7 +102,7 @@ def _over_paper(grey: np.ndarray) -> np.ndarray:
     return np.clip(1.0 - grey / np.maximum(paper, 20.0), 0.0, 1.0).astype(np.float32)
 
 
-def make_upright(darkness: np.ndarray) -> Upright:
+def make_upright(darkness: Float[np.ndarray, "h w"]) -> Upright:
     """Turn the picture so that its main direction runs along rows and columns."""
     skew_deg = find_skew_deg(darkness)
     h, w = darkness.shape
@@ -107,18 +110,18 @@ def make_upright(darkness: np.ndarray) -> Upright:
         return Upright(darkness, np.eye(2, 3), 0.0)
     c, s = np.cos(np.deg2rad(skew_deg)), np.sin(np.deg2rad(skew_deg))
     # Lines that go up to the right by the skew come to lie along rows: v grows downwards.
-    turn = np.array([[c, -s], [s, c]])
-    corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ turn.T
+    rotation = np.array([[c, -s], [s, c]])
+    corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ rotation.T
     low = np.floor(corners.min(axis=0))
     size = np.ceil(corners.max(axis=0) - low).astype(int) + 1
-    matrix = np.column_stack([turn, -low])
-    turned = cv2.warpAffine(
+    matrix = np.column_stack([rotation, -low])
+    rotated = cv2.warpAffine(
         darkness, matrix, (int(size[0]), int(size[1])), flags=cv2.INTER_LINEAR, borderValue=0
     )
-    return Upright(turned, matrix, skew_deg)
+    return Upright(rotated, matrix, skew_deg)
 
 
-def find_skew_deg(darkness: np.ndarray) -> float:
+def find_skew_deg(darkness: Float[np.ndarray, "h w"]) -> float:
     """Angle in (-45, 45] that most long lines make with the axes, counter-clockwise as seen."""
     shrink = max(1.0, max(darkness.shape) / 1600)
     small = cv2.resize(darkness, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
@@ -143,7 +146,9 @@ def find_skew_deg(darkness: np.ndarray) -> float:
     return float(fine[best])
 
 
-def _window(small: np.ndarray, coarse: float) -> tuple[list[float], np.ndarray, int]:
+def _window(
+    small: Float[np.ndarray, "h w"], coarse: float
+) -> tuple[list[float], Float[np.ndarray, " k"], int]:
     """Angles about a coarse one, how sharp the line work is at each, and the number of the sharpest."""
     fine = [float(coarse + step) for step in np.arange(-0.6, 0.61, 0.1)]
     fine += [0.0] * (abs(coarse) < 0.7)
@@ -151,7 +156,7 @@ def _window(small: np.ndarray, coarse: float) -> tuple[list[float], np.ndarray, 
     return fine, scores, int(np.argmax(scores))
 
 
-def _peaks(counts: np.ndarray) -> list[float]:
+def _peaks(counts: Float[np.ndarray, "360"]) -> list[float]:
     """Angles in (-45, 45], deg, that much line work has, most first; `counts` (360,) over 0 to 90 deg."""
     kernel = np.exp(-0.5 * (np.arange(-8, 9) / 3.0) ** 2)
     smooth = np.convolve(np.concatenate([counts[-8:], counts, counts[:8]]), kernel, "valid")
@@ -166,15 +171,18 @@ def _peaks(counts: np.ndarray) -> list[float]:
 
 
 def _longest_lines(
-    angles_deg: list[float], strong: np.ndarray, gu: np.ndarray, gv: np.ndarray
+    angles_deg: list[float],
+    strong: Bool[np.ndarray, "h w"],
+    gu: Float[np.ndarray, "h w"],
+    gv: Float[np.ndarray, "h w"],
 ) -> float:
     """The angle with the greatest length of long lines: hatching may have more length, all in short lines.
 
     Args:
         angles_deg: at least one; the first is kept where no line is long.
-        strong: (h, w) bool, edges.
-        gu: (h, w) gradient along columns' numbers.
-        gv: (h, w) gradient along rows' numbers.
+        strong: edges.
+        gu: gradient along columns' numbers.
+        gv: gradient along rows' numbers.
     """
     if len(angles_deg) == 1:
         return angles_deg[0]
@@ -187,34 +195,34 @@ def _longest_lines(
         off = np.abs((angle - at + 45.0) % 90.0 - 45.0)
         edges = (strong & (off < _SAME_DEG)).astype(np.uint8)
         c, s = np.cos(np.deg2rad(at)), np.sin(np.deg2rad(at))
-        turn = np.array([[c, -s], [s, c]])
-        corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ turn.T
+        rotation = np.array([[c, -s], [s, c]])
+        corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ rotation.T
         size = np.ceil(np.ptp(corners, axis=0)).astype(int) + 1
-        turned = cv2.warpAffine(
-            edges, np.column_stack([turn, -corners.min(axis=0)]), (int(size[0]), int(size[1])),
+        rotated = cv2.warpAffine(
+            edges, np.column_stack([rotation, -corners.min(axis=0)]), (int(size[0]), int(size[1])),
             flags=cv2.INTER_NEAREST,
         )  # fmt: skip
-        length.append(_length_along_rows(turned, long_px) + _length_along_rows(turned.T, long_px))
+        length.append(_length_along_rows(rotated, long_px) + _length_along_rows(rotated.T, long_px))
     return angles_deg[int(np.argmax(length))]
 
 
-def _length_along_rows(edges: np.ndarray, least_px: int) -> float:
+def _length_along_rows(edges: UInt8[np.ndarray, "h w"], least_px: int) -> float:
     """Pixels on edges along rows at least so long, up to a slant of a pixel or two over that length."""
     thick = cv2.dilate(np.ascontiguousarray(edges), np.ones((3, 3), np.uint8))
     long = cv2.morphologyEx(thick, cv2.MORPH_OPEN, np.ones((1, least_px), np.uint8))
     return float((long & edges).sum())
 
 
-def _sharpness(small: np.ndarray, angle_deg: float) -> float:
-    """How much line work piles up in rows and columns after a turn back by an angle."""
+def _sharpness(small: Float[np.ndarray, "h w"], angle_deg: float) -> float:
+    """How much line work piles up in rows and columns after a rotation back by an angle."""
     h, w = small.shape
     matrix = cv2.getRotationMatrix2D((w / 2, h / 2), -angle_deg, 1.0)
-    turned = cv2.warpAffine(small, matrix, (w, h), flags=cv2.INTER_LINEAR)
-    rows, columns = turned.sum(axis=1), turned.sum(axis=0)
+    rotated = cv2.warpAffine(small, matrix, (w, h), flags=cv2.INTER_LINEAR)
+    rows, columns = rotated.sum(axis=1), rotated.sum(axis=0)
     return float((np.diff(rows) ** 2).sum() + (np.diff(columns) ** 2).sum())
 
 
-def without_frame(darkness: np.ndarray) -> np.ndarray:
+def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     """The picture (h, w) with the frame blanked; the same where there is none."""
     lines = (darkness > _DARK).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
@@ -245,7 +253,7 @@ def without_frame(darkness: np.ndarray) -> np.ndarray:
     return result
 
 
-def _is_outline(inside: np.ndarray, far: float) -> bool:
+def _is_outline(inside: Bool[np.ndarray, "h w"], far: float) -> bool:
     """Whether what is inside (h, w) bool a closed line keeps the distance of a wall to it on all sides."""
     gaps = []
     for turned in (inside, inside[::-1], inside.T, inside.T[::-1]):
@@ -255,7 +263,7 @@ def _is_outline(inside: np.ndarray, far: float) -> bool:
     return max(gaps) < min(_WIDE * max(inside.shape), _ALIKE * min(gaps) + 3.0)
 
 
-def _has_four_sides(mask: np.ndarray) -> bool:
+def _has_four_sides(mask: Bool[np.ndarray, "h w"]) -> bool:
     """Whether lines run along most of every side of a component's box."""
     band = max(3, max(mask.shape) // 60)
     sides = (mask[:band].any(axis=0), mask[-band:].any(axis=0),

@@ -1,11 +1,11 @@
 """From a picture of a plan to its wall faces."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import shapely
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
@@ -35,7 +35,7 @@ WORK_SIDE_PX = 2000
 as large again are not shrunk: shrinking by a little blurs thin lines the most."""
 _LEAST_STRAIGHT = 0.35
 _LEAST_LONG_SHARE = 0.25
-_DOUBTFUL_STRAIGHT = 0.6
+_SURELY_STRAIGHT = 0.6
 
 
 def plan_of_picture(
@@ -60,25 +60,28 @@ def plan_of_picture(
     Raises:
         FloorplanError: too large or too small, blank, a photograph, or without walls.
     """
-    mask = wall_mask
-    darkness = make_darkness(image_bgr, name, is_judged=mask is None)
-    upright = make_upright(darkness if mask is None else mask.astype(np.float32))
-    if mask is not None:
-        upright = _same_rotation(darkness, upright)
+    darkness = make_darkness(image_bgr, name, is_judged=wall_mask is None)
+    upright = make_upright(darkness if wall_mask is None else wall_mask.astype(np.float32))
+    if wall_mask is not None:
+        upright = replace(upright, darkness=_rotated(darkness, upright))
     side = max(upright.darkness.shape)
     shrink = side / WORK_SIDE_PX if side > 1.5 * WORK_SIDE_PX else 1.0
     small = _shrunk(upright.darkness, shrink)
-    if mask is None:
+    if wall_mask is None:
         small = without_frame(small)
         interpretation = choose(find_candidates(small), find_extent(small))
     else:
-        rotated = _shrunk(_rotated(mask.astype(np.float32), upright), shrink)
+        rotated = _shrunk(_rotated(wall_mask.astype(np.float32), upright), shrink)
         given = Candidate("as given", (rotated > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
         interpretation = interpret(given, float(max(small.shape)), is_given=True)
-    _check(name, interpretation, small.shape)
-    assert interpretation is not None
+    interpretation = _checked(name, interpretation, small.shape)
     found = _faces(interpretation, upright, shrink)
-    return _to_floorplan(found, interpretation, upright, (name, fingerprint, kind), options, shrink)
+    plan = _to_floorplan(name, fingerprint, found, interpretation, upright, options)
+    drawn = f"{kind}, walls {interpretation.candidate.style}"
+    dropped = _moved(_outlines(interpretation, shrink), _picture_from(upright))
+    plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
+    metres = choose_unit(options.unit, options.metres_per_unit).metres
+    return plan if metres is None else plan.scaled(metres)
 
 
 @dataclass(frozen=True)
@@ -86,35 +89,37 @@ class _Found:
     """Faces in pixels of the upright picture."""
 
     faces: RegionFaces
-    storey: np.ndarray
-    """(n,) of each face."""
+    storey: Int[np.ndarray, " n"]
+    """Number of the storey of each face."""
     storeys: tuple[str, ...]
 
 
-def _check(name: str, interpretation: Interpretation | None, shape: tuple[int, ...]) -> None:
-    """Refuse what is no plan."""
-    found = ""
+def _checked(
+    name: str, interpretation: Interpretation | None, shape: tuple[int, ...]
+) -> Interpretation:
+    """The interpretation, where it is one of a plan.
+
+    Raises:
+        FloorplanError: there are no walls, or what was taken for walls has not their form.
+    """
     if interpretation is None or not interpretation.walls:
-        found = "none"
-    else:
-        length = float(sum(shapely.length(np.array(interpretation.walls, dtype=object))))
-        if (
-            interpretation.candidate.edge != "mask"
-            and interpretation.straight_share < _LEAST_STRAIGHT
-        ):
-            found = "shapes without straight sides"
-        elif (
-            interpretation.candidate.edge != "mask"
-            and _long_share(interpretation) < _LEAST_LONG_SHARE
-        ):
-            found = "short strokes, as of letters or curves"
-        elif length < 0.5 * max(shape):
-            found = f"{length:.0f} px of them, too little for a building"
-    if found:
-        raise FloorplanError(
-            f"{name}: expected walls (solid, grey, hatched or double lines), found {found}; "
-            "is it a floorplan? If it is, give your own picture of its walls with --wall-mask"
-        )
+        raise _no_walls(name, "none")
+    if interpretation.candidate.edge != "mask":
+        if interpretation.straight_share < _LEAST_STRAIGHT:
+            raise _no_walls(name, "shapes without straight sides")
+        if _long_share(interpretation) < _LEAST_LONG_SHARE:
+            raise _no_walls(name, "short strokes, as of letters or curves")
+    length = float(sum(shapely.length(np.array(interpretation.walls, dtype=object))))
+    if length < 0.5 * max(shape):
+        raise _no_walls(name, f"{length:.0f} px of them, too little for a building")
+    return interpretation
+
+
+def _no_walls(name: str, found: str) -> FloorplanError:
+    return FloorplanError(
+        f"{name}: expected walls (solid, grey, hatched or double lines), found {found}; "
+        "is it a floorplan? If it is, give your own picture of its walls with --wall-mask"
+    )
 
 
 def _long_share(interpretation: Interpretation) -> float:
@@ -125,11 +130,7 @@ def _long_share(interpretation: Interpretation) -> float:
     return long / sum(wall.length for wall in interpretation.walls)
 
 
-def _same_rotation(darkness: np.ndarray, upright: Upright) -> Upright:
-    return Upright(_rotated(darkness, upright), upright.upright_from_picture, upright.skew_deg)
-
-
-def _rotated(values: np.ndarray, upright: Upright) -> np.ndarray:
+def _rotated(values: Float[np.ndarray, "h w"], upright: Upright) -> Float[np.ndarray, "a b"]:
     """A picture rotated as the upright one was."""
     if upright.skew_deg == 0.0:
         return values
@@ -137,7 +138,7 @@ def _rotated(values: np.ndarray, upright: Upright) -> np.ndarray:
     return cv2.warpAffine(values, upright.upright_from_picture, (w, h), flags=cv2.INTER_LINEAR)
 
 
-def _shrunk(values: np.ndarray, shrink: float) -> np.ndarray:
+def _shrunk(values: Float[np.ndarray, "h w"], shrink: float) -> Float[np.ndarray, "a b"]:
     if shrink == 1.0:
         return values
     return cv2.resize(values, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
@@ -168,44 +169,24 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
 
 
 def _to_floorplan(
+    name: str,
+    fingerprint: str,
     found: _Found,
     interpretation: Interpretation,
     upright: Upright,
-    origin: tuple[str, str, str],
     options: PlanOptions,
-    shrink: float,
 ) -> Floorplan:
-    name, fingerprint, kind = origin
+    """The storey that is asked for, or all, in pixels of the picture, y up."""
     kept = np.ones(len(found.faces.ends), dtype=bool)
-    warnings = []
-    n_storeys = len(found.storeys)
     if options.storey:
         kept = found.storey == _storey_number(name, options.storey, found.storeys)
-    elif n_storeys > 1:
-        words = ", ".join(f"{k} ({where})" for k, where in enumerate(found.storeys))
-        warnings.append(
-            f"{n_storeys} plans on one sheet, probably storeys: {words}; all are kept, "
-            "choose one with --storey 0 and so on"
-        )
-    if (
-        interpretation.candidate.edge != "mask"
-        and interpretation.straight_share < _DOUBTFUL_STRAIGHT
-    ):
-        warnings.append(
-            "much that looks like wall was left out, because its form is none: compare the overlay "
-            "(-o FILE.png) with the drawing"
-        )
     ends, normals = found.faces.ends[kept], found.faces.normals[kept]
     thickness = found.faces.thickness[kept]
     openings = find_openings(ends, normals, thickness)
-    if abs(upright.skew_deg) >= 0.1:
-        warnings.append(
-            f"the sheet is turned by {upright.skew_deg:.1f} deg; faces are in its own axes"
-        )
-    picture_from_upright = cv2.invertAffineTransform(upright.upright_from_picture)
+    picture_from_upright = _picture_from(upright)
     unit = choose_unit(options.unit, options.metres_per_unit)
     mirror = np.array([1.0, -1.0])
-    plan = Floorplan(
+    return Floorplan(
         name,
         _moved(ends, picture_from_upright) * mirror,
         normals @ picture_from_upright[:, :2].T * mirror,
@@ -215,20 +196,45 @@ def _to_floorplan(
         _moved(openings, picture_from_upright) * mirror,
         is_metric=False,
         source=PlanSource(
-            kind=f"{kind}, walls {interpretation.candidate.style}",
             unit="px" if unit.metres is None else f"px of {unit.metres:g} m",
             unit_from=unit.known_from or "unknown: a picture does not tell, and texts are not read",
             storey=options.storey,
             storeys=tuple(f"{k}: {w}" for k, w in enumerate(found.storeys))
-            if n_storeys > 1
+            if len(found.storeys) > 1
             else (),
             dropped=_dropped_words(interpretation),
-            warnings=tuple(warnings),
+            warnings=_warnings(found, interpretation, upright, options),
             file_from_plan=np.diag([1.0, -1.0, 1.0]),
-            dropped_lines=_moved(_outlines(interpretation, shrink), picture_from_upright),
         ),
     )
-    return plan if unit.metres is None else plan.scaled(unit.metres)
+
+
+def _warnings(
+    found: _Found, interpretation: Interpretation, upright: Upright, options: PlanOptions
+) -> tuple[str, ...]:
+    """What a user should look at before trusting the plan."""
+    result = []
+    if len(found.storeys) > 1 and not options.storey:
+        words = ", ".join(f"{k} ({where})" for k, where in enumerate(found.storeys))
+        result.append(
+            f"{len(found.storeys)} plans on one sheet, probably storeys: {words}; all are kept, "
+            "choose one with --storey 0 and so on"
+        )
+    is_given = interpretation.candidate.edge == "mask"
+    if not is_given and interpretation.straight_share < _SURELY_STRAIGHT:
+        result.append(
+            "much that looks like wall was left out, because its form is none: compare the overlay "
+            "(-o FILE.png) with the drawing"
+        )
+    if abs(upright.skew_deg) >= 0.1:
+        result.append(
+            f"the sheet is turned by {upright.skew_deg:.1f} deg; faces are in its own axes"
+        )
+    return tuple(result)
+
+
+def _picture_from(upright: Upright) -> Float[np.ndarray, "2 3"]:
+    return np.asarray(cv2.invertAffineTransform(upright.upright_from_picture))
 
 
 def _storey_number(name: str, asked: str, storeys: tuple[str, ...]) -> int:
@@ -252,8 +258,8 @@ def _dropped_words(interpretation: Interpretation) -> tuple[str, ...]:
     )
 
 
-def _outlines(interpretation: Interpretation, shrink: float) -> np.ndarray:
-    """Edges (k, 2, 2) of what was dropped, px of the upright picture."""
+def _outlines(interpretation: Interpretation, shrink: float) -> Float[np.ndarray, "k 2 2"]:
+    """Edges of what was dropped, px of the upright picture."""
     parts = [np.zeros((0, 2, 2))]
     for region in interpretation.dropped:
         for ring in (region.exterior, *region.interiors):
@@ -263,5 +269,7 @@ def _outlines(interpretation: Interpretation, shrink: float) -> np.ndarray:
     return edges[segments.lengths(edges) > 0]
 
 
-def _moved(ends: np.ndarray, affine: np.ndarray) -> np.ndarray:
+def _moved(
+    ends: Float[np.ndarray, "n 2 2"], affine: Float[np.ndarray, "2 3"]
+) -> Float[np.ndarray, "n 2 2"]:
     return ends @ affine[:, :2].T + affine[:, 2]

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from jaxtyping import Int, UInt8
 
 from planfit.floorplan.raster.line_work import LineWork, closed
 
@@ -14,18 +15,18 @@ _LEAST_LONG_PX = 12
 class InsideWalls:
     """The inside of walls drawn as two lines; both (h, w) uint8."""
 
-    strips: np.ndarray
+    strips: UInt8[np.ndarray, "h w"]
     """1 between the two lines."""
-    bars: np.ndarray
+    bars: UInt8[np.ndarray, "h w"]
     """1 inside walls so thin that their two lines touch."""
 
 
-def between_lines(line_work: LineWork, bars: np.ndarray) -> list[InsideWalls]:
+def between_lines(line_work: LineWork, bars: UInt8[np.ndarray, "h w"]) -> list[InsideWalls]:
     """The inside of walls, for each likely range of thickness; empty where there is none.
 
     Args:
         line_work: lines and the strips between them.
-        bars: (h, w) uint8, 1 inside bars as thick as two lines.
+        bars: 1 inside bars as thick as two lines.
     """
     rows, columns = line_work.strips
     # Tiles are between lines along rows and along columns; the corners of walls are in neither strip.
@@ -76,20 +77,24 @@ class _Strips:
     """Pixels of strips along rows, and the strips that share a line with them."""
 
     shape: tuple[int, int]
-    row: np.ndarray
-    column: np.ndarray
-    width: np.ndarray
-    above: np.ndarray
+    row: Int[np.ndarray, " n"]
+    column: Int[np.ndarray, " n"]
+    width: Int[np.ndarray, " n"]
+    above: Int[np.ndarray, " n"]
     """Width of the strip beyond the line above; 0 where there is none."""
-    below: np.ndarray
+    below: Int[np.ndarray, " n"]
 
     @classmethod
-    def between(cls, strip: np.ndarray, lines: np.ndarray, thickest: int) -> "_Strips":
+    def between(
+        cls, strip: Int[np.ndarray, "h w"], lines: UInt8[np.ndarray, "h w"], thickest: int
+    ) -> "_Strips":
         row, column = np.nonzero(strip)
         beside = []
         for flip in (False, True):
             ink, width = (lines[::-1], strip[::-1]) if flip else (lines, strip)
             at = len(lines) - 1 - row if flip else row
+            # The greatest row so far that is dark, or free: running maxima of the rows' own numbers find
+            # for every pixel the line above it, and what is free beyond that line.
             index = np.arange(len(lines), dtype=np.int16)[:, None]
             ink_above = np.maximum.accumulate(np.where(ink > 0, index, np.int16(0)), axis=0)
             free_above = np.maximum.accumulate(np.where(ink == 0, index, np.int16(0)), axis=0)
@@ -98,7 +103,7 @@ class _Strips:
             beside.append(np.where(line - beyond <= thickest, width[beyond, column], 0))
         return cls(strip.shape, row, column, strip[row, column], beside[0], beside[1])
 
-    def walls(self, least: float, limit: float, usual: float) -> np.ndarray:
+    def walls(self, least: float, limit: float, usual: float) -> UInt8[np.ndarray, "h w"]:
         """(h, w) uint8: strips of a range of widths, without those stacked like stairs and windows."""
         n_alike = np.zeros(len(self.width), dtype=int)
         for other in (self.above, self.below):
@@ -112,7 +117,9 @@ class _Strips:
         return cv2.morphologyEx(bridged, cv2.MORPH_OPEN, np.ones((1, _LEAST_LONG_PX), np.uint8))
 
 
-def _junctions(along_rows: np.ndarray, along_columns: np.ndarray, limit: int) -> np.ndarray:
+def _junctions(
+    along_rows: UInt8[np.ndarray, "h w"], along_columns: UInt8[np.ndarray, "h w"], limit: int
+) -> UInt8[np.ndarray, "h w"]:
     """Where walls meet: strips lengthened by a wall's thickness cross there, and nowhere else."""
     reach = 2 * int(1.5 * limit + 4) + 1
     rows = cv2.dilate(along_rows, np.ones((1, reach), np.uint8))
@@ -120,8 +127,10 @@ def _junctions(along_rows: np.ndarray, along_columns: np.ndarray, limit: int) ->
     return np.asarray(rows & columns)  # type: ignore[operator]
 
 
-def _grown(seeds: np.ndarray, narrow: np.ndarray, limit: int, usual: int) -> np.ndarray:
-    """Strips with the corners and the short pieces that hang on to them; slits are left out."""
+def _grown(
+    seeds: UInt8[np.ndarray, "h w"], narrow: UInt8[np.ndarray, "h w"], limit: int, usual: int
+) -> UInt8[np.ndarray, "h w"]:
+    """Strips with the corners and the short strips that hang on to them; slits are left out."""
     near = np.asarray(cv2.dilate(seeds, np.ones((2 * limit + 1, 2 * limit + 1), np.uint8)))
     touching = cv2.dilate(seeds, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(
@@ -139,17 +148,17 @@ def _grown(seeds: np.ndarray, narrow: np.ndarray, limit: int, usual: int) -> np.
 class _Bars:
     """Bars, and the pixels around them."""
 
-    labels: np.ndarray
-    """(h, w) int32, number of the bar, 0 outside."""
-    near: np.ndarray
-    """(n,) flat indices of pixels on and beside bars."""
-    bar: np.ndarray
-    """(n,) number of the bar at each."""
-    n_beside: np.ndarray
-    """(count,) pixels beside each."""
+    labels: Int[np.ndarray, "h w"]
+    """Number of the bar, 0 outside."""
+    near: Int[np.ndarray, " n"]
+    """Flat indices of pixels on and beside bars."""
+    bar: Int[np.ndarray, " n"]
+    """Number of the bar at each."""
+    n_beside: Int[np.ndarray, " count"]
+    """Pixels beside each."""
 
     @classmethod
-    def find(cls, bars: np.ndarray, line_px: float) -> "_Bars":
+    def find(cls, bars: UInt8[np.ndarray, "h w"], line_px: float) -> "_Bars":
         count, labels = cv2.connectedComponents(bars, connectivity=8)
         reach = 2 * int(line_px + 2) + 1
         around = cv2.dilate(labels.astype(np.float32), np.ones((reach, reach))).astype(np.int32)
@@ -158,7 +167,7 @@ class _Bars:
         n_bar = np.bincount(labels.ravel()[near], minlength=count)
         return cls(labels, near, bar, np.bincount(bar, minlength=count) - n_bar)
 
-    def free(self, narrow: np.ndarray) -> np.ndarray:
+    def free(self, narrow: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
         """(h, w) uint8: bars with free space at their sides; those in a narrow gap are lines of windows."""
         n_narrow = np.bincount(self.bar, narrow.ravel()[self.near], minlength=len(self.n_beside))
         is_free = (n_narrow < 0.4 * self.n_beside).astype(np.uint8)

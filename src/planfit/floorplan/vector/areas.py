@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 import shapely
+from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
@@ -63,7 +64,7 @@ def sort_fills(fills: tuple[Fill, ...], roles: list[Role], extent: float) -> Are
     return Areas(walls, rooms)
 
 
-def _is_large(parts: np.ndarray, extent: float) -> bool:
+def _is_large(parts: Shaped[np.ndarray, " n"], extent: float) -> bool:
     reach = np.ptp(shapely.bounds(parts).reshape(-1, 2, 2), axis=1).max()
     return bool(reach > 0.1 * extent)
 
@@ -107,14 +108,17 @@ def _each_once(rooms: list[BaseGeometry]) -> list[BaseGeometry]:
 
 
 def hatched_areas(
-    ends: np.ndarray, path: np.ndarray, is_hatch: np.ndarray, extent: float
+    ends: Float[np.ndarray, "n 2 2"],
+    path: Int[np.ndarray, " n"],
+    is_hatch: Bool[np.ndarray, " n"],
+    extent: float,
 ) -> list[BaseGeometry]:
     """Areas whose outline is a closed path and whose inside is covered by hatch lines.
 
     Args:
-        ends: (n, 2, 2) all lines, in the order of the file.
-        path: (n,) the path of each.
-        is_hatch: (n,) bool.
+        ends: all lines, in the order of the file.
+        path: the path of each.
+        is_hatch: lines in rows at equal distance.
         extent: of the drawing, to tell what counts as closed.
     """
     middles = shapely.points(ends[is_hatch].mean(axis=1))
@@ -140,14 +144,14 @@ def hatched_areas(
     return areas
 
 
-def _covers(hatches: np.ndarray, area: BaseGeometry) -> bool:
+def _covers(hatches: Float[np.ndarray, "n 2 2"], area: BaseGeometry) -> bool:
     """Whether lines (n, 2, 2), each as wide as they are apart, cover most of an area: a flight of stairs
     in a room does not."""
     along = hatches[:, 1] - hatches[:, 0]
     longest = along[np.argmax(np.linalg.norm(along, axis=1))]
     across = np.array([-longest[1], longest[0]]) / np.linalg.norm(longest)
     steps = np.diff(np.sort(hatches.mean(axis=1) @ across))
-    # Lines in one row, and pieces of one line, are no step.
+    # Lines in one row, and parts of one line, are no step.
     steps = steps[steps > 0.2 * steps.max()] if len(steps) else steps
     if len(steps) == 0:
         return False
@@ -157,7 +161,7 @@ def _covers(hatches: np.ndarray, area: BaseGeometry) -> bool:
     return shapely.intersection(shapely.union_all(bands), area).area > 0.6 * area.area
 
 
-def edges_of_rooms(rooms: list[BaseGeometry], tolerance: float) -> np.ndarray:
+def edges_of_rooms(rooms: list[BaseGeometry], tolerance: float) -> Float[np.ndarray, "n 2 2"]:
     """Edges (n, 2, 2) of rooms with the room on the left; where two rooms meet without a wall
     between them, within `tolerance`, there is none."""
     parts = [p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
@@ -176,9 +180,9 @@ def edges_of_rooms(rooms: list[BaseGeometry], tolerance: float) -> np.ndarray:
 
 
 def outside_rooms(
-    ends: np.ndarray, rooms: list[BaseGeometry], tolerance: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """The pieces (m, 2, 2) of lines that lie in no room nor along its edge, and the line (m,) each
+    ends: Float[np.ndarray, "n 2 2"], rooms: list[BaseGeometry], tolerance: float
+) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " m"]]:
+    """The parts of lines that lie in no room nor along its edge, and the line that each
     is of: what is drawn inside a room is furniture, stairs and text."""
     area = shapely.buffer(shapely.union_all(rooms), tolerance)
     return cut_out(ends, area, 3 * tolerance)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
 ABSURD = 1e9
@@ -12,18 +13,22 @@ ABSURD = 1e9
 
 @dataclass(frozen=True)
 class Lines:
-    """Straight pieces of line work, x right and y up in the drawing."""
+    """Straight segments of line work, x right and y up in the drawing."""
 
-    ends: np.ndarray  # (n, 2, 2)
-    layer: np.ndarray  # (n,) index into `VectorDrawing.layers`
-    path: np.ndarray  # (n,) which path of the file a piece belongs to
-    style: np.ndarray  # (n,) equal where colour and stroke width are
-    is_curved: np.ndarray  # (n,) bool, piece of an arc, a circle or a spline
+    ends: Float[np.ndarray, "n 2 2"]
+    layer: Int[np.ndarray, " n"]
+    """Index into `VectorDrawing.layers`."""
+    path: Int[np.ndarray, " n"]
+    """Which path of the file a segment belongs to."""
+    style: Int[np.ndarray, " n"]
+    """Equal where colour and stroke width are."""
+    is_curved: Bool[np.ndarray, " n"]
+    """Segment of an arc, a circle or a spline."""
 
     def __len__(self) -> int:
         return len(self.ends)
 
-    def take(self, keep: np.ndarray) -> "Lines":
+    def take(self, keep: Shaped[np.ndarray, " k"]) -> "Lines":
         """Those of a mask or an index."""
         return Lines(
             self.ends[keep],
@@ -49,7 +54,8 @@ class Text:
     """A line of text."""
 
     text: str
-    xy: np.ndarray  # (2,) about its middle
+    xy: Float[np.ndarray, "2"]
+    """About its middle."""
     height: float
     layer: int = 0
 
@@ -89,9 +95,13 @@ class DrawingBuilder:
         return self._layers.setdefault(name, len(self._layers))
 
     def add_polyline(
-        self, points: np.ndarray, is_curved: np.ndarray, layer: str, style: object
+        self,
+        points: Float[np.ndarray, "k 2"],
+        is_curved: Bool[np.ndarray, " k-1"],
+        layer: str,
+        style: object,
     ) -> None:
-        """A path through `points` (k, 2); `is_curved` (k - 1,) of each piece."""
+        """A path through `points`; `is_curved` of each segment."""
         n = len(points) - 1
         if n < 1:
             return
@@ -104,7 +114,7 @@ class DrawingBuilder:
         self._clips.append(self.clip)
 
     def add_fill(
-        self, rings: list[np.ndarray], layer: str, colour: tuple[int, int, int] | None
+        self, rings: list[Float[np.ndarray, "_ 2"]], layer: str, colour: tuple[int, int, int] | None
     ) -> None:
         """An area inside an odd number of `rings`, each (k, 2)."""
         area: BaseGeometry = shapely.Polygon()
@@ -140,6 +150,7 @@ def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:
             by_clip.setdefault(id(clip), []).append(path)
     ends, source = [lines.ends], [np.arange(len(lines))]
     is_whole = np.ones(len(lines), dtype=bool)
+    # Paths ascend: the segments of path p are starts[p] to starts[p + 1].
     starts = np.searchsorted(lines.path, np.arange(len(clips) + 1))
     for paths in by_clip.values():
         clip = clips[paths[0]]
@@ -149,16 +160,17 @@ def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:
         shapely.prepare(clip)
         outside = at[~np.asarray(shapely.covers(clip, drawn))]
         is_whole[outside] = False
-        pieces, of = shapely.get_parts(
+        parts, of = shapely.get_parts(
             shapely.intersection(shapely.linestrings(lines.ends[outside]), clip), return_index=True
         )
-        is_line = shapely.length(pieces) > 0
-        first, last = (shapely.get_point(pieces[is_line], i) for i in (0, -1))
+        is_line = shapely.length(parts) > 0
+        first, last = (shapely.get_point(parts[is_line], i) for i in (0, -1))
         corners = [shapely.get_coordinates(first), shapely.get_coordinates(last)]
         ends.append(np.stack(corners, axis=1))
         source.append(outside[of[is_line]])
     order = np.concatenate(source)
     keep = np.concatenate([is_whole, np.ones(len(order) - len(lines), dtype=bool)])
     ends, order = np.concatenate(ends)[keep], order[keep]
+    # What was cut goes where its line was, so that paths stay together.
     in_order = np.argsort(order, kind="stable")
     return replace(lines.take(order[in_order]), ends=ends[in_order])

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.spatial
 import shapely
+from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
@@ -25,8 +26,8 @@ MAX_LENGTH = 12.0
 _CROSS_SINE, _PARALLEL_SINE = 0.94, 0.035
 
 
-def arcs_of_lines(lines: Lines) -> tuple[np.ndarray, np.ndarray]:
-    """The two ends (n, 2, 2) of each run of pieces of a curve, in the order of the file, and its length (n,).
+def arcs_of_lines(lines: Lines) -> tuple[Float[np.ndarray, "k 2 2"], Float[np.ndarray, " k"]]:
+    """The two ends of each run of segments of a curve, in the order of the file, and its length.
 
     A run goes on from one path to the next where it keeps its course: some programs write one arc as
     several splines. The arcs of a double door meet at a point, but turn back there.
@@ -42,17 +43,22 @@ def arcs_of_lines(lines: Lines) -> tuple[np.ndarray, np.ndarray]:
         & (np.einsum("ni,ni->n", along[1:], along[:-1]) > 0.5)
     )
     is_first, is_last = np.concatenate([[True], ~joined]), np.concatenate([~joined, [True]])
+    # The count of beginnings up to a segment is the number of its run, from 1 on.
     length = np.bincount(np.cumsum(is_first) - 1, segments.lengths(ends))
     return np.stack([ends[is_first, 0], ends[is_last, 1]], axis=1), length
 
 
-def is_door_leaf(ends: np.ndarray, arcs: np.ndarray, arc_lengths: np.ndarray) -> np.ndarray:
+def is_door_leaf(
+    ends: Float[np.ndarray, "n 2 2"],
+    arcs: Float[np.ndarray, "k 2 2"],
+    arc_lengths: Float[np.ndarray, " k"],
+) -> Bool[np.ndarray, " n"]:
     """Which lines (n, 2, 2) reach from the centre of a quarter circle to one of its ends, or join those of a
     half circle.
 
     Args:
-        ends: (n, 2, 2).
-        arcs: (k, 2, 2) ends of curves of any kind.
+        ends: lines that may be leaves.
+        arcs: ends of curves of any kind.
         arc_lengths: (k,)
     """
     found = np.zeros(len(ends), dtype=bool)
@@ -86,19 +92,25 @@ def is_door_leaf(ends: np.ndarray, arcs: np.ndarray, arc_lengths: np.ndarray) ->
 class Windows:
     """Openings in walls drawn as two lines."""
 
-    openings: np.ndarray  # (2 k, 2, 2) their two sides along the faces of the wall
-    ends: np.ndarray  # (m, 2, 2) the lines without panes, cut where sills ran through
-    line: np.ndarray  # (m,) the line that each was
+    openings: Float[np.ndarray, "k 2 2"]
+    """Their two sides along the faces of the wall."""
+    ends: Float[
+        np.ndarray, "m 2 2"
+    ]  # (m, 2, 2) the lines without panes, cut where sills ran through
+    line: Int[np.ndarray, " m"]
+    """The line that each was."""
 
 
-def take_out_windows(ends: np.ndarray, least: float, most: float, tolerance: float) -> Windows:
+def take_out_windows(
+    ends: Float[np.ndarray, "n 2 2"], least: float, most: float, tolerance: float
+) -> Windows:
     """Find windows among lines and take out what is drawn in them.
 
     A pane ends within two lines across it, the jambs. The wall is what both jambs span, and beyond each
     of them one of its faces goes on, with nothing between; otherwise lines within are layers of a wall.
 
     Args:
-        ends: (n, 2, 2), merged: no two on one another.
+        ends: merged, no two on one another.
         least: thickness of walls.
         most: thickness of walls.
         tolerance: how exactly lines meet.
@@ -113,11 +125,13 @@ def take_out_windows(ends: np.ndarray, least: float, most: float, tolerance: flo
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])[None, :, :, None]
     insides = boxes - signs[:, :, 0] * along + signs[:, :, 1] * across
     area: BaseGeometry = shapely.union_all(shapely.polygons(insides))
-    pieces, line = cut_out(ends, area, 3 * tolerance)
-    return Windows(sides, pieces, line)
+    parts, line = cut_out(ends, area, 3 * tolerance)
+    return Windows(sides, parts, line)
 
 
-def _boxes(ends: np.ndarray, least: float, most: float, tolerance: float) -> np.ndarray:
+def _boxes(
+    ends: Float[np.ndarray, "n 2 2"], least: float, most: float, tolerance: float
+) -> Float[np.ndarray, "k 4 2"]:
     """Corners (k, 4, 2) of the openings, the first two along one face of the wall."""
     n = len(ends)
     tree = shapely.STRtree(line_strings(ends))
@@ -147,7 +161,7 @@ def _boxes(ends: np.ndarray, least: float, most: float, tolerance: float) -> np.
     return _outermost(rows[[_is_in_wall(box, ends, tree, tolerance) for box in rows]], tolerance)
 
 
-def _in_rows(boxes: np.ndarray, tolerance: float) -> np.ndarray:
+def _in_rows(boxes: Float[np.ndarray, "n 4 2"], tolerance: float) -> Float[np.ndarray, "k 4 2"]:
     """Boxes (k, 4, 2) with those made one that only a mullion, no wider than the wall is thick, parts."""
     rows = [*boxes]
     at = 0
@@ -174,7 +188,12 @@ def _in_rows(boxes: np.ndarray, tolerance: float) -> np.ndarray:
     return np.array(rows).reshape(-1, 4, 2)
 
 
-def _is_in_wall(box: np.ndarray, ends: np.ndarray, tree: shapely.STRtree, tolerance: float) -> bool:
+def _is_in_wall(
+    box: Float[np.ndarray, "4 2"],
+    ends: Float[np.ndarray, "n 2 2"],
+    tree: shapely.STRtree,
+    tolerance: float,
+) -> bool:
     """Whether beyond both ends of a box a line goes on along one of its sides, and none between them:
     there would be layers of a wall."""
     length, width = (float(np.linalg.norm(box[k] - box[0])) for k in (1, 3))
@@ -199,7 +218,7 @@ def _is_in_wall(box: np.ndarray, ends: np.ndarray, tree: shapely.STRtree, tolera
     return True
 
 
-def _outermost(boxes: np.ndarray, tolerance: float) -> np.ndarray:
+def _outermost(boxes: Float[np.ndarray, "n 4 2"], tolerance: float) -> Float[np.ndarray, "k 4 2"]:
     """Boxes (k, 4, 2) without those within others: frames within openings."""
     polygons = np.asarray(shapely.polygons(boxes), dtype=object)
     order = np.argsort(-shapely.area(polygons), kind="stable")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from jaxtyping import Float, Int
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
@@ -18,9 +19,11 @@ from planfit.geometry import segments
 class RegionFaces:
     """Boundary of solid wall; lengths in the unit of the regions."""
 
-    ends: np.ndarray  # (n, 2, 2)
-    normals: np.ndarray  # (n, 2) unit, out of the wall
-    thickness: np.ndarray  # (n,) wall behind each face
+    ends: Float[np.ndarray, "n 2 2"]
+    normals: Float[np.ndarray, "n 2"]
+    """Unit, out of the wall."""
+    thickness: Float[np.ndarray, " n"]
+    """Wall behind each face."""
 
 
 def faces_of_regions(walls: BaseGeometry, tolerance: float, min_length: float) -> RegionFaces:
@@ -52,7 +55,9 @@ def faces_of_regions(walls: BaseGeometry, tolerance: float, min_length: float) -
     return RegionFaces(ends, normals, _thickness(solid, ends, normals))
 
 
-def _thickness(solid: BaseGeometry, ends: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def _thickness(
+    solid: BaseGeometry, ends: Float[np.ndarray, "n 2 2"], normals: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " n"]:
     """Median length (n,) of the wall behind three points of each face, straight through."""
     reach = float(np.ptp(ends.reshape(-1, 2), axis=0).max())
     lengths = []
@@ -60,15 +65,17 @@ def _thickness(solid: BaseGeometry, ends: np.ndarray, normals: np.ndarray) -> np
         at = (1 - share) * ends[:, 0] + share * ends[:, 1]
         skin = 1e-6 * reach
         through = shapely.linestrings(np.stack([at - skin * normals, at - reach * normals], axis=1))
-        pieces, face = shapely.get_parts(shapely.intersection(through, solid), return_index=True)
-        # The piece that begins at the face; others belong to walls beyond the room behind.
-        begins = shapely.distance(pieces, shapely.points(at[face])) < 10 * skin
-        length = (shapely.length(pieces) + skin) * begins
+        parts, face = shapely.get_parts(shapely.intersection(through, solid), return_index=True)
+        # The part that begins at the face; others belong to walls beyond the room behind.
+        begins = shapely.distance(parts, shapely.points(at[face])) < 10 * skin
+        length = (shapely.length(parts) + skin) * begins
         lengths.append(np.bincount(face, length, minlength=len(ends)))
     return np.median(np.array(lengths), axis=0)
 
 
-def section_segments(corners: np.ndarray, triangles: np.ndarray, height: float) -> np.ndarray:
+def section_segments(
+    corners: Float[np.ndarray, "k 3"], triangles: Int[np.ndarray, "m 3"], height: float
+) -> Float[np.ndarray, "n 2 2"]:
     """Segments (n, 2, 2), x-y, where a level plane meets triangles (m, 3) over corners (k, 3).
 
     Corners at the very height count as above, so that each triangle gives one segment or none.
@@ -77,7 +84,7 @@ def section_segments(corners: np.ndarray, triangles: np.ndarray, height: float) 
     above = at[..., 2] >= height
     is_cut = above.any(axis=1) & ~above.all(axis=1)
     at, above = at[is_cut], above[is_cut]
-    # Turn each so that corner 0 is alone on its side.
+    # Corners rolled so that 0 is alone on its side: the cut meets the two edges from it.
     alone = np.where(above.sum(axis=1) == 1, np.argmax(above, axis=1), np.argmin(above, axis=1))
     order = (alone[:, None] + np.arange(3)) % 3
     at = np.take_along_axis(at, order[..., None], axis=1)
@@ -89,7 +96,9 @@ def section_segments(corners: np.ndarray, triangles: np.ndarray, height: float) 
     return np.stack(ends, axis=1)
 
 
-def section_area(corners: np.ndarray, triangles: np.ndarray, height: float) -> BaseGeometry:
+def section_area(
+    corners: Float[np.ndarray, "k 3"], triangles: Int[np.ndarray, "m 3"], height: float
+) -> BaseGeometry:
     """Area of the solid inside a closed surface at a height; empty where the surface is open there.
 
     Rings within rings are holes, as in a hollow pillar.
@@ -111,7 +120,7 @@ def section_area(corners: np.ndarray, triangles: np.ndarray, height: float) -> B
     return shapely.union_all(solid)
 
 
-def _is_inside(segments: np.ndarray, point: np.ndarray) -> bool:
+def _is_inside(segments: Float[np.ndarray, "n 2 2"], point: Float[np.ndarray, "2"]) -> bool:
     """Whether a ray from the point crosses the outline an odd number of times."""
     y = segments[..., 1] > point[1]
     crossing = segments[y[:, 0] != y[:, 1]]

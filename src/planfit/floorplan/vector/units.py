@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
@@ -178,7 +179,9 @@ def length_of_text(text: str) -> tuple[float, bool] | None:
     return None
 
 
-def scale_of_dimensions(ends: np.ndarray, texts: tuple[Text, ...]) -> DimensionScale | None:
+def scale_of_dimensions(
+    ends: Float[np.ndarray, "n 2 2"], texts: tuple[Text, ...]
+) -> DimensionScale | None:
     """Metres of one unit of the drawing, where at least three texts of different lengths agree
     within 1 % with the lines (n, 2, 2) they stand at the middle of, and they are most of the
     texts that have such a line.

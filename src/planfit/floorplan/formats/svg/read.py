@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 from svgelements import (
     SVG,
@@ -134,7 +135,7 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
     area: BaseGeometry = shapely.Polygon()
     for shape in shapes if isinstance(shapes, list) else []:
         if isinstance(shape, Shape):
-            for points, _ in _pieces(SvgPath(shape) * transform):
+            for points, _ in _sub_paths(SvgPath(shape) * transform):
                 if len(points) >= 3:
                     area = area.union(shapely.make_valid(shapely.Polygon(points)))
     return None if area.is_empty else area
@@ -142,25 +143,25 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
 
 def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str) -> None:
     try:
-        pieces = _pieces(SvgPath(shape))
+        sub_paths = _sub_paths(SvgPath(shape))
     except (ZeroDivisionError, ValueError, OverflowError):
         return  # an arc with a radius that is no number
     if _is_drawn(shape.stroke):
         style = (str(shape.stroke), round(float(shape.stroke_width or 1.0), 3))
-        for points, is_curved in pieces:
+        for points, is_curved in sub_paths:
             builder.add_polyline(points, is_curved, layer, style)
     if _is_drawn(shape.fill):
         fill = shape.fill
         colour = (int(fill.red or 0), int(fill.green or 0), int(fill.blue or 0))
-        builder.add_fill([points for points, _ in pieces], layer, colour)
+        builder.add_fill([points for points, _ in sub_paths], layer, colour)
 
 
 def _is_drawn(paint) -> bool:
     return paint is not None and paint.value is not None and paint.alpha > 0
 
 
-def _pieces(path: SvgPath) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Each sub-path as points (k, 2), y up, and which of its pieces (k - 1,) are curved."""
+def _sub_paths(path: SvgPath) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
+    """Each sub-path as points (k, 2), y up, and which of its segments (k - 1,) are curved."""
     result: list[tuple[np.ndarray, np.ndarray]] = []
     points: list[np.ndarray] = []
     curved: list[bool] = []
@@ -206,13 +207,15 @@ def _pieces(path: SvgPath) -> list[tuple[np.ndarray, np.ndarray]]:
     return result
 
 
-def _extend(points: list[np.ndarray], curved: list[bool], controls: np.ndarray) -> None:
+def _extend(
+    points: list[np.ndarray], curved: list[bool], controls: Float[np.ndarray, "4 2"]
+) -> None:
     flat, is_bent = flatten_cubic(controls)
     points.extend(flat)
     curved.extend([is_bent] * len(flat))
 
 
-def _xy(point) -> np.ndarray:
+def _xy(point) -> Float[np.ndarray, "2"]:
     return np.array([point.x, -point.y], dtype=float)
 
 
@@ -223,7 +226,7 @@ def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:
     matrix = Matrix(element.transform)
     height = float(element.font_size or 16.0)  # type: ignore[arg-type]
     width = 0.6 * height * len(text)
-    shift = {"middle": 0.0, "end": -0.5}.get(str(element.anchor), 0.5) * width
-    at = matrix.point_in_matrix_space((element.x + shift, element.y - 0.35 * height))
+    offset = {"middle": 0.0, "end": -0.5}.get(str(element.anchor), 0.5) * width
+    at = matrix.point_in_matrix_space((element.x + offset, element.y - 0.35 * height))
     scale = float(np.sqrt(abs(matrix.a * matrix.d - matrix.b * matrix.c)))
     builder.texts.append(Text(text, _xy(at), height * scale, builder.layer(layer)))
