@@ -17,7 +17,7 @@ from records import Record
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions
-from planfit.floorplan.raster import read_picture
+from planfit.floorplan.raster import plan_of_picture
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
 from planfit.synth.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
@@ -67,7 +67,7 @@ def make_drawing(condition: str, style: str, seed: int) -> PlanPicture:
 
 def score(drawing: PlanPicture, image: np.ndarray | None = None) -> Score:
     try:
-        plan = read_picture(
+        plan = plan_of_picture(
             drawing.image if image is None else image, "drawing", "", PlanOptions(), "picture"
         )
     except FloorplanError as error:
@@ -138,7 +138,7 @@ def time_large(side_px: int = 4000) -> Record:
     drawing = make_drawing("cluttered", "hatched", FIRST_SEED)
     image = cv2.resize(drawing.image, (side_px, side_px), interpolation=cv2.INTER_CUBIC)
     begin = time.perf_counter()
-    read_picture(image, "drawing", "", PlanOptions(), "picture")
+    plan_of_picture(image, "drawing", "", PlanOptions(), "picture")
     seconds = time.perf_counter() - begin
     print(f"{side_px} x {side_px} px: {seconds:.2f} s")
     return Record("plan_picture_s", seconds, "s", f"hatched, cluttered, {side_px} x {side_px} px")
