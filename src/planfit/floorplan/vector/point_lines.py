@@ -6,27 +6,32 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 HALF_WIDTH_M = 0.03
+"""Points of a line are as near to it, and votes for its offset are counted in steps of this."""
 MAX_ANGLE_DEG = 12.0
+"""Between the normals of a line and of its points."""
 MAX_GAP_M = 0.30
+"""A line is cut where its points leave more than this."""
 MIN_LENGTH_M = 0.40
 MIN_SHARE = 2e-4
+"""Of all points, on the weakest line."""
 _ANGLE_STEP_DEG = 1.0
 
 
 @dataclass(frozen=True)
 class WallLines:
-    """Faces found, and the points on none."""
+    """Faces found among points, strongest line first."""
 
     ends: Float[np.ndarray, "n 2 2"]
-    """M, the free side on the left where normals tell it."""
+    """M; the free side is on the left where normals tell it."""
     normals: Float[np.ndarray, "n 2"]
     n_left: int
+    """Points on no face."""
 
 
 def wall_lines(
     xy: Float[np.ndarray, "n 2"], normals: Float[np.ndarray, "n 2"], is_oriented: bool
 ) -> WallLines:
-    """Lines through points (n, 2) m with normals (n, 2), the strongest first, each cut at gaps.
+    """Lines through points, m, with normals, the strongest first, each cut at gaps.
 
     A line is the peak of the points' own votes for its direction and offset, refined by the middle of
     the points within its width. Where `is_oriented`, the two faces of a thin wall are apart by
@@ -117,7 +122,7 @@ def _on_line(
 
 
 def _runs(at: Float[np.ndarray, " n"]) -> list[tuple[float, float]]:
-    """Stretches of sorted places without a gap of more than `MAX_GAP_M`."""
+    """Intervals of sorted coordinates without a gap of more than `MAX_GAP_M`."""
     breaks = np.flatnonzero(np.diff(at) > MAX_GAP_M)
     starts = np.concatenate([[0], breaks + 1])
     stops = np.concatenate([breaks, [len(at) - 1]])
