@@ -134,7 +134,9 @@ def _drifted(synthetic: SyntheticScan, seed: int) -> SyntheticScan:
     drifted = true
     for _ in range(30):
         scale = (low + high) / 2
-        options = replace(unit, yaw_deg=unit.yaw_deg * scale, shift_m=unit.shift_m * scale)
+        options = replace(
+            unit, yaw_deg=unit.yaw_deg * scale, translation_m=unit.translation_m * scale
+        )
         drifted = drift_poses(true, options, np.random.default_rng([seed, 77]), UP_WORLD)
         off = np.linalg.norm(drifted[:, :3, 3] - true[:, :3, 3], axis=1)
         too_far = np.median(off[late] / walked[late]) > DRIFT_SHARE

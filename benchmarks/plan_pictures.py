@@ -17,10 +17,10 @@ from records import Record
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, nearest_faces
-from planfit.floorplan.raster import read_picture
+from planfit.floorplan.raster import plan_of_picture
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
-from planfit.synth.drawing import STYLES, Drawing, DrawingOptions, draw_building
+from planfit.synth.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
 
 NEAR_PX = 3.0
 FIRST_SEED = 5000
@@ -44,7 +44,7 @@ class Score:
     """Median distance of faces found, where they are within 3 px."""
 
 
-def make_drawing(condition: str, style: str, seed: int) -> Drawing:
+def make_drawing(condition: str, style: str, seed: int) -> PlanPicture:
     rng = np.random.default_rng([seed, STYLES.index(style)])
     building = make_building(
         BuildingOptions(
@@ -65,9 +65,9 @@ def make_drawing(condition: str, style: str, seed: int) -> Drawing:
     return draw_building(building, options, rng)
 
 
-def score(drawing: Drawing, image: np.ndarray | None = None) -> Score:
+def score(drawing: PlanPicture, image: np.ndarray | None = None) -> Score:
     try:
-        plan = read_picture(
+        plan = plan_of_picture(
             drawing.image if image is None else image, "drawing", "", PlanOptions(), "picture"
         )
     except FloorplanError as error:
@@ -140,7 +140,7 @@ def time_large(side_px: int = 4000) -> Record:
     drawing = make_drawing("cluttered", "hatched", FIRST_SEED)
     image = cv2.resize(drawing.image, (side_px, side_px), interpolation=cv2.INTER_CUBIC)
     begin = time.perf_counter()
-    read_picture(image, "drawing", "", PlanOptions(), "picture")
+    plan_of_picture(image, "drawing", "", PlanOptions(), "picture")
     seconds = time.perf_counter() - begin
     print(f"{side_px} x {side_px} px: {seconds:.2f} s")
     return Record("plan_picture_s", seconds, "s", f"hatched, cluttered, {side_px} x {side_px} px")

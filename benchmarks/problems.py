@@ -11,7 +11,7 @@ import numpy as np
 
 from planfit.adjust import Measurements
 from planfit.adjust.association import Association
-from planfit.floorplan import Floorplan, make_floorplan
+from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -58,7 +58,7 @@ def make_problem(
     floorplan = _ring_corridor(side_m, piece_m or side_m)
     true = _walk(n_frames, frames_per_lap, side_m, rng)
     up = np.array([0.0, 0.0, 1.0])
-    drift = drift or DriftOptions(yaw_deg=0.02, shift_m=0.004)
+    drift = drift or DriftOptions(yaw_deg=0.02, translation_m=0.004)
     recorded = drift_poses(true, drift, rng, up)
     matches = _matches(true, frames_per_lap, neighbours, revisits, matches_per_pair, rng)
     structure, face_idx = _structure(true, floorplan, points_per_frame, rng)
@@ -81,7 +81,7 @@ def _ring_corridor(side_m: float, piece_m: float) -> Floorplan:
             share = np.linspace(0, 1, max(1, round(side_m / piece_m)) + 1)[:, None]
             cuts = first * (1 - share) + last * share
             patches.append(np.stack([cuts[:-1], cuts[1:]], axis=1))
-    return make_floorplan("ring corridor", np.concatenate(patches))
+    return Floorplan.from_segments(np.concatenate(patches), name="ring corridor")
 
 
 def _walk(n: int, frames_per_lap: int, side_m: float, rng: np.random.Generator) -> np.ndarray:

@@ -50,7 +50,7 @@ WAYS = (
 def drifted(seed: int, percent: float, turn_deg: float) -> Problem:
     drift = DriftOptions(
         yaw_deg=turn_deg / np.sqrt(N_FRAMES),
-        shift_m=percent / 100 * WALKED_M / np.sqrt(2 * N_FRAMES),
+        translation_m=percent / 100 * WALKED_M / np.sqrt(2 * N_FRAMES),
     )
     return make_problem(
         N_FRAMES, seed, PER_LAP, matches_per_pair=30, points_per_frame=200, drift=drift, piece_m=3.0

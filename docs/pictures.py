@@ -149,7 +149,7 @@ def main() -> None:
         synth.SynthOptions(
             walk=synth.WalkOptions(n_frames=140),
             camera=synth.CameraOptions(width_px=400, height_px=300),
-            drift=synth.DriftOptions(yaw_deg=0.3, shift_m=0.025),
+            drift=synth.DriftOptions(yaw_deg=0.3, translation_m=0.025),
             world="moved",
         )
     )

@@ -48,7 +48,7 @@ def make_sample():
             building=BuildingOptions(n_rooms=2),
             walk=WalkOptions(n_frames=N),
             camera=CameraOptions(width_px=WIDTH, height_px=HEIGHT),
-            drift=DriftOptions(yaw_deg=0.0, shift_m=0.0),
+            drift=DriftOptions(yaw_deg=0.0, translation_m=0.0),
         )
     )
     files = synthetic.scan.files

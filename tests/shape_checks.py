@@ -26,8 +26,8 @@ _check = beartype(
 
 
 def typechecked(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Check a function; options check themselves, and tell users more than a type would."""
-    is_options = re.search(r"(Options|Arguments)\.__init__$", function.__qualname__)
+    """Check a function; options and plans check themselves, and tell users more."""
+    is_options = re.search(r"(Options|Arguments|Floorplan)\.__init__$", function.__qualname__)
     return function if is_options else _check(function)
 
 

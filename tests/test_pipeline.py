@@ -33,7 +33,7 @@ BASE = SynthOptions(
     building=BuildingOptions(n_rooms=3),
     walk=WalkOptions(n_frames=80),
     camera=CameraOptions(width_px=320, height_px=240),
-    drift=DriftOptions(yaw_deg=0.5, shift_m=0.03),
+    drift=DriftOptions(yaw_deg=0.5, translation_m=0.03),
 )
 
 

@@ -55,7 +55,7 @@ def _redwood(seed: int, n_rooms: int, n_frames: int) -> BenchScan:
         walk=WalkOptions(n_frames=n_frames),
         camera=_CAMERA,
         depth_noise=StructuredLightNoise(),
-        drift=DriftOptions(yaw_deg=0.05, shift_m=0.007),
+        drift=DriftOptions(yaw_deg=0.05, translation_m=0.007),
         world="moved",
     )
     return BenchScan("redwood-like", f"redwood-like {seed}", synth, None, lambda_walls=0.6)
@@ -69,7 +69,7 @@ def _phone(seed: int, n_rooms: int, n_frames: int) -> BenchScan:
         walk=WalkOptions(n_frames=n_frames),
         camera=replace(_CAMERA, exposure_std=0.05, noise_levels=2.5),
         depth_noise=TimeOfFlightNoise(),
-        drift=DriftOptions(yaw_deg=0.12, shift_m=0.015, jumps_per_100_frames=1.0),
+        drift=DriftOptions(yaw_deg=0.12, translation_m=0.015, jumps_per_100_frames=1.0),
         world="moved",
     )
     return BenchScan("phone-like", f"phone-like {seed}", synth, DrawingHabits(), lambda_walls=0.5)

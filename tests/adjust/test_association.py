@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import faces_plan, look, make_structure, make_world, moved_plan, room_plan
 from planfit.adjust.association import AssociationOptions, associate, wall_patches_in_plan
-from planfit.floorplan import Floorplan, make_floorplan
+from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 
 CAMERA_POSE = look([3, 2, 1.5], 90)[None]
@@ -56,7 +56,7 @@ def test_max_distance():
 def test_the_opposite_face_is_not_matched():
     # A wall 0.2 m thick; the far face is nearer to where drift has put the scanned wall.
     ends = np.array([[[0, 0], [5, 0]], [[0, -0.2], [5, -0.2]]], dtype=float)
-    plan = make_floorplan("two faces", ends)
+    plan = Floorplan.from_segments(ends, name="two faces")
     assert plan.is_oriented.all()
     face, distance = matched(plan, [1, -0.15], [3, -0.15], [0, 1])
     assert face == 0
@@ -66,7 +66,7 @@ def test_the_opposite_face_is_not_matched():
 
 
 def test_a_face_of_unknown_side_is_matched_from_either():
-    plan = make_floorplan("stroke", np.array([[[0, 0], [5, 0]]], dtype=float))
+    plan = Floorplan.from_segments([[[0, 0], [5, 0]]], name="stroke")
     assert not plan.is_oriented.any()
     assert matched(plan, [1, 0.1], [3, 0.1], [0, 1])[0] == 0
     assert matched(plan, [1, 0.1], [3, 0.1], [0, -1])[0] == 0

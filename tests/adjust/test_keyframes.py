@@ -97,7 +97,9 @@ def test_evidence_costs_the_same_at_poses_that_keep_to_the_record(rng):
 def test_solving_for_keyframes_is_nearly_as_good(rng):
     world = make_world(rng)
     up = np.array([0.0, 0, 1.0])
-    recorded = drift_poses(world.plan_from_cams, DriftOptions(yaw_deg=0.3, shift_m=0.01), rng, up)
+    recorded = drift_poses(
+        world.plan_from_cams, DriftOptions(yaw_deg=0.3, translation_m=0.01), rng, up
+    )
     found = choose_keyframes(
         recorded, KeyframeOptions(min_frames=0, max_step_m=4.0, max_turn_deg=150)
     )

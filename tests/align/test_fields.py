@@ -11,7 +11,7 @@ from planfit.align.likelihood_field import (
     make_likelihood_field,
     sector_angle,
 )
-from planfit.floorplan import make_floorplan
+from planfit.floorplan import Floorplan
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_neighbouring_sectors_overlap_and_opposite_ones_do_not(fields):
 
 
 def test_a_face_of_unknown_side_is_in_both_sectors():
-    plan = make_floorplan("stroke", np.array([[[0, 0], [5, 0]]], dtype=float))
+    plan = Floorplan.from_segments([[[0, 0], [5, 0]]], name="stroke")
     fields = make_likelihood_field(plan, 0.25, 0.4, 1.0)
     assert at(fields, 2, 2.5, 0) == pytest.approx(1.0)
     assert at(fields, 6, 2.5, 0) == pytest.approx(1.0)

@@ -21,7 +21,7 @@ SMALL = SynthOptions(
     building=BuildingOptions(n_rooms=2),
     walk=WalkOptions(n_frames=60),
     camera=CameraOptions(width_px=320, height_px=240),
-    drift=DriftOptions(yaw_deg=0.4, shift_m=0.03),
+    drift=DriftOptions(yaw_deg=0.4, translation_m=0.03),
 )
 
 

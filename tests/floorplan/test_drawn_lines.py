@@ -10,7 +10,7 @@ import trimesh
 
 from plan_files import make_plan, write_dxf, write_geojson, write_ifc, write_pdf, write_svg
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
-from planfit.floorplan.vector.shown_lines import longest, outlines
+from planfit.floorplan.vector.line_work import longest, outlines
 
 WALLS, _ = make_plan(n_rooms=4)
 

@@ -19,12 +19,11 @@ from plan_files import (
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, read_floorplan
 from planfit.floorplan.faces import orient_faces
-from planfit.floorplan.vector.collinear import merge_collinear
-from planfit.floorplan.vector.dimension_texts import length_of_text
+from planfit.floorplan.vector.double_lines import rows_of_lines
 from planfit.floorplan.vector.layer_names import Role, role_of
-from planfit.floorplan.vector.line_walls import rows_of_lines
-from planfit.floorplan.vector.regions import faces_of_regions
-from planfit.floorplan.vector.section import section_area
+from planfit.floorplan.vector.line_work import merge_collinear
+from planfit.floorplan.vector.regions import faces_of_regions, section_area
+from planfit.floorplan.vector.units import length_of_text
 
 WALLS, BUILDING = make_plan(n_rooms=6)
 TRUTH = faces_of_regions(WALLS, 1e-6, 0.5)
@@ -430,6 +429,34 @@ def test_a_mesh_becomes_its_walls(tmp_path, up):
     assert f"up is {up}" in plan.source.warnings[0]
     assert on_faces(plan.ends, plan.normals, truth.ends, truth.normals, 0.03) > 0.97
     assert on_faces(truth.ends, truth.normals, plan.ends, plan.normals, 0.03) > 0.97
+
+
+@pytest.mark.parametrize(
+    ("options", "size", "unit", "told_by"),
+    [
+        ({}, 6.0, "m", "assumed"),
+        ({"unit": "cm"}, 6.0, "cm", "--unit"),
+        ({"metres_per_unit": 0.02}, 6.0, "0.02 m", "--scale"),
+        ({"unit": "unknown"}, 6.0, "unknown", ""),
+    ],
+)
+def test_the_source_of_a_mesh_says_its_unit_and_what_told_it(
+    tmp_path, options, size, unit, told_by
+):
+    chosen = PlanOptions(**options)
+    metres = {"0.02 m": 0.02, "cm": 0.01}.get(unit, 1.0)
+    room = trimesh.creation.box((size / metres, 4 / metres, 2.5 / metres))
+    room.export(tmp_path / "a.ply")
+    plan = read_floorplan(tmp_path / "a.ply", chosen)
+    assert (plan.source.unit, plan.source.unit_from) == (unit, told_by)
+    assert plan.is_metric == (unit != "unknown")
+    np.testing.assert_allclose(plan.size, [6, 4], atol=0.1)
+
+
+def test_a_given_scale_of_geojson_is_named_as_what_told_the_unit(tmp_path):
+    path = write_geojson(tmp_path / "a.geojson", shapely.box(0, 0, 6, 4))
+    plan = read_floorplan(path, PlanOptions(metres_per_unit=80_000.0))
+    assert (plan.source.unit, plan.source.unit_from) == ("80000 m", "--scale")
 
 
 def test_a_point_cloud_becomes_walls_without_a_side(tmp_path, rng):

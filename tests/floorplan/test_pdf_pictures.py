@@ -1,8 +1,5 @@
 """A page that is a picture goes to the reader of pictures, rendered."""
 
-import sys
-import types
-
 import numpy as np
 
 from builders import room_plan
@@ -23,13 +20,11 @@ def test_a_page_that_is_a_picture_is_rendered_and_read_as_one(tmp_path, monkeypa
     )  # fmt: skip
     seen = []
 
-    def read_picture(image_bgr, name, fingerprint, options, kind):
+    def read_image(image_bgr, name, fingerprint, options, kind):
         seen.append((image_bgr, name, fingerprint, options, kind))
         return room_plan()
 
-    stand_in = types.ModuleType("planfit.floorplan.raster")
-    stand_in.read_picture = read_picture
-    monkeypatch.setitem(sys.modules, "planfit.floorplan.raster", stand_in)
+    monkeypatch.setattr("planfit.floorplan.formats.picture.read_image", read_image)
     options = PlanOptions(unit="m")
     read_floorplan(path, options)
     [(picture, name, fingerprint, passed, kind)] = seen

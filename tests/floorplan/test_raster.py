@@ -13,19 +13,23 @@ from numpy.testing import assert_allclose
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, nearest_faces, read_floorplan
-from planfit.floorplan.raster.candidates import opened
-from planfit.floorplan.raster.frame import without_frame
+from planfit.floorplan.raster.line_work import opened
 from planfit.floorplan.raster.openings import find_openings
-from planfit.floorplan.raster.picture import find_skew_deg, make_darkness, make_upright
+from planfit.floorplan.raster.picture import (
+    find_skew_deg,
+    make_darkness,
+    make_upright,
+    without_frame,
+)
 from planfit.floorplan.raster.storeys import find_storeys
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
-from planfit.synth.drawing import STYLES, Drawing, DrawingOptions, draw_building
+from planfit.synth.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
 
 MIRROR = np.array([1.0, -1.0])
 
 
-def drawn(seed: int = 3, n_rooms: int = 4, **options: object) -> Drawing:
+def drawn(seed: int = 3, n_rooms: int = 4, **options: object) -> PlanPicture:
     rng = np.random.default_rng(seed)
     building = make_building(BuildingOptions(n_rooms=n_rooms), rng)
     return draw_building(building, replace(DrawingOptions(pixels_per_metre=55), **options), rng)
@@ -249,7 +253,7 @@ def test_storeys_side_by_side(tmp_path: Path) -> None:
         read_floorplan(path, PlanOptions(storey="7"))
 
 
-def test_a_given_mask_takes_the_place_of_reading(tmp_path: Path) -> None:
+def test_a_given_mask_takes_the_place_of_an_interpretation(tmp_path: Path) -> None:
     mask = np.zeros((300, 400), np.uint8)
     mask[100:120, 50:350] = 255
     mask_path = saved(tmp_path / "mask.png", mask)

@@ -12,7 +12,6 @@ from planfit.errors import FloorplanError
 from planfit.floorplan import (
     Floorplan,
     PlanOptions,
-    make_floorplan,
     read_floorplan,
     write_floorplan_json,
 )
@@ -136,7 +135,7 @@ def test_a_folder_of_that_name(tmp_path, name):
 def test_json_round_trip_is_lossless(tmp_path, rng):
     ends = rng.uniform(-20, 20, (12, 2, 2))
     ends[6:] = ends[:6] + 0.1 / 3  # some get a partner and so a free side
-    made = make_floorplan("made", ends)
+    made = Floorplan.from_segments(ends, name="made")
     assert made.is_oriented.any()
     assert not made.is_oriented.all()
     write_floorplan_json(tmp_path / "plan.json", made)
@@ -246,7 +245,7 @@ def test_an_unknown_unit_is_not_questioned(tmp_path, factor):
     assert not plan.is_metric
     assert_allclose(plan.size, (6.4 * factor, 4.4 * factor))
     # Which side is free does not hang on the unit either.
-    metric = make_floorplan("metric", double.reshape(-1, 2, 2) * (1.0, -1.0))
+    metric = Floorplan.from_segments(double.reshape(-1, 2, 2) * (1.0, -1.0), name="metric")
     assert_array_equal(plan.is_oriented, metric.is_oriented)
     assert_allclose(plan.normals, metric.normals, atol=1e-12)
 
@@ -275,3 +274,59 @@ def test_json_keeps_thickness_openings_and_an_unknown_unit(tmp_path):
 @pytest.mark.parametrize("change", [{"thickness": 0}, {"thickness": -1}])
 def test_json_thickness_that_is_none(tmp_path, change):
     refused(plan_json(tmp_path / "plan.json", [face(**change)]), "thickness")
+
+
+# Segments in memory.
+
+
+def test_segments_in_memory_are_a_plan():
+    ends = [[[0, 0], [6, 0]], [[0, 0.2], [6, 0.2]], [[6, 0], [0, 0]], [[1, 1], [1, 1]]]
+    plan = Floorplan.from_segments(ends)
+    assert_array_equal(plan.ends, np.array(ends[:2], dtype=float))  # once each, no points
+    assert_allclose(plan.normals, [[0, -1], [0, 1]], atol=1e-12)  # away from each other
+    assert plan.is_oriented.all()
+    assert plan.is_metric
+    assert plan.fingerprint == Floorplan.from_segments(ends).fingerprint
+    moved = Floorplan.from_segments(np.array(ends) + 1.0)
+    assert moved.fingerprint != plan.fingerprint
+
+
+def test_normals_in_memory_tell_the_free_side():
+    ends = [[[0, 0], [6, 0]], [[0, 0.2], [6, 0.2]], [[0, 5], [6, 5]]]
+    plan = Floorplan.from_segments(ends, [[0, 2.0], [0, -0.1], [np.nan, np.nan]])
+    assert_allclose(plan.normals[:2], [[0, 1], [0, -1]], atol=1e-12)  # of length 1, as given
+    assert_array_equal(plan.is_oriented, [True, True, False])
+
+
+def test_segments_of_an_unknown_unit_keep_it():
+    room = ROOM.reshape(-1, 2, 2)
+    outside = room + 0.2 * np.sign(room - [3, 2])
+    ends = 77.0 * np.concatenate([room, outside])
+    plan = Floorplan.from_segments(ends, is_metric=False)
+    assert not plan.is_metric
+    assert_array_equal(plan.ends, ends)
+    assert plan.is_oriented.all()
+
+
+@pytest.mark.parametrize(
+    ("ends", "normals", "words"),
+    [
+        ([[0, 0, 6, 0]], None, ("(n, 2, 2)", "(1, 4)")),
+        (np.zeros((3, 2, 3)), None, ("(n, 2, 2)", "(3, 2, 3)")),
+        ([[["a", 0], [6, 0]]], None, ("numbers",)),
+        ([[[0, 0], [6]]], None, ("numbers",)),
+        ([[[0, np.nan], [6, 0]]], None, ("finite", "NaN")),
+        ([], None, ("wall segments", "none")),
+        ([[[1, 1], [1, 1]]], None, ("wall segments", "none")),
+        ([[[0, 0], [6, 0]]], [[0, 1], [0, 1]], ("each of 1 segments", "(2, 2)")),
+        ([[[0, 0], [6, 0]]], [[0, 0]], ("with a length", "0")),
+        ([[[0, 0], [6, 0]]], [[1, 1]], ("right angles", "45 deg")),
+    ],
+)
+def test_segments_in_memory_that_are_none_say_what_was_found(ends, normals, words):
+    with pytest.raises(FloorplanError) as caught:
+        Floorplan.from_segments(ends, normals, name="my plan")
+    message = str(caught.value)
+    assert message.startswith("my plan: expected ")
+    for word in words:
+        assert word in message

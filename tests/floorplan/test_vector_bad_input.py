@@ -289,6 +289,14 @@ def test_geojson_without_walls(tmp_path):
     )
 
 
+def test_geojson_with_a_number_beyond_floats_is_refused(tmp_path):
+    text = (
+        '{"type": "Feature", "properties": {"category": "wall"}, "geometry": '
+        '{"type": "LineString", "coordinates": [[' + "9" * 400 + ", 0], [1, 1]]}}"
+    )
+    assert "expected walls or rooms" in refusal(wrote(tmp_path / "a.geojson", text))
+
+
 @pytest.mark.parametrize("text", ["", "{", "[1]"])
 def test_geojson_of_another_kind(tmp_path, text):
     assert "expected" in refusal(wrote(tmp_path / "a.geojson", text))

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.errors import OptionError
-from planfit.floorplan import make_floorplan, nearest_faces
+from planfit.floorplan import Floorplan, nearest_faces
 from planfit.geometry import segments
 from planfit.scan import Label
 from planfit.synth import BuildingOptions, facap_segments, make_building, make_quads
@@ -80,7 +80,7 @@ def test_walls_are_as_thick_as_asked():
 
 def test_the_plan_reader_finds_the_same_free_sides():
     plan = building(n_rooms=6).floorplan
-    read = make_floorplan("twin", plan.ends)
+    read = Floorplan.from_segments(plan.ends, name="twin")
     assert read.is_oriented.mean() > 0.6  # insides of doors have no partner line
     assert_allclose(read.normals[read.is_oriented], plan.normals[read.is_oriented], atol=1e-9)
 

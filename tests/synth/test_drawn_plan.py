@@ -29,7 +29,7 @@ def test_finish_moves_faces_into_the_rooms(yaw_deg):
     assert np.abs(along).max() < 0.0203
 
 
-def test_offsets_have_their_spread_and_corners_stay_closed():
+def test_offsets_have_their_sigma_and_corners_stay_closed():
     true = building().floorplan
     habits = DrawingHabits(offset_sigma_m=0.02, finish_m=0.0, grid_m=0.0)
     across = []

@@ -1,4 +1,4 @@
-"""Drift: a random walk with the stated spread, about the stated axes."""
+"""Drift: a random walk with the stated standard deviation, about the stated axes."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from planfit.errors import OptionError
 from planfit.geometry import se3
 from planfit.synth import DriftOptions, drift_poses
 
-NONE = {"yaw_deg": 0.0, "tilt_share": 0.0, "shift_m": 0.0, "vertical_share": 0.0}
+NONE = {"yaw_deg": 0.0, "tilt_share": 0.0, "translation_m": 0.0, "vertical_share": 0.0}
 
 
 def trajectory(n, rng):
@@ -17,34 +17,34 @@ def trajectory(n, rng):
 
 
 def motion_errors(true, drifted):
-    """The error put on each motion, in world axes: rotation vectors and shifts (n - 1, 3)."""
+    """The error put on each motion, in world axes: rotation vectors and translations (n - 1, 3)."""
     true_motion = se3.inverse(true[:-1]) @ true[1:]
     motion = se3.inverse(drifted[:-1]) @ drifted[1:]
     error_cam = motion @ se3.inverse(true_motion)
-    turn = true[:-1, :3, :3]
-    rotations = turn @ error_cam[:, :3, :3] @ np.swapaxes(turn, 1, 2)
-    return se3.log_so3(rotations), (turn @ error_cam[:, :3, 3:])[..., 0]
+    rotation = true[:-1, :3, :3]
+    rotations = rotation @ error_cam[:, :3, :3] @ np.swapaxes(rotation, 1, 2)
+    return se3.log_so3(rotations), (rotation @ error_cam[:, :3, 3:])[..., 0]
 
 
 @pytest.mark.parametrize("up", [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.36, -0.48, 0.8)])
-def test_spread_is_as_stated_about_every_axis(up):
+def test_sigma_is_as_stated_about_every_axis(up):
     rng = np.random.default_rng(0)
     up = np.array(up)
     true = trajectory(6000, rng)
-    options = DriftOptions(yaw_deg=0.2, tilt_share=0.25, shift_m=0.01, vertical_share=0.4)
+    options = DriftOptions(yaw_deg=0.2, tilt_share=0.25, translation_m=0.01, vertical_share=0.4)
     drifted = drift_poses(true, options, rng, up)
-    turns, shifts = motion_errors(true, drifted)
+    rotations, translations = motion_errors(true, drifted)
     across = np.cross(up, [0.6, 0.8, 0.0])
     across /= np.linalg.norm(across)
-    assert_allclose(np.rad2deg(np.std(turns @ up)), 0.2, rtol=0.04)
-    assert_allclose(np.rad2deg(np.std(turns @ across)), 0.05, rtol=0.04)
-    assert_allclose(np.std(shifts @ up), 0.004, rtol=0.04)
-    assert_allclose(np.std(shifts @ across), 0.01, rtol=0.04)
+    assert_allclose(np.rad2deg(np.std(rotations @ up)), 0.2, rtol=0.04)
+    assert_allclose(np.rad2deg(np.std(rotations @ across)), 0.05, rtol=0.04)
+    assert_allclose(np.std(translations @ up), 0.004, rtol=0.04)
+    assert_allclose(np.std(translations @ across), 0.01, rtol=0.04)
 
 
 def test_heading_error_grows_with_the_root_of_the_frames():
     true = np.tile(np.eye(4), (401, 1, 1))
-    options = DriftOptions(yaw_deg=0.1, tilt_share=0.0, shift_m=0.0)
+    options = DriftOptions(yaw_deg=0.1, tilt_share=0.0, translation_m=0.0)
     up = np.array([0.0, 0.0, 1.0])
     yaw = [
         se3.log_so3(drift_poses(true, options, np.random.default_rng(seed), up)[[100, 400], :3, :3])
@@ -61,14 +61,15 @@ def test_first_pose_is_kept_and_no_drift_changes_nothing():
 
 
 @pytest.mark.parametrize(
-    ("field", "axis", "part"), [("yaw_deg", "up", "turn"), ("shift_m", "across", "shift")]
+    ("field", "axis", "part"),
+    [("yaw_deg", "up", "rotation"), ("translation_m", "across", "translation")],
 )
-def test_each_spread_moves_only_its_own(field, axis, part):
+def test_each_sigma_moves_only_its_own(field, axis, part):
     rng = np.random.default_rng(2)
     true, up = trajectory(100, rng), np.array([0.0, 0.0, 1.0])
-    turns, shifts = motion_errors(true, drift_poses(true, DriftOptions(**(NONE | {field: 0.1})),
+    rotations, translations = motion_errors(true, drift_poses(true, DriftOptions(**(NONE | {field: 0.1})),
                                                     rng, up))  # fmt: skip
-    moved, still = (turns, shifts) if part == "turn" else (shifts, turns)
+    moved, still = (rotations, translations) if part == "rotation" else (translations, rotations)
     along, across = np.std(moved[:, 2]), np.std(moved[:, :2])
     assert (along > 1e-4) == (axis == "up")
     assert (across > 1e-4) == (axis == "across")
@@ -84,22 +85,22 @@ def test_moving_the_world_moves_the_drifted_poses_along():
     assert_allclose(two, moved_from_world @ one, atol=1e-9)
 
 
-def test_negative_spread_is_refused():
+def test_negative_sigma_is_refused():
     with pytest.raises(OptionError, match="drift"):
         DriftOptions(yaw_deg=-0.1)
 
 
 def test_jumps_are_as_often_and_as_large_as_asked():
     true = np.tile(np.eye(4), (4001, 1, 1))
-    still = {"yaw_deg": 0.0, "shift_m": 0.0}
+    still = {"yaw_deg": 0.0, "translation_m": 0.0}
     options = DriftOptions(**still, jumps_per_100_frames=5.0, jump_m=0.2, jump_yaw_deg=3.0)
     poses = drift_poses(true, options, np.random.default_rng(0), np.array([0, 0, 1.0]))
     step = se3.inverse(poses[:-1]) @ poses[1:]
     jumped = np.linalg.norm(step[:, :3, 3], axis=1) > 1e-9
     assert 150 < jumped.sum() < 250
     assert np.std(step[jumped, :2, 3]) == pytest.approx(0.2, rel=0.15)
-    turn = np.rad2deg(np.arctan2(step[jumped, 1, 0], step[jumped, 0, 0]))
-    assert np.std(turn) == pytest.approx(3.0, rel=0.15)
+    yaw = np.rad2deg(np.arctan2(step[jumped, 1, 0], step[jumped, 0, 0]))
+    assert np.std(yaw) == pytest.approx(3.0, rel=0.15)
     assert np.abs(step[:, 2, 3]).max() < 1e-9
 
 

@@ -56,7 +56,7 @@ def test_drift_starts_at_the_truth_and_can_be_off():
     assert_allclose(synthetic.scan.world_from_cams[0], synthetic.true_world_from_cams[0], atol=1e-9)
     gap = np.abs(synthetic.scan.world_from_cams[-1] - synthetic.true_world_from_cams[-1]).max()
     assert gap > 1e-3
-    still = small(drift=DriftOptions(yaw_deg=0.0, shift_m=0.0))
+    still = small(drift=DriftOptions(yaw_deg=0.0, translation_m=0.0))
     assert_allclose(still.scan.world_from_cams, still.true_world_from_cams, atol=1e-9)
 
 

@@ -15,9 +15,9 @@ def walk(seed=0, building=None, **options):
 
 
 def steps(poses):
-    shift = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-    turn = se3.rotation_angle(np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3])
-    return shift, np.rad2deg(turn)
+    translation = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    rotation = se3.rotation_angle(np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3])
+    return translation, np.rad2deg(rotation)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -47,11 +47,11 @@ def test_open_walk_does_not_come_back():
 @pytest.mark.parametrize("seed", range(4))
 def test_neighbouring_frames_overlap_at_the_default(seed):
     _, poses = walk(seed)
-    shift, turn = steps(poses)
+    translation, rotation = steps(poses)
     assert len(poses) == 180
-    assert shift.max() <= 0.33
-    assert np.mean(turn) < 11
-    assert turn.max() < 17
+    assert translation.max() <= 0.33
+    assert np.mean(rotation) < 11
+    assert rotation.max() < 17
 
 
 def test_more_frames_take_smaller_steps():

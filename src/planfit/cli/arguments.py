@@ -11,7 +11,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 
 from planfit.cli.config import choices_of, member_of, read_options
 from planfit.floorplan import PlanOptions
-from planfit.floorplan.options import Unit
+from planfit.floorplan.units import Unit
 from planfit.pipeline.presets import preset
 
 
@@ -33,8 +33,8 @@ class PlanFlags:
     cut_height_m: float = 1.2
     """Height above the storey's floor at which models (IFC, meshes) are cut."""
     wall_mask: Path | None = None
-    """Picture of the size of the plan, white where there is wall; takes the place of planfit's reading of
-    the picture."""
+    """Picture of the size of the plan, white where there is wall; takes the place of planfit's
+    interpretation of the picture."""
     mirror: bool = False
     """Swap left and right of the plan: for one that was drawn or exported mirrored."""
 

@@ -22,11 +22,11 @@ from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.segmentation import (
+    SegmentationOptions,
     Structure,
-    StructureOptions,
-    extract_structure,
     find_gravity,
     level_from_world,
+    segment_scan,
 )
 
 
@@ -164,9 +164,9 @@ def _compare_with_recorded(
     runtime: Runtime,
 ) -> ComparedPoses:
     """Poses alone, in the plan frame where there is a plan, else in the scan's own axes."""
-    options, recorded = StructureOptions(), scan.world_from_cams
+    options, recorded = SegmentationOptions(), scan.world_from_cams
     gravity = find_gravity(scan, options.gravity, runtime)
-    structure = extract_structure(scan, gravity, options, runtime)
+    structure = segment_scan(scan, gravity, options, runtime)
     if floorplan is None:
         require(
             truth is None or truth.frame == "world",

@@ -13,7 +13,7 @@ from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import RefineResult
-from planfit.scan import Scan
+from planfit.scan import Scan, corrupt_frames
 
 
 def make_record(

@@ -1,6 +1,5 @@
 """Floorplans: the data type, and one reader a format."""
 
-from planfit.floorplan.formats.own_formats import make_floorplan as make_floorplan
 from planfit.floorplan.formats.own_formats import write_floorplan_json as write_floorplan_json
 from planfit.floorplan.options import PlanOptions as PlanOptions
 from planfit.floorplan.read import read_floorplan as read_floorplan

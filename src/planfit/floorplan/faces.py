@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.geometry import segments
 
@@ -23,26 +24,37 @@ class Partners:
     Gaps and places along are in the unit of the lines. A pair is listed once for each of its lines.
     """
 
-    line: np.ndarray  # (p,)
-    partner: np.ndarray  # (p,)
-    gap: np.ndarray  # (p,) least distance across, > 0 left of `line`, < 0 right of it
-    low: np.ndarray  # (p,) where along `line` the partner's shadow begins, 0 = its first end
-    high: np.ndarray  # (p,) where it ends
+    line: Int[np.ndarray, " p"]
+    """Index of the line."""
+    partner: Int[np.ndarray, " p"]
+    """Index of the line beside it."""
+    gap: Float[np.ndarray, " p"]
+    """Least distance across, > 0 left of `line`, < 0 right of it."""
+    low: Float[np.ndarray, " p"]
+    """Where along `line` the partner's shadow begins, 0 = its first end."""
+    high: Float[np.ndarray, " p"]
+    """Where it ends."""
+
+    def take(self, keep: Shaped[np.ndarray, " k"]) -> "Partners":
+        """Those of a mask or an index."""
+        return Partners(
+            self.line[keep], self.partner[keep], self.gap[keep], self.low[keep], self.high[keep]
+        )
 
 
-def line_strings(ends: np.ndarray) -> np.ndarray:
-    """Segments (n, 2, 2) as shapely's line strings (n,)."""
+def line_strings(ends: Float[np.ndarray, "n 2 2"]) -> Shaped[np.ndarray, " n"]:
+    """Segments as shapely's line strings."""
     return np.asarray(shapely.linestrings(ends), dtype=object)
 
 
 def find_partners(
-    ends: np.ndarray,
+    ends: Float[np.ndarray, "n 2 2"],
     max_gap: float,
     min_gap: float,
     min_overlap: float,
     parallel_sine: float = _PARALLEL_SINE,
 ) -> Partners:
-    """All pairs of lines (n, 2, 2) whose whole length is within `max_gap`, and beyond `min_gap`, of
+    """All pairs of lines whose whole length is within `max_gap`, and beyond `min_gap`, of
     the other line, with more than `min_overlap` beside it."""
     lines = line_strings(ends)
     # Two lines that overlap at a gap are nowhere further apart than the gap, so this misses none.
@@ -61,16 +73,16 @@ def find_partners(
     keep = np.flatnonzero((is_left | is_right) & (high - low > min_overlap))
     nearest = np.where(is_left, gap.min(axis=1), gap.max(axis=1))
     keep = keep[np.argsort(line[keep], kind="stable")]
-    return Partners(line[keep], partner[keep], nearest[keep], low[keep], high[keep])
+    return Partners(line, partner, nearest, low, high).take(keep)
 
 
 def orient_faces(
-    ends: np.ndarray, max_thickness_m: float = 0.6, min_thickness_m: float = 0.02
-) -> tuple[np.ndarray, np.ndarray]:
-    """Normals (n, 2) towards the free side, and whether that side is known (n,) bool.
+    ends: Float[np.ndarray, "n 2 2"], max_thickness_m: float = 0.6, min_thickness_m: float = 0.02
+) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
+    """Normals towards the free side, and whether that side is known.
 
     Args:
-        ends: (n, 2, 2) m.
+        ends: m.
         max_thickness_m: parallel lines further apart than this are two walls, not one.
         min_thickness_m: lines nearer than this are the same line drawn twice.
     """
@@ -89,8 +101,8 @@ def orient_faces(
 
 
 def _nearest_partner(
-    pairs: Partners, is_on_side: np.ndarray, length: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    pairs: Partners, is_on_side: Bool[np.ndarray, " p"], length: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Gap (n,) to the nearest partner on one side, and the share of each line (n,) that has any."""
     gaps = np.full(len(length), np.inf)
     line = pairs.line[is_on_side]
@@ -99,8 +111,15 @@ def _nearest_partner(
     return gaps, covered / length
 
 
-def covered_lengths(line: np.ndarray, low: np.ndarray, high: np.ndarray, n: int) -> np.ndarray:
-    """Length (n,) of the union of the intervals of each line."""
+def covered_lengths(
+    line: Int[np.ndarray, " p"],
+    low: Float[np.ndarray, " p"],
+    high: Float[np.ndarray, " p"],
+    n: int,
+) -> Float[np.ndarray, " n"]:
+    """Length of the union of the intervals `low` to `high` of each of `n` lines."""
+    # By line and beginning: the compiled loop then meets each line's intervals in order, and adds what of
+    # each lies beyond the furthest end reached so far.
     order = np.lexsort((low, line))
     return _covered_lengths(line[order], low[order], high[order], n)
 
@@ -117,12 +136,24 @@ def _covered_lengths(line, low, high, n):  # pragma: no cover - compiled; has a 
     return total
 
 
-def usual_gap(ends: np.ndarray, max_gap: float) -> float:
+def usual_gap(ends: Float[np.ndarray, "n 2 2"], max_gap: float) -> float:
     """Gap between a line and its nearest parallel neighbour, of the median length of line; infinite
     where most have none within `max_gap`. Says how thick walls are in a plan of unknown scale."""
     length = segments.lengths(ends)
     pairs = find_partners(ends, max_gap, 1e-3 * max_gap, max_gap / 12)
     nearest, _ = _nearest_partner(pairs, np.ones(len(pairs.line), dtype=bool), length)
-    order = np.argsort(nearest)
-    reached = np.cumsum(length[order])
-    return float(nearest[order][np.searchsorted(reached, reached[-1] / 2)])
+    return weighted_median(nearest, length)
+
+
+def weighted_median(values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"]) -> float:
+    """The value at which the sum of weights, from the least value on, reaches half of all."""
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(reached, reached[-1] / 2)])
+
+
+def first_of_each(ends: Float[np.ndarray, "n 2 2"]) -> Int[np.ndarray, " m"]:
+    """Indices, ascending, of segments without those that repeat one before, in either direction."""
+    low_first = np.array([sorted(pair) for pair in ends.tolist()]).reshape(-1, 4)
+    _, first = np.unique(low_first, axis=0, return_index=True)
+    return np.sort(first)

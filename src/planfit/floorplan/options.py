@@ -1,15 +1,10 @@
-"""Everything that can be chosen about the reading of a plan."""
+"""Everything that can be chosen about reading a plan."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from planfit.errors import OptionError, require_positive
-
-Unit = Literal["auto", "m", "cm", "mm", "in", "ft", "unknown"]
-
-METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-"""Units that a plan may be drawn in."""
+from planfit.floorplan.units import Unit
 
 
 @dataclass(frozen=True)
@@ -31,7 +26,7 @@ class PlanOptions:
     """Height above the storey's floor at which models (IFC, meshes) are cut."""
     wall_mask: Path | None = None
     """Picture of the size of the plan, white where there is wall, from a segmentation of your own; it
-    takes the place of planfit's reading of the picture."""
+    takes the place of planfit's interpretation of the picture."""
     mirror: bool = False
     """Swap left and right: for a plan that was drawn or exported mirrored."""
 

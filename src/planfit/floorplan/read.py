@@ -1,29 +1,12 @@
 """`read_floorplan`: from a path to wall faces, whatever the format."""
 
-from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.formats import find_reader
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
-
-READERS = {
-    ".npy": "formats.own_formats:read_npy",
-    ".json": "formats.own_formats:read_json",
-    **dict.fromkeys((".png", ".jpg", ".jpeg", ".tif", ".tiff"), "raster:read_raster"),
-    **dict.fromkeys((".svg", ".svgz"), "formats.svg:read_svg"),
-    ".dxf": "formats.dxf:read_dxf",
-    ".pdf": "formats.pdf:read_pdf",
-    ".ifc": "formats.ifc:read_ifc",
-    **dict.fromkeys((".geojson", ".zip"), "formats.geojson:read_geojson"),
-    **dict.fromkeys((".ply", ".obj", ".glb", ".gltf", ".stl", ".off"), "model:read_model"),
-}
-"""Module and function of this package that read each kind of file, by suffix. They are imported when
-they are asked for: together they bring half a dozen libraries."""
-FOLDER_READER = "formats.geojson:read_geojson"
-"""A folder is IMDF."""
 
 
 def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floorplan:
@@ -35,7 +18,7 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
     path, options = Path(path), options or PlanOptions()
     if not path.exists():
         raise FloorplanError(f"{path}: expected a floorplan, found nothing; check the path")
-    floorplan = _reader(path)(path, options)
+    floorplan = find_reader(path)(path, options)
     extent = max(floorplan.size)
     if floorplan.is_metric and not MIN_SIZE_M <= extent <= MAX_SIZE_M:
         raise FloorplanError(
@@ -44,14 +27,3 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
             "convert it from its own unit to metres, or give --unit or --scale"
         )
     return floorplan.mirrored() if options.mirror else floorplan
-
-
-def _reader(path: Path) -> Callable[[Path, PlanOptions], Floorplan]:
-    name = FOLDER_READER if path.is_dir() else READERS.get(path.suffix.lower())
-    if name is None:
-        raise FloorplanError(
-            f"{path}: expected a plan as {', '.join(READERS)}, found "
-            f"{path.suffix or 'no suffix'}; save it as one of these (docs/formats.md)"
-        )
-    module, function = name.split(":")
-    return getattr(import_module(f"planfit.floorplan.{module}"), function)

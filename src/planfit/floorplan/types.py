@@ -1,12 +1,19 @@
-"""A floorplan as wall faces: what every plan reader gives."""
+"""A floorplan as wall faces: what every plan reader gives, and what callers make of segments of their own."""
 
+import hashlib
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.faces import first_of_each, orient_faces, usual_gap
 from planfit.geometry import segments
+
+MAX_THICKNESS_M, MIN_THICKNESS_M = 0.6, 0.02
+"""Of walls drawn as bare segments."""
 
 
 @dataclass(frozen=True)
@@ -28,14 +35,14 @@ class PlanSource:
     """What was left out and why, a sentence each."""
     warnings: tuple[str, ...] = ()
     """What a user should look at before trusting the plan."""
-    file_from_plan: np.ndarray | None = None
-    """(3, 3) from homogeneous plan x-y to the file's own coordinates (pixels for a picture, integer =
+    file_from_plan: Float[np.ndarray, "3 3"] | None = None
+    """From homogeneous plan x-y to the file's own coordinates (pixels for a picture, integer =
     pixel centre), to draw faces over the drawing; None where the file has no such coordinates."""
-    drawn_lines: np.ndarray | None = None
-    """(k, 2, 2) in the file's own coordinates: line work that was looked at for walls, the longest pieces
-    where there are very many, to be shown behind the faces; None for pictures and bare segments."""
-    dropped_lines: np.ndarray | None = None
-    """(k, 2, 2) in the file's own coordinates: outlines of what was left out, to be shown; None where nothing
+    drawn_lines: Float[np.ndarray, "k 2 2"] | None = None
+    """In the file's own coordinates: line work that was looked at for walls, the longest segments where
+    there are very many, to be shown behind the faces; None for pictures and bare segments."""
+    dropped_lines: Float[np.ndarray, "d 2 2"] | None = None
+    """In the file's own coordinates: outlines of what was left out, to be shown; None where nothing
     was or it has no place."""
     is_mirrored: bool = False
     """Whether left and right of the file are swapped in the plan frame, as the user asked."""
@@ -53,18 +60,18 @@ class Floorplan:
 
     name: str
     """Where it was read from, for messages."""
-    ends: np.ndarray
-    """(n, 2, 2) m, the two ends of each face."""
-    normals: np.ndarray
-    """(n, 2) unit normals, towards the free side where `is_oriented`."""
-    is_oriented: np.ndarray
-    """(n,) bool, whether the free side is known."""
+    ends: Float[np.ndarray, "n 2 2"]
+    """The two ends of each face, m."""
+    normals: Float[np.ndarray, "n 2"]
+    """Unit normals, towards the free side where `is_oriented`."""
+    is_oriented: Bool[np.ndarray, " n"]
+    """Whether the free side is known."""
     fingerprint: str = ""
     """Changes when the file does."""
-    thickness: np.ndarray | None = None
-    """(n,) of the wall behind each face, NaN where it is not known; None where no face has any."""
-    openings: np.ndarray | None = None
-    """(k, 2, 2) ends of doors and windows along the faces they interrupt; None where they are not known."""
+    thickness: Float[np.ndarray, " n"] | None = None
+    """Of the wall behind each face, NaN where it is not known; None where no face has any."""
+    openings: Float[np.ndarray, "k 2 2"] | None = None
+    """Ends of doors and windows along the faces they interrupt; None where they are not known."""
     is_metric: bool = True
     """Whether lengths are metres."""
     source: PlanSource = field(default_factory=PlanSource)
@@ -97,17 +104,69 @@ class Floorplan:
                 f"{length[np.argmax(np.abs(length - 1.0))]:.3g}, or slanted by {slant:.3g}"
             )
 
+    @classmethod
+    def from_segments(
+        cls,
+        ends: ArrayLike,
+        normals: ArrayLike | None = None,
+        *,
+        name: str = "segments",
+        is_metric: bool = True,
+        fingerprint: str | None = None,
+    ) -> "Floorplan":
+        """A plan of wall segments in memory; points (segments without length) and repeated ones are left out.
+
+        Without normals, the free side of each segment is found from its neighbours: a wall is drawn as two
+        parallel lines with the wall between them. Where the segments are not metric, the thickness of walls
+        is taken from the gaps between parallel segments: most lines of a plan of thick walls have the other
+        face of their wall next to them.
+
+        Args:
+            ends: (n, 2, 2) the two ends of each segment, x-y seen from above, m where `is_metric`.
+            normals: (n, 2) of any length, across the segments and towards the free side; rows of NaN where
+                that side is not known.
+            name: for messages.
+            is_metric: whether lengths are metres; otherwise the alignment finds the scale.
+            fingerprint: changes when the segments do; None makes one of them.
+
+        Raises:
+            FloorplanError: arrays of other shapes, coordinates that are not finite, normals along their
+                segments, or no segment with a length.
+        """
+        ends, normals = _checked_segments(name, ends, normals)
+        if fingerprint is None:
+            fingerprint = _fingerprint(ends, normals)
+        extent = float(np.ptp(ends.reshape(-1, 2), axis=0).max()) if len(ends) else 0.0
+        kept = np.flatnonzero(segments.lengths(ends) > (1e-6 if is_metric else 1e-6 * extent))
+        if len(kept) == 0:
+            raise FloorplanError(
+                f"{name}: expected wall segments, found none; is it the right file?"
+            )
+        kept = kept[first_of_each(ends[kept])]
+        ends = ends[kept]
+        if normals is not None:
+            across, is_oriented = _given_sides(name, ends, normals[kept])
+        elif is_metric:
+            across, is_oriented = orient_faces(ends, MAX_THICKNESS_M, MIN_THICKNESS_M)
+        else:
+            # A thirtieth: lines further apart are single, and their neighbours across a room.
+            gap = usual_gap(ends, extent / 30)
+            across, is_oriented = segments.left_normals(ends), np.zeros(len(ends), dtype=bool)
+            if np.isfinite(gap):
+                across, is_oriented = orient_faces(ends, 2.5 * gap, 0.1 * gap)
+        return cls(name, ends, across, is_oriented, fingerprint, is_metric=is_metric)
+
     def __len__(self) -> int:
         return len(self.ends)
 
     @cached_property
-    def lengths(self) -> np.ndarray:
-        """(n,) of each face."""
+    def lengths(self) -> Float[np.ndarray, " n"]:
+        """Of each face."""
         return segments.lengths(self.ends)
 
     @cached_property
-    def offsets(self) -> np.ndarray:
-        """(n,): the line of a face is `normal @ xy == offset`."""
+    def offsets(self) -> Float[np.ndarray, " n"]:
+        """The line of a face is `normal @ xy == offset`."""
         return np.einsum("ni,ni->n", self.normals, self.ends[:, 0])
 
     def scaled(self, metres_per_unit: float) -> "Floorplan":
@@ -149,3 +208,56 @@ class Floorplan:
         """Extent in x and y."""
         width, depth = np.ptp(self.ends.reshape(-1, 2), axis=0)
         return float(width), float(depth)
+
+
+def _checked_segments(
+    name: str, ends: ArrayLike, normals: ArrayLike | None
+) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, "n 2"] | None]:
+    """Arrays of numbers of the right shapes."""
+    try:
+        ends = np.array(ends, dtype=float)
+        normals = None if normals is None else np.array(normals, dtype=float)
+    except (ValueError, TypeError) as error:
+        raise FloorplanError(
+            f"{name}: expected segments (n, 2, 2) and normals (n, 2) of numbers, found {error}"
+        ) from error
+    if ends.size == 0:
+        ends = ends.reshape(-1, 2, 2)
+    if ends.ndim != 3 or ends.shape[1:] != (2, 2):
+        raise FloorplanError(
+            f"{name}: expected segments (n, 2, 2): n times two ends of x and y, found {ends.shape}"
+        )
+    if not np.isfinite(ends).all():
+        raise FloorplanError(f"{name}: expected finite coordinates, found NaN or infinity")
+    if normals is not None and normals.shape != (len(ends), 2):
+        raise FloorplanError(
+            f"{name}: expected a normal of x and y for each of {len(ends)} segments, "
+            f"found {normals.shape}"
+        )
+    return ends, normals
+
+
+def _given_sides(
+    name: str, ends: Float[np.ndarray, "n 2 2"], given: Float[np.ndarray, "n 2"]
+) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
+    """Unit normals on the side of the given ones, and which were given (are not NaN)."""
+    left = segments.left_normals(ends)
+    is_given = np.asarray(~np.isnan(given).any(axis=1))
+    given = np.where(is_given[:, None], given, left)
+    length = np.linalg.norm(given, axis=1)
+    if not (np.isfinite(length).all() and (length > 0).all()):
+        raise FloorplanError(f"{name}: expected normals with a length, found 0 or infinity")
+    cosine = np.einsum("ni,ni->n", given, left) / length
+    slanted = np.flatnonzero(np.abs(cosine) < np.cos(np.deg2rad(1.0)))
+    if len(slanted):
+        slant = np.rad2deg(np.arccos(np.abs(cosine[slanted[0]])))
+        raise FloorplanError(
+            f"{name}: expected normals at right angles to their segments, found {len(slanted)} that are "
+            f"not, the first (of segment {ends[slanted[0]].tolist()}) slanted by {slant:.3g} deg"
+        )
+    return left * np.sign(cosine)[:, None], is_given
+
+
+def _fingerprint(ends: Float[np.ndarray, "n 2 2"], normals: Float[np.ndarray, "n 2"] | None) -> str:
+    content = ends.tobytes() + (b"" if normals is None else normals.tobytes())
+    return hashlib.sha256(content).hexdigest()[:16]

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan, nearest_faces
 from planfit.geometry import se3, segments
 from planfit.synth.furniture import Piece, furnish
-from planfit.synth.layout import Layout, make_layout
+from planfit.synth.layout import BuildingLayout, make_layout
 from planfit.synth.options import BuildingOptions
 from planfit.synth.walls import Part, WallFaces, wall_faces
 
@@ -18,31 +19,31 @@ from planfit.synth.walls import Part, WallFaces, wall_faces
 class Building:
     """A one-storey building in its own frame: walls along x and y, z up, floor at z = 0, m.
 
-    The plan frame is this one turned by `BuildingOptions.yaw_deg` about z.
+    The plan frame is this one rotated by `BuildingOptions.yaw_deg` about z.
     """
 
     options: BuildingOptions
-    layout: Layout
+    layout: BuildingLayout
     faces: WallFaces
     furniture: tuple[Piece, ...]
 
     @cached_property
-    def plan_from_building(self) -> np.ndarray:
-        """(4, 4)"""
+    def plan_from_building(self) -> Float[np.ndarray, "4 4"]:
+        """Rotation about z."""
         return se3.yaw_transform(np.deg2rad(self.options.yaw_deg))
 
     @cached_property
     def floorplan(self) -> Floorplan:
         """The true plan: faces with gaps at doors, the insides of door openings, columns."""
         is_drawn = self.faces.parts != Part.LINTEL
-        turn = self.plan_from_building[:2, :2]
-        ends = self.faces.ends[is_drawn] @ turn.T
+        rotation = self.plan_from_building[:2, :2]
+        ends = self.faces.ends[is_drawn] @ rotation.T
         return Floorplan(
             "synthetic plan", ends, segments.left_normals(ends), np.ones(len(ends), dtype=bool)
         )
 
-    def clearance(self, xy: np.ndarray) -> np.ndarray:
-        """Distances (n,) m from points (n, 2), building frame, to walls, columns and furniture.
+    def clearance(self, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Distances, m, from points, building frame, to walls, columns and furniture.
 
         0 in walls, furniture and outside the building.
         """
@@ -79,7 +80,7 @@ def make_building(options: BuildingOptions, rng: np.random.Generator) -> Buildin
     return Building(options, layout, faces, tuple(furnish(layout, options, rng)))
 
 
-def _all_reachable(layout: Layout) -> bool:
+def _all_reachable(layout: BuildingLayout) -> bool:
     reached = {0}
     for _ in layout.rooms:
         for door in layout.doors:
@@ -88,6 +89,6 @@ def _all_reachable(layout: Layout) -> bool:
     return len(reached) == len(layout.rooms)
 
 
-def facap_segments(floorplan: Floorplan) -> np.ndarray:
-    """Bare segments (n, 4) m for `floorplan.npy` (FACaP layout): plan (x, y) becomes (x, -y)."""
+def facap_segments(floorplan: Floorplan) -> Float[np.ndarray, "n 4"]:
+    """Bare segments, m, for `floorplan.npy` (FACaP layout): plan (x, y) becomes (x, -y)."""
     return (floorplan.ends * (1.0, -1.0)).reshape(-1, 4)

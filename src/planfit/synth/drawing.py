@@ -6,6 +6,7 @@ from typing import Literal
 import cv2
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float, UInt8
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
@@ -38,32 +39,34 @@ class DrawingOptions:
     is_cluttered: bool = False
     """Furniture, dimension lines, tiles, stairs, title block; else only room names, doors, windows."""
     skew_deg: float = 0.0
-    """Turn of the sheet."""
+    """Rotation of the sheet."""
     perspective: float = 0.0
     """Shrinking of the far side, as a share of its width, as in a photograph taken at a slant."""
     shade: float = 0.0
     """Darkening from one corner of the sheet to the other, 0 to 1."""
     noise: float = 0.0
-    """Spread of the noise of a pixel, of 255."""
+    """Standard deviation of the noise of a pixel, of 255."""
     jpeg_quality: int = 0
     """Quality of JPEG compression; 0 for none."""
 
 
 @dataclass(frozen=True)
-class Drawing:
-    """A picture of a plan and the faces in it."""
+class PlanPicture:
+    """A drawn picture of a plan, and the true faces in it."""
 
-    image: np.ndarray
-    """(h, w, 3) uint8, BGR."""
-    ends_uv: np.ndarray
-    """(n, 2, 2) true faces, jambs and ends of walls included, pixels (an integer is a pixel centre)."""
-    normals_uv: np.ndarray
-    """(n, 2) out of the wall, in the axes of the picture."""
-    is_wall: np.ndarray
-    """(n,) bool: longer than the ends of walls and the jambs of openings."""
+    image: UInt8[np.ndarray, "h w 3"]
+    """BGR."""
+    ends_uv: Float[np.ndarray, "n 2 2"]
+    """True faces, jambs and ends of walls included, pixels (an integer is a pixel centre)."""
+    normals_uv: Float[np.ndarray, "n 2"]
+    """Out of the wall, in the axes of the picture."""
+    is_wall: Bool[np.ndarray, " n"]
+    """Longer than the ends of walls and the jambs of openings."""
 
 
-def draw_building(building: Building, options: DrawingOptions, rng: np.random.Generator) -> Drawing:
+def draw_building(
+    building: Building, options: DrawingOptions, rng: np.random.Generator
+) -> PlanPicture:
     """Draw a building; the same options and generator state give the same picture."""
     solid, windows = _solid_wall(building, rng)
     low, high = np.array(solid.bounds[:2]), np.array(solid.bounds[2:])
@@ -85,7 +88,7 @@ def draw_building(building: Building, options: DrawingOptions, rng: np.random.Ge
     image, picture_from_sheet = _photographed(pen.image, options, rng)
     ends, normals = _moved(ends, normals, picture_from_sheet)
     is_wall = segments.lengths(ends) > 0.45 * scale
-    return Drawing(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), ends, normals, is_wall)
+    return PlanPicture(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), ends, normals, is_wall)
 
 
 def _box(rect: Rect) -> BaseGeometry:
@@ -140,7 +143,7 @@ def _draw_walls(pen: Pen, solid: BaseGeometry, options: DrawingOptions) -> None:
         pen.outline(solid, 2.0 * options.line_px)
 
 
-def _faces(solid: BaseGeometry) -> tuple[np.ndarray, np.ndarray]:
+def _faces(solid: BaseGeometry) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, "n 2"]]:
     """Edges (n, 2, 2) of solid wall, m, and normals (n, 2) out of it."""
     rings = [
         np.asarray(ring.coords)
@@ -153,14 +156,14 @@ def _faces(solid: BaseGeometry) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _photographed(
-    image: np.ndarray, options: DrawingOptions, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+    image: UInt8[np.ndarray, "h w"], options: DrawingOptions, rng: np.random.Generator
+) -> tuple[UInt8[np.ndarray, "a b"], Float[np.ndarray, "3 3"]]:
     """Skewed, shaded, noisy picture, and the homography (3, 3) from the sheet to it."""
     h, w = image.shape
     homography = np.eye(3)
     if options.skew_deg or options.perspective:
-        turn = np.deg2rad(options.skew_deg)
-        c, s = np.cos(turn), np.sin(turn)
+        skew = np.deg2rad(options.skew_deg)
+        c, s = np.cos(skew), np.sin(skew)
         corners = np.array([[0, 0], [w, 0], [w, h], [0, h]], dtype=float)
         moved = (corners - [w / 2, h / 2]) @ np.array([[c, s], [-s, c]])
         shrink = 1 - options.perspective * (corners[:, 1] < h / 2)
@@ -187,8 +190,10 @@ def _photographed(
 
 
 def _moved(
-    ends: np.ndarray, normals: np.ndarray, homography: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    ends: Float[np.ndarray, "n 2 2"],
+    normals: Float[np.ndarray, "n 2"],
+    homography: Float[np.ndarray, "3 3"],
+) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, "n 2"]]:
     """Faces under a homography; normals stay at right angles."""
     middle = ends.mean(axis=1, keepdims=True)
     points = np.concatenate([ends, middle + normals[:, None]], axis=1).reshape(-1, 1, 2)

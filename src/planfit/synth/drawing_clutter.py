@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.synth.building import Building
 from planfit.synth.layout import Door, Rect
@@ -44,11 +45,11 @@ def _draw_door(pen: Pen, door: Door, line_px: float, is_high: bool, is_first: bo
         width = rect.x1 - rect.x0
         hinge = np.array([rect.x0 if is_first else rect.x1, rect.y1 if is_high else rect.y0])
         out, along = (np.pi / 2 if is_high else -np.pi / 2), (0.0 if is_first else np.pi)
-    turn = (along - out + np.pi) % (2 * np.pi) - np.pi
+    swing = (along - out + np.pi) % (2 * np.pi) - np.pi
     tip = hinge + width * np.array([np.cos(out), np.sin(out)])
-    across = 0.04 * np.array([np.cos(out + turn), np.sin(out + turn)])
+    across = 0.04 * np.array([np.cos(out + swing), np.sin(out + swing)])
     pen.line(np.array([hinge, tip, tip + across, hinge + across]), line_px)
-    pen.arc(hinge, width, out, out + turn, line_px)
+    pen.arc(hinge, width, out, out + swing, line_px)
 
 
 def draw_clutter(pen: Pen, building: Building, line_px: float, rng: np.random.Generator) -> None:
@@ -56,11 +57,11 @@ def draw_clutter(pen: Pen, building: Building, line_px: float, rng: np.random.Ge
     for piece in building.furniture:
         foot = piece.footprint
         c, s = np.cos(foot.yaw), np.sin(foot.yaw)
-        turn = np.array([[c, -s], [s, c]])
+        rotation = np.array([[c, -s], [s, c]])
         for grow in (1.0, 0.8) if rng.random() < 0.5 else (1.0,):
             half = np.array(foot.half) * grow
             corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * half
-            pen.line(corners @ turn.T + foot.centre, line_px)
+            pen.line(corners @ rotation.T + foot.centre, line_px)
     rooms = building.layout.rooms
     order = rng.permutation(len(rooms))
     _draw_tiles(pen, rooms[order[0]], line_px)
@@ -96,7 +97,7 @@ def _draw_stairs(pen: Pen, room: Rect, line_px: float) -> None:
              line_px)  # fmt: skip
 
 
-def _draw_dimension(pen: Pen, cuts: np.ndarray, y: float, line_px: float) -> None:
+def _draw_dimension(pen: Pen, cuts: Float[np.ndarray, " n"], y: float, line_px: float) -> None:
     """A line of dimensions with ticks, extension lines and figures."""
     pen.line(np.array([[cuts[0] - 0.15, y], [cuts[-1] + 0.15, y]]), line_px)
     for x in cuts:
@@ -107,7 +108,9 @@ def _draw_dimension(pen: Pen, cuts: np.ndarray, y: float, line_px: float) -> Non
             pen.text(np.array([(a + b) / 2, y + 0.14]), f"{b - a:.2f}", 0.16, line_px)
 
 
-def _draw_title_block(pen: Pen, high: np.ndarray, low: np.ndarray, line_px: float) -> None:
+def _draw_title_block(
+    pen: Pen, high: Float[np.ndarray, "2"], low: Float[np.ndarray, "2"], line_px: float
+) -> None:
     """A frame around the sheet, a table of words at the bottom right, a north arrow."""
     margin = 2.2
     pen.box(low - margin, high + margin, 1.5 * line_px)

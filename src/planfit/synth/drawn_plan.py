@@ -38,12 +38,14 @@ def drawn_plan(building: Building, habits: DrawingHabits, rng: np.random.Generat
     stay closed. Columns and the insides of doors move like walls.
     """
     plan = building.floorplan
-    turn = building.plan_from_building[:2, :2]
-    ends, normals = plan.ends @ turn, plan.normals @ turn
+    rotation = building.plan_from_building[:2, :2]
+    ends, normals = plan.ends @ rotation, plan.normals @ rotation
     drawn = ends.copy()
     for axis in (0, 1):
         across = np.abs(normals[:, axis]) > 0.5
         length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        # Coordinates across the axis that are the same to a tenth of a millimetre are of one line: the line
+        # of every end, and which way the wall lies of it, by the length of its faces.
         lines = np.round(ends[..., axis] / _SAME_M).astype(np.int64)
         values, line_of = np.unique(lines, return_inverse=True)
         line_of = line_of.reshape(lines.shape)
@@ -54,7 +56,7 @@ def drawn_plan(building: Building, habits: DrawingHabits, rng: np.random.Generat
         if habits.grid_m > 0:
             moved = np.round(moved / habits.grid_m) * habits.grid_m
         drawn[..., axis] = moved[line_of]
-    drawn = drawn @ turn.T
+    drawn = drawn @ rotation.T
     return replace(
         plan,
         name="drawn plan",

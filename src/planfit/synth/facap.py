@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from jaxtyping import Shaped
 
 from planfit.errors import OptionError, OutputError
 from planfit.scan import write_tum
@@ -88,7 +89,9 @@ def _write_frame(path: Path, synthetic: SyntheticScan, frame_idx: int) -> None:
             _write_image(path / "segmentation" / f"frame-{name}_{kind}.png", mask, [])
 
 
-def _write_image(path: Path, image: np.ndarray, parameters: list[int]) -> None:
+def _write_image(
+    path: Path, image: Shaped[np.ndarray, "h w *channels"], parameters: list[int]
+) -> None:
     is_encoded, data = cv2.imencode(path.suffix, image, parameters)
     if not is_encoded:
         raise OutputError(f"{path}: the image cannot be encoded")

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float
 from scipy import ndimage
 
-from planfit.synth.layout import Door, Layout, Rect
+from planfit.synth.layout import BuildingLayout, Door, Rect
 from planfit.synth.materials import (
     CARDBOARD,
     DARK,
@@ -43,7 +44,7 @@ class Footprint:
     yaw: float
     """rad"""
 
-    def distance(self, xy: np.ndarray) -> np.ndarray:
+    def distance(self, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         """Distances (n,) m from points (n, 2); 0 inside."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         local = np.abs((xy - self.centre) @ np.array([[c, -s], [s, c]])) - self.half
@@ -71,7 +72,9 @@ DOOR_ZONE_M = 0.9
 GAP_M = 0.03
 
 
-def furnish(layout: Layout, options: BuildingOptions, rng: np.random.Generator) -> list[Piece]:
+def furnish(
+    layout: BuildingLayout, options: BuildingOptions, rng: np.random.Generator
+) -> list[Piece]:
     """Place furniture in every room."""
     pieces: list[Piece] = []
     for i, room in enumerate(layout.rooms):
@@ -97,18 +100,18 @@ def _standing(column: Rect) -> Footprint:
     return Footprint((float(centre[0]), float(centre[1])), (float(half[0]), float(half[1])), 0.0)
 
 
-def _size(boxes: list[Box]) -> np.ndarray:
-    """(2,) m; pieces are made around the origin."""
+def _size(boxes: list[Box]) -> Float[np.ndarray, "2"]:
+    """Extent in x and y, m; pieces are made around the origin."""
     return 2 * np.max([np.abs([b.low[:2], b.high[:2]]).max(axis=0) for b in boxes], axis=0)
 
 
 def _random_place(
-    room: Rect, size: np.ndarray, is_central: bool, rng: np.random.Generator
+    room: Rect, size: Float[np.ndarray, "2"], is_central: bool, rng: np.random.Generator
 ) -> Footprint:
     half = (float(size[0] / 2), float(size[1] / 2))
     if is_central:
-        spread = np.maximum(room.size / 2 - 1.8, 0.4)
-        x, y = room.centre + rng.uniform(-spread, spread)
+        reach = np.maximum(room.size / 2 - 1.8, 0.4)
+        x, y = room.centre + rng.uniform(-reach, reach)
         yaw = rng.choice([0.0, np.pi / 2]) + rng.normal(0.0, np.deg2rad(8.0))
         return Footprint((float(x), float(y)), half, float(yaw))
     side = int(rng.integers(4))

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from planfit.synth.options import BuildingOptions
 
@@ -17,26 +18,26 @@ class Rect:
     y1: float
 
     @property
-    def size(self) -> np.ndarray:
-        """(2,) m."""
+    def size(self) -> Float[np.ndarray, "2"]:
+        """Width and height, m."""
         return np.array([self.x1 - self.x0, self.y1 - self.y0])
 
     @property
     def area(self) -> float:
-        """m2."""
+        """Area, m2."""
         return float(np.prod(self.size))
 
     @property
-    def centre(self) -> np.ndarray:
-        """(2,) m."""
+    def centre(self) -> Float[np.ndarray, "2"]:
+        """Of the rectangle, m."""
         return np.array([self.x0 + self.x1, self.y0 + self.y1]) / 2
 
     def grown(self, margin: float) -> "Rect":
         """The same, `margin` m larger on every side."""
         return Rect(self.x0 - margin, self.y0 - margin, self.x1 + margin, self.y1 + margin)
 
-    def contains(self, xy: np.ndarray) -> np.ndarray:
-        """Which of the points (n, 2) lie inside, (n,) bool."""
+    def contains(self, xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+        """Which of the points lie inside."""
         x, y = xy[:, 0], xy[:, 1]
         return (x > self.x0) & (x < self.x1) & (y > self.y0) & (y < self.y1)
 
@@ -59,7 +60,7 @@ class Door:
 
 
 @dataclass(frozen=True)
-class Layout:
+class BuildingLayout:
     """Rooms, doors and columns, seen from above, building frame."""
 
     rooms: tuple[Rect, ...]
@@ -72,7 +73,7 @@ class Layout:
 DOOR_TO_CORNER_M = 0.25
 
 
-def make_layout(options: BuildingOptions, rng: np.random.Generator) -> Layout:
+def make_layout(options: BuildingOptions, rng: np.random.Generator) -> BuildingLayout:
     """Rows of rooms with ragged ends, about a corridor where there is one."""
     corridor = None
     if options.is_open_plan:
@@ -80,7 +81,7 @@ def make_layout(options: BuildingOptions, rng: np.random.Generator) -> Layout:
     else:
         rooms, corridor = _rows_of_rooms(options, rng)
     doors = _make_doors(rooms, corridor, options, rng)
-    return Layout(
+    return BuildingLayout(
         tuple(rooms), tuple(doors), tuple(_make_columns(rooms, doors, options, rng)), corridor
     )
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import trimesh
+from jaxtyping import Float, Int, Integer, UInt8
 
 from planfit.geometry import segments
 from planfit.scan.types import Label
@@ -30,26 +31,26 @@ LAMP_SPACING_M = 3.5
 class Quads:
     """Rectangles, plan frame: `origin + u * u_axis + v * v_axis`, u and v from 0 to `size`."""
 
-    origin: np.ndarray
-    """(n, 3) m"""
-    u_axis: np.ndarray
-    """(n, 3) unit"""
-    v_axis: np.ndarray
-    """(n, 3) unit"""
-    size: np.ndarray
-    """(n, 2) m"""
-    normal: np.ndarray
-    """(n, 3) unit, towards the side one sees"""
-    label: np.ndarray
-    """(n,) uint8 of `Label`"""
-    material: np.ndarray
-    """(n,) int of `Material`"""
-    color: np.ndarray
-    """(n, 3) base colour, 0 to 1"""
-    room: np.ndarray
-    """(n,) int; -1 for the outside"""
-    seed: np.ndarray
-    """(n,) uint64, so that no two surfaces look alike"""
+    origin: Float[np.ndarray, "n 3"]
+    """Corner where u and v are 0, m."""
+    u_axis: Float[np.ndarray, "n 3"]
+    """Unit vectors."""
+    v_axis: Float[np.ndarray, "n 3"]
+    """Unit vectors."""
+    size: Float[np.ndarray, "n 2"]
+    """Width and height, m."""
+    normal: Float[np.ndarray, "n 3"]
+    """Unit vectors, towards the side one sees."""
+    label: UInt8[np.ndarray, " n"]
+    """Values of `Label`."""
+    material: Int[np.ndarray, " n"]
+    """Values of `Material`."""
+    color: Float[np.ndarray, "n 3"]
+    """Base colour, 0 to 1."""
+    room: Int[np.ndarray, " n"]
+    """Index of the room; -1 for the outside."""
+    seed: Integer[np.ndarray, " n"]
+    """So that no two surfaces look alike."""
 
     def __len__(self) -> int:
         return len(self.origin)
@@ -68,14 +69,14 @@ class Quads:
 class Lights:
     """What shades the rectangles: lamps and the floor under furniture, sorted by room."""
 
-    lamps: np.ndarray
-    """(n, 3) m, plan frame"""
-    lamp_room: np.ndarray
-    """(n,) int"""
-    footprints: np.ndarray
-    """(m, 5): centre x y, half size x y (m), yaw (rad), plan frame"""
-    footprint_room: np.ndarray
-    """(m,) int"""
+    lamps: Float[np.ndarray, "n 3"]
+    """Where lamps hang, m, plan frame."""
+    lamp_room: Int[np.ndarray, " n"]
+    """Index of the room of each lamp, ascending."""
+    footprints: Float[np.ndarray, "m 5"]
+    """Centre x y, half size x y (m), yaw (rad), plan frame."""
+    footprint_room: Int[np.ndarray, " m"]
+    """Index of the room of each, ascending."""
 
 
 def make_quads(building: Building, rng: np.random.Generator) -> Quads:
@@ -89,29 +90,29 @@ def make_quads(building: Building, rng: np.random.Generator) -> Quads:
     for piece in building.furniture:
         _add_piece(piece, collector)
     quads = collector.quads(rng)
-    turn = building.plan_from_building[:3, :3]
+    rotation = building.plan_from_building[:3, :3]
     return replace(
         quads,
-        origin=quads.origin @ turn.T,
-        u_axis=quads.u_axis @ turn.T,
-        v_axis=quads.v_axis @ turn.T,
-        normal=quads.normal @ turn.T,
+        origin=quads.origin @ rotation.T,
+        u_axis=quads.u_axis @ rotation.T,
+        v_axis=quads.v_axis @ rotation.T,
+        normal=quads.normal @ rotation.T,
     )
 
 
 def make_lights(building: Building) -> Lights:
     """Lamps and footprints of the furniture, plan frame."""
-    turn = building.plan_from_building[:3, :3]
+    rotation = building.plan_from_building[:3, :3]
     spots = _lamp_spots(building)
     height = building.options.height_m - 0.1
     lamps = np.array([(x, y, height) for _, (x, y) in spots])
     feet = [
-        [*(turn[:2, :2] @ piece.footprint.centre), *piece.footprint.half,
+        [*(rotation[:2, :2] @ piece.footprint.centre), *piece.footprint.half,
          piece.footprint.yaw + np.deg2rad(building.options.yaw_deg)]
         for piece in building.furniture
     ]  # fmt: skip
     return Lights(
-        lamps @ turn.T,
+        lamps @ rotation.T,
         np.array([room for room, _ in spots]),
         np.array(feet).reshape(-1, 5),
         np.array([piece.room for piece in building.furniture], dtype=int),
@@ -129,14 +130,14 @@ class _Collector:
 
     def add(
         self,
-        axes: np.ndarray,
+        axes: Float[np.ndarray, "4 3"],
         size: tuple[float, float],
         label: Label,
         material: Material,
         color: Color,
         room: int,
     ) -> None:
-        """`axes` (4, 3): origin, u, v, normal."""
+        """Add one; the rows of `axes` are origin, u, v, normal."""
         if min(size) <= 1e-9:
             return
         self.axes.append(axes)
@@ -163,7 +164,7 @@ class _Collector:
 X, Y, Z = np.eye(3)
 
 
-def _flat(rect: Rect, z: float, normal_z: float) -> np.ndarray:
+def _flat(rect: Rect, z: float, normal_z: float) -> Float[np.ndarray, "4 3"]:
     return np.array([(rect.x0, rect.y0, z), X, Y, normal_z * Z])
 
 
@@ -297,7 +298,7 @@ def _add_box(
 ) -> None:
     """The sides of a box that one can see: not the one it stands on, when that is the floor."""
     c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     low, high = np.array(box.low), np.array(box.high)
     for axis in range(3):
         for facing in (-1, 1):
@@ -311,7 +312,7 @@ def _add_box(
             normal[axis] = facing
             is_front = axis == 1 and facing > 0 and box.front is not None
             material = box.front if is_front and box.front is not None else box.material
-            axes = np.array([origin, np.eye(3)[u], np.eye(3)[v], normal]) @ turn.T
+            axes = np.array([origin, np.eye(3)[u], np.eye(3)[v], normal]) @ rotation.T
             axes[0, :2] += centre
             size = (float(high[u] - low[u]), float(high[v] - low[v]))
             color = CARDBOARD if material == Material.CARDBOARD else box.color

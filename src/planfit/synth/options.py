@@ -52,7 +52,7 @@ class BuildingOptions:
     walkway_m: float = 1.0
     """Furniture leaves ways of this width between all doors."""
     yaw_deg: float = 0.0
-    """Turn of the building in the plan frame; not zero gives walls off the plan's axes."""
+    """Yaw of the building in the plan frame; not zero gives walls off the plan's axes."""
 
     def __post_init__(self) -> None:
         require(1 <= self.n_rooms <= MAX_ROOMS,
@@ -95,15 +95,15 @@ class WalkOptions:
     height_m: float = 1.5
     """Height of the camera over the floor."""
     sway_m: float = 0.03
-    """Spread of the unsteady hand, each axis."""
+    """Standard deviation of the unsteady hand, each axis."""
     pitch_deg: float = -14.0
     """Mean pitch; negative looks down."""
     pitch_swing_deg: float = 7.0
-    """Spread of slow pitch changes about the mean."""
+    """Standard deviation of slow pitch changes about the mean."""
     look_around_deg: float = 22.0
-    """Spread of slow turns of the view away from the way ahead."""
+    """Standard deviation of slow turns of the view away from the way ahead."""
     roll_swing_deg: float = 1.5
-    """Spread of roll."""
+    """Standard deviation of roll."""
     area_per_stop_m2: float = 10.0
     """Floor area for each point that the walk calls at; smaller makes it longer."""
 
@@ -112,8 +112,8 @@ class WalkOptions:
         require(self.clearance_m > 0, f"clearance_m: expected > 0, found {self.clearance_m:g}")
         require(self.area_per_stop_m2 > 0.5,
                 f"area_per_stop_m2: expected > 0.5, found {self.area_per_stop_m2:g}")  # fmt: skip
-        spreads = (self.sway_m, self.pitch_swing_deg, self.look_around_deg, self.roll_swing_deg)
-        require(min(spreads) >= 0, "sway_m, *_swing_deg, look_around_deg: expected none below 0")
+        sigmas = (self.sway_m, self.pitch_swing_deg, self.look_around_deg, self.roll_swing_deg)
+        require(min(sigmas) >= 0, "sway_m, *_swing_deg, look_around_deg: expected none below 0")
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class CameraOptions:
     blur_px: float = 0.5
     """Standard deviation of the lens blur; 0 for none."""
     exposure_std: float = 0.03
-    """Relative spread of brightness between frames."""
+    """Relative standard deviation of brightness between frames."""
     noise_levels: float = 1.5
     """Standard deviation of pixel noise, in levels of 255."""
 
@@ -165,15 +165,15 @@ class StructuredLightNoise:
     correlation_px: float = 0.8
     """Standard deviation of the Gaussian that errors of neighbouring pixels share; 0 for white."""
     min_range_m: float = 0.4
-    """No reading of anything nearer."""
+    """Nothing nearer is measured."""
     max_range_m: float = 6.0
-    """No reading of anything further away."""
+    """Nothing further away is measured."""
     edge_px: int = 2
-    """No reading within this distance of a depth edge."""
+    """Nothing is measured within this distance of a depth edge."""
     max_incidence_deg: float = 82.0
-    """No reading where the surface is seen at a flatter angle than this from its normal."""
+    """Nothing is measured where the surface is seen at a flatter angle than this from its normal."""
     drop_share: float = 0.003
-    """Share of other pixels without reading."""
+    """Share of other pixels without a measurement."""
 
     def __post_init__(self) -> None:
         _check_depth_noise(self)
@@ -192,21 +192,21 @@ class TimeOfFlightNoise:
     step_m: float = 0.005
     """Depth is rounded to multiples of this; 0 for no rounding."""
     bias: float = 0.006
-    """Spread of the multi-path error, as a share of depth; smooth over the image."""
+    """Standard deviation of the multi-path error, as a share of depth; smooth over the image."""
     correlation_px: float = 1.0
     """Standard deviation of the Gaussian that errors of neighbouring pixels share; 0 for white."""
     min_range_m: float = 0.2
-    """No reading of anything nearer."""
+    """Nothing nearer is measured."""
     max_range_m: float = 5.0
-    """No reading of anything further away."""
+    """Nothing further away is measured."""
     edge_px: int = 2
-    """Within this distance of a depth edge, readings fly between the near and the far surface."""
+    """Within this distance of a depth edge, measurements fly between the near and the far surface."""
     edge_hole_share: float = 0.5
-    """Share of those that have no reading instead."""
+    """Share of those that have no measurement instead."""
     max_incidence_deg: float = 84.0
-    """No reading where the surface is seen at a flatter angle than this from its normal."""
+    """Nothing is measured where the surface is seen at a flatter angle than this from its normal."""
     drop_share: float = 0.003
-    """Share of other pixels without reading."""
+    """Share of other pixels without a measurement."""
 
     def __post_init__(self) -> None:
         _check_depth_noise(self)
@@ -239,22 +239,22 @@ class DriftOptions:
     """
 
     yaw_deg: float = 0.15
-    """Standard deviation of the turn about the vertical, per frame."""
+    """Standard deviation of the rotation about the vertical, per frame."""
     tilt_share: float = 0.3
     """The same about each horizontal axis, as a share of `yaw_deg`."""
-    shift_m: float = 0.02
-    """Standard deviation of the shift along each horizontal axis, per frame."""
+    translation_m: float = 0.02
+    """Standard deviation of the translation along each horizontal axis, per frame."""
     vertical_share: float = 0.3
-    """The same along the vertical, as a share of `shift_m`."""
+    """The same along the vertical, as a share of `translation_m`."""
     jumps_per_100_frames: float = 0.0
     """How often tracking jumps, on average; a jump is a motion's error besides the random walk."""
     jump_m: float = 0.1
     """Standard deviation of a jump along each horizontal axis."""
     jump_yaw_deg: float = 1.0
-    """Standard deviation of a jump's turn about the vertical."""
+    """Standard deviation of a jump's rotation about the vertical."""
 
     def __post_init__(self) -> None:
-        values = (self.yaw_deg, self.tilt_share, self.shift_m, self.vertical_share,
+        values = (self.yaw_deg, self.tilt_share, self.translation_m, self.vertical_share,
                   self.jumps_per_100_frames, self.jump_m, self.jump_yaw_deg)  # fmt: skip
         require(all(math.isfinite(v) and v >= 0 for v in values),
                 f"drift: expected finite numbers, none below 0, found {values}")  # fmt: skip
@@ -275,7 +275,7 @@ class SynthOptions:
     """Whether the scan says what each pixel shows."""
     world: Literal["plan", "moved"] = "plan"
     """`plan`: poses are recorded in the plan's axes, as in the FACaP layout (y up). `moved`: the
-    world is turned about the vertical and shifted, and the scan does not say how."""
+    world is rotated about the vertical and moved, and the scan does not say how."""
 
     def __post_init__(self) -> None:
         require(self.seed >= 0, f"seed: expected 0 or more, found {self.seed}")

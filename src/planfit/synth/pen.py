@@ -5,23 +5,24 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import shapely
+from jaxtyping import Float, UInt8
 from shapely.geometry.base import BaseGeometry
 
-_SHIFT = 4
-_STEPS = 1 << _SHIFT
-"""OpenCV draws at fractions of a pixel of one in 2 ** shift."""
+_FRACTION_BITS = 4
+_STEPS = 1 << _FRACTION_BITS
+"""OpenCV draws at fractions of a pixel of one in 2 ** bits."""
 
 
 @dataclass(frozen=True)
 class Pen:
-    """Draws on `image` (h, w) uint8, in place."""
+    """Draws on `image`, in place."""
 
-    image: np.ndarray
-    uv_from_building: np.ndarray
-    """(2, 3), pixels from metres."""
+    image: UInt8[np.ndarray, "h w"]
+    uv_from_building: Float[np.ndarray, "2 3"]
+    """Pixels from metres."""
 
-    def to_uv(self, xy: np.ndarray) -> np.ndarray:
-        """Pixels (..., 2) of points (..., 2) m."""
+    def to_uv(self, xy: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
+        """Pixels of points, m."""
         return xy @ self.uv_from_building[:, :2].T + self.uv_from_building[:, 2]
 
     @property
@@ -53,17 +54,27 @@ class Pen:
         radius = width_px / 2 / self.pixels_per_metre
         self.fill(shapely.buffer(line, radius, join_style="mitre", cap_style="square"), darkness)
 
-    def line(self, xy: np.ndarray, width_px: float, darkness: float = 1.0) -> None:
-        """Stroke an open line (n, 2) m."""
+    def line(self, xy: Float[np.ndarray, "n 2"], width_px: float, darkness: float = 1.0) -> None:
+        """Stroke an open line through points, m."""
         uv = self.to_uv(np.asarray(xy, dtype=float))
         tone = round(255 * (1 - darkness))
         points = np.round(uv * _STEPS).astype(np.int32)
         cv2.polylines(
-            self.image, [points], False, tone, max(1, round(width_px / 1.5)), cv2.LINE_AA, _SHIFT
+            self.image,
+            [points],
+            False,
+            tone,
+            max(1, round(width_px / 1.5)),
+            cv2.LINE_AA,
+            _FRACTION_BITS,
         )
 
     def box(
-        self, low: np.ndarray, high: np.ndarray, width_px: float, darkness: float = 1.0
+        self,
+        low: Float[np.ndarray, "2"],
+        high: Float[np.ndarray, "2"],
+        width_px: float,
+        darkness: float = 1.0,
     ) -> None:
         """Stroke an upright rectangle."""
         (x0, y0), (x1, y1) = low, high
@@ -71,7 +82,12 @@ class Pen:
         self.line(corners, width_px, darkness)
 
     def arc(
-        self, centre: np.ndarray, radius: float, start: float, stop: float, width_px: float
+        self,
+        centre: Float[np.ndarray, "2"],
+        radius: float,
+        start: float,
+        stop: float,
+        width_px: float,
     ) -> None:
         """Stroke an arc; angles in radians, radius in m."""
         angle = np.linspace(start, stop, 24)
@@ -88,7 +104,9 @@ class Pen:
             if piece.geom_type == "LineString" and piece.length > 0:
                 self.line(np.asarray(piece.coords), width_px)
 
-    def text(self, xy: np.ndarray, words: str, height_m: float, width_px: float) -> None:
+    def text(
+        self, xy: Float[np.ndarray, "2"], words: str, height_m: float, width_px: float
+    ) -> None:
         """Words, centred."""
         size = height_m * self.pixels_per_metre / 22.0
         thick = max(1, round(width_px))

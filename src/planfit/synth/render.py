@@ -6,6 +6,7 @@ from functools import cached_property, lru_cache
 
 import numba
 import numpy as np
+from jaxtyping import Float, Int, UInt8
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from planfit.geometry.camera import Camera
@@ -18,14 +19,14 @@ from planfit.synth.texture import paint
 class View:
     """What a faultless camera would record; colour is linear, before exposure and noise."""
 
-    color: np.ndarray
-    """(h, w, 3) float32, about 0 to 1"""
-    depth: np.ndarray
-    """(h, w) float32 m along the optical axis, NaN where nothing is hit"""
-    labels: np.ndarray
-    """(h, w) uint8 of `Label`"""
-    incidence: np.ndarray
-    """(h, w) float32, cosine of the angle between ray and surface normal; 0 where nothing is hit"""
+    color: Float[np.ndarray, "h w 3"]
+    """Linear red, green, blue, about 0 to 1."""
+    depth: Float[np.ndarray, "h w"]
+    """Along the optical axis, m, NaN where nothing is hit."""
+    labels: UInt8[np.ndarray, "h w"]
+    """Values of `Label`."""
+    incidence: Float[np.ndarray, "h w"]
+    """Cosine of the angle between ray and surface normal; 0 where nothing is hit."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Renderer:
         return RayMeshIntersector(self.quads.triangles())
 
     @cached_property
-    def _room_starts(self) -> tuple[np.ndarray, np.ndarray]:
+    def _room_starts(self) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " r"]]:
         """Where the lamps and footprints of each room begin in their sorted lists."""
         rooms = np.arange(int(self.quads.room.max()) + 2)
         return (
@@ -48,7 +49,9 @@ class Renderer:
             np.searchsorted(self.lights.footprint_room, rooms),
         )
 
-    def hit_quads(self, camera: Camera, plan_from_cam: np.ndarray) -> np.ndarray:
+    def hit_quads(
+        self, camera: Camera, plan_from_cam: Float[np.ndarray, "4 4"]
+    ) -> Int[np.ndarray, "h w"]:
         """Index of the rectangle that each pixel sees, (h, w); -1 for none."""
         directions = _rays(camera) @ plan_from_cam[:3, :3].T
         origins = np.broadcast_to(plan_from_cam[:3, 3], directions.shape)
@@ -56,7 +59,7 @@ class Renderer:
         # Python's floor division keeps -1 as -1.
         return (triangles // 2).reshape(camera.height, camera.width)
 
-    def render(self, camera: Camera, plan_from_cam: np.ndarray) -> View:
+    def render(self, camera: Camera, plan_from_cam: Float[np.ndarray, "4 4"]) -> View:
         """Render one view.
 
         Args:
@@ -89,7 +92,7 @@ class Renderer:
 
 
 @lru_cache(maxsize=4)
-def _rays(camera: Camera) -> np.ndarray:
+def _rays(camera: Camera) -> Float[np.ndarray, "n 3"]:
     """Directions (n, 3) of all pixels, z = 1, camera frame; shared, so not to be written to."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     return camera.rays(np.stack([u.ravel(), v.ravel()], axis=-1).astype(float))

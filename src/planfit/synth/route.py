@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse import csgraph
 
@@ -22,16 +23,18 @@ COMFORT_M = 0.9
 class Grid:
     """Points where the camera may be, and the steps between neighbours."""
 
-    xy: np.ndarray
-    """(n, 2) m, building frame"""
-    clearance: np.ndarray
-    """(n,) m"""
+    xy: Float[np.ndarray, "n 2"]
+    """Building frame, m."""
+    clearance: Float[np.ndarray, " n"]
+    """Distance to walls and furniture, m."""
     steps: sparse.csr_matrix
-    """(n, n) cost of steps, m"""
+    """Cost of the steps between any two, m; (n, n)."""
 
 
-def find_route(building: Building, options: WalkOptions, rng: np.random.Generator) -> np.ndarray:
-    """Points (n, 2) m of a way that calls at every room; closed ways end where they begin.
+def find_route(
+    building: Building, options: WalkOptions, rng: np.random.Generator
+) -> Float[np.ndarray, "n 2"]:
+    """Points, m, of a way that calls at every room; closed ways end where they begin.
 
     Raises:
         OptionError: some room cannot be entered with this clearance.
@@ -63,6 +66,8 @@ def _make_grid(building: Building, clearance: float) -> Grid:
     image = number.reshape(len(x), len(y))
     price = 1.0 + 2.0 * np.maximum(0.0, 1.0 - distance[is_free] / COMFORT_M)
     rows, columns, costs = [], [], []
+    # Half of the eight neighbours; the other half are the same steps the other way (`half.T`). Slices of
+    # the image of node numbers shifted against each other pair each point with its neighbour.
     for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
         a = image[: len(x) - dx, max(0, -dy) : len(y) - max(0, dy)].ravel()
         b = image[dx:, max(0, dy) : len(y) + min(0, dy)].ravel()
@@ -79,7 +84,7 @@ def _make_grid(building: Building, clearance: float) -> Grid:
 
 def _choose_stops(
     building: Building, grid: Grid, options: WalkOptions, rng: np.random.Generator
-) -> np.ndarray:
+) -> Int[np.ndarray, " k"]:
     """In each room a point for every so many m2, far from each other and, if possible, from walls.
 
     Only points of the largest connected part count: corners behind furniture are no place to go.
@@ -102,7 +107,7 @@ def _choose_stops(
                 [np.linalg.norm(grid.xy[roomy] - grid.xy[c], axis=1) for c in chosen], axis=0
             )
             chosen.append(int(roomy[np.argmax(gap)]))
-        # The first was only the seed of the spread.
+        # The first was only the seed of the others.
         stops.extend(dict.fromkeys(chosen[1:]))
     if len(stops) < 2:
         room = np.flatnonzero(is_main)
@@ -111,7 +116,7 @@ def _choose_stops(
     return np.array(stops)
 
 
-def _short_tour(between: np.ndarray, is_loop: bool) -> list[int]:
+def _short_tour(between: Float[np.ndarray, "n n"], is_loop: bool) -> list[int]:
     """Order of stops from 0: nearest neighbour, then 2-opt; a loop comes back to 0."""
     n = len(between)
     order, left = [0], set(range(1, n))
@@ -137,8 +142,8 @@ def _short_tour(between: np.ndarray, is_loop: bool) -> list[int]:
     return order
 
 
-def _trace(before: np.ndarray, start: int, stop: int) -> list[int]:
-    """Nodes after `start` up to `stop`."""
+def _trace(before: Int[np.ndarray, " n"], start: int, stop: int) -> list[int]:
+    """Nodes after `start` up to `stop`, back along the node `before` each on its shortest way."""
     nodes = []
     while stop != start:
         nodes.append(int(stop))

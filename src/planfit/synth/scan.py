@@ -6,6 +6,7 @@ from pathlib import Path
 from threading import Lock
 
 import numpy as np
+from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError
 from planfit.floorplan import Floorplan
@@ -32,10 +33,10 @@ class SyntheticScan:
 
     scan: Scan
     """As a user would have it: drifted poses, noisy images."""
-    true_world_from_cams: np.ndarray
-    """(n, 4, 4)"""
-    true_plan_from_cams: np.ndarray
-    """(n, 4, 4)"""
+    true_world_from_cams: Float[np.ndarray, "n 4 4"]
+    """Poses before drift, in the axes of the world of the scan."""
+    true_plan_from_cams: Float[np.ndarray, "n 4 4"]
+    """The same in the plan frame."""
     floorplan: Floorplan
     """The true plan, without error."""
     building: Building
@@ -43,8 +44,8 @@ class SyntheticScan:
     options: SynthOptions
 
     @property
-    def true_plan_from_world(self) -> np.ndarray:
-        """(4, 4), the same for all frames."""
+    def true_plan_from_world(self) -> Float[np.ndarray, "4 4"]:
+        """The same for all frames."""
         return self.true_plan_from_cams[0] @ se3.inverse(self.true_world_from_cams[0])
 
 
@@ -57,7 +58,11 @@ class SynthFiles:
     """
 
     def __init__(
-        self, renderer: Renderer, camera: Camera, plan_from_cams: np.ndarray, options: SynthOptions
+        self,
+        renderer: Renderer,
+        camera: Camera,
+        plan_from_cams: Float[np.ndarray, "n 4 4"],
+        options: SynthOptions,
     ) -> None:
         self._renderer = renderer
         self._camera = camera
@@ -66,19 +71,19 @@ class SynthFiles:
         self._lock = Lock()
         self._last: tuple[int, View] | None = None
 
-    def color(self, frame_idx: int) -> np.ndarray:
-        """Colour image (h, w, 3) uint8, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
         rng = _rng(self._options.seed, _COLOR, frame_idx)
         return noisy_color(self._view(frame_idx).color, self._options.camera, rng)
 
-    def depth(self, frame_idx: int) -> np.ndarray:
-        """Depth (h, w) float32 m along the optical axis, NaN where there is no reading."""
+    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
+        """Depth along the optical axis, float32, m, NaN where there is no measurement."""
         view = self._view(frame_idx)
         rng = _rng(self._options.seed, _DEPTH, frame_idx)
         return noisy_depth(view.depth, view.incidence, self._options.depth_noise, rng)
 
-    def labels(self, frame_idx: int) -> np.ndarray:
-        """Label image (h, w) uint8 of `Label`.
+    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
+        """Label image, values of `Label`.
 
         Raises:
             ScanError: the scan was made without labels.
@@ -88,7 +93,10 @@ class SynthFiles:
         return self._view(frame_idx).labels.copy()
 
     def write_poses(
-        self, directory: Path, world_from_cams: np.ndarray, frame_idx: np.ndarray | None = None
+        self,
+        directory: Path,
+        world_from_cams: Float[np.ndarray, "n 4 4"],
+        frame_idx: Int[np.ndarray, " n"] | None = None,
     ) -> None:
         """Write `pose-NNNN.txt` files, as in the FACaP layout."""
         frames = range(len(world_from_cams)) if frame_idx is None else frame_idx
@@ -163,11 +171,11 @@ def _rng(seed: int, *stream: int) -> np.random.Generator:
     return np.random.default_rng([seed, *stream])
 
 
-def _world_from_plan(options: SynthOptions, building: Building) -> np.ndarray:
+def _world_from_plan(options: SynthOptions, building: Building) -> Float[np.ndarray, "4 4"]:
     axes = se3.inverse(PLAN_FROM_WORLD)
     if options.world == "plan":
         return axes
     rng = _rng(options.seed, _WORLD)
     size = max(building.floorplan.size)
-    shift = np.array([*rng.uniform(-size, size, 2), rng.uniform(-2.0, 2.0)])
-    return axes @ se3.yaw_transform(float(rng.uniform(-np.pi, np.pi)), shift)
+    translation = np.array([*rng.uniform(-size, size, 2), rng.uniform(-2.0, 2.0)])
+    return axes @ se3.yaw_transform(float(rng.uniform(-np.pi, np.pi)), translation)

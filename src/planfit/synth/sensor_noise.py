@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+from jaxtyping import Bool, Float, UInt8
 
 from planfit.synth.options import (
     CameraOptions,
@@ -16,13 +17,16 @@ EDGE_SHARE = 0.04
 
 
 def noisy_depth(
-    depth: np.ndarray, incidence: np.ndarray, noise: DepthNoise, rng: np.random.Generator
-) -> np.ndarray:
-    """Depth as a sensor reads it, (h, w) float32 m, NaN where it reads nothing.
+    depth: Float[np.ndarray, "h w"],
+    incidence: Float[np.ndarray, "h w"],
+    noise: DepthNoise,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "h w"]:
+    """Depth as a sensor measures it, float32, m, NaN where it measures nothing.
 
     Args:
-        depth: (h, w) m along the optical axis, NaN where nothing is hit.
-        incidence: (h, w) cosine between ray and surface normal.
+        depth: m along the optical axis, NaN where nothing is hit.
+        incidence: cosine between ray and surface normal.
         noise: the sensor.
         rng: source of the noise.
     """
@@ -35,8 +39,10 @@ def noisy_depth(
             return _time_of_flight(depth, incidence, noise, rng)
 
 
-def noisy_color(color: np.ndarray, options: CameraOptions, rng: np.random.Generator) -> np.ndarray:
-    """Linear colour (h, w, 3) to an image (h, w, 3) uint8, RGB."""
+def noisy_color(
+    color: Float[np.ndarray, "h w 3"], options: CameraOptions, rng: np.random.Generator
+) -> UInt8[np.ndarray, "h w 3"]:
+    """Linear colour to an image, RGB."""
     gain = 1.0 + options.exposure_std * float(np.clip(rng.normal(), -2.5, 2.5))
     image = np.clip(color * np.float32(gain), 0.0, 1.0) ** np.float32(1 / 1.6)
     if options.blur_px > 0:
@@ -49,8 +55,11 @@ def noisy_color(color: np.ndarray, options: CameraOptions, rng: np.random.Genera
 
 
 def _structured_light(
-    depth: np.ndarray, incidence: np.ndarray, noise: StructuredLightNoise, rng: np.random.Generator
-) -> np.ndarray:
+    depth: Float[np.ndarray, "h w"],
+    incidence: Float[np.ndarray, "h w"],
+    noise: StructuredLightNoise,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "h w"]:
     is_lost = _lost(depth, incidence, noise, rng)
     is_lost |= _near_edge(depth, noise.edge_px)
     safe = np.where(np.isfinite(depth), depth, 1.0).astype(np.float64)
@@ -66,8 +75,11 @@ def _structured_light(
 
 
 def _time_of_flight(
-    depth: np.ndarray, incidence: np.ndarray, noise: TimeOfFlightNoise, rng: np.random.Generator
-) -> np.ndarray:
+    depth: Float[np.ndarray, "h w"],
+    incidence: Float[np.ndarray, "h w"],
+    noise: TimeOfFlightNoise,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "h w"]:
     is_lost = _lost(depth, incidence, noise, rng)
     is_edge = _near_edge(depth, noise.edge_px)
     safe = np.where(np.isfinite(depth), depth, 1.0).astype(np.float32)
@@ -79,8 +91,8 @@ def _time_of_flight(
         near, far = cv2.erode(safe, kernel), cv2.dilate(safe, kernel)
         share = rng.random(depth.shape, dtype=np.float32)
         mixed = np.where(flying, near + share * (far - near), mixed)
-    spread = noise.sigma_m + noise.sigma_at_1m_m * mixed**2
-    read = mixed + spread * _shared_noise(depth.shape, noise.correlation_px, rng)
+    sigma = noise.sigma_m + noise.sigma_at_1m_m * mixed**2
+    read = mixed + sigma * _shared_noise(depth.shape, noise.correlation_px, rng)
     read *= 1.0 + noise.bias * _smooth_field(depth.shape, rng)
     if noise.step_m > 0:
         read = np.rint(read / noise.step_m) * noise.step_m
@@ -88,18 +100,18 @@ def _time_of_flight(
 
 
 def _lost(
-    depth: np.ndarray,
-    incidence: np.ndarray,
+    depth: Float[np.ndarray, "h w"],
+    incidence: Float[np.ndarray, "h w"],
     noise: StructuredLightNoise | TimeOfFlightNoise,
     rng: np.random.Generator,
-) -> np.ndarray:
+) -> Bool[np.ndarray, "h w"]:
     """Where there is nothing, where the surface is too flat to the ray, and single pixels."""
     is_grazing = incidence < np.cos(np.deg2rad(noise.max_incidence_deg))
     is_dropped = rng.random(depth.shape, dtype=np.float32) < noise.drop_share
     return np.isnan(depth) | is_grazing | is_dropped
 
 
-def _near_edge(depth: np.ndarray, edge_px: int) -> np.ndarray:
+def _near_edge(depth: Float[np.ndarray, "h w"], edge_px: int) -> Bool[np.ndarray, "h w"]:
     if edge_px == 0:
         return np.zeros(depth.shape, dtype=bool)
     safe = np.where(np.isfinite(depth), depth, 0.0).astype(np.float32)
@@ -115,8 +127,8 @@ def _near_edge(depth: np.ndarray, edge_px: int) -> np.ndarray:
 
 def _shared_noise(
     shape: tuple[int, ...], correlation_px: float, rng: np.random.Generator
-) -> np.ndarray:
-    """Normal noise (h, w) of unit spread that neighbouring pixels share."""
+) -> Float[np.ndarray, "h w"]:
+    """Normal noise of unit standard deviation that neighbouring pixels share."""
     white = rng.standard_normal(shape, dtype=np.float32)
     if correlation_px == 0:
         return white
@@ -128,14 +140,16 @@ def _shared_noise(
     ) else cv2.sepFilter2D(white, -1, kernel, kernel)  # fmt: skip
 
 
-def _smooth_field(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
-    """A slow field (h, w) of about unit spread: four by three free values, interpolated."""
+def _smooth_field(shape: tuple[int, ...], rng: np.random.Generator) -> Float[np.ndarray, "h w"]:
+    """A slow field of about unit standard deviation: four by three free values, interpolated."""
     coarse = rng.standard_normal((3, 4), dtype=np.float32)
     return cv2.resize(coarse, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
 
 
 def _in_range(
-    read: np.ndarray, is_lost: np.ndarray, noise: StructuredLightNoise | TimeOfFlightNoise
-) -> np.ndarray:
+    read: Float[np.ndarray, "h w"],
+    is_lost: Bool[np.ndarray, "h w"],
+    noise: StructuredLightNoise | TimeOfFlightNoise,
+) -> Float[np.ndarray, "h w"]:
     is_out = (read < noise.min_range_m) | (read > noise.max_range_m)
     return np.where(is_lost | is_out, np.nan, read).astype(np.float32)

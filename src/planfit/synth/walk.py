@@ -1,6 +1,7 @@
 """The camera's path: someone walks the route with the camera in hand and looks around."""
 
 import numpy as np
+from jaxtyping import Float, Int
 from scipy.ndimage import gaussian_filter1d
 
 from planfit.geometry import se3
@@ -12,14 +13,16 @@ _STEP_M = 0.02
 """Spacing of the dense path that frames are picked from."""
 _SMOOTH_M = 0.25
 """How far corners are rounded."""
-_TURN_M = 0.45
+_FOLLOW_M = 0.45
 """Way over which the view follows a turn of the path."""
-_TURN_PER_M = np.deg2rad(45.0)
-"""A turn this large counts as much motion between frames as a step of one metre."""
+_ROTATION_PER_M = np.deg2rad(45.0)
+"""A rotation this large counts as much motion between frames as a step of one metre."""
 
 
-def walk_through(building: Building, options: WalkOptions, rng: np.random.Generator) -> np.ndarray:
-    """Poses plan_from_cam (n, 4, 4) of a walk through all rooms, OpenCV camera axes.
+def walk_through(
+    building: Building, options: WalkOptions, rng: np.random.Generator
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses plan_from_cam of a walk through all rooms, OpenCV camera axes.
 
     Raises:
         OptionError: some room cannot be entered with this clearance.
@@ -44,33 +47,36 @@ def walk_through(building: Building, options: WalkOptions, rng: np.random.Genera
     return building.plan_from_building @ building_from_cams[picked]
 
 
-def _easing(n: int) -> np.ndarray:
+def _easing(n: int) -> Float[np.ndarray, " n"]:
     """0 at both ends, so that a loop ends with the view it began with, and 1 between."""
     at = np.minimum(np.arange(n), np.arange(n)[::-1]) * _STEP_M
     return np.clip(at / min(1.0, 0.25 * n * _STEP_M), 0.0, 1.0)
 
 
-def _resample(points: np.ndarray, step: float) -> np.ndarray:
+def _resample(points: Float[np.ndarray, "k 2"], step: float) -> Float[np.ndarray, "n 2"]:
     at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     wanted = np.linspace(0.0, at[-1], max(2, round(at[-1] / step) + 1))
     return np.column_stack([np.interp(wanted, at, points[:, c]) for c in range(2)])
 
 
-def _smoothed(values: np.ndarray, sigma_m: float) -> np.ndarray:
+def _smoothed(values: Float[np.ndarray, "n ..."], sigma_m: float) -> Float[np.ndarray, "n ..."]:
     return gaussian_filter1d(values, sigma_m / _STEP_M, axis=0, mode="nearest")
 
 
-def _swing(n: int, wavelength_m: float, rng: np.random.Generator) -> np.ndarray:
-    """Slow random swings (n,) along the path, of unit spread."""
+def _swing(n: int, wavelength_m: float, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
+    """Slow random swings along the path, of unit standard deviation."""
     raw = _smoothed(rng.normal(size=n), wavelength_m / 2.0)
-    # The spread of white noise after a Gaussian of sigma samples is 1 / sqrt(2 sqrt(pi) sigma).
+    # The standard deviation of white noise after a Gaussian of sigma samples is 1 / sqrt(2 sqrt(pi) sigma).
     sigma = wavelength_m / 2.0 / _STEP_M
     return np.clip(raw * np.sqrt(2.0 * np.sqrt(np.pi) * sigma), -2.0, 2.0)
 
 
 def _round_corners(
-    planned: np.ndarray, building: Building, options: WalkOptions, rng: np.random.Generator
-) -> np.ndarray:
+    planned: Float[np.ndarray, "n 2"],
+    building: Building,
+    options: WalkOptions,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "n 2"]:
     """Smooth the path and let it sway, but only as far as the clearance allows."""
     n = len(planned)
     smooth = _smoothed(planned, _SMOOTH_M)
@@ -86,13 +92,15 @@ def _round_corners(
         if not is_near.any():
             return walked
         cut = np.where(is_near, 0.6, 0.0)
-        spread = gaussian_filter1d(cut, 0.1 / _STEP_M, mode="nearest")
-        share = share * (1.0 - np.maximum(cut, spread))
+        around = gaussian_filter1d(cut, 0.1 / _STEP_M, mode="nearest")
+        share = share * (1.0 - np.maximum(cut, around))
     return planned
 
 
-def _heading(walked: np.ndarray, building: Building, wraps: bool) -> np.ndarray:
-    """Yaw (n,) rad of the way ahead; the end of a loop turns to the yaw of its beginning.
+def _heading(
+    walked: Float[np.ndarray, "n 2"], building: Building, wraps: bool
+) -> Float[np.ndarray, " n"]:
+    """Yaw, rad, of the way ahead; the end of a loop turns to the yaw of its beginning.
 
     Near walls the view turns towards the middle of the room: nobody scans a wall from up close.
     """
@@ -106,7 +114,7 @@ def _heading(walked: np.ndarray, building: Building, wraps: bool) -> np.ndarray:
         inwards[inside] = (away / np.maximum(distance, 0.8))[inside]
     nearness = np.clip(1.3 - building.clearance(walked), 0.0, 1.0)[:, None]
     view = step + 1.2 * nearness * _smoothed(inwards, 0.2)
-    yaw = _smoothed(np.unwrap(np.arctan2(view[:, 1], view[:, 0])), _TURN_M)
+    yaw = _smoothed(np.unwrap(np.arctan2(view[:, 1], view[:, 0])), _FOLLOW_M)
     if wraps:
         gap = (yaw[0] - yaw[-1] + np.pi) % (2 * np.pi) - np.pi
         left = np.arange(len(yaw))[::-1] * _STEP_M / 2.0
@@ -114,8 +122,10 @@ def _heading(walked: np.ndarray, building: Building, wraps: bool) -> np.ndarray:
     return yaw
 
 
-def _camera_axes(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
-    """Rotations (n, 3, 3), columns right, down, forward."""
+def _camera_axes(
+    yaw: Float[np.ndarray, " n"], pitch: Float[np.ndarray, " n"], roll: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 3 3"]:
+    """Rotations, columns right, down, forward."""
     cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
     forward = np.column_stack([cy * cp, sy * cp, sp])
     level_right = np.column_stack([sy, -cy, np.zeros_like(sy)])
@@ -125,11 +135,11 @@ def _camera_axes(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.nda
     return np.stack([right, down, forward], axis=-1)
 
 
-def _evenly_moving(poses: np.ndarray, n_frames: int) -> np.ndarray:
-    """Indices (n_frames,) into dense poses such that each step holds the same motion."""
+def _evenly_moving(poses: Float[np.ndarray, "n 4 4"], n_frames: int) -> Int[np.ndarray, " k"]:
+    """Indices into dense poses such that each step holds the same motion."""
     relative = np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3]
-    turn = se3.rotation_angle(relative) / _TURN_PER_M
-    shift = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-    motion = np.concatenate([[0.0], np.cumsum(np.hypot(turn, shift))])
+    rotation = se3.rotation_angle(relative) / _ROTATION_PER_M
+    translation = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    motion = np.concatenate([[0.0], np.cumsum(np.hypot(rotation, translation))])
     wanted = np.linspace(0.0, motion[-1], n_frames)
     return np.clip(np.searchsorted(motion, wanted), 0, len(poses) - 1)

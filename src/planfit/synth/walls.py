@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
-from planfit.synth.layout import Layout, Rect
+from planfit.synth.layout import BuildingLayout, Rect
 
 
 class Part(IntEnum):
@@ -23,20 +24,20 @@ class Part(IntEnum):
 class WallFaces:
     """Faces in the building frame; columns have faces like walls."""
 
-    ends: np.ndarray
-    """(n, 2, 2) m; the free side is on the left of the way from the first end to the second."""
-    parts: np.ndarray
-    """(n,) of `Part`."""
-    rooms: np.ndarray
-    """(n,) room that the face looks into; -1 for the outside, -2 for a door opening."""
-    is_column: np.ndarray
-    """(n,) bool."""
+    ends: Float[np.ndarray, "n 2 2"]
+    """M, the free side is on the left of the way from the first end to the second."""
+    parts: Int[np.ndarray, " n"]
+    """Values of `Part`."""
+    rooms: Int[np.ndarray, " n"]
+    """Room that the face looks into; -1 for the outside, -2 for a door opening."""
+    is_column: Bool[np.ndarray, " n"]
+    """Whether the face is of a column."""
 
 
 OUTSIDE, OPENING = -1, -2
 
 
-def wall_faces(layout: Layout, outer_thickness: float) -> WallFaces:
+def wall_faces(layout: BuildingLayout, outer_thickness: float) -> WallFaces:
     """Everything within `outer_thickness` m of a room, and in no room, is wall."""
     rects = [*layout.rooms, *layout.columns, *(d.rect for d in layout.doors)]
     grown = [room.grown(outer_thickness) for room in layout.rooms]
@@ -48,8 +49,8 @@ def wall_faces(layout: Layout, outer_thickness: float) -> WallFaces:
         for facing in (1, -1):
             _collect(runs, space, is_column, (x, y), axis, facing)
     ends, keys = [], []
-    for key, pieces in sorted(runs.items()):
-        for low, high in _joined(pieces):
+    for key, intervals in sorted(runs.items()):
+        for low, high in _joined(intervals):
             ends.append(_ends(key, low, high, (x, y)))
             keys.append(key[3:])
     table = np.array(keys)
@@ -59,16 +60,19 @@ def wall_faces(layout: Layout, outer_thickness: float) -> WallFaces:
 _SOLID = -3
 
 
-def _cuts(values: list[float], margin: float) -> np.ndarray:
+def _cuts(values: list[float], margin: float) -> Float[np.ndarray, " n"]:
     """Sorted distinct coordinates, with a border of free cells around."""
     inner = np.unique(values)
     return np.concatenate([[inner[0] - margin], inner, [inner[-1] + margin]])
 
 
 def _classify(
-    layout: Layout, grown: list[Rect], x: np.ndarray, y: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """What each cell (nx, ny) is at the height of doors, and whether it is a column."""
+    layout: BuildingLayout,
+    grown: list[Rect],
+    x: Float[np.ndarray, " a"],
+    y: Float[np.ndarray, " b"],
+) -> tuple[Int[np.ndarray, "nx ny"], Bool[np.ndarray, "nx ny"]]:
+    """What each cell is at the height of doors, and whether it is a column."""
     cx, cy = (x[:-1] + x[1:]) / 2, (y[:-1] + y[1:]) / 2
     centres = np.stack(np.meshgrid(cx, cy, indexing="ij"), axis=-1).reshape(-1, 2)
     space = np.full(len(centres), OUTSIDE)
@@ -88,16 +92,16 @@ def _classify(
 
 def _collect(
     runs: dict[tuple[int, ...], list[tuple[float, float]]],
-    space: np.ndarray,
-    is_column: np.ndarray,
-    cuts: tuple[np.ndarray, np.ndarray],
+    space: Int[np.ndarray, "nx ny"],
+    is_column: Bool[np.ndarray, "nx ny"],
+    cuts: tuple[Float[np.ndarray, " a"], Float[np.ndarray, " b"]],
     axis: int,
     facing: int,
 ) -> None:
-    """Add pieces of faces with the normal `facing` along `axis`, keyed by the line they lie on."""
-    turned, column = (space, is_column) if axis == 0 else (space.T, is_column.T)
+    """Add parts of faces with the normal `facing` along `axis`, keyed by the line they lie on."""
+    cells, column = (space, is_column) if axis == 0 else (space.T, is_column.T)
     along = cuts[1 - axis]
-    behind, front = (turned[:-1], turned[1:]) if facing > 0 else (turned[1:], turned[:-1])
+    behind, front = (cells[:-1], cells[1:]) if facing > 0 else (cells[1:], cells[:-1])
     column_behind = column[:-1] if facing > 0 else column[1:]
     for line, j in np.argwhere((behind == _SOLID) & (front != _SOLID)):
         room = front[line, j]
@@ -113,10 +117,10 @@ def _collect(
         )
 
 
-def _joined(pieces: list[tuple[float, float]]) -> list[tuple[float, float]]:
+def _joined(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Intervals that touch become one."""
     result: list[tuple[float, float]] = []
-    for low, high in sorted(pieces):
+    for low, high in sorted(intervals):
         if result and low <= result[-1][1]:
             result[-1] = (result[-1][0], high)
         else:
@@ -125,7 +129,10 @@ def _joined(pieces: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def _ends(
-    key: tuple[int, ...], low: float, high: float, cuts: tuple[np.ndarray, np.ndarray]
+    key: tuple[int, ...],
+    low: float,
+    high: float,
+    cuts: tuple[Float[np.ndarray, " a"], Float[np.ndarray, " b"]],
 ) -> list[list[float]]:
     axis, facing, line = key[:3]
     at = float(cuts[axis][line])

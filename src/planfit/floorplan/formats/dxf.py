@@ -3,6 +3,7 @@
 import io
 import logging
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,26 +13,53 @@ import ezdxf.recover
 import numpy as np
 from ezdxf import colors
 from ezdxf import path as ezpath
+from ezdxf.audit import AuditError, Auditor
 from ezdxf.disassemble import recursive_decompose
 from ezdxf.document import Drawing as Document
 from ezdxf.entities.dxfgfx import DXFGraphic
 from ezdxf.lldxf.const import DXFError
+from jaxtyping import Float
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.file import fingerprint_of
-from planfit.floorplan.formats.dxf_damage import lost_parts
+from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.vector.drawing import Drawing, DrawingBuilder, Text
-from planfit.floorplan.vector.drawing_plan import plan_of_drawing
+from planfit.floorplan.units import METRES_PER_FILE_UNIT
+from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
+from planfit.floorplan.vector.plan import plan_of_drawing
 
-_UNITS = {
-    1: ("in", 0.0254), 2: ("ft", 0.3048), 4: ("mm", 0.001), 5: ("cm", 0.01), 6: ("m", 1.0),
-    10: ("yd", 0.9144), 14: ("dm", 0.1), 21: ("US survey ft", 1200 / 3937),
-}  # fmt: skip
+_UNITS = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 10: "yd", 14: "dm", 21: "US survey ft"}
+"""Names of `METRES_PER_FILE_UNIT` by the number in the header ($INSUNITS)."""
 _CURVED = {"ARC", "CIRCLE", "ELLIPSE", "SPLINE", "HELIX"}
 _PATHS = {"LINE", "LWPOLYLINE", "POLYLINE", *_CURVED}
 _MAX_ENTITIES = 2_000_000
+_HARMLESS = {
+    AuditError.INVALID_LAYER_NAME,
+    AuditError.BLOCK_NAME_MISMATCH,
+    AuditError.DECODING_ERROR,
+    AuditError.ROOT_DICT_NOT_FOUND,
+    AuditError.MISSING_REQUIRED_ROOT_DICT_ENTRY,
+    AuditError.ACTIVE_PAPERSPACE_LAYOUT_NOT_FOUND,
+    AuditError.INVALID_MLINESTYLE_ELEMENT_COUNT,
+}
+"""Errors that stay in the document and leave its geometry whole."""
+_LOST = {
+    AuditError.FOUND_TAG_OUTSIDE_SECTION,
+    AuditError.REMOVED_INVALID_GRAPHIC_ENTITY,
+    AuditError.REMOVED_ENTITY_WITH_INVALID_OWNER_HANDLE,
+    AuditError.UNDEFINED_BLOCK,
+    AuditError.UNDEFINED_BLOCK_NAME,
+    AuditError.INVALID_VERTEX_COUNT,
+    AuditError.INVALID_MAJOR_AXIS,
+    AuditError.INVALID_HATCH_BOUNDARY_PATH,
+    AuditError.INVALID_SPLINE_DEFINITION,
+    AuditError.INVALID_SPLINE_CONTROL_POINT_COUNT,
+    AuditError.INVALID_SPLINE_FIT_POINT_COUNT,
+    AuditError.INVALID_SPLINE_KNOT_VALUE_COUNT,
+    AuditError.INVALID_SPLINE_WEIGHT_COUNT,
+}
+"""Repairs that take an entity away."""
+_RECOVERED = re.compile(r'value "(?P<found>[^"]*)".* as "(?P<read>[^"]*)"')
 
 
 def read_dxf(path: Path, options: PlanOptions) -> Floorplan:
@@ -79,10 +107,10 @@ def _open(path: Path) -> tuple[Document, list[str]]:
             f"{path}: expected a whole DXF drawing, found one that is cut off (no EOF at its end); "
             "copy or export it again"
         )
-    return document, lost_parts(auditor)
+    return document, _lost_parts(auditor)
 
 
-def _drawing(document: Document) -> Drawing:
+def _drawing(document: Document) -> VectorDrawing:
     builder = DrawingBuilder()
     hidden = {layer.dxf.name for layer in document.layers if layer.is_off() or layer.is_frozen()}
     # Layer 0 stands for the layer of the block's insertion; on its own it may be frozen too.
@@ -96,9 +124,8 @@ def _drawing(document: Document) -> Drawing:
             seen_hidden.add(layer)
         elif not entity.dxf.get("invisible", 0):
             _add(builder, entity, layer, flatten)
-    lines, fills, texts, layers = builder.build()
-    unit, metres = _UNITS.get(document.header.get("$INSUNITS", 0), ("unknown", None))
-    return Drawing(lines, fills, texts, layers, metres, unit, tuple(sorted(seen_hidden)))
+    unit = _UNITS.get(document.header.get("$INSUNITS", 0), "unknown")
+    return builder.build(METRES_PER_FILE_UNIT.get(unit), unit, tuple(sorted(seen_hidden)))
 
 
 def _entities(space) -> Iterator[tuple[Any, str]]:
@@ -138,7 +165,7 @@ def _add(builder: DrawingBuilder, entity: DXFGraphic, layer: str, flatten: float
 
 
 def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten: float) -> None:
-    """Straight and curved pieces of a path apart: an arc between two walls is a door."""
+    """Straight and curved segments of a path apart: an arc between two walls is a door."""
     if len(made) == 0:
         return
     points, is_curved = [np.array(made.start)[:2]], []
@@ -148,9 +175,9 @@ def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten:
             points.append(np.array(command.end)[:2])
             is_curved.append(command.type == ezpath.Command.MOVE_TO)
         else:
-            piece = ezpath.Path(at)
-            piece.append_path(_single(at, command))
-            flat = _xy(piece.flattening(flatten, segments=4))[1:]
+            curve = ezpath.Path(at)
+            curve.append_path(_single(at, command))
+            flat = _xy(curve.flattening(flatten, segments=4))[1:]
             is_bent = _is_bent(np.array([np.array(at)[:2], *flat]))
             flat = flat if is_bent else flat[-1:]
             points.extend(flat)
@@ -160,15 +187,15 @@ def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten:
 
 
 def _single(start, command):
-    piece = ezpath.Path(start)
+    curve = ezpath.Path(start)
     if command.type == ezpath.Command.CURVE4_TO:
-        piece.curve4_to(command.end, command.ctrl1, command.ctrl2)
+        curve.curve4_to(command.end, command.ctrl1, command.ctrl2)
     else:
-        piece.curve3_to(command.end, command.ctrl)
-    return piece
+        curve.curve3_to(command.end, command.ctrl)
+    return curve
 
 
-def _is_bent(points: np.ndarray) -> bool:
+def _is_bent(points: Float[np.ndarray, "n 2"]) -> bool:
     """Some programs write straight walls as splines."""
     chord = points[-1] - points[0]
     length = math.hypot(*chord)
@@ -208,7 +235,7 @@ def _colour(entity: DXFGraphic) -> tuple[int, int, int] | None:
     return (red, green, blue)
 
 
-def _xy(points) -> np.ndarray:
+def _xy(points) -> Float[np.ndarray, "n 2"]:
     return np.array([(p[0], p[1]) for p in points], dtype=float).reshape(-1, 2)
 
 
@@ -224,3 +251,23 @@ def _flattening_distance(space) -> float:
         return 0.01
     low, high = np.percentile(flat, [2, 98], axis=0)
     return max(float(max(high - low)) * 1e-3, 1e-6)
+
+
+def _lost_parts(auditor: Auditor) -> list[str]:
+    """A sentence of ezdxf's for each entity that its repair took away and each number that it guessed.
+
+    Most of what it reports (names, styles, owners) loses nothing.
+    """
+    errors = [e.message for e in auditor.errors if e.code not in _HARMLESS]
+    fixes = [e.message for e in auditor.fixes if e.code in _LOST]
+    # The codes of splines also stand for superfluous knots and weights.
+    return [m for m in errors if not _is_same_number(m)] + [m for m in fixes if "unused" not in m]
+
+
+def _is_same_number(message: str) -> bool:
+    """Whether a number in the wrong form, as 3.0 for a whole one, was read as what it says."""
+    match = _RECOVERED.search(message)
+    try:
+        return match is not None and float(match["found"]) == float(match["read"])
+    except ValueError:
+        return False

@@ -8,19 +8,21 @@ from typing import Any
 
 import numpy as np
 import shapely
+from jaxtyping import Float
 from shapely.geometry import shape
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.file import fingerprint_of
-from planfit.floorplan.options import METRES_PER_UNIT, PlanOptions
+from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.vector.drawing import Drawing, DrawingBuilder
-from planfit.floorplan.vector.drawing_plan import plan_of_drawing
+from planfit.floorplan.units import choose_unit
+from planfit.floorplan.vector.drawing import DrawingBuilder, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, role_of
+from planfit.floorplan.vector.line_work import ends_of, longest, outlines
+from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import faces_of_regions
-from planfit.floorplan.vector.shown_lines import longest, outlines
 from planfit.geometry import segments
 
 _NAMING = ("category", "feature_type", "indoor", "type", "class", "layer", "kind", "building:part")
@@ -52,14 +54,53 @@ class _Feature:
 class _Frame:
     """Local metres of coordinates: `(xy - origin) * scale`."""
 
-    origin: np.ndarray  # (2,)
-    scale: np.ndarray  # (2,) metres of one unit along each axis
+    origin: Float[np.ndarray, "2"]
+    """In the file's coordinates."""
+    scale: Float[np.ndarray, "2"]
+    """Metres of one unit along each axis."""
     unit: str
     unit_from: str
     is_metric: bool
     warnings: tuple[str, ...] = ()
     likely_metre: float = 1.0
     """About a metre in `(xy - origin) * scale`, for tolerances."""
+
+    def local(self, area: BaseGeometry) -> BaseGeometry:
+        """The same area in local metres."""
+        return shapely.transform(area, lambda xy: (xy - self.origin) * self.scale)
+
+    @property
+    def file_from_local(self) -> Float[np.ndarray, "3 3"]:
+        """From homogeneous local x-y to the file's coordinates."""
+        return np.array(
+            [
+                [1 / self.scale[0], 0, self.origin[0]],
+                [0, 1 / self.scale[1], self.origin[1]],
+                [0, 0, 1],
+            ]
+        )
+
+
+@dataclass(frozen=True)
+class _Features:
+    """Features of the storey that is read, by what they are."""
+
+    all: list[_Feature]
+    walls: list[_Feature]
+    openings: list[_Feature]
+    rooms: list[_Feature]
+    level: str
+    levels: tuple[str, ...]
+
+    @property
+    def bounding(self) -> list[_Feature]:
+        """Those that the faces come from: walls, or where there are none, rooms."""
+        return self.walls or self.rooms
+
+    @property
+    def used(self) -> list[_Feature]:
+        """Those that take part."""
+        return [*self.walls, *self.openings, *self.rooms]
 
 
 def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
@@ -71,6 +112,37 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
         FloorplanError: it is no GeoJSON, or holds neither walls nor rooms.
     """
     collections, fingerprint = _load(path)
+    features = _sorted_features(path, options, collections)
+    frame = _frame([f.area for f in features.bounding], options, collections)
+    source = _source(features, frame, "IMDF" if len(collections) > 1 else "GeoJSON")
+    areas = [frame.local(f.area) for f in features.walls]
+    solid = [a for a in areas if a.geom_type.endswith("Polygon")]
+    if areas and not solid:
+        return _plan_of_lines(path, fingerprint, options, areas, features, frame, source)
+    if solid:
+        faces = faces_of_regions(
+            shapely.union_all(solid), 0.005 * frame.likely_metre, 0.03 * frame.likely_metre
+        )
+        ends, normals, thickness = faces.ends, faces.normals, faces.thickness
+    else:
+        margin = OPENING_MARGIN_M * frame.likely_metre
+        gaps: list[BaseGeometry] = [frame.local(f.area).buffer(margin) for f in features.openings]
+        ends = _edges([frame.local(f.area) for f in features.rooms], gaps, frame.likely_metre)
+        normals, thickness = segments.left_normals(ends), np.full(len(ends), np.nan)
+    return Floorplan(
+        str(path), ends, normals, np.ones(len(ends), dtype=bool), fingerprint,
+        thickness=thickness, is_metric=frame.is_metric, source=source,
+    )  # fmt: skip
+
+
+def _sorted_features(
+    path: Path, options: PlanOptions, collections: list[tuple[str, Any]]
+) -> _Features:
+    """Walls, openings and rooms of the storey that is asked for.
+
+    Raises:
+        FloorplanError: there is no such storey, or neither walls nor rooms on it.
+    """
     features = [f for kind, data in collections for f in _features(path, kind, data)]
     levels = tuple(sorted({f.level for f in features if f.level}))
     level = _chosen_level(path, options.storey, levels)
@@ -87,55 +159,48 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
             f"{', '.join(names[:10]) or 'none'}; name walls 'wall' and rooms 'room' in their "
             "property 'category' or 'type'"
         )
-    frame = _frame([f.area for f in (walls or rooms)], options, collections)
-    used = [*walls, *openings, *rooms]
-    source = PlanSource(
-        kind="IMDF" if len(collections) > 1 else "GeoJSON",
+    return _Features(here, walls, openings, rooms, level, levels)
+
+
+def _source(features: _Features, frame: _Frame, kind: str) -> PlanSource:
+    used = features.used
+    unused = [f.area for f in features.all if not any(f is u for u in used)]
+    return PlanSource(
+        kind=kind,
         unit=frame.unit,
         unit_from=frame.unit_from,
-        storey=level,
-        storeys=levels,
-        layers=tuple(sorted({f.name for f in (walls or rooms)})),
-        dropped=_left_out(here, used),
+        storey=features.level,
+        storeys=features.levels,
+        layers=tuple(sorted({f.name for f in features.bounding})),
+        dropped=_left_out(features),
         warnings=frame.warnings,
-        file_from_plan=np.array(
-            [[1 / frame.scale[0], 0, frame.origin[0]], [0, 1 / frame.scale[1], frame.origin[1]], [0, 0, 1]]
-        ),
+        file_from_plan=frame.file_from_local,
         drawn_lines=longest(outlines([f.area for f in used])),
-        dropped_lines=longest(outlines([f.area for f in here if not any(f is u for u in used)])),
-    )  # fmt: skip
-    areas = [_local(f.area, frame) for f in walls]
-    solid = [a for a in areas if a.geom_type.endswith("Polygon")]
-    if walls and not solid:
-        drawn = _drawing(areas, walls)
-        plan = plan_of_drawing(
-            drawn,
-            path,
-            fingerprint,
-            replace(
-                options, layers=(), metres_per_unit=None, unit="m" if frame.is_metric else "unknown"
-            ),
-            source.kind,
-            np.eye(3),
-        )
-        return replace(
-            plan, source=replace(source, warnings=(*frame.warnings, *plan.source.warnings))
-        )
-    if solid:
-        faces = faces_of_regions(
-            shapely.union_all(solid), 0.005 * frame.likely_metre, 0.03 * frame.likely_metre
-        )
-        ends, normals, thickness = faces.ends, faces.normals, faces.thickness
-    else:
-        gaps: list[BaseGeometry] = [
-            _local(f.area, frame).buffer(OPENING_MARGIN_M * frame.likely_metre) for f in openings
-        ]
-        ends = _edges([_local(f.area, frame) for f in rooms], gaps, frame.likely_metre)
-        normals, thickness = segments.left_normals(ends), np.full(len(ends), np.nan)
-    return Floorplan(
-        str(path), ends, normals, np.ones(len(ends), dtype=bool), fingerprint,
-        thickness=thickness, is_metric=frame.is_metric, source=source,
-    )  # fmt: skip
+        dropped_lines=longest(outlines(unused)),
+    )
+
+
+def _plan_of_lines(
+    path: Path,
+    fingerprint: str,
+    options: PlanOptions,
+    areas: list[BaseGeometry],
+    features: _Features,
+    frame: _Frame,
+    source: PlanSource,
+) -> Floorplan:
+    """Walls that are lines, not areas, are read as line work; `areas` are theirs in local metres."""
+    unit = "m" if frame.is_metric else "unknown"
+    plan = plan_of_drawing(
+        _drawing(areas, features.walls),
+        path,
+        fingerprint,
+        replace(options, layers=(), metres_per_unit=None, unit=unit),
+        source.kind,
+        np.eye(3),
+    )
+    warnings = (*frame.warnings, *plan.source.warnings)
+    return replace(plan, source=replace(source, warnings=warnings))
 
 
 def _load(path: Path) -> tuple[list[tuple[str, Any]], str]:
@@ -192,6 +257,8 @@ def _features(path: Path, kind: str, data: Any) -> list[_Feature]:
             properties = feature.get("properties") or {}
         except (KeyError, TypeError, ValueError, AttributeError, shapely.errors.ShapelyError):
             continue
+        except OverflowError:
+            continue  # a number beyond what floats hold
         if area.is_empty or not np.isfinite(shapely.get_coordinates(area)).all():
             continue
         named = next((str(properties[k]) for k in _NAMING if properties.get(k)), "")
@@ -227,9 +294,9 @@ def _chosen_level(path: Path, wanted: str, levels: tuple[str, ...]) -> str:
 def _frame(areas: list[BaseGeometry], options: PlanOptions, collections: list[Any]) -> _Frame:
     low, high = shapely.total_bounds(np.array(areas)).reshape(2, 2)
     middle = (low + high) / 2
-    told = options.metres_per_unit or METRES_PER_UNIT.get(options.unit)
-    if told is not None:
-        return _Frame(np.zeros(2), np.full(2, told), options.unit, "--unit", True)
+    told = choose_unit(options.unit, options.metres_per_unit)
+    if told.metres is not None:
+        return _Frame(np.zeros(2), np.full(2, told.metres), told.name, told.known_from, True)
     has_crs = any("crs" in data and "CRS84" not in str(data["crs"]) and "4326" not in str(data["crs"])
                   for _, data in collections)  # fmt: skip
     in_range = (np.abs([low, high]) <= (180.0, 90.0)).all()
@@ -255,12 +322,10 @@ def _frame(areas: list[BaseGeometry], options: PlanOptions, collections: list[An
     return _Frame(middle, scale, "degrees", "the standard of the format (degrees)", True)
 
 
-def _local(area: BaseGeometry, frame: _Frame) -> BaseGeometry:
-    return shapely.transform(area, lambda xy: (xy - frame.origin) * frame.scale)
-
-
-def _edges(rooms: list[BaseGeometry], gaps: list[BaseGeometry], metre: float) -> np.ndarray:
-    """Edges (n, 2, 2) of rooms, the room on the left, without where openings are. Rooms of maps meet
+def _edges(
+    rooms: list[BaseGeometry], gaps: list[BaseGeometry], metre: float
+) -> Float[np.ndarray, "n 2 2"]:
+    """Edges of rooms, the room on the left, without where openings are. Rooms of maps meet
     without thickness: each side of a shared edge is a face of its own."""
     rings = [
         np.asarray(ring.coords)[:, :2]
@@ -270,29 +335,28 @@ def _edges(rooms: list[BaseGeometry], gaps: list[BaseGeometry], metre: float) ->
         for ring in (polygon.exterior, *polygon.interiors)
     ]
     ends = np.concatenate([np.stack([r[:-1], r[1:]], axis=1) for r in rings])
-    pieces, _ = shapely.get_parts(
+    parts, _ = shapely.get_parts(
         shapely.difference(shapely.linestrings(ends), shapely.union_all(gaps)), return_index=True
     )
-    pieces = pieces[shapely.length(pieces) > 0.05 * metre]
-    return np.stack(
-        [shapely.get_coordinates(shapely.get_point(pieces, i)) for i in (0, -1)], axis=1
-    )
+    parts = parts[shapely.length(parts) > 0.05 * metre]
+    return ends_of(parts)
 
 
-def _drawing(areas: list[BaseGeometry], features: list[_Feature]) -> Drawing:
+def _drawing(areas: list[BaseGeometry], features: list[_Feature]) -> VectorDrawing:
     builder = DrawingBuilder()
     for area, feature in zip(areas, features, strict=True):
         for part in shapely.get_parts(area):
             points = shapely.get_coordinates(part)
             if part.geom_type == "LineString":
-                builder.add_polyline(points, np.zeros(len(points) - 1), feature.name, "")
-    lines, fills, texts, layers = builder.build()
-    return Drawing(lines, fills, texts, layers, 1.0, "m")
+                builder.add_polyline(
+                    points, np.zeros(len(points) - 1, dtype=bool), feature.name, ""
+                )
+    return builder.build(1.0, "m")
 
 
-def _left_out(features: list[_Feature], used: list[_Feature]) -> tuple[str, ...]:
-    n = len(features) - len(used)
+def _left_out(features: _Features) -> tuple[str, ...]:
+    n = len(features.all) - len(features.used)
     if n <= 0:
         return ()
-    names = sorted({f.name or "unnamed" for f in features} - {f.name for f in used})
+    names = sorted({f.name or "unnamed" for f in features.all} - {f.name for f in features.used})
     return (f"{n} features that are neither walls, rooms nor openings: {', '.join(names[:5])}",)

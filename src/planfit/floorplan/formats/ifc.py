@@ -8,12 +8,12 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.file import fingerprint_of
+from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.vector.regions import faces_of_regions
-from planfit.floorplan.vector.section import section_area
-from planfit.floorplan.vector.shown_lines import longest, outlines
+from planfit.floorplan.units import name_of_unit
+from planfit.floorplan.vector.line_work import longest, outlines
+from planfit.floorplan.vector.regions import faces_of_regions, section_area
 
 WALL_KINDS = ("IfcWall", "IfcCurtainWall", "IfcColumn")
 """With all that derive from them, as IfcWallStandardCase does."""
@@ -30,6 +30,52 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
     Raises:
         FloorplanError: ifcopenshell is missing, the file is no IFC, has no such storey or no walls.
     """
+    ifcopenshell = _ifcopenshell(path)
+    model = _open(path, ifcopenshell)
+    walls = [wall for kind in WALL_KINDS[:2] for wall in model.by_type(kind)]
+    if not walls:
+        raise FloorplanError(
+            f"{path}: expected walls (IfcWall), found none in {len(model.by_type('IfcElement'))} "
+            "elements; export the architect's model, not that of the structure or the services"
+        )
+    elements = [*walls, *model.by_type(WALL_KINDS[2])]
+    unit_scale = float(ifcopenshell.util.unit.calculate_unit_scale(model))
+    storeys = sorted(model.by_type("IfcBuildingStorey"), key=lambda s: _elevation(s, unit_scale))
+    names = tuple(storey.Name or f"storey {i}" for i, storey in enumerate(storeys))
+    by_storey = _by_storey([*elements, *model.by_type("IfcDoor")], ifcopenshell.util.element)
+    chosen = _choose(path, options.storey, storeys, names, by_storey)
+    floor = 0.0 if chosen is None else _elevation(storeys[chosen], unit_scale)
+    areas, n_failed = _cut(ifcopenshell, elements, floor + options.cut_height_m)
+    if not areas:
+        raise FloorplanError(
+            f"{path}: expected walls {options.cut_height_m:g} m above the floor of "
+            f"{names[chosen] if chosen is not None else 'the model'!r}, found none; "
+            "choose another storey or height of the cut"
+        )
+    faces = faces_of_regions(_without_seams(areas), TOLERANCE_M, MIN_FACE_M)
+    has_units = len(model.by_type("IfcUnitAssignment")) > 0
+    return Floorplan(
+        str(path),
+        faces.ends,
+        faces.normals,
+        np.ones(len(faces.ends), dtype=bool),
+        fingerprint_of(path),
+        thickness=faces.thickness,
+        source=PlanSource(
+            kind=f"IFC model ({model.schema})",
+            unit=name_of_unit(unit_scale),
+            unit_from="the project's units" if has_units else "the standard of the format (metres)",
+            storey=names[chosen] if chosen is not None else "",
+            storeys=names,
+            dropped=(f"{n_failed} elements without geometry",) if n_failed else (),
+            file_from_plan=np.diag([1 / unit_scale, 1 / unit_scale, 1.0]),
+            drawn_lines=longest(outlines(areas)) / unit_scale,
+        ),
+    )
+
+
+def _ifcopenshell(path: Path) -> Any:
+    """The package that reads IFC, which not everyone installs."""
     try:
         import ifcopenshell
         import ifcopenshell.geom
@@ -41,6 +87,10 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
             f"{path}: expected the package ifcopenshell to read IFC, found it missing; "
             "install planfit[ifc]"
         ) from error
+    return ifcopenshell
+
+
+def _open(path: Path, ifcopenshell: Any) -> Any:
     try:
         model = ifcopenshell.open(str(path))
         if not isinstance(model, ifcopenshell.file):
@@ -50,53 +100,22 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
             f"{path}: expected an IFC model, found a file that is damaged or of another kind; "
             "export it again as IFC2x3 or IFC4"
         ) from error
-    walls = [wall for kind in WALL_KINDS[:2] for wall in model.by_type(kind)]
-    if not walls:
-        raise FloorplanError(
-            f"{path}: expected walls (IfcWall), found none in {len(model.by_type('IfcElement'))} "
-            "elements; export the architect's model, not that of the structure or the services"
-        )
-    unit_scale = float(ifcopenshell.util.unit.calculate_unit_scale(model))
-    columns = model.by_type(WALL_KINDS[2])
-    by_storey: dict[int, list[Any]] = {}
-    for element in [*walls, *columns, *model.by_type("IfcDoor")]:
-        storey = _storey_of(element, ifcopenshell.util.element)
-        by_storey.setdefault(storey.id() if storey is not None else 0, []).append(element)
-    storeys = sorted(model.by_type("IfcBuildingStorey"), key=lambda s: _elevation(s, unit_scale))
-    names = tuple(storey.Name or f"storey {i}" for i, storey in enumerate(storeys))
-    chosen = _choose(path, options.storey, storeys, names, by_storey)
-    floor = 0.0 if chosen is None else _elevation(storeys[chosen], unit_scale)
-    elements = [*walls, *columns]
-    areas, failed = _cut(ifcopenshell, elements, floor + options.cut_height_m)
-    if not areas:
-        raise FloorplanError(
-            f"{path}: expected walls {options.cut_height_m:g} m above the floor of "
-            f"{names[chosen] if chosen is not None else 'the model'!r}, found none; "
-            "choose another storey or height of the cut"
-        )
-    # Neighbouring walls are often mitred and meet up to rounding: close seams of 4 mm.
+    return model
+
+
+def _without_seams(areas: list[BaseGeometry]) -> BaseGeometry:
+    """One area, m; neighbouring walls are often mitred and meet up to rounding: seams of 4 mm are closed."""
     solid = shapely.buffer(shapely.union_all(areas), 0.002, join_style="mitre")
-    solid = shapely.buffer(solid, -0.002, join_style="mitre")
-    faces = faces_of_regions(solid, TOLERANCE_M, MIN_FACE_M)
-    units = [u for u in model.by_type("IfcUnitAssignment")[:1]]
-    return Floorplan(
-        str(path),
-        faces.ends,
-        faces.normals,
-        np.ones(len(faces.ends), dtype=bool),
-        fingerprint_of(path),
-        thickness=faces.thickness,
-        source=PlanSource(
-            kind=f"IFC model ({model.schema})",
-            unit=_unit_name(unit_scale),
-            unit_from="the project's units" if units else "the standard of the format (metres)",
-            storey=names[chosen] if chosen is not None else "",
-            storeys=names,
-            dropped=(f"{failed} elements without geometry",) if failed else (),
-            file_from_plan=np.diag([1 / unit_scale, 1 / unit_scale, 1.0]),
-            drawn_lines=longest(outlines(areas)) / unit_scale,
-        ),
-    )
+    return shapely.buffer(solid, -0.002, join_style="mitre")
+
+
+def _by_storey(elements: list[Any], util_element: Any) -> dict[int, list[Any]]:
+    """Elements by the id of their storey; 0 where they have none."""
+    result: dict[int, list[Any]] = {}
+    for element in elements:
+        storey = _storey_of(element, util_element)
+        result.setdefault(storey.id() if storey is not None else 0, []).append(element)
+    return result
 
 
 def _storey_of(element: Any, util_element: Any) -> Any:
@@ -174,8 +193,3 @@ def _parts(element: Any) -> list[Any]:
     if not element.is_a("IfcCurtainWall"):
         return []
     return [p for rel in element.IsDecomposedBy or () for p in rel.RelatedObjects]
-
-
-def _unit_name(scale: float) -> str:
-    names = {1.0: "m", 0.1: "dm", 0.01: "cm", 0.001: "mm", 0.0254: "in", 0.3048: "ft"}
-    return next((name for s, name in names.items() if abs(scale / s - 1) < 1e-6), f"{scale:g} m")

@@ -2,20 +2,19 @@
 
 import json
 import zipfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.faces import orient_faces, usual_gap
-from planfit.floorplan.file import fingerprint_of
+from planfit.floorplan.faces import first_of_each
+from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
 from planfit.geometry import segments
-
-MAX_THICKNESS_M, MIN_THICKNESS_M = 0.6, 0.02
 
 
 def write_floorplan_json(path: Path, floorplan: Floorplan) -> None:
@@ -38,30 +37,6 @@ def write_floorplan_json(path: Path, floorplan: Floorplan) -> None:
     path.write_text(json.dumps(content, indent=1))
 
 
-def make_floorplan(
-    name: str, ends: np.ndarray, fingerprint: str = "", is_metric: bool = True
-) -> Floorplan:
-    """Faces from bare segments (n, 2, 2); points (segments without length) and repeated ones are left out.
-
-    Where the segments are not metric, the thickness of walls is taken from the gaps between parallel
-    segments: most lines of a plan of thick walls have the other face of their wall next to them.
-    """
-    extent = float(np.ptp(ends.reshape(-1, 2), axis=0).max()) if len(ends) else 0.0
-    ends = ends[segments.lengths(ends) > (1e-6 if is_metric else 1e-6 * extent)]
-    if len(ends) == 0:
-        raise FloorplanError(f"{name}: expected wall segments, found none; is it the right file?")
-    ends = ends[_first_of_each(ends)]
-    if is_metric:
-        normals, is_oriented = orient_faces(ends, MAX_THICKNESS_M, MIN_THICKNESS_M)
-    else:
-        # A thirtieth: lines further apart are single, and their neighbours across a room.
-        gap = usual_gap(ends, extent / 30)
-        normals, is_oriented = segments.left_normals(ends), np.zeros(len(ends), dtype=bool)
-        if np.isfinite(gap):
-            normals, is_oriented = orient_faces(ends, 2.5 * gap, 0.1 * gap)
-    return Floorplan(name, ends, normals, is_oriented, fingerprint, is_metric=is_metric)
-
-
 def read_npy(path: Path, options: PlanOptions) -> Floorplan:
     """FACaP's (n, 4) array of (u1, v1, u2, v2) m in world (x, z): plan points are (u, -v)."""
     try:
@@ -81,10 +56,13 @@ def read_npy(path: Path, options: PlanOptions) -> Floorplan:
     if values.dtype.kind not in "fiu" or not np.isfinite(values).all():
         raise FloorplanError(f"{path}: expected finite coordinates, found NaN or other values")
     ends = values.astype(float).reshape(-1, 2, 2) * (1.0, -1.0)
-    unit = choose_unit(options, "m", "the format")
+    unit = choose_unit(options.unit, options.metres_per_unit, "m", "the format")
     metres = 1.0 if unit.metres is None else unit.metres
-    floorplan = make_floorplan(
-        str(path), ends * metres, fingerprint_of(path), unit.metres is not None
+    floorplan = Floorplan.from_segments(
+        ends * metres,
+        name=str(path),
+        is_metric=unit.metres is not None,
+        fingerprint=fingerprint_of(path),
     )
     source = PlanSource(
         kind="segments (.npy)",
@@ -96,27 +74,60 @@ def read_npy(path: Path, options: PlanOptions) -> Floorplan:
     return replace(floorplan, source=source)
 
 
-def _first_of_each(ends: np.ndarray) -> np.ndarray:
-    """Indices, ascending, of segments (n, 2, 2) without those that repeat one before, in either direction."""
-    low_first = np.array([sorted(pair) for pair in ends.tolist()]).reshape(-1, 4)
-    _, first = np.unique(low_first, axis=0, return_index=True)
-    return np.sort(first)
-
-
-def _dropped(ends: np.ndarray, n_kept: int) -> tuple[str, ...]:
-    """What became of segments (n, 2, 2) of which `n_kept` are left, in words."""
-    repeated = len(ends) - len(_first_of_each(ends))
-    points = ends[_first_of_each(ends)]
+def _dropped(ends: Float[np.ndarray, "n 2 2"], n_kept: int) -> tuple[str, ...]:
+    """What became of segments of which `n_kept` are left, in words."""
+    repeated = len(ends) - len(first_of_each(ends))
+    points = ends[first_of_each(ends)]
     points = len(points) - n_kept
     said = [(points, "without length"), (repeated, "drawn twice")]
     return tuple(f"{n} segment{'' if n == 1 else 's'} {words}" for n, words in said if n)
 
 
+@dataclass(frozen=True)
+class _Content:
+    """What planfit's own JSON holds; lengths in its unit."""
+
+    unit: str
+    ends: Float[np.ndarray, "n 2 2"]
+    has_normal: Bool[np.ndarray, " n"]
+    given_normals: Float[np.ndarray, "g 2"]
+    """Of those that have one."""
+    thickness: Float[np.ndarray, " n"]
+    """NaN where it is not given."""
+    openings: Float[np.ndarray, "k 2 2"] | None
+
+
 def read_json(path: Path, options: PlanOptions) -> Floorplan:
     """planfit's own form; see docs/formats.md."""
+    content = _parsed(path)
+    _check(path, content)
+    normals = segments.left_normals(content.ends)
+    if not _are_normals(content.given_normals, normals[content.has_normal]):
+        raise FloorplanError(
+            f"{path}: expected a normal of length 1 at right angles to its face, or null, "
+            "found another; see docs/formats.md"
+        )
+    normals[content.has_normal] = content.given_normals
+    file_unit = None if content.unit == "unknown" else "m"
+    unit = choose_unit(options.unit, options.metres_per_unit, file_unit, "the file")
+    floorplan = Floorplan(
+        str(path),
+        content.ends,
+        normals,
+        content.has_normal,
+        fingerprint_of(path),
+        None if np.isnan(content.thickness).all() else content.thickness,
+        content.openings,
+        unit.metres is not None,
+        PlanSource("planfit's own (.json)", unit.name, unit.known_from, file_from_plan=np.eye(3)),
+    )
+    return floorplan if unit.metres in (None, 1.0) else floorplan.scaled(unit.metres)
+
+
+def _parsed(path: Path) -> _Content:
     try:
         data = json.loads(path.read_text())
-        faces, file_unit = data["faces"], data["unit"]
+        faces, unit = data["faces"], data["unit"]
         ends = np.array([face["ends"] for face in faces], dtype=float).reshape(-1, 2, 2)
         has_normal = np.array([face.get("normal") is not None for face in faces], dtype=bool)
         given = [face["normal"] for face in faces if face.get("normal") is not None]
@@ -125,51 +136,41 @@ def read_json(path: Path, options: PlanOptions) -> Floorplan:
         openings = data.get("openings")
         if openings is not None:
             openings = np.array(openings, dtype=float).reshape(-1, 2, 2)
+        if not len(ends) == len(has_normal) == len(thickness) == thickness.size:
+            raise ValueError(f"{len(has_normal)} faces with {len(ends)} pairs of ends")
+        if len(given) != has_normal.sum():
+            raise ValueError(f"{len(given)} normals of x and y for {has_normal.sum()} faces")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise FloorplanError(
             f"{path}: expected planfit's plan JSON (unit, faces with ends and normal), "
             f"found {type(error).__name__}: {error}; see docs/formats.md"
         ) from error
-    if file_unit not in ("m", "unknown"):
-        raise FloorplanError(f"{path}: expected unit 'm' or 'unknown', found {file_unit!r}")
-    if not np.isfinite(ends).all() or (openings is not None and not np.isfinite(openings).all()):
+    return _Content(unit, ends, has_normal, given, thickness, openings)
+
+
+def _check(path: Path, content: _Content) -> None:
+    ends, unit = content.ends, content.unit
+    if unit not in ("m", "unknown"):
+        raise FloorplanError(f"{path}: expected unit 'm' or 'unknown', found {unit!r}")
+    openings = np.zeros((0, 2, 2)) if content.openings is None else content.openings
+    if not (np.isfinite(ends).all() and np.isfinite(openings).all()):
         raise FloorplanError(f"{path}: expected finite coordinates, found NaN or infinity")
     extent = float(np.ptp(ends.reshape(-1, 2), axis=0).max()) if len(ends) else 0.0
-    shortest = 1e-6 if file_unit == "m" else 1e-9 * extent
+    shortest = 1e-6 if unit == "m" else 1e-9 * extent
     if len(ends) == 0 or (segments.lengths(ends) < shortest).any():
         found = "0 faces" if len(ends) == 0 else "one without"
         raise FloorplanError(
             f"{path}: expected faces with length, found {found}; see docs/formats.md"
         )
-    if thickness.shape != (len(ends),) or (thickness <= 0).any():
+    if (content.thickness <= 0).any():
         raise FloorplanError(
             f"{path}: expected the thickness of a wall above 0, or none, found another; "
             "see docs/formats.md"
         )
-    normals = segments.left_normals(ends)
-    if len(given) != has_normal.sum() or not _are_normals(given, normals[has_normal]):
-        raise FloorplanError(
-            f"{path}: expected a normal of length 1 at right angles to its face, or null, "
-            "found another; see docs/formats.md"
-        )
-    normals[has_normal] = given
-    unit = choose_unit(options, None if file_unit == "unknown" else "m", "the file")
-    floorplan = Floorplan(
-        str(path),
-        ends,
-        normals,
-        has_normal,
-        fingerprint_of(path),
-        None if np.isnan(thickness).all() else thickness,
-        openings,
-        unit.metres is not None,
-        PlanSource("planfit's own (.json)", unit.name, unit.known_from, file_from_plan=np.eye(3)),
-    )
-    return floorplan if unit.metres in (None, 1.0) else floorplan.scaled(unit.metres)
 
 
-def _are_normals(given: np.ndarray, left_normals: np.ndarray) -> bool:
-    """Whether each (n, 2) is the left normal or its opposite, up to rounding."""
+def _are_normals(given: Float[np.ndarray, "n 2"], left_normals: Float[np.ndarray, "n 2"]) -> bool:
+    """Whether each is the left normal or its opposite, up to rounding."""
     if not np.isfinite(given).all():
         return False
     side = np.where(np.sum(given * left_normals, axis=1, keepdims=True) < 0, -1.0, 1.0)

@@ -7,17 +7,18 @@ import numpy as np
 import pypdfium2 as pdfium
 import pypdfium2.raw as raw
 import shapely
+from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.file import fingerprint_of
+from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.vector.curves import flatten_cubic
-from planfit.floorplan.vector.drawing import Drawing, DrawingBuilder, Text
-from planfit.floorplan.vector.drawing_plan import plan_of_drawing
+from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
+from planfit.floorplan.vector.line_work import flatten_cubic
+from planfit.floorplan.vector.plan import plan_of_drawing
 
-MIN_PIECES = 20
+MIN_PARTS = 20
 """A page with fewer lines and areas, and a picture on it, is the picture."""
 PICTURE_DPI = 300.0
 MAX_PICTURE_PX = 10_000
@@ -40,7 +41,7 @@ def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
             )
         page = document[options.page - 1]
         drawing, has_picture = _drawing(page)
-        if has_picture and len(drawing.lines) + len(drawing.fills) < MIN_PIECES:
+        if has_picture and len(drawing.lines) + len(drawing.fills) < MIN_PARTS:
             return _read_as_picture(page, path, options)
     finally:
         document.close()
@@ -68,18 +69,19 @@ def _open(path: Path) -> pdfium.PdfDocument:
 
 def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> Floorplan:
     # Here, not above: drawings need no OpenCV.
-    from planfit.floorplan.raster import read_picture
+    from planfit.floorplan.formats.picture import fingerprint_with_mask, read_image
 
     longer = max(page.get_size())
     scale = min(PICTURE_DPI / 72.0, MAX_PICTURE_PX / longer)
     bitmap = page.render(scale=scale, rev_byteorder=False)  # type: ignore[arg-type] - any number
     picture = bitmap.to_numpy()[..., :3]
-    return read_picture(
-        np.ascontiguousarray(picture), str(path), fingerprint_of(path), options, "picture in a PDF"
+    fingerprint = fingerprint_with_mask(path, options)
+    return read_image(
+        np.ascontiguousarray(picture), str(path), fingerprint, options, "picture in a PDF"
     )
 
 
-def _drawing(page: pdfium.PdfPage) -> tuple[Drawing, bool]:
+def _drawing(page: pdfium.PdfPage) -> tuple[VectorDrawing, bool]:
     builder = DrawingBuilder()
     shown_from_page = _shown_from_page(page)
     has_picture = False
@@ -106,25 +108,24 @@ def _drawing(page: pdfium.PdfPage) -> tuple[Drawing, bool]:
             elif kind == raw.FPDF_PAGEOBJ_FORM and depth < _MAX_FORM_DEPTH:
                 stack.append((owner, item, shown_from_item, depth + 1))
     _add_texts(builder, page, shown_from_page)
-    lines, fills, texts, layers = builder.build()
-    return Drawing(lines, fills, texts, layers, None, "paper"), has_picture
+    return builder.build(unit="paper"), has_picture
 
 
-def _shown_from_page(page: pdfium.PdfPage) -> np.ndarray:
-    """(3, 3) undoing the page's own turn and the corner of its box."""
+def _shown_from_page(page: pdfium.PdfPage) -> Float[np.ndarray, "3 3"]:
+    """Undoes the page's own rotation and the corner of its box."""
     left, bottom, right, top = page.get_bbox()
     width, height = right - left, top - bottom
     to_corner = np.array([[1, 0, -left], [0, 1, -bottom], [0, 0, 1]], dtype=float)
-    turns = {
+    rotations = {
         0: np.eye(3),
         90: np.array([[0, 1, 0], [-1, 0, width], [0, 0, 1]], dtype=float),
         180: np.array([[-1, 0, width], [0, -1, height], [0, 0, 1]], dtype=float),
         270: np.array([[0, -1, height], [1, 0, 0], [0, 0, 1]], dtype=float),
     }
-    return turns[page.get_rotation() % 360] @ to_corner
+    return rotations[page.get_rotation() % 360] @ to_corner
 
 
-def _matrix(item) -> np.ndarray:
+def _matrix(item) -> Float[np.ndarray, "3 3"]:
     m = raw.FS_MATRIX()
     raw.FPDFPageObj_GetMatrix(item, m)
     return np.array([[m.a, m.c, m.e], [m.b, m.d, m.f], [0.0, 0.0, 1.0]])
@@ -148,7 +149,7 @@ class _Clips:
     def __init__(self) -> None:
         self._made: dict[bytes, BaseGeometry] = {}
 
-    def of(self, item, transform: np.ndarray) -> BaseGeometry | None:
+    def of(self, item, transform: Float[np.ndarray, "3 3"]) -> BaseGeometry | None:
         """Area that an object shows in, as shown; None where nothing clips it."""
         clip = raw.FPDFPageObj_GetClipPath(item)
         count = raw.FPDFClipPath_CountPaths(clip) if clip else 0
@@ -162,7 +163,7 @@ class _Clips:
         return self._made[key]
 
 
-def _area(rings: list[np.ndarray], transform: np.ndarray) -> BaseGeometry:
+def _area(rings: list[np.ndarray], transform: Float[np.ndarray, "3 3"]) -> BaseGeometry:
     """Inside of an odd number of rings."""
     area: BaseGeometry = shapely.Polygon()
     for ring in rings:
@@ -171,7 +172,7 @@ def _area(rings: list[np.ndarray], transform: np.ndarray) -> BaseGeometry:
     return area
 
 
-def _clip_rings(clip, path_index: int) -> list[np.ndarray]:
+def _clip_rings(clip, path_index: int) -> list[Float[np.ndarray, "_ 2"]]:
     """Corners (k, 2) of each ring of one clip path; control points of its curves count as corners."""
     x, y = ctypes.c_float(), ctypes.c_float()
     rings: list[list[tuple[float, float]]] = []
@@ -184,21 +185,23 @@ def _clip_rings(clip, path_index: int) -> list[np.ndarray]:
     return [np.array(ring) for ring in rings if len(ring) >= 3]
 
 
-def _add_path(builder: DrawingBuilder, item, transform: np.ndarray, layer: str) -> None:
+def _add_path(
+    builder: DrawingBuilder, item, transform: Float[np.ndarray, "3 3"], layer: str
+) -> None:
     fill_mode, has_stroke = ctypes.c_int(), ctypes.c_int()
     raw.FPDFPath_GetDrawMode(item, fill_mode, has_stroke)
     if not (fill_mode.value or has_stroke.value):
         return  # clips only
-    pieces = _pieces(item, transform)
+    sub_paths = _sub_paths(item, transform)
     if has_stroke.value:
         width = ctypes.c_float()
         raw.FPDFPageObj_GetStrokeWidth(item, width)
         style = (_colour(item, raw.FPDFPageObj_GetStrokeColor), round(width.value, 3))
-        for points, is_curved in pieces:
+        for points, is_curved in sub_paths:
             builder.add_polyline(points, is_curved, layer, style)
     if fill_mode.value:
         colour = _colour(item, raw.FPDFPageObj_GetFillColor)
-        builder.add_fill([points for points, _ in pieces], layer, colour)
+        builder.add_fill([points for points, _ in sub_paths], layer, colour)
 
 
 def _colour(item, getter) -> tuple[int, int, int]:
@@ -207,8 +210,10 @@ def _colour(item, getter) -> tuple[int, int, int]:
     return (red.value, green.value, blue.value)
 
 
-def _pieces(item, transform: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Each sub-path as points (k, 2) and which of its pieces (k - 1,) are curved, as shown."""
+def _sub_paths(
+    item, transform: Float[np.ndarray, "3 3"]
+) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
+    """Each sub-path as points (k, 2) and which of its segments (k - 1,) are curved, as shown."""
     result: list[tuple[np.ndarray, np.ndarray]] = []
     points: list[np.ndarray] = []
     curved: list[bool] = []
@@ -247,7 +252,9 @@ def _pieces(item, transform: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     return result
 
 
-def _add_texts(builder: DrawingBuilder, page: pdfium.PdfPage, transform: np.ndarray) -> None:
+def _add_texts(
+    builder: DrawingBuilder, page: pdfium.PdfPage, transform: Float[np.ndarray, "3 3"]
+) -> None:
     text_page = page.get_textpage()
     for i in range(text_page.count_rects()):
         left, bottom, right, top = text_page.get_rect(i)

@@ -1,4 +1,5 @@
 """Plans that are pictures: from pixels to wall faces, by classical vision."""
 
-from planfit.floorplan.raster.read import read_picture as read_picture
-from planfit.floorplan.raster.read import read_raster as read_raster
+from planfit.floorplan.raster.picture import MAX_PIXELS as MAX_PIXELS
+from planfit.floorplan.raster.picture import check_size as check_size
+from planfit.floorplan.raster.plan import plan_of_picture as plan_of_picture

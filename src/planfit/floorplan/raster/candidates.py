@@ -5,11 +5,12 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from jaxtyping import Float, UInt8
 
 from planfit.floorplan.raster.cells import find_wall_cells
 from planfit.floorplan.raster.hatching import fill_hatching
-from planfit.floorplan.raster.morphology import closed, opened
-from planfit.floorplan.raster.strips import LineWork, between_lines, find_line_work
+from planfit.floorplan.raster.line_work import LineWork, closed, find_line_work, opened
+from planfit.floorplan.raster.strips import between_lines
 
 Edge = Literal["edge", "stroke", "mask"]
 
@@ -17,7 +18,7 @@ INK = 0.5
 """Darkness from which a pixel is part of a black wall: half way, where the true edge runs."""
 LINE = 0.3
 """Darkness from which a pixel is part of a line; a thin line covers half of each of two pixels."""
-_TONE_SPREAD = 0.07
+_TONE_WIDTH = 0.07
 _LEAST_WALL_PX = 4
 """Thinner strokes may be lines, whatever else there is."""
 _MAX_LINE_SHARE = 0.02
@@ -26,12 +27,12 @@ _MAX_LINE_SHARE = 0.02
 
 @dataclass(frozen=True)
 class Candidate:
-    """One reading of the walls."""
+    """A mask of what may be wall, drawn in one style."""
 
     style: str
     """In words."""
-    mask: np.ndarray
-    """(h, w) uint8, 1 where there is wall."""
+    mask: UInt8[np.ndarray, "h w"]
+    """1 where there is wall."""
     edge: Edge
     """What a face lies on: the edge of a tone, the middle of an outline's stroke, the mask's own edge."""
     level: float
@@ -40,22 +41,22 @@ class Candidate:
     """From the mask's edge to the face."""
     least_px: float
     """Walls are no thinner."""
-    bars: np.ndarray | None = None
-    """(h, w) uint8, 1 inside walls so thin that their two lines touch; None where there are none."""
+    bars: UInt8[np.ndarray, "h w"] | None = None
+    """1 inside walls so thin that their two lines touch; None where there are none."""
     hatched_share: float = 0.0
     """Of the inside of the mask, what oblique lines cover as evenly as hatching does."""
 
 
-def find_candidates(darkness: np.ndarray) -> list[Candidate]:
-    """Readings as solid walls (black, and each grey tone), as hatched walls, as double lines."""
+def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
+    """Candidates as solid walls (black, and each grey tone), as hatched walls, as double lines."""
     lines = (darkness > LINE).astype(np.uint8)
     extent = _extent(lines)
     if extent < 30:
         return []
-    runtime = find_line_work(lines, max(int(extent / 14), 6))
-    line_px = runtime.line_px
+    line_work = find_line_work(lines, max(int(extent / 14), 6))
+    line_px = line_work.line_px
     result = [*_black(darkness, line_px, extent), *_grey(darkness, line_px, extent)]
-    result += _hatched(lines, runtime, extent)
+    result += _hatched(lines, line_work, extent)
     cells = find_wall_cells(lines, line_px, extent)
     if cells.any():
         grow = line_px / 2
@@ -66,7 +67,7 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     bars = opened(lines, max(round(1.5 * line_px), round(line_px) + 2))
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
     bars = cv2.erode(bars, np.ones((int(line_px) | 1,) * 2, np.uint8))
-    for inside in between_lines(runtime, bars):
+    for inside in between_lines(line_work, bars):
         grow = line_px / 2
         result.append(
             Candidate("double lines", inside.strips, "stroke", LINE, grow, 1.0, inside.bars)
@@ -74,19 +75,19 @@ def find_candidates(darkness: np.ndarray) -> list[Candidate]:
     return result
 
 
-def find_extent(darkness: np.ndarray) -> float:
+def find_extent(darkness: Float[np.ndarray, "h w"]) -> float:
     """Larger side (px) of what is drawn; 0 where there is nothing."""
     return _extent((darkness > LINE).astype(np.uint8))
 
 
-def _extent(lines: np.ndarray) -> float:
+def _extent(lines: UInt8[np.ndarray, "h w"]) -> float:
     rows, columns = np.flatnonzero(lines.any(axis=1)), np.flatnonzero(lines.any(axis=0))
     if len(rows) == 0:
         return 0.0
     return float(max(np.ptp(rows), np.ptp(columns)) + 1)
 
 
-def _length_by_width(mask: np.ndarray, largest: int) -> np.ndarray:
+def _length_by_width(mask: UInt8[np.ndarray, "h w"], largest: int) -> Float[np.ndarray, " widths"]:
     """Length (largest + 1,) of what is 0, 1, 2 ... px thick in a mask."""
     areas = [float(mask.sum())]
     for size in range(2, largest + 2):
@@ -103,7 +104,7 @@ def _largest_width(extent: float) -> int:
     return int(min(max(extent / 12, 8), 60))
 
 
-def _least_widths(mask: np.ndarray, line_px: float, extent: float) -> list[int]:
+def _least_widths(mask: UInt8[np.ndarray, "h w"], line_px: float, extent: float) -> list[int]:
     """Widths that may part lines from walls: the emptiest between them, for thin and for thick walls."""
     length = _length_by_width(mask, _largest_width(extent))
     width = np.arange(len(length))
@@ -120,7 +121,7 @@ def _least_widths(mask: np.ndarray, line_px: float, extent: float) -> list[int]:
     return sorted(set(result))
 
 
-def _black(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate]:
+def _black(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> list[Candidate]:
     ink = (darkness > INK).astype(np.uint8)
     widths = _least_widths(ink, line_px, extent)
     if _is_bare(ink, extent):
@@ -128,7 +129,7 @@ def _black(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidat
     return [Candidate("solid black", opened(ink, size), "edge", INK, 0.0, size) for size in widths]
 
 
-def _is_bare(mask: np.ndarray, extent: float) -> bool:
+def _is_bare(mask: UInt8[np.ndarray, "h w"], extent: float) -> bool:
     """Whether nothing is drawn with a line: thin walls are then what would be taken for lines.
 
     In drawings with windows, doors or texts at least a third of the length is thinner than a quarter
@@ -142,7 +143,7 @@ def _is_bare(mask: np.ndarray, extent: float) -> bool:
     return bool(length[is_line].sum() < _MAX_LINE_SHARE * length.sum())
 
 
-def _grey(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate]:
+def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> list[Candidate]:
     """One for each tone that covers enough of the picture evenly."""
     smooth = cv2.blur(darkness, (3, 3))
     flat = cv2.dilate(darkness, np.ones((3, 3))) - cv2.erode(darkness, np.ones((3, 3))) < 0.08
@@ -156,7 +157,7 @@ def _grey(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate
         tone = float(edges[k] + edges[k + 1]) / 2
         if tone > 0.9:
             continue
-        fill = (np.abs(darkness - tone) < _TONE_SPREAD).astype(np.uint8)
+        fill = (np.abs(darkness - tone) < _TONE_WIDTH).astype(np.uint8)
         core = opened(fill, 3)
         ring = cv2.dilate(core, np.ones((3, 3), np.uint8)) - core
         beyond = cv2.dilate(core, np.ones((5, 5), np.uint8)) - core
@@ -178,8 +179,8 @@ def _grey(darkness: np.ndarray, line_px: float, extent: float) -> list[Candidate
 
 
 def _inside_outlines(
-    darkness: np.ndarray, tone: float, fill: np.ndarray, line_px: float
-) -> np.ndarray:
+    darkness: Float[np.ndarray, "h w"], tone: float, fill: UInt8[np.ndarray, "h w"], line_px: float
+) -> UInt8[np.ndarray, "h w"]:
     """Mask (h, w) uint8 of a tone up to where the strokes around it begin, without what only passes through
     the tone: the rims of letters and lines.
 
@@ -194,13 +195,15 @@ def _inside_outlines(
     return opened(closed(inner, int(line_px) + 2), 3)  # texts and lines across are filled
 
 
-def _hatched(lines: np.ndarray, runtime: LineWork, extent: float) -> list[Candidate]:
+def _hatched(
+    lines: UInt8[np.ndarray, "h w"], line_work: LineWork, extent: float
+) -> list[Candidate]:
     """Walls that become solid when gaps as wide as those of the hatching are filled."""
-    empty = runtime.empty_strips(lines)
+    empty = line_work.empty_strips(lines)
     result, size = [], 3
     while size <= max(extent / 60, 5):
-        least = int(max(size, 2 * runtime.line_px)) + 1
-        walls = fill_hatching(lines, runtime, empty, size, least)
+        least = int(max(size, 2 * line_work.line_px)) + 1
+        walls = fill_hatching(lines, line_work, empty, size, least)
         result.append(
             Candidate("hatched", walls.mask, "stroke", LINE, walls.grow_px, least,
                       hatched_share=walls.share)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
 
 _LONG = 3.0
 """A cell's length is at least this many times its thickness."""
@@ -26,23 +27,25 @@ _SHARES = np.array([0.5, 0.9])
 
 @dataclass(frozen=True)
 class _Cells:
-    """Pieces of paper by label; all arrays (n,)."""
+    """Pieces of paper by label."""
 
-    low: np.ndarray
-    """(n, 2) first column and row of the box."""
-    side: np.ndarray
-    """(n, 2) width and height of the box, px."""
-    area: np.ndarray
-    outline: np.ndarray
-    thickness: np.ndarray
+    low: Int[np.ndarray, "n 2"]
+    """First column and row of the box."""
+    side: Int[np.ndarray, "n 2"]
+    """Width and height of the box, px."""
+    area: Int[np.ndarray, " n"]
+    outline: Float[np.ndarray, " n"]
+    thickness: Float[np.ndarray, " n"]
     """At the thickest place: diameter of the largest circle inside."""
 
 
-def find_wall_cells(lines: np.ndarray, line_px: float, extent_px: float) -> np.ndarray:
+def find_wall_cells(
+    lines: UInt8[np.ndarray, "h w"], line_px: float, extent_px: float
+) -> UInt8[np.ndarray, "h w"]:
     """Mask (h, w) uint8 of the paper inside the outlines of walls; 0 everywhere where there is none.
 
     Args:
-        lines: (h, w) uint8, 1 on everything dark, walls along rows and columns.
+        lines: 1 on everything dark, walls along rows and columns.
         line_px: usual width of a line.
         extent_px: larger side of the drawing.
     """
@@ -63,14 +66,14 @@ def find_wall_cells(lines: np.ndarray, line_px: float, extent_px: float) -> np.n
     if not is_wall.any():
         return np.zeros_like(lines)
     order = np.argsort(thickness[is_wall])
-    # The network of walls outweighs many short pieces, and rooms with much in them.
+    # The network of walls outweighs many short cells, and rooms with much in them.
     reached = np.cumsum((cells.outline / np.maximum(thickness, 1.0))[is_wall][order] ** 2)
     usual, thick = thickness[is_wall][order][np.searchsorted(reached, reached[-1] * _SHARES)]
     is_wall &= (thickness > _THIN * usual) & (thickness < _THICK * thick)
     return is_wall.astype(np.uint8)[labels]
 
 
-def _outlines(labels: np.ndarray, count: int) -> np.ndarray:
+def _outlines(labels: Int[np.ndarray, "h w"], count: int) -> Float[np.ndarray, " count"]:
     """Length (count,) of the border of each label, in edges of pixels."""
     total = np.zeros(count)
     for one, other in ((labels[:, :-1], labels[:, 1:]), (labels[:-1], labels[1:])):
@@ -80,7 +83,7 @@ def _outlines(labels: np.ndarray, count: int) -> np.ndarray:
     return total
 
 
-def _are_stacked(cells: _Cells, gap_px: float) -> np.ndarray:
+def _are_stacked(cells: _Cells, gap_px: float) -> Bool[np.ndarray, " n"]:
     """Rectangles (n,) bool beside others of the same length: parts of windows, stairs, lists."""
     result = np.zeros(len(cells.area), dtype=bool)
     is_box = cells.area > 0.9 * (cells.side - 1).prod(axis=1)  # a tilt adds a row
@@ -101,7 +104,7 @@ def _are_stacked(cells: _Cells, gap_px: float) -> np.ndarray:
     return result
 
 
-def _is_small_ring(labels: np.ndarray, cells: _Cells, i: int, small_px: float) -> bool:
+def _is_small_ring(labels: Int[np.ndarray, "h w"], cells: _Cells, i: int, small_px: float) -> bool:
     """Whether a cell goes once round a piece of furniture: closed, with one hole, without branches."""
     if cells.side[i].max() >= small_px:
         return False

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from jaxtyping import UInt8
 
-from planfit.floorplan.raster.morphology import closed, opened
-from planfit.floorplan.raster.strips import LineWork
+from planfit.floorplan.raster.line_work import LineWork, closed, opened
 
 _MOSTLY = 0.5
 """From this share of hatched inside on, all walls of the drawing are taken to be hatched."""
@@ -16,8 +16,8 @@ _MOSTLY = 0.5
 class Hatching:
     """Walls found by filling gaps."""
 
-    mask: np.ndarray
-    """(h, w) uint8, 1 where there is wall."""
+    mask: UInt8[np.ndarray, "h w"]
+    """1 where there is wall."""
     share: float
     """Of the inside of the mask, what oblique lines cover as evenly as hatching does."""
     grow_px: float
@@ -25,7 +25,11 @@ class Hatching:
 
 
 def fill_hatching(
-    lines: np.ndarray, runtime: LineWork, empty: np.ndarray, size: int, least: int
+    lines: UInt8[np.ndarray, "h w"],
+    line_work: LineWork,
+    empty: UInt8[np.ndarray, "h w"],
+    size: int,
+    least: int,
 ) -> Hatching:
     """Fill gaps narrower than `size` px and keep what is then at least `least` px thick.
 
@@ -34,26 +38,30 @@ def fill_hatching(
     up to the outline: what is outlined beside them is not hatched.
 
     Args:
-        lines: (h, w) uint8, 1 on everything dark.
-        runtime: lines along the axes.
-        empty: (h, w) uint8, 1 in empty strips between these.
+        lines: 1 on everything dark.
+        line_work: lines along the axes.
+        empty: 1 in empty strips between these.
         size: px.
         least: px.
     """
-    oblique = lines & (1 - (runtime.along[0] | runtime.along[1]))
+    oblique = lines & (1 - (line_work.along[0] | line_work.along[1]))
     filled = closed(lines, size)
     filled &= (1 - empty) | lines
     mask = opened(filled, least)
-    share = _hatched_share(mask, oblique, size, runtime.line_px)
+    share = _hatched_share(mask, oblique, size, line_work.line_px)
     if share < _MOSTLY:
-        return Hatching(mask, share, -runtime.line_px / 2)
-    line_px = round(runtime.line_px)
+        return Hatching(mask, share, -line_work.line_px / 2)
+    line_px = round(line_work.line_px)
     mask = closed(_hatched_cells(filled, lines, oblique), line_px + 3)
-    mask = _outlined_alike(opened(mask, max(line_px + 2, size // 2)), runtime)
-    return Hatching(mask, _hatched_share(mask, oblique, size, runtime.line_px), runtime.line_px / 2)
+    mask = _outlined_alike(opened(mask, max(line_px + 2, size // 2)), line_work)
+    return Hatching(
+        mask, _hatched_share(mask, oblique, size, line_work.line_px), line_work.line_px / 2
+    )
 
 
-def _hatched_share(mask: np.ndarray, oblique: np.ndarray, size: int, line_px: float) -> float:
+def _hatched_share(
+    mask: UInt8[np.ndarray, "h w"], oblique: UInt8[np.ndarray, "h w"], size: int, line_px: float
+) -> float:
     """Share of the inside of a mask that oblique lines cover evenly, at distances up to `size` px."""
     inside = cv2.erode(mask, np.ones((2 * round(line_px) + 1,) * 2, np.uint8)) > 0
     if not inside.any():
@@ -62,7 +70,11 @@ def _hatched_share(mask: np.ndarray, oblique: np.ndarray, size: int, line_px: fl
     return float(((density > 0.08) & (density < 0.8)).mean())
 
 
-def _hatched_cells(filled: np.ndarray, lines: np.ndarray, oblique: np.ndarray) -> np.ndarray:
+def _hatched_cells(
+    filled: UInt8[np.ndarray, "h w"],
+    lines: UInt8[np.ndarray, "h w"],
+    oblique: UInt8[np.ndarray, "h w"],
+) -> UInt8[np.ndarray, "h w"]:
     """Filled gaps whose rim is hatching: those of windows and beside furniture have lines along the axes."""
     gaps = (filled & (1 - lines)).astype(np.uint8)
     count, labels = cv2.connectedComponents(gaps, connectivity=4)
@@ -74,12 +86,14 @@ def _hatched_cells(filled: np.ndarray, lines: np.ndarray, oblique: np.ndarray) -
     return is_hatched[np.asarray(labels, dtype=int)]
 
 
-def _outlined_alike(mask: np.ndarray, runtime: LineWork) -> np.ndarray:
+def _outlined_alike(
+    mask: UInt8[np.ndarray, "h w"], line_work: LineWork
+) -> UInt8[np.ndarray, "h w"]:
     """Where most walls have lines along their faces, all have: words, which close up too, have none."""
     count, labels = cv2.connectedComponents(mask, connectivity=4)
     rim = mask & (1 - cv2.erode(mask, np.ones((3, 3), np.uint8)))
-    reach = 2 * round(runtime.line_px) + 3
-    lined = cv2.dilate(np.bitwise_or(*runtime.along), np.ones((reach, reach), np.uint8))
+    reach = 2 * round(line_work.line_px) + 3
+    lined = cv2.dilate(np.bitwise_or(*line_work.along), np.ones((reach, reach), np.uint8))
     n_rim = np.bincount(labels[rim > 0], minlength=count)
     share = np.bincount(labels[(rim > 0) & (lined > 0)], minlength=count) / np.maximum(n_rim, 1)
     if n_rim[share > 0.75].sum() < 0.6 * n_rim.sum():

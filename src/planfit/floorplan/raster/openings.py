@@ -1,6 +1,7 @@
 """Doors and windows: gaps of the same place and width in both faces of a wall."""
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.geometry import segments
 
@@ -9,15 +10,19 @@ _WIDEST = 14.0
 """Openings are at most this many times as wide as their wall is thick."""
 
 
-def find_openings(ends: np.ndarray, normals: np.ndarray, thickness: np.ndarray) -> np.ndarray:
+def find_openings(
+    ends: Float[np.ndarray, "n 2 2"],
+    normals: Float[np.ndarray, "n 2"],
+    thickness: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "k 2 2"]:
     """Openings (k, 2, 2) along the faces they interrupt, one on each face of the wall.
 
     Only gaps that both faces have count: a gap in one face alone is a wall that meets it, or a recess.
 
     Args:
-        ends: (n, 2, 2) faces, px.
-        normals: (n, 2) to the free side.
-        thickness: (n,) of the wall behind each, px.
+        ends: faces, px.
+        normals: to the free side.
+        thickness: of the wall behind each, px.
     """
     gaps = _gaps(ends, normals, thickness)
     if len(gaps) == 0:
@@ -39,8 +44,10 @@ def find_openings(ends: np.ndarray, normals: np.ndarray, thickness: np.ndarray) 
 
 
 def _gaps(
-    ends: np.ndarray, normals: np.ndarray, thickness: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    ends: Float[np.ndarray, "n 2 2"],
+    normals: Float[np.ndarray, "n 2"],
+    thickness: Float[np.ndarray, " n"],
+) -> list[tuple[Float[np.ndarray, "2 2"], Float[np.ndarray, "2"], float]]:
     """Gaps between faces of one line: ends (2, 2), normal (2,), thickness of the wall."""
     lengths = segments.lengths(ends)
     # A jamb is short and has the whole length of its wall behind it.

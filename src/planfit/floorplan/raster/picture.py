@@ -1,12 +1,10 @@
-"""A picture of a plan, made ready for reading: as darkness over its paper, upright."""
+"""A picture made ready for interpretation: as darkness over its paper, upright, without its frame."""
 
-import warnings
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image, ImageOps, UnidentifiedImageError
+from jaxtyping import Bool, Float, UInt8
 
 from planfit.errors import FloorplanError
 
@@ -16,7 +14,6 @@ _PAPER = 0.12
 """Darkness below this is paper."""
 MIN_PAPER_SHARE = 0.25
 """Drawings are mostly paper; photographs of other things are not."""
-
 _PEAK = 0.25
 """Walls have at least this share of the line work of the most frequent direction."""
 _APART_BINS = 16
@@ -24,60 +21,29 @@ _APART_BINS = 16
 _SAME_DEG = 3.0
 """Edges belong to a direction up to this angle from it."""
 _MAX_WINDOWS = 3
-"""Windows of 1.2 deg that the turn is looked for in, each about the end of the one before."""
+"""Windows of 1.2 deg that the skew is looked for in, each about the end of the one before."""
 _LONG_LINE = 1 / 12
 """Walls have lines longer than this share of the drawing; hatching, as long as walls are thick, has none."""
+_DARK = 0.3
+_WIDE, _ALIKE = 0.08, 1.4
+"""The outer line of a building of double lines is as far from the next line on all four sides, up to the
+factor; a frame is not, or is further away than this share of the sheet."""
 
 
 @dataclass(frozen=True)
 class Upright:
     """A plan as darkness, turned so that most of its lines run along rows and columns."""
 
-    darkness: np.ndarray
-    """(h, w) float32, 0 for paper, 1 for black."""
-    upright_from_picture: np.ndarray
-    """(2, 3) from pixels of the picture to those of `darkness`; a turn and a shift."""
+    darkness: Float[np.ndarray, "h w"]
+    """0 for paper, 1 for black."""
+    upright_from_picture: Float[np.ndarray, "2 3"]
+    """From pixels of the picture to those of `darkness`; a rotation and a translation."""
     skew_deg: float
-    """Turn of the lines in the picture, counter-clockwise as seen."""
+    """Rotation of the lines in the picture, counter-clockwise as seen."""
 
 
-def load_picture(path: Path) -> np.ndarray:
-    """(h, w, 3) uint8 BGR, as a viewer shows it: transparent is white, EXIF turns are made.
-
-    Raises:
-        FloorplanError: not a picture, damaged, or too large to be read in reasonable time.
-    """
-    try:
-        # Pillow's own limit warns from 89 million pixels on and raises from twice that.
-        with warnings.catch_warnings(action="ignore"), Image.open(path) as file:
-            _check_size(str(path), file.width, file.height)
-            turned = ImageOps.exif_transpose(file)
-            if turned.mode.startswith("I") or turned.mode == "F":  # 16 and 32 bits a pixel
-                values = np.asarray(turned, dtype=float)
-                top = max(float(values.max()), 1.0)
-                top = 65535.0 if 255.0 < top <= 65535.0 else max(top, 255.0)
-                turned = Image.fromarray(np.round(values / top * 255).astype(np.uint8))
-            rgba = turned.convert("RGBA")
-            page = Image.new("RGBA", rgba.size, "white")
-            page.alpha_composite(rgba)
-            rgb = np.asarray(page.convert("RGB"))
-    except FloorplanError:
-        raise
-    except Image.DecompressionBombError as error:
-        raise FloorplanError(
-            f"{path}: expected a picture of at most {MAX_PIXELS // 1_000_000} million pixels, found "
-            f"more than {2 * (Image.MAX_IMAGE_PIXELS or MAX_PIXELS) // 1_000_000} million; "
-            "scale it down until walls are 10 to 30 px thick"
-        ) from error
-    except (OSError, ValueError, SyntaxError, UnidentifiedImageError) as error:  # fmt: skip
-        raise FloorplanError(
-            f"{path}: expected a picture (PNG, JPEG, TIFF), found a damaged or other file; "
-            "open it in a viewer and save it again"
-        ) from error
-    return np.ascontiguousarray(rgb[..., ::-1])
-
-
-def _check_size(name: str, width: int, height: int) -> None:
+def check_size(name: str, width: int, height: int) -> None:
+    """Raise `FloorplanError` where a picture is too large to be read in reasonable time, or too small."""
     if max(width, height) > MAX_SIDE_PX or width * height > MAX_PIXELS:
         raise FloorplanError(
             f"{name}: expected a picture of at most {MAX_SIDE_PX} px a side and "
@@ -91,7 +57,9 @@ def _check_size(name: str, width: int, height: int) -> None:
         )
 
 
-def make_darkness(image_bgr: np.ndarray, name: str, is_judged: bool = True) -> np.ndarray:
+def make_darkness(
+    image_bgr: UInt8[np.ndarray, "h w 3"], name: str, is_judged: bool = True
+) -> Float[np.ndarray, "h w"]:
     """Darkness (h, w) float32 over the paper around each place: even under uneven light.
 
     `is_judged`: refuse what is no drawing.
@@ -100,7 +68,7 @@ def make_darkness(image_bgr: np.ndarray, name: str, is_judged: bool = True) -> n
         FloorplanError: too large or small, or the picture has no paper (it is a photograph of something
             else) or nothing on it.
     """
-    _check_size(name, image_bgr.shape[1], image_bgr.shape[0])
+    check_size(name, image_bgr.shape[1], image_bgr.shape[0])
     grey = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY)
     if np.median(grey) < 100:  # a drawing in white on dark
         grey = 255 - grey
@@ -119,7 +87,7 @@ def make_darkness(image_bgr: np.ndarray, name: str, is_judged: bool = True) -> n
     return darkness
 
 
-def _over_paper(grey: np.ndarray) -> np.ndarray:
+def _over_paper(grey: UInt8[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     """1 - brightness / brightness of the paper, which is the brightest around, smoothed."""
     h, w = grey.shape
     shrink = max(1.0, max(h, w) / 320)
@@ -134,7 +102,7 @@ def _over_paper(grey: np.ndarray) -> np.ndarray:
     return np.clip(1.0 - grey / np.maximum(paper, 20.0), 0.0, 1.0).astype(np.float32)
 
 
-def make_upright(darkness: np.ndarray) -> Upright:
+def make_upright(darkness: Float[np.ndarray, "h w"]) -> Upright:
     """Turn the picture so that its main direction runs along rows and columns."""
     skew_deg = find_skew_deg(darkness)
     h, w = darkness.shape
@@ -142,18 +110,18 @@ def make_upright(darkness: np.ndarray) -> Upright:
         return Upright(darkness, np.eye(2, 3), 0.0)
     c, s = np.cos(np.deg2rad(skew_deg)), np.sin(np.deg2rad(skew_deg))
     # Lines that go up to the right by the skew come to lie along rows: v grows downwards.
-    turn = np.array([[c, -s], [s, c]])
-    corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ turn.T
+    rotation = np.array([[c, -s], [s, c]])
+    corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ rotation.T
     low = np.floor(corners.min(axis=0))
     size = np.ceil(corners.max(axis=0) - low).astype(int) + 1
-    matrix = np.column_stack([turn, -low])
-    turned = cv2.warpAffine(
+    matrix = np.column_stack([rotation, -low])
+    rotated = cv2.warpAffine(
         darkness, matrix, (int(size[0]), int(size[1])), flags=cv2.INTER_LINEAR, borderValue=0
     )
-    return Upright(turned, matrix, skew_deg)
+    return Upright(rotated, matrix, skew_deg)
 
 
-def find_skew_deg(darkness: np.ndarray) -> float:
+def find_skew_deg(darkness: Float[np.ndarray, "h w"]) -> float:
     """Angle in (-45, 45] that most long lines make with the axes, counter-clockwise as seen."""
     shrink = max(1.0, max(darkness.shape) / 1600)
     small = cv2.resize(darkness, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
@@ -178,7 +146,9 @@ def find_skew_deg(darkness: np.ndarray) -> float:
     return float(fine[best])
 
 
-def _window(small: np.ndarray, coarse: float) -> tuple[list[float], np.ndarray, int]:
+def _window(
+    small: Float[np.ndarray, "h w"], coarse: float
+) -> tuple[list[float], Float[np.ndarray, " k"], int]:
     """Angles about a coarse one, how sharp the line work is at each, and the number of the sharpest."""
     fine = [float(coarse + step) for step in np.arange(-0.6, 0.61, 0.1)]
     fine += [0.0] * (abs(coarse) < 0.7)
@@ -186,7 +156,7 @@ def _window(small: np.ndarray, coarse: float) -> tuple[list[float], np.ndarray, 
     return fine, scores, int(np.argmax(scores))
 
 
-def _peaks(counts: np.ndarray) -> list[float]:
+def _peaks(counts: Float[np.ndarray, "360"]) -> list[float]:
     """Angles in (-45, 45], deg, that much line work has, most first; `counts` (360,) over 0 to 90 deg."""
     kernel = np.exp(-0.5 * (np.arange(-8, 9) / 3.0) ** 2)
     smooth = np.convolve(np.concatenate([counts[-8:], counts, counts[:8]]), kernel, "valid")
@@ -201,15 +171,18 @@ def _peaks(counts: np.ndarray) -> list[float]:
 
 
 def _longest_lines(
-    angles_deg: list[float], strong: np.ndarray, gu: np.ndarray, gv: np.ndarray
+    angles_deg: list[float],
+    strong: Bool[np.ndarray, "h w"],
+    gu: Float[np.ndarray, "h w"],
+    gv: Float[np.ndarray, "h w"],
 ) -> float:
     """The angle with the greatest length of long lines: hatching may have more length, all in short lines.
 
     Args:
         angles_deg: at least one; the first is kept where no line is long.
-        strong: (h, w) bool, edges.
-        gu: (h, w) gradient along columns' numbers.
-        gv: (h, w) gradient along rows' numbers.
+        strong: edges.
+        gu: gradient along columns' numbers.
+        gv: gradient along rows' numbers.
     """
     if len(angles_deg) == 1:
         return angles_deg[0]
@@ -222,28 +195,77 @@ def _longest_lines(
         off = np.abs((angle - at + 45.0) % 90.0 - 45.0)
         edges = (strong & (off < _SAME_DEG)).astype(np.uint8)
         c, s = np.cos(np.deg2rad(at)), np.sin(np.deg2rad(at))
-        turn = np.array([[c, -s], [s, c]])
-        corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ turn.T
+        rotation = np.array([[c, -s], [s, c]])
+        corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ rotation.T
         size = np.ceil(np.ptp(corners, axis=0)).astype(int) + 1
-        turned = cv2.warpAffine(
-            edges, np.column_stack([turn, -corners.min(axis=0)]), (int(size[0]), int(size[1])),
+        rotated = cv2.warpAffine(
+            edges, np.column_stack([rotation, -corners.min(axis=0)]), (int(size[0]), int(size[1])),
             flags=cv2.INTER_NEAREST,
         )  # fmt: skip
-        length.append(_length_along_rows(turned, long_px) + _length_along_rows(turned.T, long_px))
+        length.append(_length_along_rows(rotated, long_px) + _length_along_rows(rotated.T, long_px))
     return angles_deg[int(np.argmax(length))]
 
 
-def _length_along_rows(edges: np.ndarray, least_px: int) -> float:
+def _length_along_rows(edges: UInt8[np.ndarray, "h w"], least_px: int) -> float:
     """Pixels on edges along rows at least so long, up to a slant of a pixel or two over that length."""
     thick = cv2.dilate(np.ascontiguousarray(edges), np.ones((3, 3), np.uint8))
     long = cv2.morphologyEx(thick, cv2.MORPH_OPEN, np.ones((1, least_px), np.uint8))
     return float((long & edges).sum())
 
 
-def _sharpness(small: np.ndarray, angle_deg: float) -> float:
-    """How much line work piles up in rows and columns after a turn back by an angle."""
+def _sharpness(small: Float[np.ndarray, "h w"], angle_deg: float) -> float:
+    """How much line work piles up in rows and columns after a rotation back by an angle."""
     h, w = small.shape
     matrix = cv2.getRotationMatrix2D((w / 2, h / 2), -angle_deg, 1.0)
-    turned = cv2.warpAffine(small, matrix, (w, h), flags=cv2.INTER_LINEAR)
-    rows, columns = turned.sum(axis=1), turned.sum(axis=0)
+    rotated = cv2.warpAffine(small, matrix, (w, h), flags=cv2.INTER_LINEAR)
+    rows, columns = rotated.sum(axis=1), rotated.sum(axis=0)
     return float((np.diff(rows) ** 2).sum() + (np.diff(columns) ** 2).sum())
+
+
+def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """The picture (h, w) with the frame blanked; the same where there is none."""
+    lines = (darkness > _DARK).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
+    marks = stats[1:][stats[1:, 4] > 40]  # specks lie anywhere
+    if len(marks) == 0:
+        return darkness
+    low = marks[:, :2].min(axis=0)
+    width, height = (marks[:, :2] + marks[:, 2:4]).max(axis=0) - low
+    is_all_round = (stats[:, 2] > 0.93 * width) & (stats[:, 3] > 0.93 * height)
+    is_all_round[0] = False
+    result = darkness
+    for label in np.flatnonzero(is_all_round):
+        others = np.delete(np.arange(1, count), label - 1)
+        # Specks outside do not matter.
+        inside = others[stats[others, 4] > 1e-4 * height * width]
+        if len(inside) == 0 or stats[label, 4] > stats[others, 4].sum():
+            continue
+        box, rest = stats[label], stats[inside]
+        if (rest[:, :2] < box[:2]).any() or (rest[:, :2] + rest[:, 2:4] > box[:2] + box[2:4]).any():
+            continue
+        part = slice(box[1], box[1] + box[3]), slice(box[0], box[0] + box[2])
+        mask = labels == label
+        if _has_four_sides(mask[part]) and not _is_outline(
+            (lines[part] > 0) & ~mask[part], 0.3 * max(height, width)
+        ):
+            blank = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+            result = np.where(blank, np.float32(0.0), result)
+    return result
+
+
+def _is_outline(inside: Bool[np.ndarray, "h w"], far: float) -> bool:
+    """Whether what is inside (h, w) bool a closed line keeps the distance of a wall to it on all sides."""
+    gaps = []
+    for turned in (inside, inside[::-1], inside.T, inside.T[::-1]):
+        first = np.argmax(turned, axis=0)[turned.any(axis=0)]
+        first = first[first < far]
+        gaps.append(float(np.median(first)) if len(first) else far)
+    return max(gaps) < min(_WIDE * max(inside.shape), _ALIKE * min(gaps) + 3.0)
+
+
+def _has_four_sides(mask: Bool[np.ndarray, "h w"]) -> bool:
+    """Whether lines run along most of every side of a component's box."""
+    band = max(3, max(mask.shape) // 60)
+    sides = (mask[:band].any(axis=0), mask[-band:].any(axis=0),
+             mask[:, :band].any(axis=1), mask[:, -band:].any(axis=1))  # fmt: skip
+    return all(side.mean() > 0.9 for side in sides)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float, Int, Shaped
 
 _APART = 0.3
 """Groups that come nearer than this many thicknesses of a wall are one."""
@@ -11,15 +12,18 @@ a yard has the extent of a storey, and little in it."""
 
 
 def find_storeys(
-    walls: np.ndarray, thickness_px: float, openings: np.ndarray, lines: np.ndarray
-) -> np.ndarray:
+    walls: Shaped[np.ndarray, " n"],
+    thickness_px: float,
+    openings: Float[np.ndarray, "k 2 2"],
+    lines: Bool[np.ndarray, "h w"],
+) -> Int[np.ndarray, " n"]:
     """Number of the storey (n,) of each region of wall (n,) of polygons; numbered as one reads a page.
 
     Args:
-        walls: (n,) polygons.
+        walls: polygons.
         thickness_px: usual thickness of a wall.
-        openings: (k, 2, 2) doors and windows; the walls on their two sides are of one storey.
-        lines: (h, w) bool, everything drawn: storeys have a blank strip between them.
+        openings: doors and windows; the walls on their two sides are of one storey.
+        lines: everything drawn: storeys have a blank strip between them.
     """
     boxes = shapely.bounds(walls) + np.array([-1, -1, 1, 1]) * _APART * thickness_px
     group = np.arange(len(walls))
@@ -51,7 +55,9 @@ def find_storeys(
     return np.array([number[name] for name in group])
 
 
-def storey_words(walls: np.ndarray, storey_of: np.ndarray) -> tuple[str, ...]:
+def storey_words(
+    walls: Shaped[np.ndarray, " n"], storey_of: Int[np.ndarray, " n"]
+) -> tuple[str, ...]:
     """Where on the sheet each storey is."""
     boxes = shapely.bounds(walls)
     extents = np.array([_extent(boxes[storey_of == k]) for k in range(storey_of.max() + 1)])
@@ -65,7 +71,9 @@ def storey_words(walls: np.ndarray, storey_of: np.ndarray) -> tuple[str, ...]:
     return tuple(words)
 
 
-def _merged_once(boxes: np.ndarray, group: np.ndarray, lines: np.ndarray) -> np.ndarray:
+def _merged_once(
+    boxes: Float[np.ndarray, "n 4"], group: Int[np.ndarray, " n"], lines: Bool[np.ndarray, "h w"]
+) -> Int[np.ndarray, " n"]:
     """Groups whose extents overlap, or that drawing joins, become one."""
     result = group.copy()
     names = np.unique(group)
@@ -79,7 +87,9 @@ def _merged_once(boxes: np.ndarray, group: np.ndarray, lines: np.ndarray) -> np.
     return result
 
 
-def _are_joined(one: np.ndarray, other: np.ndarray, lines: np.ndarray) -> bool:
+def _are_joined(
+    one: Float[np.ndarray, "4"], other: Float[np.ndarray, "4"], lines: Bool[np.ndarray, "h w"]
+) -> bool:
     """Whether something is drawn everywhere between two boxes that lie side by side."""
     low, high = np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])
     u0, v0 = np.maximum(np.floor(np.minimum(low, high)).astype(int), 0)
@@ -92,16 +102,16 @@ def _are_joined(one: np.ndarray, other: np.ndarray, lines: np.ndarray) -> bool:
     return False
 
 
-def _extent(boxes: np.ndarray) -> np.ndarray:
+def _extent(boxes: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "4"]:
     return np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])
 
 
-def _gap(one: np.ndarray, other: np.ndarray) -> float:
+def _gap(one: Float[np.ndarray, "4"], other: Float[np.ndarray, "4"]) -> float:
     """Distance between two boxes."""
     apart = np.maximum(np.maximum(one[:2] - other[2:], other[:2] - one[2:]), 0.0)
     return float(np.hypot(*apart))
 
 
-def _row(extents: np.ndarray, is_storey: np.ndarray, i: int) -> int:
+def _row(extents: Float[np.ndarray, "n 4"], is_storey: Bool[np.ndarray, " n"], i: int) -> int:
     """How many storeys lie wholly above."""
     return int((extents[is_storey, 3] < (extents[i, 1] + extents[i, 3]) / 2).sum())

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 import shapely
+from jaxtyping import Float, Int, UInt8
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.vector.regions import RegionFaces
@@ -17,7 +18,7 @@ _SNAP_PX = 1.0
 """An edge is set along a row or column where its ends need to move by no more than this."""
 
 
-def trace_regions(mask: np.ndarray, grow_px: float) -> list[BaseGeometry]:
+def trace_regions(mask: UInt8[np.ndarray, "h w"], grow_px: float) -> list[BaseGeometry]:
     """Polygons around the connected parts of a mask (h, w) uint8, in pixels (u, v), holes included.
 
     Args:
@@ -50,7 +51,7 @@ def trace_regions(mask: np.ndarray, grow_px: float) -> list[BaseGeometry]:
     return result
 
 
-def _area(contour: np.ndarray, reach: float) -> BaseGeometry:
+def _area(contour: Int[np.ndarray, "n 1 2"], reach: float) -> BaseGeometry:
     """Inside of a contour (n, 1, 2), its edge moved out by `reach`."""
     ring = straighten(contour[:, 0].astype(float))
     if len(ring) < 3:
@@ -60,7 +61,7 @@ def _area(contour: np.ndarray, reach: float) -> BaseGeometry:
     return shapely.buffer(polygon, reach, join_style="mitre", mitre_limit=3.0)
 
 
-def straighten(ring: np.ndarray) -> np.ndarray:
+def straighten(ring: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
     """Corners (k, 2) of a closed outline (n, 2) of pixels: lines fitted to its straight parts, met."""
     corner_idx = _corners(ring)
     k = len(corner_idx)
@@ -78,17 +79,20 @@ def straighten(ring: np.ndarray) -> np.ndarray:
     return np.array(result)
 
 
-def _corners(ring: np.ndarray) -> np.ndarray:
+def _corners(ring: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " k"]:
     """Indices of the corners of an outline, in order."""
     corners = cv2.approxPolyDP(ring.astype(np.int32)[:, None], _CORNER_PX, True)[:, 0]
     # approxPolyDP keeps points of the outline, in its order, from an arbitrary one on.
+    # A key for each pixel, u above v (pictures are below 2**20 px), tells where in the outline a corner is.
     keys = ring[:, 0].astype(np.int64) * (1 << 20) + ring[:, 1].astype(np.int64)
     order = np.argsort(keys, kind="stable")
     wanted = corners[:, 0].astype(np.int64) * (1 << 20) + corners[:, 1].astype(np.int64)
     return np.sort(order[np.searchsorted(keys[order], wanted)])
 
 
-def _fit_line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _fit_line(
+    points: Float[np.ndarray, "m 2"],
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """A point and a unit direction: the median line of the points (m, 2), along an axis where they allow."""
     ends = points[-1] - points[0]
     trim = len(points) // 8
@@ -104,8 +108,9 @@ def _fit_line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _meet(
-    one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray | None:
+    one: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]],
+    other: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]],
+) -> Float[np.ndarray, "2"] | None:
     """Where two lines meet; None where they run nearly alike."""
     cross = one[1][0] * other[1][1] - one[1][1] * other[1][0]
     if abs(cross) < 0.15:
@@ -116,13 +121,17 @@ def _meet(
 
 
 def settle_faces(
-    faces: RegionFaces, darkness: np.ndarray, level: float, is_stroke: bool, reach_px: float
+    faces: RegionFaces,
+    darkness: Float[np.ndarray, "h w"],
+    level: float,
+    is_stroke: bool,
+    reach_px: float,
 ) -> RegionFaces:
     """Faces moved along their normals to where the ink is, by the median over each.
 
     Args:
         faces: in pixels of `darkness`.
-        darkness: (h, w) float32.
+        darkness: 0 for paper, 1 for black.
         level: darkness half way between wall and paper; for strokes, that of the paper beside them.
         is_stroke: a face lies in the middle of a stroke, not at the edge of a tone.
         reach_px: moves are at most this.
@@ -140,7 +149,7 @@ def settle_faces(
     if is_stroke:
         weight = np.maximum(profile - level * 0.5, 0.0)
         total = weight.sum(axis=1)
-        shift = (weight * offsets).sum(axis=1) / np.maximum(total, 1e-6)
+        move = (weight * offsets).sum(axis=1) / np.maximum(total, 1e-6)
         is_known = np.asarray(total > 0.25)
     else:
         falls = (profile[:, :-1] >= level) & (profile[:, 1:] < level)
@@ -148,11 +157,11 @@ def settle_faces(
         row = np.arange(len(profile))
         high, low = profile[row, nearest], profile[row, nearest + 1]
         share = (high - level) / np.maximum(high - low, 1e-6)
-        shift = offsets[nearest] + 0.25 * np.clip(share, 0.0, 1.0)
+        move = offsets[nearest] + 0.25 * np.clip(share, 0.0, 1.0)
         is_known = np.asarray(falls.any(axis=1))
     moves = np.zeros(len(faces.ends))
     for i, (first, last) in enumerate(_runs(face, len(faces.ends))):
-        known = shift[first:last][is_known[first:last]]
+        known = move[first:last][is_known[first:last]]
         if 2 * len(known) >= last - first:
             moves[i] = np.clip(np.median(known), -reach_px, reach_px)
     return RegionFaces(
@@ -162,6 +171,7 @@ def settle_faces(
     )
 
 
-def _runs(sorted_idx: np.ndarray, n: int) -> Iterator[tuple[int, int]]:
+def _runs(sorted_idx: Int[np.ndarray, " m"], n: int) -> Iterator[tuple[int, int]]:
+    # First and one past the last position of each of the indices 0 to n - 1.
     bounds = np.searchsorted(sorted_idx, np.arange(n + 1))
     return itertools.pairwise(bounds)

@@ -1,12 +1,17 @@
-"""From solid wall, seen from above, to its faces: what readers of pictures, drawings and models share."""
+"""Solid wall seen from above: cut from triangles of a building model, and its faces.
+
+What readers of pictures, drawings and models share.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from jaxtyping import Float, Int
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
+from planfit.floorplan.faces import line_strings
 from planfit.geometry import segments
 
 
@@ -14,9 +19,11 @@ from planfit.geometry import segments
 class RegionFaces:
     """Boundary of solid wall; lengths in the unit of the regions."""
 
-    ends: np.ndarray  # (n, 2, 2)
-    normals: np.ndarray  # (n, 2) unit, out of the wall
-    thickness: np.ndarray  # (n,) wall behind each face
+    ends: Float[np.ndarray, "n 2 2"]
+    normals: Float[np.ndarray, "n 2"]
+    """Unit, out of the wall."""
+    thickness: Float[np.ndarray, " n"]
+    """Wall behind each face."""
 
 
 def faces_of_regions(walls: BaseGeometry, tolerance: float, min_length: float) -> RegionFaces:
@@ -48,7 +55,9 @@ def faces_of_regions(walls: BaseGeometry, tolerance: float, min_length: float) -
     return RegionFaces(ends, normals, _thickness(solid, ends, normals))
 
 
-def _thickness(solid: BaseGeometry, ends: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def _thickness(
+    solid: BaseGeometry, ends: Float[np.ndarray, "n 2 2"], normals: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " n"]:
     """Median length (n,) of the wall behind three points of each face, straight through."""
     reach = float(np.ptp(ends.reshape(-1, 2), axis=0).max())
     lengths = []
@@ -56,9 +65,65 @@ def _thickness(solid: BaseGeometry, ends: np.ndarray, normals: np.ndarray) -> np
         at = (1 - share) * ends[:, 0] + share * ends[:, 1]
         skin = 1e-6 * reach
         through = shapely.linestrings(np.stack([at - skin * normals, at - reach * normals], axis=1))
-        pieces, face = shapely.get_parts(shapely.intersection(through, solid), return_index=True)
-        # The piece that begins at the face; others belong to walls beyond the room behind.
-        begins = shapely.distance(pieces, shapely.points(at[face])) < 10 * skin
-        length = (shapely.length(pieces) + skin) * begins
+        parts, face = shapely.get_parts(shapely.intersection(through, solid), return_index=True)
+        # The part that begins at the face; others belong to walls beyond the room behind.
+        begins = shapely.distance(parts, shapely.points(at[face])) < 10 * skin
+        length = (shapely.length(parts) + skin) * begins
         lengths.append(np.bincount(face, length, minlength=len(ends)))
     return np.median(np.array(lengths), axis=0)
+
+
+def section_segments(
+    corners: Float[np.ndarray, "k 3"], triangles: Int[np.ndarray, "m 3"], height: float
+) -> Float[np.ndarray, "n 2 2"]:
+    """Segments (n, 2, 2), x-y, where a level plane meets triangles (m, 3) over corners (k, 3).
+
+    Corners at the very height count as above, so that each triangle gives one segment or none.
+    """
+    at = corners[triangles]
+    above = at[..., 2] >= height
+    is_cut = above.any(axis=1) & ~above.all(axis=1)
+    at, above = at[is_cut], above[is_cut]
+    # Corners rolled so that 0 is alone on its side: the cut meets the two edges from it.
+    alone = np.where(above.sum(axis=1) == 1, np.argmax(above, axis=1), np.argmin(above, axis=1))
+    order = (alone[:, None] + np.arange(3)) % 3
+    at = np.take_along_axis(at, order[..., None], axis=1)
+    ends = []
+    for other in (1, 2):
+        rise = at[:, other, 2] - at[:, 0, 2]
+        t = ((height - at[:, 0, 2]) / rise)[:, None]
+        ends.append(at[:, 0, :2] * (1 - t) + at[:, other, :2] * t)
+    return np.stack(ends, axis=1)
+
+
+def section_area(
+    corners: Float[np.ndarray, "k 3"], triangles: Int[np.ndarray, "m 3"], height: float
+) -> BaseGeometry:
+    """Area of the solid inside a closed surface at a height; empty where the surface is open there.
+
+    Rings within rings are holes, as in a hollow pillar.
+    """
+    segments = section_segments(corners, triangles, height)
+    if len(segments) == 0:
+        return shapely.Polygon()
+    # Triangles that share an edge compute its point alike up to rounding.
+    segments = np.round(segments, 6)
+    segments = segments[np.abs(segments[:, 0] - segments[:, 1]).max(axis=1) > 0]
+    if len(segments) == 0:
+        return shapely.Polygon()
+    lines = shapely.node(shapely.multilinestrings(line_strings(segments)))
+    cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
+    if len(cells) == 0:
+        return shapely.Polygon()
+    inside = shapely.get_coordinates(shapely.point_on_surface(cells))
+    solid = cells[[_is_inside(segments, point) for point in inside]]
+    return shapely.union_all(solid)
+
+
+def _is_inside(segments: Float[np.ndarray, "n 2 2"], point: Float[np.ndarray, "2"]) -> bool:
+    """Whether a ray from the point crosses the outline an odd number of times."""
+    y = segments[..., 1] > point[1]
+    crossing = segments[y[:, 0] != y[:, 1]]
+    t = (point[1] - crossing[:, 0, 1]) / (crossing[:, 1, 1] - crossing[:, 0, 1])
+    x = crossing[:, 0, 0] * (1 - t) + crossing[:, 1, 0] * t
+    return bool((x > point[0]).sum() % 2)

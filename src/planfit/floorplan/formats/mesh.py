@@ -5,13 +5,15 @@ from pathlib import Path
 import numpy as np
 import scipy.spatial
 import trimesh
+from jaxtyping import Float
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.file import fingerprint_of
-from planfit.floorplan.options import METRES_PER_UNIT, PlanOptions
+from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.vector.scan_lines import wall_lines
-from planfit.floorplan.vector.shown_lines import MAX_LINES
+from planfit.floorplan.units import choose_unit
+from planfit.floorplan.vector.line_work import MAX_LINES
+from planfit.floorplan.vector.point_lines import wall_lines
 
 N_SAMPLES = 400_000
 HALF_BAND_M = 0.35
@@ -23,7 +25,7 @@ DASH_M = 0.02
 _NEIGHBOURS = 16
 
 
-def read_model(path: Path, options: PlanOptions) -> Floorplan:
+def read_mesh(path: Path, options: PlanOptions) -> Floorplan:
     """Wall faces of a mesh or point cloud (PLY, OBJ, GLB, STL, OFF), about the height of the cut.
 
     The vertical axis is the one along which most of the surface lies in a thin layer: the floor. GLB
@@ -33,7 +35,8 @@ def read_model(path: Path, options: PlanOptions) -> Floorplan:
         FloorplanError: it cannot be read, holds no surface, or no upright one at the cut.
     """
     points, normals, is_oriented = _surface(path)
-    scale = options.metres_per_unit or METRES_PER_UNIT.get(options.unit, 1.0)
+    unit = choose_unit(options.unit, options.metres_per_unit, "m", "assumed")
+    scale = 1.0 if unit.metres is None else unit.metres
     points = points * scale
     is_glb = path.suffix.lower() in (".glb", ".gltf")
     axis = 1 if is_glb else _vertical_axis(points, normals)
@@ -61,11 +64,11 @@ def read_model(path: Path, options: PlanOptions) -> Floorplan:
     rows[2, 2] = 1.0
     return Floorplan(
         str(path), lines.ends, lines.normals, np.full(len(lines.ends), is_oriented),
-        fingerprint_of(path), is_metric=options.unit != "unknown",
+        fingerprint_of(path), is_metric=unit.metres is not None,
         source=PlanSource(
             kind="mesh or point cloud",
-            unit="m" if options.unit == "auto" else options.unit,
-            unit_from="assumed" if options.unit == "auto" else "--unit",
+            unit=unit.name,
+            unit_from=unit.known_from,
             warnings=(f"up is {'xyz'[axis]} ({up}); the floor is at {floor:.2f} m",),
             dropped=(f"{lines.n_left} of {len(xy)} points on no straight wall",),
             file_from_plan=rows,
@@ -74,8 +77,10 @@ def read_model(path: Path, options: PlanOptions) -> Floorplan:
     )  # fmt: skip
 
 
-def _dashes(xy: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """(k, 2, 2) m: a short dash along the surface at points (n, 2), a part of them where there are many."""
+def _dashes(
+    xy: Float[np.ndarray, "n 2"], across: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "k 2 2"]:
+    """Short dashes along the surface at points, m, a part of them where there are many."""
     step = -(-len(xy) // MAX_LINES)
     xy, across = xy[::step], across[::step]
     along = np.stack([-across[:, 1], across[:, 0]], axis=1)
@@ -83,7 +88,7 @@ def _dashes(xy: np.ndarray, across: np.ndarray) -> np.ndarray:
     return np.stack([xy - 0.5 * DASH_M * along, xy + 0.5 * DASH_M * along], axis=1)
 
 
-def _surface(path: Path) -> tuple[np.ndarray, np.ndarray, bool]:
+def _surface(path: Path) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], bool]:
     """Points (n, 3), unit normals (n, 3), and whether those tell the free side."""
     if path.stat().st_size == 0:
         raise FloorplanError(f"{path}: expected a mesh or a point cloud, found an empty file")
@@ -113,7 +118,7 @@ def _surface(path: Path) -> tuple[np.ndarray, np.ndarray, bool]:
     return vertices, _normals(vertices), False
 
 
-def _normals(points: np.ndarray) -> np.ndarray:
+def _normals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """Unit normals (n, 3) of the planes through each point's neighbours; the sign says nothing."""
     _, idx = scipy.spatial.cKDTree(points).query(points, k=min(_NEIGHBOURS, len(points)))
     offset = points[idx] - points[idx].mean(axis=1, keepdims=True)
@@ -121,14 +126,14 @@ def _normals(points: np.ndarray) -> np.ndarray:
     return vectors[:, :, 0]
 
 
-def _vertical_axis(points: np.ndarray, normals: np.ndarray) -> int:
+def _vertical_axis(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> int:
     """Axis with the most surface across it at one height."""
     share = [_peak(points[:, axis], np.abs(normals[:, axis]))[1] for axis in range(3)]
     # Floors are wider than walls are long and high; where they are not, z before y before x.
     return int(np.argmax(np.array(share) * (0.98, 0.99, 1.0)))
 
 
-def _floor(height: np.ndarray, level: np.ndarray) -> float:
+def _floor(height: Float[np.ndarray, " n"], level: Float[np.ndarray, " n"]) -> float:
     """Lowest height with much level surface; the ceiling, where scanned, has as much."""
     low, peak = _peak(height, level)
     counts, start, step = _histogram(height, level)
@@ -137,12 +142,14 @@ def _floor(height: np.ndarray, level: np.ndarray) -> float:
     return float(np.median(height[(np.abs(height - at) < 2 * step) & (level > 0.95)]))
 
 
-def _peak(height: np.ndarray, level: np.ndarray) -> tuple[float, float]:
+def _peak(height: Float[np.ndarray, " n"], level: Float[np.ndarray, " n"]) -> tuple[float, float]:
     counts, start, step = _histogram(height, level)
     return start + (int(counts.argmax()) + 0.5) * step, float(counts.max())
 
 
-def _histogram(height: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, float, float]:
+def _histogram(
+    height: Float[np.ndarray, " n"], level: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " b"], float, float]:
     step, start = 0.05, float(height.min())
     index = np.minimum(((height - start) / step).astype(int), 20_000)
     return np.bincount(index[level > 0.95], minlength=1).astype(float), start, step

@@ -1,4 +1,4 @@
-"""What filled areas mean: solid wall, or the floors of rooms with the walls left white between."""
+"""What filled and hatched areas mean: solid wall, or the floors of rooms with the walls left out between."""
 
 import itertools
 from dataclasses import dataclass
@@ -6,10 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 import shapely
+from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
+from shapely.geometry.polygon import orient
 
+from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.vector.drawing import Fill
 from planfit.floorplan.vector.layer_names import Role
+from planfit.floorplan.vector.line_work import cut_out
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ def sort_fills(fills: tuple[Fill, ...], roles: list[Role], extent: float) -> Are
         parts = parts[sizes > (1e-3 * extent) ** 2]
         if len(parts) == 0:
             continue
-        slim = _weighted_median(perimeters**2 / (16 * np.maximum(sizes, 1e-300)), sizes)
+        slim = weighted_median(perimeters**2 / (16 * np.maximum(sizes, 1e-300)), sizes)
         coverage = sizes.sum() / max(shapely.convex_hull(area).area, 1e-300)
         is_called_wall = roles[layer] == Role.WALL
         looks_like_wall = slim > 2.5 and coverage < 0.45
@@ -60,7 +64,7 @@ def sort_fills(fills: tuple[Fill, ...], roles: list[Role], extent: float) -> Are
     return Areas(walls, rooms)
 
 
-def _is_large(parts: np.ndarray, extent: float) -> bool:
+def _is_large(parts: Shaped[np.ndarray, " n"], extent: float) -> bool:
     reach = np.ptp(shapely.bounds(parts).reshape(-1, 2, 2), axis=1).max()
     return bool(reach > 0.1 * extent)
 
@@ -72,12 +76,6 @@ def _outline_length(polygon: BaseGeometry) -> float:
 def _is_dark(colour: tuple[int, int, int] | None) -> bool:
     """Black to light grey, or unknown: colours are for rooms."""
     return colour is None or (max(colour) - min(colour) < 40 and max(colour) < 230)
-
-
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    order = np.argsort(values)
-    share = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
 def main_rooms(rooms: list[BaseGeometry], extent: float) -> list[BaseGeometry]:
@@ -110,14 +108,17 @@ def _each_once(rooms: list[BaseGeometry]) -> list[BaseGeometry]:
 
 
 def hatched_areas(
-    ends: np.ndarray, path: np.ndarray, is_hatch: np.ndarray, extent: float
+    ends: Float[np.ndarray, "n 2 2"],
+    path: Int[np.ndarray, " n"],
+    is_hatch: Bool[np.ndarray, " n"],
+    extent: float,
 ) -> list[BaseGeometry]:
     """Areas whose outline is a closed path and whose inside is covered by hatch lines.
 
     Args:
-        ends: (n, 2, 2) all lines, in the order of the file.
-        path: (n,) the path of each.
-        is_hatch: (n,) bool.
+        ends: all lines, in the order of the file.
+        path: the path of each.
+        is_hatch: lines in rows at equal distance.
         extent: of the drawing, to tell what counts as closed.
     """
     middles = shapely.points(ends[is_hatch].mean(axis=1))
@@ -143,14 +144,14 @@ def hatched_areas(
     return areas
 
 
-def _covers(hatches: np.ndarray, area: BaseGeometry) -> bool:
+def _covers(hatches: Float[np.ndarray, "n 2 2"], area: BaseGeometry) -> bool:
     """Whether lines (n, 2, 2), each as wide as they are apart, cover most of an area: a flight of stairs
     in a room does not."""
     along = hatches[:, 1] - hatches[:, 0]
     longest = along[np.argmax(np.linalg.norm(along, axis=1))]
     across = np.array([-longest[1], longest[0]]) / np.linalg.norm(longest)
     steps = np.diff(np.sort(hatches.mean(axis=1) @ across))
-    # Lines in one row, and pieces of one line, are no step.
+    # Lines in one row, and parts of one line, are no step.
     steps = steps[steps > 0.2 * steps.max()] if len(steps) else steps
     if len(steps) == 0:
         return False
@@ -158,3 +159,30 @@ def _covers(hatches: np.ndarray, area: BaseGeometry) -> bool:
     reach = 0.6 * float(np.percentile(np.asarray(steps, dtype=float), 75))
     bands = shapely.buffer(shapely.linestrings(hatches), reach, cap_style="square")
     return shapely.intersection(shapely.union_all(bands), area).area > 0.6 * area.area
+
+
+def edges_of_rooms(rooms: list[BaseGeometry], tolerance: float) -> Float[np.ndarray, "n 2 2"]:
+    """Edges (n, 2, 2) of rooms with the room on the left; where two rooms meet without a wall
+    between them, within `tolerance`, there is none."""
+    parts = [p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
+             if p.geom_type == "Polygon" and not p.is_empty]  # fmt: skip
+    tree = shapely.STRtree(parts)
+    edges = []
+    for i, part in enumerate(parts):
+        polygon = orient(part)
+        others = [parts[j] for j in tree.query(part, "dwithin", tolerance) if j != i]
+        near = shapely.buffer(shapely.union_all(others), 1.5 * tolerance)
+        for ring in (polygon.exterior, *polygon.interiors):
+            corners = np.asarray(ring.coords)[:, :2]
+            ends = np.stack([corners[:-1], corners[1:]], axis=1)
+            edges.append(cut_out(ends, near, 3 * tolerance)[0])
+    return np.concatenate([*edges, np.zeros((0, 2, 2))])
+
+
+def outside_rooms(
+    ends: Float[np.ndarray, "n 2 2"], rooms: list[BaseGeometry], tolerance: float
+) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " m"]]:
+    """The parts of lines that lie in no room nor along its edge, and the line that each
+    is of: what is drawn inside a room is furniture, stairs and text."""
+    area = shapely.buffer(shapely.union_all(rooms), tolerance)
+    return cut_out(ends, area, 3 * tolerance)

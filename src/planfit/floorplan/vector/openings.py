@@ -1,40 +1,116 @@
-"""Windows drawn in the line work: panes that run from jamb to jamb in a wall that goes on beyond both.
+"""Doors and windows as they are drawn in line work.
 
-Left in, panes are thin walls, and sills drawn through make the faces of the wall run on.
+Leaves of doors are drawn open, as a line or a thin box from the hinge to the tip of a quarter circle, or,
+where they swing both ways, from end to end of a half circle. Windows are panes that run from jamb to jamb in
+a wall that goes on beyond both. Left in, panes are thin walls, and sills drawn through make the faces of the
+wall run on.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.spatial
 import shapely
+from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
-from planfit.floorplan.vector.rooms import cut_out
+from planfit.floorplan.vector.drawing import Lines
+from planfit.floorplan.vector.line_work import cut_out
 from planfit.geometry import segments
 
+TOLERANCE = 0.12
+"""Of a leaf's length: leaves are up to 6 cm thick, and arcs are drawn to either edge."""
 MAX_LENGTH = 12.0
 """Of an opening, in thicknesses of its wall: 4.8 m in one of 40 cm."""
 _CROSS_SINE, _PARALLEL_SINE = 0.94, 0.035
+
+
+def arcs_of_lines(lines: Lines) -> tuple[Float[np.ndarray, "k 2 2"], Float[np.ndarray, " k"]]:
+    """The two ends of each run of segments of a curve, in the order of the file, and its length.
+
+    A run goes on from one path to the next where it keeps its course: some programs write one arc as
+    several splines. The arcs of a double door meet at a point, but turn back there.
+    """
+    if not lines.is_curved.any():
+        return np.zeros((0, 2, 2)), np.zeros(0)
+    at = np.flatnonzero(lines.is_curved)
+    ends, along = lines.ends[at], segments.directions(lines.ends[at])
+    gap = np.linalg.norm(ends[1:, 0] - ends[:-1, 1], axis=1)
+    joined = (
+        (np.diff(at) == 1)
+        & (gap <= 1e-3 * segments.lengths(ends)[1:])
+        & (np.einsum("ni,ni->n", along[1:], along[:-1]) > 0.5)
+    )
+    is_first, is_last = np.concatenate([[True], ~joined]), np.concatenate([~joined, [True]])
+    # The count of beginnings up to a segment is the number of its run, from 1 on.
+    length = np.bincount(np.cumsum(is_first) - 1, segments.lengths(ends))
+    return np.stack([ends[is_first, 0], ends[is_last, 1]], axis=1), length
+
+
+def is_door_leaf(
+    ends: Float[np.ndarray, "n 2 2"],
+    arcs: Float[np.ndarray, "k 2 2"],
+    arc_lengths: Float[np.ndarray, " k"],
+) -> Bool[np.ndarray, " n"]:
+    """Which lines (n, 2, 2) reach from the centre of a quarter circle to one of its ends, or join those of a
+    half circle.
+
+    Args:
+        ends: lines that may be leaves.
+        arcs: ends of curves of any kind.
+        arc_lengths: (k,)
+    """
+    found = np.zeros(len(ends), dtype=bool)
+    if len(ends) == 0:
+        return found
+    length = segments.lengths(ends)
+    # Ends of all lines, the first ends first: a drawing has thousands of arcs and of lines.
+    tree = scipy.spatial.cKDTree(np.concatenate([ends[:, 0], ends[:, 1]]))
+    chords = segments.lengths(arcs)
+    is_half = np.abs(arc_lengths - np.pi / 2 * chords) < 0.1 * chords
+    both_ways = np.concatenate([arcs, arcs[:, ::-1]])
+    for (tip, latch), chord, half in zip(
+        both_ways, np.tile(chords, 2), np.tile(is_half, 2), strict=True
+    ):
+        if chord == 0:
+            continue
+        radius = chord / np.sqrt(2)
+        near = TOLERANCE * radius
+        at_tip = np.array(tree.query_ball_point(tip, near), dtype=int)
+        line, other = at_tip % len(ends), 1 - at_tip // len(ends)
+        from_latch = np.linalg.norm(ends[line, other] - latch, axis=1)
+        if half:
+            is_leaf = from_latch < near
+        else:
+            is_leaf = (np.abs(length[line] - radius) < near) & (np.abs(from_latch - radius) < near)
+        found[line[is_leaf]] = True
+    return found
 
 
 @dataclass(frozen=True)
 class Windows:
     """Openings in walls drawn as two lines."""
 
-    openings: np.ndarray  # (2 k, 2, 2) their two sides along the faces of the wall
-    ends: np.ndarray  # (m, 2, 2) the lines without panes, cut where sills ran through
-    line: np.ndarray  # (m,) the line that each was
+    openings: Float[np.ndarray, "k 2 2"]
+    """Their two sides along the faces of the wall."""
+    ends: Float[
+        np.ndarray, "m 2 2"
+    ]  # (m, 2, 2) the lines without panes, cut where sills ran through
+    line: Int[np.ndarray, " m"]
+    """The line that each was."""
 
 
-def take_out_windows(ends: np.ndarray, least: float, most: float, tolerance: float) -> Windows:
+def take_out_windows(
+    ends: Float[np.ndarray, "n 2 2"], least: float, most: float, tolerance: float
+) -> Windows:
     """Find windows among lines and take out what is drawn in them.
 
     A pane ends within two lines across it, the jambs. The wall is what both jambs span, and beyond each
     of them one of its faces goes on, with nothing between; otherwise lines within are layers of a wall.
 
     Args:
-        ends: (n, 2, 2), merged: no two on one another.
+        ends: merged, no two on one another.
         least: thickness of walls.
         most: thickness of walls.
         tolerance: how exactly lines meet.
@@ -49,11 +125,13 @@ def take_out_windows(ends: np.ndarray, least: float, most: float, tolerance: flo
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])[None, :, :, None]
     insides = boxes - signs[:, :, 0] * along + signs[:, :, 1] * across
     area: BaseGeometry = shapely.union_all(shapely.polygons(insides))
-    pieces, line = cut_out(ends, area, 3 * tolerance)
-    return Windows(sides, pieces, line)
+    parts, line = cut_out(ends, area, 3 * tolerance)
+    return Windows(sides, parts, line)
 
 
-def _boxes(ends: np.ndarray, least: float, most: float, tolerance: float) -> np.ndarray:
+def _boxes(
+    ends: Float[np.ndarray, "n 2 2"], least: float, most: float, tolerance: float
+) -> Float[np.ndarray, "k 4 2"]:
     """Corners (k, 4, 2) of the openings, the first two along one face of the wall."""
     n = len(ends)
     tree = shapely.STRtree(line_strings(ends))
@@ -83,7 +161,7 @@ def _boxes(ends: np.ndarray, least: float, most: float, tolerance: float) -> np.
     return _outermost(rows[[_is_in_wall(box, ends, tree, tolerance) for box in rows]], tolerance)
 
 
-def _in_rows(boxes: np.ndarray, tolerance: float) -> np.ndarray:
+def _in_rows(boxes: Float[np.ndarray, "n 4 2"], tolerance: float) -> Float[np.ndarray, "k 4 2"]:
     """Boxes (k, 4, 2) with those made one that only a mullion, no wider than the wall is thick, parts."""
     rows = [*boxes]
     at = 0
@@ -110,7 +188,12 @@ def _in_rows(boxes: np.ndarray, tolerance: float) -> np.ndarray:
     return np.array(rows).reshape(-1, 4, 2)
 
 
-def _is_in_wall(box: np.ndarray, ends: np.ndarray, tree: shapely.STRtree, tolerance: float) -> bool:
+def _is_in_wall(
+    box: Float[np.ndarray, "4 2"],
+    ends: Float[np.ndarray, "n 2 2"],
+    tree: shapely.STRtree,
+    tolerance: float,
+) -> bool:
     """Whether beyond both ends of a box a line goes on along one of its sides, and none between them:
     there would be layers of a wall."""
     length, width = (float(np.linalg.norm(box[k] - box[0])) for k in (1, 3))
@@ -135,7 +218,7 @@ def _is_in_wall(box: np.ndarray, ends: np.ndarray, tree: shapely.STRtree, tolera
     return True
 
 
-def _outermost(boxes: np.ndarray, tolerance: float) -> np.ndarray:
+def _outermost(boxes: Float[np.ndarray, "n 4 2"], tolerance: float) -> Float[np.ndarray, "k 4 2"]:
     """Boxes (k, 4, 2) without those within others: frames within openings."""
     polygons = np.asarray(shapely.polygons(boxes), dtype=object)
     order = np.argsort(-shapely.area(polygons), kind="stable")

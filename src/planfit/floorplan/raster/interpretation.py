@@ -1,18 +1,23 @@
-"""Which reading of the walls is right: straight, long, of few thicknesses, and explaining most of the ink."""
+"""Which interpretation of a picture's dark regions is right.
+
+Walls are straight, long, of few thicknesses, and explain most of the ink.
+"""
 
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float, Shaped
 
+from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.candidates import Candidate
 from planfit.floorplan.raster.trace import trace_regions
 
 _STRAIGHT = 0.6
 """Share of a wall's outline that is long and straight."""
 _LONG = 3.0
-"""A piece of wall by itself is at least this many times as long as it is thick."""
+"""A wall by itself is at least this many times as long as it is thick."""
 _APART = 24.0
 """A wall that hangs on no other has an outline at least this many times as long as it is thick."""
 _FATTEST = 1 / 9
@@ -20,8 +25,8 @@ _FATTEST = 1 / 9
 
 
 @dataclass(frozen=True)
-class Reading:
-    """A candidate, traced, and parted into walls and the rest."""
+class Interpretation:
+    """What a picture's dark regions are taken for: a candidate, traced, parted into walls and the rest."""
 
     candidate: Candidate
     walls: tuple[shapely.Polygon, ...]
@@ -34,12 +39,12 @@ class Reading:
     """Of the outline of everything traced, what is straight wall."""
 
 
-def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Reading:
+def interpret(candidate: Candidate, extent_px: float, is_given: bool = False) -> Interpretation:
     """Trace a candidate and keep what has the form of walls; all of it where the walls are given."""
     mask = candidate.mask if candidate.bars is None else candidate.mask | candidate.bars
     regions = np.array(trace_regions(mask, candidate.grow_px), dtype=object)
     if len(regions) == 0:
-        return Reading(candidate, (), (), 0.0, 0.0, 0.0)
+        return Interpretation(candidate, (), (), 0.0, 0.0, 0.0)
     outline = shapely.length(regions)
     thickness = 2 * shapely.area(regions) / np.maximum(outline, 1e-6)
     bounds = shapely.bounds(regions)
@@ -56,13 +61,13 @@ def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Rea
         (reach >= _LONG * thickness) & (share >= _STRAIGHT) & (thickness < _FATTEST * extent_px)
     )
     if not (is_given or is_long.any()):
-        return Reading(candidate, (), tuple(regions), 0.0, 0.0, 0.0)
-    usual = _weighted_median(thickness[is_long], outline[is_long]) if is_long.any() else 1.0
+        return Interpretation(candidate, (), tuple(regions), 0.0, 0.0, 0.0)
+    usual = weighted_median(thickness[is_long], outline[is_long]) if is_long.any() else 1.0
     is_wall = is_long & (reach >= 2.5 * usual) & (thickness >= 0.3 * usual)
     is_wall |= _are_columns(regions, outline, usual)
     if is_given:
         is_long[:] = is_wall[:] = True
-        usual = _weighted_median(thickness, outline)
+        usual = weighted_median(thickness, outline)
     is_wall &= is_given | ~_are_frames(regions, outline, is_wall, thickness < 0.6 * usual)
     if candidate.edge == "stroke":
         is_wall &= _are_part_of_the_building(
@@ -70,9 +75,9 @@ def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Rea
         )
     good = float(straight[is_wall].sum())
     straight_share = good / float(outline.sum())
-    # Walls hang together: long pieces are better evidence than many short ones of the same length.
+    # Walls hang together: long walls are better evidence than many short ones of the same length.
     weight = straight / (straight + 0.3 * extent_px)
-    return Reading(
+    return Interpretation(
         candidate,
         _joined(regions[is_wall], candidate),
         tuple(regions[~is_wall]),
@@ -82,8 +87,8 @@ def trace(candidate: Candidate, extent_px: float, is_given: bool = False) -> Rea
     )
 
 
-def _joined(walls: np.ndarray, candidate: Candidate) -> tuple[shapely.Polygon, ...]:
-    """Pieces of wall that only a line parts become one."""
+def _joined(walls: Shaped[np.ndarray, " n"], candidate: Candidate) -> tuple[shapely.Polygon, ...]:
+    """Parts of walls that only a line separates become one."""
     if candidate.edge != "stroke":
         return tuple(walls)
     reach = max(0.6 * abs(candidate.grow_px), 0.6)
@@ -96,32 +101,34 @@ def _joined(walls: np.ndarray, candidate: Candidate) -> tuple[shapely.Polygon, .
     )
 
 
-def choose(candidates: list[Candidate], extent_px: float) -> Reading | None:
-    """The best reading; None where there is no candidate."""
-    readings = [trace(candidate, extent_px) for candidate in candidates]
-    if not readings:
+def choose(candidates: list[Candidate], extent_px: float) -> Interpretation | None:
+    """The best interpretation; None where there is no candidate."""
+    interpretations = [interpret(candidate, extent_px) for candidate in candidates]
+    if not interpretations:
         return None
     scores = []
-    pairs = [r for r in readings if r.candidate.style.startswith("double lines") and r.walls]
+    pairs = [r for r in interpretations if r.candidate.style.startswith("double lines") and r.walls]
     best_pairs = max(pairs, key=lambda r: r.score, default=None)
-    for reading in readings:
-        score = reading.score
-        if reading.candidate.style.startswith("solid") and best_pairs is not None:
-            score *= 1.0 - _outline_share(reading, best_pairs)
-        if reading.candidate.style == "hatched":
+    for found in interpretations:
+        score = found.score
+        if found.candidate.style.startswith("solid") and best_pairs is not None:
+            score *= 1.0 - _outline_share(found, best_pairs)
+        if found.candidate.style == "hatched":
             # Filling gaps makes walls of other things too, unless the same lines fill them everywhere.
-            score *= 0.5 + 0.6 * reading.candidate.hatched_share
-        if reading.candidate.style == "filled, outlined":
-            score *= 1.15  # says more of the drawing than the other readings of the same walls
-        if reading.candidate.style == "double lines":
+            score *= 0.5 + 0.6 * found.candidate.hatched_share
+        if found.candidate.style == "filled, outlined":
+            score *= (
+                1.15  # says more of the drawing than the other interpretations of the same walls
+            )
+        if found.candidate.style == "double lines":
             score *= 0.6  # furniture and dimensions have parallel lines too
-        if reading.candidate.style == "double lines, closed":
+        if found.candidate.style == "double lines, closed":
             score *= 0.8  # furniture is closed too, but little of it is so long and thin
         scores.append(score)
-    return readings[int(np.argmax(scores))]
+    return interpretations[int(np.argmax(scores))]
 
 
-def _outline_share(solid: Reading, pairs: Reading) -> float:
+def _outline_share(solid: Interpretation, pairs: Interpretation) -> float:
     """Share of the solid walls that are the outlines of walls drawn as two lines."""
     reach = 2 * round(pairs.candidate.grow_px * 2) + 3
     beside = cv2.dilate(pairs.candidate.mask, np.ones((reach, reach), np.uint8))
@@ -139,13 +146,9 @@ def straight_length(region: shapely.Polygon, least_px: float) -> float:
     return total
 
 
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    order = np.argsort(values)
-    reached = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(reached, reached[-1] / 2)])
-
-
-def _are_columns(regions: np.ndarray, outline: np.ndarray, usual: float) -> np.ndarray:
+def _are_columns(
+    regions: Shaped[np.ndarray, " n"], outline: Float[np.ndarray, " n"], usual: float
+) -> Bool[np.ndarray, " n"]:
     """Compact rectangles at least as thick as most walls, and not much thicker."""
     area = shapely.area(regions)
     side = outline / 4
@@ -156,8 +159,11 @@ def _are_columns(regions: np.ndarray, outline: np.ndarray, usual: float) -> np.n
 
 
 def _are_frames(
-    regions: np.ndarray, outline: np.ndarray, is_wall: np.ndarray, is_thin: np.ndarray
-) -> np.ndarray:
+    regions: Shaped[np.ndarray, " n"],
+    outline: Float[np.ndarray, " n"],
+    is_wall: Bool[np.ndarray, " n"],
+    is_thin: Bool[np.ndarray, " n"],
+) -> Bool[np.ndarray, " n"]:
     """Closed rectangles around most of the other walls, which do not touch them: frames of the sheet, with
     a title block in them where they are thin."""
     result = np.zeros(len(regions), dtype=bool)
@@ -176,20 +182,20 @@ def _are_frames(
 
 
 def _are_part_of_the_building(
-    regions: np.ndarray,
-    straight: np.ndarray,
-    is_wall: np.ndarray,
-    thickness: np.ndarray,
+    regions: Shaped[np.ndarray, " n"],
+    straight: Float[np.ndarray, " n"],
+    is_wall: Bool[np.ndarray, " n"],
+    thickness: Float[np.ndarray, " n"],
     extent_px: float,
     usual: float,
-) -> np.ndarray:
-    """Large pieces, and small ones in line with them: what else is outlined is furniture.
+) -> Bool[np.ndarray, " n"]:
+    """Large regions, and small ones in line with them: what else is outlined is furniture.
 
     Args:
-        regions: (n,) polygons.
-        straight: (n,) length of their long edges, px.
-        is_wall: (n,) bool.
-        thickness: (n,) of the usual one.
+        regions: polygons.
+        straight: length of their long edges, px.
+        is_wall: what has the form of walls by itself.
+        thickness: in shares of the usual one.
         extent_px: of the drawing.
         usual: thickness, px.
     """
@@ -222,8 +228,10 @@ def _are_part_of_the_building(
     return result
 
 
-def _goes_on(own: np.ndarray, other: np.ndarray, thickness_px: float) -> bool:
-    """Whether two opposite long edges of a piece are in line with edges of a wall not far away."""
+def _goes_on(
+    own: Float[np.ndarray, "a 6"], other: Float[np.ndarray, "b 6"], thickness_px: float
+) -> bool:
+    """Whether two opposite long edges of a region are in line with edges of a wall not far away."""
     if len(own) == 0 or len(other) == 0:
         return False
     own = own[own[:, 5] > 0.6 * own[:, 5].max()]
@@ -235,7 +243,7 @@ def _goes_on(own: np.ndarray, other: np.ndarray, thickness_px: float) -> bool:
     return bool((in_line[:, :2] @ in_line[:, :2].T < -0.9).any())
 
 
-def _long_lines(region: shapely.Polygon) -> np.ndarray:
+def _long_lines(region: shapely.Polygon) -> Float[np.ndarray, "k 6"]:
     """Normal, offset, middle and length (k, 6) of a region's longer edges."""
     rows = []
     for ring in (region.exterior, *region.interiors):

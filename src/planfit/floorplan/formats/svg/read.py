@@ -1,16 +1,12 @@
 """SVG: shapes with their transforms, groups as layers, clips; nothing outside the file is loaded."""
 
-import gzip
 import io
-import math
 import re
-import xml.etree.ElementTree as ET
-import zlib
 from pathlib import Path
-from xml.parsers import expat
 
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 from svgelements import (
     SVG,
@@ -28,19 +24,20 @@ from svgelements import Path as SvgPath
 from svgelements import Text as SvgText
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.file import fingerprint_of
-from planfit.floorplan.formats.svg_reuse import elements_when_expanded, with_symbols_apart
-from planfit.floorplan.formats.svg_transforms import GROUP_TRANSFORM, with_flat_transforms
+from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.svg.prepare import (
+    GROUP_TRANSFORM,
+    load_safely,
+    with_flat_transforms,
+    with_symbols_apart,
+)
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.vector.curves import flatten_cubic
-from planfit.floorplan.vector.drawing import Drawing, DrawingBuilder, Text
-from planfit.floorplan.vector.drawing_plan import plan_of_drawing
+from planfit.floorplan.vector.drawing import DrawingBuilder, Text
+from planfit.floorplan.vector.line_work import flatten_cubic
+from planfit.floorplan.vector.plan import plan_of_drawing
 
 PIXELS_PER_INCH = 96.0
-MAX_SVGZ_BYTES = 200_000_000
-MAX_REPEATED = 300_000
-"""Elements that an SVG may have once each `use` is replaced by what it names."""
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _URL = re.compile(r"url\(\s*['\"]?#([^)'\"]+)['\"]?\s*\)")
 
@@ -54,11 +51,33 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     Raises:
         FloorplanError: the file is no SVG, declares entities, or shows no walls.
     """
-    data, references = _checked(path)
-    _require_bounded(data, path)
-    data = with_symbols_apart(data)
+    data, n_references = load_safely(path)
+    svg = _parsed(data, path)
+    builder = DrawingBuilder()
+    _add_group(builder, svg, svg, "", None)
+    drawing = builder.build(unit="paper")
+    not_followed = (
+        f"{n_references} references to other files were not followed"
+        if n_references > 1
+        else "1 reference to another file was not followed"
+    )
+    if n_references and len(drawing.lines) == 0 and not drawing.fills:
+        raise FloorplanError(
+            f"{path}: expected a drawing of walls, found no lines or areas in it; {not_followed}: "
+            "embed in the SVG what they show"
+        )
+    # The file's y points down.
+    file_from_drawing = np.diag([1.0, -1.0, 1.0])
+    floorplan = plan_of_drawing(
+        drawing, path, fingerprint_of(path), options, "SVG drawing", file_from_drawing
+    )
+    return floorplan.with_warning(not_followed) if n_references else floorplan
+
+
+def _parsed(data: bytes, path: Path) -> SVG:
+    data = with_flat_transforms(with_symbols_apart(data))
     try:
-        svg = SVG.parse(io.BytesIO(with_flat_transforms(data)), reify=True, ppi=PIXELS_PER_INCH)
+        svg = SVG.parse(io.BytesIO(data), reify=True, ppi=PIXELS_PER_INCH)
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as error:
         raise FloorplanError(
             f"{path}: expected an SVG, found one that cannot be read ({type(error).__name__}: "
@@ -66,91 +85,7 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
         ) from error
     if not isinstance(svg, SVG):
         raise FloorplanError(f"{path}: expected an SVG, found another XML file")
-    builder = DrawingBuilder()
-    _add_group(builder, svg, svg, "", None)
-    lines, fills, texts, layers = builder.build()
-    not_followed = (
-        f"{references} references to other files were not followed"
-        if references > 1
-        else "1 reference to another file was not followed"
-    )
-    if references and len(lines) == 0 and not fills:
-        raise FloorplanError(
-            f"{path}: expected a drawing of walls, found no lines or areas in it; {not_followed}: "
-            "embed in the SVG what they show"
-        )
-    drawing = Drawing(lines, fills, texts, layers, None, "paper")
-    floorplan = plan_of_drawing(
-        drawing, path, fingerprint_of(path), options, "SVG drawing", np.diag([1.0, -1.0, 1.0])
-    )
-    if references:
-        floorplan = floorplan.with_warning(not_followed)
-    return floorplan
-
-
-def _checked(path: Path) -> tuple[bytes, int]:
-    """The text of the file, once it is known to be harmless, and how many outside files it names.
-
-    A first pass with a bare parser: entities can grow without bound or name files and addresses.
-    """
-    data = path.read_bytes()
-    if data[:2] == b"\x1f\x8b":
-        data = _unzipped(path)
-    if not data.strip():
-        raise FloorplanError(f"{path}: expected an SVG, found an empty file; export it again")
-    references = 0
-
-    def refuse_entity(*_: object) -> None:
-        raise FloorplanError(
-            f"{path}: expected an SVG without entities, found an ENTITY declaration, which can load "
-            "other files or grow without bound; save it again as plain SVG"
-        )
-
-    def count_references(_: str, attributes: dict[str, str]) -> None:
-        nonlocal references
-        for name, value in attributes.items():
-            is_link = name in ("href", "xlink:href") or name.endswith(":href")
-            if is_link and not value.startswith(("#", "data:")):
-                references += 1
-
-    parser = expat.ParserCreate()
-    parser.EntityDeclHandler = refuse_entity
-    parser.ExternalEntityRefHandler = refuse_entity  # type: ignore[assignment] - it never returns
-    parser.StartElementHandler = count_references
-    try:
-        parser.Parse(data, True)
-    except expat.ExpatError as error:
-        raise FloorplanError(
-            f"{path}: expected an SVG, found no well-formed XML ({error}); export it again"
-        ) from error
-    return data, references
-
-
-def _require_bounded(data: bytes, path: Path) -> None:
-    """Raise where elements are repeated without bound, as entities can be."""
-    n = elements_when_expanded(ET.fromstring(data))
-    if n > max(MAX_REPEATED, data.count(b"<")):
-        found = "one that repeats itself" if math.isinf(n) else f"{n:.3g} elements by repetition"
-        raise FloorplanError(
-            f"{path}: expected an SVG of at most {MAX_REPEATED} elements by `use`, found {found}; "
-            "save it again as plain SVG, with clones unlinked"
-        )
-
-
-def _unzipped(path: Path) -> bytes:
-    try:
-        with gzip.open(path) as file:
-            data = file.read(MAX_SVGZ_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise FloorplanError(
-            f"{path}: expected an SVG, found a damaged compressed file; export it again"
-        ) from error
-    if len(data) > MAX_SVGZ_BYTES:
-        raise FloorplanError(
-            f"{path}: expected an SVG of at most {MAX_SVGZ_BYTES // 10**6} MB, found more; "
-            "save a smaller part of it"
-        )
-    return data
+    return svg
 
 
 def _add_group(
@@ -200,7 +135,7 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
     area: BaseGeometry = shapely.Polygon()
     for shape in shapes if isinstance(shapes, list) else []:
         if isinstance(shape, Shape):
-            for points, _ in _pieces(SvgPath(shape) * transform):
+            for points, _ in _sub_paths(SvgPath(shape) * transform):
                 if len(points) >= 3:
                     area = area.union(shapely.make_valid(shapely.Polygon(points)))
     return None if area.is_empty else area
@@ -208,25 +143,25 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
 
 def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str) -> None:
     try:
-        pieces = _pieces(SvgPath(shape))
+        sub_paths = _sub_paths(SvgPath(shape))
     except (ZeroDivisionError, ValueError, OverflowError):
         return  # an arc with a radius that is no number
     if _is_drawn(shape.stroke):
         style = (str(shape.stroke), round(float(shape.stroke_width or 1.0), 3))
-        for points, is_curved in pieces:
+        for points, is_curved in sub_paths:
             builder.add_polyline(points, is_curved, layer, style)
     if _is_drawn(shape.fill):
         fill = shape.fill
         colour = (int(fill.red or 0), int(fill.green or 0), int(fill.blue or 0))
-        builder.add_fill([points for points, _ in pieces], layer, colour)
+        builder.add_fill([points for points, _ in sub_paths], layer, colour)
 
 
 def _is_drawn(paint) -> bool:
     return paint is not None and paint.value is not None and paint.alpha > 0
 
 
-def _pieces(path: SvgPath) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Each sub-path as points (k, 2), y up, and which of its pieces (k - 1,) are curved."""
+def _sub_paths(path: SvgPath) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
+    """Each sub-path as points (k, 2), y up, and which of its segments (k - 1,) are curved."""
     result: list[tuple[np.ndarray, np.ndarray]] = []
     points: list[np.ndarray] = []
     curved: list[bool] = []
@@ -272,13 +207,15 @@ def _pieces(path: SvgPath) -> list[tuple[np.ndarray, np.ndarray]]:
     return result
 
 
-def _extend(points: list[np.ndarray], curved: list[bool], controls: np.ndarray) -> None:
+def _extend(
+    points: list[np.ndarray], curved: list[bool], controls: Float[np.ndarray, "4 2"]
+) -> None:
     flat, is_bent = flatten_cubic(controls)
     points.extend(flat)
     curved.extend([is_bent] * len(flat))
 
 
-def _xy(point) -> np.ndarray:
+def _xy(point) -> Float[np.ndarray, "2"]:
     return np.array([point.x, -point.y], dtype=float)
 
 
@@ -289,7 +226,7 @@ def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:
     matrix = Matrix(element.transform)
     height = float(element.font_size or 16.0)  # type: ignore[arg-type]
     width = 0.6 * height * len(text)
-    shift = {"middle": 0.0, "end": -0.5}.get(str(element.anchor), 0.5) * width
-    at = matrix.point_in_matrix_space((element.x + shift, element.y - 0.35 * height))
+    offset = {"middle": 0.0, "end": -0.5}.get(str(element.anchor), 0.5) * width
+    at = matrix.point_in_matrix_space((element.x + offset, element.y - 0.35 * height))
     scale = float(np.sqrt(abs(matrix.a * matrix.d - matrix.b * matrix.c)))
     builder.texts.append(Text(text, _xy(at), height * scale, builder.layer(layer)))

@@ -2,21 +2,28 @@
 
 Nothing else in a plan is so thin for so long. What comes near is told apart by how it stands:
 treads and hatches in rows at equal distance, panes of windows between two other lines, furniture
-in small pieces that touch nothing.
+in short lines that touch nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import scipy.sparse
 import shapely
+from jaxtyping import Bool, Float, Int, Shaped
 
-from planfit.floorplan.faces import Partners, covered_lengths, find_partners, line_strings
+from planfit.floorplan.faces import (
+    Partners,
+    covered_lengths,
+    find_partners,
+    line_strings,
+    weighted_median,
+)
 from planfit.geometry import segments
 
 MIN_THICKNESS_M, MAX_THICKNESS_M = 0.03, 0.62
 MAX_OPENING = 25.0
-"""Widest opening between pieces of one wall, in thicknesses of the usual wall: 2.5 m for one of 10 cm."""
+"""Widest opening between parts of one wall, in thicknesses of the usual wall: 2.5 m for one of 10 cm."""
 _PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
 
 
@@ -33,11 +40,32 @@ class Thickness:
 class LineFaces:
     """Faces among lines; all in the unit of the drawing."""
 
-    ends: np.ndarray  # (m, 2, 2)
-    normals: np.ndarray  # (m, 2)
-    is_oriented: np.ndarray  # (m,)
-    thickness: np.ndarray  # (m,) NaN where unknown
-    line: np.ndarray  # (m,) the line that each lies on
+    ends: Float[np.ndarray, "m 2 2"]
+    normals: Float[np.ndarray, "m 2"]
+    is_oriented: Bool[np.ndarray, " m"]
+    thickness: Float[np.ndarray, " m"]
+    """NaN where unknown."""
+    line: Int[np.ndarray, " m"]
+    """Index of the line that each lies on, -1 for none."""
+
+    def take(self, keep: Shaped[np.ndarray, " k"]) -> "LineFaces":
+        """Those of a mask or an index."""
+        return LineFaces(
+            self.ends[keep],
+            self.normals[keep],
+            self.is_oriented[keep],
+            self.thickness[keep],
+            self.line[keep],
+        )
+
+    @staticmethod
+    def together(parts: "list[LineFaces]") -> "LineFaces":
+        """All of several; none of no parts."""
+        none = LineFaces(
+            np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros(0, bool), np.zeros(0), np.zeros(0, int)
+        )
+        names = [field.name for field in fields(LineFaces)]
+        return LineFaces(*(np.concatenate([getattr(p, n) for p in [none, *parts]]) for n in names))
 
 
 def thickness_bounds(metres_per_unit: float | None, extent: float) -> tuple[float, float]:
@@ -48,7 +76,7 @@ def thickness_bounds(metres_per_unit: float | None, extent: float) -> tuple[floa
 
 
 def estimate_thickness(
-    ends: np.ndarray, metres_per_unit: float | None, extent: float
+    ends: Float[np.ndarray, "n 2 2"], metres_per_unit: float | None, extent: float
 ) -> Thickness | None:
     """Thickness of most of the walls: of the gaps from each line to the nearest beside it, the one in
     the middle of all the length that has one. None where no lines lie side by side."""
@@ -59,19 +87,19 @@ def estimate_thickness(
     if not is_long.any():
         return None
     line, gap, overlap = pairs.line[is_long], gap[is_long], overlap[is_long]
+    # Sorted by line, then by gap: the first of each line is its nearest.
     order = np.lexsort((gap, line))
     _, first = np.unique(line[order], return_index=True)
     nearest = order[first]
-    gap, weight = gap[nearest], overlap[nearest]
-    order = np.argsort(gap)
-    share = np.cumsum(weight[order]) / weight.sum()
-    usual = float(gap[order][np.searchsorted(share, 0.5)])
+    usual = weighted_median(gap[nearest], overlap[nearest])
     if metres_per_unit is None:
         return Thickness(usual, 0.2 * usual, min(4 * usual, most))
     return Thickness(usual, least, most)
 
 
-def rows_of_lines(ends: np.ndarray, style: np.ndarray, max_gap: float) -> np.ndarray:
+def rows_of_lines(
+    ends: Float[np.ndarray, "n 2 2"], style: Int[np.ndarray, " n"], max_gap: float
+) -> Bool[np.ndarray, " n"]:
     """Which lines (n,) belong to a row of six or more alike at equal distance: hatches, treads.
 
     Two neighbours at equal distance on its two sides make a line regular; four regular ones that
@@ -109,7 +137,9 @@ def rows_of_lines(ends: np.ndarray, style: np.ndarray, max_gap: float) -> np.nda
     return _families(ends, style, regular[group] >= 4)
 
 
-def _families(ends: np.ndarray, style: np.ndarray, is_row: np.ndarray) -> np.ndarray:
+def _families(
+    ends: Float[np.ndarray, "n 2 2"], style: Int[np.ndarray, " n"], is_row: Bool[np.ndarray, " n"]
+) -> Bool[np.ndarray, " n"]:
     """Rows, and what else is drawn in the same style and direction where nearly all such lines are in
     rows: the few hatch lines of a small area."""
     along = segments.directions(ends)
@@ -121,18 +151,18 @@ def _families(ends: np.ndarray, style: np.ndarray, is_row: np.ndarray) -> np.nda
 
 
 def faces_of_lines(
-    ends: np.ndarray,
+    ends: Float[np.ndarray, "n 2 2"],
     thickness: Thickness,
-    is_surely_wall: np.ndarray,
-    free_side: np.ndarray,
-) -> tuple[LineFaces, np.ndarray]:
+    is_surely_wall: Bool[np.ndarray, " n"],
+    free_side: Int[np.ndarray, " n"],
+) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
     """Faces of walls drawn as two lines, and the lines (n,) that lie between two faces (windows).
 
     Args:
-        ends: (n, 2, 2), merged: no two on one another.
+        ends: merged, no two on one another.
         thickness: of the walls to look for.
-        is_surely_wall: (n,) lines that something else (the name of their layer) calls wall.
-        free_side: (n,) 1 where the left side is known to be free, -1 the right, 0 unknown.
+        is_surely_wall: lines that something else (the name of their layer) calls wall.
+        free_side: 1 where the left side is known to be free, -1 the right, 0 unknown.
     """
     pairs = find_partners(
         ends, thickness.most, thickness.least, 0.5 * thickness.least, _PARALLEL_SINE
@@ -142,22 +172,25 @@ def faces_of_lines(
     keep = (overlap > 0.8 * gap) & (free_side[pairs.line] != side)
     keep &= free_side[pairs.partner] != _side_seen_from_partner(ends, pairs)
     near = pairs
-    pairs = _taken(pairs, keep)
+    pairs = pairs.take(keep)
     is_inner = _inner_lines(ends, pairs, thickness) & (free_side == 0)
     keep = ~is_inner[pairs.line] & ~is_inner[pairs.partner]
-    pairs = _taken(pairs, keep)
+    pairs = pairs.take(keep)
     wall_side = _wall_sides(ends, pairs, free_side)
     keep = (wall_side[pairs.line] == np.sign(pairs.gap)) & (
         wall_side[pairs.partner] == _side_seen_from_partner(ends, pairs)
     )
-    pairs = _taken(pairs, keep)
+    pairs = pairs.take(keep)
     in_wall = _standing(ends, pairs, thickness, is_surely_wall | (free_side != 0))
-    pairs = _taken(pairs, in_wall[pairs.line])
+    pairs = pairs.take(in_wall[pairs.line])
     return _faces(ends, _with_short(ends, pairs, near, wall_side), wall_side, thickness), is_inner
 
 
 def _with_short(
-    ends: np.ndarray, pairs: Partners, near: Partners, wall_side: np.ndarray
+    ends: Float[np.ndarray, "n 2 2"],
+    pairs: Partners,
+    near: Partners,
+    wall_side: Int[np.ndarray, " n"],
 ) -> Partners:
     """`pairs` of faces of walls, and of all that are `near` those that lie as deep beside one another for
     less than a wall's thickness: between a corner and the next wall there may be no more."""
@@ -175,21 +208,19 @@ def _with_short(
     return Partners(*(values[order] for values in both))
 
 
-def _taken(pairs: Partners, keep: np.ndarray) -> Partners:
-    return Partners(
-        pairs.line[keep], pairs.partner[keep], pairs.gap[keep], pairs.low[keep], pairs.high[keep]
-    )
-
-
-def _side_seen_from_partner(ends: np.ndarray, pairs: Partners) -> np.ndarray:
-    """(p,) 1 where `line` is left of `partner`, -1 right."""
+def _side_seen_from_partner(
+    ends: Float[np.ndarray, "n 2 2"], pairs: Partners
+) -> Float[np.ndarray, " p"]:
+    """For each pair, 1 where `line` is left of `partner`, -1 right."""
     along = segments.directions(ends)
     same_way = np.sign(np.einsum("pi,pi->p", along[pairs.line], along[pairs.partner]))
     return -np.sign(pairs.gap) * same_way
 
 
-def _inner_lines(ends: np.ndarray, pairs: Partners, thickness: Thickness) -> np.ndarray:
-    """(n,) lines with others on both sides all along, all within one wall's thickness: panes of
+def _inner_lines(
+    ends: Float[np.ndarray, "n 2 2"], pairs: Partners, thickness: Thickness
+) -> Bool[np.ndarray, " n"]:
+    """Lines with others on both sides all along, all within one wall's thickness: panes of
     windows, cavities, leaves of sliding doors."""
     n, length = len(ends), segments.lengths(ends)
     far = np.zeros((2, n))
@@ -204,8 +235,10 @@ def _inner_lines(ends: np.ndarray, pairs: Partners, thickness: Thickness) -> np.
     return (covered.min(axis=0) > 0.9 * length) & (far.sum(axis=0) < thickness.most)
 
 
-def _wall_sides(ends: np.ndarray, pairs: Partners, free_side: np.ndarray) -> np.ndarray:
-    """(n,) 1 where the wall is left of a line, -1 right, 0 where nothing tells."""
+def _wall_sides(
+    ends: Float[np.ndarray, "n 2 2"], pairs: Partners, free_side: Int[np.ndarray, " n"]
+) -> Int[np.ndarray, " n"]:
+    """For each line, 1 where the wall is left of a line, -1 right, 0 where nothing tells."""
     n, length = len(ends), segments.lengths(ends)
     gaps, shares = np.full((2, n), np.inf), np.zeros((2, n))
     for i, side in enumerate((1, -1)):
@@ -226,11 +259,14 @@ def _wall_sides(ends: np.ndarray, pairs: Partners, free_side: np.ndarray) -> np.
 
 
 def _standing(
-    ends: np.ndarray, pairs: Partners, thickness: Thickness, is_surely_wall: np.ndarray
-) -> np.ndarray:
-    """(n,) lines that belong to a piece of wall long enough to be one.
+    ends: Float[np.ndarray, "n 2 2"],
+    pairs: Partners,
+    thickness: Thickness,
+    is_surely_wall: Bool[np.ndarray, " n"],
+) -> Bool[np.ndarray, " n"]:
+    """Lines that belong to a run of wall long enough to be one.
 
-    Pieces are lines that are partners or touch. A piece needs a stretch four times as long as thick,
+    A run is of lines that are partners or touch. It needs a stretch four times as long as thick,
     and in all as much as a wall beside a door; what the layer calls wall, and columns there, need not.
     """
     n = len(ends)
@@ -259,9 +295,13 @@ def _standing(
 
 
 def _piers(
-    ends: np.ndarray, pairs: Partners, stands: np.ndarray, group: np.ndarray, reach: float
-) -> np.ndarray:
-    """(n,) lines of pieces too short to be walls by themselves, both faces of which go on the lines of
+    ends: Float[np.ndarray, "n 2 2"],
+    pairs: Partners,
+    stands: Bool[np.ndarray, " n"],
+    group: Int[np.ndarray, " n"],
+    reach: float,
+) -> Bool[np.ndarray, " n"]:
+    """Lines of runs too short to be walls by themselves, both faces of which go on the lines of
     both faces of a wall within `reach`: what is left between two windows, a corner between two."""
     found = np.zeros(len(ends), dtype=bool)
     strings, left = line_strings(ends), segments.left_normals(ends)
@@ -288,7 +328,10 @@ def _piers(
 
 
 def _faces(
-    ends: np.ndarray, pairs: Partners, wall_side: np.ndarray, thickness: Thickness
+    ends: Float[np.ndarray, "n 2 2"],
+    pairs: Partners,
+    wall_side: Int[np.ndarray, " n"],
+    thickness: Thickness,
 ) -> LineFaces:
     """Cut each line to where its wall is; corners and T-junctions, where a partner ends a wall's
     thickness early, belong to the face."""
@@ -299,9 +342,7 @@ def _faces(
     for i in np.flatnonzero(np.diff(starts)):
         mine = slice(starts[i], starts[i + 1])
         gap = np.abs(pairs.gap[mine])
-        weight = pairs.high[mine] - pairs.low[mine]
-        order = np.argsort(gap)
-        depth = float(gap[order][np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())])
+        depth = weighted_median(gap, pairs.high[mine] - pairs.low[mine])
         for low, high in _joined(pairs.low[mine], pairs.high[mine], thickness.most):
             if high - low < 1.5 * min(depth, thickness.usual):
                 continue  # ends of walls and jambs: too short to hold a scan to
@@ -321,7 +362,9 @@ def _faces(
     )
 
 
-def _joined(low: np.ndarray, high: np.ndarray, bridge: float) -> list[tuple[float, float]]:
+def _joined(
+    low: Float[np.ndarray, " k"], high: Float[np.ndarray, " k"], bridge: float
+) -> list[tuple[float, float]]:
     """Union of intervals, with gaps up to `bridge` closed."""
     result: list[tuple[float, float]] = []
     for i in np.argsort(low):

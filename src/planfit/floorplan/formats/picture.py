@@ -1,0 +1,117 @@
+"""PNG, JPEG and TIFF pictures of plans, as a viewer shows them."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, UInt8
+from PIL import Image, ImageOps, UnidentifiedImageError
+
+from planfit.errors import FloorplanError
+from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.raster import MAX_PIXELS, check_size, plan_of_picture
+from planfit.floorplan.types import Floorplan
+
+
+def read_picture(path: Path, options: PlanOptions) -> Floorplan:
+    """Wall faces of a PNG, JPEG or TIFF picture of a plan.
+
+    Plan x-y are the picture's (u, -v): pixels, unless the options tell the scale.
+
+    Raises:
+        FloorplanError: no picture, too large or too small, blank, a photograph, or without walls.
+    """
+    fingerprint = fingerprint_with_mask(path, options)
+    return read_image(load_picture(path), str(path), fingerprint, options, "raster picture")
+
+
+def read_image(
+    image_bgr: UInt8[np.ndarray, "h w 3"],
+    name: str,
+    fingerprint: str,
+    options: PlanOptions,
+    kind: str,
+) -> Floorplan:
+    """Wall faces of a picture that is loaded, with the wall mask that the options name.
+
+    Args:
+        image_bgr: integer pixels are pixel centres.
+        name: of the file, for messages.
+        fingerprint: of the file and the mask.
+        options: unit, scale, storey and wall mask are used.
+        kind: of the file, in words.
+    """
+    mask = None
+    if options.wall_mask is not None:
+        mask = load_wall_mask(options.wall_mask, image_bgr.shape[:2], name)
+    return plan_of_picture(image_bgr, name, fingerprint, options, kind, mask)
+
+
+def fingerprint_with_mask(path: Path, options: PlanOptions) -> str:
+    """Changes when the file does, or the wall mask that is used with it."""
+    if options.wall_mask is None:
+        return fingerprint_of(path)
+    return fingerprint_of(path, _existing(options.wall_mask))
+
+
+def load_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
+    """BGR, as a viewer shows it: transparent is white, EXIF rotations are made.
+
+    Raises:
+        FloorplanError: not a picture, damaged, or too large to be read in reasonable time.
+    """
+    try:
+        # Pillow's own limit warns from 89 million pixels on and raises from twice that.
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as file:
+            check_size(str(path), file.width, file.height)
+            upright = ImageOps.exif_transpose(file)
+            if upright.mode.startswith("I") or upright.mode == "F":  # 16 and 32 bits a pixel
+                values = np.asarray(upright, dtype=float)
+                top = max(float(values.max()), 1.0)
+                top = 65535.0 if 255.0 < top <= 65535.0 else max(top, 255.0)
+                upright = Image.fromarray(np.round(values / top * 255).astype(np.uint8))
+            rgba = upright.convert("RGBA")
+            page = Image.new("RGBA", rgba.size, "white")
+            page.alpha_composite(rgba)
+            rgb = np.asarray(page.convert("RGB"))
+    except FloorplanError:
+        raise
+    except Image.DecompressionBombError as error:
+        raise FloorplanError(
+            f"{path}: expected a picture of at most {MAX_PIXELS // 1_000_000} million pixels, found "
+            f"more than {2 * (Image.MAX_IMAGE_PIXELS or MAX_PIXELS) // 1_000_000} million; "
+            "scale it down until walls are 10 to 30 px thick"
+        ) from error
+    except (OSError, ValueError, SyntaxError, UnidentifiedImageError) as error:  # fmt: skip
+        raise FloorplanError(
+            f"{path}: expected a picture (PNG, JPEG, TIFF), found a damaged or other file; "
+            "open it in a viewer and save it again"
+        ) from error
+    return np.ascontiguousarray(rgb[..., ::-1])
+
+
+def load_wall_mask(path: Path, shape: tuple[int, ...], name: str) -> Bool[np.ndarray, "h w"]:
+    """Where the user's picture of the walls of plan `name` is white, of the plan's `shape` (h, w).
+
+    Raises:
+        FloorplanError: it is missing, of another size, or all of one tone.
+    """
+    mask = load_picture(_existing(path)).mean(axis=2) > 127
+    if mask.shape != shape:
+        h, w = shape
+        raise FloorplanError(
+            f"{path}: expected a wall mask of the size of {name}, {w} x {h} px, "
+            f"found {mask.shape[1]} x {mask.shape[0]}; resize it"
+        )
+    if not mask.any() or mask.all():
+        raise FloorplanError(
+            f"{path}: expected white where there is wall and black elsewhere, found one tone"
+        )
+    return mask
+
+
+def _existing(path: Path) -> Path:
+    if not path.exists():
+        raise FloorplanError(f"{path}: expected a wall mask, found nothing; check the path")
+    return path

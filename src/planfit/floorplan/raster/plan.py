@@ -1,0 +1,275 @@
+"""From a picture of a plan to its wall faces."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int, UInt8
+
+from planfit.errors import FloorplanError
+from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
+from planfit.floorplan.raster.interpretation import (
+    Interpretation,
+    choose,
+    interpret,
+    straight_length,
+)
+from planfit.floorplan.raster.openings import find_openings
+from planfit.floorplan.raster.picture import (
+    Upright,
+    make_darkness,
+    make_upright,
+    without_frame,
+)
+from planfit.floorplan.raster.storeys import find_storeys, storey_words
+from planfit.floorplan.raster.trace import settle_faces
+from planfit.floorplan.types import Floorplan, PlanSource
+from planfit.floorplan.units import choose_unit
+from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
+from planfit.geometry import segments
+
+WORK_SIDE_PX = 2000
+"""Walls are found in a picture of about this size and their faces placed in the full one. Pictures up to half
+as large again are not shrunk: shrinking by a little blurs thin lines the most."""
+_LEAST_STRAIGHT = 0.35
+_LEAST_LONG_SHARE = 0.25
+_SURELY_STRAIGHT = 0.6
+
+
+def plan_of_picture(
+    image_bgr: UInt8[np.ndarray, "h w 3"],
+    name: str,
+    fingerprint: str,
+    options: PlanOptions,
+    kind: str,
+    wall_mask: Bool[np.ndarray, "h w"] | None = None,
+) -> Floorplan:
+    """Wall faces of a picture of a plan; x-y are the picture's (u, -v) in pixels, or metres where the options
+    tell the scale.
+
+    Args:
+        image_bgr: integer pixels are pixel centres.
+        name: of the file, for messages.
+        fingerprint: of the file.
+        options: unit, scale and storey are used.
+        kind: of the file, in words.
+        wall_mask: where there is wall; None where the picture is to tell.
+
+    Raises:
+        FloorplanError: too large or too small, blank, a photograph, or without walls.
+    """
+    darkness = make_darkness(image_bgr, name, is_judged=wall_mask is None)
+    upright = make_upright(darkness if wall_mask is None else wall_mask.astype(np.float32))
+    if wall_mask is not None:
+        upright = replace(upright, darkness=_rotated(darkness, upright))
+    side = max(upright.darkness.shape)
+    shrink = side / WORK_SIDE_PX if side > 1.5 * WORK_SIDE_PX else 1.0
+    small = _shrunk(upright.darkness, shrink)
+    if wall_mask is None:
+        small = without_frame(small)
+        interpretation = choose(find_candidates(small), find_extent(small))
+    else:
+        rotated = _shrunk(_rotated(wall_mask.astype(np.float32), upright), shrink)
+        given = Candidate("as given", (rotated > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
+        interpretation = interpret(given, float(max(small.shape)), is_given=True)
+    interpretation = _checked(name, interpretation, small.shape)
+    found = _faces(interpretation, upright, shrink)
+    plan = _to_floorplan(name, fingerprint, found, interpretation, upright, options)
+    drawn = f"{kind}, walls {interpretation.candidate.style}"
+    dropped = _moved(_outlines(interpretation, shrink), _picture_from(upright))
+    plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
+    metres = choose_unit(options.unit, options.metres_per_unit).metres
+    return plan if metres is None else plan.scaled(metres)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Faces in pixels of the upright picture."""
+
+    faces: RegionFaces
+    storey: Int[np.ndarray, " n"]
+    """Number of the storey of each face."""
+    storeys: tuple[str, ...]
+
+
+def _checked(
+    name: str, interpretation: Interpretation | None, shape: tuple[int, ...]
+) -> Interpretation:
+    """The interpretation, where it is one of a plan.
+
+    Raises:
+        FloorplanError: there are no walls, or what was taken for walls has not their form.
+    """
+    if interpretation is None or not interpretation.walls:
+        raise _no_walls(name, "none")
+    if interpretation.candidate.edge != "mask":
+        if interpretation.straight_share < _LEAST_STRAIGHT:
+            raise _no_walls(name, "shapes without straight sides")
+        if _long_share(interpretation) < _LEAST_LONG_SHARE:
+            raise _no_walls(name, "short strokes, as of letters or curves")
+    length = float(sum(shapely.length(np.array(interpretation.walls, dtype=object))))
+    if length < 0.5 * max(shape):
+        raise _no_walls(name, f"{length:.0f} px of them, too little for a building")
+    return interpretation
+
+
+def _no_walls(name: str, found: str) -> FloorplanError:
+    return FloorplanError(
+        f"{name}: expected walls (solid, grey, hatched or double lines), found {found}; "
+        "is it a floorplan? If it is, give your own picture of its walls with --wall-mask"
+    )
+
+
+def _long_share(interpretation: Interpretation) -> float:
+    """Share of the outline of the walls in edges several times as long as walls are thick."""
+    long = sum(
+        straight_length(wall, 5.0 * interpretation.thickness_px) for wall in interpretation.walls
+    )
+    return long / sum(wall.length for wall in interpretation.walls)
+
+
+def _rotated(values: Float[np.ndarray, "h w"], upright: Upright) -> Float[np.ndarray, "a b"]:
+    """A picture rotated as the upright one was."""
+    if upright.skew_deg == 0.0:
+        return values
+    h, w = upright.darkness.shape
+    return cv2.warpAffine(values, upright.upright_from_picture, (w, h), flags=cv2.INTER_LINEAR)
+
+
+def _shrunk(values: Float[np.ndarray, "h w"], shrink: float) -> Float[np.ndarray, "a b"]:
+    if shrink == 1.0:
+        return values
+    return cv2.resize(values, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+
+
+def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _Found:
+    """Faces of each storey, where the ink of the full picture has them."""
+    walls = np.array(interpretation.walls, dtype=object)
+    least_px = max(0.5 * interpretation.thickness_px, 5.0)
+    faces = faces_of_regions(shapely.GeometryCollection(list(walls)), 0.6, least_px)
+    openings = find_openings(faces.ends, faces.normals, faces.thickness)
+    small = _shrunk(upright.darkness, shrink)
+    storey_of = find_storeys(walls, interpretation.thickness_px, openings, small > LINE)
+    inside = faces.ends.mean(axis=1) - 0.5 * faces.normals
+    storey = storey_of[shapely.STRtree(walls).nearest(shapely.points(inside))]
+    size = np.array(upright.darkness.shape[::-1]) / np.array(small.shape[::-1])
+    faces = RegionFaces((faces.ends + 0.5) * size - 0.5, faces.normals, faces.thickness * shrink)
+    candidate = interpretation.candidate
+    if candidate.edge != "mask" and len(faces.ends):
+        faces = settle_faces(
+            faces,
+            upright.darkness,
+            candidate.level,
+            candidate.edge == "stroke",
+            max(1.5, 1.2 * shrink, 0.75 * abs(candidate.grow_px) * shrink),
+        )
+    return _Found(faces, storey, storey_words(walls, storey_of))
+
+
+def _to_floorplan(
+    name: str,
+    fingerprint: str,
+    found: _Found,
+    interpretation: Interpretation,
+    upright: Upright,
+    options: PlanOptions,
+) -> Floorplan:
+    """The storey that is asked for, or all, in pixels of the picture, y up."""
+    kept = np.ones(len(found.faces.ends), dtype=bool)
+    if options.storey:
+        kept = found.storey == _storey_number(name, options.storey, found.storeys)
+    ends, normals = found.faces.ends[kept], found.faces.normals[kept]
+    thickness = found.faces.thickness[kept]
+    openings = find_openings(ends, normals, thickness)
+    picture_from_upright = _picture_from(upright)
+    unit = choose_unit(options.unit, options.metres_per_unit)
+    mirror = np.array([1.0, -1.0])
+    return Floorplan(
+        name,
+        _moved(ends, picture_from_upright) * mirror,
+        normals @ picture_from_upright[:, :2].T * mirror,
+        np.ones(len(ends), dtype=bool),
+        fingerprint,
+        thickness,
+        _moved(openings, picture_from_upright) * mirror,
+        is_metric=False,
+        source=PlanSource(
+            unit="px" if unit.metres is None else f"px of {unit.metres:g} m",
+            unit_from=unit.known_from or "unknown: a picture does not tell, and texts are not read",
+            storey=options.storey,
+            storeys=tuple(f"{k}: {w}" for k, w in enumerate(found.storeys))
+            if len(found.storeys) > 1
+            else (),
+            dropped=_dropped_words(interpretation),
+            warnings=_warnings(found, interpretation, upright, options),
+            file_from_plan=np.diag([1.0, -1.0, 1.0]),
+        ),
+    )
+
+
+def _warnings(
+    found: _Found, interpretation: Interpretation, upright: Upright, options: PlanOptions
+) -> tuple[str, ...]:
+    """What a user should look at before trusting the plan."""
+    result = []
+    if len(found.storeys) > 1 and not options.storey:
+        words = ", ".join(f"{k} ({where})" for k, where in enumerate(found.storeys))
+        result.append(
+            f"{len(found.storeys)} plans on one sheet, probably storeys: {words}; all are kept, "
+            "choose one with --storey 0 and so on"
+        )
+    is_given = interpretation.candidate.edge == "mask"
+    if not is_given and interpretation.straight_share < _SURELY_STRAIGHT:
+        result.append(
+            "much that looks like wall was left out, because its form is none: compare the overlay "
+            "(-o FILE.png) with the drawing"
+        )
+    if abs(upright.skew_deg) >= 0.1:
+        result.append(
+            f"the sheet is turned by {upright.skew_deg:.1f} deg; faces are in its own axes"
+        )
+    return tuple(result)
+
+
+def _picture_from(upright: Upright) -> Float[np.ndarray, "2 3"]:
+    return np.asarray(cv2.invertAffineTransform(upright.upright_from_picture))
+
+
+def _storey_number(name: str, asked: str, storeys: tuple[str, ...]) -> int:
+    known = [str(k) for k in range(len(storeys))]
+    if asked in known:
+        return int(asked)
+    if asked in storeys and storeys.count(asked) == 1:
+        return storeys.index(asked)
+    listed = ", ".join(f"{k} ({where})" for k, where in enumerate(storeys))
+    raise FloorplanError(
+        f"{name}: expected a storey of {listed}, found {asked!r}; choose one of these"
+    )
+
+
+def _dropped_words(interpretation: Interpretation) -> tuple[str, ...]:
+    if not interpretation.dropped:
+        return ()
+    return (
+        f"{len(interpretation.dropped)} marks of the tone and thickness of walls, but not of their form "
+        "(letters, arrows, furniture, frames)",
+    )
+
+
+def _outlines(interpretation: Interpretation, shrink: float) -> Float[np.ndarray, "k 2 2"]:
+    """Edges of what was dropped, px of the upright picture."""
+    parts = [np.zeros((0, 2, 2))]
+    for region in interpretation.dropped:
+        for ring in (region.exterior, *region.interiors):
+            points = (np.asarray(ring.coords) + 0.5) * shrink - 0.5
+            parts.append(np.stack([points[:-1], points[1:]], axis=1))
+    edges = np.concatenate(parts)
+    return edges[segments.lengths(edges) > 0]
+
+
+def _moved(
+    ends: Float[np.ndarray, "n 2 2"], affine: Float[np.ndarray, "2 3"]
+) -> Float[np.ndarray, "n 2 2"]:
+    return ends @ affine[:, :2].T + affine[:, 2]

@@ -1,0 +1,110 @@
+"""Faults of drawings taken out before walls are looked for, and curves in short segments told as curves."""
+
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from jaxtyping import Bool
+
+from planfit.floorplan.vector.drawing import ABSURD, Lines, VectorDrawing
+from planfit.floorplan.vector.line_work import usual_extent
+from planfit.geometry import segments
+
+
+def cleaned(drawing: VectorDrawing) -> tuple[VectorDrawing, tuple[str, ...]]:
+    """The drawing without lines that no plan has, and a sentence on each kind left out."""
+    lines, notes = drawing.lines, []
+    with np.errstate(invalid="ignore"):
+        is_absurd = np.asarray(~(np.abs(lines.ends) < ABSURD).all(axis=(1, 2)))
+    if is_absurd.any():
+        notes.append(
+            f"{_count(is_absurd.sum(), 'line')} with coordinates that are no numbers or beyond 1e9"
+        )
+        lines = lines.take(~is_absurd)
+    if len(lines):
+        extent = usual_extent(lines.ends.reshape(-1, 2))
+        is_point = segments.lengths(lines.ends) <= 1e-7 * extent
+        if is_point.any():
+            notes.append(f"{_count(is_point.sum(), 'line')} without length")
+            lines = lines.take(~is_point)
+        unit = max(1e-6 * extent, 1e-12)
+        keys = np.round(lines.ends / unit).astype(np.int64).reshape(-1, 4)
+        is_reversed = (keys[:, 0] > keys[:, 2]) | (
+            (keys[:, 0] == keys[:, 2]) & (keys[:, 1] > keys[:, 3])
+        )
+        keys[is_reversed] = keys[is_reversed][:, [2, 3, 0, 1]]
+        _, first = np.unique(np.column_stack([keys, lines.layer]), axis=0, return_index=True)
+        # They stay: outlines of neighbours share sides, and each is needed whole to be closed. Lines on
+        # one another are one wall in `merge_collinear`.
+        if len(first) < len(lines):
+            notes.append(f"{_count(len(lines) - len(first), 'line')} drawn twice")
+    lines = _simplified(lines)
+    lines = lines.take(segments.lengths(lines.ends) > 0)
+    lines = replace(lines, is_curved=lines.is_curved | curve_segments(lines))
+    return replace(drawing, lines=lines), tuple(notes)
+
+
+def _simplified(lines: Lines) -> Lines:
+    """Paths with fewer corners, none off by more than 3e-5 of the drawing (a millimetre in a
+    building of 30 m): some files hold curves as tens of thousands of segments."""
+    n = len(lines)
+    if n < 4:
+        return lines
+    extent = usual_extent(lines.ends.reshape(-1, 2))
+    joined = (
+        (lines.path[:-1] == lines.path[1:])
+        & (lines.is_curved[:-1] == lines.is_curved[1:])
+        & (np.abs(lines.ends[:-1, 1] - lines.ends[1:, 0]).max(axis=1) <= 1e-9 * extent)
+    )
+    # Runs of joined segments: where each begins, the run of each segment, where each run ends.
+    first = np.flatnonzero(np.concatenate([[True], ~joined]))
+    run = np.repeat(np.arange(len(first)), np.diff(np.append(first, n)))
+    last = np.append(first[1:], n) - 1
+    # A run has a point more than segments: the first ends of all, and the second end of its last, sorted in
+    # behind them by run (the sort is stable).
+    points = np.concatenate([lines.ends[:, 0], lines.ends[last, 1]])
+    owner = np.concatenate([run, np.arange(len(first))])
+    order = np.argsort(owner, kind="stable")
+    paths = shapely.linestrings(points[order], indices=owner[order])
+    simple, of = shapely.get_coordinates(
+        shapely.simplify(paths, 3e-5 * extent, preserve_topology=False), return_index=True
+    )
+    # Two points in sequence are a segment where they are of one run.
+    same = of[:-1] == of[1:]
+    taken = lines.take(first[of[:-1][same]])
+    return replace(taken, ends=np.stack([simple[:-1][same], simple[1:][same]], axis=1))
+
+
+def curve_segments(lines: Lines) -> Bool[np.ndarray, " n"]:
+    """Which segments are of curves that a file holds as short straight segments.
+
+    A segment is of a curve where it turns by 2 to 40 degrees to the same side at both ends, or follows
+    such a segment that turns so.
+    """
+    n = len(lines)
+    if n < 3:
+        return np.zeros(n, dtype=bool)
+    along = segments.directions(lines.ends)
+    bend = np.arctan2(
+        along[:-1, 0] * along[1:, 1] - along[:-1, 1] * along[1:, 0],
+        np.einsum("ni,ni->n", along[:-1], along[1:]),
+    )
+    length = segments.lengths(lines.ends)
+    gap = np.linalg.norm(lines.ends[1:, 0] - lines.ends[:-1, 1], axis=1)
+    joined = (lines.path[:-1] == lines.path[1:]) & (
+        gap < 1e-3 * np.minimum(length[:-1], length[1:])
+    )
+    side = np.where(
+        joined & (np.abs(bend) > np.deg2rad(2)) & (np.abs(bend) < np.deg2rad(40)),
+        np.sign(bend),
+        0.0,
+    )
+    before, after = np.concatenate([[0.0], side]), np.concatenate([side, [0.0]])
+    is_curved = before * after > 0
+    follows = (before != 0) & np.concatenate([[False], is_curved[:-1]])
+    leads = (after != 0) & np.concatenate([is_curved[1:], [False]])
+    return is_curved | follows | leads
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}" + ("" if n == 1 else "s")

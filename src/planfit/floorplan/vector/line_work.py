@@ -1,0 +1,133 @@
+"""Geometry of line work: sets of segments (n, 2, 2), curves and outlines as segments."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse
+import shapely
+from jaxtyping import Float, Int, Shaped
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.faces import line_strings
+from planfit.geometry import segments
+
+SEGMENTS_A_CUBIC = 12
+"""A quarter circle then strays by 0.2 % of its radius, a millimetre in a door's arc."""
+MAX_LINES = 100_000
+"""More of them, in 3 MB, do not show in a picture of 1600 px: those left off are the shortest."""
+
+
+def flatten_cubic(controls: Float[np.ndarray, "4 2"]) -> tuple[Float[np.ndarray, "k 2"], bool]:
+    """Points (k, 2) along a cubic with control points (4, 2), its first left out, and whether it bends.
+
+    A straight one is one segment: some programs write straight walls as curves.
+    """
+    chord = controls[3] - controls[0]
+    length_sq = float(chord @ chord)
+    offset = controls[1:3] - controls[0]
+    across = np.abs(offset[:, 0] * chord[1] - offset[:, 1] * chord[0])
+    if length_sq > 0 and across.max() < 1e-3 * length_sq:
+        return controls[3:], False
+    t = (np.arange(1, SEGMENTS_A_CUBIC + 1) / SEGMENTS_A_CUBIC)[:, None]
+    s = 1 - t
+    points = (
+        s**3 * controls[0]
+        + 3 * s**2 * t * controls[1]
+        + 3 * s * t**2 * controls[2]
+        + t**3 * controls[3]
+    )
+    return points, True
+
+
+def merge_collinear(
+    ends: Float[np.ndarray, "n 2 2"], tolerance: float
+) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " n"]]:
+    """Lines (m, 2, 2) that cover the same ground, and for each of (n, 2, 2) the one it went into.
+
+    Only lines that touch within `tolerance` and stay as near to the line of the longer one are
+    joined: a door between two parts of a wall stays open.
+    """
+    if len(ends) == 0:
+        return ends, np.zeros(0, dtype=int)
+    lines = line_strings(ends)
+    a, b = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=tolerance)
+    length = segments.lengths(ends)
+    shorter = (length[b] < length[a]) | ((length[b] == length[a]) & (a < b))
+    a, b = a[shorter], b[shorter]  # a: the longer
+    across = np.einsum("pei,pi->pe", ends[b] - ends[a, :1], segments.left_normals(ends)[a])
+    is_one = np.abs(across).max(axis=1) < tolerance
+    n = len(ends)
+    graph = scipy.sparse.coo_matrix((np.ones(is_one.sum()), (a[is_one], b[is_one])), shape=(n, n))
+    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    # The longest of each group gives the line, all of it the extent.
+    # Sorted by group, then longest first: the first of each group is its longest.
+    order = np.lexsort((-length, group))
+    first = order[np.searchsorted(group[order], np.arange(count))]
+    origin, along = ends[first, 0], segments.directions(ends)[first]
+    at = np.einsum("nei,ni->ne", ends - origin[group][:, None], along[group])
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, group, at.min(axis=1))
+    np.maximum.at(high, group, at.max(axis=1))
+    merged = origin[:, None] + np.stack([low, high], axis=1)[:, :, None] * along[:, None]
+    return merged, group
+
+
+def cut_out(
+    ends: Float[np.ndarray, "n 2 2"], area: BaseGeometry, min_length: float
+) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " m"]]:
+    """Parts of segments outside `area`, kept as they are where they do not meet it."""
+    if area.is_empty or len(ends) == 0:
+        return ends, np.arange(len(ends))
+    shapely.prepare(area)
+    lines = line_strings(ends)
+    meets = shapely.intersects(area, lines)
+    rest = np.flatnonzero(meets & ~shapely.contains(area, lines))
+    parts, of = shapely.get_parts(shapely.difference(lines[rest], area), return_index=True)
+    long = shapely.length(parts) > min_length
+    cut, of = ends_of(parts[long]), of[long]
+    apart = np.flatnonzero(~meets)
+    return np.concatenate([ends[apart], cut]), np.concatenate([apart, rest[of]])
+
+
+def ends_of(lines: Shaped[np.ndarray, " n"]) -> Float[np.ndarray, "n 2 2"]:
+    """First and last point (n, 2, 2) of line strings, which overlays may give points in between."""
+    first, last = shapely.get_point(lines, 0), shapely.get_point(lines, -1)
+    both = np.stack([shapely.get_coordinates(first), shapely.get_coordinates(last)], axis=1)
+    return both.reshape(-1, 2, 2)
+
+
+def outlines(shapes: Sequence[BaseGeometry]) -> Float[np.ndarray, "k 2 2"]:
+    """Segments of the rings of areas and of lines; points have none."""
+    parts = shapely.get_parts(shapely.get_parts(np.array(shapes, dtype=object)))
+    kinds = shapely.get_type_id(parts)
+    rings = shapely.get_rings(parts[kinds == shapely.GeometryType.POLYGON])
+    lines = parts[kinds == shapely.GeometryType.LINESTRING]
+    points, of = shapely.get_coordinates(np.concatenate([rings, lines]), return_index=True)
+    # Two points in sequence are a segment where they are of one line.
+    same = of[:-1] == of[1:]
+    return np.stack([points[:-1][same], points[1:][same]], axis=1)
+
+
+def longest(ends: Float[np.ndarray, "n 2 2"], n: int = MAX_LINES) -> Float[np.ndarray, "k 2 2"]:
+    """At most `n` of the segments (k, 2, 2), in their order."""
+    if len(ends) <= n:
+        return ends
+    shortest_first = np.argsort(segments.lengths(ends), kind="stable")
+    return ends[np.sort(shortest_first[-n:])]
+
+
+def moved(
+    ends: Float[np.ndarray, "n 2 2"], there_from_here: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "n 2 2"]:
+    """Segments (k, 2, 2) under an affine map (3, 3)."""
+    return ends @ there_from_here[:2, :2].T + there_from_here[:2, 2]
+
+
+def usual_extent(points: Float[np.ndarray, "n 2"]) -> float:
+    """Larger side of the box around points (n, 2), without those further from the middle than twenty times
+    the median: one stray line a world away must not make the rest specks."""
+    away = np.abs(points - np.median(points, axis=0))
+    usual = float(np.median(away, axis=0).max())
+    near = away.max(axis=1) <= 20 * usual
+    extent = float(np.ptp(points[near], axis=0).max()) if near.any() else 0.0
+    return extent if extent > 0 else float(np.ptp(points, axis=0).max())

@@ -1,0 +1,181 @@
+"""From a drawing, whatever its format, to a floorplan: clean, choose layers, find walls and unit."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+from shapely.geometry.base import BaseGeometry
+
+from planfit.errors import FloorplanError
+from planfit.floorplan.faces import weighted_median
+from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.types import Floorplan, PlanSource
+from planfit.floorplan.vector.cleaning import cleaned
+from planfit.floorplan.vector.drawing import VectorDrawing
+from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
+from planfit.floorplan.vector.line_work import longest, moved, outlines
+from planfit.floorplan.vector.units import UnitFound, unit_of_drawing
+from planfit.floorplan.vector.walls import DrawnWalls, walls_of_drawing
+from planfit.geometry import segments
+
+FAR_FROM_ORIGIN = 20.0
+"""Coordinates further from the origin than this many times the plan's size are moved to it."""
+
+
+def plan_of_drawing(
+    drawing: VectorDrawing,
+    path: Path,
+    fingerprint: str,
+    options: PlanOptions,
+    kind: str,
+    file_from_drawing: Float[np.ndarray, "3 3"],
+) -> Floorplan:
+    """Wall faces of a drawing.
+
+    Args:
+        drawing: x right, y up, in the file's unit.
+        path: for messages.
+        fingerprint: of the file.
+        options: unit and layers.
+        kind: of file, in words.
+        file_from_drawing: affine, to the file's own axes.
+
+    Raises:
+        FloorplanError: nothing in it looks like a wall, or a layer or unit asked for does not fit.
+    """
+    drawing, dropped = cleaned(drawing)
+    if len(drawing.lines) == 0 and not drawing.fills:
+        raise FloorplanError(
+            f"{path}: expected a drawing of walls, found no lines or areas in it"
+            + (f" ({dropped[0]} left out)" if dropped else "")
+            + "; check that it is the right file"
+        )
+    roles = _roles(path, drawing, options)
+    walls, unit = _walls_and_unit(drawing, roles, path, options)
+    if drawing.hidden_layers:
+        hidden = f"layers that are off or frozen: {', '.join(drawing.hidden_layers)}"
+        walls = replace(walls, dropped=(*walls.dropped, hidden))
+    drawn, left_out = shown_lines(drawing, roles, walls.is_left_out, walls.apart, file_from_drawing)
+    faces, origin = walls.faces, _origin(walls.faces.ends)
+    scale = unit.metres_per_unit or 1.0
+    return Floorplan(
+        str(path),
+        (faces.ends - origin) * scale,
+        faces.normals,
+        faces.is_oriented,
+        fingerprint,
+        thickness=faces.thickness * scale,
+        openings=(walls.openings - origin) * scale if len(walls.openings) else None,
+        is_metric=unit.metres_per_unit is not None,
+        source=PlanSource(
+            kind=kind,
+            unit=unit.unit,
+            unit_from=unit.unit_from,
+            layers=tuple(name for name in walls.layers if name),
+            dropped=(*dropped, *walls.dropped),
+            warnings=(*unit.warnings, *walls.warnings),
+            file_from_plan=file_from_drawing
+            @ np.array([[1 / scale, 0, origin[0]], [0, 1 / scale, origin[1]], [0, 0, 1]]),
+            drawn_lines=drawn,
+            dropped_lines=left_out,
+        ),
+    )
+
+
+def _roles(path: Path, drawing: VectorDrawing, options: PlanOptions) -> list[Role]:
+    """What each layer holds: as the user says, or by its name, unless no layer is left by that."""
+    if options.layers:
+        chosen = chosen_layers(path, options.layers, drawing.layers)
+        return [Role.WALL if is_chosen else Role.NO_WALL for is_chosen in chosen]
+    roles = [role_of(name) for name in drawing.layers]
+    if all(role == Role.NO_WALL for role in roles):
+        return [Role.UNKNOWN] * len(roles)
+    return roles
+
+
+def _walls_and_unit(
+    drawing: VectorDrawing, roles: list[Role], path: Path, options: PlanOptions
+) -> tuple[DrawnWalls, UnitFound]:
+    """Walls, looked for twice where only their thickness and size tell the unit, which tells how thick they
+    may be.
+
+    Raises:
+        FloorplanError: there are none, or the user's unit makes a building of an absurd size.
+    """
+    said = options.metres_per_unit
+    walls = first = walls_of_drawing(drawing, roles, said)
+    _require_walls(walls, path, drawing)
+    size = float(np.ptp(walls.faces.ends.reshape(-1, 2), axis=0).max())
+    unit = unit_of_drawing(drawing, path, options, size, _usual_thickness(walls))
+    if unit.metres_per_unit is not None and unit.metres_per_unit != said:
+        again = walls_of_drawing(drawing, roles, unit.metres_per_unit)
+        walls = again if len(again.faces.ends) else walls
+    warnings = (*_warnings_on_unit(first, walls, unit), *walls.warnings)
+    return replace(walls, warnings=warnings), unit
+
+
+def _require_walls(walls: DrawnWalls, path: Path, drawing: VectorDrawing) -> None:
+    if len(walls.faces.ends) == 0:
+        raise FloorplanError(
+            f"{path}: expected walls as double lines, filled or hatched areas, found none in "
+            f"{len(drawing.lines)} lines and {len(drawing.fills)} areas; "
+            "pass the layers that hold them, or check that it is a plan"
+        )
+
+
+def _warnings_on_unit(first: DrawnWalls, walls: DrawnWalls, unit: UnitFound) -> tuple[str, ...]:
+    """Whether lines that look like walls where nothing is known of the unit are none in this one."""
+    apart = _usual_thickness(first)
+    if unit.metres_per_unit is None or apart is None or walls.faces.is_oriented.any():
+        return ()
+    return (
+        f"with {unit.unit} as the unit, no two lines are as near as the faces of a wall; if those "
+        f"{apart * unit.metres_per_unit:.2g} m apart are walls, the unit is wrong: give --unit",
+    )
+
+
+def _usual_thickness(walls: DrawnWalls) -> float | None:
+    """Median over the length of the faces."""
+    known = np.isfinite(walls.faces.thickness)
+    if not known.any():
+        return None
+    length = segments.lengths(walls.faces.ends[known])
+    return weighted_median(walls.faces.thickness[known], length)
+
+
+def _origin(ends: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "2"]:
+    """What to subtract: nothing for a plan near its origin, a round number for one far off,
+    as in national grids, where single precision and squares of coordinates would suffer."""
+    points = ends.reshape(-1, 2)
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float(max(high - low))
+    if np.abs(low + high).max() / 2 < FAR_FROM_ORIGIN * size:
+        return np.zeros(2)
+    step = 10.0 ** np.floor(np.log10(size))
+    return np.floor(low / step) * step
+
+
+def shown_lines(
+    drawing: VectorDrawing,
+    roles: list[Role],
+    is_left_out: Bool[np.ndarray, " n"],
+    apart: Float[np.ndarray, "a 2 2"],
+    file_from_drawing: Float[np.ndarray, "3 3"],
+) -> tuple[Float[np.ndarray, "k 2 2"], Float[np.ndarray, "d 2 2"]]:
+    """What was looked at, and what was left out, to be shown behind the faces; in the file's own coordinates.
+
+    Args:
+        drawing: cleaned.
+        roles: of its layers.
+        is_left_out: of its lines: not looked at as walls.
+        apart: faces that were found and left out, in the drawing's coordinates.
+        file_from_drawing: affine.
+    """
+    by_role: tuple[list[BaseGeometry], list[BaseGeometry]] = ([], [])
+    for fill in drawing.fills:
+        by_role[roles[fill.layer] == Role.NO_WALL].append(fill.polygon)
+    ends = drawing.lines.ends
+    kept = np.concatenate([ends[~is_left_out], outlines(by_role[0])])
+    left = np.concatenate([ends[is_left_out], outlines(by_role[1]), apart])
+    return moved(longest(kept), file_from_drawing), moved(longest(left), file_from_drawing)
