@@ -99,7 +99,7 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
                 "plan_from_level": fit.plan_from_level.tolist(),
                 "metres_per_unit_xy": list(fit.scale_xy),
                 "score": fit.score,
-                "seen_through_faces_share": fit.crossed_share,
+                "seen_through_faces_share": fit.occluded_share,
             }
             for fit in alignment.candidates
         ],
@@ -169,7 +169,7 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
     rows = []
     for i, fit in enumerate(alignment.candidates, start=1):
         is_taken = np.allclose(fit.plan_from_level, alignment.plan_from_level)
-        x, y = fit.shift
+        x, y = fit.translation
         rows.append(
             [
                 f"{i}{' (taken)' if is_taken else ''}",
