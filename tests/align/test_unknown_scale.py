@@ -317,7 +317,7 @@ def test_a_plan_in_metres_is_not_questioned(office, scan):
 def test_no_wall_is_refused(office):
     nothing = sample_walls(np.zeros((0, 2)), np.zeros((0, 2, 2)))
     with pytest.raises(
-        ScanError, match=r"^the scan: expected pieces of wall to align it by, found none; "
+        ScanError, match=r"^the scan: expected wall patches to align it by, found none; "
     ):
         align(nothing, office, AlignOptions())
 

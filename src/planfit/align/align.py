@@ -205,7 +205,7 @@ def require_walls(walls: WallSamples, floorplan: Floorplan) -> None:
     """Raise unless there is wall on both sides to compare."""
     if len(walls.xy) < 2:
         raise ScanError(
-            "the scan: expected pieces of wall to align it by, found none; give wall masks, or scan "
+            "the scan: expected wall patches to align it by, found none; give wall masks, or scan "
             "more of the walls"
         )
     if len(floorplan) < 3:

@@ -15,7 +15,7 @@ from planfit.geometry.se3 import wrap_angle
 
 SCORE_SIGMA_M = 0.15
 """A wall this far from its face scores 0.6. As built and as drawn differ by centimetres; leftover
-drift before the walls pull is about a decimetre."""
+drift before the walls act is about a decimetre."""
 OCCLUDED_WEIGHT = 0.5
 """How much of a sample counts although a face occludes it: plans draw doors and
 partitions that do not hide what is behind, so that an occlusion is a sign and no proof."""
