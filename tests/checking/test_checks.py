@@ -97,7 +97,7 @@ def test_wall_points_are_all_there_and_on_the_plan(world):
     loose = replace(
         world.structure,
         unassigned_points_cam=se3.transform(
-            se3.inverse(world.plan_from_cams[2]), [[3.0, 2.0, 1.0]]
+            se3.inverse(world.plan_from_cams[2]), np.array([[3.0, 2.0, 1.0]])
         ),
         unassigned_frame_idx=np.array([2]),
     )
