@@ -120,6 +120,7 @@ def descend(
         OptionError: PyTorch is not installed.
     """
     torch = _torch()
+    watch, step = _Watch(options), 0
     inputs = (matches, structure, floorplan, association)
     cost = _PaperCost(torch, inputs, initial_target_from_cams, weights, options.dtype)
     n = len(initial_target_from_cams)
@@ -127,7 +128,6 @@ def descend(
     held = torch.zeros((n_fixed, 6), dtype=cost.dtype)
     delta = torch.zeros((n - n_fixed, 6), dtype=cost.dtype, requires_grad=True)
     optimiser = torch.optim.SGD([delta], lr=options.learning_rate, momentum=options.momentum)
-    watch, step = _Watch(options), 0
     while True:
         optimiser.zero_grad()
         loss = cost.loss(torch.cat([held, delta]))
