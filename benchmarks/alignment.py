@@ -45,7 +45,7 @@ def errors(case: Case, found: Alignment) -> tuple[float, float, float]:
     true_xy = case.plan_from_level[:2, :2] @ middle + case.plan_from_level[:2, 2]
     xy = found.plan_from_level[:2, :2] @ middle + found.plan_from_level[:2, 3]
     xy = xy / found.scale_xy * case.metres_per_unit
-    yaw = [np.arctan2(m[1, 0], m[0, 0]) for m in (found.plan_from_level, case.plan_from_level)]
+    yaw = [se3.yaw_of(m) for m in (found.plan_from_level, case.plan_from_level)]
     turn = abs(np.rad2deg(np.angle(np.exp(1j * (yaw[0] - yaw[1])))))
     scale = np.abs(np.log(np.array(found.scale_xy) / case.metres_per_unit)).max()
     return float(np.linalg.norm(xy - true_xy)), float(turn), float(scale)

@@ -7,7 +7,7 @@ import pytest
 
 from builders import faces_plan, moved_plan, room_plan
 from planfit.align import AlignOptions, ControlPoint, align, find_unit, metric_plan, sample_walls
-from planfit.align.scales import scale_range, scale_steps, wall_thickness
+from planfit.align.candidates import scale_range, scale_steps, wall_thickness
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
@@ -136,7 +136,7 @@ def test_candidate_2_is_the_other_place():
 
 
 def test_a_candidate_that_is_not_there_is_refused(office, scan):
-    with pytest.raises(OptionError, match=r"align\.candidate: expected 1 to \d, the places"):
+    with pytest.raises(OptionError, match=r"align\.candidate: expected 1 to \d, the alignments"):
         align(scan, office, AlignOptions(candidate=9))
 
 
@@ -317,7 +317,7 @@ def test_a_plan_in_metres_is_not_questioned(office, scan):
 def test_no_wall_is_refused(office):
     nothing = sample_walls(np.zeros((0, 2)), np.zeros((0, 2, 2)))
     with pytest.raises(
-        ScanError, match=r"^the scan: expected pieces of wall to place it by, found none; "
+        ScanError, match=r"^the scan: expected wall patches to align it by, found none; "
     ):
         align(nothing, office, AlignOptions())
 
@@ -326,7 +326,7 @@ def test_a_plan_with_a_single_wall_is_refused(scan):
     plan = Floorplan(
         "one.svg", np.array([[[0.0, 0], [5, 0]]]), np.array([[0.0, 1]]), np.array([True])
     )
-    words = r"^one\.svg: expected at least 3 wall faces to place a scan by, found 1; is it the right layer"
+    words = r"^one\.svg: expected at least 3 wall faces to align a scan with, found 1; is it the right layer"
     with pytest.raises(FloorplanError, match=words):
         align(scan, plan, AlignOptions())
 

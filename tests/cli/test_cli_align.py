@@ -50,7 +50,7 @@ def test_another_candidate_or_a_bad_pin_is_one_line(
     assert "align.candidate: expected 1 to" in capsys.readouterr().err
     assert run([*arguments, "--control-points", "1,2=3"]) == 2
     (line,) = capsys.readouterr().err.splitlines()[-1:]
-    assert "align.pins: expected x,y,z=u,v" in line
+    assert "align.control-points: expected x,y,z=u,v" in line
 
 
 def test_a_folder_with_other_files_is_left_alone(small_scan: Path, tmp_path: Path, capsys) -> None:

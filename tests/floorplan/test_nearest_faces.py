@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import random_transforms
-from planfit.floorplan import Floorplan, make_floorplan, nearest_faces
+from planfit.floorplan import Floorplan, nearest_faces
 from planfit.floorplan.nearest_faces import make_face_grid, nearest_beside
 from planfit.geometry import se3, segments
 
@@ -54,7 +54,7 @@ def test_no_points_and_no_segments():
 def test_nearest_beside_against_one_sample_at_a_time(rng):
     ends = rng.uniform(0, 10, (15, 2, 2))
     ends[10:] = ends[:5] + 0.15
-    plan = make_floorplan("random", ends)
+    plan = Floorplan.from_segments(ends, name="random")
     assert 0 < plan.is_oriented.sum() < 15
     xy = rng.uniform(0, 10, (200, 2))
     angle = rng.uniform(0, 2 * np.pi, 200)

@@ -244,3 +244,11 @@ def test_each_point_has_its_own_transform(rng):
         se3.transform(pose, point[None])[0] for pose, point in zip(poses, points, strict=True)
     ]
     assert_allclose(se3.transform_each(poses, points), expected, atol=1e-12)
+
+
+def test_yaw_is_read_back_whatever_the_translation(rng):
+    yaw = rng.uniform(-np.pi, np.pi, 20)
+    transforms = np.array([se3.yaw_transform(a, rng.normal(size=3)) for a in yaw])
+    assert_allclose(se3.yaw_of(transforms), yaw, atol=1e-12)
+    assert se3.yaw_of(transforms[0]) == pytest.approx(yaw[0])
+    assert_allclose(se3.wrap_angle(yaw + 4 * np.pi), yaw, atol=1e-12)

@@ -7,6 +7,7 @@ held to the height at which most of them lie, where enough of the scan lies ther
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
@@ -30,13 +31,13 @@ class CeilingOptions:
 
 
 def find_ceilings(
-    structure: Structure, level_from_cams: np.ndarray, options: CeilingOptions
-) -> np.ndarray:
-    """Height (n,) m of the ceiling that each frame sees, level frame; NaN where it is none of the common.
+    structure: Structure, level_from_cams: Float[np.ndarray, "n 4 4"], options: CeilingOptions
+) -> Float[np.ndarray, " n"]:
+    """Height (m) of the ceiling that each frame sees, level frame; NaN where it is none of the common.
 
     Args:
         structure: the scan's.
-        level_from_cams: (n, 4, 4) poses with loops closed: heights must agree to a few centimetres.
+        level_from_cams: poses with loops closed: heights must agree to a few centimetres.
         options: see there.
     """
     start = structure.ceiling.start

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import KeyframeOptions
@@ -22,18 +23,24 @@ from planfit.segmentation import LevelPoints, Structure, WallPatches
 class Keyframes:
     """Which frames are keyframes, and which keyframe each frame is held to."""
 
-    frame_idx: np.ndarray  # (k,) increasing; the first and the last frame are among them
-    nearest: np.ndarray  # (n,) position in frame_idx of the keyframe that a frame is held to
-    key_from_cam: np.ndarray  # (n, 4, 4) recorded motion from each frame to that keyframe
-    first_from_keys: np.ndarray  # (k, 4, 4) recorded poses of keyframes in the axes of the first
+    frame_idx: Int[np.ndarray, " k"]
+    """Increasing; the first and the last frame are among them."""
+    nearest: Int[np.ndarray, " n"]
+    """Position in frame_idx of the keyframe that a frame is held to."""
+    key_from_cam: Float[np.ndarray, "n 4 4"]
+    """Recorded motion from each frame to that keyframe."""
+    first_from_keys: Float[np.ndarray, "k 4 4"]
+    """Recorded poses of keyframes in the axes of the first."""
 
 
 def choose_keyframes(
-    world_from_cams: np.ndarray, options: KeyframeOptions, sharpness: np.ndarray | None = None
+    world_from_cams: Float[np.ndarray, "n 4 4"],
+    options: KeyframeOptions,
+    sharpness: Float[np.ndarray, " n"] | None = None,
 ) -> Keyframes:
-    """Keyframes of a recorded trajectory (n, 4, 4), by distance walked and turned.
+    """Keyframes of a recorded trajectory, by distance walked and rotation.
 
-    Where `sharpness` (n,) is known, the sharpest frame of the last part of each stretch is chosen.
+    Where `sharpness` is known, the sharpest frame of the last part of each trajectory segment is chosen.
     """
     n = len(world_from_cams)
     steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
@@ -54,6 +61,7 @@ def choose_keyframes(
                 chosen.append(_sharpest(last, i, options.sharper_share, sharpness))
         chosen.append(n - 1)
     frame_idx = np.unique(chosen)
+    # Frame i belongs to the keyframe between whose borders, halfway along the path, it lies.
     borders = 0.5 * (moved[frame_idx[:-1]] + moved[frame_idx[1:]])
     nearest = np.searchsorted(borders, moved, side="right").clip(0, len(frame_idx) - 1)
     nearest[frame_idx] = np.arange(len(frame_idx))
@@ -64,7 +72,7 @@ def choose_keyframes(
 
 
 def _sharpest(last: int, i: int, share: float, sharpness: np.ndarray | None) -> int:
-    """Of the frames that end a stretch (last, i], the sharpest; the latest of equals."""
+    """Of the frames that end a segment (last, i], the sharpest; the latest of equals."""
     if sharpness is None:
         return i
     first = i - int(share * max(i - last - 1, 0))
@@ -72,7 +80,7 @@ def _sharpest(last: int, i: int, share: float, sharpness: np.ndarray | None) -> 
 
 
 def reduce_measurements(measurements: Measurements, keyframes: Keyframes) -> Measurements:
-    """The same evidence with keyframes as its only frames."""
+    """The same measurements with keyframes as its only frames."""
     if len(keyframes.frame_idx) == len(keyframes.nearest):
         return measurements
     return Measurements(
@@ -84,8 +92,10 @@ def reduce_measurements(measurements: Measurements, keyframes: Keyframes) -> Mea
     )
 
 
-def follow_keyframes(target_from_keys: np.ndarray, keyframes: Keyframes) -> np.ndarray:
-    """Poses (n, 4, 4) of all frames from those of the keyframes (k, 4, 4).
+def follow_keyframes(
+    target_from_keys: Float[np.ndarray, "k 4 4"], keyframes: Keyframes
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses of all frames from those of the keyframes.
 
     A frame between two keyframes is carried along by each, by the recorded motion; the two answers
     are blended on SO(3) x R^3 by how far along it is, so that nothing jumps between keyframes.
@@ -164,9 +174,9 @@ def _reduce_patches(patches: WallPatches, keyframes: Keyframes) -> WallPatches:
 
 def _reduce_odometry(odometry: Odometry, keyframes: Keyframes) -> Odometry:
     key = keyframes.frame_idx
-    turn, shift = odometry.sigma_between(key[:-1], key[1:])
+    sigma_rotation, sigma_translation = odometry.sigma_between(key[:-1], key[1:])
     recorded = keyframes.first_from_keys
-    return Odometry(se3.inverse(recorded[:-1]) @ recorded[1:], turn, shift)
+    return Odometry(se3.inverse(recorded[:-1]) @ recorded[1:], sigma_rotation, sigma_translation)
 
 
 def _move(transforms: np.ndarray, idx: np.ndarray, points: np.ndarray) -> np.ndarray:

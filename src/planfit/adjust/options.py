@@ -28,8 +28,8 @@ class KeyframeOptions:
     max_turn_deg: float = 10.0
     """So is a frame that has turned by this much, added up along the path."""
     sharper_share: float = 0.4
-    """Within this last share of a stretch, the sharpest frame is taken instead: its keypoints are more
-    exact. 0 takes the last, whatever it looks like."""
+    """Within this last share of a trajectory segment, the sharpest frame is taken instead: its keypoints are
+    more exact. 0 takes the last, whatever it looks like."""
 
     def __post_init__(self) -> None:
         require_positive(self, "max_step_m", "max_turn_deg")
@@ -57,22 +57,22 @@ class AdjustOptions:
     walls: WallOptions = field(default_factory=WallOptions)
     """Walls term."""
     wall_strategy: Literal["fixed", "iterative", "nearest-point"] = "fixed"
-    """What wall points are pulled to: the plane of a face chosen for the whole piece (fixed nearest wall),
+    """What wall points are held to: the plane of a face chosen for the whole patch (fixed nearest wall),
     that of the face nearest to each point at each round (iterative nearest wall), or its nearest point."""
     columns: WallOptions = field(default_factory=lambda: WallOptions(max_observations=2.0))
     """The same for the sides of columns, where masks name columns."""
     odometry: OdometryTermOptions = field(default_factory=OdometryTermOptions)
-    """Trajectory prior."""
+    """Odometry term."""
     averaging: Literal["observations", "mean"] = "observations"
-    """What a term adds up: independent readings in spreads, or, as in the paper, the mean over its points,
-    a spread of matches being 1 m."""
+    """What a term adds up: effective observations in sigmas, or, as in the paper, the mean over its points,
+    a sigma of matches being 1 m."""
     is_bounded: bool = False
     """Bundle adjustment with an inequality constraint (IBA): geometry may pay for the other terms only up
     to a bound."""
     bounded: BoundedOptions = field(default_factory=BoundedOptions)
     """That bound."""
     association: AssociationOptions = field(default_factory=AssociationOptions)
-    """Which face a piece of wall may belong to."""
+    """Which face a wall patch may belong to."""
     keyframes: KeyframeOptions = field(default_factory=KeyframeOptions)
     """Which frames are solved for."""
     method: Literal["lm", "sgd"] = "lm"
@@ -82,10 +82,10 @@ class AdjustOptions:
     descent: DescentOptions = field(default_factory=DescentOptions)
     """Schedule of the gradient descent."""
     loops_first: bool = True
-    """Close loops by matches before the scan is placed and walls pull."""
+    """Close loops by matches before the scan is aligned and walls act."""
     gnc_schedule: tuple[float, ...] = (4.0, 2.0, 1.0)
     """Factors on the scale of the matches' loss while loops close, one after the other: wide at first,
-    so that matches which are far apart only because of drift still pull, then as it stands."""
+    so that matches which are far apart only because of drift still act, then as it stands."""
     wall_distances_m: tuple[float, ...] = (1.2, 0.8, 0.6, 0.45, 0.35)
     """Association distances, one after the other."""
     max_alternations: int = 5
@@ -100,7 +100,7 @@ class AdjustOptions:
         require_choice(self, "averaging", "observations", "mean")
         require_choice(self, "method", "lm", "sgd")
         if not self.gnc_schedule or min(self.gnc_schedule) <= 0:
-            raise OptionError(f"graduation: expected factors above 0, found {self.gnc_schedule}")
+            raise OptionError(f"gnc_schedule: expected factors above 0, found {self.gnc_schedule}")
         if not self.wall_distances_m or min(self.wall_distances_m) <= 0:
             raise OptionError(
                 f"wall_distances_m: expected positive distances, found {self.wall_distances_m}"

@@ -1,8 +1,10 @@
-"""What a user knows about the place: pinned points, and a rough start."""
+"""What a user knows about the alignment: control points, and a rough start."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
@@ -10,30 +12,32 @@ from planfit.floorplan import Floorplan
 
 @dataclass(frozen=True)
 class ControlPoint:
-    """A point of the scan whose place on the plan is known, both seen from above."""
+    """A point of the scan whose location on the plan is known, both seen from above."""
 
-    level_xy: np.ndarray  # (2,) m, level frame
-    plan_xy: np.ndarray  # (2,) plan frame, in the plan's unit
+    level_xy: Float[np.ndarray, " 2"]
+    """Metres, level frame."""
+    plan_xy: Float[np.ndarray, " 2"]
+    """Plan frame, in the plan's unit."""
 
 
-def parse_control_point(text: str) -> tuple[np.ndarray, np.ndarray]:
-    """World point (3,) and plan point (2,) of "x,y,z=u,v".
+def parse_control_point(text: str) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 2"]]:
+    """World point (m) and plan point (the file's coordinates) of "x,y,z=u,v".
 
     Raises:
         OptionError: it is not of this form.
     """
     scan, separator, plan = text.partition("=")
-    world, place = _numbers(scan), _numbers(plan)
-    if not separator or world is None or place is None or len(world) != 3 or len(place) != 2:
+    world, on_plan = _numbers(scan), _numbers(plan)
+    if not separator or world is None or on_plan is None or (len(world), len(on_plan)) != (3, 2):
         raise OptionError(
-            f"align.pins: expected x,y,z=u,v (a point of the scan = the same point on the plan), "
+            f"align.control-points: expected x,y,z=u,v (a point of the scan = the same point on the plan), "
             f"found {text!r}"
         )
-    return np.array(world), np.array(place)
+    return np.array(world), np.array(on_plan)
 
 
-def parse_start(text: str) -> tuple[np.ndarray, float]:
-    """Plan point (2,) m of the level frame's origin and turn (rad) of "x,y,turn_deg".
+def parse_start(text: str) -> tuple[Float[np.ndarray, " 2"], float]:
+    """Plan point (m) of the level frame's origin and yaw (rad) of "x,y,yaw_deg".
 
     Raises:
         OptionError: it is not of this form.
@@ -41,15 +45,15 @@ def parse_start(text: str) -> tuple[np.ndarray, float]:
     values = _numbers(text)
     if values is None or len(values) != 3:
         raise OptionError(
-            f"align.start: expected x,y,turn (metres, metres, degrees), found {text!r}"
+            f"align.start: expected x,y,yaw (metres, metres, degrees), found {text!r}"
         )
     return np.array(values[:2]), float(np.deg2rad(values[2]))
 
 
 def place_control_points(
-    texts: tuple[str, ...], level_from_world: np.ndarray, floorplan: Floorplan
+    texts: tuple[str, ...], level_from_world: Float[np.ndarray, "4 4"], floorplan: Floorplan
 ) -> tuple[ControlPoint, ...]:
-    """Pins from their texts: the scan's side levelled, the plan's side out of the file's coordinates."""
+    """Control points of texts: the scan's side levelled, the plan's side out of the file's coordinates."""
     control_points = []
     plan_from_file = np.eye(3)
     if floorplan.source.file_from_plan is not None:
@@ -63,40 +67,40 @@ def place_control_points(
 
 
 def fit_control_points(
-    control_points: tuple[ControlPoint, ...], metres_per_unit: float | None, tolerance_m: float
-) -> tuple[float, np.ndarray, float]:
-    """Turn (rad), shift (2,) m and metres per unit that bring two pins or more together.
+    control_points: Sequence[ControlPoint], metres_per_unit: float | None, tolerance_m: float
+) -> tuple[float, Float[np.ndarray, " 2"], float]:
+    """Yaw (rad), translation (m) and metres per unit that bring two control points or more together.
 
     Args:
-        pins: at least two.
+        control_points: at least two.
         metres_per_unit: where the scale is known; None fits it (Umeyama 1991).
-        tolerance_m: how far off a pin may end.
+        tolerance_m: how far off a control point may end.
 
     Raises:
-        OptionError: pins are at one point, or they disagree.
+        OptionError: the points are one point, or they disagree.
     """
-    scan = np.array([pin.level_xy for pin in control_points])
-    plan = np.array([pin.plan_xy for pin in control_points])
+    scan = np.array([point.level_xy for point in control_points])
+    plan = np.array([point.plan_xy for point in control_points])
     scan_middle, plan_middle = scan.mean(axis=0), plan.mean(axis=0)
     a, b = scan - scan_middle, plan - plan_middle
-    spread, plan_spread = float(np.sum(a**2)), float(np.sum(b**2))
-    if spread < 1e-6 or plan_spread < 1e-12:
-        raise OptionError("align.pins: expected pins at different points, found all at one")
-    # As complex numbers: b = z a / scale turns and scales at once.
+    scatter, plan_scatter = float(np.sum(a**2)), float(np.sum(b**2))
+    if scatter < 1e-6 or plan_scatter < 1e-12:
+        raise OptionError("align.control-points: expected different points, found all at one")
+    # As complex numbers: b = z a / scale rotates and scales at once.
     z = np.sum(np.conj(a[:, 0] + 1j * a[:, 1]) * (b[:, 0] + 1j * b[:, 1]))
     yaw = float(np.angle(z))
-    scale = float(spread / max(abs(z), 1e-30)) if metres_per_unit is None else metres_per_unit
+    scale = float(scatter / max(abs(z), 1e-30)) if metres_per_unit is None else metres_per_unit
     c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, -s], [s, c]])
-    shift = scale * plan_middle - turn @ scan_middle
-    off_m = np.linalg.norm(scan @ turn.T + shift - scale * plan, axis=1)
+    rotation = np.array([[c, -s], [s, c]])
+    translation = scale * plan_middle - rotation @ scan_middle
+    off_m = np.linalg.norm(scan @ rotation.T + translation - scale * plan, axis=1)
     if off_m.max() > tolerance_m:
         raise OptionError(
-            f"align.pins: expected pins that agree within {tolerance_m:g} m, found number "
+            f"align.control-points: expected points that agree within {tolerance_m:g} m, found number "
             f"{int(np.argmax(off_m)) + 1} off by {off_m.max():.2f} m; check its points, which axis "
             "goes up, and that the plan is not mirrored"
         )
-    return yaw, shift, scale
+    return yaw, translation, scale
 
 
 def _numbers(text: str) -> list[float] | None:

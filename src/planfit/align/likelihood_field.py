@@ -1,20 +1,22 @@
-"""Closeness of any place to the plan's faces, kept apart by the direction they look in."""
+"""Likelihood field: closeness of any point to the plan's faces, kept apart by the direction they look in."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy import fft
 from scipy.ndimage import distance_transform_edt
 
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
+from planfit.geometry.se3 import wrap_angle
 
 N_SECTORS = 8
 """Directions of 45 degrees each: opposite faces of one wall never share a field."""
 
 MAX_CELLS = 300_000
 """Bounds time and memory: eight fields and their spectra of this many cells take 30 MB, and all
-shifts of one turn 15 ms."""
+translations of one yaw 15 ms."""
 
 FREE_WEIGHT = 0.5
 """A face in seen free space costs this much of a wall of its length: more than chance matches gain, and
@@ -25,9 +27,12 @@ less than would let one wall too many in the plan decide."""
 class LikelihoodField:
     """One picture a sector: 1 on a face that looks that way, falling off with distance."""
 
-    fields: np.ndarray  # (N_SECTORS, rows, columns) 0 to 1
-    faces: np.ndarray  # (rows, columns) 1 where there is a face, else 0
-    origin: np.ndarray  # (2,) m, plan frame, of cell (0, 0)
+    fields: Float[np.ndarray, "sectors rows columns"]
+    """0 to 1."""
+    faces: Float[np.ndarray, "rows columns"]
+    """1 where there is a face, else 0."""
+    origin: Float[np.ndarray, " 2"]
+    """Metres, plan frame, of cell (0, 0)."""
     cell_m: float
 
 
@@ -63,8 +68,8 @@ def make_likelihood_field(
     return LikelihoodField(fields, faces, origin, cell_m)
 
 
-class ShiftSearch:
-    """Scores every shift of a set of wall samples at once, by FFT."""
+class TranslationSearch:
+    """Scores every translation of a set of wall samples at once, by FFT."""
 
     def __init__(self, fields: LikelihoodField, extent_m: float) -> None:
         """Prepare for wall samples that span up to `extent_m`."""
@@ -79,19 +84,22 @@ class ShiftSearch:
         self._face_spectrum = fft.rfft2(fields.faces, self._shape)
 
     def scores(
-        self, xy: np.ndarray, normals: np.ndarray, free_xy: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Mean closeness for every shift on the grid, less the faces that stand in free space.
+        self,
+        xy: Float[np.ndarray, "m 2"],
+        normals: Float[np.ndarray, "m 2"],
+        free_xy: Float[np.ndarray, "k 2"] | None = None,
+    ) -> tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, " 2"]]:
+        """Mean closeness for every translation on the grid, less the faces that stand in free space.
 
         Args:
-            xy: (m, 2) m, wall samples, turned but not shifted. A cell counts once a sector, however
+            xy: metres, wall samples, rotated but not translated. A cell counts once a sector, however
                 many samples it holds.
-            normals: (m, 2) their unit normals.
-            free_xy: (k, 2) m, places known to be free, turned likewise; each cell of them that holds a
+            normals: their unit normals.
+            free_xy: metres, points known to be free, rotated likewise; each cell of them that holds a
                 face costs `FREE_WEIGHT` cells of wall.
 
-        Returns scores (rows, columns) and the shift (2,) m that cell (0, 0) stands for; cell (r, c)
-        stands for that plus cell_m * (c, r). The table wraps around: shifts of the plan's own size.
+        Returns scores and the translation (m) that cell (0, 0) stands for; cell (r, c)
+        stands for that plus cell_m * (c, r). The table wraps around: translations of the plan's own size.
         """
         free_xy = np.zeros((0, 2)) if free_xy is None else free_xy
         corner = np.concatenate([xy, free_xy]).min(axis=0)
@@ -111,7 +119,7 @@ class ShiftSearch:
             product -= self._face_spectrum * np.conj(fft.rfft2(picture[0]))
         product /= n_cells
         table = fft.irfft2(product, self._shape)
-        # Negative shifts (the scan reaches beyond the plan) wrap to the far end: bring them in front.
+        # Negative translations (the scan reaches beyond the plan) wrap to the far end: bring them in front.
         table = np.roll(table, (self._extra, self._extra), axis=(0, 1))
         first = self._fields.origin - corner - self._extra * self._fields.cell_m
         return table, first
@@ -120,8 +128,3 @@ class ShiftSearch:
 def sector_angle(sector: int) -> float:
     """Middle of a sector, rad."""
     return sector * 2 * np.pi / N_SECTORS
-
-
-def wrap_angle(angle: np.ndarray | float) -> np.ndarray | np.float64:
-    """Angles (...,) rad, wrapped to [-pi, pi)."""
-    return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi

@@ -3,18 +3,18 @@
 It matches extents and centres, so it needs a scan of the whole plan and of nothing else. `align` is the
 default; this is for comparison (`align.method = "paper"`). Three things the paper leaves open are read in
 its favour: extents are taken along the plan's axes after the rotation, each of the four rotations is
-scaled and shifted before its distance is measured, and a plan in metres keeps its scale.
+scaled and translated before its distance is measured, and a plan in metres keeps its scale.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from planfit.align.align import Alignment, require_walls
 from planfit.align.options import AlignOptions
-from planfit.align.refine import AlignmentHypothesis, explained, rotation_2d
-from planfit.align.scales import metric_plan
+from planfit.align.refine import AlignmentHypothesis, explained, metric_plan, rotation_2d
 from planfit.align.wall_samples import WallSamples, thin
 from planfit.errors import ScanError
 from planfit.floorplan import Floorplan
@@ -30,25 +30,25 @@ MIN_ORTHOGONAL_SHARE = 0.6
 
 
 @dataclass(frozen=True)
-class PaperPlace:
+class PaperHypothesis:
     """One of the four rotations."""
 
-    fit: AlignmentHypothesis
+    hypothesis: AlignmentHypothesis
     distance_m: float
     """Mean distance from the boundary scan to the 3D floorplan."""
 
 
 def align_paper(
-    points_level: np.ndarray,
+    points_level: Float[np.ndarray, "n 3"],
     walls: WallSamples,
     floorplan: Floorplan,
     options: AlignOptions,
     rng: np.random.Generator,
 ) -> Alignment:
-    """The place by the paper's method.
+    """The alignment by the paper's method.
 
     Args:
-        points_level: (n, 3) m, the whole scan, level frame: floor, walls, furniture.
+        points_level: metres, the whole scan, level frame: floor, walls, furniture.
         walls: the same walls that `align` is given; they only score the result.
         floorplan: in metres, or in a unit of its own.
         options: thresholds of the score.
@@ -68,16 +68,15 @@ def align_paper(
     normals = horizontal_normals(boundary)
     main, share = main_direction(normals)
     of_plan = _plan_direction(floorplan)
-    places = [_place(boundary, floorplan, of_plan - main + k * np.pi / 2, rng) for k in range(4)]
-    places.sort(key=lambda place: place.distance_m)
-    warnings = _broken_assumptions(places, boundary, floorplan, share)
+    tried = [_try_yaw(boundary, floorplan, of_plan - main + k * np.pi / 2, rng) for k in range(4)]
+    tried.sort(key=lambda each: each.distance_m)
+    warnings = _broken_assumptions(tried, boundary, floorplan, share)
     samples, weights = thin(walls, 2500)
-    fits = []
-    for place in places:
-        score, crossed = explained(samples, weights, floorplan, place.fit)
-        fit = place.fit
-        fits.append(AlignmentHypothesis(fit.yaw, fit.shift, score, fit.scale_xy, crossed))
-    best = fits[0]
+    hypotheses = []
+    for each in tried:
+        score, occluded_share = explained(samples, weights, floorplan, each.hypothesis)
+        hypotheses.append(replace(each.hypothesis, score=score, occluded_share=occluded_share))
+    best = hypotheses[0]
     if best.score < options.min_score:
         warnings.append(
             f"only {best.score:.0%} of the scanned wall lies on the plan's faces (at least "
@@ -86,16 +85,16 @@ def align_paper(
     return Alignment(
         best.plan_from_level,
         best.score,
-        fits[1],
+        hypotheses[1],
         is_sure=not warnings,
         warnings=tuple(warnings),
         scale_xy=best.scale_xy,
-        candidates=tuple(fits),
+        candidates=tuple(hypotheses),
     )
 
 
-def boundary_scan(points_level: np.ndarray) -> np.ndarray:
-    """Points (n, 3) without floor and furniture.
+def boundary_scan(points_level: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "k 3"]:
+    """Points without floor and furniture.
 
     "The peak value of the histogram corresponds to the floor plane, so we remove the points located
     below a given threshold. Filtering out the points whose horizontal projections are statistical
@@ -114,8 +113,8 @@ def boundary_scan(points_level: np.ndarray) -> np.ndarray:
 
 def floorplan_3d(
     floorplan: Floorplan, low: float, high: float, rng: np.random.Generator
-) -> np.ndarray:
-    """Points (n, 3) m, random and uniform on a rectangle above each segment, from `low` to `high`."""
+) -> Float[np.ndarray, "n 3"]:
+    """Points (m), random and uniform on a rectangle above each segment, from `low` to `high`."""
     share = floorplan.lengths / floorplan.lengths.sum()
     face = rng.choice(len(floorplan), N_POINTS, p=share)
     t = rng.random((N_POINTS, 1))
@@ -123,8 +122,8 @@ def floorplan_3d(
     return np.column_stack([xy, rng.uniform(low, high, N_POINTS)])
 
 
-def horizontal_normals(points: np.ndarray) -> np.ndarray:
-    """Unit normals (k, 2) of points on vertical surfaces, from their neighbours, either sign."""
+def horizontal_normals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "k 2"]:
+    """Unit normals of points on vertical surfaces, from their neighbours, either sign."""
     _, idx = cKDTree(points).query(points, N_NEIGHBOURS)
     near = points[idx] - points[idx].mean(axis=1, keepdims=True)
     _, vectors = np.linalg.eigh(np.einsum("nka,nkb->nab", near, near))
@@ -133,7 +132,7 @@ def horizontal_normals(points: np.ndarray) -> np.ndarray:
     return level / np.linalg.norm(level, axis=1, keepdims=True)
 
 
-def main_direction(normals: np.ndarray) -> tuple[float, float]:
+def main_direction(normals: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
     """Angle (rad) of the most frequent pair of orthogonal directions, and the share of normals near it."""
     angle = np.rad2deg(np.arctan2(normals[:, 1], normals[:, 0])) % 90.0
     bins = np.bincount(np.round(angle).astype(int) % 90, minlength=90)
@@ -155,10 +154,10 @@ def _plan_direction(floorplan: Floorplan) -> float:
     return float(np.deg2rad(peak + np.average(off[near], weights=floorplan.lengths[near])))
 
 
-def _place(
-    boundary: np.ndarray, floorplan: Floorplan, yaw: float, rng: np.random.Generator
-) -> PaperPlace:
-    """Scale from the ratio of extents, shift from the centres, and the mean distance."""
+def _try_yaw(
+    boundary: Float[np.ndarray, "n 3"], floorplan: Floorplan, yaw: float, rng: np.random.Generator
+) -> PaperHypothesis:
+    """Scale from the ratio of extents, translation from the centres, and the mean distance."""
     xy = boundary[:, :2] @ rotation_2d(yaw).T
     low, high = xy.min(axis=0), xy.max(axis=0)
     plan_xy = floorplan.ends.reshape(-1, 2)
@@ -167,20 +166,23 @@ def _place(
     if not floorplan.is_metric:
         ratio = (high - low) / np.maximum(plan_high - plan_low, 1e-12)
     scale_xy = float(ratio[0]), float(ratio[1])
-    shift = (plan_low + plan_high) / 2 * ratio - (low + high) / 2
+    translation = (plan_low + plan_high) / 2 * ratio - (low + high) / 2
     heights = float(boundary[:, 2].min()), float(boundary[:, 2].max())
     model = floorplan_3d(metric_plan(floorplan, scale_xy), *heights, rng)
-    placed = np.column_stack([xy + shift, boundary[:, 2]])
-    distance = float(np.mean(cKDTree(model).query(placed)[0]))
-    return PaperPlace(AlignmentHypothesis(yaw, shift, 0.0, scale_xy), distance)
+    aligned = np.column_stack([xy + translation, boundary[:, 2]])
+    distance = float(np.mean(cKDTree(model).query(aligned)[0]))
+    return PaperHypothesis(AlignmentHypothesis(yaw, translation, 0.0, scale_xy), distance)
 
 
 def _broken_assumptions(
-    places: list[PaperPlace], boundary: np.ndarray, floorplan: Floorplan, share: float
+    tried: list[PaperHypothesis],
+    boundary: Float[np.ndarray, "n 3"],
+    floorplan: Floorplan,
+    share: float,
 ) -> list[str]:
     """What the paper takes for granted and does not hold here, in words."""
     words = []
-    best = places[0].fit
+    best = tried[0].hypothesis
     xy = boundary[:, :2] @ rotation_2d(best.yaw).T
     ratio = np.ptp(xy, axis=0) / np.maximum(floorplan.size, 1e-12)
     expected = 1.0 if floorplan.is_metric else float(np.sqrt(ratio.prod()))
@@ -194,9 +196,9 @@ def _broken_assumptions(
             f"the paper's method needs walls at right angles, but only {share:.0%} of the scan's normals "
             "are near two orthogonal directions"
         )
-    if places[1].distance_m < 1.1 * places[0].distance_m:
+    if tried[1].distance_m < 1.1 * tried[0].distance_m:
         words.append(
             "the paper's method takes the nearest of four rotations, but two are alike: mean distances "
-            f"{places[0].distance_m:.2f} and {places[1].distance_m:.2f} m"
+            f"{tried[0].distance_m:.2f} and {tried[1].distance_m:.2f} m"
         )
     return words

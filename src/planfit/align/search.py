@@ -1,13 +1,15 @@
-"""Coarse search: every scale, turn and shift of the scan on the plan, by FFT."""
+"""Coarse search: every scale, yaw and translation of the scan on the plan, by FFT."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
-from planfit.align.likelihood_field import ShiftSearch, make_likelihood_field
+from planfit.align.candidates import scale_steps
+from planfit.align.likelihood_field import TranslationSearch, make_likelihood_field
 from planfit.align.options import AlignOptions
 from planfit.align.refine import AlignmentHypothesis, rotation_2d
-from planfit.align.scales import scale_steps
+from planfit.align.selection import SameWithin, keep_distinct
 from planfit.align.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
 
@@ -16,15 +18,19 @@ CELLS_ACROSS = 100
 OCTAVE = 1.4
 """Scales within this factor share the plan's fields, at a cell that fits their middle."""
 PEAKS = 4
-"""Places kept of one scale and turn."""
+"""Translations kept of one scale and yaw."""
+SAME_YAW_DEG, SAME_SCALE = 4.0, 0.05
+"""Hypotheses nearer than this are repetitions: neighbouring scales find the same alignment again."""
 
 
 @dataclass(frozen=True)
 class Region:
     """Where the search is allowed to look: around a known point."""
 
-    level_xy: np.ndarray  # (2,) m, a point of the scan
-    plan_xy: np.ndarray  # (2,) in the plan's unit, where it must come to lie
+    level_xy: Float[np.ndarray, " 2"]
+    """Metres, a point of the scan."""
+    plan_xy: Float[np.ndarray, " 2"]
+    """Where it must come to lie, in the plan's unit."""
     radius_m: float
 
 
@@ -32,19 +38,19 @@ def search_hypotheses(
     walls: WallSamples,
     floorplan: Floorplan,
     scales: tuple[float, float],
-    turns: np.ndarray,
+    yaws: Float[np.ndarray, " t"],
     options: AlignOptions,
     regions: tuple[Region, ...] = (),
 ) -> list[AlignmentHypothesis]:
-    """Best places of the coarse search, best first, with their coarse score; not more than asked for.
+    """Best hypotheses of the coarse search, best first, with their coarse score; not more than asked for.
 
     Args:
         walls: samples, level frame.
         floorplan: in its own unit.
         scales: smallest and largest metres per unit; equal where it is known.
-        turns: (t,) rad to try.
+        yaws: rad, to try.
         options: see there.
-        regions: places out of any of these are left out.
+        regions: hypotheses out of any of these are left out.
     """
     cell_m = max(options.cell_m, walls.extent_m / CELLS_ACROSS)
     free_xy = free_space(walls, cell_m)
@@ -57,24 +63,27 @@ def search_hypotheses(
         fields = make_likelihood_field(
             floorplan.scaled(middle), cell_m, options.reach_m, 2.0, walls.extent_m
         )
-        search = ShiftSearch(fields, reach_m * middle / group[0])
+        search = TranslationSearch(fields, reach_m * middle / group[0])
         for scale in group:
             # The plan stays at the middle scale of the group; the scan shrinks or grows instead.
             ratio = middle / scale
-            for yaw in turns:
-                turn = rotation_2d(yaw)
+            for yaw in yaws:
+                rotation = rotation_2d(yaw)
                 table, first = search.scores(
-                    ratio * walls.xy @ turn.T, walls.normals @ turn.T, ratio * free_xy @ turn.T
+                    ratio * walls.xy @ rotation.T,
+                    walls.normals @ rotation.T,
+                    ratio * free_xy @ rotation.T,
                 )
                 grid = _Grid(table, first, fields.cell_m, float(ratio))
-                grid.keep_to(regions, turn, float(scale))
-                found += grid.peaks(float(yaw), float(scale), options.distinct_m)
-    found.sort(key=lambda fit: -fit.score)
-    return _spread(found, walls, options)
+                grid.keep_to(regions, rotation, float(scale))
+                found += grid.peaks(float(yaw), float(scale), options.distinct_translation_m)
+    found.sort(key=lambda hypothesis: -hypothesis.score)
+    within = SameWithin(options.distinct_translation_m, SAME_YAW_DEG, SAME_SCALE)
+    return keep_distinct(found, walls, within, options.max_candidates)
 
 
-def free_space(walls: WallSamples, cell_m: float) -> np.ndarray:
-    """Points (k, 2) m, one a cell, that lines of sight passed well before they met a wall."""
+def free_space(walls: WallSamples, cell_m: float) -> Float[np.ndarray, "k 2"]:
+    """Points (m), one a cell, that lines of sight passed well before they met a wall."""
     if walls.seen_from is None:
         return np.zeros((0, 2))
     way = walls.xy - walls.seen_from
@@ -98,27 +107,32 @@ def free_space(walls: WallSamples, cell_m: float) -> np.ndarray:
         return np.zeros((0, 2))
     low = np.minimum(cells.min(axis=0), taken.min(axis=0))
     width = int(max(cells[:, 0].max(), taken[:, 0].max()) - low[0]) + 1
+    # One number a cell, so that whole cells can be looked up.
     keys, taken_keys = ((c - low) @ np.array([1, width]) for c in (cells, taken))
     return (cells[~np.isin(keys, taken_keys)] + 0.5) * cell_m
 
 
 @dataclass(frozen=True)
 class _Grid:
-    """Scores of all shifts of one turn and scale."""
+    """Scores of all translations of one yaw and scale."""
 
-    table: np.ndarray  # (rows, columns)
-    first: np.ndarray  # (2,) m at the middle scale, shift of cell (0, 0)
+    table: Float[np.ndarray, "rows columns"]
+    first: Float[np.ndarray, " 2"]
+    """Metres at the middle scale, translation of cell (0, 0)."""
     cell_m: float
-    ratio: float  # middle scale over this one
+    ratio: float
+    """Middle scale over this one."""
 
-    def shift(self, row: int, column: int) -> np.ndarray:
-        """(2,) m at this scale."""
+    def translation(self, row: int, column: int) -> Float[np.ndarray, " 2"]:
+        """Metres at this scale."""
         return (self.first + self.cell_m * np.array([column, row])) / self.ratio
 
-    def keep_to(self, regions: tuple[Region, ...], turn: np.ndarray, scale: float) -> None:
-        """Mark shifts that leave a region as never to be taken."""
+    def keep_to(
+        self, regions: tuple[Region, ...], rotation: Float[np.ndarray, "2 2"], scale: float
+    ) -> None:
+        """Mark translations that leave a region as never to be taken."""
         for region in regions:
-            wanted = scale * region.plan_xy - turn @ region.level_xy
+            wanted = scale * region.plan_xy - rotation @ region.level_xy
             rows, columns = (np.arange(n) for n in self.table.shape)
             x = (self.first[0] + self.cell_m * columns) / self.ratio - wanted[0]
             y = (self.first[1] + self.cell_m * rows) / self.ratio - wanted[1]
@@ -126,47 +140,23 @@ class _Grid:
             self.table[np.hypot(x[None, :], y[:, None]) > radius] = -np.inf
 
     def peaks(self, yaw: float, scale: float, distinct_m: float) -> list[AlignmentHypothesis]:
-        """The best shifts, apart by `distinct_m`."""
+        """The best translations, apart by `distinct_m` (non-maximum suppression)."""
         radius = int(np.ceil(distinct_m * self.ratio / self.cell_m))
-        table, fits = self.table.copy(), []
+        table, found = self.table.copy(), []
         for _ in range(PEAKS):
             row, column = np.unravel_index(int(np.argmax(table)), table.shape)
             score = float(table[row, column])
             if not np.isfinite(score):
                 break
-            fits.append(
-                AlignmentHypothesis(yaw, self.shift(int(row), int(column)), score, (scale, scale))
-            )
+            translation = self.translation(int(row), int(column))
+            found.append(AlignmentHypothesis(yaw, translation, score, (scale, scale)))
             rows = slice(max(row - radius, 0), row + radius + 1)
             columns = slice(max(column - radius, 0), column + radius + 1)
             table[rows, columns] = -np.inf
-        return fits
+        return found
 
 
-def _octaves(scales: np.ndarray) -> list[np.ndarray]:
+def _octaves(scales: Float[np.ndarray, " s"]) -> list[np.ndarray]:
     """Runs of scales, each within a factor of `OCTAVE`."""
     number = np.floor(np.log(scales / scales[0]) / np.log(OCTAVE) + 1e-9).astype(int)
     return [scales[number == k] for k in np.unique(number)]
-
-
-def _spread(
-    fits: list[AlignmentHypothesis], walls: WallSamples, options: AlignOptions
-) -> list[AlignmentHypothesis]:
-    """The first of each heap: neighbouring scales find the same place again."""
-    middle = walls.xy.mean(axis=0)
-    kept: list[AlignmentHypothesis] = []
-    at: list[np.ndarray] = []
-    for fit in fits:
-        on_plan = (rotation_2d(fit.yaw) @ middle + fit.shift) / fit.metres_per_unit
-        is_new = all(
-            abs(np.angle(np.exp(1j * (fit.yaw - other.yaw)))) > np.deg2rad(4.0)
-            or abs(np.log(fit.metres_per_unit / other.metres_per_unit)) > 0.05
-            or np.linalg.norm(on_plan - place) * fit.metres_per_unit > options.distinct_m
-            for other, place in zip(kept, at, strict=True)
-        )
-        if is_new:
-            kept.append(fit)
-            at.append(on_plan)
-        if len(kept) == options.max_candidates:
-            break
-    return kept

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.geometry import segments
 
@@ -11,9 +12,12 @@ from planfit.geometry import segments
 class WallSamples:
     """Scanned wall, seen from above, level frame."""
 
-    xy: np.ndarray  # (m, 2) m, evenly along the pieces of wall, in the order they were seen
-    normals: np.ndarray  # (m, 2) unit, towards where it was seen from
-    seen_from: np.ndarray | None = None  # (m, 2) m, the camera; None where it is not known
+    xy: Float[np.ndarray, "m 2"]
+    """Metres, evenly along the wall patches, in the order they were seen."""
+    normals: Float[np.ndarray, "m 2"]
+    """Unit, towards where each was seen from."""
+    seen_from: Float[np.ndarray, "m 2"] | None = None
+    """Metres, the camera; None where it is not known."""
 
     @property
     def extent_m(self) -> float:
@@ -27,41 +31,45 @@ class WallSamples:
         eyes = None if self.seen_from is None else self.seen_from * flip
         return WallSamples(self.xy * flip, self.normals * flip, eyes)
 
-    def picked(self, idx: np.ndarray) -> "WallSamples":
+    def picked(self, idx: Int[np.ndarray, " k"]) -> "WallSamples":
         """Some of the samples."""
         eyes = None if self.seen_from is None else self.seen_from[idx]
         return replace(self, xy=self.xy[idx], normals=self.normals[idx], seen_from=eyes)
 
 
 def sample_walls(
-    normals: np.ndarray,
-    ends: np.ndarray,
+    normals: Float[np.ndarray, "k 2"],
+    ends: Float[np.ndarray, "k 2 2"],
     spacing_m: float = 0.1,
-    seen_from: np.ndarray | None = None,
+    seen_from: Float[np.ndarray, "k 2"] | None = None,
 ) -> WallSamples:
-    """Points about every `spacing_m` along pieces of wall: normals (k, 2), ends (k, 2, 2) m.
+    """Points about every `spacing_m` along wall patches, level frame.
 
-    `seen_from` (k, 2) m is where the camera stood that saw each piece.
+    Args:
+        normals: unit, towards where each patch was seen from.
+        ends: metres, of each patch.
+        spacing_m: between points.
+        seen_from: metres, where the camera stood that saw each patch.
     """
-    xy, piece = segments.sample(ends, spacing_m)
-    return WallSamples(xy, normals[piece], None if seen_from is None else seen_from[piece])
+    xy, patch = segments.sample(ends, spacing_m)
+    return WallSamples(xy, normals[patch], None if seen_from is None else seen_from[patch])
 
 
-def thin(walls: WallSamples, max_samples: int) -> tuple[WallSamples, np.ndarray]:
-    """At most about `max_samples`, evenly over the wall, and how much each counts (k,).
+def thin(walls: WallSamples, max_samples: int) -> tuple[WallSamples, Float[np.ndarray, " k"]]:
+    """At most about `max_samples`, evenly over the wall, and how much each counts.
 
     Walls that a slow camera saw fifty times would outvote those that it passed once: samples are
-    gathered in cells by place and direction, and a cell counts the square root of its samples. The order
+    gathered in cells by location and direction, and a cell counts the square root of its samples. The order
     in time stays.
     """
     cell_m = 0.05
     direction = np.round(np.arctan2(walls.normals[:, 1], walls.normals[:, 0]) / (np.pi / 8))
     direction = direction.astype(int) % 16
     while True:
-        place = np.floor(walls.xy / cell_m).astype(int)
-        keys = np.column_stack([place, direction])
+        keys = np.column_stack([np.floor(walls.xy / cell_m).astype(int), direction])
         _, first, counts = np.unique(keys, axis=0, return_index=True, return_counts=True)
         if len(first) <= max_samples:
+            # np.unique sorts by cell; the index of each cell's first sample gives the order in time back.
             in_time = np.argsort(first)
             return walls.picked(first[in_time]), np.sqrt(counts[in_time])
         cell_m *= max(1.1, len(first) / max_samples)

@@ -93,7 +93,7 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
                 "plan_from_level": hypothesis.plan_from_level.tolist(),
                 "metres_per_unit_xy": list(hypothesis.scale_xy),
                 "score": hypothesis.score,
-                "occluded_share": hypothesis.crossed_share,
+                "occluded_share": hypothesis.occluded_share,
             }
             for hypothesis in alignment.candidates
         ],
@@ -166,7 +166,7 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
     rows = []
     for i, hypothesis in enumerate(alignment.candidates, start=1):
         is_taken = np.allclose(hypothesis.plan_from_level, alignment.plan_from_level)
-        x, y = hypothesis.shift
+        x, y = hypothesis.translation
         rows.append(
             [
                 f"{i}{' (taken)' if is_taken else ''}",

@@ -111,7 +111,7 @@ COMMANDS = (
         "synth",
         "OUT",
         "write a synthetic scan with its plan and its truth",
-        ("seed", "building.n-rooms", "walk.n-frames", "drift.yaw-deg", "drift.shift-m"),
+        ("seed", "building.n-rooms", "walk.n-frames", "drift.yaw-deg", "drift.translation-m"),
     ),
 )  # fmt: skip
 

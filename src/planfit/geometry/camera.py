@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Real
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +26,12 @@ class Camera:
             raise ValueError(f"focal lengths must be positive, found fx {self.fx}, fy {self.fy}")
 
     @property
-    def matrix(self) -> np.ndarray:
-        """Calibration matrix (3, 3): rays with z = 1 to homogeneous pixels."""
+    def matrix(self) -> Float[np.ndarray, "3 3"]:
+        """Calibration matrix: rays with z = 1 to homogeneous pixels."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
-    def rays(self, uv: np.ndarray) -> np.ndarray:
-        """Directions (n, 3) with z = 1, camera frame, through pixels uv (n, 2)."""
+    def rays(self, uv: Real[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+        """Directions with z = 1, camera frame, through pixels."""
         return np.stack(
             [
                 (uv[:, 0] - self.cx) / self.fx,
@@ -40,18 +41,20 @@ class Camera:
             axis=-1,
         )
 
-    def lift(self, uv: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Pixels (n, 2) at depths (n,) m along the optical axis to points (n, 3) m, camera frame."""
+    def lift(
+        self, uv: Real[np.ndarray, "n 2"], depth: Real[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "n 3"]:
+        """Pixels at depths (m) along the optical axis to points (m), camera frame."""
         return self.rays(uv) * np.asarray(depth, dtype=float)[:, None]
 
-    def lift_image(self, depth: np.ndarray) -> np.ndarray:
-        """Depth image (h, w) m to points (h, w, 3) m, camera frame; NaN stays NaN."""
+    def lift_image(self, depth: Real[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:
+        """Depth image (m) to points (m), camera frame; NaN stays NaN."""
         x = (np.arange(depth.shape[1]) - self.cx) / self.fx
         y = (np.arange(depth.shape[0]) - self.cy) / self.fy
         return np.stack([x[None, :] * depth, y[:, None] * depth, depth], axis=-1)
 
-    def project(self, points_cam: np.ndarray) -> np.ndarray:
-        """Points (n, 3) m in the camera frame to pixels uv (n, 2); NaN where z <= 0."""
+    def project(self, points_cam: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+        """Points (m) in the camera frame to pixels uv; NaN where z <= 0."""
         z = points_cam[:, 2]
         safe = np.where(z > 0, z, np.nan)
         return np.stack(

@@ -4,30 +4,37 @@ A transform named `target_from_source` maps points of the source frame into the 
 A tangent vector is `(rotation, translation)`, in radians and metres, in the target's axes:
 `retract(T, delta) = [exp(rotation) R | t + translation]`. The point `y = R p + t` then moves, to first
 order, by `rotation x (R p) + translation`. This is the chart of SO(3) x R^3, not the exponential of
-SE(3): a turn is about the source's own origin (the camera), so turns and shifts stay of one scale
-however far a building lies from the origin of its plan.
+SE(3): a rotation is about the source's own origin (the camera), so rotations and translations stay of one
+scale however far a building lies from the origin of its plan.
 """
 
 import numpy as np
+from jaxtyping import Float, Real
 from scipy.spatial.transform import Rotation
 
 _SMALL_ANGLE_SQ = 1e-8
 
 
-def transform(target_from_source: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Map points (..., n, 3) by transforms (..., 4, 4); leading axes broadcast."""
+def transform(
+    target_from_source: Float[np.ndarray, "*#batch 4 4"], points: Float[np.ndarray, "*#batch n 3"]
+) -> Float[np.ndarray, "... n 3"]:
+    """Map points by transforms; leading axes broadcast."""
     rotation = target_from_source[..., :3, :3]
     return points @ np.swapaxes(rotation, -1, -2) + target_from_source[..., None, :3, 3]
 
 
-def transform_each(target_from_sources: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Map points (n, 3), each by its own transform (n, 4, 4)."""
+def transform_each(
+    target_from_sources: Float[np.ndarray, "n 4 4"], points: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Map points, each by its own transform."""
     turned = np.einsum("nij,nj->ni", target_from_sources[:, :3, :3], points)
     return turned + target_from_sources[:, :3, 3]
 
 
-def inverse(target_from_source: np.ndarray) -> np.ndarray:
-    """Inverse of rigid transforms (..., 4, 4)."""
+def inverse(
+    target_from_source: Float[np.ndarray, "*batch 4 4"],
+) -> Float[np.ndarray, "*batch 4 4"]:
+    """Inverse of rigid transforms."""
     source_from_target = np.zeros_like(target_from_source)
     rotation_t = np.swapaxes(target_from_source[..., :3, :3], -1, -2)
     source_from_target[..., :3, :3] = rotation_t
@@ -36,8 +43,10 @@ def inverse(target_from_source: np.ndarray) -> np.ndarray:
     return source_from_target
 
 
-def make_transform(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
-    """Stack rotations (..., 3, 3) and translations (..., 3) into transforms (..., 4, 4)."""
+def make_transform(
+    rotation: Real[np.ndarray, "*#batch 3 3"], translation: Real[np.ndarray, "*#batch 3"]
+) -> Float[np.ndarray, "... 4 4"]:
+    """Stack rotations and translations into transforms; leading axes broadcast."""
     rotation = np.asarray(rotation, dtype=float)
     translation = np.asarray(translation, dtype=float)
     result = np.zeros((*np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1]), 4, 4))
@@ -47,8 +56,8 @@ def make_transform(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     return result
 
 
-def skew(vectors: np.ndarray) -> np.ndarray:
-    """Cross-product matrices (..., 3, 3) of vectors (..., 3): `skew(a) @ b == a x b`."""
+def skew(vectors: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """Cross-product matrices of vectors: `skew(a) @ b == a x b`."""
     result = np.zeros((*vectors.shape, 3))
     result[..., 0, 1], result[..., 0, 2] = -vectors[..., 2], vectors[..., 1]
     result[..., 1, 0], result[..., 1, 2] = vectors[..., 2], -vectors[..., 0]
@@ -56,8 +65,8 @@ def skew(vectors: np.ndarray) -> np.ndarray:
     return result
 
 
-def exp_so3(rotation_vectors: np.ndarray) -> np.ndarray:
-    """Rotations (..., 3, 3) of rotation vectors (..., 3) in radians (Rodrigues)."""
+def exp_so3(rotation_vectors: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """Rotations of rotation vectors in radians (Rodrigues)."""
     theta_sq = np.sum(rotation_vectors**2, axis=-1)[..., None, None]
     small = theta_sq < _SMALL_ANGLE_SQ
     theta = np.sqrt(np.where(small, 1.0, theta_sq))  # safe first: 0/0 would poison both branches
@@ -67,41 +76,50 @@ def exp_so3(rotation_vectors: np.ndarray) -> np.ndarray:
     return np.eye(3) + a * k + b * (k @ k)
 
 
-def log_so3(rotations: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3) in radians of rotations (..., 3, 3); safe at 0 and at pi."""
+def log_so3(rotations: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
+    """Rotation vectors in radians of rotations; safe at 0 and at pi."""
     flat = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec()
     return flat.reshape(*rotations.shape[:-2], 3)
 
 
-def retract(target_from_source: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    """Apply tangent vectors (..., 6) [rad, m] to transforms (..., 4, 4); see the module's page."""
+def retract(
+    target_from_source: Float[np.ndarray, "*#batch 4 4"], delta: Float[np.ndarray, "*#batch 6"]
+) -> Float[np.ndarray, "... 4 4"]:
+    """Apply tangent vectors [rad, m] to transforms; see the module's page."""
     return make_transform(
         exp_so3(delta[..., :3]) @ target_from_source[..., :3, :3],
         target_from_source[..., :3, 3] + delta[..., 3:],
     )
 
 
-def difference(to_target: np.ndarray, from_target: np.ndarray) -> np.ndarray:
-    """Tangent vectors (..., 6) with `retract(from_target, difference) == to_target`."""
-    turn = to_target[..., :3, :3] @ np.swapaxes(from_target[..., :3, :3], -1, -2)
-    return np.concatenate([log_so3(turn), to_target[..., :3, 3] - from_target[..., :3, 3]], axis=-1)
+def difference(
+    to_target: Float[np.ndarray, "*#batch 4 4"], from_target: Float[np.ndarray, "*#batch 4 4"]
+) -> Float[np.ndarray, "... 6"]:
+    """Tangent vectors with `retract(from_target, difference) == to_target`."""
+    rotation = to_target[..., :3, :3] @ np.swapaxes(from_target[..., :3, :3], -1, -2)
+    translation = to_target[..., :3, 3] - from_target[..., :3, 3]
+    return np.concatenate([log_so3(rotation), translation], axis=-1)
 
 
-def project_to_so3(matrices: np.ndarray) -> np.ndarray:
-    """Nearest rotations (..., 3, 3) in the Frobenius norm."""
+def project_to_so3(matrices: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """Nearest rotations in the Frobenius norm."""
     u, _, vt = np.linalg.svd(matrices)
     sign = np.ones(matrices.shape[:-1])
     sign[..., 2] = np.sign(np.linalg.det(u @ vt))
     return (u * sign[..., None, :]) @ vt
 
 
-def rotation_angle(rotations: np.ndarray) -> np.ndarray | np.float64:
-    """Angles (...,) in radians of rotations (..., 3, 3)."""
+def rotation_angle(
+    rotations: Float[np.ndarray, "*batch 3 3"],
+) -> Float[np.ndarray, "*batch"] | np.float64:
+    """Angles in radians of rotations."""
     return np.linalg.norm(log_so3(rotations), axis=-1)
 
 
-def rotation_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Smallest rotation (3, 3) that takes direction a (3,) to direction b (3,)."""
+def rotation_between(
+    a: Float[np.ndarray, " 3"], b: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "3 3"]:
+    """Smallest rotation that takes direction a to direction b."""
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     axis, cosine = np.cross(a, b), float(a @ b)
     sine = float(np.linalg.norm(axis))
@@ -115,17 +133,33 @@ def rotation_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return exp_so3(axis / sine * np.arctan2(sine, cosine))
 
 
-def yaw_transform(yaw: float, shift: np.ndarray | None = None) -> np.ndarray:
-    """Transform (4, 4) that turns about +z by `yaw` (rad), then shifts by (3,) m."""
+def yaw_transform(
+    yaw: float, translation: Real[np.ndarray, " 3"] | None = None
+) -> Float[np.ndarray, "4 4"]:
+    """Transform that turns about +z by `yaw` (rad), then moves by `translation` (m)."""
     return make_transform(
-        exp_so3(np.array([0.0, 0.0, yaw])), np.zeros(3) if shift is None else shift
+        exp_so3(np.array([0.0, 0.0, yaw])), np.zeros(3) if translation is None else translation
     )
 
 
+def yaw_of(
+    target_from_source: Float[np.ndarray, "*batch 4 4"],
+) -> Float[np.ndarray, "*batch"] | np.float64:
+    """Yaw (rad) of transforms about +z, in (-pi, pi]: where the source's x axis points, seen from above."""
+    return np.arctan2(target_from_source[..., 1, 0], target_from_source[..., 0, 0])
+
+
+def wrap_angle(angle: np.ndarray | float) -> np.ndarray | np.float64:
+    """Angles (rad, any shape), wrapped to [-pi, pi)."""
+    return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi
+
+
 def fit_rigid(
-    source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = None
-) -> np.ndarray:
-    """Least-squares rigid `target_from_source` (4, 4) of point pairs (n, 3), n >= 3 (Kabsch, Umeyama)."""
+    source: Float[np.ndarray, "n 3"],
+    target: Float[np.ndarray, "n 3"],
+    weights: Float[np.ndarray, " n"] | None = None,
+) -> Float[np.ndarray, "4 4"]:
+    """Least-squares rigid `target_from_source` of n >= 3 point pairs (Kabsch, Umeyama)."""
     w = np.ones(len(source)) if weights is None else weights
     w = w / w.sum()
     source_mean, target_mean = w @ source, w @ target

@@ -13,6 +13,7 @@ from enum import Enum
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.adjust.association import Association
 from planfit.adjust.terms.levels import level_planes
@@ -84,11 +85,15 @@ class DescentStop(Enum):
 class Descent:
     """Poses that a descent ended with, and how it got there."""
 
-    target_from_cams: np.ndarray  # (n, 4, 4); the initial ones where it diverged
+    target_from_cams: Float[np.ndarray, "n 4 4"]
+    """The initial ones where it diverged."""
     stop: DescentStop
-    steps: np.ndarray  # (k,) steps taken when each record was made; the first is 0
-    loss_m: np.ndarray  # (k,) the paper's L at those steps; the last is that of the poses
-    elapsed_s: np.ndarray  # (k,) since the descent began
+    steps: Int[np.ndarray, " k"]
+    """Steps taken when each record was made; the first is 0."""
+    loss_m: Float[np.ndarray, " k"]
+    """The paper's L at those steps; the last is that of the poses."""
+    elapsed_s: Float[np.ndarray, " k"]
+    """Since the descent began."""
 
 
 def descend(
@@ -96,18 +101,18 @@ def descend(
     structure: Structure,
     floorplan: Floorplan,
     association: Association,
-    initial_target_from_cams: np.ndarray,
+    initial_target_from_cams: Float[np.ndarray, "n 4 4"],
     weights: PaperWeights,
     options: DescentOptions,
 ) -> Descent:
     """Minimise the paper's cost as the paper does, association kept.
 
     Args:
-        matches: matched points, metres, camera frames; their spreads are not used.
+        matches: matched points, metres, camera frames; their sigmas are not used.
         structure: floor points and wall patches, metres, camera frames.
         floorplan: the plan.
         association: the face of each wall patch.
-        initial_target_from_cams: (n, 4, 4); the target is the plan.
+        initial_target_from_cams: the target is the plan.
         weights: of the terms.
         options: see there.
 
@@ -115,36 +120,18 @@ def descend(
         OptionError: PyTorch is not installed.
     """
     torch = _torch()
-    begin = time.perf_counter()
-    cost = _PaperCost(
-        torch,
-        (matches, structure, floorplan, association),
-        initial_target_from_cams,
-        weights,
-        options.dtype,
-    )
+    watch, step = _Watch(options), 0
+    inputs = (matches, structure, floorplan, association)
+    cost = _PaperCost(torch, inputs, initial_target_from_cams, weights, options.dtype)
     n = len(initial_target_from_cams)
     n_fixed = 1 if options.is_first_frame_fixed else 0
     held = torch.zeros((n_fixed, 6), dtype=cost.dtype)
     delta = torch.zeros((n - n_fixed, 6), dtype=cost.dtype, requires_grad=True)
     optimiser = torch.optim.SGD([delta], lr=options.learning_rate, momentum=options.momentum)
-    steps, losses, elapsed, stop = [], [], [], None
-    checked, step = np.inf, 0
     while True:
         optimiser.zero_grad()
         loss = cost.loss(torch.cat([held, delta]))
-        value = float(loss.detach())
-        if not np.isfinite(value):
-            stop = DescentStop.DIVERGED
-        elif step % options.check_every_steps == 0:
-            stop = DescentStop.TOLERANCE if abs(checked - value) < options.tolerance else None
-            checked = value
-        if stop is None and step >= options.max_steps:
-            stop = DescentStop.LIMIT
-        if stop is not None or step % options.record_every_steps == 0:
-            steps.append(step)
-            losses.append(value)
-            elapsed.append(time.perf_counter() - begin)
+        stop = watch.look(step, float(loss.detach()))
         if stop is not None:
             break
         if step == options.drop_after_steps:
@@ -156,7 +143,33 @@ def descend(
     if stop is not DescentStop.DIVERGED:
         moved = torch.cat([held, delta.detach()]).double().numpy()
         poses = se3.retract(initial_target_from_cams, moved)
-    return Descent(poses, stop, np.array(steps), np.array(losses), np.array(elapsed))
+    steps, loss_m, elapsed_s = (np.array(column) for column in zip(*watch.records, strict=True))
+    return Descent(poses, stop, steps, loss_m, elapsed_s)
+
+
+class _Watch:
+    """Decides when a descent ends, and keeps a record of it."""
+
+    def __init__(self, options: DescentOptions) -> None:
+        self._options = options
+        self._begin = time.perf_counter()
+        self._checked = np.inf
+        self.records: list[tuple[int, float, float]] = []
+        """(step, loss, seconds since the beginning); the last is where it ended."""
+
+    def look(self, step: int, value: float) -> DescentStop | None:
+        """Why the descent ends at this step and loss, if it does."""
+        o, stop = self._options, None
+        if not np.isfinite(value):
+            stop = DescentStop.DIVERGED
+        elif step % o.check_every_steps == 0:
+            stop = DescentStop.TOLERANCE if abs(self._checked - value) < o.tolerance else None
+            self._checked = value
+        if stop is None and step >= o.max_steps:
+            stop = DescentStop.LIMIT
+        if stop is not None or step % o.record_every_steps == 0:
+            self.records.append((step, value, time.perf_counter() - self._begin))
+        return stop
 
 
 def loss_and_gradient(
@@ -164,10 +177,10 @@ def loss_and_gradient(
     structure: Structure,
     floorplan: Floorplan,
     association: Association,
-    target_from_cams: np.ndarray,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
     weights: PaperWeights,
-) -> tuple[float, np.ndarray]:
-    """The paper's L (m) at poses (n, 4, 4), and its slope (n, 6) by each pose's tangent vector."""
+) -> tuple[float, Float[np.ndarray, "n 6"]]:
+    """The paper's L (m) at poses, and its slope by each pose's tangent vector."""
     torch = _torch()
     inputs = (matches, structure, floorplan, association)
     cost = _PaperCost(torch, inputs, target_from_cams, weights, "float64")
@@ -277,25 +290,26 @@ class _PaperCost:
 def _blocks(start: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Groups of points cut into blocks: group (b,), rows of points (b, BLOCK), which exist."""
     counts = np.diff(start)
-    per_group = -(-counts // _BLOCK)
+    per_group = -(-counts // _BLOCK)  # rounded up
     group = np.repeat(np.arange(len(counts)), per_group)
+    # Number of the block within its group: the running number less that of the group's first block.
     nth = np.arange(len(group)) - np.repeat(np.cumsum(per_group) - per_group, per_group)
     rows = start[group][:, None] + nth[:, None] * _BLOCK + np.arange(_BLOCK)
     return group, rows, rows < start[group + 1][:, None]
 
 
-def _exp_so3(torch: Any, turns: Any) -> Any:
+def _exp_so3(torch: Any, vectors: Any) -> Any:
     """Rotations (n, 3, 3) of rotation vectors (n, 3) in radians; its slope is safe at zero."""
-    angle_sq = (turns**2).sum(1)[:, None, None]
+    angle_sq = (vectors**2).sum(1)[:, None, None]
     small = angle_sq < _SMALL_ANGLE_SQ
     # Safe first: a NaN in the branch not taken would still poison the gradient.
     angle = torch.where(small, torch.ones_like(angle_sq), angle_sq).sqrt()
     a = torch.where(small, 1.0 - angle_sq / 6.0, torch.sin(angle) / angle)
     b = torch.where(small, 0.5 - angle_sq / 24.0, (1.0 - torch.cos(angle)) / angle**2)
-    x, y, z = turns[:, 0], turns[:, 1], turns[:, 2]
+    x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
     zero = torch.zeros_like(x)
     skew = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=1).reshape(-1, 3, 3)
-    return torch.eye(3, dtype=turns.dtype) + a * skew + b * (skew @ skew)
+    return torch.eye(3, dtype=vectors.dtype) + a * skew + b * (skew @ skew)
 
 
 def _torch() -> Any:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.adjust.terms.effective_observations import Weighting
 from planfit.errors import require_positive
@@ -23,18 +24,18 @@ FLOOR_PLANE = np.array([0.0, 0.0, 1.0, 0.0])
 
 @dataclass(frozen=True)
 class LevelOptions:
-    """Weight, spread and loss of a term for level surfaces."""
+    """Weight, sigma and loss of a term for level surfaces."""
 
     weight: float = 1.0
     """Factor on the term; 0 switches it off."""
     sigma_m: float = 0.03
-    """Spread of points about the plane: depth noise and an uneven surface."""
+    """Sigma of points about the plane: depth noise and an uneven surface."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
-    """Robust loss of the distance in spreads."""
+    """Robust loss of the distance in sigmas."""
     max_observations: float = 6.0
-    """Independent readings that a frame's points are worth at most."""
+    """Effective observations that a frame's points are worth at most."""
     points_per_observation: float = 30.0
-    """Points that make one reading."""
+    """Points that make one observation."""
 
     def __post_init__(self) -> None:
         require_positive(self, "sigma_m", "max_observations", "points_per_observation")
@@ -45,8 +46,8 @@ class LevelTerm:
     """Sum over points of rho((z of T_i p - height of the frame's plane) / sigma)."""
 
     points: LevelPoints
-    heights_m: np.ndarray
-    """(n,) height of the plane that each frame's points belong on, target frame; NaN: on none."""
+    heights_m: Float[np.ndarray, " n"]
+    """Height of the plane that each frame's points belong on, target frame; NaN: on none."""
     options: LevelOptions
     name: str
     device: str = "cpu"
@@ -57,7 +58,7 @@ class LevelTerm:
         return GroupedPoints(self.device, self.points.start, self.points.points_cam)
 
     def reweight(
-        self, target_from_cams: np.ndarray
+        self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
         """One pass over the points; see `planfit.lsq.moments`."""
         start = self.points.start
@@ -82,8 +83,8 @@ def floor_term(structure: Structure, options: LevelOptions, device: str = "cpu")
     return LevelTerm(structure.floor, structure.floor_heights_m, options, "floor", device)
 
 
-def level_planes(heights_m: np.ndarray) -> np.ndarray:
-    """Planes (n, 4), (normal, -offset), at heights (n,) m; at z = 0 where there is no height."""
+def level_planes(heights_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 4"]:
+    """Planes (normal, -offset) at heights (m); at z = 0 where there is no height."""
     planes = np.tile(FLOOR_PLANE, (len(heights_m), 1))
     planes[:, 3] = -np.nan_to_num(heights_m)
     return planes

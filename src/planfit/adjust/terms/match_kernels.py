@@ -1,7 +1,7 @@
 """Compiled passes over matches for residuals that do not collapse into moments.
 
-Residuals of a pair depend on first_from_second alone, so each pair is summed by its tangent (turn,
-shift; first's axes): with v = R p and q = v + t, a change of q along `row` is a change of the tangent
+Residuals of a pair depend on first_from_second alone, so each pair is summed by its tangent (rotation,
+translation; first's axes): with v = R p and q = v + t, a change of q along `row` is a change of the tangent
 along (v x row, row). Squared residuals come from one pass and robust weights from `robust`, so no
 kernel here needs a loss (numba's cache watches only the file a function is in, see `kernels`).
 
@@ -120,10 +120,11 @@ def sum_ray_distances(
 ):  # pragma: no cover
     """Write the Gauss-Newton sums of `ray_distances` to (k, 6, 6) and (k, 6).
 
-    With a the first ray, e the second, s the shift, n = a x e, N = n . n + parallel_sq, r = s . n / sqrt(N):
-    dr = turn . e x ((s x a) / sqrt(N) - (s . n) (n x a) / N^1.5) + shift . n / sqrt(N).
+    With a the first ray, e the second, s the translation, n = a x e, N = n . n + parallel_sq and
+    r = s . n / sqrt(N):
+    dr = rotation . e x ((s x a) / sqrt(N) - (s . n) (n x a) / N^1.5) + translation . n / sqrt(N).
     """
-    turned, normal, lever, bend = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    turned, normal, lever, across = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     for k in range(len(start) - 1):
         t = first_from_second[k]
         rows = np.zeros((start[k + 1] - start[k], 7))
@@ -133,9 +134,9 @@ def sum_ray_distances(
             grown = normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2 + parallel_sq
             scale = np.sqrt(weight[m] / grown)
             _cross(t[:3, 3], rays_first[m], lever)
-            _cross(normal, rays_first[m], bend)
+            _cross(normal, rays_first[m], across)
             for a in range(3):
-                lever[a] = scale * (lever[a] - along * bend[a] / grown)
+                lever[a] = scale * (lever[a] - along * across[a] / grown)
                 row[3 + a] = scale * normal[a]
             _cross(turned, lever, row)
             row[6] = scale * along

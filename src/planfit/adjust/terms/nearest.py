@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.adjust.terms.effective_observations import Weighting
@@ -74,7 +75,9 @@ class NearestTerm:
         """The faces, sorted for the search."""
         return make_face_grid(self.floorplan, self.nearest.max_distance_m, self.nearest.oriented)
 
-    def reweight(self, target_from_cams: np.ndarray) -> tuple["NearestPointCorrespondences", float]:
+    def reweight(
+        self, target_from_cams: Float[np.ndarray, "n 4 4"]
+    ) -> tuple["NearestPointCorrespondences", float]:
         """Nearest faces and weights at plan_from_cams (n, 4, 4)."""
         o, patches = self.options, self.patches
         points, start = patches.points_cam, patches.start
@@ -101,16 +104,18 @@ class NearestPointCorrespondences:
     """Wall points with the points of the plan they are held to, weights frozen."""
 
     patches: WallPatches
-    feet: np.ndarray  # (m, 2) m, plan frame
-    information: np.ndarray  # (m, 3) 1/m^2: xx, xy and yy of each point's 2x2 weight
+    feet: Float[np.ndarray, "m 2"]
+    """Metres, plan frame."""
+    information: Float[np.ndarray, "m 3"]
+    """1/m^2: xx, xy and yy of each point's 2x2 weight."""
 
-    def cost(self, target_from_cams: np.ndarray) -> float:
+    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
         """Half the weighted sum of squares."""
         s = self.patches
         poses = target_from_cams[s.frame_idx]
         return float(correspondence_cost(s.points_cam, s.start, poses, self.feet, self.information))
 
-    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
         """Gauss-Newton blocks of each frame."""
         s, n = self.patches, len(target_from_cams)
         poses = target_from_cams[s.frame_idx]

@@ -64,7 +64,7 @@ def sum_correspondences(
 ):  # pragma: no cover
     """Add the Gauss-Newton sums of `correspondence_cost` to its frames' (n, 6, 6) and (n, 6).
 
-    With v = R p, x moves by (0, vz, -vy) . turn and y by (-vz, 0, vx) . turn.
+    With v = R p, x moves by (0, vz, -vy) . w and y by (-vz, 0, vx) . w under a rotation w.
     """
     jx, jy = np.zeros(6), np.zeros(6)
     jx[3], jy[4] = 1.0, 1.0

@@ -1,4 +1,4 @@
-"""Trajectory prior: steps between frames are as the tracker recorded them, within its spread.
+"""Odometry term: steps between frames are as the tracker recorded them, within its sigma.
 
 Not in the paper. Without it, a frame that has no match and sees no wall floats, and a bundle of wrong
 matches bends the path where nothing else holds it.
@@ -18,13 +18,13 @@ from planfit.scan.odometry import Odometry
 
 @dataclass(frozen=True)
 class OdometryTermOptions:
-    """Weight and loss of the trajectory prior."""
+    """Weight and loss of the odometry term."""
 
     weight: float = 1.0
     """Factor on the term; 0 switches it off."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 5.0))
     """Robust loss of a step's departure in sigmas (six numbers a step, so 2.4 is usual); trackers
-    jump now and then, and a jump must not be spread over the path."""
+    jump now and then, and a jump must not be smeared over the path."""
 
 
 @dataclass(frozen=True)

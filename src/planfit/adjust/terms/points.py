@@ -1,6 +1,6 @@
 """3D point error (paper, Eq. L_geom): matched keypoints, lifted by depth, coincide.
 
-Their spread is the same in all directions, though depth is rougher than the place in the image. A spread of
+Their sigma is the same in all directions, though depth is rougher than the location in the image. A sigma of
 1 px across the ray, with the matches' own along it, was tried: aligned error 0.012 m instead of 0.018 on a
 synthetic phone scan, but 0.047 instead of 0.022 on 7-Scenes' kitchen and 0.085 instead of 0.074 on ConSLAM,
 as real calibrations and clocks err by pixels.
@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.adjust.terms.effective_observations import Weighting
 from planfit.errors import require_positive
@@ -26,10 +27,10 @@ class PointOptions:
     weight: float = 1.0
     """Factor on the term; 0 switches it off."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
-    """Robust loss of |p - p'| in spreads. With a scale of 1, ConSLAM errs by 0.098 m instead of 0.100, but a
+    """Robust loss of |p - p'| in sigmas. With a scale of 1, ConSLAM errs by 0.098 m instead of 0.100, but a
     plan with 30 % of its walls moved by 0.09 m instead of 0.04 at worst (benchmarks/robustness.py)."""
     max_observations: float = 40.0
-    """Independent readings that a pair's matches are worth at most: they share depth calibration and
+    """Effective observations that a pair's matches are worth at most: they share depth calibration and
     the interpolation of the depth image. With 20, an 80-frame synthetic scan errs by 0.020 m instead of
     0.019 and a plan with 30 % of its walls moved by 0.09 m instead of 0.04 at worst; 80 changes little."""
 
@@ -57,7 +58,7 @@ class PointTerm:
         return replace(self, options=replace(self.options, loss=self.options.loss.widened(factor)))
 
     def reweight(
-        self, target_from_cams: np.ndarray
+        self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple[PairMoments | TorchPairMoments, float]:
         """One pass over the matches; see `planfit.lsq.moments`."""
         m = self.matches

@@ -9,11 +9,11 @@ n vanishes and the expression has no limit: its value depends on how they got th
 the distance times a factor that is 1 for rays which meet at an angle and fades to 0 for parallel ones.
 It is zero wherever the rays meet, smooth for all directions, opposite ones included, and |r| never
 exceeds the distance. The limit that suggests itself, the distance of one centre to the other ray, would
-pull cameras together that truly are a short step apart.
+draw cameras together that truly are a short step apart.
 
 Depth enters only through the ray's direction, so nothing here holds the scale: centres that all
-coincide have no distance at all, and along a straight walk each step's length is free. Walls, floor, a
-trajectory prior or anchors must hold it, the more so where there are wrong matches: these cost
+coincide have no distance at all, and along a straight walk each step's length is free. Walls, floor, an
+odometry term or pose priors must hold it, the more so where there are wrong matches: these cost
 least where the centres meet, and with a tenth of them wrong, rows of free cameras collapsed.
 """
 
@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.match_kernels import ray_distances, sum_ray_distances
@@ -37,9 +38,9 @@ class RayOptions:
     weight: float = 1.0
     """Factor on the term; 0 switches it off."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
-    """Robust loss of the distance in spreads, those of the lifted match (`Matches.sigma`)."""
+    """Robust loss of the distance in sigmas, those of the lifted match (`Matches.sigma`)."""
     max_observations: float = 20.0
-    """Independent readings that a pair's matches are worth at most."""
+    """Effective observations that a pair's matches are worth at most."""
     parallel_deg: float = 0.3
     """Angle between rays at which half the squared distance counts; well above it all, below it
     nothing: directions are known to about a pixel, 0.1 deg."""
@@ -52,21 +53,27 @@ class RayOptions:
 class RayPairs:
     """Viewing rays of matches."""
 
-    pairs: np.ndarray  # (k, 2) frames
-    start: np.ndarray  # (k + 1,): matches of pair k are start[k]:start[k + 1]
-    rays_first: np.ndarray  # (m, 3) unit, camera frame of the first of the pair
-    rays_second: np.ndarray  # (m, 3) unit, camera frame of the second
+    pairs: Int[np.ndarray, "k 2"]
+    """Frames."""
+    start: Int[np.ndarray, " k_and_one"]
+    """Matches of pair k are start[k]:start[k + 1]."""
+    rays_first: Float[np.ndarray, "m 3"]
+    """Unit, camera frame of the first of the pair."""
+    rays_second: Float[np.ndarray, "m 3"]
+    """Unit, camera frame of the second."""
     parallel_sq: float
     """Squared sine of the angle at which rays begin to count."""
 
-    def distances(self, target_from_cams: np.ndarray) -> np.ndarray:
-        """Signed, faded distances (m,) m at poses (n, 4, 4)."""
+    def distances(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, " m"]:
+        """Signed, faded distances (m)."""
         distance = np.zeros(len(self.rays_first))
         ray_distances(*self._arguments(target_from_cams), distance)
         return distance
 
-    def normal_blocks(self, weight: np.ndarray, target_from_cams: np.ndarray) -> NormalBlocks:
-        """Gauss-Newton blocks of distances with weights (m,) 1/m^2 at poses (n, 4, 4)."""
+    def normal_blocks(
+        self, weight: Float[np.ndarray, " m"], target_from_cams: Float[np.ndarray, "n 4 4"]
+    ) -> NormalBlocks:
+        """Gauss-Newton blocks of distances with weights (1/m^2)."""
         k = len(self.pairs)
         hessians, gradients = np.zeros((k, 6, 6)), np.zeros((k, 6))
         sum_ray_distances(*self._arguments(target_from_cams), weight, hessians, gradients)
@@ -99,13 +106,15 @@ class RayTerm:
         """The same term with the scale of its loss times `factor`, for graduated non-convexity."""
         return replace(self, options=replace(self.options, loss=self.options.loss.widened(factor)))
 
-    def reweight(self, target_from_cams: np.ndarray) -> tuple["RayQuadratic", float]:
+    def reweight(
+        self, target_from_cams: Float[np.ndarray, "n 4 4"]
+    ) -> tuple["RayQuadratic", float]:
         """Weights of the matches at poses (n, 4, 4)."""
         distance, sigma_sq = self.ray_pairs.distances(target_from_cams), self.matches.sigma**2
         rho, weight = loss_value(distance**2 / sigma_sq, self.options.loss)
         counts = np.diff(self.matches.start)
-        readings = Weighting(self.options.max_observations).weight_per_point(counts)
-        information = np.repeat(self.options.weight * readings, counts)
+        observations = Weighting(self.options.max_observations).weight_per_point(counts)
+        information = np.repeat(self.options.weight * observations, counts)
         quadratic = RayQuadratic(self.ray_pairs, information * weight / sigma_sq)
         return quadratic, 0.5 * float(information @ rho)
 
@@ -115,13 +124,14 @@ class RayQuadratic:
     """Ray distance with frozen weights."""
 
     ray_pairs: RayPairs
-    weight: np.ndarray  # (m,) 1/m^2
+    weight: Float[np.ndarray, " m"]
+    """1/m^2."""
 
-    def cost(self, target_from_cams: np.ndarray) -> float:
+    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
         """Half the weighted sum of squares."""
         return 0.5 * float(self.weight @ self.ray_pairs.distances(target_from_cams) ** 2)
 
-    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
         """Gauss-Newton blocks of the distances."""
         return self.ray_pairs.normal_blocks(self.weight, target_from_cams)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.match_kernels import reproject, sum_reprojections
@@ -21,16 +22,16 @@ from planfit.matching import Matches
 
 @dataclass(frozen=True)
 class ReprojectionOptions:
-    """Weight, spread and loss of the reprojection error."""
+    """Weight, sigma and loss of the reprojection error."""
 
     weight: float = 1.0
     """Factor on the term; 0 switches it off."""
     sigma_px: float = 2.0
-    """Spread of a reprojected keypoint, each axis: detection, and depth seen from the side."""
+    """Sigma of a reprojected keypoint, each axis: detection, and depth seen from the side."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
-    """Robust loss of the error in spreads, of each way on its own."""
+    """Robust loss of the error in sigmas, of each way on its own."""
     max_observations: float = 20.0
-    """Independent readings that a pair's matches are worth at most; the two ways share one."""
+    """Effective observations that a pair's matches are worth at most; the two ways share one."""
     min_depth_m: float = 0.1
     """A point nearer to the other image's plane, or behind it, has no weight until weights are renewed:
     its projection is meaningless. It costs as much as one that is off by the image's diagonal, so that
@@ -44,16 +45,24 @@ class ReprojectionOptions:
 class ReprojectedMatches:
     """Matches both ways: the second camera of each pair lifts, the first one sees."""
 
-    pairs: np.ndarray  # (k, 2) frames
-    start: np.ndarray  # (k + 1,): reprojected of pair k are start[k]:start[k + 1]
-    points_first: np.ndarray  # (m, 3) m, camera frame of the one that sees; gives the pixel
-    points_second: np.ndarray  # (m, 3) m, camera frame of the one that lifts
-    focals: np.ndarray  # (k, 2) px, fx and fy of the one that sees
-    diagonals: np.ndarray  # (k,) px, of the one that sees
+    pairs: Int[np.ndarray, "k 2"]
+    """Frames."""
+    start: Int[np.ndarray, " k_and_one"]
+    """Matches of pair k are start[k]:start[k + 1]."""
+    points_first: Float[np.ndarray, "m 3"]
+    """Metres, camera frame of the one that sees; gives the pixel."""
+    points_second: Float[np.ndarray, "m 3"]
+    """Metres, camera frame of the one that lifts."""
+    focals: Float[np.ndarray, "k 2"]
+    """Pixels, fx and fy of the one that sees."""
+    diagonals: Float[np.ndarray, " k"]
+    """Pixels, of the one that sees."""
     min_depth_m: float
 
-    def squared(self, target_from_cams: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Squared errors (m,) px^2 at poses (n, 4, 4), and which (m,) lie before the camera.
+    def squared(
+        self, target_from_cams: Float[np.ndarray, "n 4 4"]
+    ) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
+        """Squared errors (px^2), and which points lie before the camera.
 
         For the others the depth is taken as the least one, so that no step gains by bringing a point
         behind a camera.
@@ -63,8 +72,10 @@ class ReprojectedMatches:
         reproject(*self._arguments(target_from_cams), squared, is_on)
         return squared, is_on
 
-    def normal_blocks(self, weight: np.ndarray, target_from_cams: np.ndarray) -> NormalBlocks:
-        """Gauss-Newton blocks of errors with weights (m,) 1/px^2 at poses (n, 4, 4)."""
+    def normal_blocks(
+        self, weight: Float[np.ndarray, " m"], target_from_cams: Float[np.ndarray, "n 4 4"]
+    ) -> NormalBlocks:
+        """Gauss-Newton blocks of errors with weights (1/px^2)."""
         k = len(self.pairs)
         hessians, gradients = np.zeros((k, 6, 6)), np.zeros((k, 6))
         sum_reprojections(*self._arguments(target_from_cams), weight, hessians, gradients)
@@ -110,15 +121,17 @@ class ReprojectionTerm:
         """The same term with the scale of its loss times `factor`, for graduated non-convexity."""
         return replace(self, options=replace(self.options, loss=self.options.loss.widened(factor)))
 
-    def reweight(self, target_from_cams: np.ndarray) -> tuple["ReprojectionQuadratic", float]:
-        """Weights of the reprojected at poses (n, 4, 4); those behind the camera have none."""
+    def reweight(
+        self, target_from_cams: Float[np.ndarray, "n 4 4"]
+    ) -> tuple["ReprojectionQuadratic", float]:
+        """Weights of the reprojected matches at poses (n, 4, 4); those behind the camera have none."""
         o, reprojected = self.options, self.reprojected
         squared, is_on = reprojected.squared(target_from_cams)
         counts = np.diff(reprojected.start)
         squared = np.where(is_on, squared, np.repeat(reprojected.diagonals**2, counts))
         rho, weight = loss_value(squared / o.sigma_px**2, o.loss)
-        readings = Weighting(o.max_observations).weight_per_point(counts)
-        information = np.repeat(0.5 * o.weight * readings, counts)
+        observations = Weighting(o.max_observations).weight_per_point(counts)
+        information = np.repeat(0.5 * o.weight * observations, counts)
         quadratic = ReprojectionQuadratic(reprojected, information * weight * is_on / o.sigma_px**2)
         return quadratic, 0.5 * float(information @ rho)
 
@@ -128,12 +141,13 @@ class ReprojectionQuadratic:
     """Reprojection error with frozen weights."""
 
     reprojected: ReprojectedMatches
-    weight: np.ndarray  # (m,) 1/px^2
+    weight: Float[np.ndarray, " m"]
+    """1/px^2."""
 
-    def cost(self, target_from_cams: np.ndarray) -> float:
+    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
         """Half the weighted sum of squares."""
         return 0.5 * float(self.weight @ self.reprojected.squared(target_from_cams)[0])
 
-    def normal_blocks(self, target_from_cams: np.ndarray) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
         """Gauss-Newton blocks of the errors."""
         return self.reprojected.normal_blocks(self.weight, target_from_cams)

@@ -1,8 +1,8 @@
 """Wall offsets: each face of the plan may stand off where it is drawn, along its normal.
 
 Not in the paper. A plan that is a few centimetres wrong otherwise bends the scan. A face is given a
-place among the unknowns behind those of the cameras: a transform that starts as the identity and whose
-shift along the normal is the offset. So the solver, its pattern and its covariances serve offsets
+pose among the unknowns behind those of the cameras: a transform that starts as the identity and whose
+translation along the normal is the offset. So the solver, its pattern and its covariances serve offsets
 without knowing of them.
 """
 
@@ -23,7 +23,9 @@ from planfit.lsq.term import Term
 from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.segmentation import WallPatches
 
-_FREE_TURN = 1.0  # rad: no wall point says anything of a face's turn; any finite spread holds it
+_FREE_ROTATION = (
+    1.0  # rad: no wall point says anything of a face's rotation; any finite sigma holds it
+)
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,10 @@ class OffsetWallTerm:
     """Poses before the faces' own among the unknowns."""
     name: str = "walls"
 
-    def reweight(self, unknowns: np.ndarray) -> tuple["OffsetPlaneMoments", float]:
+    def reweight(self, unknowns: Float[np.ndarray, "u 4 4"]) -> tuple["OffsetPlaneMoments", float]:
         """One pass over the wall points, against faces where their offsets put them now."""
-        shifts = unknowns[self.n_cams :, :3, 3]
-        offsets_m = np.einsum("ni,ni->n", self.floorplan.normals, shifts[:, :2])
+        translations = unknowns[self.n_cams :, :3, 3]
+        offsets_m = np.einsum("ni,ni->n", self.floorplan.normals, translations[:, :2])
         term = WallTerm(
             self.patches, self.floorplan, self.association, self.options, offsets_m=offsets_m
         )
@@ -59,18 +61,19 @@ class OffsetWallTerm:
 
 @dataclass(frozen=True)
 class OffsetPlaneMoments:
-    """Moments of wall points about faces that shift, with frozen weights."""
+    """Moments of wall points about faces with offsets, with frozen weights."""
 
     drawn: PlaneMoments
     """About the faces as drawn."""
-    face_idx: np.ndarray  # (k,) place of each group's face among the unknowns
+    face_idx: Int[np.ndarray, " k"]
+    """Index of each group's face among the unknowns."""
 
-    def cost(self, unknowns: np.ndarray) -> float:
-        """Half the weighted sum of squares at unknowns (n, 4, 4)."""
+    def cost(self, unknowns: Float[np.ndarray, "u 4 4"]) -> float:
+        """Half the weighted sum of squares."""
         return self._shifted(unknowns).cost(unknowns)
 
-    def normal_blocks(self, unknowns: np.ndarray) -> NormalBlocks:
-        """Blocks of cameras, of faces, and between them: d residual / d shift = -normal."""
+    def normal_blocks(self, unknowns: Float[np.ndarray, "u 4 4"]) -> NormalBlocks:
+        """Blocks of cameras, of faces, and between them: d residual / d translation = -normal."""
         shifted = self._shifted(unknowns)
         cams = shifted.normal_blocks(unknowns)
         poses = unknowns[shifted.pose_idx]
@@ -83,39 +86,43 @@ class OffsetPlaneMoments:
         across[:, :, 3:] = -by_cam[:, :, None] * normals[:, None, :]
         own = np.zeros((len(poses), 6, 6))
         own[:, 3:, 3:] = (ones[:, 3, None] * normals)[:, :, None] * normals[:, None, :]
-        pull = np.concatenate([np.zeros_like(normals), -residual[:, None] * normals], axis=1)
+        by_face = np.concatenate([np.zeros_like(normals), -residual[:, None] * normals], axis=1)
         n = len(unknowns)
         everyone = np.arange(n)
         return NormalBlocks(
             np.concatenate([cams.rows, everyone, shifted.pose_idx]),
             np.concatenate([cams.columns, everyone, self.face_idx]),
             np.concatenate([cams.blocks, sum_by_pose(self.face_idx, own, n), across]),
-            cams.gradient + sum_by_pose(self.face_idx, pull, n),
+            cams.gradient + sum_by_pose(self.face_idx, by_face, n),
         )
 
     def _shifted(self, unknowns: np.ndarray) -> PlaneMoments:
         planes = self.drawn.planes.copy()
-        shifts = unknowns[self.face_idx, :3, 3]
-        planes[:, 3] -= np.einsum("ki,ki->k", planes[:, :3], shifts)
+        translations = unknowns[self.face_idx, :3, 3]
+        planes[:, 3] -= np.einsum("ki,ki->k", planes[:, :3], translations)
         return PlaneMoments(self.drawn.pose_idx, planes, self.drawn.moments)
 
 
 def offset_prior(n_cams: int, floorplan: Floorplan, sigma_m: float) -> PosePriorTerm:
-    """Faces stand where they are drawn, within a spread."""
-    sigma = np.array([_FREE_TURN] * 3 + [sigma_m] * 3)
+    """Faces stand where they are drawn, within a sigma."""
+    sigma = np.array([_FREE_ROTATION] * 3 + [sigma_m] * 3)
     faces = n_cams + np.arange(len(floorplan))
     return PosePriorTerm(faces, np.tile(np.eye(4), (len(floorplan), 1, 1)), sigma, "wall offsets")
 
 
-def with_offsets(plan_from_cams: np.ndarray, floorplan: Floorplan) -> np.ndarray:
-    """Unknowns: poses (n, 4, 4) and, behind them, faces as drawn."""
+def with_offsets(
+    plan_from_cams: Float[np.ndarray, "n 4 4"], floorplan: Floorplan
+) -> Float[np.ndarray, "u 4 4"]:
+    """Unknowns: poses and, behind them, faces as drawn."""
     return np.concatenate([plan_from_cams, np.tile(np.eye(4), (len(floorplan), 1, 1))])
 
 
-def read_offsets(unknowns: np.ndarray, n_cams: int, floorplan: Floorplan) -> np.ndarray:
-    """Offsets (f,) m of the faces along their normals."""
-    shifts = se3.transform(unknowns[n_cams:], np.zeros((1, 3)))[:, 0, :2]
-    return np.einsum("ni,ni->n", floorplan.normals, shifts)
+def read_offsets(
+    unknowns: Float[np.ndarray, "u 4 4"], n_cams: int, floorplan: Floorplan
+) -> Float[np.ndarray, " f"]:
+    """Offsets (m) of the faces along their normals."""
+    translations = se3.transform(unknowns[n_cams:], np.zeros((1, 3)))[:, 0, :2]
+    return np.einsum("ni,ni->n", floorplan.normals, translations)
 
 
 def offset_sigmas(

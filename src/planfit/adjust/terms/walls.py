@@ -2,13 +2,14 @@
 
 The association is made once from the current poses (`planfit.adjust.association`) and kept while the
 poses are solved for. The paper's formula writes the same letter for the scan's plane and the plan's;
-the plan's is meant, else nothing would be pulled to the plan.
+the plan's is meant, else nothing would hold the scan to the plan.
 """
 
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from planfit.adjust.association import Association
 from planfit.adjust.terms.effective_observations import Weighting
@@ -22,27 +23,27 @@ from planfit.segmentation import WallPatches
 
 @dataclass(frozen=True)
 class WallOptions:
-    """Weight, spread and loss of the walls term."""
+    """Weight, sigma and loss of the walls term."""
 
     weight: float = 1.0
     """Factor on the term; 0 switches it off."""
     sigma_m: float = 0.05
-    """Spread of wall points about the drawn wall: as drawn, as built, as measured."""
+    """Sigma of wall points about the drawn wall: as drawn, as built, as measured."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.GEMAN_MCCLURE, 0.8))
-    """Robust loss of the distance in spreads. It levels off, because a wall that is drawn decimetres
-    off is seen by many frames, which must not pull together: with 30 % of walls drawn 0.1 to 0.5 m off,
+    """Robust loss of the distance in sigmas. It levels off, because a wall that is drawn decimetres
+    off is seen by many frames, which must not act together: with 30 % of walls drawn 0.1 to 0.5 m off,
     20 runs err by 0.0084 m in the median, 0.04 m at worst (benchmarks/robustness.py); with a Cauchy loss of
     scale 2 by several times that. A scale of 0.7 lets go of right walls where no loop is closed and costs
     4 % of accuracy on an 80-frame scan with a right plan."""
     max_observations: float = 4.0
-    """Independent readings that a piece of wall is worth at most."""
+    """Effective observations that a wall patch is worth at most."""
     points_per_observation: float = 60.0
-    """Wall points that make one reading."""
+    """Wall points that make one observation."""
     offset_sigma_m: float = 0.0
-    """Spread of faces about where they are drawn, one unknown offset a face; 0: faces are as drawn. Worth
-    it where the whole plan is a few centimetres off: with 3 cm, a spread of 2 cm brings the error from
+    """Sigma of faces about where they are drawn, one unknown offset a face; 0: faces are as drawn. Worth
+    it where the whole plan is a few centimetres off: with 3 cm, a sigma of 2 cm brings the error from
     0.022 to 0.017 m; but from 0.007 to 0.008 m on a right plan, and where some walls are decimetres off
-    it lets them pull (0.013 to 0.08 m), so it is off by default."""
+    it lets them act (0.013 to 0.08 m), so it is off by default."""
 
     def __post_init__(self) -> None:
         require_positive(self, "sigma_m", "max_observations", "points_per_observation")
@@ -57,8 +58,8 @@ class WallTerm:
     association: Association
     options: WallOptions
     name: str = "walls"
-    offsets_m: np.ndarray | None = None
-    """(f,) shift of each face along its normal from where it is drawn; None: as drawn."""
+    offsets_m: Float[np.ndarray, " f"] | None = None
+    """Of each face along its normal from where it is drawn; None: as drawn."""
     device: str = "cpu"
     """Where the points are reweighted; "cuda" asks for PyTorch."""
 
@@ -67,7 +68,7 @@ class WallTerm:
         return GroupedPoints(self.device, self.patches.start, self.patches.points_cam)
 
     def reweight(
-        self, target_from_cams: np.ndarray
+        self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
         """One pass over the wall points; see `planfit.lsq.moments`."""
         patches, face = self.patches, self.association.face_idx
@@ -89,8 +90,8 @@ class WallTerm:
         return plane_moments(patches.points_cam, patches.start, *rest)
 
 
-def face_planes(floorplan: Floorplan, face_idx: np.ndarray) -> np.ndarray:
-    """Planes (k, 4), (normal, -offset) in the plan frame, of faces (k,); of -1, any plane."""
+def face_planes(floorplan: Floorplan, face_idx: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 4"]:
+    """Planes (normal, -offset) in the plan frame, of faces; of -1, any plane."""
     planes = np.zeros((len(face_idx), 4))
     planes[:, :2] = floorplan.normals[face_idx]
     planes[:, 3] = -floorplan.offsets[face_idx]

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from builders import faces_plan, moved_plan, room_plan
 from planfit.align import AlignOptions, align, sample_walls
-from planfit.align.turns import candidate_turns
+from planfit.align.candidates import candidate_yaws
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 
@@ -179,21 +179,21 @@ def test_without_a_claim_nothing_is_as_recorded(office):
 # Options.
 
 
-def test_near_recorded_m(office):
+def test_prior_translation_m(office):
     claimed = se3.yaw_transform(0.0, np.array([2.0, 0.0, 0.0]))
     walls = seen(office, np.arange(12), np.eye(4))
     assert align(walls, office, AlignOptions(), claimed).is_as_recorded
-    options = AlignOptions(near_recorded_m=0.001)
+    options = AlignOptions(prior_translation_m=0.001)
     far = se3.yaw_transform(0.0, np.array([9.0, 0.0, 0.0]))
     assert not align(walls, office, options, far).is_as_recorded
 
 
-def test_near_recorded_deg(office):
+def test_prior_yaw_deg(office):
     claimed = se3.yaw_transform(np.deg2rad(6.0))
     walls = seen(office, np.arange(12), np.eye(4))
     assert align(walls, office, AlignOptions(), claimed).is_as_recorded
     # The claim itself is tried as a start and ends at the truth, six degrees from what it claims.
-    assert not align(walls, office, AlignOptions(near_recorded_deg=5.0), claimed).is_as_recorded
+    assert not align(walls, office, AlignOptions(prior_yaw_deg=5.0), claimed).is_as_recorded
 
 
 def test_min_score_and_min_margin():
@@ -203,24 +203,26 @@ def test_min_score_and_min_margin():
     assert align(walls, room_plan(), AlignOptions(min_margin=-1.0)).warnings == ()
 
 
-def test_distinct_m_and_deg_say_what_is_another_place():
+def test_distinct_translation_and_yaw_say_what_is_another_alignment():
     walls = seen(room_plan(), np.arange(4), np.eye(4))
-    one = align(walls, room_plan(), AlignOptions(distinct_deg=181.0, distinct_m=100.0))
+    one = align(
+        walls, room_plan(), AlignOptions(distinct_yaw_deg=181.0, distinct_translation_m=100.0)
+    )
     assert one.runner_up is None
     assert one.margin == one.score
 
 
-def test_max_turns_and_candidates(office):
+def test_max_yaws_and_candidates(office):
     walls = seen(office, np.arange(12), se3.yaw_transform(0.5))
-    assert len(candidate_turns(walls, office, 3)) == 3
-    only = align(walls, office, AlignOptions(max_turns=1, max_candidates=1))
+    assert len(candidate_yaws(walls, office, 3)) == 3
+    only = align(walls, office, AlignOptions(max_yaws=1, max_candidates=1))
     assert only.runner_up is None
 
 
-def test_candidate_turns_begin_with_the_true_one(office, rng):
+def test_candidate_yaws_begin_with_the_true_one(office, rng):
     for _ in range(10):
         yaw = rng.uniform(-np.pi, np.pi)
-        turns = candidate_turns(seen(office, np.arange(12), se3.yaw_transform(yaw)), office, 8)
+        turns = candidate_yaws(seen(office, np.arange(12), se3.yaw_transform(yaw)), office, 8)
         off = (turns - yaw + np.pi) % (2 * np.pi) - np.pi
         assert np.rad2deg(np.abs(off)).min() < 1.0  # four quarters agree equally well
         apart = np.abs((turns[:, None] - turns + np.pi) % (2 * np.pi) - np.pi)

@@ -1,4 +1,4 @@
-"""Moving one place until the walls lie on the faces."""
+"""Moving one alignment until the walls lie on the faces."""
 
 from dataclasses import replace
 
@@ -8,14 +8,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import room_plan
 from planfit.align.refine import (
-    CROSSED_WEIGHT,
+    OCCLUDED_WEIGHT,
     SCORE_SIGMA_M,
     AlignmentHypothesis,
     RefineSteps,
     explained,
-    part_covariance,
+    jackknife_covariance,
     refine_hypothesis,
-    stretch_scores,
+    segment_scores,
 )
 from planfit.align.visibility import SIGHT_MARGIN_M, is_occluded
 from planfit.align.wall_samples import WallSamples, thin
@@ -38,7 +38,7 @@ def refined(walls, plan, yaw, shift, n_scales=0, scale=1.0):
 def test_a_near_start_ends_at_the_truth(samples):
     fit = refined(samples, room_plan(), 0.08, [0.3, -0.25])
     assert fit.score == pytest.approx(1.0, abs=1e-6)
-    assert_allclose(fit.shift, 0.0, atol=1e-3)
+    assert_allclose(fit.translation, 0.0, atol=1e-3)
     assert fit.yaw == pytest.approx(0.0, abs=1e-4)
     assert_allclose(fit.plan_from_level, np.eye(4), atol=1e-3)
 
@@ -50,16 +50,16 @@ def test_the_score_is_the_mean_closeness(samples):
     assert fit.score == pytest.approx(np.exp(-0.5 * (0.15 / SCORE_SIGMA_M) ** 2), rel=0.02)
 
 
-def test_a_place_off_the_plan_scores_zero(samples):
+def test_an_alignment_off_the_plan_scores_zero(samples):
     assert refined(samples, room_plan(), 0.0, [100.0, 0.0]).score == 0.0
 
 
-def test_one_scale_is_refined_with_turn_and_shift(samples):
+def test_one_scale_is_refined_with_yaw_and_translation(samples):
     plan = replace(room_plan(), ends=room_plan().ends * 40.0, is_metric=False)
     fit = refined(samples, plan, 0.05, [0.2, -0.1], n_scales=1, scale=0.025 * 1.03)
     assert fit.scale_xy == pytest.approx((0.025, 0.025), rel=1e-5)
     assert fit.score == pytest.approx(1.0, abs=1e-5)
-    assert_allclose(fit.shift, 0.0, atol=1e-3)
+    assert_allclose(fit.translation, 0.0, atol=1e-3)
 
 
 def test_two_scales_are_refined_apart(samples):
@@ -77,7 +77,7 @@ def test_a_known_scale_stays(samples):
     )
 
 
-def test_wall_seen_through_a_face_counts_less(samples):
+def test_occluded_wall_counts_less(samples):
     # The camera stands left of a wall that the plan draws across the room.
     eyes = np.tile([1.0, 2.0], (len(samples.xy), 1))
     walls = replace(samples, seen_from=eyes)
@@ -90,12 +90,12 @@ def test_wall_seen_through_a_face_counts_less(samples):
         is_oriented=np.ones(5, dtype=bool),
     )
     weights = np.ones(len(walls.xy))
-    place = AlignmentHypothesis(0.0, np.zeros(2), 0.0)
-    free, crossed_free = explained(walls, weights, room, place)
-    barred, crossed = explained(walls, weights, plan, place)
+    hypothesis = AlignmentHypothesis(0.0, np.zeros(2), 0.0)
+    free, crossed_free = explained(walls, weights, room, hypothesis)
+    barred, crossed = explained(walls, weights, plan, hypothesis)
     assert (free, crossed_free) == (pytest.approx(1.0), 0.0)
     assert 0.2 < crossed < 0.6
-    assert barred == pytest.approx(1.0 - (1.0 - CROSSED_WEIGHT) * crossed)
+    assert barred == pytest.approx(1.0 - (1.0 - OCCLUDED_WEIGHT) * crossed)
 
 
 def test_lines_of_sight_against_one_at_a_time(rng):
@@ -116,8 +116,8 @@ def test_lines_of_sight_against_one_at_a_time(rng):
     assert_array_equal(is_occluded(eyes, xy, ends), expected)
 
 
-def test_leaving_out_stretches_shows_a_bend(samples):
-    straight = part_covariance(
+def test_leaving_out_segments_shows_a_bend(samples):
+    straight = jackknife_covariance(
         samples,
         np.ones(len(samples.xy)),
         room_plan(),
@@ -126,7 +126,7 @@ def test_leaving_out_stretches_shows_a_bend(samples):
     )
     xy = samples.xy.copy()
     xy[: len(xy) // 3] += [0.0, 0.25]
-    bent = part_covariance(
+    bent = jackknife_covariance(
         replace(samples, xy=xy),
         np.ones(len(xy)),
         room_plan(),
@@ -137,10 +137,10 @@ def test_leaving_out_stretches_shows_a_bend(samples):
     assert np.sqrt(np.trace(bent)) > 0.03
 
 
-def test_stretch_scores_point_at_the_stretch_that_does_not_fit(samples):
+def test_segment_scores_point_at_the_segment_that_does_not_fit(samples):
     xy = samples.xy.copy()
     xy[-len(xy) // 5 :] += 50.0
-    scores = stretch_scores(
+    scores = segment_scores(
         replace(samples, xy=xy),
         np.ones(len(xy)),
         room_plan(),

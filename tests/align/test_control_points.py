@@ -15,7 +15,7 @@ from planfit.geometry import se3
 
 
 def test_a_pin_is_levelled_and_taken_out_of_the_files_coordinates():
-    level_from_world = se3.make_transform(np.eye(3), [1.0, 2.0, 3.0])
+    level_from_world = se3.make_transform(np.eye(3), np.array([1.0, 2.0, 3.0]))
     file_from_plan = np.array([[2.0, 0, 10], [0, -2.0, 20], [0, 0, 1]])
     plan = replace(room_plan(), source=PlanSource(file_from_plan=file_from_plan))
     (pin,) = place_control_points(("5,6,7=14,16",), level_from_world, plan)
@@ -53,13 +53,13 @@ def test_pins_that_disagree_are_named():
         ControlPoint(control_points[2].level_xy, control_points[2].plan_xy + np.array([6.0, 0])),
         control_points[3],
     )
-    words = r"^align\.pins: expected pins that agree within 1 m, found number 3 off by \d\.\d\d m; check"
+    words = r"^align\.control-points: expected points that agree within 1 m, found number 3 off by \d\.\d\d m"
     with pytest.raises(OptionError, match=words):
         fit_control_points(wrong, 1.0, 1.0)
 
 
 def test_pins_at_one_point_are_refused():
-    with pytest.raises(OptionError, match="expected pins at different points, found all at one"):
+    with pytest.raises(OptionError, match="expected different points, found all at one"):
         fit_control_points(pins_of(0.0, 1.0, [0, 0], [[1, 1], [1, 1]]), None, 1.0)
 
 
@@ -70,7 +70,7 @@ def test_a_pin_of_another_form_is_refused(text):
     with pytest.raises(OptionError) as error:
         AlignOptions(control_points=(text,))
     assert str(error.value) == (
-        "align.pins: expected x,y,z=u,v (a point of the scan = the same point on the plan), "
+        "align.control-points: expected x,y,z=u,v (a point of the scan = the same point on the plan), "
         f"found {text!r}"
     )
 
@@ -80,6 +80,6 @@ def test_a_start_is_metres_and_degrees():
     assert_allclose(shift, [1.5, -2.0])
     assert yaw == pytest.approx(np.pi / 2)
     with pytest.raises(
-        OptionError, match=r"^align\.start: expected x,y,turn \(metres, metres, degrees\), "
+        OptionError, match=r"^align\.start: expected x,y,yaw \(metres, metres, degrees\), "
     ):
         AlignOptions(start="1,2")

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from builders import room_plan
 from planfit.align.likelihood_field import (
     N_SECTORS,
-    ShiftSearch,
+    TranslationSearch,
     make_likelihood_field,
     sector_angle,
 )
@@ -52,7 +52,7 @@ def test_all_shifts_at_once_equal_one_shift_at_a_time(fields, rng):
     angle = rng.integers(0, 8, 40) * np.pi / 4
     normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     extent_m = float(np.linalg.norm(np.ptp(xy, axis=0)))
-    table, first = ShiftSearch(fields, extent_m).scores(xy, normals)
+    table, first = TranslationSearch(fields, extent_m).scores(xy, normals)
     sector = np.round(angle / (np.pi / 4)).astype(int) % 8
     rows, columns = fields.fields.shape[1:]
     # Cells from left of the plan to right of it, below to above.
@@ -69,7 +69,7 @@ def test_shifts_that_put_the_scan_partly_left_of_the_plan_are_in_the_table(field
     # Only the right end of a long wall lies on the plan.
     xy = np.column_stack([np.arange(0, 20, 0.25), np.zeros(80)])
     normals = np.tile([0.0, 1.0], (80, 1))
-    table, first = ShiftSearch(fields, 20.0).scores(xy, normals)
+    table, first = TranslationSearch(fields, 20.0).scores(xy, normals)
     columns = np.arange(table.shape[1])
     assert (first + fields.cell_m * np.array([columns[0], 0]))[0] <= -19.0
     row, column = np.unravel_index(np.argmax(table), table.shape)

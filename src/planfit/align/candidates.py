@@ -1,13 +1,15 @@
-"""Which scales a plan without unit may have, from what buildings and scans are like."""
-
-from dataclasses import replace
+"""Which yaws, and which scales of a plan without unit, are worth a search."""
 
 import numpy as np
+from jaxtyping import Float
 
-from planfit.align.refine import scaled_faces
 from planfit.align.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
+
+MIN_AGREEMENT = 0.35
+"""Yaws that agree less than this share of the best are not tried: most buildings have four that do, and
+the others only take time."""
 
 THICKNESS_M = (0.05, 0.6)
 """Walls of buildings."""
@@ -15,6 +17,41 @@ SCAN_TO_PLAN = (1 / 12, 1.6)
 """Diagonal of the scan over that of the plan: from one room of a floor to a scan that leaves the plan."""
 MAX_SIZE_M = 2000.0
 """A building is smaller than a town."""
+
+
+def candidate_yaws(
+    walls: WallSamples, floorplan: Floorplan, max_yaws: int
+) -> Float[np.ndarray, " t"]:
+    """Yaws (rad), plan from level, at which wall directions agree, best first.
+
+    Circular correlation of the two length-weighted histograms of normals, one-degree bins; fewer than
+    `max_yaws` where the others agree far less. A face whose free side is unknown counts half for
+    either side.
+    """
+    of_scan = _direction_histogram(walls.normals, np.ones(len(walls.normals)))
+    weight = floorplan.lengths * np.where(floorplan.is_oriented, 1.0, 0.5)
+    of_plan = _direction_histogram(floorplan.normals, weight)
+    of_plan += _direction_histogram(
+        -floorplan.normals, np.where(floorplan.is_oriented, 0.0, weight)
+    )
+    agreement = np.fft.irfft(np.fft.rfft(of_plan) * np.conj(np.fft.rfft(of_scan)), 360)
+    yaws: list[int] = []
+    for degree in np.argsort(-agreement):
+        if all(min((degree - t) % 360, (t - degree) % 360) >= 8 for t in yaws):
+            yaws.append(int(degree))
+        if len(yaws) == max_yaws or agreement[degree] < MIN_AGREEMENT * agreement.max():
+            break
+    return np.deg2rad(yaws)
+
+
+def _direction_histogram(
+    normals: Float[np.ndarray, "n 2"], weight: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " 360"]:
+    """Weight by direction, one-degree bins, smoothed round the circle by a Gaussian of 2 degrees."""
+    degree = np.rad2deg(np.arctan2(normals[:, 1], normals[:, 0])) % 360
+    counts = np.bincount(np.round(degree).astype(int) % 360, weight, minlength=360)
+    kernel = np.exp(-0.5 * (np.arange(-180, 180) / 2.0) ** 2)
+    return np.fft.irfft(np.fft.rfft(counts) * np.fft.rfft(np.fft.ifftshift(kernel)), 360)
 
 
 def scale_range(walls: WallSamples, floorplan: Floorplan) -> tuple[float, float]:
@@ -32,23 +69,8 @@ def scale_range(walls: WallSamples, floorplan: Floorplan) -> tuple[float, float]
     return low, max(high, low)
 
 
-def metric_plan(floorplan: Floorplan, scale_xy: tuple[float, float]) -> Floorplan:
-    """The plan in metres, one unit being `scale_xy` long along its x and its y."""
-    x, y = scale_xy
-    even = floorplan.scaled(float(np.sqrt(x * y)))
-    if x == y:
-        return even
-    ends, normals = scaled_faces(floorplan, np.array(scale_xy))
-    openings = None if floorplan.openings is None else floorplan.openings * np.array(scale_xy)
-    source = floorplan.source
-    if source.file_from_plan is not None:
-        unscale = np.diag([1 / x, 1 / y, 1.0])
-        source = replace(source, file_from_plan=source.file_from_plan @ unscale)
-    return replace(even, ends=ends, normals=normals, openings=openings, source=source)
-
-
-def wall_thickness(floorplan: Floorplan) -> np.ndarray:
-    """Thicknesses (k,) of the walls that have any, unit of the plan.
+def wall_thickness(floorplan: Floorplan) -> Float[np.ndarray, " k"]:
+    """Thicknesses of the walls that have any, unit of the plan.
 
     Where the reader gave none, the gap to the nearest face that looks the other way, behind each face.
     """
@@ -72,7 +94,7 @@ def wall_thickness(floorplan: Floorplan) -> np.ndarray:
     return np.array(gaps)
 
 
-def scale_steps(low: float, high: float, step: float) -> np.ndarray:
-    """Scales (k,) from `low` to `high`, evenly in their logarithm, at most `step` apart as a share."""
+def scale_steps(low: float, high: float, step: float) -> Float[np.ndarray, " k"]:
+    """Scales from `low` to `high`, evenly in their logarithm, at most `step` apart as a share."""
     count = int(np.ceil(np.log(high / low) / np.log1p(step))) + 1
     return np.geomspace(low, high, count) if high > low else np.array([low])
