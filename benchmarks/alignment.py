@@ -26,7 +26,7 @@ from alignment_cases import Case, make_case
 from inputs import CACHE, CONSLAM
 
 import planfit
-from planfit.align import Alignment, AlignOptions, align, align_paper, metric_plan
+from planfit.alignment import Alignment, AlignOptions, align, align_paper, metric_plan
 from planfit.errors import PlanfitError
 from planfit.floorplan import Floorplan, PlanOptions
 from planfit.geometry import se3

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import spsolve
 
-from planfit.align import WallSamples, sample_walls
+from planfit.alignment import WallSamples, sample_walls
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building

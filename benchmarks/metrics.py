@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from records import Record, machine
 
-from planfit.evaluate import (
+from planfit.evaluation import (
     MapSample,
     find_orthogonal_sets,
     floor_heights,

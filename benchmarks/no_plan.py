@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import planfit
-from planfit.evaluate import position_errors
+from planfit.evaluation import position_errors
 from planfit.geometry import se3
 from planfit.pipeline.prepare import extract_observations, prepare
 from planfit.runtime import Runtime

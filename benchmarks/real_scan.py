@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import planfit
-from planfit.evaluate import position_errors
+from planfit.evaluation import position_errors
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import read_tum

@@ -17,7 +17,7 @@ import numpy as np
 from problems import Problem, make_problem
 
 from planfit.adjust import AdjustOptions, adjust_to_plan, close_loops
-from planfit.evaluate import position_errors
+from planfit.evaluation import position_errors
 from planfit.floorplan import Floorplan
 from planfit.matching import Matches
 from planfit.synth import DriftOptions

@@ -16,7 +16,7 @@ from PIL import Image
 import planfit
 from planfit import synth
 from planfit.adjust.association import wall_patches_in_plan
-from planfit.align import metric_plan
+from planfit.alignment import metric_plan
 from planfit.floorplan import Floorplan
 from planfit.pipeline.align import AlignResult, align
 from planfit.pipeline.prepare import PreparedScan, extract_observations, prepare

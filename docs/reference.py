@@ -18,7 +18,7 @@ from typing import Any
 from flags import Flag, Group, group_of, one_line
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.main import COMMANDS, EXIT_CODES, Command
-from planfit.evaluate import EvaluateOptions
+from planfit.evaluation import EvaluateOptions
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.presets import PRESETS
 from planfit.scan import ScanOptions

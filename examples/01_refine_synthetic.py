@@ -4,7 +4,7 @@ Takes about ten seconds; writes nothing.
 """
 
 import planfit
-from planfit.evaluate import position_errors
+from planfit.evaluation import position_errors
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 
 options = SynthOptions(

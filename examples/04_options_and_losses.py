@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 import planfit
-from planfit.evaluate import position_errors
+from planfit.evaluation import position_errors
 from planfit.lsq.robust import Loss, LossKind
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 

@@ -7,7 +7,7 @@ seconds; writes nothing.
 import numpy as np
 
 import planfit
-from planfit.evaluate import EvaluateOptions, MapOptions, Truth, evaluate_poses
+from planfit.evaluation import EvaluateOptions, MapOptions, Truth, evaluate_poses
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 
 synthetic = make_scan(

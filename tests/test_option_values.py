@@ -5,7 +5,7 @@ import pytest
 from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.walls import WallOptions
-from planfit.align import AlignOptions
+from planfit.alignment import AlignOptions
 from planfit.errors import OptionError
 from planfit.lsq.robust import Loss
 from planfit.lsq.solver import SolverOptions

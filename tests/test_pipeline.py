@@ -12,7 +12,7 @@ from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
 from planfit.adjust.terms.walls import WallOptions
-from planfit.evaluate import position_errors
+from planfit.evaluation import position_errors
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Label, Scan, ScanFiles

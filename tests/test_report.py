@@ -12,9 +12,9 @@ from PIL import Image
 from builders import make_ties, room_plan
 from planfit.adjust import PlanAdjustment
 from planfit.adjust.association import Association
-from planfit.align import Alignment
-from planfit.align.refine import AlignmentHypothesis
-from planfit.evaluate import wall_distances
+from planfit.alignment import Alignment
+from planfit.alignment.refine import AlignmentHypothesis
+from planfit.evaluation import wall_distances
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.lsq.solver import Cost, Solution, Stop

@@ -19,7 +19,7 @@ from planfit.cli.arguments import parse
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.main import exit_with, in_one_line
 from planfit.errors import OptionError, require
-from planfit.evaluate import compare_paired
+from planfit.evaluation import compare_paired
 from planfit.runtime import Runtime
 
 NAME = "python benchmarks/paper_tables"

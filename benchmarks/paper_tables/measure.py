@@ -10,7 +10,7 @@ from paper_tables.results import Measured
 from paper_tables.scans import BenchScan
 from paper_tables.variants import Variant
 from planfit.errors import PlanfitError, ScanError
-from planfit.evaluate import (
+from planfit.evaluation import (
     MapJudge,
     MapOptions,
     floor_heights,
@@ -21,7 +21,7 @@ from planfit.evaluate import (
     wall_distances,
     wall_layers,
 )
-from planfit.evaluate.sampling import thin
+from planfit.evaluation.sampling import thin
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import Observations, extract_observations

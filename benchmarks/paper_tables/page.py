@@ -10,7 +10,7 @@ from paper_tables.published import MS_A_STEP, PUBLISHED
 from paper_tables.results import METRICS, Results
 from paper_tables.variants import PAPER_TO_THE_LETTER, TRUE_POSES, UNADJUSTED
 from planfit.errors import OutputError
-from planfit.evaluate import compare_paired
+from planfit.evaluation import compare_paired
 
 _NONE, _LETTER, _TRUTH = UNADJUSTED.key, PAPER_TO_THE_LETTER.key, TRUE_POSES.key
 _TITLES = {

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from planfit.adjust import AdjustOptions, PaperWeights, paper_options
-from planfit.align import AlignOptions
+from planfit.alignment import AlignOptions
 from planfit.pipeline.options import RefineOptions
 
 Preset = Literal["paper", "default"]

@@ -12,7 +12,7 @@ from paper_tables.run import BenchOptions, run_bench
 from paper_tables.scans import paper_scans, small_scans
 from paper_tables.variants import TRUE_POSES, UNADJUSTED, VARIANTS, setup_digest
 from planfit.errors import OutputError
-from planfit.evaluate import position_errors
+from planfit.evaluation import position_errors
 from planfit.lsq.solver import SolverOptions
 from planfit.runtime import Runtime
 from planfit.synth import CameraOptions, WalkOptions

@@ -8,7 +8,7 @@ import pytest
 from builders import make_matches, make_structure, make_ties, make_world, room_scan
 from planfit.adjust import PlanAdjustment, Solution
 from planfit.adjust.association import Association
-from planfit.align import Alignment
+from planfit.alignment import Alignment
 from planfit.lsq.solver import Stop
 from planfit.pipeline.diagnostics import MIN_NEAR_SHARE, alignment_warnings, scan_warnings
 from planfit.pipeline.validation import Check

@@ -10,7 +10,7 @@ import trimesh
 from numpy.testing import assert_allclose
 
 from planfit.cli import run
-from planfit.evaluate import position_errors
+from planfit.evaluation import position_errors
 from planfit.floorplan import read_floorplan
 from planfit.floorplan.nearest_faces import nearest_distance
 from planfit.scan import ScanOptions, read_scan, read_tum

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from planfit.cli import run
-from planfit.evaluate import position_errors
+from planfit.evaluation import position_errors
 from planfit.scan import read_scan, read_tum, write_tum
 
 

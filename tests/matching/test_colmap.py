@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import CAMERA, look, room_scan
 from planfit.errors import ScanError
-from planfit.evaluate import match_distances
+from planfit.evaluation import match_distances
 from planfit.geometry import se3
 from planfit.matching import MatchingOptions, find_matches
 from planfit.matching.colmap import read_colmap_matches

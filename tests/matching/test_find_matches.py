@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import NoFiles, look, make_matches, random_transforms, room_scan
-from planfit.evaluate import match_distances
+from planfit.evaluation import match_distances
 from planfit.geometry import se3
 from planfit.matching import MatchingOptions, find_matches
 from planfit.matching.detect import KeypointOptions

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planfit.evaluate import associate_times, position_errors
+from planfit.evaluation import associate_times, position_errors
 from planfit.floorplan import read_floorplan
 from planfit.geometry import se3
 from planfit.scan import Label, read_scan, read_tum

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from planfit.align import Alignment, AlignmentHypothesis, WallSamples, metric_plan
+from planfit.alignment import Alignment, AlignmentHypothesis, WallSamples, metric_plan
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import StageBars, out, table, tell_scan
 from planfit.errors import OutputError

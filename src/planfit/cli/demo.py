@@ -12,7 +12,7 @@ import tyro
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.refine import refine_into
 from planfit.errors import OutputError
-from planfit.evaluate import position_errors, surface_metrics
+from planfit.evaluation import position_errors, surface_metrics
 from planfit.floorplan import read_floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import RefineResult

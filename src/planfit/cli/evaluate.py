@@ -14,7 +14,7 @@ from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.evaluate_inputs import Compared, read_poses, read_run
 from planfit.errors import require
-from planfit.evaluate import (
+from planfit.evaluation import (
     ComparedPoses,
     EvaluateOptions,
     Evaluation,

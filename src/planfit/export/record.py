@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from planfit.align import Alignment
-from planfit.evaluate import surface_metrics
+from planfit.alignment import Alignment
+from planfit.evaluation import surface_metrics
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from planfit.adjust import refit_scale
 from planfit.adjust.association import wall_patches_in_plan
-from planfit.align import (
+from planfit.alignment import (
     Alignment,
     AlignOptions,
     WallSamples,
@@ -17,7 +17,7 @@ from planfit.align import (
     place_control_points,
     sample_walls,
 )
-from planfit.align import align as search_alignment
+from planfit.alignment import align as search_alignment
 from planfit.errors import FloorplanError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3

@@ -1,7 +1,7 @@
 """What a user should know before trusting a result: each warning in plain words, with what to do."""
 
 from planfit.adjust import PlanAdjustment
-from planfit.align import Alignment
+from planfit.alignment import Alignment
 from planfit.matching import Matches
 from planfit.pipeline.validation import Check
 from planfit.scan import Scan

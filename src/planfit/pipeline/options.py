@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from planfit.adjust import AdjustOptions
-from planfit.align import AlignOptions
+from planfit.alignment import AlignOptions
 from planfit.errors import OptionError
 from planfit.matching import MatchingOptions
 from planfit.scan.odometry import OdometryOptions

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from planfit.adjust import paper_options
-from planfit.align import AlignOptions
+from planfit.alignment import AlignOptions
 from planfit.errors import OptionError
 from planfit.pipeline.options import RefineOptions
 

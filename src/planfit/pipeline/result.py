@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust import PlanAdjustment
-from planfit.align import Alignment
+from planfit.alignment import Alignment
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches

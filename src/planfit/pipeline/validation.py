@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from planfit.evaluate import NEAR_FACE_M, median_match_distance, wall_distances
+from planfit.evaluation import NEAR_FACE_M, median_match_distance, wall_distances
 from planfit.floorplan import Floorplan
 from planfit.matching import Matches
 from planfit.segmentation import Structure

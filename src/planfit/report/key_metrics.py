@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from planfit.evaluate import NEAR_FACE_M
+from planfit.evaluation import NEAR_FACE_M
 from planfit.pipeline.refine import RefineResult
 from planfit.pipeline.validation import Check
 from planfit.report import formatting

@@ -1,11 +1,11 @@
-"""The scan before and after, placed once for all plots; its metrics are those of `planfit.evaluate`."""
+"""The scan before and after, placed once for all plots; its metrics are those of `planfit.evaluation`."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from planfit.evaluate import (
+from planfit.evaluation import (
     FloorHeights,
     WallDistances,
     floor_heights,

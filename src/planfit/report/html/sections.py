@@ -6,7 +6,7 @@ from html import escape
 
 import numpy as np
 
-from planfit.evaluate import NEAR_FACE_M
+from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.matching import Matches
 from planfit.pipeline.refine import RefineResult

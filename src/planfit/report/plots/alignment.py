@@ -4,7 +4,7 @@ import textwrap
 
 import numpy as np
 
-from planfit.align import AlignmentHypothesis, WallSamples
+from planfit.alignment import AlignmentHypothesis, WallSamples
 from planfit.floorplan import Floorplan
 from planfit.report.plots.drawing import AFTER, FONT_PT, INK, PATH, add_axes, new_figure, to_picture
 from planfit.report.plots.overlay import Entry, add_legend

@@ -5,7 +5,7 @@ from jaxtyping import Float, Int
 from matplotlib.ticker import MaxNLocator
 
 from planfit.adjust.association import wall_patches_in_plan
-from planfit.evaluate import NEAR_FACE_M
+from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.pipeline.refine import RefineResult
 from planfit.report.measures import BeforeAfter, Measures

@@ -5,7 +5,7 @@ from typing import Literal
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from planfit.evaluate import NEAR_FACE_M
+from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.pipeline.refine import RefineResult
 from planfit.report import formatting

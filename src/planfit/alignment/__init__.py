@@ -1,0 +1,13 @@
+"""Where on the plan the scan is."""
+
+from planfit.alignment.align import Alignment as Alignment
+from planfit.alignment.align import align as align
+from planfit.alignment.align import find_unit as find_unit
+from planfit.alignment.control_points import ControlPoint as ControlPoint
+from planfit.alignment.control_points import place_control_points as place_control_points
+from planfit.alignment.options import AlignOptions as AlignOptions
+from planfit.alignment.paper import align_paper as align_paper
+from planfit.alignment.refine import AlignmentHypothesis as AlignmentHypothesis
+from planfit.alignment.refine import metric_plan as metric_plan
+from planfit.alignment.wall_samples import WallSamples as WallSamples
+from planfit.alignment.wall_samples import sample_walls as sample_walls

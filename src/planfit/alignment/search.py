@@ -1,0 +1,162 @@
+"""Coarse search: every scale, yaw and translation of the scan on the plan, by FFT."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.alignment.candidates import scale_steps
+from planfit.alignment.likelihood_field import TranslationSearch, make_likelihood_field
+from planfit.alignment.options import AlignOptions
+from planfit.alignment.refine import AlignmentHypothesis, rotation_2d
+from planfit.alignment.selection import SameWithin, keep_distinct
+from planfit.alignment.wall_samples import WallSamples
+from planfit.floorplan import Floorplan
+
+CELLS_ACROSS = 100
+"""The scan's extent in cells of the coarse search: more cells cost time, fewer lose rooms."""
+OCTAVE = 1.4
+"""Scales within this factor share the plan's fields, at a cell that fits their middle."""
+PEAKS = 4
+"""Translations kept of one scale and yaw."""
+SAME_YAW_DEG, SAME_SCALE = 4.0, 0.05
+"""Hypotheses nearer than this are repetitions: neighbouring scales find the same alignment again."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where the search is allowed to look: around a known point."""
+
+    level_xy: Float[np.ndarray, " 2"]
+    """Metres, a point of the scan."""
+    plan_xy: Float[np.ndarray, " 2"]
+    """Where it must come to lie, in the plan's unit."""
+    radius_m: float
+
+
+def search_hypotheses(
+    walls: WallSamples,
+    floorplan: Floorplan,
+    scales: tuple[float, float],
+    yaws: Float[np.ndarray, " t"],
+    options: AlignOptions,
+    regions: tuple[Region, ...] = (),
+) -> list[AlignmentHypothesis]:
+    """Best hypotheses of the coarse search, best first, with their coarse score; not more than asked for.
+
+    Args:
+        walls: samples, level frame.
+        floorplan: in its own unit.
+        scales: smallest and largest metres per unit; equal where it is known.
+        yaws: rad, to try.
+        options: see there.
+        regions: hypotheses out of any of these are left out.
+    """
+    cell_m = max(options.cell_m, walls.extent_m / CELLS_ACROSS)
+    free_xy = free_space(walls, cell_m)
+    all_scales = scale_steps(*scales, step=4.0 * cell_m / max(walls.extent_m, 1.0))
+    everything = np.concatenate([walls.xy, free_xy])
+    reach_m = float(np.linalg.norm(np.ptp(everything, axis=0)))
+    found: list[AlignmentHypothesis] = []
+    for group in _octaves(all_scales):
+        middle = float(np.sqrt(group[0] * group[-1]))
+        fields = make_likelihood_field(
+            floorplan.scaled(middle), cell_m, options.reach_m, 2.0, walls.extent_m
+        )
+        search = TranslationSearch(fields, reach_m * middle / group[0])
+        for scale in group:
+            # The plan stays at the middle scale of the group; the scan shrinks or grows instead.
+            ratio = middle / scale
+            for yaw in yaws:
+                rotation = rotation_2d(yaw)
+                table, first = search.scores(
+                    ratio * walls.xy @ rotation.T,
+                    walls.normals @ rotation.T,
+                    ratio * free_xy @ rotation.T,
+                )
+                grid = _Grid(table, first, fields.cell_m, float(ratio))
+                grid.keep_to(regions, rotation, float(scale))
+                found += grid.peaks(float(yaw), float(scale), options.distinct_translation_m)
+    found.sort(key=lambda hypothesis: -hypothesis.score)
+    within = SameWithin(options.distinct_translation_m, SAME_YAW_DEG, SAME_SCALE)
+    return keep_distinct(found, walls, within, options.max_candidates)
+
+
+def free_space(walls: WallSamples, cell_m: float) -> Float[np.ndarray, "k 2"]:
+    """Points (m), one a cell, that lines of sight passed well before they met a wall."""
+    if walls.seen_from is None:
+        return np.zeros((0, 2))
+    way = walls.xy - walls.seen_from
+    length = np.linalg.norm(way, axis=1)
+    keep_off_m = 1.5 * cell_m + 0.3
+    points = [np.zeros((0, 2))]
+    for begin in range(0, len(way), 4096):  # bounds the table of points along the lines
+        part = slice(begin, begin + 4096)
+        steps = np.arange(0.0, max(float(length[part].max()), cell_m), 0.7 * cell_m)
+        inside = steps < length[part, None] - keep_off_m
+        t = steps / np.maximum(length[part, None], 1e-9)
+        xy = walls.seen_from[part, None] + t[..., None] * way[part, None]
+        cells = np.unique(np.floor(xy[inside] / cell_m).astype(int), axis=0)
+        points.append(cells)
+    cells = np.unique(np.concatenate(points).astype(int), axis=0)
+    # Space near any seen wall says nothing: its own face is there.
+    around = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1]), axis=-1).reshape(-1, 2)
+    taken = np.floor(walls.xy / cell_m).astype(int)
+    taken = np.unique((taken[:, None] + around).reshape(-1, 2), axis=0)
+    if len(cells) == 0:
+        return np.zeros((0, 2))
+    low = np.minimum(cells.min(axis=0), taken.min(axis=0))
+    width = int(max(cells[:, 0].max(), taken[:, 0].max()) - low[0]) + 1
+    # One number a cell, so that whole cells can be looked up.
+    keys, taken_keys = ((c - low) @ np.array([1, width]) for c in (cells, taken))
+    return (cells[~np.isin(keys, taken_keys)] + 0.5) * cell_m
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Scores of all translations of one yaw and scale."""
+
+    table: Float[np.ndarray, "rows columns"]
+    first: Float[np.ndarray, " 2"]
+    """Metres at the middle scale, translation of cell (0, 0)."""
+    cell_m: float
+    ratio: float
+    """Middle scale over this one."""
+
+    def translation(self, row: int, column: int) -> Float[np.ndarray, " 2"]:
+        """Metres at this scale."""
+        return (self.first + self.cell_m * np.array([column, row])) / self.ratio
+
+    def keep_to(
+        self, regions: tuple[Region, ...], rotation: Float[np.ndarray, "2 2"], scale: float
+    ) -> None:
+        """Mark translations that leave a region as never to be taken."""
+        for region in regions:
+            wanted = scale * region.plan_xy - rotation @ region.level_xy
+            rows, columns = (np.arange(n) for n in self.table.shape)
+            x = (self.first[0] + self.cell_m * columns) / self.ratio - wanted[0]
+            y = (self.first[1] + self.cell_m * rows) / self.ratio - wanted[1]
+            radius = max(region.radius_m, self.cell_m)
+            self.table[np.hypot(x[None, :], y[:, None]) > radius] = -np.inf
+
+    def peaks(self, yaw: float, scale: float, distinct_m: float) -> list[AlignmentHypothesis]:
+        """The best translations, apart by `distinct_m` (non-maximum suppression)."""
+        radius = int(np.ceil(distinct_m * self.ratio / self.cell_m))
+        table, found = self.table.copy(), []
+        for _ in range(PEAKS):
+            row, column = np.unravel_index(int(np.argmax(table)), table.shape)
+            score = float(table[row, column])
+            if not np.isfinite(score):
+                break
+            translation = self.translation(int(row), int(column))
+            found.append(AlignmentHypothesis(yaw, translation, score, (scale, scale)))
+            rows = slice(max(row - radius, 0), row + radius + 1)
+            columns = slice(max(column - radius, 0), column + radius + 1)
+            table[rows, columns] = -np.inf
+        return found
+
+
+def _octaves(scales: Float[np.ndarray, " s"]) -> list[np.ndarray]:
+    """Runs of scales, each within a factor of `OCTAVE`."""
+    number = np.floor(np.log(scales / scales[0]) / np.log(OCTAVE) + 1e-9).astype(int)
+    return [scales[number == k] for k in np.unique(number)]

@@ -1,0 +1,303 @@
+"""From refined hypotheses to an answer: which is taken, how sure it is, and what a user must know."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from planfit.alignment.options import AlignOptions
+from planfit.alignment.refine import AlignmentHypothesis, differences
+from planfit.alignment.wall_samples import WallSamples
+from planfit.errors import OptionError
+from planfit.floorplan import Floorplan
+
+MAX_CANDIDATES = 4
+"""Distinct alignments that are named."""
+OPEN_M = 0.5
+"""A translation that the walls leave this unsure (one standard deviation) is not determined by them."""
+AS_RECORDED_SHARE = 0.8
+"""The alignment that the scan's format records is taken where it explains this much of what the best does."""
+
+DISAGREEMENT_DEG, DISAGREEMENT_M, DISAGREEMENT_SCALE = 0.7, 0.3, 0.01
+"""Parts of the walk that disagree by more (one standard deviation) leave the alignment weak."""
+DEFORMATION_SHARE = 0.005
+"""A scan deformed by more of its size has no alignment within a degree: this is a degree over its half."""
+MIN_SEGMENT_SCORE = 0.35
+"""A fifth of the walk that the plan explains less of leaves the alignment weak: half of what right alignments
+of undeformed scans have."""
+
+
+@dataclass(frozen=True)
+class SameWithin:
+    """How near two alignments are to count as one. All of it must hold."""
+
+    translation_m: float
+    """Between where the two put the middle of the scan on the drawing, in metres of the later one."""
+    yaw_deg: float
+    scale: float
+    """Difference of the logarithms of the scales."""
+
+    @classmethod
+    def chosen(cls, options: AlignOptions) -> "SameWithin":
+        """What the options say: what a user would call two alignments."""
+        return cls(options.distinct_translation_m, options.distinct_yaw_deg, options.distinct_scale)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What is taken, and why not more."""
+
+    taken: AlignmentHypothesis
+    runner_up: AlignmentHypothesis | None
+    candidates: tuple[AlignmentHypothesis, ...]
+    is_as_recorded: bool
+    is_mirrored: bool
+    is_sure: bool
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SegmentAgreement:
+    """How far segments of the walk agree with the alignment of the whole."""
+
+    covariance: Float[np.ndarray, "4 4"]
+    """As `AlignmentHypothesis.covariance`, of leaving out segments."""
+    scores: Float[np.ndarray, " segments"]
+    deformation_m: float
+    """RMS distance of the walls from where they lie when the scan may deform."""
+    extent_m: float
+    """Size of the scan."""
+
+
+def is_same(
+    hypotheses: Sequence[AlignmentHypothesis],
+    reference: AlignmentHypothesis,
+    walls: WallSamples,
+    within: SameWithin,
+) -> Bool[np.ndarray, " h"]:
+    """Which of some hypotheses are the same alignment as a reference, judged at the middle of the walls.
+
+    The one rule for this: the search drops repetitions by it, the refinement what has run together, and the
+    selection tells candidates apart.
+    """
+    yaw, x, y, log_scale = differences(hypotheses, reference, walls.xy.mean(axis=0)).T
+    scale_x, scale_y = np.array([each.scale_xy for each in hypotheses]).T
+    return (
+        (np.abs(yaw) <= np.deg2rad(within.yaw_deg))
+        & (np.hypot(x * scale_x, y * scale_y) <= within.translation_m)
+        & (np.abs(log_scale) <= within.scale)
+    )
+
+
+def keep_distinct(
+    hypotheses: Sequence[AlignmentHypothesis],
+    walls: WallSamples,
+    within: SameWithin,
+    max_count: int,
+) -> list[AlignmentHypothesis]:
+    """The first of each group that is one alignment, in their order; not more than `max_count`."""
+    rest, kept = list(hypotheses), []
+    while rest and len(kept) < max_count:
+        kept.append(rest[0])
+        repeats = is_same(rest, rest[0], walls, within)
+        repeats[0] = True
+        rest = [other for other, is_repeat in zip(rest, repeats, strict=True) if not is_repeat]
+    return kept
+
+
+def best_elsewhere(
+    hypotheses: Sequence[AlignmentHypothesis],
+    taken: AlignmentHypothesis,
+    walls: WallSamples,
+    within: SameWithin,
+) -> AlignmentHypothesis | None:
+    """The first hypothesis that is another alignment than the one taken."""
+    same = is_same(hypotheses, taken, walls, within)
+    return next((other for other, is_it in zip(hypotheses, same, strict=True) if not is_it), None)
+
+
+def select_hypothesis(
+    walls: WallSamples,
+    hypotheses: Sequence[AlignmentHypothesis],
+    recorded: AlignmentHypothesis | None,
+    mirrored: AlignmentHypothesis | None,
+    floorplan: Floorplan,
+    options: AlignOptions,
+) -> Selection:
+    """Choose among refined hypotheses.
+
+    Args:
+        walls: the samples that were aligned.
+        hypotheses: at least one, best first.
+        recorded: what the scan's format claims, if it does.
+        mirrored: best alignment of the scan with left and right swapped, if that was tried.
+        floorplan: for what the words say of it.
+        options: see there.
+
+    Raises:
+        OptionError: there are fewer distinct alignments than the candidate asked for.
+    """
+    within = SameWithin.chosen(options)
+    candidates = tuple(keep_distinct(hypotheses, walls, within, MAX_CANDIDATES))
+    taken, is_as_recorded = _taken(walls, hypotheses, candidates, recorded, options)
+    runner_up = best_elsewhere(hypotheses, taken, walls, within)
+    is_mirrored = mirrored is not None and mirrored.score > taken.score + max(
+        options.min_margin, 0.25 * (1.0 - taken.score)
+    )
+    is_weak = taken.score < options.min_score
+    margin = taken.score - (runner_up.score if runner_up else 0.0)
+    is_close = runner_up is not None and margin < options.min_margin
+    is_ambiguous = is_close and not is_as_recorded and options.candidate == 1
+    warnings: list[str] = []
+    if recorded is not None and options.candidate == 1 and not is_as_recorded:
+        warnings.append(_not_as_recorded_words(taken, recorded, walls))
+    if is_mirrored and mirrored is not None:
+        warnings.append(_mirrored_words(taken, mirrored, floorplan))
+    elif is_weak:
+        warnings.append(_weak_words(taken, floorplan, options))
+    if runner_up is not None and is_close and not is_mirrored:
+        warnings.append(_close_words(taken, runner_up, walls, is_as_recorded, is_ambiguous))
+    open_words = _open_words(taken)
+    return Selection(
+        taken,
+        runner_up,
+        candidates,
+        is_as_recorded,
+        is_mirrored,
+        is_sure=not (is_weak or is_ambiguous or is_mirrored or open_words),
+        warnings=(*warnings, *open_words),
+    )
+
+
+def with_segments(
+    selection: Selection, taken: AlignmentHypothesis, agreement: SegmentAgreement
+) -> Selection:
+    """The selection with its last refinement, weak where segments of the walk do not agree with it."""
+    covariance, scores = agreement.covariance, agreement.scores
+    larger = np.trace(covariance) > np.trace(taken.covariance)
+    taken = replace(taken, covariance=covariance if larger else taken.covariance)
+    yaw, x, y, scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    yaw_deg, translation_m = np.rad2deg(yaw), float(np.hypot(x, y))
+    words = []
+    if yaw_deg > DISAGREEMENT_DEG or translation_m > DISAGREEMENT_M or scale > DISAGREEMENT_SCALE:
+        words.append(
+            f"weak: parts of the scan fit the plan at alignments that differ by {yaw_deg:.1f} deg, "
+            f"{translation_m:.2f} m and {scale:.1%} of scale; the scan is bent, or shows too little wall"
+        )
+    if len(scores) and scores.min() < MIN_SEGMENT_SCORE and not selection.is_mirrored:
+        k, n = int(np.argmin(scores)), len(scores)
+        words.append(
+            f"weak: of the walk from {k / n:.0%} to {(k + 1) / n:.0%} only {scores[k]:.0%} of the wall "
+            "lies on the plan; the scan is bent there, or the plan shows other walls"
+        )
+    if agreement.deformation_m > DEFORMATION_SHARE * agreement.extent_m and not words:
+        words.append(
+            f"weak: the walls fit the plan only when the scan is bent by {agreement.deformation_m:.2f} m "
+            f"over {agreement.extent_m:.0f} m; drift is left that no loop has closed"
+        )
+    candidates = tuple(taken if each is selection.taken else each for each in selection.candidates)
+    return replace(
+        selection,
+        taken=taken,
+        candidates=candidates,
+        is_sure=selection.is_sure and not words,
+        warnings=(*selection.warnings, *words),
+    )
+
+
+def _taken(
+    walls: WallSamples,
+    hypotheses: Sequence[AlignmentHypothesis],
+    candidates: tuple[AlignmentHypothesis, ...],
+    recorded: AlignmentHypothesis | None,
+    options: AlignOptions,
+) -> tuple[AlignmentHypothesis, bool]:
+    """The candidate asked for, the recorded alignment if good enough, or the best; and whether recorded."""
+    if options.candidate > len(candidates):
+        raise OptionError(
+            f"align.candidate: expected 1 to {len(candidates)}, the alignments that were found, "
+            f"found {options.candidate}"
+        )
+    best = candidates[options.candidate - 1]
+    if options.candidate > 1 or recorded is None:
+        return best, False
+    any_scale = SameWithin(options.prior_translation_m, options.prior_yaw_deg, np.inf)
+    is_near = is_same(hypotheses, recorded, walls, any_scale)
+    near = next((each for each, is_it in zip(hypotheses, is_near, strict=True) if is_it), None)
+    if near is not None and near.score >= AS_RECORDED_SHARE * best.score:
+        return near, True
+    return best, False
+
+
+def _apart(
+    a: AlignmentHypothesis, b: AlignmentHypothesis, walls: WallSamples
+) -> tuple[float, float]:
+    """How far apart two alignments put the middle of the scan (m, of the first), and their yaws (deg)."""
+    yaw, x, y, _ = differences([a], b, walls.xy.mean(axis=0))[0]
+    return float(np.hypot(*(np.array([x, y]) * a.scale_xy))), float(np.rad2deg(abs(yaw)))
+
+
+def _not_as_recorded_words(
+    taken: AlignmentHypothesis, recorded: AlignmentHypothesis, walls: WallSamples
+) -> str:
+    translation_m, yaw_deg = _apart(taken, recorded, walls)
+    return (
+        "the scan's format says its poses are in the plan's axes, but the walls fit "
+        f"{translation_m:.1f} m and {yaw_deg:.0f} deg away from there; that alignment was taken"
+    )
+
+
+def _mirrored_words(
+    taken: AlignmentHypothesis, mirrored: AlignmentHypothesis, floorplan: Floorplan
+) -> str:
+    flag = "without --mirror" if floorplan.source.is_mirrored else "with --mirror"
+    return (
+        f"the plan is mirrored: {mirrored.score:.0%} of the scanned wall fits it with left and "
+        f"right swapped, {taken.score:.0%} as drawn; run again {flag}"
+    )
+
+
+def _weak_words(taken: AlignmentHypothesis, floorplan: Floorplan, options: AlignOptions) -> str:
+    unit = ", in metres" if floorplan.is_metric else ""
+    return (
+        f"only {taken.score:.0%} of the scanned wall lies on the plan's faces (at least "
+        f"{options.min_score:.0%} expected); is it the plan of this building{unit}?"
+    )
+
+
+def _close_words(
+    taken: AlignmentHypothesis,
+    other: AlignmentHypothesis,
+    walls: WallSamples,
+    is_as_recorded: bool,
+    is_ambiguous: bool,
+) -> str:
+    scale = ""
+    if abs(np.log(taken.metres_per_unit / other.metres_per_unit)) > 1e-9:
+        scale = f", scales {taken.metres_per_unit:.4g} and {other.metres_per_unit:.4g} m a unit"
+    translation_m, yaw_deg = _apart(taken, other, walls)
+    words = (
+        f"two alignments fit the plan almost equally well ({taken.score:.0%} and {other.score:.0%} "
+        f"of the wall), {translation_m:.1f} m and {yaw_deg:.0f} deg apart{scale}"
+    )
+    if is_as_recorded:
+        return f"{words}; the one that the scan's format records was taken"
+    if is_ambiguous:
+        return (
+            f"ambiguous: {words}; choose the other one with --candidate 2, or give control points"
+        )
+    return f"{words}; the one asked for was taken"
+
+
+def _open_words(taken: AlignmentHypothesis) -> list[str]:
+    """Where walls leave a direction or the scale open: a bare corridor, walls of one direction."""
+    sigma_m = float(np.sqrt(max(np.linalg.eigvalsh(taken.covariance[1:3, 1:3])[-1], 0.0)))
+    if sigma_m > OPEN_M:
+        return [
+            "ambiguous: the walls leave the alignment open along one direction, as in a corridor whose "
+            "ends were not seen; scan an end of it, or give control points"
+        ]
+    if taken.covariance[3, 3] > 0.05**2:
+        return ["ambiguous: the walls leave the scale open; give it, or two control points"]
+    return []

@@ -1,0 +1,52 @@
+"""When two alignments are the same."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from builders import room_plan
+from planfit.alignment.refine import AlignmentHypothesis
+from planfit.alignment.selection import SameWithin, best_elsewhere, is_same, keep_distinct
+from planfit.alignment.wall_samples import WallSamples
+from planfit.geometry import segments
+
+WITHIN = SameWithin(translation_m=0.5, yaw_deg=5.0, scale=0.02)
+
+
+@pytest.fixture
+def walls():
+    """A room whose middle is far from the origin, so that a yaw about the origin moves it."""
+    plan = room_plan()
+    xy, face = segments.sample(plan.ends, 0.1)
+    return WallSamples(xy + 50.0, plan.normals[face])
+
+
+def hypothesis(walls, yaw_deg=0.0, dx_m=0.0, scale=0.01, score=0.5):
+    """Puts the middle of the walls at (0, 0) of the drawing, moved by `dx_m`."""
+    yaw = np.deg2rad(yaw_deg)
+    c, s = np.cos(yaw), np.sin(yaw)
+    middle = np.array([[c, -s], [s, c]]) @ walls.xy.mean(axis=0)
+    return AlignmentHypothesis(yaw, np.array([dx_m, 0.0]) - middle, score, (scale, scale))
+
+
+def test_all_of_it_must_be_near(walls):
+    others = [
+        hypothesis(walls, 4.9),
+        hypothesis(walls, 5.1),
+        hypothesis(walls, 359.0),
+        hypothesis(walls, 0.0, 0.49),
+        hypothesis(walls, 0.0, 0.51),
+        hypothesis(walls, scale=0.01015),
+        hypothesis(walls, scale=0.0103),
+    ]
+    found = is_same(others, hypothesis(walls), walls, WITHIN)
+    assert_array_equal(found, [True, False, True, True, False, True, False])
+
+
+def test_the_first_of_each_group_is_kept_in_order(walls):
+    many = [hypothesis(walls, dx_m=x) for x in (0.0, 3.0, 0.2, 3.3, 6.0, 0.4)]
+    assert keep_distinct(many, walls, WITHIN, 9) == [many[0], many[1], many[4]]
+    assert keep_distinct(many, walls, WITHIN, 2) == [many[0], many[1]]
+    assert keep_distinct([], walls, WITHIN, 2) == []
+    assert best_elsewhere(many, many[0], walls, WITHIN) is many[1]
+    assert best_elsewhere(many[:1], many[0], walls, WITHIN) is None
