@@ -7,7 +7,7 @@ seconds; writes nothing.
 import numpy as np
 
 import planfit
-from planfit.evaluation import EvaluateOptions, MapOptions, Truth, evaluate_poses
+from planfit.evaluation import EvaluateOptions, MapOptions, Truth
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 
 synthetic = make_scan(
@@ -23,7 +23,7 @@ result = planfit.refine(scan, synthetic.floorplan)
 truth = Truth(np.arange(len(scan)), synthetic.true_world_from_cams)
 options = EvaluateOptions(delta_m=2.0, map=MapOptions(stride_px=4))
 # In place of a result, poses (n, 4, 4) of any kind will do: those of another program, say.
-evaluation = evaluate_poses(scan, result, truth=truth, options=options)
+evaluation = planfit.evaluate(scan, result, truth=truth, options=options)
 for metric in evaluation.metrics.values():  # lower is better in all of them
     print(f"{metric.meaning:45} {metric.before:9.3f} to {metric.after:9.3f} {metric.unit}")
 for check in result.checks:  # what planfit knows without any truth

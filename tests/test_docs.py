@@ -41,6 +41,7 @@ EXAMPLES = {
     "05_evaluate_poses": r"position error.*NSD.*MME.*check wall points",
     "06_own_term": r"with the term: heights 0\.00\d",
     "07_pose_graph": r"2500 poses, 4949 measurements\ncost 1\.39\d+e\+07 before, 7252\.\d+ after",
+    "08_from_arrays": r"error on the plan: 0\.0\d\d m RMS\nof the surveyed frames: 0\.00\d m",
 }
 """What the output of each example must hold."""
 

@@ -6,12 +6,17 @@ from typing import TYPE_CHECKING, Any
 from planfit import errors as errors
 
 if TYPE_CHECKING:
+    from planfit.evaluation import EvaluateOptions as EvaluateOptions
+    from planfit.evaluation import Truth as Truth
+    from planfit.evaluation import evaluate as evaluate
     from planfit.floorplan import Floorplan as Floorplan
     from planfit.floorplan import PlanOptions as PlanOptions
     from planfit.floorplan import read_floorplan as read_floorplan
     from planfit.lsq import Problem as Problem
     from planfit.lsq import Term as Term
     from planfit.matching import Matches as Matches
+    from planfit.pipeline.align import AlignResult as AlignResult
+    from planfit.pipeline.align import align as align
     from planfit.pipeline.options import RefineOptions as RefineOptions
     from planfit.pipeline.prepare import Observations as Observations
     from planfit.pipeline.prepare import extract_observations as extract_observations
@@ -22,14 +27,17 @@ if TYPE_CHECKING:
     from planfit.scan import Scan as Scan
     from planfit.scan import ScanOptions as ScanOptions
     from planfit.scan import read_scan as read_scan
+    from planfit.scan import scan_from_arrays as scan_from_arrays
 
 __version__ = "0.1.0"
 
 _HOMES = {
+    "AlignResult": "planfit.pipeline.align",
+    "EvaluateOptions": "planfit.evaluation",
     "Floorplan": "planfit.floorplan",
-    "PlanOptions": "planfit.floorplan",
     "Matches": "planfit.matching",
     "Observations": "planfit.pipeline.prepare",
+    "PlanOptions": "planfit.floorplan",
     "Problem": "planfit.lsq",
     "RefineOptions": "planfit.pipeline.options",
     "RefineResult": "planfit.pipeline.result",
@@ -37,11 +45,15 @@ _HOMES = {
     "Scan": "planfit.scan",
     "ScanOptions": "planfit.scan",
     "Term": "planfit.lsq",
+    "Truth": "planfit.evaluation",
+    "align": "planfit.pipeline.align",
+    "evaluate": "planfit.evaluation",
     "extract_observations": "planfit.pipeline.prepare",
     "prepare": "planfit.pipeline.prepare",
     "read_floorplan": "planfit.floorplan",
     "read_scan": "planfit.scan",
     "refine": "planfit.pipeline.refine",
+    "scan_from_arrays": "planfit.scan",
 }
 """Where each name comes from. It is imported when it is first asked for (PEP 562): all of planfit takes a
 second or more, which `planfit --version` and tools that only look need not spend."""

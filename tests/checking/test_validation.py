@@ -5,12 +5,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from builders import make_matches, make_structure, make_world, nudged, room_plan
-from planfit.pipeline.validation import (
-    consistency_check,
-    hold_out,
-    match_check,
-    wall_check,
-)
+from planfit.pipeline.prepare import hold_out
+from planfit.pipeline.validation import consistency_check, match_check, wall_check
 
 
 @pytest.fixture

@@ -276,7 +276,7 @@ def test_depth_without_any_reading(
     for i in range(N):
         put(tmp_path / "depth" / f"{i:05d}.png", png(np.zeros_like(sample.depth_mm[0])))
     assert refused(capsys, "inspect", tmp_path) == (
-        f"{tmp_path}: expected depth, found no reading in any of the 6 frames looked at; export the "
+        f"{tmp_path}: expected depth, found no measurement in any of the 6 frames looked at; export the "
         "scan again with depth"
     )
 

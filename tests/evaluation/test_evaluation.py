@@ -13,7 +13,7 @@ from planfit.evaluation import (
     ComparedPoses,
     EvaluateOptions,
     Truth,
-    evaluate_poses,
+    evaluate,
     layer_metrics,
     surface_metrics,
     trajectory_metrics,
@@ -44,7 +44,7 @@ def test_a_result_gives_the_metrics_of_its_parts(world, result):
     scan = replace(room_scan(world.plan_from_cams), world_from_cams=result.initial_plan_from_cams)
     idx = np.arange(len(scan))
     truth = Truth(idx, world.plan_from_cams)
-    evaluation = evaluate_poses(scan, result, truth=truth, options=FEW)
+    evaluation = evaluate(scan, result, truth=truth, options=FEW)
     both = result.initial_plan_from_cams, result.plan_from_cams
     expected = [
         *trajectory_metrics(*both, truth, FEW.delta_m),
@@ -69,13 +69,13 @@ def test_the_truth_is_compared_in_its_frame(world, result):
     )
     for frame, expected in (("world", in_world), ("plan", in_plan)):
         truth = Truth(np.arange(len(scan)), expected, frame)
-        found = evaluate_poses(scan, poses, truth=truth, options=FEW)
+        found = evaluate(scan, poses, truth=truth, options=FEW)
         assert_allclose(found["ate_max"].after, 0.0, atol=1e-12)
 
 
 def test_without_truth_and_plan_there_is_the_floor(world):
     scan, both = room_scan(world.plan_from_cams), (world.plan_from_cams, world.plan_from_cams)
-    found = evaluate_poses(scan, ComparedPoses(world.structure, both, both), options=FEW)
+    found = evaluate(scan, ComparedPoses(world.structure, both, both), options=FEW)
     assert {"nsd", "ate_rms", "mme"} & set(found.metrics) == set()
     assert "floor_plane_rms" in found.metrics
     assert found.n_true_poses == 0
@@ -84,6 +84,6 @@ def test_without_truth_and_plan_there_is_the_floor(world):
 def test_what_does_not_belong_together_is_refused(world, result):
     scan = room_scan(world.plan_from_cams)
     with pytest.raises(OptionError, match="none beside a result"):
-        evaluate_poses(scan, result, world.floorplan, options=FEW)
+        evaluate(scan, result, world.floorplan, options=FEW)
     with pytest.raises(OptionError, match="delta_m"):
         EvaluateOptions(delta_m=0.0)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from planfit.cli import run
-from planfit.evaluation import EvaluateOptions, Truth, evaluate_poses
+from planfit.evaluation import EvaluateOptions, Truth, evaluate
 from planfit.floorplan import read_floorplan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import StageTimer, extract_observations
+from planfit.pipeline.prepare import extract_observations
 from planfit.runtime import Runtime
 from planfit.scan import read_scan, read_tum
 from planfit.synth import (
@@ -31,7 +31,7 @@ OPTIONS = SynthOptions(
     building=BuildingOptions(n_rooms=2),
     walk=WalkOptions(n_frames=40),
     camera=CameraOptions(width_px=240, height_px=180),
-    drift=DriftOptions(yaw_deg=0.4, shift_m=0.03),
+    drift=DriftOptions(yaw_deg=0.4, translation_m=0.03),
 )
 
 
@@ -65,9 +65,7 @@ def record(finished: Path) -> dict:
 
 def test_the_scan_has_two_storeys(two_storeys: Path) -> None:
     runtime = Runtime()
-    seen = extract_observations(
-        read_scan(two_storeys), RefineOptions(), runtime, StageTimer(runtime)
-    )
+    seen = extract_observations(read_scan(two_storeys), RefineOptions(), runtime)
     heights = seen.structure.floor_heights_m
     assert np.ptp(heights[np.isfinite(heights)]) == pytest.approx(STOREY_M, abs=0.3)
 
@@ -124,7 +122,7 @@ def test_evaluate_poses_takes_what_the_command_takes(
     assert scan.floorplan_path is not None
     _, after = read_tum(after_path)
     _, true_poses = read_tum(truth_path)
-    evaluation = evaluate_poses(
+    evaluation = evaluate(
         scan,
         after,
         read_floorplan(scan.floorplan_path),

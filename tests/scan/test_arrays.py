@@ -31,7 +31,7 @@ def synthetic():
             building=BuildingOptions(n_rooms=2),
             walk=WalkOptions(n_frames=N),
             camera=CameraOptions(width_px=160, height_px=120),
-            drift=DriftOptions(yaw_deg=0.3, shift_m=0.02),
+            drift=DriftOptions(yaw_deg=0.3, translation_m=0.02),
         )
     )
 

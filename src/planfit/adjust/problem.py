@@ -384,6 +384,11 @@ def _require_extra_terms_to_work(problem: AdjustmentProblem) -> None:
         raise OptionError(
             "adjust.method: gradient descent minimises the paper's cost only; use lm with extra terms"
         )
+    if problem.extra and problem.measurements.frame_idx is not None:
+        raise OptionError(
+            "extra_terms: expected all frames as unknowns, as such terms may name any frame, found "
+            f"{problem.n_cams} keyframes; raise adjust.keyframes.min_frames above the scan's frames"
+        )
     names = [term.name for term in problem.terms]
     for term in problem.extra:
         if names.count(term.name) > 1:

@@ -21,7 +21,7 @@ from planfit.evaluation import (
     Metric,
     Truth,
     associate_times,
-    evaluate_poses,
+    evaluate,
     read_true_cloud,
 )
 from planfit.runtime import Runtime
@@ -95,7 +95,7 @@ def make_evaluation(arguments: EvaluateArguments, bars: StageBars) -> dict[str, 
         compared.structure, compared.world, compared.plan, floorplan=compared.floorplan
     )
     truth, options = _truth(arguments, compared), arguments.options
-    evaluation = evaluate_poses(compared.scan, poses, None, truth, options, runtime)
+    evaluation = evaluate(compared.scan, poses, None, truth, options, runtime)
     return {
         "of": str(arguments.scan_options.poses or arguments.folder),
         "scan": compared.scan.name,

@@ -6,7 +6,7 @@ Each metric is defined in docs/metrics.md.
 from planfit.evaluation.evaluate import ComparedPoses as ComparedPoses
 from planfit.evaluation.evaluate import EvaluateOptions as EvaluateOptions
 from planfit.evaluation.evaluate import Evaluation as Evaluation
-from planfit.evaluation.evaluate import evaluate_poses as evaluate_poses
+from planfit.evaluation.evaluate import evaluate as evaluate
 from planfit.evaluation.layers import LayerOptions as LayerOptions
 from planfit.evaluation.layers import Layers as Layers
 from planfit.evaluation.layers import wall_layers as wall_layers

@@ -90,7 +90,7 @@ class Evaluation:
         return self.metrics[name]
 
 
-def evaluate_poses(
+def evaluate(
     scan: Scan,
     poses: Float[np.ndarray, "n 4 4"] | RefinedPoses | ComparedPoses,
     floorplan: Floorplan | None = None,

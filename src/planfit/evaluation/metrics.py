@@ -129,7 +129,7 @@ def surface_metrics(
         add("floor_plane_rms", words, "cm", 100, lambda i: floors[i].plane_rms_m)
         words = "   about their mean height, RMS"
         add("floor_height_rms", words, "cm", 100, lambda i: floors[i].height_rms_m)
-        words = "   off the floor plane, median"
+        words = "   about their median height, half of them"
         add("floor_height_median", words, "cm", 100, lambda i: floors[i].height_median_m)
     return metrics
 

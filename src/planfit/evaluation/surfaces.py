@@ -84,8 +84,11 @@ class FloorHeights:
 
     @property
     def height_median_m(self) -> float:
-        """Half of the points lie within this of the floor plane; things on the floor move it less."""
-        return float(np.median(np.abs(self.heights_m)))
+        """Half of the points lie within this of their median height (MAD); things on the floor move it less.
+
+        Not of height 0: poses that are given without a plan have an origin of their own.
+        """
+        return float(np.median(np.abs(self.heights_m - np.median(self.heights_m))))
 
     @property
     def n_points(self) -> int:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from planfit.adjust import (
     Keyframes,
@@ -15,7 +15,6 @@ from planfit.adjust import (
 from planfit.errors import require_plain_numbers
 from planfit.matching import Matches, find_matches
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.validation import hold_out
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.scan.odometry import make_odometry
@@ -120,6 +119,30 @@ def prepare(
     return PreparedScan(held_out, keyframes, measurements, level, level_from_cams, level_from_keys)
 
 
+def hold_out(matches: Matches, share: float, rng: np.random.Generator) -> tuple[Matches, Matches]:
+    """Split matches at random, within every pair: those to solve with, and those held out."""
+    held = rng.random(matches.n_matches) < share
+    return _keep(matches, ~held), _keep(matches, held)
+
+
 def _without_cache_of_strangers(runtime: Runtime, scan: Scan) -> Runtime:
     """Without a fingerprint nothing tells one scan from another, so nothing is kept of it."""
     return runtime if scan.fingerprint else replace(runtime, cache_dir=None)
+
+
+def _keep(matches: Matches, keep: Bool[np.ndarray, " m"]) -> Matches:
+    """Some of the matches; pairs of frames that keep none are dropped."""
+    # The matches of a pair follow each other: sums over the ranges that begin at `start` count what each
+    # pair keeps. (reduceat refuses an empty list of ranges.)
+    sizes = np.zeros(0, dtype=int)
+    if len(matches.pairs):
+        sizes = np.add.reduceat(keep.astype(int), matches.start[:-1])
+    some = sizes > 0
+    return replace(
+        matches,
+        pairs=matches.pairs[some],
+        start=np.cumsum([0, *sizes[some]]),
+        points_a=matches.points_a[keep],
+        points_b=matches.points_b[keep],
+        sigma=matches.sigma[keep],
+    )

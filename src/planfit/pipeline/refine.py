@@ -9,7 +9,7 @@ from planfit.pipeline.align import align_to_plan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import Observations, extract_observations, prepare
 from planfit.pipeline.result import RefineResult, make_result
-from planfit.pipeline.validate import validate
+from planfit.pipeline.validation import validate
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 
@@ -54,5 +54,7 @@ def refine(
         )
     # Is it better, by what took no part?
     with timer.stage("validate"):
-        validation = validate(prepared, on_plan, adjustment, seen.structure, chosen.adjust)
+        validation = validate(
+            prepared, on_plan, adjustment, seen.structure, chosen.adjust, extra_terms
+        )
     return make_result(scan, seen, prepared, on_plan, adjustment, validation, chosen, timer)

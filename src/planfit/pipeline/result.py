@@ -14,8 +14,7 @@ from planfit.pipeline.align import ScanOnPlan
 from planfit.pipeline.diagnostics import alignment_warnings, scan_warnings
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import Observations, PreparedScan
-from planfit.pipeline.validate import Validation
-from planfit.pipeline.validation import Check
+from planfit.pipeline.validation import Check, Validation
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Gravity, Structure

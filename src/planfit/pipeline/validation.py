@@ -1,13 +1,18 @@
-"""Never make it worse: held-out matches, wall on the plan, and misfit, before and after the solve."""
+"""Never make it worse: held-out matches, wall on the plan, and consistency, before and after."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from planfit.adjust import AdjustOptions, Measurements, PlanAdjustment, costs, follow_keyframes
 from planfit.evaluation import NEAR_FACE_M, median_match_distance, wall_distances
 from planfit.floorplan import Floorplan
+from planfit.lsq import Term
 from planfit.matching import Matches
+from planfit.pipeline.align import ScanOnPlan
+from planfit.pipeline.prepare import PreparedScan
 from planfit.segmentation import Structure
 
 MIN_HELD_OUT = 30
@@ -30,10 +35,60 @@ class Check:
     """What to do where it got worse."""
 
 
-def hold_out(matches: Matches, share: float, rng: np.random.Generator) -> tuple[Matches, Matches]:
-    """Split matches at random, within every pair: those to solve with, and those held out."""
-    held = rng.random(matches.n_matches) < share
-    return _keep(matches, ~held), _keep(matches, held)
+@dataclass(frozen=True)
+class Validation:
+    """Poses before and after, and whether they got better."""
+
+    before: Float[np.ndarray, "n 4 4"]
+    """plan_from_cams of all frames as recorded, aligned as a whole."""
+    after: Float[np.ndarray, "n 4 4"]
+    """plan_from_cams of all frames, refined."""
+    checks: tuple[Check, ...]
+    cost_by_term: dict[str, tuple[float, float]]
+    """Robust cost of each term, before and after."""
+
+
+def validate(
+    prepared: PreparedScan,
+    on_plan: ScanOnPlan,
+    adjustment: PlanAdjustment,
+    structure: Structure,
+    options: AdjustOptions,
+    extra_terms: Sequence[Term] = (),
+) -> Validation:
+    """Compare poses before and after: held-out matches, wall on the plan, consistency.
+
+    Args:
+        prepared: the scan, loops closed.
+        on_plan: where it was aligned.
+        adjustment: the end of `adjust_to_plan`.
+        structure: of all frames, not of keyframes alone.
+        options: the terms that were on.
+        extra_terms: the user's own among them.
+    """
+    measurements, keyframes = prepared.measurements, prepared.keyframes
+    plan_from_keys = adjustment.solution.target_from_cams
+    before = on_plan.recorded_plan_from_level @ prepared.level_from_cams
+    after = follow_keyframes(plan_from_keys, keyframes)
+    checks = (
+        match_check(prepared.held_out, before, after),
+        wall_check(structure, on_plan.floorplan, before, after),
+        consistency_check(
+            _cost_without_plan(measurements, prepared.level_from_keys, options),
+            _cost_without_plan(measurements, plan_from_keys, options),
+            len(before),
+        ),
+    )
+    cost_before, cost_after = (
+        costs(measurements, poses, options, adjustment.correspondences, extra_terms)
+        for poses in (before[keyframes.frame_idx], plan_from_keys)
+    )
+    return Validation(
+        before,
+        after,
+        tuple(check for check in checks if check),
+        {name: (cost_before[name], cost_after[name]) for name in cost_before},
+    )
 
 
 def match_check(
@@ -91,19 +146,8 @@ def consistency_check(cost_without: float, cost_with: float, n_frames: int) -> C
     )
 
 
-def _keep(matches: Matches, keep: Bool[np.ndarray, " m"]) -> Matches:
-    """Some of the matches; pairs of frames that keep none are dropped."""
-    # The matches of a pair follow each other: sums over the ranges that begin at `start` count what each
-    # pair keeps. (reduceat refuses an empty list of ranges.)
-    sizes = np.zeros(0, dtype=int)
-    if len(matches.pairs):
-        sizes = np.add.reduceat(keep.astype(int), matches.start[:-1])
-    some = sizes > 0
-    return replace(
-        matches,
-        pairs=matches.pairs[some],
-        start=np.cumsum([0, *sizes[some]]),
-        points_a=matches.points_a[keep],
-        points_b=matches.points_b[keep],
-        sigma=matches.sigma[keep],
-    )
+def _cost_without_plan(
+    measurements: Measurements, poses: Float[np.ndarray, "k 4 4"], options: AdjustOptions
+) -> float:
+    """Robust cost of the terms that need no plan."""
+    return sum(costs(measurements, poses, options).values())

@@ -81,7 +81,7 @@ def key_metrics(
         pairs += [
             (
                 "Floor, half of the points",
-                "lie within this height of the floor plane",
+                "lie within this of their median height",
                 before.floor.height_median_m,
                 after.floor.height_median_m,
             ),

@@ -109,7 +109,7 @@ def floor(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
                     floorplan if both.is_aligned else None, side, crop, _width_in(crop)
                 ),
                 f"<strong>{name}:</strong> half of the floor points lie within "
-                f"{formatting.length(side.floor and side.floor.height_median_m)} of the floor plane; RMS "
+                f"{formatting.length(side.floor and side.floor.height_median_m)} of their median height; RMS "
                 f"{formatting.length(side.floor and side.floor.height_rms_m)} about their mean",
                 f"Floor heights {name}",
             )
