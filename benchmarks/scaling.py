@@ -22,8 +22,8 @@ from planfit.adjust import (
     follow_keyframes,
     reduce_measurements,
 )
-from planfit.adjust import solver as adjust_solver
 from planfit.adjust.terms.walls import WallTerm
+from planfit.lsq import Problem
 
 SIZES = (1000, 5000, 25_000)
 N_LAPS = 10  # at every size, so that a fifth of the pairs are revisits
@@ -74,7 +74,7 @@ def _solve(measurements, problem, initial_plan_from_cams):
     options, patches = AdjustOptions(), measurements.structure.walls
     walls = WallTerm(patches, problem.floorplan, problem.association, options.walls)
     terms = [*build_problem(measurements, options, initial_plan_from_cams).scan_terms, walls]
-    return adjust_solver.solve(terms, initial_plan_from_cams, options.solver)
+    return Problem(terms, initial_plan_from_cams).solve(options.solver)
 
 
 def measure(n_frames: int, *way: str) -> dict:
