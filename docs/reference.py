@@ -37,14 +37,14 @@ SHARED = {
     ScanOptions: "[how a scan is read](#reading-a-scan)",
     PlanFlags: "[how a plan is read](#reading-a-plan)",
     RefineOptions: "every [option](options.md)",
-    EvaluateOptions: "[what is measured](#figures-of-evaluate)",
+    EvaluateOptions: "[what is measured](#metrics-of-evaluate)",
     SynthOptions: "[the synthetic scan](#synthetic-scans)",
 }
 """Groups of flags that several commands have, and where they are listed."""
 SECTIONS: dict[str, tuple[str, type]] = {
     "Reading a scan": ("", ScanOptions),
     "Reading a plan": ("", PlanFlags),
-    "Figures of evaluate": ("", EvaluateOptions),
+    "Metrics of evaluate": ("", EvaluateOptions),
     "Synthetic scans": ("", SynthOptions),
 }
 

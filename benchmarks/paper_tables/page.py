@@ -138,7 +138,7 @@ def _head(results: Results, sets: list[str]) -> str:
         "to the plan by the same search, and use the same matches, floor and walls, but for the row "
         "that says otherwise. Lower is better everywhere. Numbers in brackets are those that the paper "
         "printed for its own scans. *True poses* show what the noise of depth leaves of each metric: below "
-        "that, poses are bent to the noise. [Each metric](metrics.md) is defined apart; maps are made of "
+        "that, poses are fitted to the noise. [Each metric](metrics.md) is defined apart; maps are made of "
         "every second frame, a point a 5 cm voxel, radius 0.2 m.",
     ]
     if refused:

@@ -143,7 +143,7 @@ def test_many_patches_are_done_in_parts_with_the_same_answer(rng):
     assert_allclose(found.distance_m[np.abs(y) < 0.5], y[np.abs(y) < 0.5], atol=1e-9)
 
 
-def test_pieces_in_plan_are_unit_normals_and_true_ends(rng):
+def test_wall_patches_in_plan_are_unit_normals_and_true_ends(rng):
     world = make_world(rng)
     tilted = se3.retract(world.plan_from_cams, np.tile([0.1, -0.1, 0, 0, 0, 0], (8, 1)))
     normals, _ = wall_patches_in_plan(world.structure.walls, tilted)

@@ -58,11 +58,11 @@ def check_size(name: str, width: int, height: int) -> None:
 
 
 def make_darkness(
-    image_bgr: UInt8[np.ndarray, "h w 3"], name: str, is_judged: bool = True
+    image_bgr: UInt8[np.ndarray, "h w 3"], name: str, must_be_drawing: bool = True
 ) -> Float[np.ndarray, "h w"]:
     """Darkness (h, w) float32 over the paper around each place: even under uneven light.
 
-    `is_judged`: refuse what is no drawing.
+    `must_be_drawing`: refuse what is no drawing.
 
     Raises:
         FloorplanError: too large or small, or the picture has no paper (it is a photograph of something
@@ -73,7 +73,7 @@ def make_darkness(
     if np.median(grey) < 100:  # a drawing in white on dark
         grey = 255 - grey
     darkness = _over_paper(grey)
-    if not is_judged:
+    if not must_be_drawing:
         return darkness
     if float((darkness > 0.25).mean()) < 2e-4:
         raise FloorplanError(
