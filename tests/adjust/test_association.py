@@ -1,4 +1,4 @@
-"""Which face a piece of wall may belong to: side, angle, overlap, distance."""
+"""Which face a wall patch may belong to: side, angle, overlap, distance."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def line(first, last, z=1.2, n=30):
 
 
 def matched(floorplan, first, last, normal, max_distance_m=0.5, **options):
-    """Face and signed distance of one piece of wall from `first` to `last`, seen along -normal."""
+    """Face and signed distance of one wall patch from `first` to `last`, seen along -normal."""
     structure = make_structure(
         CAMERA_POSE, patches=[(0, line(first, last), np.array(normal, dtype=float))]
     )

@@ -33,7 +33,7 @@ def inputs(world):
         world.structure.walls, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
     face_idx = association.face_idx.copy()
-    face_idx[::3] = -1  # some pieces of wall have no face
+    face_idx[::3] = -1  # some wall patches have no face
     partly = Association(face_idx, association.distance_m)
     return world.matches, world.structure, world.floorplan, partly
 

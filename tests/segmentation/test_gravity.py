@@ -99,7 +99,7 @@ def test_cluster_deg_is_what_takes_part(rng):
     narrow, wide = (_most_common(normals, near, GravityOptions(cluster_deg=d)) for d in (3, 12))
     assert narrow.confidence == pytest.approx(2 / 3, abs=0.05)
     assert wide.confidence > 0.99
-    # A slope within it pulls a little: its weight has fallen to a thousandth.
+    # A slope within it counts a little: its weight has fallen to a thousandth.
     for gravity in (narrow, wide):
         assert angle_deg(gravity.up_world, near) < 0.2
 

@@ -156,7 +156,7 @@ def find_alignment(
 def claimed_alignment(
     scan: Scan, floorplan: Floorplan, level_from_world: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "4 4"] | None:
-    """plan_from_level (4, 4) where the scan's format records poses in the plan's axes.
+    """plan_from_level where the scan's format records poses in the plan's axes.
 
     That says nothing of a plan whose unit is unknown, or which is not taken as it was drawn.
     """
