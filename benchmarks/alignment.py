@@ -1,4 +1,4 @@
-"""How often, how exactly and how fast scans are placed on plans.
+"""How often, how exactly and how fast scans are aligned with plans.
 
     python benchmarks/alignment.py battery [--cases 200] [--first-seed 0] [--jobs 2] [--json FILE]
     python benchmarks/alignment.py conslam [--cases 10] [--refine]
@@ -6,9 +6,9 @@
     python benchmarks/alignment.py speed [--plan FILE]
 
 `battery`: synthetic cases (`alignment_cases.py`: built from geometry, nothing is rendered), this
-alignment beside the paper's. Right means within 0.3 m, 1 degree and 1 % of scale of the true place of the
-(bent) scan as a whole. Seeds below 10000 are for reporting; development used 10000 and above.
-`conslam`: the real scan with its plan turned, scaled (0.01 to 100) and shifted at random, without unit.
+alignment beside the paper's. Right means within 0.3 m, 1 degree and 1 % of scale of the true alignment of the
+(deformed) scan as a whole. Seeds below 10000 are for reporting; development used 10000 and above.
+`conslam`: the real scan with its plan turned, scaled (0.01 to 100) and moved at random, without unit.
 `picture`: the real scan with `floorplan.png`, a picture of the whole plan at an unknown scale.
 `speed`: seconds for the real scan on the whole plan, unknown scale.
 """
@@ -40,21 +40,21 @@ MAX_M, MAX_DEG, MAX_SCALE = 0.3, 1.0, 0.01
 
 
 def errors(case: Case, found: Alignment) -> tuple[float, float, float]:
-    """Shift of the scan's middle (m), turn (deg) and scale (share) off the truth."""
+    """Translation of the scan's middle (m), rotation (deg) and scale (share) off the truth."""
     middle = case.walls.xy.mean(axis=0)
     true_xy = case.plan_from_level[:2, :2] @ middle + case.plan_from_level[:2, 2]
     xy = found.plan_from_level[:2, :2] @ middle + found.plan_from_level[:2, 3]
     xy = xy / found.scale_xy * case.metres_per_unit
     yaw = [se3.yaw_of(m) for m in (found.plan_from_level, case.plan_from_level)]
-    turn = abs(np.rad2deg(np.angle(np.exp(1j * (yaw[0] - yaw[1])))))
+    rotation = abs(np.rad2deg(np.angle(np.exp(1j * (yaw[0] - yaw[1])))))
     scale = np.abs(np.log(np.array(found.scale_xy) / case.metres_per_unit)).max()
-    return float(np.linalg.norm(xy - true_xy)), float(turn), float(scale)
+    return float(np.linalg.norm(xy - true_xy)), float(rotation), float(scale)
 
 
 def run_case(seed: int) -> dict[str, Any]:
     """Both methods on the case of a seed."""
     case = make_case(seed)
-    row: dict[str, Any] = {"seed": seed, "words": case.words, "bent_m": case.residual_m}
+    row: dict[str, Any] = {"seed": seed, "words": case.words, "deformation_m": case.residual_m}
     for method in ("search", "paper"):
         begin = time.perf_counter()
         try:
@@ -92,7 +92,8 @@ def battery(arguments: argparse.Namespace) -> None:
             metres, degrees, share = search.get("off", (np.nan,) * 3)
             print(
                 f"seed {row['seed']}: {metres:.2f} m, {degrees:.2f} deg, {share:.1%} off, "
-                f"{'SURE' if search['is_sure'] else 'flagged'}; bent {row['bent_m']:.2f} m; {row['words']}"
+                f"{'SURE' if search['is_sure'] else 'flagged'}; deformed by "
+                f"{row['deformation_m']:.2f} m; {row['words']}"
             )
     print(f"{'':34}search   paper")
     groups = {
@@ -136,7 +137,7 @@ def battery(arguments: argparse.Namespace) -> None:
 
 
 def conslam(arguments: argparse.Namespace) -> None:
-    """The scan on its plan, disguised; the places are compared where the plan's true frame has them."""
+    """The scan on its plan, disguised; the alignments are compared where the plan's true frame has them."""
     scan = planfit.read_scan(CONSLAM)
     floorplan = planfit.read_floorplan(CONSLAM / "floorplan.npy")
     _, true_world_from_cams = read_tum(CONSLAM / "groundtruth.tum")
@@ -146,19 +147,19 @@ def conslam(arguments: argparse.Namespace) -> None:
     results = []
     for case in range(arguments.cases):
         yaw, scale = rng.uniform(-np.pi, np.pi), 10 ** rng.uniform(-2, 2)
-        shift = rng.uniform(-100, 100, 2)
-        disguised = disguise(floorplan, yaw, scale, shift)
+        translation = rng.uniform(-100, 100, 2)
+        disguised = disguise(floorplan, yaw, scale, translation)
         begin = time.perf_counter()
         if arguments.refine:
             run = planfit.refine(scan, disguised, options, runtime)
             assert run.alignment is not None
             found, on_plan = run.alignment, run.plan_from_cams
         else:
-            placed = align_scan(scan, disguised, options, runtime)
-            found = placed.alignment
-            on_plan = placed.plan_from_world @ scan.world_from_cams
+            aligned = align_scan(scan, disguised, options, runtime)
+            found = aligned.alignment
+            on_plan = aligned.plan_from_world @ scan.world_from_cams
         seconds = time.perf_counter() - begin
-        xy = undisguise(on_plan[:, :2, 3] / found.metres_per_unit, yaw, scale, shift)
+        xy = undisguise(on_plan[:, :2, 3] / found.metres_per_unit, yaw, scale, translation)
         results.append(xy)
         print(
             f"case {case}: turned {np.rad2deg(yaw):7.1f} deg, unit {scale:8.4f} m: scale off by "
@@ -195,19 +196,21 @@ def picture(arguments: argparse.Namespace) -> None:  # noqa: ARG001
     print(*run.warnings, sep="\n")
 
 
-def disguise(floorplan: Floorplan, yaw: float, scale: float, shift: np.ndarray) -> Floorplan:
-    """The plan turned, shifted (m), and in units of `scale` m: a file of bare segments, unit unknown."""
-    turn = se3.yaw_transform(yaw)[:2, :2]
-    ends = (floorplan.ends @ turn.T + shift) / scale
+def disguise(floorplan: Floorplan, yaw: float, scale: float, translation: np.ndarray) -> Floorplan:
+    """The plan rotated, moved (m), and in units of `scale` m: a file of bare segments, unit unknown."""
+    rotation = se3.yaw_transform(yaw)[:2, :2]
+    ends = (floorplan.ends @ rotation.T + translation) / scale
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "disguised.npy"
         np.save(path, (ends * (1.0, -1.0)).reshape(-1, 4))  # the layout's (u, v) is our (x, -y)
         return planfit.read_floorplan(path, PlanOptions(unit="unknown"))
 
 
-def undisguise(xy_units: np.ndarray, yaw: float, scale: float, shift: np.ndarray) -> np.ndarray:
+def undisguise(
+    xy_units: np.ndarray, yaw: float, scale: float, translation: np.ndarray
+) -> np.ndarray:
     """Points (n, 2) in the units of the disguised plan, back in the true plan (m)."""
-    return (xy_units * scale - shift) @ se3.yaw_transform(yaw)[:2, :2]
+    return (xy_units * scale - translation) @ se3.yaw_transform(yaw)[:2, :2]
 
 
 def rms(a: np.ndarray, b: np.ndarray) -> float:
@@ -222,11 +225,11 @@ def speed(arguments: argparse.Namespace) -> None:
     floorplan = planfit.read_floorplan(arguments.plan)
     if floorplan.is_metric:
         floorplan = disguise(floorplan, 0.4, 0.05, np.zeros(2))
-    placed = align_scan(scan, floorplan, options, runtime)
-    walls = placed.walls
+    aligned = align_scan(scan, floorplan, options, runtime)
+    walls = aligned.walls
     for name, plan in (
         ("unknown scale", floorplan),
-        ("known scale", metric_plan(floorplan, placed.alignment.scale_xy)),
+        ("known scale", metric_plan(floorplan, aligned.alignment.scale_xy)),
     ):
         times = []
         for _ in range(3):

@@ -1,11 +1,11 @@
 """Alignment problems made from geometry alone: no images are rendered.
 
 A case is a synthetic building, a walk through part of it, and what a camera with 66 degrees of view would
-see of its walls from every half metre of the walk, as pieces of wall with noise. Furniture hides walls,
+see of its walls from every half metre of the walk, as wall patches with noise. Furniture hides walls,
 and some of it is taken for wall. The walk drifts by up to 2 % of its length. As in `planfit.refine`, loops
 are closed before the alignment: where the walk comes back to a place with a like view, a pose graph ties
-the two together; what the graph leaves, bends the scan. The plan has walls too many, too few, and in the
-wrong place.
+the two together; what the graph leaves, deforms the scan. The plan has walls too many, too few, and in the
+wrong alignment.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from planfit.synth.building import Building
 from planfit.synth.walls import Part
 
 FOV_DEG, RANGE_M, STEP_M, N_RAYS = 66.0, 7.0, 0.5, 45
-MIN_PIECE_M = 0.3
+MIN_PATCH_M = 0.3
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class Case:
     """A scan, a plan, and where the scan is."""
 
     walls: WallSamples
-    residual_m: float  # RMS distance of the bent scan from its best rigid place
+    residual_m: float  # RMS distance of the deformed scan from its best rigid alignment
     cloud: (
         np.ndarray
     )  # (n, 3) m, level frame: points of wall, furniture and floor, for the paper's method
     floorplan: Floorplan  # turned and scaled; in metres or without unit
-    plan_from_level: np.ndarray  # (3, 3) true place of the middle of the scan, plan in metres
+    plan_from_level: np.ndarray  # (3, 3) true alignment of the middle of the scan, plan in metres
     metres_per_unit: float
     is_scale_known: bool
     coverage: float
@@ -78,22 +78,22 @@ def make_case(seed: int, close_loops: bool = True) -> Case:
     wrong_share = float(rng.uniform(0.0, 0.2))
     faces = _spoilt(building, wrong_share, rng)
     is_known = bool(rng.random() < 0.5)
-    yaw, shift = rng.uniform(-np.pi, np.pi), rng.uniform(-50, 50, 2)
+    yaw, translation = rng.uniform(-np.pi, np.pi), rng.uniform(-50, 50, 2)
     scale = 1.0 if is_known else float(10 ** rng.uniform(-2, 2))
     c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, -s], [s, c]])
+    rotation = np.array([[c, -s], [s, c]])
     floorplan = Floorplan(
         f"case {seed}",
-        (faces @ turn.T + shift) / scale,
-        segments.left_normals(faces) @ turn.T,
+        (faces @ rotation.T + translation) / scale,
+        segments.left_normals(faces) @ rotation.T,
         np.ones(len(faces), dtype=bool),
         is_metric=is_known,
     )
     truth = np.eye(3)
-    level = _rigid(walls.xy, true_xy @ turn.T + shift)
+    level = _rigid(walls.xy, true_xy @ rotation.T + translation)
     truth[:2] = level
-    bent = walls.xy @ level[:, :2].T + level[:, 2] - (true_xy @ turn.T + shift)
-    residual_m = float(np.sqrt(np.mean(np.sum(bent**2, axis=1))))
+    deformation = walls.xy @ level[:, :2].T + level[:, 2] - (true_xy @ rotation.T + translation)
+    residual_m = float(np.sqrt(np.mean(np.sum(deformation**2, axis=1))))
     return Case(
         walls, residual_m, _cloud(walls, drifted, rng), floorplan, truth, scale, is_known, coverage, share,
         wrong_share, n_furniture,
@@ -180,7 +180,7 @@ def _way(here: int, there: int, came_from: dict, layout) -> list[np.ndarray]:
 def _seen(
     building: Building, poses: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pieces of wall that each camera sees: ends (k, 2, 2), normals (k, 2) and camera (k,), true frame."""
+    """Wall patches that each camera sees: ends (k, 2, 2), normals (k, 2) and camera (k,), true frame."""
     is_wall = building.faces.parts != Part.LINTEL
     ends = [building.faces.ends[is_wall]]
     for patch in building.furniture:
@@ -194,7 +194,7 @@ def _seen(
     keep = [ends[0], *(e for e in ends[1:] if rng.random() < 0.35)]
     all_ends = np.concatenate(keep)
     normals = segments.left_normals(all_ends)
-    patches, piece_normals, camera = [], [], []
+    patches, patch_normals, camera = [], [], []
     fan = np.deg2rad(np.linspace(-FOV_DEG / 2, FOV_DEG / 2, N_RAYS))
     for i, (x, y, yaw) in enumerate(poses):
         rays = np.stack([np.cos(yaw + fan), np.sin(yaw + fan)], axis=1)
@@ -205,7 +205,7 @@ def _seen(
             if f < 0 or len(run) < 3:
                 continue
             patch = hit[[run[0], run[-1]]]
-            if np.linalg.norm(patch[1] - patch[0]) < MIN_PIECE_M:
+            if np.linalg.norm(patch[1] - patch[0]) < MIN_PATCH_M:
                 continue
             normal = normals[f]
             if normal @ (np.array([x, y]) - patch[0]) < 0:
@@ -213,11 +213,11 @@ def _seen(
             tilt = rng.normal(0.0, np.deg2rad(1.0))
             c, s = np.cos(tilt), np.sin(tilt)
             middle = patch.mean(axis=0) + rng.normal(0.0, 0.02) * normal
-            turn = np.array([[c, -s], [s, c]])
-            patches.append((patch - patch.mean(axis=0)) @ turn.T + middle)
-            piece_normals.append(turn @ normal)
+            rotation = np.array([[c, -s], [s, c]])
+            patches.append((patch - patch.mean(axis=0)) @ rotation.T + middle)
+            patch_normals.append(rotation @ normal)
             camera.append(i)
-    return np.array(patches), np.array(piece_normals), np.array(camera)
+    return np.array(patches), np.array(patch_normals), np.array(camera)
 
 
 def _cast(eye: np.ndarray, rays: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -235,18 +235,18 @@ def _cast(eye: np.ndarray, rays: np.ndarray, ends: np.ndarray) -> tuple[np.ndarr
 
 
 def _drift(poses: np.ndarray, share: float, rng: np.random.Generator) -> np.ndarray:
-    """Poses (n, 3) with a random walk of step and turn; its end is off by `share` of the way."""
+    """Poses (n, 3) with a random walk of step and yaw; its end is off by `share` of the way."""
     n = len(poses)
-    turn = np.cumsum(rng.normal(0.0, 1.0, n)) * 0.02
+    heading = np.cumsum(rng.normal(0.0, 1.0, n)) * 0.02
     slip = rng.normal(0.0, 1.0, (n, 2)) * 0.02
 
     def walked(size: float) -> np.ndarray:
         step = np.diff(poses[:, :2], axis=0)
-        yaw = size * turn[:-1]
+        yaw = size * heading[:-1]
         c, s = np.cos(yaw), np.sin(yaw)
         moved = np.column_stack([c * step[:, 0] - s * step[:, 1], s * step[:, 0] + c * step[:, 1]])
         xy = poses[0, :2] + np.concatenate([[[0, 0]], np.cumsum(moved + size * slip[1:], axis=0)])
-        return np.column_stack([xy, poses[:, 2] + size * turn])
+        return np.column_stack([xy, poses[:, 2] + size * heading])
 
     way = float(np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1).sum())
     low, high = 0.0, 8.0
@@ -277,7 +277,7 @@ def _close_loops(poses: np.ndarray, drifted: np.ndarray, rng: np.random.Generato
     for _ in range(8):
         residual = (_relative(solved, pairs) - wanted) / sigma
         jacobian = _graph_jacobian(solved, pairs, sigma)[:, 3:]
-        # The loss of Cauchy keeps far revisits of a badly bent start from tearing the path.
+        # The loss of Cauchy keeps far revisits of a badly deformed start from tearing the path.
         weight = 1.0 / (1.0 + (residual / 10.0) ** 2).ravel()
         normal = (jacobian.T @ jacobian.multiply(weight[:, None])).tocsc()
         step = spsolve(normal, -jacobian.T @ (weight * residual.ravel()))
@@ -313,12 +313,12 @@ def _graph_jacobian(poses: np.ndarray, pairs: np.ndarray, sigma: np.ndarray) -> 
 def _carry(
     ends: np.ndarray, normals: np.ndarray, poses: np.ndarray, drifted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pieces as the drifted cameras put them."""
+    """Patches as the drifted cameras put them."""
     angle = drifted[:, 2] - poses[:, 2]
     c, s = np.cos(angle), np.sin(angle)
-    turn = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1)
-    moved = np.einsum("kab,keb->kea", turn, ends - poses[:, None, :2]) + drifted[:, None, :2]
-    return moved, np.einsum("kab,kb->ka", turn, normals)
+    rotation = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1)
+    moved = np.einsum("kab,keb->kea", rotation, ends - poses[:, None, :2]) + drifted[:, None, :2]
+    return moved, np.einsum("kab,kb->ka", rotation, normals)
 
 
 def _spoilt(building: Building, share: float, rng: np.random.Generator) -> np.ndarray:
@@ -354,12 +354,13 @@ def _spoilt(building: Building, share: float, rng: np.random.Generator) -> np.nd
 
 
 def _rigid(xy: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Rigid (2, 3) that brings points (n, 2) nearest to their targets: the true place of a bent scan."""
+    """Rigid (2, 3) that brings points (n, 2) nearest to their targets: the true alignment of a deformed
+    scan."""
     a, b = xy - xy.mean(axis=0), target - target.mean(axis=0)
     yaw = np.angle(np.sum(np.conj(a[:, 0] + 1j * a[:, 1]) * (b[:, 0] + 1j * b[:, 1])))
     c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, -s], [s, c]])
-    return np.column_stack([turn, target.mean(axis=0) - turn @ xy.mean(axis=0)])
+    rotation = np.array([[c, -s], [s, c]])
+    return np.column_stack([rotation, target.mean(axis=0) - rotation @ xy.mean(axis=0)])
 
 
 def _cloud(walls: WallSamples, poses: np.ndarray, rng: np.random.Generator) -> np.ndarray:

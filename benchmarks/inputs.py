@@ -29,7 +29,7 @@ N_MATCHES, N_WALL, N_FLOOR = 41_158, 21_060, 23_852
 
 @dataclass(frozen=True)
 class Case:
-    """One adjustment: evidence, plan, association, where it begins, and where the truth is."""
+    """One adjustment: measurements, plan, association, where it begins, and where the truth is."""
 
     name: str
     matches: Matches
@@ -124,7 +124,7 @@ def position_rms_m(case: Case, plan_from_cams: np.ndarray) -> float:
 
 
 def largest_difference(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """Largest distance (m) and turn (rad) between poses (n, 4, 4)."""
+    """Largest translation (m) and rotation (rad) between poses (n, 4, 4)."""
     apart = se3.difference(a, b)
     return (
         float(np.linalg.norm(apart[:, 3:], axis=1).max()),

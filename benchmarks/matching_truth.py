@@ -93,7 +93,7 @@ def find_revisits(test: TestScan) -> Revisits:
 
 
 def judge(test: TestScan, matches: Matches, revisits: Revisits) -> Quality:
-    """Figures of a set of verified matches."""
+    """Metrics of a set of verified matches."""
     sizes = np.diff(matches.start)
     a, b = (np.repeat(matches.pairs[:, k], sizes) for k in range(2))
     true = test.true_world_from_cams

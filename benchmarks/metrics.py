@@ -67,11 +67,11 @@ def corners(n_frames: int, n_points: int, rng: np.random.Generator) -> MapSample
 def walls_and_floor(
     n: int, n_frames: int, rng: np.random.Generator
 ) -> tuple[Structure, Floorplan, np.ndarray]:
-    """n wall points in pieces of 150, n floor points, a plan of 400 faces, and poses."""
+    """n wall points in patches of 150, n floor points, a plan of 400 faces, and poses."""
     side = 40.0
     at = rng.uniform(0, side, (400, 2))
-    turn = rng.integers(0, 4, 400) * np.pi / 2
-    ends = np.stack([at, at + 3.0 * np.stack([np.cos(turn), np.sin(turn)], axis=1)], axis=1)
+    yaw = rng.integers(0, 4, 400) * np.pi / 2
+    ends = np.stack([at, at + 3.0 * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)], axis=1)
     plan = Floorplan("benchmark", ends, segments.left_normals(ends), np.ones(400, dtype=bool))
     poses = np.tile(np.eye(4), (n_frames, 1, 1))
     poses[:, :2, 3] = rng.uniform(0, side, (n_frames, 2))

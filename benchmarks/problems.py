@@ -1,7 +1,7 @@
 """Adjustment problems of any size, with known truth, made without images.
 
 A walk goes round a building's ring corridor, lap after lap, so that every place is seen again a lap
-later. Matches, floor points and pieces of wall are drawn with noise at the true poses; the recorded
+later. Matches, floor points and wall patches are drawn with noise at the true poses; the recorded
 poses have drifted.
 """
 
@@ -31,7 +31,7 @@ NOISE_M = 0.02
 
 @dataclass(frozen=True)
 class Problem:
-    """Evidence, its truth, and where a solve begins."""
+    """Measurements, their truth, and where a solve begins."""
 
     measurements: Measurements
     floorplan: Floorplan
@@ -49,13 +49,13 @@ def make_problem(
     matches_per_pair: int = 100,
     points_per_frame: int = 2000,
     drift: DriftOptions | None = None,
-    piece_m: float | None = None,
+    face_m: float | None = None,
 ) -> Problem:
     """A problem of `n_frames`; each frame is matched with twice `neighbours` + `revisits` others."""
     rng = np.random.default_rng(seed)
     frames_per_lap = min(frames_per_lap, n_frames)
     side_m = frames_per_lap * STEP_M / 4
-    floorplan = _ring_corridor(side_m, piece_m or side_m)
+    floorplan = _ring_corridor(side_m, face_m or side_m)
     true = _walk(n_frames, frames_per_lap, side_m, rng)
     up = np.array([0.0, 0.0, 1.0])
     drift = drift or DriftOptions(yaw_deg=0.02, translation_m=0.004)
@@ -71,14 +71,14 @@ def make_problem(
     )
 
 
-def _ring_corridor(side_m: float, piece_m: float) -> Floorplan:
-    """A square corridor 3 m wide about the walk, walls 0.2 m thick, drawn in pieces."""
+def _ring_corridor(side_m: float, face_m: float) -> Floorplan:
+    """A square corridor 3 m wide about the walk, walls 0.2 m thick, drawn in faces of this length."""
     patches = []
     for out in (-1.7, -1.5, 1.5, 1.7):
         low, high = -out, side_m + out
         corners = np.array([[low, low], [high, low], [high, high], [low, high]])
         for first, last in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            share = np.linspace(0, 1, max(1, round(side_m / piece_m)) + 1)[:, None]
+            share = np.linspace(0, 1, max(1, round(side_m / face_m)) + 1)[:, None]
             cuts = first * (1 - share) + last * share
             patches.append(np.stack([cuts[:-1], cuts[1:]], axis=1))
     return Floorplan.from_segments(np.concatenate(patches), name="ring corridor")
@@ -138,7 +138,7 @@ def _matches(
 def _structure(
     true: np.ndarray, floorplan: Floorplan, per_frame: int, rng: np.random.Generator
 ) -> tuple[Structure, np.ndarray]:
-    """Floor points ahead, and the two nearest faces of each frame as pieces of wall."""
+    """Floor points ahead, and the two nearest faces of each frame as wall patches."""
     n, half, quarter = len(true), per_frame // 2, per_frame // 4
     xy = true[:, :2, 3]
     cams_from_plan = se3.inverse(true)
@@ -161,7 +161,7 @@ def _structure(
     )
     height = rng.uniform(0.2, 2.5, (n, 2, quarter, 1))
     wall = np.concatenate([spot, height], axis=-1)
-    turn = cams_from_plan[:, None, :3, :3]
+    rotation = cams_from_plan[:, None, :3, :3]
     normals = np.concatenate([floorplan.normals[faces], np.zeros((n, 2, 1))], axis=-1)
     edge = np.stack([wall[:, :, 0], wall[:, :, 1]], axis=2)
     structure = Structure(
@@ -171,7 +171,7 @@ def _structure(
             points_cam=_to_cam(cams_from_plan, wall.reshape(n, 2 * quarter, 3)),
             start=np.arange(2 * n + 1) * quarter,
             frame_idx=np.repeat(np.arange(n), 2),
-            normals_cam=(turn @ normals[..., None])[..., 0].reshape(2 * n, 3),
+            normals_cam=(rotation @ normals[..., None])[..., 0].reshape(2 * n, 3),
             ends_cam=_to_cam(cams_from_plan, edge.reshape(n, 4, 3)).reshape(2 * n, 2, 3),
         ),
         unassigned_points_cam=np.zeros((0, 3)),

@@ -43,7 +43,7 @@ def main() -> None:
     _, true_world_from_cams = read_tum(arguments.scan / "groundtruth.tum")
     options = planfit.RefineOptions(segmentation=SegmentationOptions(back_end=arguments.back_end))
     drift = DriftOptions(yaw_deg=0.15, tilt_share=0.3, translation_m=0.02, vertical_share=0.3)
-    print("seed      before m   after m   aligned m   turn deg   seconds")
+    print("seed      before m   after m   aligned m    rot deg   seconds")
     rows = []
     with tempfile.TemporaryDirectory() as cache:
         runtime = Runtime(cache_dir=Path(cache))
@@ -60,7 +60,7 @@ def main() -> None:
             true_plan = PLAN_FROM_WORLD @ true_world_from_cams
             after = position_errors(run.plan_from_cams, true_plan)
             before = position_errors(PLAN_FROM_WORLD @ drifted, true_plan)
-            turn = se3.rotation_angle(
+            rotation = se3.rotation_angle(
                 np.swapaxes(true_plan[:, :3, :3], 1, 2) @ run.plan_from_cams[:, :3, :3]
             )
             row = {
@@ -68,14 +68,14 @@ def main() -> None:
                 "before_m": before.rms_m,
                 "after_m": after.rms_m,
                 "aligned_m": after.aligned_rms_m,
-                "turn_deg": float(np.rad2deg(turn).mean()),
+                "rotation_deg": float(np.rad2deg(rotation).mean()),
                 "seconds": seconds,
                 "warnings": run.warnings,
             }
             rows.append(row)
             print(
                 f"{row['seed']!s:8} {row['before_m']:9.3f} {row['after_m']:9.3f} "
-                f"{row['aligned_m']:10.3f} {row['turn_deg']:10.2f} {seconds:9.1f}  "
+                f"{row['aligned_m']:10.3f} {row['rotation_deg']:10.2f} {seconds:9.1f}  "
                 + "; ".join(run.warnings),
                 flush=True,
             )

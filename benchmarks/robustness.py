@@ -4,7 +4,7 @@
     python benchmarks/robustness.py --tables FILE                   write the tables of docs/robustness.md
 
 Problems are made without images (`problems.py`): a walk of 50 m round a ring corridor, two laps, 500
-frames, drift as a random walk. `loops first` closes loops before walls pull; `walls at once` does not.
+frames, drift as a random walk. `loops first` closes loops before walls are used; `walls at once` does not.
 A run succeeds if its final error is within twice the median error at the smallest drift.
 """
 
@@ -42,18 +42,18 @@ class Way:
 
 WAYS = (
     Way("default", AdjustOptions()),
-    Way("no graduation", AdjustOptions(gnc_schedule=(1.0,))),
+    Way("no GNC", AdjustOptions(gnc_schedule=(1.0,))),
     Way("walls at once", AdjustOptions(), loops_first=False),
 )
 
 
-def drifted(seed: int, percent: float, turn_deg: float) -> Problem:
+def drifted(seed: int, percent: float, rotation_deg: float) -> Problem:
     drift = DriftOptions(
-        yaw_deg=turn_deg / np.sqrt(N_FRAMES),
+        yaw_deg=rotation_deg / np.sqrt(N_FRAMES),
         translation_m=percent / 100 * WALKED_M / np.sqrt(2 * N_FRAMES),
     )
     return make_problem(
-        N_FRAMES, seed, PER_LAP, matches_per_pair=30, points_per_frame=200, drift=drift, piece_m=3.0
+        N_FRAMES, seed, PER_LAP, matches_per_pair=30, points_per_frame=200, drift=drift, face_m=3.0
     )
 
 
@@ -70,8 +70,8 @@ def final_error(problem: Problem, way: Way) -> float:
 def convergence(seeds: int) -> list[dict]:
     rows = []
     base: dict[str, float] = {}
-    for percent, turn_deg in DRIFTS:
-        problems = [drifted(seed, percent, turn_deg) for seed in range(seeds)]
+    for percent, rotation_deg in DRIFTS:
+        problems = [drifted(seed, percent, rotation_deg) for seed in range(seeds)]
         before = [
             position_errors(p.initial_plan_from_cams, p.true_plan_from_cams).rms_m for p in problems
         ]
@@ -82,7 +82,7 @@ def convergence(seeds: int) -> list[dict]:
             rows.append(
                 {
                     "drift_percent": percent,
-                    "drift_deg": turn_deg,
+                    "drift_deg": rotation_deg,
                     "way": way.name,
                     "before_m": float(np.median(before)),
                     "median_m": float(np.median(errors)),
@@ -118,9 +118,9 @@ def with_missing_walls(problem: Problem, share: float, rng: np.random.Generator)
 def with_moved_walls(problem: Problem, share: float, rng: np.random.Generator) -> Problem:
     """A share of faces drawn 0.1 to 0.5 m off, to either side."""
     plan = problem.floorplan
-    shift = rng.uniform(0.1, 0.5, len(plan)) * rng.choice([-1, 1], len(plan))
-    shift *= rng.random(len(plan)) < share
-    ends = plan.ends + (shift[:, None] * plan.normals)[:, None]
+    offset = rng.uniform(0.1, 0.5, len(plan)) * rng.choice([-1, 1], len(plan))
+    offset *= rng.random(len(plan)) < share
+    ends = plan.ends + (offset[:, None] * plan.normals)[:, None]
     return _with_faces(problem, np.ones(len(plan), dtype=bool), ends)
 
 
@@ -154,15 +154,15 @@ def robustness(seeds: int) -> list[dict]:
 
 def drift_table(rows: list[dict]) -> str:
     lines = [
-        "| drift | before, median | default: median, worst | success | without graduation "
+        "| drift | before, median | default: median, worst | success | without GNC "
         "| without loops first: worst | success |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
-    for percent, turn_deg in DRIFTS:
+    for percent, rotation_deg in DRIFTS:
         by_way = {row["way"]: row for row in rows if row["drift_percent"] == percent}
         first, flat, at_once = (by_way[way.name] for way in WAYS)
         lines.append(
-            f"| {percent:g} %, {turn_deg:g} deg | {first['before_m']:.2f} m "
+            f"| {percent:g} %, {rotation_deg:g} deg | {first['before_m']:.2f} m "
             f"| {first['median_m']:.4f}, {first['worst_m']:.4f} m | {first['success']:.0%} "
             f"| {flat['success']:.0%} | {at_once['worst_m']:.4f} m | {at_once['success']:.0%} |"
         )

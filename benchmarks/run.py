@@ -1,4 +1,4 @@
-"""Measure planfit and write the figures down.
+"""Measure planfit and write the numbers down.
 
     python benchmarks/run.py [--only PART ...] [--fresh] [--out FILE]
 

@@ -1,6 +1,6 @@
 """Time and memory of a solve against the number of frames, each in a process of its own.
 
-python benchmarks/scaling.py N_FRAMES [keyframes]    one solve; prints its figures as JSON
+python benchmarks/scaling.py N_FRAMES [keyframes]    one solve; prints its numbers as JSON
 """
 
 import json
@@ -37,7 +37,7 @@ def main() -> None:
     begin, cpu = time.perf_counter(), time.process_time()
     solution = solve(problem)
     seconds, cpu_s = time.perf_counter() - begin, time.process_time() - cpu
-    figures = {
+    numbers = {
         "seconds": seconds,
         "cpu_s": cpu_s,
         "rounds": solution.iterations,
@@ -52,7 +52,7 @@ def main() -> None:
         "before_m": _rms_m(problem, problem.initial_plan_from_cams),
         "after_m": _rms_m(problem, solution.target_from_cams),
     }
-    print(json.dumps(figures))
+    print(json.dumps(numbers))
 
 
 def solve_problem(problem):
@@ -61,7 +61,7 @@ def solve_problem(problem):
 
 
 def solve_keyframes(problem):
-    """Choose keyframes, move the evidence into their axes, solve for them, carry the others along."""
+    """Choose keyframes, move the measurements into their axes, solve for them, carry the others along."""
     recorded = problem.initial_plan_from_cams
     keyframes = choose_keyframes(recorded, KeyframeOptions(min_frames=0))
     measurements = reduce_measurements(problem.measurements, keyframes)
@@ -98,7 +98,7 @@ def records(sizes: tuple[int, ...] = SIZES) -> list[Record]:
             f"({f['cpu_s']:.1f} s CPU), compiled before; {machine()}"
         )
         memory = (
-            f"peak resident memory while solving, evidence included ({f['held_before_gb']:.2f} GB held "
+            f"peak resident memory while solving, measurements included ({f['held_before_gb']:.2f} GB held "
             f"before; {f['whole_process_peak_gb']:.2f} GB peak with the making of the problem); "
         )
         label = f"{n_frames // 1000}k" + (f"_{way}" if way else "")

@@ -107,10 +107,10 @@ def make_case(seed: int, n_frames: int, width: int) -> Case:
     pitch = rng.uniform(5, 20) if ceiling == "looked at" else rng.uniform(-30, 15)
     walk = WalkOptions(n_frames=n_frames, pitch_deg=float(pitch))
     plan_from_cams = walk_through(building, walk, rng)
-    plan_from_cams = plan_from_cams @ _turn([0, 0, 1], rng.uniform(-15, 15))
+    plan_from_cams = plan_from_cams @ _rotation([0, 0, 1], rng.uniform(-15, 15))
     axis = rng.normal(size=2)
     axis /= np.linalg.norm(axis)
-    world_from_plan = _turn([*axis, 0], rng.uniform(0, 30))
+    world_from_plan = _rotation([*axis, 0], rng.uniform(0, 30))
     world_from_plan[:3, 3] = rng.uniform(-5, 5, 3)
     up = world_from_plan[:3, 2]
     true = world_from_plan @ plan_from_cams
@@ -129,7 +129,7 @@ def make_case(seed: int, n_frames: int, width: int) -> Case:
     return Case(scan, true, up, [view.labels for view in views], ceiling)
 
 
-def _turn(axis: list[float], angle_deg: float) -> np.ndarray:
+def _rotation(axis: list[float], angle_deg: float) -> np.ndarray:
     return se3.make_transform(
         se3.exp_so3(np.deg2rad(angle_deg) * np.array(axis, dtype=float)), np.zeros(3)
     )

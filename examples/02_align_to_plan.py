@@ -1,4 +1,4 @@
-"""Find the place of a scan on a plan whose scale nobody knows, and look at what else would fit.
+"""Align a scan with a plan whose scale nobody knows, and look at what else would fit.
 
 On the command line: `planfit align SCAN PLAN -o OUT`. A plan of pixels has no unit; here one is made by
 drawing a plan at 37 units a metre. Takes a few seconds; writes nothing.
@@ -28,12 +28,14 @@ found = align(synthetic.scan, drawn)
 alignment, walls = found.alignment, found.walls
 
 print(f"{len(walls.xy)} samples of wall; one unit is {alignment.metres_per_unit:.5f} m")
-print(f"  true: {1 / UNITS_PER_METRE:.5f} m; said spread: {alignment.scale_sigma:.1%}")
-print(f"sure: {alignment.is_sure}, ahead of the next place by {alignment.margin:.0%} of the wall")
-for number, place in enumerate(alignment.candidates, start=1):
+print(f"  true: {1 / UNITS_PER_METRE:.5f} m; sigma: {alignment.scale_sigma:.1%}")
+print(
+    f"sure: {alignment.is_sure}, ahead of the next hypothesis by {alignment.margin:.0%} of the wall"
+)
+for number, hypothesis in enumerate(alignment.candidates, start=1):
     print(
-        f"  place {number}: {place.score:.0%} of the wall explained, turned by "
-        f"{np.rad2deg(place.yaw):.1f} deg, {place.metres_per_unit:.5f} m a unit"
+        f"  hypothesis {number}: {hypothesis.score:.0%} of the wall explained, yaw "
+        f"{np.rad2deg(hypothesis.yaw):.1f} deg, {hypothesis.metres_per_unit:.5f} m a unit"
     )
 print(*alignment.warnings, sep="\n")
-# Another place than the best: align(scan, plan, RefineOptions(align=AlignOptions(candidate=2))).
+# Another hypothesis than the best: align(scan, plan, RefineOptions(align=AlignOptions(candidate=2))).

@@ -1,4 +1,4 @@
-"""Small worlds whose truth is known: a box room to look at, and a room's worth of evidence."""
+"""Small worlds whose truth is known: a box room to look at, and a room's worth of measurements."""
 
 from dataclasses import dataclass, replace
 
@@ -35,19 +35,20 @@ def look(position, yaw_deg, pitch_deg=0.0, roll_deg=0.0):
     )
 
 
-def random_transforms(rng, n, turn=np.pi, extent_m=5.0):
-    """Transforms (n, 4, 4) turned by up to `turn` rad."""
+def random_transforms(rng, n, max_rotation=np.pi, extent_m=5.0):
+    """Transforms (n, 4, 4) rotated by up to `max_rotation` rad."""
     axes = rng.normal(size=(n, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     return se3.make_transform(
-        se3.exp_so3(axes * rng.uniform(0, turn, (n, 1))), rng.uniform(-extent_m, extent_m, (n, 3))
+        se3.exp_so3(axes * rng.uniform(0, max_rotation, (n, 1))),
+        rng.uniform(-extent_m, extent_m, (n, 3)),
     )
 
 
-def nudged(rng, transforms, turn_deg, shift_m):
+def nudged(rng, transforms, rotation_deg, translation_m):
     """Each transform moved by Gaussian tangent vectors."""
     delta = rng.normal(size=(len(transforms), 6))
-    return se3.retract(transforms, delta * ([np.deg2rad(turn_deg)] * 3 + [shift_m] * 3))
+    return se3.retract(transforms, delta * ([np.deg2rad(rotation_deg)] * 3 + [translation_m] * 3))
 
 
 def room_plan(width_m=6.0, depth_m=4.0, name="room"):
@@ -64,12 +65,12 @@ def faces_plan(corners, name="plan"):
 
 
 def moved_plan(floorplan, transform):
-    """The plan turned and shifted by a yaw transform (4, 4)."""
-    turn = transform[:2, :2]
+    """The plan moved by a yaw transform (4, 4)."""
+    rotation = transform[:2, :2]
     return replace(
         floorplan,
-        ends=floorplan.ends @ turn.T + transform[:2, 3],
-        normals=floorplan.normals @ turn.T,
+        ends=floorplan.ends @ rotation.T + transform[:2, 3],
+        normals=floorplan.normals @ rotation.T,
     )
 
 

@@ -35,9 +35,9 @@ def facing_cameras(n):
     return tuple(WIDE if i % 2 else CAMERA for i in range(n))
 
 
-def drifted(rng, poses, turn_deg=1.0, shift_m=0.05):
+def drifted(rng, poses, rotation_deg=1.0, translation_m=0.05):
     """The poses, all but the first and last nudged."""
-    moved = nudged(rng, poses, turn_deg, shift_m)
+    moved = nudged(rng, poses, rotation_deg, translation_m)
     moved[[0, -1]] = poses[[0, -1]]
     return moved
 

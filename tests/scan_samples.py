@@ -27,7 +27,7 @@ T0 = 1305031102.175304
 
 @dataclass(frozen=True)
 class Sample:
-    """What a reader must give back; depth in whole millimetres, 0 without reading."""
+    """What a reader must give back; depth in whole millimetres, 0 without measurement."""
 
     color: list
     depth_mm: list

@@ -108,7 +108,7 @@ def test_extra_terms_that_cannot_work_are_refused(synthetic, observations):
     points = dataclasses.replace(points, name="points")
     with pytest.raises(OptionError, match="expected a name that no other term has"):
         planfit.refine(scan, floorplan, observations=observations, extra_terms=[points])
-    keyframes = KeyframeOptions(min_frames=0, max_step_m=2.0, max_turn_deg=180.0)
+    keyframes = KeyframeOptions(min_frames=0, max_step_m=2.0, max_rotation_deg=180.0)
     few = planfit.RefineOptions(adjust=AdjustOptions(keyframes=keyframes))
     fine = known_positions(synthetic, np.array([0]), np.zeros(3))
     with pytest.raises(OptionError, match="expected all frames as unknowns"):

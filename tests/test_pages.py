@@ -88,7 +88,7 @@ def test_warnings_explained_are_words_of_planfit() -> None:
         assert words in whole, f"getting-started.md explains {words!r}, which planfit never says"
 
 
-def test_every_doubt_is_explained() -> None:
+def test_every_warning_is_explained() -> None:
     page = (DOCS / "getting-started.md").read_text()
     said = re.findall(r"^\| `([^`]+)` \|", page, re.MULTILINE)
     told = sentences_of(ROOT / "src/planfit/pipeline/diagnostics.py")

@@ -130,7 +130,7 @@ def test_same_input_same_bits(synthetic, refined):
     np.testing.assert_array_equal(again.plan_from_cams, refined.plan_from_cams)
 
 
-def test_plan_places_the_scan_better_than_loops_alone(synthetic, refined, runtime):
+def test_plan_aligns_the_scan_better_than_loops_alone(synthetic, refined, runtime):
     no_walls = planfit.RefineOptions(adjust=AdjustOptions(walls=WallOptions(weight=0.0)))
     alone = planfit.refine(synthetic.scan, synthetic.floorplan, no_walls, runtime)
     truth = synthetic.true_plan_from_cams
@@ -155,10 +155,10 @@ def test_a_term_of_no_weight_is_left_out(name, adjust, synthetic, runtime):
 
 
 def test_keyframes_alone_are_nearly_as_good(synthetic, runtime):
-    keyframes = KeyframeOptions(min_frames=0, max_step_m=1.0, max_turn_deg=50.0)
+    keyframes = KeyframeOptions(min_frames=0, max_step_m=1.0, max_rotation_deg=50.0)
     options = planfit.RefineOptions(adjust=AdjustOptions(keyframes=keyframes))
     result = planfit.refine(synthetic.scan, synthetic.floorplan, options, runtime)
-    solved = result.walls.solution.target_from_cams
+    solved = result.adjustment.solution.target_from_cams
     assert len(solved) < 0.8 * len(synthetic.scan)
     assert rms(result.world_from_cams, synthetic.true_world_from_cams) < 0.05
 
@@ -181,10 +181,10 @@ def test_phone_depth_and_geometry_labels():
     assert rms(result.world_from_cams, phone.true_world_from_cams) < min(0.06, 0.5 * before)
 
 
-def test_ten_frames_are_refined_with_a_word_of_doubt(synthetic):
+def test_ten_frames_are_refined_with_a_warning(synthetic):
     frames = np.arange(10)
     result = planfit.refine(subset(synthetic.scan, frames), synthetic.floorplan)
-    assert any("only 10 frames" in doubt for doubt in result.warnings)
+    assert any("only 10 frames" in warning for warning in result.warnings)
     truth = synthetic.true_world_from_cams[frames]
     before = rms(synthetic.scan.world_from_cams[frames], truth)
     assert rms(result.world_from_cams, truth) < max(before, 0.05)
@@ -193,15 +193,15 @@ def test_ten_frames_are_refined_with_a_word_of_doubt(synthetic):
 def test_path_without_a_loop_says_so(synthetic):
     frames = np.arange(0, 40, 8)  # apart in time means apart in space, neighbours are all there is
     result = planfit.refine(subset(synthetic.scan, frames), synthetic.floorplan)
-    assert any("no loop" in doubt or "no two frames" in doubt for doubt in result.warnings)
+    assert any("no loop" in warning or "no two frames" in warning for warning in result.warnings)
 
 
-def test_no_wall_seen_keeps_the_recorded_place(synthetic):
+def test_no_wall_seen_keeps_the_recorded_poses(synthetic):
     n = np.arange(len(synthetic.scan))
     result = planfit.refine(subset(synthetic.scan, n, (Label.WALL,)), synthetic.floorplan)
     assert result.alignment is None
     assert not result.is_better
-    assert any("no wall was seen" in doubt for doubt in result.warnings)
+    assert any("no wall was seen" in warning for warning in result.warnings)
     truth = synthetic.true_world_from_cams
     assert rms(result.world_from_cams, truth) < rms(synthetic.scan.world_from_cams, truth)
 
@@ -209,13 +209,13 @@ def test_no_wall_seen_keeps_the_recorded_place(synthetic):
 def test_no_floor_seen_is_refined_by_the_rest(synthetic):
     n = np.arange(len(synthetic.scan))
     result = planfit.refine(subset(synthetic.scan, n, (Label.FLOOR,)), synthetic.floorplan)
-    assert any("no floor was seen" in doubt for doubt in result.warnings)
+    assert any("no floor was seen" in warning for warning in result.warnings)
     truth = synthetic.true_world_from_cams
     assert rms(result.world_from_cams, truth) < 0.5 * rms(synthetic.scan.world_from_cams, truth)
 
 
 @pytest.mark.parametrize("seed", [78, 79, 80])
-def test_plan_of_another_building_is_doubted(seed, synthetic, runtime):
+def test_plan_of_another_building_is_warned_of(seed, synthetic, runtime):
     other = make_scan(dataclasses.replace(BASE, seed=seed)).floorplan
     scan = dataclasses.replace(synthetic.scan, plan_from_world_axes=None)
     result = planfit.refine(scan, other, runtime=runtime)
@@ -231,10 +231,12 @@ def test_mask_back_end_without_masks_is_an_error(synthetic):
 
 
 def test_moving_world_as_a_whole_moves_only_the_world(synthetic, refined):
-    turn = se3.make_transform(se3.exp_so3(np.array([0.0, 0.7, 0.0])), np.array([3.0, 0.0, -2.0]))
+    transform = se3.make_transform(
+        se3.exp_so3(np.array([0.0, 0.7, 0.0])), np.array([3.0, 0.0, -2.0])
+    )
     moved = dataclasses.replace(
         synthetic.scan,
-        world_from_cams=turn @ synthetic.scan.world_from_cams,
+        world_from_cams=transform @ synthetic.scan.world_from_cams,
         plan_from_world_axes=None,
     )
     result = planfit.refine(moved, synthetic.floorplan)

@@ -41,7 +41,7 @@ from planfit.segmentation import (
 )
 
 WIDTH, DEPTH = 8.0, 6.0  # m, of the room
-SHIFT = np.array([0.3, 0.0, 0.0])  # m, recorded poses against true ones
+OFFSET = np.array([0.3, 0.0, 0.0])  # m, recorded poses against true ones
 PER_PATCH = 60
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 
@@ -57,16 +57,16 @@ def floorplan():
 def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True):
     """A walk through the room; frame i sees wall i % 4 and the floor.
 
-    Recorded poses are off by `SHIFT`, refined ones are true. Scanned walls lie `wall_offsets` m in
+    Recorded poses are off by `OFFSET`, refined ones are true. Scanned walls lie `wall_offsets` m in
     front of the drawn ones; the floor is 2 cm above and below z = 0 in equal parts.
     """
     rng = np.random.default_rng(0)
-    turn = 2 * np.pi * np.arange(n_frames) / n_frames
-    positions = np.stack([4 + 2 * np.cos(turn), 3 + 1.5 * np.sin(turn), 1.5 + 0 * turn], axis=1)
+    angle = 2 * np.pi * np.arange(n_frames) / n_frames
+    positions = np.stack([4 + 2 * np.cos(angle), 3 + 1.5 * np.sin(angle), 1.5 + 0 * angle], axis=1)
     rotations = se3.exp_so3(rng.normal(0, 0.5, (n_frames, 3)))
     plan_from_cams = se3.make_transform(rotations, positions)
     initial = plan_from_cams.copy()
-    initial[:, :3, 3] += SHIFT
+    initial[:, :3, 3] += OFFSET
     wall_idx = np.arange(n_frames) % 4
     patches, ends, normals = [], [], []
     for i, wall in enumerate(wall_idx):
@@ -122,7 +122,7 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
             pairs, np.array([0, 2, 3]), np.zeros((3, 3)), np.zeros((3, 3)), np.ones(3), 7, 1234
         ),
         alignment=Alignment(np.eye(4), 0.8, AlignmentHypothesis(0.1, np.zeros(2), 0.3), True),
-        walls=PlanAdjustment(
+        adjustment=PlanAdjustment(
             solution,
             make_ties(room_plan(), association, n_frames),
             np.zeros(0),
@@ -135,7 +135,7 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
         cost_by_term={"points": (200.0, 50.0), "odometry": (0.0, 3.0)},
         checks=judged if is_checked else (),
         warnings=(),
-        seconds_by_stage={"level": 0.01, "pull walls": 2.5},
+        seconds_by_stage={"level": 0.01, "adjust to the plan": 2.5},
     )
 
 
@@ -156,8 +156,9 @@ def without_walls(result):
         result,
         structure=bare,
         alignment=None,
-        walls=replace(
-            result.walls, correspondences=replace(result.walls.correspondences, walls=none)
+        adjustment=replace(
+            result.adjustment,
+            correspondences=replace(result.adjustment.correspondences, walls=none),
         ),
         checks=(),
     )
@@ -186,8 +187,9 @@ def without_association(result):
     none = Association(np.full(n, -1), np.full(n, np.nan))
     return replace(
         result,
-        walls=replace(
-            result.walls, correspondences=replace(result.walls.correspondences, walls=none)
+        adjustment=replace(
+            result.adjustment,
+            correspondences=replace(result.adjustment.correspondences, walls=none),
         ),
     )
 
@@ -287,7 +289,7 @@ def test_measures_equal_those_computed_by_hand(floorplan):
     assert both.after.walls.near_share == 1.0
     assert both.after.floor.height_rms_m == pytest.approx(0.02)
     assert both.after.floor.height_median_m == pytest.approx(0.02)
-    np.testing.assert_allclose(both.correction[:, 3:], np.tile(-SHIFT, (12, 1)), atol=1e-12)
+    np.testing.assert_allclose(both.correction[:, 3:], np.tile(-OFFSET, (12, 1)), atol=1e-12)
     np.testing.assert_allclose(both.correction[:, :3], 0.0, atol=1e-9)
 
 
@@ -375,12 +377,12 @@ def test_overlay_where_little_was_seen(small_pictures, floorplan, strip):
 
 def test_not_aligned_shows_no_distances_to_the_plan(floorplan, no_pictures):
     result = without_walls(make_result())
-    loose = replace(
+    unassigned = replace(
         result.structure,
         unassigned_points_cam=np.ones((50, 3)),
         unassigned_frame_idx=np.zeros(50, dtype=int),
     )
-    words = read(floorplan, replace(result, structure=loose)).words
+    words = read(floorplan, replace(result, structure=unassigned)).words
     assert "NSD" not in words
     assert "within 0.10 m" not in words
 
@@ -442,18 +444,18 @@ def test_close_ups_are_left_out_of_small_scans(floorplan):
 
 def test_walls_are_listed_by_support_with_their_offset(floorplan, no_pictures):
     result = make_result(n_frames=14, wall_offsets=(0.01, 0.07, -0.12, 0.0))
-    faces = seen_faces(floorplan, result.walls)
+    faces = seen_faces(floorplan, result.adjustment)
     assert [(face.face_idx, face.n_patches) for face in faces] == [(0, 4), (1, 4), (2, 3), (3, 3)]
     assert [face.number for face in faces] == [1, 2, 3, 4]
     assert faces[0].agrees
-    assert faces[1].verdict == f"shifted by 7.0{formatting.SPACE}cm into the room"
-    assert faces[2].verdict == f"shifted by 12.0{formatting.SPACE}cm into the wall"
+    assert faces[1].verdict == f"displaced by 7.0{formatting.SPACE}cm into the room"
+    assert faces[2].verdict == f"displaced by 12.0{formatting.SPACE}cm into the wall"
     assert faces[0].length == WIDTH
     words = read(floorplan, result).words
     assert "Of 4 walls of the plan that were seen, 2 agree with the scan within 5 cm." in words
-    assert "2 lie elsewhere: No. 3 (shifted by 12.0 cm into the wall), No. 2" in words
-    assert "3shifted by 12.0 cm into the wall−12.0 cm0.0 cm36.00" not in words
-    assert "3shifted by 12.0 cm into the wall−12.0 cm0.0 cm38.00 m4.0, 6.0" in words
+    assert "2 lie elsewhere: No. 3 (displaced by 12.0 cm into the wall), No. 2" in words
+    assert "3displaced by 12.0 cm into the wall−12.0 cm0.0 cm36.00" not in words
+    assert "3displaced by 12.0 cm into the wall−12.0 cm0.0 cm38.00 m4.0, 6.0" in words
 
 
 def test_mad_is_the_median_deviation(floorplan):
@@ -463,19 +465,19 @@ def test_mad_is_the_median_deviation(floorplan):
     assert face.mad == pytest.approx(0.01)
 
 
-def test_few_patches_do_not_tell_of_a_shift(floorplan):
+def test_few_patches_do_not_tell_of_a_displacement(floorplan):
     (face,) = seen_faces(
         floorplan, walls_of(floorplan, Association(np.array([1]), np.array([0.2])))
     )
     assert not face.agrees
-    assert not face.is_shifted
+    assert not face.is_displaced
     assert "only 1 patch" in face.verdict
 
 
 def test_a_face_with_unknown_side_has_no_direction(floorplan):
     plan = replace(floorplan, is_oriented=np.full(4, False))
     (face,) = seen_faces(plan, walls_of(plan, Association(np.zeros(3, dtype=int), np.full(3, 0.2))))
-    assert face.verdict == f"shifted by 20.0{formatting.SPACE}cm"
+    assert face.verdict == f"displaced by 20.0{formatting.SPACE}cm"
 
 
 def test_statistics_costs_and_times_are_listed(floorplan, no_pictures):
@@ -495,7 +497,7 @@ def test_statistics_costs_and_times_are_listed(floorplan, no_pictures):
         "margin between the two50 percentage points",
         "matched points20050−75 %",
         "recorded motion03from zero",
-        "pull walls2.5 s",
+        "adjust to the plan2.5 s",
         "sum2.5 s",
         "sigma_m = 0.05",
     ):
@@ -591,11 +593,13 @@ def test_only_faces_in_view_count_as_not_seen(floorplan):
 
 def test_missing_and_unseen_walls_stand_in_the_table(floorplan, no_pictures):
     result = make_result()
-    face_idx = result.walls.association.face_idx.copy()
+    face_idx = result.adjustment.association.face_idx.copy()
     face_idx[face_idx == 2] = -1
     none = Association(face_idx, np.where(face_idx < 0, np.nan, 0.0))
-    walls = replace(result.walls, correspondences=replace(result.walls.correspondences, walls=none))
-    words = read(floorplan, replace(result, walls=walls)).words
+    adjustment = replace(
+        result.adjustment, correspondences=replace(result.adjustment.correspondences, walls=none)
+    )
+    words = read(floorplan, replace(result, adjustment=adjustment)).words
     assert "missing in the plan32.00 m3.0, 6.0" in words
     assert "not seen08.00 m4.0, 6.0" in words
 
@@ -608,14 +612,14 @@ def test_loop_closures_and_matches_of_frames_are_counted():
 
 def test_cross_sections_show_distance_and_height(floorplan):
     result = make_result(wall_offsets=(0.0, 0.1, 0.0, 0.0))
-    cuts = cut_walls(floorplan, result, seen_faces(floorplan, result.walls), max_count=4)
+    cuts = cut_walls(floorplan, result, seen_faces(floorplan, result.adjustment), max_count=4)
     # Recorded poses are off along x: walls 1 and 3 stand across that.
     assert {cut.face.face_idx for cut in cuts[:2]} == {1, 3}
     by_face = {cut.face.face_idx: cut for cut in cuts}
     assert_close = np.testing.assert_allclose
     assert_close(by_face[1].after[:, 0], 0.1, atol=1e-9)
-    assert_close(by_face[1].before[:, 0], 0.1 - SHIFT[0], atol=1e-9)
-    assert_close(by_face[3].before[:, 0], SHIFT[0], atol=1e-9)
+    assert_close(by_face[1].before[:, 0], 0.1 - OFFSET[0], atol=1e-9)
+    assert_close(by_face[3].before[:, 0], OFFSET[0], atol=1e-9)
     heights = by_face[3].after[:, 1]
     assert heights.min() > 0.5 - 1e-9
     assert heights.max() < 2.5 + 1e-9

@@ -162,7 +162,7 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_a_damaged_chunk_is_made_again_and_the_others_are_not(tmp_path, damage):
+def test_a_corrupt_chunk_is_made_again_and_the_others_are_not(tmp_path, damage):
     runtime = Runtime(1, tmp_path)
     runtime.map("squares", "key", 12, Counter(), 4)
     chunk = sorted(tmp_path.rglob("*.npz"))[1]

@@ -59,7 +59,7 @@ def load_case(bench_scan: BenchScan, runtime: Runtime) -> Case:
         plan = drawn_plan(synthetic.building, bench_scan.habits, rng)
     clean = make_scan(replace(bench_scan.synth, depth_noise=NoDepthNoise()))
     true_map = replace(MAP, frame_step=_TRUE_FRAME_STEP, voxel_m=_TRUE_SPACING_M)
-    points = sample_depth_maps(clean.scan, true_map, runtime).placed(synthetic.true_plan_from_cams)
+    points = sample_depth_maps(clean.scan, true_map, runtime).at(synthetic.true_plan_from_cams)
     cloud = make_true_cloud(thin(points, _TRUE_SPACING_M), normal_radius_m=0.1)
     scan = synthetic.scan
     return Case(
@@ -125,7 +125,7 @@ def measure(case: Case, variant: Variant, runtime: Runtime) -> Measured:
     if variant.change is not None:
         poses = result.plan_from_cams
         metrics["solve_s"] = result.seconds_by_stage["adjust"]
-        metrics["step_ms"] = 1e3 * metrics["solve_s"] / max(1, result.walls.iterations)
+        metrics["step_ms"] = 1e3 * metrics["solve_s"] / max(1, result.adjustment.iterations)
         metrics["solve_s"] += result.seconds_by_stage.get("close loops", 0.0)
     metrics |= _of_map(case, poses, runtime.workers)
     errors = position_errors(poses, case.true_plan_from_cams)

@@ -138,7 +138,7 @@ def _head(results: Results, sets: list[str]) -> str:
         "to the plan by the same search, and use the same matches, floor and walls, but for the row "
         "that says otherwise. Lower is better everywhere. Numbers in brackets are those that the paper "
         "printed for its own scans. *True poses* show what the noise of depth leaves of each metric: below "
-        "that, poses are bent to the noise. [Each metric](metrics.md) is defined apart; maps are made of "
+        "that, poses are fitted to the noise. [Each metric](metrics.md) is defined apart; maps are made of "
         "every second frame, a point a 5 cm voxel, radius 0.2 m.",
     ]
     if refused:
@@ -265,7 +265,7 @@ _WHY = """\
   it flattens what the depth camera bends, to below what true poses leave. So does `--adjust.floor.weight 40`,
   and it is dearly paid where the floor is not flat or its points are not all floor: ConSLAM then ends as far
   off as it does with the paper's cost.
-- Other metrics fall below those of true poses as well, NSD for one: walls are pulled to a plan that is drawn
+- Other metrics fall below those of true poses as well, NSD for one: walls are moved to a plan that is drawn
   2 cm off. The nearer to the true poses the better is what ATE alone says.
 - Levenberg-Marquardt ends in the minimum of the paper's cost. The paper's gradient descent stops long before
   that (see `make bench`), so that its differences between terms are also those of how fast each goes down.

@@ -1,4 +1,4 @@
-"""Which face a piece of wall may belong to: side, angle, overlap, distance."""
+"""Which face a wall patch may belong to: side, angle, overlap, distance."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def line(first, last, z=1.2, n=30):
 
 
 def matched(floorplan, first, last, normal, max_distance_m=0.5, **options):
-    """Face and signed distance of one piece of wall from `first` to `last`, seen along -normal."""
+    """Face and signed distance of one wall patch from `first` to `last`, seen along -normal."""
     structure = make_structure(
         CAMERA_POSE, patches=[(0, line(first, last), np.array(normal, dtype=float))]
     )
@@ -143,7 +143,7 @@ def test_many_patches_are_done_in_parts_with_the_same_answer(rng):
     assert_allclose(found.distance_m[np.abs(y) < 0.5], y[np.abs(y) < 0.5], atol=1e-9)
 
 
-def test_pieces_in_plan_are_unit_normals_and_true_ends(rng):
+def test_wall_patches_in_plan_are_unit_normals_and_true_ends(rng):
     world = make_world(rng)
     tilted = se3.retract(world.plan_from_cams, np.tile([0.1, -0.1, 0, 0, 0, 0], (8, 1)))
     normals, _ = wall_patches_in_plan(world.structure.walls, tilted)

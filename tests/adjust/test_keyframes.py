@@ -1,4 +1,4 @@
-"""Keyframes: chosen by motion, evidence kept, the rest carried along."""
+"""Keyframes: chosen by motion, measurements kept, the rest carried along."""
 
 import numpy as np
 import pytest
@@ -15,9 +15,9 @@ from planfit.geometry import se3
 from planfit.synth import DriftOptions, drift_poses
 
 
-def straight_walk(n, step_m=0.1, turn_deg=0.0):
+def straight_walk(n, step_m=0.1, rotation_deg=0.0):
     poses = np.tile(np.eye(4), (n, 1, 1))
-    poses[:, :3, :3] = se3.exp_so3(np.outer(np.arange(n), [0, 0, np.deg2rad(turn_deg)]))
+    poses[:, :3, :3] = se3.exp_so3(np.outer(np.arange(n), [0, 0, np.deg2rad(rotation_deg)]))
     poses[:, 0, 3] = step_m * np.arange(n)
     return poses
 
@@ -53,13 +53,13 @@ def test_sharper_frames_are_preferred_within_the_end_of_a_stretch():
 
 
 def test_turning_on_the_spot_makes_keyframes():
-    options = KeyframeOptions(min_frames=0, max_turn_deg=10.5)
-    found = choose_keyframes(straight_walk(40, step_m=0.0, turn_deg=2.0), options)
+    options = KeyframeOptions(min_frames=0, max_rotation_deg=10.5)
+    found = choose_keyframes(straight_walk(40, step_m=0.0, rotation_deg=2.0), options)
     assert set(np.diff(found.frame_idx)[:-1]) == {5}
 
 
 def test_frames_follow_a_rigid_motion_of_their_keyframes_exactly(rng):
-    poses = nudged(rng, straight_walk(40, turn_deg=1.0), 0.5, 0.01)
+    poses = nudged(rng, straight_walk(40, rotation_deg=1.0), 0.5, 0.01)
     found = choose_keyframes(poses, KeyframeOptions(min_frames=0))
     assert len(found.frame_idx) < 25
     motion = se3.make_transform(se3.exp_so3(np.array([0.3, -0.2, 1.0])), np.array([5.0, 1, 2]))
@@ -77,11 +77,11 @@ def test_frames_between_two_keyframes_share_their_correction():
     assert_allclose(follow_keyframes(moved, found)[:, 1, 3], 0.1 * np.arange(9), atol=1e-12)
 
 
-def test_evidence_costs_the_same_at_poses_that_keep_to_the_record(rng):
+def test_measurements_cost_the_same_at_poses_that_keep_to_the_record(rng):
     world = make_world(rng)
     recorded = world.plan_from_cams
     found = choose_keyframes(
-        recorded, KeyframeOptions(min_frames=0, max_step_m=4.0, max_turn_deg=150)
+        recorded, KeyframeOptions(min_frames=0, max_step_m=4.0, max_rotation_deg=150)
     )
     assert len(found.frame_idx) < len(recorded)
     reduced = reduce_measurements(world.measurements, found)
@@ -101,7 +101,7 @@ def test_solving_for_keyframes_is_nearly_as_good(rng):
         world.plan_from_cams, DriftOptions(yaw_deg=0.3, translation_m=0.01), rng, up
     )
     found = choose_keyframes(
-        recorded, KeyframeOptions(min_frames=0, max_step_m=4.0, max_turn_deg=150)
+        recorded, KeyframeOptions(min_frames=0, max_step_m=4.0, max_rotation_deg=150)
     )
     reduced = reduce_measurements(world.measurements, found)
     solved = close_loops(reduced, recorded[found.frame_idx], AdjustOptions())

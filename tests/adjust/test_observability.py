@@ -19,7 +19,7 @@ def world(rng):
 
 
 def without_frames(world, frames):
-    """The same evidence, but `frames` match nothing and see nothing."""
+    """The same measurements, but `frames` match nothing and see nothing."""
     pairs = [(i, i + 1) for i in range(7) if i not in frames and i + 1 not in frames]
     points = world.matches.points_a[:25] @ world.plan_from_cams[0, :3, :3].T
     points = points + world.plan_from_cams[0, :3, 3]
@@ -52,12 +52,12 @@ def weakly_constrained(measurements, world, options=None, floorplan=None):
     return plan_adjustment.weakly_constrained
 
 
-def test_nothing_is_said_of_a_scan_that_is_held(world):
+def test_nothing_is_said_of_a_observable_scan(world):
     assert weakly_constrained(world.measurements, world) == ()
     assert weakly_constrained(world.measurements, world, NO_PRIOR) == ()
 
 
-def test_frames_held_by_the_prior_alone_are_named(world):
+def test_frames_constrained_by_odometry_alone_are_named(world):
     measurements = without_frames(world, {2, 3, 6})
     (sentence,) = weakly_constrained(measurements, world)
     assert sentence.startswith("frames 2-3 and 6 are held by odometry alone")

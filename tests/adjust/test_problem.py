@@ -62,7 +62,7 @@ def test_the_geometric_term_is_the_chosen_one(geometric, atol_m, world, measurem
 
 
 @pytest.mark.parametrize("geometric", ["points", "reprojection", "rays"])
-def test_loops_close_by_the_chosen_term_and_its_loss_is_graduated(geometric, measurements, start):
+def test_loops_close_by_the_chosen_term_and_its_loss_narrows(geometric, measurements, start):
     options = AdjustOptions(geometric=geometric, gnc_schedule=(3.0,))
     closed = close_loops(measurements, start, options)
     assert name_of_geometry(closed) == {geometric}
@@ -144,7 +144,7 @@ def test_the_papers_other_strategies_are_means_too(strategy, world, measurements
     assert_allclose(found, 0.5 * 0.05 * 0.5, rtol=0.1)
 
 
-def test_paper_preset_has_no_prior_and_pulls_from_both_sides():
+def test_paper_preset_has_no_prior_and_associates_from_both_sides():
     options = paper_options()
     assert options.odometry.weight == options.ceiling.weight == options.columns.weight == 0
     assert not options.association.oriented
@@ -217,7 +217,7 @@ def test_faces_may_be_taken_from_either_side(world, measurements):
         assert plan_adjustment.association.n_associated == expected
 
 
-def test_offsets_come_with_their_spreads(world, measurements):
+def test_offsets_come_with_their_sigmas(world, measurements):
     ends = world.floorplan.ends.copy()
     ends[2, :, 1] += 0.06  # drawn 6 cm off, away from the room
     drawn = replace(world.floorplan, ends=ends)

@@ -1,4 +1,4 @@
-"""The scale of a plan, by all evidence."""
+"""The scale of a plan, by all measurements."""
 
 import numpy as np
 import pytest

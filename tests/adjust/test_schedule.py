@@ -64,15 +64,17 @@ def test_without_floor_the_whole_first_frame_is_held(world, drifted):
 
 def test_walls_bring_the_scan_onto_the_plan(world, drifted):
     poses, measurements = drifted
-    shift = se3.yaw_transform(0.02, np.array([0.15, -0.1, 0.0]))
-    plan_adjustment = adjust_to_plan(measurements, world.floorplan, shift @ poses, AdjustOptions())
+    translation = se3.yaw_transform(0.02, np.array([0.15, -0.1, 0.0]))
+    plan_adjustment = adjust_to_plan(
+        measurements, world.floorplan, translation @ poses, AdjustOptions()
+    )
     assert position_rms_m(plan_adjustment.solution.target_from_cams, world.plan_from_cams) < 0.01
-    assert plan_adjustment.settled
+    assert plan_adjustment.converged
     assert plan_adjustment.association.n_associated == len(world.structure.walls)
     assert_allclose(plan_adjustment.association.distance_m, 0.0, atol=0.01)
 
 
-def test_a_wall_that_the_plan_has_elsewhere_does_not_bend_the_scan(world, drifted):
+def test_a_wall_that_the_plan_has_elsewhere_does_not_deform_the_scan(world, drifted):
     poses, measurements = drifted
     ends = world.floorplan.ends.copy()
     ends[2, :, 1] += 0.9  # moved further than the last association distance
@@ -97,7 +99,7 @@ def test_each_weight_of_zero_switches_its_term_off(world, drifted):
         assert ("pose prior" in used) == (name == "walls")
 
 
-def test_without_walls_the_place_is_held(world, drifted):
+def test_without_walls_the_alignment_is_kept(world, drifted):
     poses, measurements = drifted
     nowhere = room_plan(name="far away")
     nowhere = replace(nowhere, ends=nowhere.ends + 500.0)
@@ -140,7 +142,7 @@ def test_a_single_frame_is_adjusted(rng):
     assert_allclose(plan_adjustment.solution.target_from_cams, one, atol=1e-3)
 
 
-def test_no_evidence_at_all_changes_nothing(world):
+def test_no_measurements_at_all_changes_nothing(world):
     nothing = Measurements(
         make_matches(world.plan_from_cams, [], np.zeros((0, 3))),
         make_structure(world.plan_from_cams),

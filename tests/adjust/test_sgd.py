@@ -33,7 +33,7 @@ def inputs(world):
         world.structure.walls, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
     face_idx = association.face_idx.copy()
-    face_idx[::3] = -1  # some pieces of wall have no face
+    face_idx[::3] = -1  # some wall patches have no face
     partly = Association(face_idx, association.distance_m)
     return world.matches, world.structure, world.floorplan, partly
 
@@ -82,7 +82,7 @@ def test_loss_and_slope_are_those_of_the_terms(inputs, start, weights):
     assert_allclose(slope, differences, atol=2e-3 * np.abs(differences).max())
 
 
-def test_slope_is_finite_at_zero_distance_and_zero_turn(inputs, world):
+def test_slope_is_finite_at_zero_distance_and_zero_rotation(inputs, world):
     needs_torch()
     matches = replace(inputs[0], points_b=inputs[0].points_a)
     still = np.tile(np.eye(4), (len(world.plan_from_cams), 1, 1))

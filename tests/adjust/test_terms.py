@@ -67,8 +67,10 @@ def test_costs_more_away_from_truth(name, terms, world, rng):
 @pytest.mark.parametrize("name", NAMES)
 def test_gradient_is_that_of_the_robust_cost_where_the_weights_were_taken(name, terms, world, rng):
     # rho'(s) are the weights, so the frozen squares and the robust cost share their slope.
-    turn_deg = 0.1 if name in ("odometry", "pose prior") else 2.0  # their log is taken as linear
-    poses = nudged(rng, world.plan_from_cams, turn_deg, 0.08)
+    rotation_deg = (
+        0.1 if name in ("odometry", "pose prior") else 2.0
+    )  # their log is taken as linear
+    poses = nudged(rng, world.plan_from_cams, rotation_deg, 0.08)
     quadratic, _ = terms[name].reweight(poses)
     gradient = quadratic.normal_blocks(poses).gradient
     robust = gradient_by_differences(lambda at: terms[name].reweight(at)[1], poses)
@@ -96,7 +98,7 @@ def test_moving_the_world_changes_nothing(name, terms, world, rng):
     assert_allclose(terms[name].reweight(moved)[1], terms[name].reweight(poses)[1], rtol=1e-9)
 
 
-def test_floor_cost_does_not_change_with_yaw_and_level_shifts(terms, world, rng):
+def test_floor_cost_does_not_change_with_yaw_and_level_translations(terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     moved = se3.yaw_transform(1.2, np.array([7.0, -3.0, 0.0])) @ poses
     expected = terms["floor"].reweight(poses)[1]
@@ -149,7 +151,7 @@ def test_loss_is_the_one_chosen(name, terms, world, rng):
 
 
 @pytest.mark.parametrize("name", ["points", "floor", "walls"])
-def test_max_readings_bounds_what_a_bundle_of_points_is_worth(name, terms, world, rng):
+def test_max_observations_bounds_what_a_bundle_of_points_is_worth(name, terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 0.5, 0.02)
     one = rebuilt(terms[name], max_observations=1.0).reweight(poses)[1]
     half = rebuilt(terms[name], max_observations=0.5).reweight(poses)[1]
@@ -157,21 +159,21 @@ def test_max_readings_bounds_what_a_bundle_of_points_is_worth(name, terms, world
 
 
 @pytest.mark.parametrize("name", ["floor", "walls"])
-def test_points_per_reading_thins_small_bundles(name, terms, world, rng):
+def test_points_per_observation_thins_small_bundles(name, terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 0.5, 0.02)
-    # 80 points a bundle: one reading, and two.
+    # 80 points a bundle: one effective observation, and two.
     one = rebuilt(terms[name], points_per_observation=80.0).reweight(poses)[1]
     two = rebuilt(terms[name], points_per_observation=40.0).reweight(poses)[1]
     assert_allclose(two, 2 * one)
 
 
-def test_weighting_counts_readings():
+def test_weighting_counts_effective_observations():
     points = np.array([0, 1, 10, 100])
-    readings = points * Weighting(4.0, 10.0).weight_per_point(points)
-    assert_allclose(readings, [0.0, 0.1, 1.0, 4.0])
+    observations = points * Weighting(4.0, 10.0).weight_per_point(points)
+    assert_allclose(observations, [0.0, 0.1, 1.0, 4.0])
 
 
-def test_wall_patches_without_a_face_do_not_pull(terms, world, rng):
+def test_wall_patches_without_a_face_have_no_weight(terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     n = len(world.structure.walls)
     nothing = replace(terms["walls"], association=Association(np.full(n, -1), np.full(n, np.nan)))
@@ -180,8 +182,8 @@ def test_wall_patches_without_a_face_do_not_pull(terms, world, rng):
     assert not np.any(quadratic.normal_blocks(poses).blocks)
 
 
-def test_walls_are_pulled_towards_the_plan_and_not_away(terms, world):
-    # One camera shifted by +x: the gradient step must go back by -x.
+def test_walls_are_moved_towards_the_plan_and_not_away(terms, world):
+    # One camera moved by +x: the gradient step must go back by -x.
     poses = world.plan_from_cams.copy()
     poses[:, 0, 3] += 0.03
     quadratic, _ = terms["walls"].reweight(poses)

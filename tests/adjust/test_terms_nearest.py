@@ -151,7 +151,7 @@ def one_point(xy, floorplan, normal=(0.0, 1.0), at=(3.0, 2.0, 1.5), **options):
     return poses, nearest_term(structure.walls, floorplan, **chosen)
 
 
-def test_beyond_the_end_a_point_is_pulled_to_the_end():
+def test_beyond_the_end_a_point_is_drawn_to_the_end():
     # One face from (0, 0) to (1, 0) looking to +y; the point lies 0.3 past its end and 0.4 above.
     ends = np.array([[[0.0, 0.0], [1.0, 0.0]]])
     floorplan = Floorplan("one", ends, segments.left_normals(ends), np.ones(1, dtype=bool))
@@ -173,7 +173,7 @@ def test_only_nearest_point_holds_along_the_wall(nearest_to, slide):
     assert_allclose(block[3:, 3:], np.diag([slide, 1.0, 0.0]), atol=1e-12)
 
 
-def test_walls_pull_towards_the_plan_and_not_away(world):
+def test_walls_move_towards_the_plan_and_not_away(world):
     at = world.plan_from_cams.copy()
     at[:, 0, 3] += 0.03
     for nearest_to, atol in (("line", 0.005), ("point", 0.025)):  # points hold along walls, too
@@ -188,14 +188,14 @@ def thick_wall():
     return Floorplan("thick", ends, segments.left_normals(ends), np.ones(2, dtype=bool))
 
 
-def test_oriented_faces_pull_only_what_was_seen_from_their_side():
+def test_oriented_faces_attract_only_what_was_seen_from_their_side():
     # Seen from +y, drifted so far that the back face is nearer.
     for oriented, foot_y in ((True, 0.0), (False, -0.2)):
         poses, term = one_point((3.0, -0.15), thick_wall(), nearest_to="point", oriented=oriented)
         assert_allclose(term.reweight(poses)[0].feet[0], [3.0, foot_y], atol=1e-12)
 
 
-def test_faces_without_a_known_side_pull_from_both():
+def test_faces_without_a_known_side_attract_from_both():
     plan = replace(thick_wall(), is_oriented=np.zeros(2, dtype=bool))
     poses, term = one_point((3.0, -0.15), plan, nearest_to="point", oriented=True)
     assert_allclose(term.reweight(poses)[0].feet[0], [3.0, -0.2], atol=1e-12)
@@ -215,7 +215,7 @@ def test_a_point_exactly_on_a_wall_or_corner_is_quiet():
 
 
 @pytest.mark.parametrize("nearest_to", TARGETS)
-def test_points_out_of_reach_do_not_pull_and_cost_the_same_everywhere(nearest_to):
+def test_points_out_of_reach_have_no_gradient_and_cost_the_same_everywhere(nearest_to):
     loss = Loss(LossKind.CAUCHY, 2.0)
     limit = 0.5 * loss_value(np.array([(0.5 / 0.1) ** 2]), loss)[0][0]
     for y in (0.6, 1.0, -50.0):
@@ -251,7 +251,7 @@ def test_weight_multiplies_the_term_and_zero_switches_it_off(nearest_to, world, 
 
 
 @pytest.mark.parametrize("nearest_to", TARGETS)
-def test_sigma_and_readings_and_loss_are_those_given(nearest_to, world, rng):
+def test_sigma_and_observations_and_loss_are_those_given(nearest_to, world, rng):
     at = nudged(rng, world.plan_from_cams, 1.0, 0.1)
 
     def cost(**options):

@@ -146,7 +146,7 @@ def test_loss_is_the_one_chosen(name, terms, poses, rng):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_max_readings_bounds_what_a_pair_is_worth(name, terms, poses, rng):
+def test_max_observations_bounds_what_a_pair_is_worth(name, terms, poses, rng):
     at = nudged(rng, poses, 0.5, 0.02)
     one = rebuilt(terms[name], max_observations=1.0).reweight(at)[1]
     assert_allclose(rebuilt(terms[name], max_observations=0.5).reweight(at)[1], one / 2)
@@ -202,7 +202,7 @@ def test_outliers_lose_their_weight(matches, poses, rng):
 
 @pytest.mark.parametrize(("name", "outliers"), [("reprojection", 0.1), ("rays", 0.0)])
 def test_brings_drifted_poses_back(name, outliers, matches, poses, rng):
-    # Rays do not hold the scale, hence two anchors; nor do they bear outliers (see there).
+    # Rays do not hold the scale, hence two priors; nor do they bear outliers (see there).
     noisy = with_outliers(rng, with_noise(rng, matches, 0.001), share=outliers)
     ends = np.array([0, len(poses) - 1])
     pose_prior = PosePriorTerm(ends, poses[ends], np.full(6, 1e-4))
@@ -210,8 +210,8 @@ def test_brings_drifted_poses_back(name, outliers, matches, poses, rng):
     terms = [make_terms(noisy, len(poses))[name], pose_prior]
     solution = solve(terms, start, SolverOptions(max_iterations=100, cost_tolerance=1e-7))
     assert solution.stop is Stop.COST
-    shift_m = [
+    translation_m = [
         np.linalg.norm((p - poses)[:, :3, 3], axis=1).max()
         for p in (start, solution.target_from_cams)
     ]
-    assert shift_m[1] < 0.1 * shift_m[0]
+    assert translation_m[1] < 0.1 * translation_m[0]

@@ -29,7 +29,7 @@ def world(rng):
 
 @pytest.fixture
 def case(world, rng):
-    """A term, and unknowns at which faces have shifted in every direction."""
+    """A term, and unknowns at which faces are displaced in every direction."""
     association = associate(
         world.structure.walls, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
@@ -74,8 +74,8 @@ def test_faces_as_drawn_cost_what_the_plain_term_costs(world, case, rng):
     term, _ = case
     poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     plain = WallTerm(world.structure.walls, world.floorplan, term.association, term.options)
-    shifting = term.reweight(with_offsets(poses, world.floorplan))[1]
-    assert shifting == pytest.approx(plain.reweight(poses)[1], rel=1e-12)
+    displaced = term.reweight(with_offsets(poses, world.floorplan))[1]
+    assert displaced == pytest.approx(plain.reweight(poses)[1], rel=1e-12)
 
 
 def moved_plan(floorplan, face, by_m):
@@ -85,7 +85,7 @@ def moved_plan(floorplan, face, by_m):
     return replace(floorplan, ends=ends)
 
 
-def test_a_face_drawn_off_is_found_and_does_not_bend_the_scan(world):
+def test_a_face_drawn_off_is_found_and_does_not_deform_the_scan(world):
     wrong = moved_plan(world.floorplan, 1, -0.08)
     strain = {}
     for sigma_m in (0.0, 0.05):

@@ -28,19 +28,23 @@ def office():
 def seen(floorplan, faces, plan_from_level, noise_m=0.0, rng=None):
     """Wall samples of some faces, in the level frame."""
     level_from_plan = se3.inverse(plan_from_level)
-    turn, shift = level_from_plan[:2, :2], level_from_plan[:2, 3]
-    walls = sample_walls(floorplan.normals[faces] @ turn.T, floorplan.ends[faces] @ turn.T + shift)
+    rotation, translation = level_from_plan[:2, :2], level_from_plan[:2, 3]
+    walls = sample_walls(
+        floorplan.normals[faces] @ rotation.T, floorplan.ends[faces] @ rotation.T + translation
+    )
     if noise_m:
         walls = replace(walls, xy=walls.xy + rng.normal(0, noise_m, walls.xy.shape))
     return walls
 
 
-def assert_at(alignment, plan_from_level, shift_m=0.02, turn_deg=0.1, middle=(0.0, 0.0, 0.0)):
+def assert_at(
+    alignment, plan_from_level, translation_m=0.02, rotation_deg=0.1, middle=(0.0, 0.0, 0.0)
+):
     off = alignment.plan_from_level @ se3.inverse(plan_from_level)
-    assert np.rad2deg(se3.rotation_angle(off[:3, :3])) < turn_deg
+    assert np.rad2deg(se3.rotation_angle(off[:3, :3])) < rotation_deg
     level = se3.inverse(plan_from_level) @ [*middle, 1.0]
     gap = (alignment.plan_from_level - plan_from_level) @ level
-    assert np.linalg.norm(gap) < shift_m
+    assert np.linalg.norm(gap) < translation_m
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -73,7 +77,7 @@ def test_furniture_and_leftover_drift_do_not_mislead(office, rng):
         normals=np.concatenate([walls.normals, np.stack([np.cos(angle), np.sin(angle)], axis=1)]),
     )
     found = align(walls, office, AlignOptions())
-    assert_at(found, truth, shift_m=0.04, turn_deg=0.3, middle=(6, 2, 0))
+    assert_at(found, truth, translation_m=0.04, rotation_deg=0.3, middle=(6, 2, 0))
 
 
 def test_the_result_moves_with_the_plan(office):
@@ -83,7 +87,7 @@ def test_the_result_moves_with_the_plan(office):
     assert_at(found, move, middle=move[:3, :3] @ [6, 2, 0] + move[:3, 3])
 
 
-def test_it_only_turns_about_the_vertical_and_shifts_in_the_level(office):
+def test_it_only_rotates_about_the_vertical_and_moves_in_the_level(office):
     truth = se3.yaw_transform(1.0, np.array([5.0, 9.0, 0.0]))
     transform = align(seen(office, np.arange(8), truth), office, AlignOptions()).plan_from_level
     assert_allclose(transform[2], [0, 0, 1, 0])
@@ -139,7 +143,7 @@ def test_a_wrong_plan_is_said_to_be_one(office, rng):
 
 
 @pytest.mark.parametrize("off_m", [0.0, 1.0])
-def test_a_claimed_place_that_fits_settles_an_ambiguity(off_m):
+def test_a_claimed_alignment_that_fits_resolves_an_ambiguity(off_m):
     truth = se3.yaw_transform(np.pi, np.array([6.0, 4.0, 0.0]))  # the other of the two
     claimed = truth.copy()
     claimed[0, 3] += off_m
@@ -152,7 +156,7 @@ def test_a_claimed_place_that_fits_settles_an_ambiguity(off_m):
     assert_at(found, truth)
 
 
-def test_a_claimed_place_far_from_the_fit_is_rejected_with_a_warning(office):
+def test_a_claimed_alignment_far_from_the_one_found_is_rejected_with_a_warning(office):
     claimed = se3.yaw_transform(0.0, np.array([20.0, 0.0, 0.0]))
     found = align(seen(office, np.arange(12), np.eye(4)), office, AlignOptions(), claimed)
     assert not found.is_as_recorded
@@ -164,9 +168,9 @@ def test_a_claimed_half_turn_about_the_middle_of_the_scan_is_rejected(office):
     # It is near by the middle of the scan, but the walls disagree with it.
     walls = seen(office, np.arange(12), np.eye(4))
     middle = np.array([*walls.xy.mean(axis=0), 0.0])
-    turn = se3.yaw_transform(np.pi)
-    turn[:3, 3] = middle - turn[:3, :3] @ middle
-    found = align(walls, office, AlignOptions(), turn)
+    rotation = se3.yaw_transform(np.pi)
+    rotation[:3, 3] = middle - rotation[:3, :3] @ middle
+    found = align(walls, office, AlignOptions(), rotation)
     assert_at(found, np.eye(4))
     assert not found.is_as_recorded
     assert any("180 deg away" in warning for warning in found.warnings)
@@ -222,11 +226,11 @@ def test_max_yaws_and_candidates(office):
 def test_candidate_yaws_begin_with_the_true_one(office, rng):
     for _ in range(10):
         yaw = rng.uniform(-np.pi, np.pi)
-        turns = candidate_yaws(seen(office, np.arange(12), se3.yaw_transform(yaw)), office, 8)
-        off = (turns - yaw + np.pi) % (2 * np.pi) - np.pi
+        yaws = candidate_yaws(seen(office, np.arange(12), se3.yaw_transform(yaw)), office, 8)
+        off = (yaws - yaw + np.pi) % (2 * np.pi) - np.pi
         assert np.rad2deg(np.abs(off)).min() < 1.0  # four quarters agree equally well
-        apart = np.abs((turns[:, None] - turns + np.pi) % (2 * np.pi) - np.pi)
-        assert np.rad2deg(apart[~np.eye(len(turns), dtype=bool)]).min() > 7.9
+        apart = np.abs((yaws[:, None] - yaws + np.pi) % (2 * np.pi) - np.pi)
+        assert np.rad2deg(apart[~np.eye(len(yaws), dtype=bool)]).min() > 7.9
 
 
 @pytest.mark.parametrize(

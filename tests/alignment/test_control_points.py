@@ -7,47 +7,50 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import room_plan
-from planfit.alignment import AlignOptions, ControlPoint, place_control_points
+from planfit.alignment import AlignOptions, ControlPoint, read_control_points
 from planfit.alignment.control_points import fit_control_points, parse_start
 from planfit.errors import OptionError
 from planfit.floorplan import PlanSource
 from planfit.geometry import se3
 
 
-def test_a_pin_is_levelled_and_taken_out_of_the_files_coordinates():
+def test_a_control_point_is_levelled_and_taken_out_of_the_files_coordinates():
     level_from_world = se3.make_transform(np.eye(3), np.array([1.0, 2.0, 3.0]))
     file_from_plan = np.array([[2.0, 0, 10], [0, -2.0, 20], [0, 0, 1]])
     plan = replace(room_plan(), source=PlanSource(file_from_plan=file_from_plan))
-    (pin,) = place_control_points(("5,6,7=14,16",), level_from_world, plan)
-    assert_allclose(pin.level_xy, [6, 8])
-    assert_allclose(pin.plan_xy, [2, 2])
-    (plain,) = place_control_points(("5,6,7=14,16",), level_from_world, room_plan())
+    (point,) = read_control_points(("5,6,7=14,16",), level_from_world, plan)
+    assert_allclose(point.level_xy, [6, 8])
+    assert_allclose(point.plan_xy, [2, 2])
+    (plain,) = read_control_points(("5,6,7=14,16",), level_from_world, room_plan())
     assert_allclose(plain.plan_xy, [14, 16])
 
 
-def pins_of(yaw, scale, shift, points):
-    turn = se3.yaw_transform(yaw)[:2, :2]
+def control_points_of(yaw, scale, translation, points):
+    rotation = se3.yaw_transform(yaw)[:2, :2]
     return tuple(
-        ControlPoint(p, (turn @ p + shift) / scale) for p in np.asarray(points, dtype=float)
+        ControlPoint(p, (rotation @ p + translation) / scale)
+        for p in np.asarray(points, dtype=float)
     )
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -3.0])
-def test_pins_give_turn_shift_and_scale(yaw):
-    control_points = pins_of(yaw, 0.04, [5.0, -7.0], [[0, 0], [4, 1], [2, 8]])
-    found_yaw, shift, scale = fit_control_points(control_points, None, 0.1)
+def test_control_points_give_yaw_translation_and_scale(yaw):
+    control_points = control_points_of(yaw, 0.04, [5.0, -7.0], [[0, 0], [4, 1], [2, 8]])
+    found_yaw, translation, scale = fit_control_points(control_points, None, 0.1)
     assert np.cos(found_yaw - yaw) == pytest.approx(1.0)
     assert scale == pytest.approx(0.04)
-    assert_allclose(shift, [5, -7], atol=1e-9)
+    assert_allclose(translation, [5, -7], atol=1e-9)
 
 
-def test_pins_with_a_known_scale_keep_it():
-    _, _, scale = fit_control_points(pins_of(0.5, 0.04, [0, 0], [[0, 0], [4, 1]]), 0.0401, 0.1)
+def test_control_points_with_a_known_scale_keep_it():
+    _, _, scale = fit_control_points(
+        control_points_of(0.5, 0.04, [0, 0], [[0, 0], [4, 1]]), 0.0401, 0.1
+    )
     assert scale == 0.0401
 
 
-def test_pins_that_disagree_are_named():
-    control_points = pins_of(0.5, 1.0, [0, 0], [[0, 0], [9, 1], [5, 5], [0, 9]])
+def test_control_points_that_disagree_are_named():
+    control_points = control_points_of(0.5, 1.0, [0, 0], [[0, 0], [9, 1], [5, 5], [0, 9]])
     wrong = (
         *control_points[:2],
         ControlPoint(control_points[2].level_xy, control_points[2].plan_xy + np.array([6.0, 0])),
@@ -58,15 +61,15 @@ def test_pins_that_disagree_are_named():
         fit_control_points(wrong, 1.0, 1.0)
 
 
-def test_pins_at_one_point_are_refused():
+def test_control_points_at_one_point_are_refused():
     with pytest.raises(OptionError, match="expected different points, found all at one"):
-        fit_control_points(pins_of(0.0, 1.0, [0, 0], [[1, 1], [1, 1]]), None, 1.0)
+        fit_control_points(control_points_of(0.0, 1.0, [0, 0], [[1, 1], [1, 1]]), None, 1.0)
 
 
 @pytest.mark.parametrize(
     "text", ["1,2,3", "1,2=3,4", "1,2,3=4,5,6", "a,b,c=d,e", "1,2,nan=3,4", ""]
 )
-def test_a_pin_of_another_form_is_refused(text):
+def test_a_control_point_of_another_form_is_refused(text):
     with pytest.raises(OptionError) as error:
         AlignOptions(control_points=(text,))
     assert str(error.value) == (
@@ -76,8 +79,8 @@ def test_a_pin_of_another_form_is_refused(text):
 
 
 def test_a_start_is_metres_and_degrees():
-    shift, yaw = parse_start("1.5,-2,90")
-    assert_allclose(shift, [1.5, -2.0])
+    translation, yaw = parse_start("1.5,-2,90")
+    assert_allclose(translation, [1.5, -2.0])
     assert yaw == pytest.approx(np.pi / 2)
     with pytest.raises(
         OptionError, match=r"^align\.start: expected x,y,yaw \(metres, metres, degrees\), "

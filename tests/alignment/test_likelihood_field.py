@@ -1,4 +1,4 @@
-"""Fields of closeness, and all shifts at once against one shift at a time."""
+"""Fields of closeness, and all translations at once against one translation at a time."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_a_face_of_unknown_side_is_in_both_sectors():
     assert at(fields, 6, 2.5, 0) == pytest.approx(1.0)
 
 
-def test_all_shifts_at_once_equal_one_shift_at_a_time(fields, rng):
+def test_all_translations_at_once_equal_one_translation_at_a_time(fields, rng):
     cell = fields.cell_m
     xy = np.round(rng.uniform(-3, 3, (40, 2)) / cell) * cell
     angle = rng.integers(0, 8, 40) * np.pi / 4
@@ -58,14 +58,14 @@ def test_all_shifts_at_once_equal_one_shift_at_a_time(fields, rng):
     # Cells from left of the plan to right of it, below to above.
     for row in range(0, rows + int(extent_m / cell), 5):
         for column in range(0, columns + int(extent_m / cell), 5):
-            shift = first + cell * np.array([column, row])
-            cells = np.round((xy + shift - fields.origin) / cell).astype(int)
+            translation = first + cell * np.array([column, row])
+            cells = np.round((xy + translation - fields.origin) / cell).astype(int)
             inside = np.all((cells >= 0) & (cells < [columns, rows]), axis=1)
             value = fields.fields[sector[inside], cells[inside, 1], cells[inside, 0]].sum() / 40
             assert table[row, column] == pytest.approx(value, abs=1e-4)
 
 
-def test_shifts_that_put_the_scan_partly_left_of_the_plan_are_in_the_table(fields):
+def test_translations_that_put_the_scan_partly_left_of_the_plan_are_in_the_table(fields):
     # Only the right end of a long wall lies on the plan.
     xy = np.column_stack([np.arange(0, 20, 0.25), np.zeros(80)])
     normals = np.tile([0.0, 1.0], (80, 1))

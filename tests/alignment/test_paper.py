@@ -29,12 +29,14 @@ def scanned(plan, faces, rng):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.7, -2.4])
-def test_a_whole_scan_is_placed_with_its_scale(rng, yaw):
+def test_a_whole_scan_is_aligned_with_its_scale(rng, yaw):
     points, walls = scanned(PLAN, np.arange(6), rng)
     level_from_plan = se3.yaw_transform(yaw, np.array([3.0, -2.0, 0.0]))
     points = se3.transform(level_from_plan, points)
-    turn, shift = level_from_plan[:2, :2], level_from_plan[:2, 3]
-    walls = replace(walls, xy=walls.xy @ turn.T + shift, normals=walls.normals @ turn.T)
+    rotation, translation = level_from_plan[:2, :2], level_from_plan[:2, 3]
+    walls = replace(
+        walls, xy=walls.xy @ rotation.T + translation, normals=walls.normals @ rotation.T
+    )
     plan = replace(PLAN, ends=PLAN.ends / 0.02, is_metric=False)
     found = align_paper(points, walls, plan, AlignOptions(), rng)
     assert found.scale_xy == pytest.approx((0.02, 0.02), rel=0.02)

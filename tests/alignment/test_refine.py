@@ -17,7 +17,7 @@ from planfit.alignment.refine import (
     refine_hypothesis,
     segment_scores,
 )
-from planfit.alignment.visibility import SIGHT_MARGIN_M, is_occluded
+from planfit.alignment.visibility import OCCLUSION_MARGIN_M, is_occluded
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.geometry import segments
 
@@ -29,25 +29,25 @@ def samples():
     return WallSamples(xy, plan.normals[face])
 
 
-def refined(walls, plan, yaw, shift, n_scales=0, scale=1.0):
-    start = AlignmentHypothesis(yaw, np.array(shift, dtype=float), 0.0, (scale, scale))
+def refined(walls, plan, yaw, translation, n_scales=0, scale=1.0):
+    start = AlignmentHypothesis(yaw, np.array(translation, dtype=float), 0.0, (scale, scale))
     steps = RefineSteps(n_scales=n_scales)
     return refine_hypothesis(walls, np.ones(len(walls.xy)), plan, start, steps)
 
 
 def test_a_near_start_ends_at_the_truth(samples):
-    fit = refined(samples, room_plan(), 0.08, [0.3, -0.25])
-    assert fit.score == pytest.approx(1.0, abs=1e-6)
-    assert_allclose(fit.translation, 0.0, atol=1e-3)
-    assert fit.yaw == pytest.approx(0.0, abs=1e-4)
-    assert_allclose(fit.plan_from_level, np.eye(4), atol=1e-3)
+    refined_one = refined(samples, room_plan(), 0.08, [0.3, -0.25])
+    assert refined_one.score == pytest.approx(1.0, abs=1e-6)
+    assert_allclose(refined_one.translation, 0.0, atol=1e-3)
+    assert refined_one.yaw == pytest.approx(0.0, abs=1e-4)
+    assert_allclose(refined_one.plan_from_level, np.eye(4), atol=1e-3)
 
 
 def test_the_score_is_the_mean_closeness(samples):
     # Walls that the plan has 0.15 m further in, all four: no motion mends it.
     plan = room_plan(6.0 - 0.3, 4.0 - 0.3)
-    fit = refined(samples, plan, 0.0, [-0.15, -0.15])
-    assert fit.score == pytest.approx(np.exp(-0.5 * (0.15 / SCORE_SIGMA_M) ** 2), rel=0.02)
+    refined_one = refined(samples, plan, 0.0, [-0.15, -0.15])
+    assert refined_one.score == pytest.approx(np.exp(-0.5 * (0.15 / SCORE_SIGMA_M) ** 2), rel=0.02)
 
 
 def test_an_alignment_off_the_plan_scores_zero(samples):
@@ -56,16 +56,16 @@ def test_an_alignment_off_the_plan_scores_zero(samples):
 
 def test_one_scale_is_refined_with_yaw_and_translation(samples):
     plan = replace(room_plan(), ends=room_plan().ends * 40.0, is_metric=False)
-    fit = refined(samples, plan, 0.05, [0.2, -0.1], n_scales=1, scale=0.025 * 1.03)
-    assert fit.scale_xy == pytest.approx((0.025, 0.025), rel=1e-5)
-    assert fit.score == pytest.approx(1.0, abs=1e-5)
-    assert_allclose(fit.translation, 0.0, atol=1e-3)
+    refined_one = refined(samples, plan, 0.05, [0.2, -0.1], n_scales=1, scale=0.025 * 1.03)
+    assert refined_one.scale_xy == pytest.approx((0.025, 0.025), rel=1e-5)
+    assert refined_one.score == pytest.approx(1.0, abs=1e-5)
+    assert_allclose(refined_one.translation, 0.0, atol=1e-3)
 
 
 def test_two_scales_are_refined_apart(samples):
     plan = room_plan(6.0 / 0.5, 4.0 / 0.52)
-    fit = refined(samples, plan, 0.0, [0.1, 0.1], n_scales=2, scale=0.51)
-    assert fit.scale_xy == pytest.approx((0.5, 0.52), rel=1e-4)
+    refined_one = refined(samples, plan, 0.0, [0.1, 0.1], n_scales=2, scale=0.51)
+    assert refined_one.scale_xy == pytest.approx((0.5, 0.52), rel=1e-4)
     assert refined(samples, plan, 0.0, [0.1, 0.1], n_scales=1, scale=0.51).score < 0.99
 
 
@@ -98,7 +98,7 @@ def test_occluded_wall_counts_less(samples):
     assert barred == pytest.approx(1.0 - (1.0 - OCCLUDED_WEIGHT) * crossed)
 
 
-def test_lines_of_sight_against_one_at_a_time(rng):
+def test_occlusion_against_one_at_a_time(rng):
     ends = rng.uniform(0, 10, (12, 2, 2))
     eyes, xy = rng.uniform(0, 10, (300, 2)), rng.uniform(0, 10, (300, 2))
     expected = np.zeros(300, dtype=bool)
@@ -110,13 +110,13 @@ def test_lines_of_sight_against_one_at_a_time(rng):
             margin = min(0.3, 0.25 * np.linalg.norm(b - a))
             along, across = t * reach, u * np.linalg.norm(b - a)
             inside = margin < across < np.linalg.norm(b - a) - margin
-            if SIGHT_MARGIN_M < along < reach - SIGHT_MARGIN_M and inside:
+            if OCCLUSION_MARGIN_M < along < reach - OCCLUSION_MARGIN_M and inside:
                 expected[m] = True
     assert 50 < expected.sum() < 290
     assert_array_equal(is_occluded(eyes, xy, ends), expected)
 
 
-def test_leaving_out_segments_shows_a_bend(samples):
+def test_leaving_out_segments_shows_a_deformation(samples):
     straight = jackknife_covariance(
         samples,
         np.ones(len(samples.xy)),
@@ -126,7 +126,7 @@ def test_leaving_out_segments_shows_a_bend(samples):
     )
     xy = samples.xy.copy()
     xy[: len(xy) // 3] += [0.0, 0.25]
-    bent = jackknife_covariance(
+    deformed = jackknife_covariance(
         replace(samples, xy=xy),
         np.ones(len(xy)),
         room_plan(),
@@ -134,7 +134,7 @@ def test_leaving_out_segments_shows_a_bend(samples):
         RefineSteps(),
     )
     assert np.sqrt(np.trace(straight)) < 0.01
-    assert np.sqrt(np.trace(bent)) > 0.03
+    assert np.sqrt(np.trace(deformed)) > 0.03
 
 
 def test_segment_scores_point_at_the_segment_that_does_not_fit(samples):

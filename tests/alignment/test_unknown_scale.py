@@ -47,15 +47,15 @@ def scan(office):
     return sample_walls(office.normals[faces], office.ends[faces], seen_from=eyes)
 
 
-def unitless(plan, yaw, metres_per_unit, shift):
-    """The plan turned, shifted (m), and in units of `metres_per_unit`."""
-    moved = moved_plan(plan, se3.yaw_transform(yaw, np.array([*shift, 0.0])))
+def unitless(plan, yaw, metres_per_unit, translation):
+    """The plan rotated, moved (m), and in units of `metres_per_unit`."""
+    moved = moved_plan(plan, se3.yaw_transform(yaw, np.array([*translation, 0.0])))
     return replace(moved, ends=moved.ends / metres_per_unit, is_metric=False)
 
 
-def assert_found(found, yaw, metres_per_unit, shift, tolerance=0.02):
+def assert_found(found, yaw, metres_per_unit, translation, tolerance=0.02):
     assert found.metres_per_unit == pytest.approx(metres_per_unit, rel=2e-3)
-    truth = se3.yaw_transform(yaw, np.array([*shift, 0.0]))
+    truth = se3.yaw_transform(yaw, np.array([*translation, 0.0]))
     middle = np.array([6.0, 2.5, 0.0, 1.0])
     at = (found.plan_from_level @ middle)[:2] / found.metres_per_unit * metres_per_unit
     assert np.linalg.norm(at - (truth @ middle)[:2]) < tolerance
@@ -64,14 +64,14 @@ def assert_found(found, yaw, metres_per_unit, shift, tolerance=0.02):
 
 
 @pytest.mark.parametrize(
-    ("yaw", "metres_per_unit", "shift"),
+    ("yaw", "metres_per_unit", "translation"),
     [(0.4, 0.01, (30, -5)), (-2.7, 100.0, (-800, 90)), (1.6, 0.3048, (0, 0))],
 )
-def test_turn_shift_and_scale_of_the_drawing_do_not_matter(
-    office, scan, yaw, metres_per_unit, shift
+def test_yaw_translation_and_scale_of_the_drawing_do_not_matter(
+    office, scan, yaw, metres_per_unit, translation
 ):
-    found = align(scan, unitless(office, yaw, metres_per_unit, shift), AlignOptions())
-    assert_found(found, yaw, metres_per_unit, shift)
+    found = align(scan, unitless(office, yaw, metres_per_unit, translation), AlignOptions())
+    assert_found(found, yaw, metres_per_unit, translation)
     assert found.is_sure
     assert found.warnings == ()
     assert 0 < found.scale_sigma < 0.01
@@ -79,12 +79,12 @@ def test_turn_shift_and_scale_of_the_drawing_do_not_matter(
 
 def test_moving_the_scan_moves_the_answer_against_it(office, scan):
     move = se3.yaw_transform(1.1, np.array([7.0, -3.0, 0.0]))
-    turn, shift = move[:2, :2], move[:2, 3]
+    rotation, translation = move[:2, :2], move[:2, 3]
     moved = replace(
         scan,
-        xy=scan.xy @ turn.T + shift,
-        normals=scan.normals @ turn.T,
-        seen_from=scan.seen_from @ turn.T + shift,
+        xy=scan.xy @ rotation.T + translation,
+        normals=scan.normals @ rotation.T,
+        seen_from=scan.seen_from @ rotation.T + translation,
     )
     found = align(moved, office, AlignOptions())
     off = found.plan_from_level @ move
@@ -129,7 +129,7 @@ def test_free_space_breaks_a_tie():
     assert np.linalg.norm(found.plan_from_level[:2, 3]) < 0.02
 
 
-def test_candidate_2_is_the_other_place():
+def test_candidate_2_is_the_other_hypothesis():
     plan = twins()
     blind = sample_walls(plan.normals[:6], plan.ends[:6])
     first, second = (align(blind, plan, AlignOptions(candidate=k)) for k in (1, 2))
@@ -186,7 +186,7 @@ def test_a_plan_mirrored_for_nothing_is_said_to_be_one(office, scan):
 
 
 @pytest.mark.parametrize("metres_per_unit", [1.0, 0.02])
-def test_a_mirrored_plan_is_placed_once_it_is_swapped(office, scan, metres_per_unit):
+def test_a_mirrored_plan_is_aligned_once_it_is_swapped(office, scan, metres_per_unit):
     drawn = replace(
         office,
         ends=office.ends * [-1, 1] / metres_per_unit,
@@ -199,7 +199,7 @@ def test_a_mirrored_plan_is_placed_once_it_is_swapped(office, scan, metres_per_u
     assert_found(found, 0.0, metres_per_unit, (0.0, 0.0))
 
 
-def test_another_building_is_not_believed(office, scan):
+def test_another_building_is_not_sure(office, scan):
     rng = np.random.default_rng(3)
     rooms = [box(*rng.uniform(0, 30, 2), *rng.uniform(2, 9, 2)) for _ in range(9)]
     found = align(scan, replace(joined(rooms), is_metric=False), AlignOptions())
@@ -236,33 +236,35 @@ def test_two_scales_undo_a_stretch(office, scan):
     assert one.score < found.score
 
 
-def test_one_pin_chooses_between_two_places():
+def test_one_control_point_chooses_between_two_hypotheses():
     plan = twins()
     blind = sample_walls(plan.normals[:6], plan.ends[:6])
-    pin = ControlPoint(np.array([1.0, 1.0]), np.array([11.2, 1.1]))
-    found = align(blind, plan, AlignOptions(), control_points=(pin,))
+    point = ControlPoint(np.array([1.0, 1.0]), np.array([11.2, 1.1]))
+    found = align(blind, plan, AlignOptions(), control_points=(point,))
     assert found.is_sure
     assert found.plan_from_level[0, 3] == pytest.approx(10.0, abs=0.02)
 
 
-def test_two_pins_give_scale_and_turn(office, scan):
-    yaw, scale, shift = 2.0, 0.05, (3.0, 4.0)
-    plan = unitless(office, yaw, scale, shift)
-    truth = se3.yaw_transform(yaw, np.array([*shift, 0.0]))
+def test_two_control_points_give_scale_and_yaw(office, scan):
+    yaw, scale, translation = 2.0, 0.05, (3.0, 4.0)
+    plan = unitless(office, yaw, scale, translation)
+    truth = se3.yaw_transform(yaw, np.array([*translation, 0.0]))
     points = np.array([[0.0, 0.0], [14.4, 7.0]])
     on_plan = (points @ truth[:2, :2].T + truth[:2, 3] + [[0.2, 0.0], [0.0, -0.2]]) / scale
     control_points = tuple(ControlPoint(a, b) for a, b in zip(points, on_plan, strict=True))
     assert_found(
-        align(scan, plan, AlignOptions(), control_points=control_points), yaw, scale, shift
+        align(scan, plan, AlignOptions(), control_points=control_points), yaw, scale, translation
     )
 
 
-def test_pin_tolerance_m_says_how_far_a_pin_may_be_off(office, scan):
+def test_control_point_tolerance_m_says_how_far_one_may_be_off(office, scan):
     off = ControlPoint(np.array([1.0, 1.0]), np.array([1.0, 4.0]))
     strict = align(scan, office, AlignOptions(), control_points=(off,))
     assert abs(strict.plan_from_level[1, 3] - 3.0) < 1.6
-    loose = align(scan, office, AlignOptions(control_point_tolerance_m=4.0), control_points=(off,))
-    assert np.linalg.norm(loose.plan_from_level[:2, 3]) < 0.02
+    tolerant = align(
+        scan, office, AlignOptions(control_point_tolerance_m=4.0), control_points=(off,)
+    )
+    assert np.linalg.norm(tolerant.plan_from_level[:2, 3]) < 0.02
 
 
 def test_a_start_keeps_the_search_near_it():

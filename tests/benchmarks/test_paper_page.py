@@ -34,7 +34,7 @@ def two_presets() -> Results:
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "results.json"
     written = results(
-        measured("a", "paper/all", ate=0.1), Measured("x", "b", "y", {}, ("doubt",), "refused")
+        measured("a", "paper/all", ate=0.1), Measured("x", "b", "y", {}, ("warning",), "refused")
     )
     written.write(path)
     assert read_results(path) == written

@@ -81,7 +81,7 @@ def test_ten_scans_in_two_sets():
         assert {4, 10} <= {scan.synth.building.n_rooms for scan in of_set}
 
 
-def test_figures_of_a_variant(tiny):
+def test_metrics_of_a_variant(tiny):
     none, default = (measure(tiny, v, Runtime()) for v in (UNADJUSTED, BY_KEY["default/all"]))
     assert "solve_s" not in none.metrics
     assert default.metrics["ate"] < 0.5 * none.metrics["ate"]

@@ -56,7 +56,7 @@ def test_warnings_about_the_scan(world, rng):
     assert "no wall was seen" in blind[1]
 
 
-def plan_adjustment(world, n_associated, settled=True):
+def plan_adjustment(world, n_associated, converged=True):
     n = len(world.structure.walls)
     face_idx = np.where(np.arange(n) < n_associated, 0, -1)
     solution = Solution(world.plan_from_cams, Stop.COST, 3, {})
@@ -64,7 +64,7 @@ def plan_adjustment(world, n_associated, settled=True):
         world.floorplan, Association(face_idx, np.zeros(n)), len(world.plan_from_cams)
     )
     return PlanAdjustment(
-        solution, correspondences, np.zeros(4), np.full(4, np.nan), 5, settled, 15
+        solution, correspondences, np.zeros(4), np.full(4, np.nan), 5, converged, 15
     )
 
 
@@ -96,7 +96,7 @@ def test_warnings_about_the_alignment(world):
         "so and so": {"alignment": Alignment(np.eye(4), 0.9, None, warnings=("so and so",))},
         "lie near the plan": {"checks": (few,)},
         "raise adjust.max-alternations": {
-            "plan_adjustment": plan_adjustment(world, len(world.structure.walls), settled=False)
+            "plan_adjustment": plan_adjustment(world, len(world.structure.walls), converged=False)
         },
         "worse than before: held-out matches went from 0.05 to 0.1 m": {"checks": (bad,)},
     }

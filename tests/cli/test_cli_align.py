@@ -17,7 +17,7 @@ def aligned(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_the_place_is_written_with_a_picture_of_each_candidate(aligned: Path) -> None:
+def test_the_alignment_is_written_with_a_picture_of_each_candidate(aligned: Path) -> None:
     record = json.loads((aligned / "alignment.json").read_text())
     assert record["is_sure"]
     assert record["is_as_recorded"]
@@ -41,7 +41,7 @@ def test_what_it_says(aligned: Path, small_scan: Path, capsys) -> None:
     assert "aligned: look at" in said
 
 
-def test_another_candidate_or_a_bad_pin_is_one_line(
+def test_another_candidate_or_a_bad_control_point_is_one_line(
     aligned: Path, small_scan: Path, capsys
 ) -> None:
     plan = str(small_scan / "floorplan.npy")

@@ -269,7 +269,7 @@ def test_times_that_never_match(
     ), message  # fmt: skip
 
 
-def test_depth_without_any_reading(
+def test_depth_without_any_measurement(
     sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_redwood(tmp_path, sample)

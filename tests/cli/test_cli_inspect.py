@@ -18,7 +18,7 @@ def spoken(capsys) -> str:
     return " ".join(capsys.readouterr().out.split())
 
 
-def test_figures_and_picture(small_scan: Path, tmp_path: Path, capsys) -> None:
+def test_statistics_and_picture(small_scan: Path, tmp_path: Path, capsys) -> None:
     picture = tmp_path / "view.png"
     assert run(["inspect", str(small_scan), "-o", str(picture)]) == 0
     text = spoken(capsys)
@@ -92,7 +92,7 @@ def test_gaps_and_jumps_are_found_where_they_were_put(walk) -> None:
     assert plain.gaps.tolist() == plain.jumps.tolist() == []
 
 
-def test_depth_facts_are_those_of_the_images(small_scan: Path) -> None:
+def test_depth_statistics_are_those_of_the_images(small_scan: Path) -> None:
     walk = read_scan(small_scan)
     facts = depth_statistics(walk, Runtime(2))
     every = np.concatenate([walk.files.depth(int(i)).ravel() for i in facts.frame_idx[::6]])

@@ -113,8 +113,10 @@ def test_evaluate_poses_of_a_scan(finished: Path, small_scan: Path, capsys) -> N
     in_world = evaluated(capsys, *words, poses, "--truth", truth)["metrics"]
     for name, metric in of_run.items():
         # Placed by the walls alone, without what a run knows of them: a little differently.
-        loose = 0.1 if name.startswith(("nsd", "off_plan", "double")) else 1e-3
-        assert in_world[name]["after"] == pytest.approx(metric["after"], rel=loose, abs=1e-5), name
+        relative = 0.1 if name.startswith(("nsd", "off_plan", "double")) else 1e-3
+        assert in_world[name]["after"] == pytest.approx(metric["after"], rel=relative, abs=1e-5), (
+            name
+        )
     on_plan = evaluated(capsys, *words, finished / "trajectory.tum", "--poses-frame", "plan")
     on_plan = on_plan["metrics"]
     assert on_plan["nsd"]["after"] == pytest.approx(of_run["nsd"]["after"], rel=1e-4)

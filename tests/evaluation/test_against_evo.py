@@ -27,7 +27,7 @@ pytestmark = pytest.mark.skipif(
 @pytest.fixture
 def trajectories(tmp_path: Path, rng: np.random.Generator) -> tuple[Path, Path]:
     """True poses along a walk, and drifted ones, as files."""
-    truth = random_transforms(rng, 200, turn=1.0)
+    truth = random_transforms(rng, 200, max_rotation=1.0)
     truth[:, :3, 3] = np.cumsum(rng.normal(0.05, 0.05, (200, 3)), axis=0)
     paths = tmp_path / "truth.tum", tmp_path / "estimate.tum"
     for path, poses in zip(paths, (truth, nudged(rng, truth, 1.0, 0.05)), strict=True):
@@ -78,7 +78,7 @@ def test_relative_errors_to_the_next_frame(trajectories: tuple[Path, Path], tmp_
 def test_relative_errors_over_a_length(tmp_path: Path, rng: np.random.Generator) -> None:
     """evo pairs a frame with the one nearest to the length, planfit with the first past it: on steps of
     0.1 m both are the 20th. With its usual tolerance evo adds shorter pairs at the end of the path."""
-    truth = random_transforms(rng, 200, turn=1.0)
+    truth = random_transforms(rng, 200, max_rotation=1.0)
     steps = rng.normal(size=(200, 3))
     steps *= 0.1 / np.linalg.norm(steps, axis=1, keepdims=True)
     truth[:, :3, 3] = np.cumsum(steps, axis=0)

@@ -90,7 +90,7 @@ def test_the_published_library_gives_the_same(rng, tmp_path: Path, drift_m: floa
     run = subprocess.run(words, check=True, capture_output=True, text=True)
     theirs = json.loads(run.stdout.splitlines()[-1])
 
-    quality = map_quality(sample.placed(poses), 0.2)
+    quality = map_quality(sample.at(poses), 0.2)
     assert quality.mme == pytest.approx(theirs["mme"], abs=1e-9)
     assert quality.mpv_m2 == pytest.approx(theirs["mpv"], rel=1e-9)
     assert mom_m2(sets, quality) == pytest.approx(np.mean(theirs["mom"]), rel=1e-5)

@@ -27,9 +27,9 @@ def wall_patches(rng, poses, y_m=0.0):
     return [(i, bit_of_wall(rng, pose[0, 3], y_m), [0.0, -1.0]) for i, pose in enumerate(poses)]
 
 
-def drifted(poses, shift_m, frames=slice(FIRST, None)):
+def drifted(poses, translation_m, frames=slice(FIRST, None)):
     moved = poses.copy()
-    moved[frames, 1, 3] += shift_m
+    moved[frames, 1, 3] += translation_m
     return moved
 
 
@@ -41,14 +41,14 @@ def test_true_poses_double_nothing(rng):
     assert np.isnan(layers.gap_median_m)
 
 
-@pytest.mark.parametrize("shift_m", [0.05, -0.1, 0.2])
-def test_a_second_visit_that_drifted_doubles_the_whole_wall(rng, shift_m):
+@pytest.mark.parametrize("translation_m", [0.05, -0.1, 0.2])
+def test_a_second_visit_that_drifted_doubles_the_whole_wall(rng, translation_m):
     poses = true_poses()
     structure = make_structure(poses, patches=wall_patches(rng, poses))
-    layers = wall_layers(structure.walls, drifted(poses, shift_m))
+    layers = wall_layers(structure.walls, drifted(poses, translation_m))
     assert layers.double_share > 0.97
-    assert layers.gap_median_m == pytest.approx(abs(shift_m), abs=0.005)
-    assert np.all(np.abs(layers.windows[:, 1]) <= abs(shift_m) + 0.01)
+    assert layers.gap_median_m == pytest.approx(abs(translation_m), abs=0.005)
+    assert np.all(np.abs(layers.windows[:, 1]) <= abs(translation_m) + 0.01)
 
 
 def test_the_share_is_that_of_the_wall_that_is_double(rng):
@@ -62,7 +62,7 @@ def test_the_share_is_that_of_the_wall_that_is_double(rng):
     assert np.mean(layers.is_double[layers.windows[:, 1] > 0.5]) == 0.0
 
 
-def test_a_shift_below_the_gap_is_noise_and_beyond_the_largest_another_wall(rng):
+def test_an_offset_below_the_gap_is_noise_and_beyond_the_largest_another_wall(rng):
     poses = true_poses()
     walls = make_structure(poses, patches=wall_patches(rng, poses)).walls
     assert wall_layers(walls, drifted(poses, 0.02)).double_share == 0.0

@@ -207,7 +207,7 @@ def test_mom_by_its_definition_and_poses_play_no_part_in_the_sets(rng):
     drifted[1, :3, 3] += [0.05, 0.0, 0.0]
     values = []
     for poses in (EYES, drifted):
-        points = sample.placed(poses)
+        points = sample.at(poses)
         values.append(mom_m2(sets, map_quality(points, 0.2)))
         assert values[-1] == pytest.approx(slow_mom(sets, points, 0.2), rel=1e-4)
     assert values[1] > 3 * values[0]

@@ -26,7 +26,7 @@ def test_by_hand():
     assert (nsd.n, nsd.wins, nsd.losses, nsd.ties) == (2, 1, 0, 1)
 
 
-def test_a_difference_that_hides_in_the_spread_of_the_cases_shows_in_pairs(rng):
+def test_a_difference_that_hides_in_the_variance_of_the_cases_shows_in_pairs(rng):
     hard = rng.uniform(0, 100, 30)
     a = {str(i): {"ate": float(v)} for i, v in enumerate(hard)}
     b = {str(i): {"ate": float(v - 0.1 + 0.05 * rng.normal())} for i, v in enumerate(hard)}
@@ -56,7 +56,7 @@ def test_the_other_way_round_is_the_opposite(a, b):
     assert there.sigma == pytest.approx(back.sigma, nan_ok=True)
 
 
-def test_one_case_has_no_spread_and_what_could_not_be_taken_is_left_out():
+def test_one_case_has_no_variance_and_what_could_not_be_taken_is_left_out():
     (row,) = compare_paired({"1": {"x": 1.0, "y": np.nan}}, {"1": {"x": 2.0, "y": 1.0}})
     assert (row.name, row.losses) == ("x", 1)
     assert np.isnan(row.sigma)

@@ -49,7 +49,7 @@ def flat_maps(n=4, depth_m=2.0):
     return list(maps)
 
 
-def test_points_lie_where_the_depth_says_and_nothing_without_a_reading():
+def test_points_lie_where_the_depth_says_and_nothing_without_a_measurement():
     maps = flat_maps()
     maps[2][:] = np.nan
     sample = sample_depth_maps(scan_of(maps), MapOptions(voxel_m=0.05), Runtime(1))
@@ -84,6 +84,6 @@ def test_each_option_does_what_it_says():
 def test_every_frame_by_its_own_pose(rng):
     poses = random_transforms(rng, 3)
     sample = MapSample(rng.normal(size=(9, 3)).astype(np.float32), np.array([0, 4, 4, 9]))
-    placed = sample.placed(poses)
+    placed = sample.at(poses)
     assert_allclose(placed[:4], se3.transform(poses[0], sample.points_cam[:4]))
     assert_allclose(placed[4:], se3.transform(poses[2], sample.points_cam[4:]))

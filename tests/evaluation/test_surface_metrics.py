@@ -70,7 +70,7 @@ def structure_of_a_wall(poses, y_m, n=200):
     return make_structure(poses, patches=[(0, points, [0.0, -1.0])])
 
 
-def test_a_wall_pulled_to_the_wrong_face_shows_in_the_oriented_nsd_alone():
+def test_a_wall_fitted_to_the_wrong_face_shows_in_the_oriented_nsd_alone():
     poses = look([2.5, -2.0, 1.4], 90)[None]
     structure = structure_of_a_wall(
         poses, 0.2
@@ -92,7 +92,7 @@ def test_nsd_follows_the_poses():
     assert found.nsd_m == found.oriented_nsd_m == pytest.approx(0.07)
 
 
-def test_points_are_placed_in_chunks_that_change_nothing(monkeypatch):
+def test_points_are_transformed_in_chunks_that_change_nothing(monkeypatch):
     poses = look([2.5, -2.0, 1.4], 90)[None]
     structure = structure_of_a_wall(poses, 0.03)
     whole = wall_distances(structure, thick_wall(), poses)
@@ -146,14 +146,14 @@ def test_storeys_are_floors_of_their_own_and_stairs_are_none(rng):
     assert found.n_points == 1000
 
 
-def test_walls_of_a_turned_room_count_the_same(rng):
-    turn = se3.yaw_transform(0.7, np.array([3.0, -2.0, 0.0]))
+def test_walls_of_a_rotated_room_count_the_same(rng):
+    transform = se3.yaw_transform(0.7, np.array([3.0, -2.0, 0.0]))
     corners = np.array([[0, 0, 0], [6, 0, 0], [6, 4, 0], [0, 4, 0]], dtype=float)
-    plan = faces_plan(se3.transform(turn, corners)[:, :2])
+    plan = faces_plan(se3.transform(transform, corners)[:, :2])
     poses = look([3.0, 2.0, 1.4], 90)[None]
     points = np.stack([rng.uniform(1, 5, 50), np.full(50, 4.05), np.full(50, 1.0)], axis=1)
     structure = make_structure(poses, patches=[(0, points, [0.0, -1.0])])
-    found = wall_distances(structure, plan, turn @ poses)
+    found = wall_distances(structure, plan, transform @ poses)
     assert found.nsd_m == pytest.approx(0.05)
 
 

@@ -48,7 +48,7 @@ def test_alignment_removes_a_rigid_motion_and_nothing_else(rng):
     assert position_errors(scaled, truth).aligned_rms_m == pytest.approx(expected)
 
 
-def test_a_shift_of_the_whole_shows_in_the_mean_offset():
+def test_a_translation_of_the_whole_shows_in_the_mean_offset():
     poses = line()
     poses[:, 2, 3] += 0.3
     errors = position_errors(poses, line())
@@ -76,7 +76,7 @@ def test_steps_by_hand():
     assert errors.translation_rms_m == pytest.approx(np.sqrt(2 * 0.4**2 / 3))
 
 
-def test_a_turn_in_the_path_is_counted_once():
+def test_a_rotation_in_the_path_is_counted_once():
     poses = line(5)
     poses[2:] = se3.yaw_transform(np.deg2rad(6.0)) @ poses[2:]
     poses[2:, :3, 3] += line(5)[2, :3, 3] - poses[2, :3, 3]

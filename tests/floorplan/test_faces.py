@@ -28,10 +28,10 @@ def test_neither_turning_nor_the_order_of_the_ends_matters(yaw_deg, swap):
     ends = np.array([horizontal(0), horizontal(0.2)], dtype=float)
     for i in swap:
         ends[i] = ends[i, ::-1]
-    turn = se3.yaw_transform(np.deg2rad(yaw_deg))[:2, :2]
-    normals, is_oriented = orient_faces(ends @ turn.T + [30.0, -7.0])
+    rotation = se3.yaw_transform(np.deg2rad(yaw_deg))[:2, :2]
+    normals, is_oriented = orient_faces(ends @ rotation.T + [30.0, -7.0])
     assert is_oriented.all()
-    assert_allclose(normals @ turn, [[0, -1], [0, 1]], atol=1e-9)
+    assert_allclose(normals @ rotation, [[0, -1], [0, 1]], atol=1e-9)
 
 
 def test_a_single_line_is_not_oriented():

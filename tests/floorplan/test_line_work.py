@@ -29,13 +29,17 @@ WALLS, BUILDING = make_plan(n_rooms=6)
 TRUTH = faces_of_regions(WALLS, 1e-6, 0.5)
 
 
-def recall(plan, scale=1.0, shift=(0.0, 0.0), within=0.01):
-    return on_faces(plan.ends / scale - shift, plan.normals, TRUTH.ends, TRUTH.normals, within)
+def recall(plan, scale=1.0, translation=(0.0, 0.0), within=0.01):
+    return on_faces(
+        plan.ends / scale - translation, plan.normals, TRUTH.ends, TRUTH.normals, within
+    )
 
 
-def precision(plan, scale=1.0, shift=(0.0, 0.0), within=0.01):
+def precision(plan, scale=1.0, translation=(0.0, 0.0), within=0.01):
     truth = faces_of_regions(WALLS, 1e-6, 0.02)
-    return on_faces(truth.ends, truth.normals, plan.ends / scale - shift, plan.normals, within)
+    return on_faces(
+        truth.ends, truth.normals, plan.ends / scale - translation, plan.normals, within
+    )
 
 
 # --- partners: the slow, obvious twin of the tree ---------------------------------------------
@@ -67,10 +71,10 @@ def slow_orientation(ends, most=0.6, least=0.02):
     return np.where(wall_left[:, None], -left, left), wall_left ^ wall_right
 
 
-@pytest.mark.parametrize("spread_deg", [0.0, 3.0])
-def test_the_tree_finds_what_every_pair_finds(rng, spread_deg):
+@pytest.mark.parametrize("sigma_deg", [0.0, 3.0])
+def test_the_tree_finds_what_every_pair_finds(rng, sigma_deg):
     start = rng.uniform(0, 6, (150, 2))
-    angle = rng.integers(0, 4, 150) * np.pi / 2 + 0.3 + np.deg2rad(rng.normal(0, spread_deg, 150))
+    angle = rng.integers(0, 4, 150) * np.pi / 2 + 0.3 + np.deg2rad(rng.normal(0, sigma_deg, 150))
     way = np.stack([np.cos(angle), np.sin(angle)], axis=1) * rng.uniform(0.2, 5, (150, 1))
     ends = np.stack([start, start + way], axis=1)
     normals, is_oriented = orient_faces(ends)
@@ -206,16 +210,16 @@ def test_clutter_is_left_out_of_line_work(tmp_path):
     assert any("in rows at equal distance" in note for note in plan.source.dropped)
 
 
-@pytest.mark.parametrize("turn_deg", [0, 70, 200])
+@pytest.mark.parametrize("rotation_deg", [0, 70, 200])
 @pytest.mark.parametrize("flip", [1, -1])
-def test_an_open_door_is_no_wall(tmp_path, turn_deg, flip):
+def test_an_open_door_is_no_wall(tmp_path, rotation_deg, flip):
     def door(document):
         leaf = [(0, 0), (0.9, 0), (0.9, 0.04), (0, 0.04)]
-        turn = np.deg2rad(turn_deg)
-        turned = np.array(leaf) @ [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]
+        angle = np.deg2rad(rotation_deg)
+        turned = np.array(leaf) @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
         space = document.modelspace()
         space.add_lwpolyline(turned + 2.0, close=True, dxfattribs={"layer": "A-WALL"})
-        span = (turn_deg, turn_deg + 90) if flip > 0 else (turn_deg - 90, turn_deg)
+        span = (rotation_deg, rotation_deg + 90) if flip > 0 else (rotation_deg - 90, rotation_deg)
         space.add_arc((2, 2), 0.9, *span, dxfattribs={"layer": "A-WALL"})
 
     plan = read_floorplan(write_dxf(tmp_path / "a.dxf", WALLS, extra=door))

@@ -35,11 +35,11 @@ def test_ends_belong_to_a_segment():
     assert_allclose(nearest_faces.nearest_distance(xy, ENDS[:1]), [5, 5, 0])
 
 
-@pytest.mark.parametrize("turn", [lambda a: a, np.asfortranarray, lambda a: a[::-1][::-1]])
-def test_memory_layout_does_not_matter(rng, turn):
+@pytest.mark.parametrize("laid_out", [lambda a: a, np.asfortranarray, lambda a: a[::-1][::-1]])
+def test_memory_layout_does_not_matter(rng, laid_out):
     xy, ends = rng.uniform(-5, 5, (20, 2)), rng.uniform(-5, 5, (4, 2, 2))
     expected = nearest_distance_twin(xy, ends)
-    assert_allclose(nearest_faces.nearest_distance(turn(xy), turn(ends)), expected)
+    assert_allclose(nearest_faces.nearest_distance(laid_out(xy), laid_out(ends)), expected)
     found = nearest_faces.nearest_distance(xy.astype(np.float32), ends)
     assert_allclose(found, expected, atol=1e-5)
 

@@ -48,10 +48,10 @@ def on_faces(ends, normals, of_ends, of_normals, within):
     return found / total
 
 
-def assert_same(plan, walls, scale=1.0, shift=(0.0, 0.0), within=0.01, share=0.999):
+def assert_same(plan, walls, scale=1.0, offset=(0.0, 0.0), within=0.01, share=0.999):
     """All true faces are there, and nothing else; `scale` is plan units a metre."""
     truth = faces_of_regions(walls, 1e-6, 0.05)
-    ends = plan.ends / scale - shift
+    ends = plan.ends / scale - offset
     long = np.linalg.norm(truth.ends[:, 1] - truth.ends[:, 0], axis=1) > MIN_FACE_M
     assert plan.is_oriented.all()
     recall = on_faces(ends, plan.normals, truth.ends[long], truth.normals[long], within)
@@ -127,7 +127,7 @@ def test_ifc(tmp_path, walls, prefix):
 def test_geojson(tmp_path, walls):
     plan = read_floorplan(write_geojson(tmp_path / "a.geojson", walls))
     low = np.array(walls.bounds).reshape(2, 2)
-    assert_same(plan, walls, shift=-low.mean(axis=0))
+    assert_same(plan, walls, offset=-low.mean(axis=0))
     in_file = plan.ends @ plan.source.file_from_plan[:2, :2].T + plan.source.file_from_plan[:2, 2]
     assert np.abs(in_file - (11.57, 48.14)).max() < 1e-3
 
@@ -142,8 +142,8 @@ def test_png(tmp_path, walls, has_lines, pixels_per_metre):
     plan = read_floorplan(write_png(tmp_path / "a.png", walls, pixels_per_metre, *drawn))
     west, _, _, north = walls.bounds
     # The plan has (u, -v).
-    shift = np.array([PNG_MARGIN_PX, -PNG_MARGIN_PX]) / pixels_per_metre - (west, north)
-    assert_same(plan, walls, pixels_per_metre, shift, within=1.5 / pixels_per_metre, share=0.99)
+    offset = np.array([PNG_MARGIN_PX, -PNG_MARGIN_PX]) / pixels_per_metre - (west, north)
+    assert_same(plan, walls, pixels_per_metre, offset, within=1.5 / pixels_per_metre, share=0.99)
 
 
 def drawn_in_dxf(windows, doors, layer):
@@ -182,14 +182,14 @@ def test_windows_and_doors_are_gaps(tmp_path, kind, windows, doors):
         layer, other = ("PLAN", "PLAN") if "one" in kind else ("WALLS", "WINDOWS")
         extra = drawn_in_dxf(windows, doors, other)
         plan = read_floorplan(write_dxf(tmp_path / "a.dxf", VILLA, layer=layer, extra=extra))
-        scale, shift = 1.0, np.zeros(2)
+        scale, offset = 1.0, np.zeros(2)
     else:
         fill = "black" if "filled" in kind else "none"
         extra = drawn_in_svg(windows, doors)
         plan = read_floorplan(write_svg(tmp_path / "a.svg", VILLA, fill=fill, extra=extra))
-        scale, shift = 20.0, np.array([5.0, -5.0])
-    assert_same(plan, VILLA, scale, shift, share=0.998)
-    marked = plan.openings / scale - shift
+        scale, offset = 20.0, np.array([5.0, -5.0])
+    assert_same(plan, VILLA, scale, offset, share=0.998)
+    marked = plan.openings / scale - offset
     expected = []
     for start, end, low, high, thickness in VILLA_WINDOWS:
         along = (np.array(end, float) - start) / np.linalg.norm(np.array(end, float) - start)

@@ -43,9 +43,9 @@ def tangents(draw):
 @given(transforms(), transforms(), transforms())
 def test_products_are_associative_and_rigid(a, b, c):
     assert_allclose((a @ b) @ c, a @ (b @ c), atol=1e-10)
-    turn = (a @ b)[:3, :3]
-    assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
-    assert np.linalg.det(turn) == pytest.approx(1.0)
+    rotation = (a @ b)[:3, :3]
+    assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
 
 
 @fixed
@@ -98,9 +98,9 @@ def test_exp_near_zero_is_its_series(size):
 
 def test_exp_is_smooth_across_the_switch_of_formulas():
     angles = np.linspace(0.9e-4, 1.1e-4, 41)
-    turns = se3.exp_so3(angles[:, None] * [0.0, 0.0, 1.0])
-    assert_allclose(turns[:, 1, 0], np.sin(angles), rtol=1e-14)
-    assert_allclose(turns[:, 0, 0], np.cos(angles), rtol=1e-15)
+    rotations = se3.exp_so3(angles[:, None] * [0.0, 0.0, 1.0])
+    assert_allclose(rotations[:, 1, 0], np.sin(angles), rtol=1e-14)
+    assert_allclose(rotations[:, 0, 0], np.cos(angles), rtol=1e-15)
 
 
 @fixed
@@ -118,7 +118,7 @@ def test_no_step_is_no_motion(pose):
     assert_allclose(se3.difference(pose, pose), 0.0, atol=1e-7)
 
 
-def test_retract_turns_about_the_camera_in_the_targets_axes(rng):
+def test_retract_rotates_about_the_camera_in_the_targets_axes(rng):
     pose = random_transforms(rng, 1)[0]
     delta = np.array([0.0, 0.0, 0.3, 1.0, 2.0, 3.0])
     moved = se3.retract(pose, delta)
@@ -139,13 +139,13 @@ def test_points_move_to_first_order_as_the_page_says(rng):
 @given(rotation_vectors(), arrays(float, (3, 3), elements=st.floats(-0.2, 0.2)))
 def test_projection_is_the_nearest_rotation(vector, noise):
     noisy = se3.exp_so3(vector) + noise
-    turn = se3.project_to_so3(noisy)
-    assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
-    assert np.linalg.det(turn) == pytest.approx(1.0)
-    assert_allclose(se3.project_to_so3(turn), turn, atol=1e-12)
+    rotation = se3.project_to_so3(noisy)
+    assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    assert_allclose(se3.project_to_so3(rotation), rotation, atol=1e-12)
     for axis in np.concatenate([np.eye(3), -np.eye(3)]):
-        other = se3.exp_so3(1e-3 * axis) @ turn
-        assert np.linalg.norm(other - noisy) >= np.linalg.norm(turn - noisy) - 1e-9
+        other = se3.exp_so3(1e-3 * axis) @ rotation
+        assert np.linalg.norm(other - noisy) >= np.linalg.norm(rotation - noisy) - 1e-9
 
 
 def test_projection_of_a_mirror_is_a_rotation(rng):
@@ -155,14 +155,14 @@ def test_projection_of_a_mirror_is_a_rotation(rng):
 
 @fixed
 @given(rotation_vectors(), vectors(1.0).filter(lambda v: np.linalg.norm(v) > 1e-3))
-def test_rotation_between_takes_one_to_the_other_by_the_smallest_turn(vector, a):
+def test_rotation_between_takes_one_to_the_other_by_the_smallest_rotation(vector, a):
     b = 3.0 * se3.exp_so3(vector) @ a
-    turn = se3.rotation_between(a, b)
+    rotation = se3.rotation_between(a, b)
     unit_a, unit_b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    assert_allclose(turn @ unit_a, unit_b, atol=1e-7)
+    assert_allclose(rotation @ unit_a, unit_b, atol=1e-7)
     angle = np.arctan2(np.linalg.norm(np.cross(unit_a, unit_b)), unit_a @ unit_b)
-    assert se3.rotation_angle(turn) == pytest.approx(angle, abs=1e-7)
-    assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
+    assert se3.rotation_angle(rotation) == pytest.approx(angle, abs=1e-7)
+    assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-14, 1e-12, 1e-11, 1e-10, 1e-9, 1e-6])
@@ -171,13 +171,13 @@ def test_rotation_between_takes_one_to_the_other_by_the_smallest_turn(vector, a)
 def test_rotation_between_directions_almost_alike_or_opposite(a, off, sign):
     a = np.array(a)
     b = sign * a + off * np.array([0.3, -0.7, 0.2])
-    turn = se3.rotation_between(a, b)
-    assert_allclose(turn @ a, b / np.linalg.norm(b), atol=3e-8)
-    assert np.linalg.det(turn) == pytest.approx(1.0)
-    assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
+    rotation = se3.rotation_between(a, b)
+    assert_allclose(rotation @ a, b / np.linalg.norm(b), atol=3e-8)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
 
 
-def test_yaw_is_about_z_and_then_shifts():
+def test_yaw_is_about_z_and_then_translates():
     moved = se3.transform(se3.yaw_transform(np.pi / 2, np.array([10.0, 0, 1])), np.eye(3))
     assert_allclose(moved, [[10, 1, 1], [9, 0, 1], [10, 0, 2]], atol=1e-12)
     assert_array_equal(se3.yaw_transform(0.0), np.eye(4))

@@ -82,7 +82,7 @@ def test_reprojection_never_exceeds_the_bound_at_any_iterate(accepted, seed):
     poses = facing_poses()
     matches = with_outliers(rng, with_noise(rng, facing_matches(rng, poses), 0.005), 0.1)
     term = ReprojectionTerm(matches, facing_cameras(len(poses)), ReprojectionOptions())
-    # Anchors where the poses are not.
+    # Priors where the poses are not.
     wrong = PosePriorTerm(np.arange(len(poses)), nudged(rng, poses, 3.0, 0.2), np.full(6, 0.02))
     start = drifted(rng, poses)
     result = solve_bounded([term], [wrong], start, BoundedOptions(), QUICK)

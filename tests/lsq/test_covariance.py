@@ -33,14 +33,14 @@ def test_blocks_are_those_of_the_dense_inverse(world):
         assert_allclose(found[k], expected, rtol=1e-5, atol=1e-12)
 
 
-def test_scatter_of_anchored_poses_is_what_covariances_say(rng):
-    """Two anchors that disagree at random: the pose between them scatters as predicted."""
+def test_scatter_of_poses_with_priors_is_what_covariances_say(rng):
+    """Two priors that disagree at random: the pose between them scatters as predicted."""
     truth = np.eye(4)[None]
     sigma = np.array([0.01, 0.02, 0.03, 0.1, 0.2, 0.3])
     ends = []
     for _ in range(300):
-        anchors = se3.retract(np.tile(np.eye(4), (2, 1, 1)), rng.normal(size=(2, 6)) * sigma)
-        terms = [PosePriorTerm(np.zeros(2, dtype=int), anchors, sigma)]
+        priors = se3.retract(np.tile(np.eye(4), (2, 1, 1)), rng.normal(size=(2, 6)) * sigma)
+        terms = [PosePriorTerm(np.zeros(2, dtype=int), priors, sigma)]
         solution = solve(terms, truth, SolverOptions(cost_tolerance=1e-12))
         ends.append(se3.difference(solution.target_from_cams[0], truth[0]))
     predicted = covariances([PosePriorTerm(np.zeros(2, dtype=int), np.tile(truth, (2, 1, 1)), sigma)],

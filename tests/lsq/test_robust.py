@@ -61,12 +61,12 @@ def test_geman_mcclure_levels_off_at_the_square_of_its_scale():
     assert weight[0] < 1e-20
 
 
-def test_outliers_pull_in_the_order_of_the_losses():
+def test_outliers_weigh_in_the_order_of_the_losses():
     s = np.array([400.0])
     kinds = [kind for kind in LossKind if kind != LossKind.NORM]
-    pull = [loss_value(s, Loss(kind, 2.0))[1][0] for kind in kinds]
-    assert pull == sorted(pull, reverse=True)
-    assert len(set(pull)) == 4
+    weight = [loss_value(s, Loss(kind, 2.0))[1][0] for kind in kinds]
+    assert weight == sorted(weight, reverse=True)
+    assert len(set(weight)) == 4
 
 
 def test_norm_costs_twice_the_distance_beyond_its_rounding():

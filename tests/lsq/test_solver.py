@@ -18,7 +18,7 @@ from planfit.lsq.terms.prior import PosePriorTerm
 TIGHT = SolverOptions(max_iterations=200, cost_tolerance=1e-12)
 
 
-def first_anchor(poses, sigma=1e-3):
+def first_prior(poses, sigma=1e-3):
     return PosePriorTerm(np.array([0]), poses[:1], np.full(6, sigma))
 
 
@@ -28,16 +28,16 @@ def world(rng):
 
 
 @pytest.fixture
-def points_and_anchor(world):
+def points_and_prior(world):
     return [
         PointTerm(world.matches, PointOptions()),
-        first_anchor(world.plan_from_cams),
+        first_prior(world.plan_from_cams),
     ]
 
 
-def test_finds_the_true_poses(world, points_and_anchor, rng):
+def test_finds_the_true_poses(world, points_and_prior, rng):
     start = nudged(rng, world.plan_from_cams, 3.0, 0.2)
-    solution = solve(points_and_anchor, start, TIGHT)
+    solution = solve(points_and_prior, start, TIGHT)
     assert_allclose(solution.target_from_cams, world.plan_from_cams, atol=1e-4)
     assert solution.cost_by_term["points"].after < 1e-6 < solution.cost_by_term["points"].before
 
@@ -49,7 +49,7 @@ def test_agrees_with_scipy(world, rng):
         points_a=world.matches.points_a + rng.normal(0, 0.02, world.matches.points_a.shape),
     )
     options = PointOptions(loss=Loss(LossKind.SQUARED), max_observations=1e9)
-    terms = [PointTerm(noisy, options), first_anchor(world.plan_from_cams, 0.01)]
+    terms = [PointTerm(noisy, options), first_prior(world.plan_from_cams, 0.01)]
     start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     solution = solve(terms, start, TIGHT)
     pair = np.repeat(np.arange(len(noisy.pairs)), np.diff(noisy.start))
@@ -70,30 +70,28 @@ def test_agrees_with_scipy(world, rng):
     assert_allclose(solution.target_from_cams, expected, atol=1e-4)
 
 
-def test_does_not_change_its_input(points_and_anchor, world, rng):
+def test_does_not_change_its_input(points_and_prior, world, rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.1)
     copy = start.copy()
-    solve(points_and_anchor, start, SolverOptions())
+    solve(points_and_prior, start, SolverOptions())
     assert_array_equal(start, copy)
 
 
-def test_same_input_same_output_bit_for_bit(points_and_anchor, world, rng):
+def test_same_input_same_output_bit_for_bit(points_and_prior, world, rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.1)
-    one, two = (solve(points_and_anchor, start, SolverOptions()) for _ in range(2))
+    one, two = (solve(points_and_prior, start, SolverOptions()) for _ in range(2))
     assert_array_equal(one.target_from_cams, two.target_from_cams)
 
 
-def test_stop_cost(points_and_anchor, world, rng):
-    solution = solve(
-        points_and_anchor, nudged(rng, world.plan_from_cams, 1.0, 0.1), SolverOptions()
-    )
+def test_stop_cost(points_and_prior, world, rng):
+    solution = solve(points_and_prior, nudged(rng, world.plan_from_cams, 1.0, 0.1), SolverOptions())
     assert solution.stop is Stop.COST
     assert 1 < solution.iterations < SolverOptions().max_iterations
 
 
-def test_stop_limit(points_and_anchor, world, rng):
+def test_stop_limit(points_and_prior, world, rng):
     start = nudged(rng, world.plan_from_cams, 5.0, 0.5)
-    solution = solve(points_and_anchor, start, SolverOptions(max_iterations=1))
+    solution = solve(points_and_prior, start, SolverOptions(max_iterations=1))
     assert solution.stop is Stop.LIMIT
     assert solution.iterations == 1
     assert sum(c.after for c in solution.cost_by_term.values()) < sum(
@@ -101,8 +99,8 @@ def test_stop_limit(points_and_anchor, world, rng):
     )
 
 
-def test_nothing_to_gain_is_a_settled_cost(world):
-    pose_prior = first_anchor(world.plan_from_cams)
+def test_nothing_to_gain_is_a_converged_cost(world):
+    pose_prior = first_prior(world.plan_from_cams)
     solution = solve([pose_prior], world.plan_from_cams, SolverOptions())
     assert solution.stop is Stop.COST
     assert_array_equal(solution.target_from_cams, world.plan_from_cams)
@@ -124,43 +122,43 @@ def test_stop_stuck_where_no_step_helps(world, rng):
     assert_array_equal(solution.target_from_cams, start)
 
 
-def test_a_looser_cost_tolerance_ends_sooner(points_and_anchor, world, rng):
+def test_a_wider_cost_tolerance_ends_sooner(points_and_prior, world, rng):
     noise = rng.standard_t(1.5, world.matches.points_a.shape) * 0.05
     noisy = replace(world.matches, points_a=world.matches.points_a + noise)
-    terms = [PointTerm(noisy, PointOptions()), points_and_anchor[1]]
-    loose, usual, tight = (
+    terms = [PointTerm(noisy, PointOptions()), points_and_prior[1]]
+    wide, usual, tight = (
         solve(terms, world.plan_from_cams, SolverOptions(cost_tolerance=tolerance))
         for tolerance in (0.05, 1e-4, 1e-7)
     )
-    assert loose.iterations < usual.iterations < tight.iterations
+    assert wide.iterations < usual.iterations < tight.iterations
 
 
-def test_more_steps_a_reweighting_go_further_in_one_round(points_and_anchor, world, rng):
+def test_more_steps_a_reweighting_go_further_in_one_round(points_and_prior, world, rng):
     start = nudged(rng, world.plan_from_cams, 10.0, 0.5)
 
     def after(steps):
         options = SolverOptions(max_iterations=1, steps_per_reweighting=steps)
-        return solve(points_and_anchor, start, options).cost_by_term["points"].after
+        return solve(points_and_prior, start, options).cost_by_term["points"].after
 
     assert after(4) < after(1)
 
 
-def test_initial_damping_shortens_the_first_step(points_and_anchor, world, rng):
+def test_initial_damping_shortens_the_first_step(points_and_prior, world, rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.1)
 
     def moved_m(damping):
         options = SolverOptions(max_iterations=1, steps_per_reweighting=1, initial_damping=damping)
-        return position_rms_m(solve(points_and_anchor, start, options).target_from_cams, start)
+        return position_rms_m(solve(points_and_prior, start, options).target_from_cams, start)
 
     assert moved_m(100.0) < 0.5 * moved_m(1e-6)
 
 
-@pytest.mark.parametrize("turn_deg", [1.0, 10.0, 60.0])
-def test_never_raises_the_cost(world, turn_deg, rng):
-    poses = nudged(rng, world.plan_from_cams, turn_deg, turn_deg / 20)
+@pytest.mark.parametrize("rotation_deg", [1.0, 10.0, 60.0])
+def test_never_raises_the_cost(world, rotation_deg, rng):
+    poses = nudged(rng, world.plan_from_cams, rotation_deg, rotation_deg / 20)
     terms = [
         *world.scan_terms,
-        first_anchor(world.plan_from_cams),
+        first_prior(world.plan_from_cams),
     ]
     total = np.inf
     for _ in range(12):
@@ -176,7 +174,7 @@ def test_reports_the_cost_of_every_term(world, rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.1)
     terms = [
         *world.scan_terms,
-        first_anchor(world.plan_from_cams),
+        first_prior(world.plan_from_cams),
     ]
     solution = solve(terms, start, SolverOptions())
     assert set(solution.cost_by_term) == {"points", "floor", "odometry", "pose prior"}
@@ -197,16 +195,16 @@ def test_resists_outliers_where_squares_do_not(world, kind, rng):
 
     def error_m(loss):
         term = PointTerm(bad, PointOptions(loss=loss))
-        solution = solve([term, first_anchor(world.plan_from_cams)], start, TIGHT)
+        solution = solve([term, first_prior(world.plan_from_cams)], start, TIGHT)
         return position_rms_m(solution.target_from_cams, world.plan_from_cams)
 
     assert error_m(Loss(kind, 2.0)) < 0.02
     assert error_m(Loss(LossKind.SQUARED)) > 0.2
 
 
-def test_the_anchor_holds_the_gauge(world, rng):
+def test_the_prior_holds_the_gauge(world, rng):
     start = random_transforms(rng, 1)[0] @ nudged(rng, world.plan_from_cams, 1.0, 0.05)
-    terms = [PointTerm(world.matches, PointOptions()), first_anchor(start, 1e-6)]
+    terms = [PointTerm(world.matches, PointOptions()), first_prior(start, 1e-6)]
     solution = solve(terms, start, TIGHT)
     assert_allclose(solution.target_from_cams[0], start[0], atol=1e-5)
     move = start[0] @ se3.inverse(world.plan_from_cams[0])
@@ -224,16 +222,18 @@ def test_poses_that_nothing_holds_do_not_move(world, rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.1)
     points = rng.uniform(0, 4, (20, 3))
     some = make_matches(world.plan_from_cams, [(0, 1), (1, 2)], points)
-    terms = [PointTerm(some, PointOptions()), first_anchor(world.plan_from_cams)]
+    terms = [PointTerm(some, PointOptions()), first_prior(world.plan_from_cams)]
     solution = solve(terms, start, TIGHT)
     assert_array_equal(solution.target_from_cams[3:], start[3:])
     assert_allclose(solution.target_from_cams[:3], world.plan_from_cams[:3], atol=1e-4)
 
 
-def test_rotations_stay_rotations(points_and_anchor, world, rng):
+def test_rotations_stay_rotations(points_and_prior, world, rng):
     start = nudged(rng, world.plan_from_cams, 10.0, 0.5)
-    turn = solve(points_and_anchor, start, TIGHT).target_from_cams[:, :3, :3]
-    assert_allclose(np.swapaxes(turn, 1, 2) @ turn, np.tile(np.eye(3), (8, 1, 1)), atol=1e-12)
+    rotation = solve(points_and_prior, start, TIGHT).target_from_cams[:, :3, :3]
+    assert_allclose(
+        np.swapaxes(rotation, 1, 2) @ rotation, np.tile(np.eye(3), (8, 1, 1)), atol=1e-12
+    )
 
 
 @dataclass(frozen=True)

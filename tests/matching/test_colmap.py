@@ -219,7 +219,7 @@ def test_bad_input(scan, seen, tmp_path):
     refused(tmp_path / "twice.db", scan, "found two that are frame 0000")
 
 
-def test_damaged_tables(scan, seen, tmp_path):
+def test_corrupt_tables(scan, seen, tmp_path):
     path = tmp_path / "database.db"
     for statement, message in (
         ("UPDATE keypoints SET rows = rows + 1", "damaged table"),

@@ -63,7 +63,7 @@ def accepted(found, recorded, drift=DRIFT, **options):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_true_loop_closures_of_a_scan_that_drifts_are_believed(seed):
+def test_true_loop_closures_of_a_scan_that_drifts_are_accepted(seed):
     poses, (a, b, c) = walk((0, 0), (12, 0), (0, 0))
     true = loops(poses, [(a + k, c + k) for k in range(40)] + [(b, b + 39)])
     assert accepted(true, drifted(poses, seed)).mean() > 0.95

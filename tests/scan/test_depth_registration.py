@@ -67,7 +67,7 @@ def test_the_colour_camera_sees_what_it_would_have_measured(scale):
     assert_allclose(found[seen & is_plate], 1.0, atol=1e-5)
 
 
-def test_no_reading_hangs_between_two_surfaces():
+def test_no_measurement_hangs_between_two_surfaces():
     stored, _ = rendered(DEPTH, COLOR_FROM_DEPTH)
     found = register_depth(stored, DEPTH, COLOR_FROM_DEPTH, COLOR)
     assert not ((found > 1.01) & (found < 1.9)).any()
@@ -90,14 +90,14 @@ def test_a_camera_in_its_own_place_sees_its_own_depth():
     assert_allclose(register_depth(stored, DEPTH, np.eye(4), DEPTH), stored, rtol=1e-6)
 
 
-def test_nothing_behind_the_camera_or_without_a_reading_is_seen():
+def test_nothing_behind_the_camera_or_without_a_measurement_is_seen():
     behind = np.eye(4)
     behind[2, 3] = -3.0
     for depth in (np.full((120, 160), 2.0), np.zeros((120, 160)), np.full((120, 160), np.inf)):
         assert np.isnan(register_depth(depth, DEPTH, behind, COLOR)).all()
 
 
-def test_a_reading_beside_the_colour_camera_does_not_cover_the_image():
+def test_a_measurement_beside_the_colour_camera_does_not_cover_the_image():
     ahead = np.eye(4)
     ahead[2, 3] = -0.3
     depth = np.full((120, 160), 2.0, dtype=np.float32)
@@ -139,7 +139,7 @@ def test_raw_frames_of_7_scenes_are_registered(intrinsics, tmp_path):
     seen = points[np.isfinite(points).all(axis=1)]
     assert len(seen) > 0.6 * 640 * 480
     plane = se3.transform(se3.inverse(poses[0]) @ scan.world_from_cams[0], seen)
-    # A pixel takes the reading next to it: half a pixel of a plane turned by 0.6 deg is 0.1 mm.
+    # A pixel takes the measurement next to it: half a pixel of a plane turned by 0.6 deg is 0.1 mm.
     assert_allclose(plane[:, 2], 2.0, atol=1e-3)
 
 

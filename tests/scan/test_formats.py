@@ -181,7 +181,7 @@ def test_images_can_be_made_smaller(sample, tmp_path):
     assert depth.shape == (48, 64)
     assert scan.cameras[0].fx == pytest.approx(sample.camera.fx / 2)
     assert scan.cameras[0].cx == pytest.approx((sample.camera.cx + 0.5) / 2 - 0.5)
-    # Each is one of the stored readings.
+    # Each is one of the stored measurements.
     stored = np.unique(sample.depth_mm[0])
     assert np.isin(np.rint(depth[np.isfinite(depth)] * 1000), stored).all()
 

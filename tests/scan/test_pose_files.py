@@ -13,8 +13,10 @@ from scan_samples import N, matrix_text, quaternion, write_seven_scenes, write_s
 
 def other_poses(sample):
     """The same walk in axes of another tracker, drifted."""
-    turn = se3.make_transform(se3.exp_so3(np.array([1.0, 0.2, -0.7])), np.array([5.0, -3.0, 1.0]))
-    poses = turn @ sample.poses
+    transform = se3.make_transform(
+        se3.exp_so3(np.array([1.0, 0.2, -0.7])), np.array([5.0, -3.0, 1.0])
+    )
+    poses = transform @ sample.poses
     poses[:, :3, 3] += np.linspace(0, 0.3, N)[:, None]
     return poses
 

@@ -45,11 +45,11 @@ def test_masks_and_axes_fit_the_depth(scan):
             found = height[(turned == Label.FLOOR) & np.isfinite(height)]
             return np.median(found), np.median(np.abs(found - np.median(found)))
 
-        middle, spread = floor(labels)
+        middle, scatter = floor(labels)
         assert abs(middle) < 0.25
-        assert spread < 0.2
+        assert scatter < 0.2
         for other in (labels[::-1, ::-1], labels[:, ::-1], labels[::-1]):
-            assert spread < floor(other)[1]
+            assert scatter < floor(other)[1]
         assert np.median(height[(labels == Label.WALL) & np.isfinite(height)]) > 1.0
 
 

@@ -61,8 +61,10 @@ def test_rounding_is_projected_away_and_the_input_left_alone(rng):
     copy = rounded.copy()
     scan = made(rounded)
     assert np.array_equal(rounded, copy)
-    turn = scan.world_from_cams[:, :3, :3]
-    assert_allclose(np.swapaxes(turn, 1, 2) @ turn, np.tile(np.eye(3), (3, 1, 1)), atol=1e-12)
+    rotation = scan.world_from_cams[:, :3, :3]
+    assert_allclose(
+        np.swapaxes(rotation, 1, 2) @ rotation, np.tile(np.eye(3), (3, 1, 1)), atol=1e-12
+    )
     assert_allclose(scan.world_from_cams, poses, atol=2e-3)
 
 

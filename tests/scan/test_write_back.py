@@ -26,9 +26,9 @@ def moved(poses):
     """As a refinement moves them: every frame a little differently, and all of them by a motion."""
     n = len(poses)
     steps = np.linspace(0, 1, n)[:, None]
-    turns = se3.exp_so3(steps * [0.05, -0.2, 0.1])
-    shifts = steps * [0.4, -0.1, 0.3] + [1e3, -20.0, 5.0]  # far from the origin, too
-    return se3.make_transform(turns, shifts) @ poses
+    rotations = se3.exp_so3(steps * [0.05, -0.2, 0.1])
+    translations = steps * [0.4, -0.1, 0.3] + [1e3, -20.0, 5.0]  # far from the origin, too
+    return se3.make_transform(rotations, translations) @ poses
 
 
 def checksums(folder):

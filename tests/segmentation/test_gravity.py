@@ -46,7 +46,7 @@ def test_what_the_format_records_is_taken_as_it_is():
     assert "recorded" in gravity.source
 
 
-def test_without_level_surfaces_the_cameras_say_and_are_not_believed():
+def test_without_level_surfaces_the_cameras_say_and_a_warning_is_given():
     class Blind(NoFiles):
         def depth(self, _):
             return np.full((120, 160), np.nan, np.float32)
@@ -81,7 +81,7 @@ def mixed(rng, n_floor, n_slope, slope_deg):
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def test_a_smaller_slope_does_not_pull(rng):
+def test_a_smaller_slope_has_no_weight(rng):
     gravity = _most_common(mixed(rng, 600, 300, 20), np.array([0, 0, 1.0]), GravityOptions())
     assert angle_deg(gravity.up_world, [0, 0, 1]) < 0.3
     assert gravity.confidence == pytest.approx(2 / 3, abs=0.02)
@@ -99,7 +99,7 @@ def test_cluster_deg_is_what_takes_part(rng):
     narrow, wide = (_most_common(normals, near, GravityOptions(cluster_deg=d)) for d in (3, 12))
     assert narrow.confidence == pytest.approx(2 / 3, abs=0.05)
     assert wide.confidence > 0.99
-    # A slope within it pulls a little: its weight has fallen to a thousandth.
+    # A slope within it counts a little: its weight has fallen to a thousandth.
     for gravity in (narrow, wide):
         assert angle_deg(gravity.up_world, near) < 0.2
 

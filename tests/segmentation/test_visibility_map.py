@@ -101,7 +101,7 @@ def test_a_floor_that_drifts_over_a_long_scan_stays_what_it_is():
     assert_allclose(storey_heights(floors, StoreyOptions()), floors)
 
 
-def test_one_stray_low_floor_among_many_is_not_believed():
+def test_one_stray_low_floor_among_many_is_ignored():
     floors = np.array([-1.0] + [0.0] * 39)
     assert_allclose(storey_heights(floors, StoreyOptions())[1:], 0.0)
 

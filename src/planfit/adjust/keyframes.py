@@ -45,8 +45,8 @@ def choose_keyframes(
     n = len(world_from_cams)
     steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
     moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps[:, :3, 3], axis=1))])
-    turned = np.concatenate([[0.0], np.cumsum(se3.rotation_angle(steps[:, :3, :3]))])
-    max_turn = np.deg2rad(options.max_turn_deg)
+    rotated = np.concatenate([[0.0], np.cumsum(se3.rotation_angle(steps[:, :3, :3]))])
+    max_rotation = np.deg2rad(options.max_rotation_deg)
     chosen = [0]
     if n < options.min_frames:
         chosen = list(range(n))
@@ -56,7 +56,7 @@ def choose_keyframes(
             # The next frame would go beyond: this one is the last that is near enough.
             if (
                 moved[i + 1] - moved[last] > options.max_step_m
-                or turned[i + 1] - turned[last] > max_turn
+                or rotated[i + 1] - rotated[last] > max_rotation
             ):
                 chosen.append(_sharpest(last, i, options.sharper_share, sharpness))
         chosen.append(n - 1)

@@ -25,14 +25,14 @@ class KeyframeOptions:
     """Scans of fewer frames are solved with all frames as unknowns."""
     max_step_m: float = 0.3
     """A frame this far along the path from the last keyframe is the next one."""
-    max_turn_deg: float = 10.0
-    """So is a frame that has turned by this much, added up along the path."""
+    max_rotation_deg: float = 10.0
+    """So is a frame that has rotated by this much, added up along the path."""
     sharper_share: float = 0.4
     """Within this last share of a trajectory segment, the sharpest frame is taken instead: its keypoints are
     more exact. 0 takes the last, whatever it looks like."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "max_step_m", "max_turn_deg")
+        require_positive(self, "max_step_m", "max_rotation_deg")
         require_share(self, "sharper_share")
 
 

@@ -1,9 +1,9 @@
 """The scale of a plan without unit, by all measurements: at the right one the walls strain the rest least.
 
-The alignment finds the scale from walls alone, and a scan that drift has bent is a little too large or too
-small as a whole. What depth, matches and odometry say of lengths is not bent: a wrong scale makes the walls
-force the poses apart or together everywhere. So the total cost after an adjustment to the plan, as a function
-of the scale, is a bowl (`docs/adr/0005-alignment-search.md` has the numbers).
+The alignment finds the scale from walls alone, and a scan that drift has deformed is a little too large or
+too small as a whole. What depth, matches and odometry say of lengths is not deformed: a wrong scale makes the
+walls force the poses apart or together everywhere. So the total cost after an adjustment to the plan, as a
+function of the scale, is a bowl (`docs/adr/0005-alignment-search.md` has the numbers).
 """
 
 from collections.abc import Sequence

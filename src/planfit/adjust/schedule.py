@@ -52,7 +52,7 @@ class PlanAdjustment:
     """Standard deviation of that; NaN where the face has no offset of its own."""
     rounds: int
     """Associations made."""
-    settled: bool
+    converged: bool
     """Whether the last association did not change any more."""
     iterations: int
     """Rounds of reweighting, or steps of a descent, of all solves together."""
@@ -77,7 +77,7 @@ class _Alternation:
     """At the solution's poses."""
     rounds: int
     iterations: int
-    settled: bool
+    converged: bool
 
 
 def adjust_to_plan(
@@ -113,7 +113,7 @@ def adjust_to_plan(
         offsets_m,
         offset_sigmas_m,
         end.rounds,
-        end.settled,
+        end.converged,
         end.iterations,
         describe_observability(found, plan_from_cams),
         covariances(end.problem.terms, unknowns, every) if options.covariances else None,
@@ -148,10 +148,10 @@ def _alternate(
             rounds, iterations = rounds + 1, iterations + solution.iterations
             plan_from_cams = solution.target_from_cams[:n]
             again = associated(plan_from_cams, distance_m)
-            settled = again.is_same(correspondences)
+            converged = again.is_same(correspondences)
             correspondences = again
-            end = _Alternation(problem, solution, again, rounds, iterations, settled)
-            if settled:
+            end = _Alternation(problem, solution, again, rounds, iterations, converged)
+            if converged:
                 break
     assert end is not None  # wall_distances_m is never empty
     return end

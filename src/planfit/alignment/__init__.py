@@ -4,7 +4,7 @@ from planfit.alignment.align import Alignment as Alignment
 from planfit.alignment.align import align as align
 from planfit.alignment.align import find_unit as find_unit
 from planfit.alignment.control_points import ControlPoint as ControlPoint
-from planfit.alignment.control_points import place_control_points as place_control_points
+from planfit.alignment.control_points import read_control_points as read_control_points
 from planfit.alignment.options import AlignOptions as AlignOptions
 from planfit.alignment.paper import align_paper as align_paper
 from planfit.alignment.refine import AlignmentHypothesis as AlignmentHypothesis

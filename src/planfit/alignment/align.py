@@ -45,7 +45,7 @@ FULL_HYPOTHESES = 10
 RUN_TOGETHER = SameWithin(translation_m=0.3, yaw_deg=1.0, scale=0.005)
 """Hypotheses that the quick refinement brought this near to each other are one."""
 FULL_DISTANCES_M = (1.0, 0.7, 0.5, 0.5, 0.5)
-"""Distances of the last refinement. Narrower ones keep to the part of a bent scan that fits best, wider
+"""Distances of the last refinement. Narrower ones keep to the part of a deformed scan that fits best, wider
 ones take in walls that the plan has elsewhere (0.35 and 1.0 m were tried: more of the battery is off)."""
 CLEAR_SCORE, CLEAR_MARGIN = 0.55, 0.25
 """From these on, an alignment is clear: the mirrored scan cannot be clearly better, and is not tried."""
@@ -187,17 +187,19 @@ def find_unit(
 def _with_nonrigid(
     selection: Selection, walls: WallSamples, floorplan: Floorplan, n_scales: int
 ) -> Selection:
-    """The selection with the taken hypothesis refined as a bent scan, and judged by segments of the walk."""
+    """The selection with the taken hypothesis refined non-rigidly, and judged by segments of the walk."""
     samples, weights = thin(walls, FULL_SAMPLES)
     rigid = selection.taken
-    bent = refine_nonrigid(samples, weights, floorplan, rigid, n_scales)
-    taken = replace(rigid, yaw=bent.yaw, translation=bent.translation, scale_xy=bent.scale_xy)
+    nonrigid = refine_nonrigid(samples, weights, floorplan, rigid, n_scales)
+    taken = replace(
+        rigid, yaw=nonrigid.yaw, translation=nonrigid.translation, scale_xy=nonrigid.scale_xy
+    )
     score, occluded_share = explained(samples, weights, floorplan, taken)
     taken = replace(taken, score=score, occluded_share=occluded_share)
     steps = RefineSteps(FULL_DISTANCES_M, n_scales)
     covariance = jackknife_covariance(samples, weights, floorplan, rigid, steps)
     scores = segment_scores(samples, weights, floorplan, taken)
-    agreement = SegmentAgreement(covariance, scores, bent.deformation_m, walls.extent_m)
+    agreement = SegmentAgreement(covariance, scores, nonrigid.deformation_m, walls.extent_m)
     return with_segments(selection, taken, agreement)
 
 

@@ -50,7 +50,7 @@ def parse_start(text: str) -> tuple[Float[np.ndarray, " 2"], float]:
     return np.array(values[:2]), float(np.deg2rad(values[2]))
 
 
-def place_control_points(
+def read_control_points(
     texts: tuple[str, ...], level_from_world: Float[np.ndarray, "4 4"], floorplan: Floorplan
 ) -> tuple[ControlPoint, ...]:
     """Control points of texts: the scan's side levelled, the plan's side out of the file's coordinates."""

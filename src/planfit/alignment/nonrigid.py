@@ -1,7 +1,7 @@
-"""Non-rigid refinement: align a bent scan with a few deformations allowed, then take the whole.
+"""Non-rigid refinement: align a deformed scan with a few deformations allowed, then take the whole.
 
-A rigid refinement of a scan that drift has bent keeps to the segment that fits best. Here each segment of the
-walk may rotate and move a little against its neighbours, so that all of its walls find their faces; the
+A rigid refinement of a scan that drift has deformed keeps to the segment that fits best. Here each segment of
+the walk may rotate and move a little against its neighbours, so that all of its walls find their faces; the
 alignment is then the one rigid motion that is nearest to where they all lie.
 """
 

@@ -152,7 +152,7 @@ def jackknife_covariance(
 ) -> Float[np.ndarray, "4 4"]:
     """As `AlignmentHypothesis.covariance`, from how the alignment changes when parts are left out.
 
-    What the walls leave unsure by their noise is small; what drift bends is not, and is shared along the
+    What the walls leave unsure by their noise is small; what drift deforms is not, and is shared along the
     walk. Leaving out one of `N_SEGMENTS` trajectory segments at a time shows both (delete-a-group jackknife:
     Shao and Wu 1989).
     """

@@ -183,17 +183,17 @@ def with_segments(
     if yaw_deg > DISAGREEMENT_DEG or translation_m > DISAGREEMENT_M or scale > DISAGREEMENT_SCALE:
         words.append(
             f"weak: parts of the scan fit the plan at alignments that differ by {yaw_deg:.1f} deg, "
-            f"{translation_m:.2f} m and {scale:.1%} of scale; the scan is bent, or shows too little wall"
+            f"{translation_m:.2f} m and {scale:.1%} of scale; the scan is deformed, or shows too little wall"
         )
     if len(scores) and scores.min() < MIN_SEGMENT_SCORE and not selection.is_mirrored:
         k, n = int(np.argmin(scores)), len(scores)
         words.append(
             f"weak: of the walk from {k / n:.0%} to {(k + 1) / n:.0%} only {scores[k]:.0%} of the wall "
-            "lies on the plan; the scan is bent there, or the plan shows other walls"
+            "lies on the plan; the scan is deformed there, or the plan shows other walls"
         )
     if agreement.deformation_m > DEFORMATION_SHARE * agreement.extent_m and not words:
         words.append(
-            f"weak: the walls fit the plan only when the scan is bent by {agreement.deformation_m:.2f} m "
+            f"weak: the walls fit the plan only when the scan is deformed by {agreement.deformation_m:.2f} m "
             f"over {agreement.extent_m:.0f} m; drift is left that no loop has closed"
         )
     candidates = tuple(taken if each is selection.taken else each for each in selection.candidates)

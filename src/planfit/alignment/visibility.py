@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float
 
 from planfit.floorplan.nearest_faces import END_MARGIN_M
 
-SIGHT_MARGIN_M = 0.4
+OCCLUSION_MARGIN_M = 0.4
 """Faces this near to the wall that is looked at, or to the camera, do not occlude it."""
 
 
@@ -25,22 +25,22 @@ def is_occluded(
         np.ascontiguousarray(xy),
         np.ascontiguousarray(ends),
         END_MARGIN_M,
-        SIGHT_MARGIN_M,
+        OCCLUSION_MARGIN_M,
     )
 
 
 @numba.njit(cache=True, nogil=True)
 def _is_occluded(
-    eyes, xy, ends, end_margin, sight_margin
+    eyes, xy, ends, end_margin, occlusion_margin
 ):  # pragma: no cover - compiled; has a NumPy twin in the tests
     # Eye + t (point - eye) meets first + u (second - first): Cramer's rule for t and u, both shares of a way.
     occluded = np.zeros(len(xy), dtype=np.bool_)
     for m in range(len(xy)):
         rx, ry = xy[m, 0] - eyes[m, 0], xy[m, 1] - eyes[m, 1]
         reach = np.sqrt(rx * rx + ry * ry)
-        if reach <= 2 * sight_margin:
+        if reach <= 2 * occlusion_margin:
             continue
-        low, high = sight_margin / reach, 1.0 - sight_margin / reach
+        low, high = occlusion_margin / reach, 1.0 - occlusion_margin / reach
         for n in range(len(ends)):
             ax, ay = ends[n, 1, 0] - ends[n, 0, 0], ends[n, 1, 1] - ends[n, 0, 1]
             cross = rx * ay - ry * ax

@@ -123,10 +123,10 @@ def summarise(
     out.print()
     out.print(f"scan {scan.name}\nplan {floorplan.name}\n", soft_wrap=True)
     out.print(table("", ["", "before", "after"], rows))
-    matches, walls = result.matches, result.walls
+    matches, adjustment = result.matches, result.adjustment
     out.print(
         f"\n{len(scan)} frames, {matches.n_matches} matches in {len(matches.pairs)} pairs, "
-        f"{walls.association.n_associated} of {len(result.structure.walls)} wall patches on the "
+        f"{adjustment.association.n_associated} of {len(result.structure.walls)} wall patches on the "
         f"plan, labels from {result.structure.back_end}"
     )
     stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)

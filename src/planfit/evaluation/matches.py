@@ -10,7 +10,7 @@ from planfit.matching import Matches
 def match_distances(
     matches: Matches, target_from_cams: Float[np.ndarray, "n 4 4"]
 ) -> Float[np.ndarray, " m"]:
-    """Distance (m) between the two placed points of each match."""
+    """Distance (m) between the two points of each match."""
     # `start` bounds the matches of each pair: its differences tell how often a pair is repeated.
     pair_idx = np.repeat(np.arange(len(matches.pairs)), np.diff(matches.start))
     first, second = matches.pairs[pair_idx].T

@@ -198,7 +198,7 @@ class MapJudge:
         self, target_from_cams: Float[np.ndarray, "n 4 4"], workers: int = 1
     ) -> dict[str, float]:
         """The metrics of `MAP_METRICS` at poses in the truth's frame; NaN where there is none."""
-        points = self.sample.placed(target_from_cams)
+        points = self.sample.at(target_from_cams)
         quality = map_quality(points, self.radius_m, workers)
         nnd_m = np.nan
         if self.true_cloud is not None:

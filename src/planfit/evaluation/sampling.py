@@ -48,7 +48,7 @@ class MapSample:
         """Points (m) of frame i, camera frame."""
         return self.points_cam[self.start[i] : self.start[i + 1]]
 
-    def placed(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "m 3"]:
+    def at(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "m 3"]:
         """All points (m) in the target frame."""
         points = np.zeros((len(self.points_cam), 3))
         for i, pose in enumerate(target_from_cams):

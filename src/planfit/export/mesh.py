@@ -3,6 +3,7 @@
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -64,9 +65,29 @@ def fuse_mesh(
         OutputError: Open3D is missing, or no frame has depth that is near enough.
     """
     open3d = load_open3d()
-    core, geometry = open3d.core, open3d.t.geometry
+    volume = _empty_volume(open3d, voxel_m)
+    n_seen = 0
+    for i, pose in enumerate(target_from_cams):
+        n_seen += _integrate(open3d, volume, scan, i, pose, max_depth_m)
+        runtime.report("mesh", i + 1, len(scan))
+    if n_seen == 0:
+        raise OutputError(
+            f"{scan.name}: expected surfaces to fuse, found no depth below {max_depth_m:g} m in any frame"
+        )
+    least = min(LEAST_FRAMES, n_seen)
+    mesh = _extract(volume, least)
+    if len(mesh.faces) == 0:
+        raise OutputError(
+            f"{scan.name}: expected surfaces that {least} frames agree on, found none; take larger "
+            "voxels (--voxel-m)"
+        )
+    return mesh
+
+
+def _empty_volume(open3d: ModuleType, voxel_m: float) -> Any:
+    core = open3d.core
     # The older ScalableTSDFVolume stays empty in Open3D 0.20; this one works there and in 0.19.
-    volume = geometry.VoxelBlockGrid(
+    return open3d.t.geometry.VoxelBlockGrid(
         attr_names=("tsdf", "weight", "color"),
         attr_dtypes=(core.float32, core.float32, core.float32),
         attr_channels=((1,), (1,), (3,)),
@@ -75,35 +96,42 @@ def fuse_mesh(
         block_count=BLOCKS,
         device=core.Device("CPU:0"),
     )
-    n_seen = 0
-    for i, pose in enumerate(target_from_cams):
-        metres = np.nan_to_num(scan.files.depth(i), nan=0.0).astype(np.float32)
-        if ((metres > 0) & (metres < max_depth_m)).any():
-            n_seen += 1
-            # Open3D rounds to the nearest pixel: an integer is a pixel centre there too.
-            lens = core.Tensor(scan.cameras[i].matrix)
-            cam_from_target = core.Tensor(np.ascontiguousarray(se3.inverse(pose)))
-            depth = geometry.Image(core.Tensor(metres[..., None]))
-            color = geometry.Image(core.Tensor(scan.files.color(i).astype(np.float32) / 255))
-            view = (1.0, max_depth_m, TRUNCATION_VOXELS)
-            blocks = volume.compute_unique_block_coordinates(depth, lens, cam_from_target, *view)
-            volume.integrate(blocks, depth, color, lens, lens, cam_from_target, *view)
-        runtime.report("mesh", i + 1, len(scan))
-    if n_seen == 0:
-        raise OutputError(
-            f"{scan.name}: expected surfaces to fuse, found no depth below {max_depth_m:g} m in any frame"
-        )
-    least = min(LEAST_FRAMES, n_seen) - 0.5
-    found = volume.extract_triangle_mesh(weight_threshold=least).to_legacy()
-    faces = np.asarray(found.triangles)
-    if len(faces) == 0:
-        raise OutputError(
-            f"{scan.name}: expected surfaces that {least + 0.5:g} frames agree on, found none; take larger "
-            "voxels (--voxel-m)"
-        )
+
+
+def _integrate(
+    open3d: ModuleType,
+    volume: Any,
+    scan: Scan,
+    i: int,
+    target_from_cam: Float[np.ndarray, "4 4"],
+    max_depth_m: float,
+) -> bool:
+    """Fuse frame i into the volume; False where it has no depth that is near enough."""
+    core, image = open3d.core, open3d.t.geometry.Image
+    metres = np.nan_to_num(scan.files.depth(i), nan=0.0).astype(np.float32)
+    if not ((metres > 0) & (metres < max_depth_m)).any():
+        return False
+    # Open3D rounds to the nearest pixel: an integer is a pixel centre there too.
+    lens = core.Tensor(scan.cameras[i].matrix)
+    cam_from_target = core.Tensor(np.ascontiguousarray(se3.inverse(target_from_cam)))
+    depth = image(core.Tensor(metres[..., None]))
+    color = image(core.Tensor(scan.files.color(i).astype(np.float32) / 255))
+    view = (1.0, max_depth_m, TRUNCATION_VOXELS)
+    blocks = volume.compute_unique_block_coordinates(depth, lens, cam_from_target, *view)
+    volume.integrate(blocks, depth, color, lens, lens, cam_from_target, *view)
+    return True
+
+
+def _extract(volume: Any, least_frames: int) -> trimesh.Trimesh:
+    """The surface that at least this many frames saw."""
+    # Each frame adds one to the weight of what it sees: half less keeps the comparison off rounding.
+    found = volume.extract_triangle_mesh(weight_threshold=least_frames - 0.5).to_legacy()
     colors = np.rint(np.asarray(found.vertex_colors).clip(0, 1) * 255).astype(np.uint8)
     return trimesh.Trimesh(
-        np.asarray(found.vertices).astype(np.float32), faces, vertex_colors=colors, process=False
+        np.asarray(found.vertices).astype(np.float32),
+        np.asarray(found.triangles),
+        vertex_colors=colors,
+        process=False,
     )
 
 

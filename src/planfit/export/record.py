@@ -40,7 +40,7 @@ def make_record(
         "alignment": None if result.alignment is None else _alignment_record(result.alignment),
         **_transforms(scan, result),
         "walls": _walls_record(result),
-        "stop": result.walls.solution.stop.value,
+        "stop": result.adjustment.solution.stop.value,
         "cost_by_term": {
             name: {"before": before, "after": after}
             for name, (before, after) in result.cost_by_term.items()
@@ -115,16 +115,16 @@ def _transforms(scan: Scan, result: RefineResult) -> dict[str, Any]:
 def _walls_record(result: RefineResult) -> dict[str, Any]:
     return {
         "patches": len(result.structure.walls),
-        "associated": result.walls.association.n_associated,
-        "rounds": result.walls.rounds,
-        "settled": result.walls.settled,
+        "associated": result.adjustment.association.n_associated,
+        "rounds": result.adjustment.rounds,
+        "converged": result.adjustment.converged,
         "offsets": wall_offsets(result),
     }
 
 
 def wall_offsets(result: RefineResult) -> list[dict[str, float]]:
     """Faces that were given an offset of their own: how far they stand off, with its sigma."""
-    offsets_m, sigmas_m = result.walls.offsets_m, result.walls.offset_sigmas_m
+    offsets_m, sigmas_m = result.adjustment.offsets_m, result.adjustment.offset_sigmas_m
     return [
         {"face": int(i), "offset_m": float(offsets_m[i]), "sigma_m": float(sigmas_m[i])}
         for i in np.flatnonzero(np.isfinite(sigmas_m))

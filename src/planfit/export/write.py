@@ -32,11 +32,11 @@ def write_results(
     ):
         points = place_cloud(cloud, plan_from_cams)
         write_ply(folder / f"cloud_{name}.ply", points, cloud.colors)
-    if result.walls.covariances is not None:
+    if result.adjustment.covariances is not None:
         np.savez(
             folder / "covariances.npz",
             frame_idx=result.solved_frame_idx,
-            covariances=result.walls.covariances,
+            covariances=result.adjustment.covariances,
         )
     (folder / "run.json").write_text(json.dumps(record, indent=1, allow_nan=False) + "\n")
 

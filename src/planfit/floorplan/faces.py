@@ -103,7 +103,7 @@ def orient_faces(
 def _nearest_partner(
     pairs: Partners, is_on_side: Bool[np.ndarray, " p"], length: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Gap (n,) to the nearest partner on one side, and the share of each line (n,) that has any."""
+    """Gap to the nearest partner on one side, and the share of each line that has any."""
     gaps = np.full(len(length), np.inf)
     line = pairs.line[is_on_side]
     np.minimum.at(gaps, line, np.abs(pairs.gap[is_on_side]))

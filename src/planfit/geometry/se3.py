@@ -27,8 +27,8 @@ def transform_each(
     target_from_sources: Float[np.ndarray, "n 4 4"], points: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3"]:
     """Map points, each by its own transform."""
-    turned = np.einsum("nij,nj->ni", target_from_sources[:, :3, :3], points)
-    return turned + target_from_sources[:, :3, 3]
+    rotated = np.einsum("nij,nj->ni", target_from_sources[:, :3, :3], points)
+    return rotated + target_from_sources[:, :3, 3]
 
 
 def inverse(
@@ -125,7 +125,7 @@ def rotation_between(
     sine = float(np.linalg.norm(axis))
     if cosine < 0 and sine < 1e-8:
         # Half a turn: any axis across `a` will do; take the one furthest from it. What the cross
-        # product holds of the axis is rounding; what is left to `b` is a small turn, well defined.
+        # product holds of the axis is rounding; what is left to `b` is a small rotation, well defined.
         across = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
         return rotation_between(-a, b) @ exp_so3(np.pi * across / np.linalg.norm(across))
     if sine < 1e-12:

@@ -22,11 +22,11 @@ class LossKind(IntEnum):
     SQUARED = kernels.SQUARED
     """The parabola: no outlier is expected."""
     HUBER = kernels.HUBER
-    """Grows linearly: outliers pull, but no harder than inliers at the scale."""
+    """Grows linearly: outliers count, but no more than inliers at the scale."""
     CAUCHY = kernels.CAUCHY
-    """Grows like the logarithm: outliers pull less the further off they are."""
+    """Grows like the logarithm: outliers count less the further off they are."""
     GEMAN_MCCLURE = kernels.GEMAN_MCCLURE
-    """Levels off: outliers stop pulling."""
+    """Levels off: outliers stop counting."""
     NORM = kernels.NORM
     """The unsquared norm, as the paper has it: half the cost is the distance in sigmas, rounded off
     below `scale`, which should be tiny: weights grow as one over it."""

@@ -113,7 +113,7 @@ def solve(
                 if outcome is not _Outcome.MOVED:
                     break
             if outcomes[0] is not _Outcome.MOVED:
-                stop = Stop.COST if outcomes[0] is _Outcome.SETTLED else Stop.STUCK
+                stop = Stop.COST if outcomes[0] is _Outcome.CONVERGED else Stop.STUCK
                 break
             reweighted = [term.reweight(poses) for term in terms]
             previous, total = total, sum(cost for _, cost in reweighted)
@@ -147,7 +147,7 @@ class _Outcome(Enum):
     """What became of a step."""
 
     MOVED = "the cost fell"
-    SETTLED = "the cost can fall by no more than rounding"
+    CONVERGED = "the cost can fall by no more than rounding"
     STUCK = "no damping made the cost fall"
 
 
@@ -180,7 +180,7 @@ def _damped_step(
         candidate = se3.retract(poses, delta)
         predicted = equations.predicted_decrease(delta)
         if predicted <= rounding:
-            return poses, damping, _Outcome.SETTLED
+            return poses, damping, _Outcome.CONVERGED
         gain = (cost - sum(q.cost(candidate) for q in quadratics)) / predicted
         if gain > 0:
             return candidate, damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), _Outcome.MOVED

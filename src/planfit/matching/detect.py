@@ -119,7 +119,7 @@ def lift(
 ) -> tuple[Keypoints, Int[np.ndarray, " k"]]:
     """Those detections whose depth can be trusted, and their indices."""
     depth_at = sample_depth(depth, found.uv, options.edge_step)
-    # A keypoint with several orientations is listed once for each; the same uv twice is no new evidence
+    # A keypoint with several orientations is listed once for each; the same uv twice is no new measurement
     # for the pose, but a match may need either descriptor, so all stay here.
     kept = np.flatnonzero(np.isfinite(depth_at) & (depth_at < options.max_depth_m))
     points_cam = camera.lift(found.uv[kept], depth_at[kept]).astype(np.float32)

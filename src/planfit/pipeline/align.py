@@ -14,7 +14,7 @@ from planfit.alignment import (
     align_paper,
     find_unit,
     metric_plan,
-    place_control_points,
+    read_control_points,
     sample_walls,
 )
 from planfit.alignment import align as search_alignment
@@ -139,7 +139,7 @@ def find_alignment(
     if options.method == "paper":
         points = scan_points(prepared.measurements.structure, prepared.level_from_keys)
         return align_paper(points, walls, floorplan, options, np.random.default_rng(0))
-    control_points = place_control_points(
+    control_points = read_control_points(
         options.control_points, prepared.level_from_world, floorplan
     )
     alignment = search_alignment(walls, floorplan, options, claimed, control_points)
@@ -156,7 +156,7 @@ def find_alignment(
 def claimed_alignment(
     scan: Scan, floorplan: Floorplan, level_from_world: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "4 4"] | None:
-    """plan_from_level (4, 4) where the scan's format records poses in the plan's axes.
+    """plan_from_level where the scan's format records poses in the plan's axes.
 
     That says nothing of a plan whose unit is unknown, or which is not taken as it was drawn.
     """

@@ -69,7 +69,7 @@ def alignment_warnings(
             "out of date, or it is the plan of another place; look at the overlay"
         )
     warnings += plan_adjustment.weakly_constrained
-    if not plan_adjustment.settled:
+    if not plan_adjustment.converged:
         warnings.append(
             "correspondences of walls and faces were still changing when the rounds ran out; "
             "raise adjust.max-alternations"

@@ -37,7 +37,7 @@ class RefineResult:
     matches: Matches
     alignment: Alignment | None
     """None where no wall was seen, so that the scan could not be aligned by its walls."""
-    walls: PlanAdjustment
+    adjustment: PlanAdjustment
     solved_frame_idx: Int[np.ndarray, " k"]
     """Frames that were unknowns; the others followed."""
     cost_by_term: dict[str, tuple[float, float]]
@@ -96,7 +96,7 @@ def make_result(
         structure=structure,
         matches=matches,
         alignment=on_plan.alignment,
-        walls=adjustment,
+        adjustment=adjustment,
         solved_frame_idx=prepared.keyframes.frame_idx,
         cost_by_term=validation.cost_by_term,
         checks=validation.checks,

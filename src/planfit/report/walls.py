@@ -52,7 +52,7 @@ class SeenFace:
         return abs(self.offset) <= AGREES_WITHIN_M
 
     @property
-    def is_shifted(self) -> bool:
+    def is_displaced(self) -> bool:
         """Whether enough patches say that it does not."""
         return not self.agrees and self.n_patches >= FEW_PATCHES
 
@@ -62,7 +62,7 @@ class SeenFace:
         if self.agrees:
             words = f"agrees within {100 * AGREES_WITHIN_M:.0f}{formatting.SPACE}cm"
         else:
-            words = f"shifted by {formatting.centimetres(abs(self.offset))}"
+            words = f"displaced by {formatting.centimetres(abs(self.offset))}"
             if self.is_oriented:
                 words += " into the room" if self.offset > 0 else " into the wall"
         if self.n_patches < FEW_PATCHES:

@@ -61,20 +61,13 @@ def scan_from_arrays(
     times = np.arange(float(n)) if timestamps_s is None else np.asarray(timestamps_s, dtype=float)
     _check(each_camera, n, "cameras", "Camera", lambda camera: isinstance(camera, Camera), name)
     _check(times, n, "timestamps", "numbers, in s", np.isscalar, name)
-    _check(colors, n, "colour images", "uint8 of shape (h, w, 3)", _is_color, name)
-    _check(depths_m, n, "depth images", "floats of shape (h, w), in m", _is_depth, name)
-    if labels is not None:
-        _check_labels(labels, colors, n, name)
+    _check_images(colors, depths_m, labels, n, name)
     if up_world is not None and np.shape(up_world) != (3,):
         raise ScanError(f"{name}: expected up_world of shape (3,), found {_words(up_world)}")
-    frames = [
-        Frame(f"{i:06d}", float(times[i]), pose, f"colors[{i}]", f"depths_m[{i}]")
-        for i, pose in enumerate(np.asarray(world_from_cams, dtype=float))
-    ]
     recording = Recording(
         format="arrays",
         path=Path(name),
-        frames=frames,
+        frames=_number_frames(times, np.asarray(world_from_cams, dtype=float)),
         images=ArrayImages(colors, depths_m),
         color_lens=lambda frame, _: Lens(each_camera[int(frame.frame_id)]),
         write_poses=_write_poses,
@@ -157,6 +150,24 @@ def _check(
             raise ScanError(
                 f"{name}: frame {i}: expected {what} as {expected}, found {_words(item)}"
             )
+
+
+def _number_frames(
+    times: Float[np.ndarray, " n"], world_from_cams: Float[np.ndarray, "n 4 4"]
+) -> list[Frame]:
+    return [
+        Frame(f"{i:06d}", float(times[i]), pose, f"colors[{i}]", f"depths_m[{i}]")
+        for i, pose in enumerate(world_from_cams)
+    ]
+
+
+def _check_images(
+    colors: Images, depths_m: Images, labels: Images | None, n: int, name: str
+) -> None:
+    _check(colors, n, "colour images", "uint8 of shape (h, w, 3)", _is_color, name)
+    _check(depths_m, n, "depth images", "floats of shape (h, w), in m", _is_depth, name)
+    if labels is not None:
+        _check_labels(labels, colors, n, name)
 
 
 def _check_labels(labels: Images, colors: Images, n: int, name: str) -> None:

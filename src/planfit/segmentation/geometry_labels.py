@@ -107,7 +107,7 @@ def _label_levels(
 def to_full_size(
     labels: UInt8[np.ndarray, "h2 w2"], step_px: int, shape: tuple[int, int]
 ) -> UInt8[np.ndarray, "h w"]:
-    """Labels of a thinned image at the size (h, w) of its depth image."""
+    """Labels of a thinned image at the size of its depth image."""
     full = np.repeat(np.repeat(labels, step_px, axis=0), step_px, axis=1)
     missing = (max(0, shape[0] - full.shape[0]), max(0, shape[1] - full.shape[1]))
     if any(missing):

@@ -144,7 +144,7 @@ def _draw_walls(pen: Pen, solid: BaseGeometry, options: DrawingOptions) -> None:
 
 
 def _faces(solid: BaseGeometry) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, "n 2"]]:
-    """Edges (n, 2, 2) of solid wall, m, and normals (n, 2) out of it."""
+    """Edges of solid wall, m, and normals out of it."""
     rings = [
         np.asarray(ring.coords)
         for part in shapely.get_parts(shapely.simplify(solid, 1e-6))
@@ -158,7 +158,7 @@ def _faces(solid: BaseGeometry) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.nd
 def _photographed(
     image: UInt8[np.ndarray, "h w"], options: DrawingOptions, rng: np.random.Generator
 ) -> tuple[UInt8[np.ndarray, "a b"], Float[np.ndarray, "3 3"]]:
-    """Skewed, shaded, noisy picture, and the homography (3, 3) from the sheet to it."""
+    """Skewed, shaded, noisy picture, and the homography from the sheet to it."""
     h, w = image.shape
     homography = np.eye(3)
     if options.skew_deg or options.perspective:

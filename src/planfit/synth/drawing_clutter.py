@@ -98,7 +98,7 @@ def _draw_stairs(pen: Pen, room: Rect, line_px: float) -> None:
 
 
 def _draw_dimension(pen: Pen, cuts: Float[np.ndarray, " n"], y: float, line_px: float) -> None:
-    """A line of dimensions with ticks, extension lines and figures."""
+    """A line of dimensions with ticks, extension lines and numbers."""
     pen.line(np.array([[cuts[0] - 0.15, y], [cuts[-1] + 0.15, y]]), line_px)
     for x in cuts:
         pen.line(np.array([[x - 0.08, y - 0.08], [x + 0.08, y + 0.08]]), line_px)

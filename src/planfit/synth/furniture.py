@@ -45,7 +45,7 @@ class Footprint:
     """rad"""
 
     def distance(self, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-        """Distances (n,) m from points (n, 2); 0 inside."""
+        """Distances, m, from points; 0 inside."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         local = np.abs((xy - self.centre) @ np.array([[c, -s], [s, c]])) - self.half
         return np.linalg.norm(np.maximum(local, 0.0), axis=-1)

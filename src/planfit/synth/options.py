@@ -86,7 +86,7 @@ class WalkOptions:
     """The way of the person who holds the camera."""
 
     n_frames: int = 180
-    """Frames, spread evenly over the way by motion: a turn counts like a step. For 4 rooms of
+    """Frames, spread evenly over the way by motion: a rotation counts like a step. For 4 rooms of
     usual size, 180 frames are at most 0.33 m and 17 degrees apart, 9 degrees on average."""
     is_loop: bool = True
     """Whether the walk ends where it began, with the same view."""

@@ -52,7 +52,7 @@ class Renderer:
     def hit_quads(
         self, camera: Camera, plan_from_cam: Float[np.ndarray, "4 4"]
     ) -> Int[np.ndarray, "h w"]:
-        """Index of the rectangle that each pixel sees, (h, w); -1 for none."""
+        """Index of the rectangle that each pixel sees; -1 for none."""
         directions = _rays(camera) @ plan_from_cam[:3, :3].T
         origins = np.broadcast_to(plan_from_cam[:3, 3], directions.shape)
         triangles = self._caster.intersects_first(origins, directions)
@@ -64,7 +64,7 @@ class Renderer:
 
         Args:
             camera: intrinsics and image size.
-            plan_from_cam: (4, 4) pose, OpenCV camera axes.
+            plan_from_cam: pose, OpenCV camera axes.
         """
         quads, lights = self.quads, self.lights
         shape = (camera.height, camera.width)
@@ -93,7 +93,7 @@ class Renderer:
 
 @lru_cache(maxsize=4)
 def _rays(camera: Camera) -> Float[np.ndarray, "n 3"]:
-    """Directions (n, 3) of all pixels, z = 1, camera frame; shared, so not to be written to."""
+    """Directions of all pixels, z = 1, camera frame; shared, so not to be written to."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     return camera.rays(np.stack([u.ravel(), v.ravel()], axis=-1).astype(float))
 

@@ -78,7 +78,7 @@ class NearestTerm:
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple["NearestPointCorrespondences", float]:
-        """Nearest faces and weights at plan_from_cams (n, 4, 4)."""
+        """Nearest faces and weights at plan_from_cams."""
         o, patches = self.options, self.patches
         points, start = patches.points_cam, patches.start
         poses = target_from_cams[patches.frame_idx]

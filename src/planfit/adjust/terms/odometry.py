@@ -1,7 +1,7 @@
 """Odometry term: steps between frames are as the tracker recorded them, within its sigma.
 
 Not in the paper. Without it, a frame that has no match and sees no wall floats, and a bundle of wrong
-matches bends the path where nothing else holds it.
+matches deforms the path where nothing else holds it.
 """
 
 from dataclasses import dataclass, field

@@ -109,7 +109,7 @@ class RayTerm:
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple["RayQuadratic", float]:
-        """Weights of the matches at poses (n, 4, 4)."""
+        """Weights of the matches at poses."""
         distance, sigma_sq = self.ray_pairs.distances(target_from_cams), self.matches.sigma**2
         rho, weight = loss_value(distance**2 / sigma_sq, self.options.loss)
         counts = np.diff(self.matches.start)

@@ -124,7 +124,7 @@ class ReprojectionTerm:
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple["ReprojectionQuadratic", float]:
-        """Weights of the reprojected matches at poses (n, 4, 4); those behind the camera have none."""
+        """Weights of the reprojected matches at poses; those behind the camera have none."""
         o, reprojected = self.options, self.reprojected
         squared, is_on = reprojected.squared(target_from_cams)
         counts = np.diff(reprojected.start)

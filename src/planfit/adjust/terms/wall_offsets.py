@@ -1,6 +1,6 @@
 """Wall offsets: each face of the plan may stand off where it is drawn, along its normal.
 
-Not in the paper. A plan that is a few centimetres wrong otherwise bends the scan. A face is given a
+Not in the paper. A plan that is a few centimetres wrong otherwise deforms the scan. A face is given a
 pose among the unknowns behind those of the cameras: a transform that starts as the identity and whose
 translation along the normal is the offset. So the solver, its pattern and its covariances serve offsets
 without knowing of them.
@@ -70,16 +70,16 @@ class OffsetPlaneMoments:
 
     def cost(self, unknowns: Float[np.ndarray, "u 4 4"]) -> float:
         """Half the weighted sum of squares."""
-        return self._shifted(unknowns).cost(unknowns)
+        return self._displaced(unknowns).cost(unknowns)
 
     def normal_blocks(self, unknowns: Float[np.ndarray, "u 4 4"]) -> NormalBlocks:
         """Blocks of cameras, of faces, and between them: d residual / d translation = -normal."""
-        shifted = self._shifted(unknowns)
-        cams = shifted.normal_blocks(unknowns)
-        poses = unknowns[shifted.pose_idx]
-        normals = shifted.planes[:, :3]
-        ones = shifted.moments[:, :, 3]  # (k, 4) sum of w p~
-        residual = np.einsum("ki,ki->k", np.einsum("kji,kj->ki", poses, shifted.planes), ones)
+        displaced = self._displaced(unknowns)
+        cams = displaced.normal_blocks(unknowns)
+        poses = unknowns[displaced.pose_idx]
+        normals = displaced.planes[:, :3]
+        ones = displaced.moments[:, :, 3]  # (k, 4) sum of w p~
+        residual = np.einsum("ki,ki->k", np.einsum("kji,kj->ki", poses, displaced.planes), ones)
         levers = np.einsum("kij,kj->ki", poses[:, :3, :3], ones[:, :3])
         by_cam = np.concatenate([np.cross(levers, normals), ones[:, 3:] * normals], axis=1)
         across = np.zeros((len(poses), 6, 6))
@@ -90,13 +90,13 @@ class OffsetPlaneMoments:
         n = len(unknowns)
         everyone = np.arange(n)
         return NormalBlocks(
-            np.concatenate([cams.rows, everyone, shifted.pose_idx]),
+            np.concatenate([cams.rows, everyone, displaced.pose_idx]),
             np.concatenate([cams.columns, everyone, self.face_idx]),
             np.concatenate([cams.blocks, sum_by_pose(self.face_idx, own, n), across]),
             cams.gradient + sum_by_pose(self.face_idx, by_face, n),
         )
 
-    def _shifted(self, unknowns: np.ndarray) -> PlaneMoments:
+    def _displaced(self, unknowns: np.ndarray) -> PlaneMoments:
         planes = self.drawn.planes.copy()
         translations = unknowns[self.face_idx, :3, 3]
         planes[:, 3] -= np.einsum("ki,ki->k", planes[:, :3], translations)

@@ -89,7 +89,7 @@ def _dashes(
 
 
 def _surface(path: Path) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], bool]:
-    """Points (n, 3), unit normals (n, 3), and whether those tell the free side."""
+    """Points, unit normals, and whether those tell the free side."""
     if path.stat().st_size == 0:
         raise FloorplanError(f"{path}: expected a mesh or a point cloud, found an empty file")
     try:
@@ -119,7 +119,7 @@ def _surface(path: Path) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n
 
 
 def _normals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Unit normals (n, 3) of the planes through each point's neighbours; the sign says nothing."""
+    """Unit normals of the planes through each point's neighbours; the sign says nothing."""
     _, idx = scipy.spatial.cKDTree(points).query(points, k=min(_NEIGHBOURS, len(points)))
     offset = points[idx] - points[idx].mean(axis=1, keepdims=True)
     _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))

@@ -92,7 +92,7 @@ def load_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def load_wall_mask(path: Path, shape: tuple[int, ...], name: str) -> Bool[np.ndarray, "h w"]:
-    """Where the user's picture of the walls of plan `name` is white, of the plan's `shape` (h, w).
+    """Where the user's picture of the walls of plan `name` is white, of the plan's `shape`.
 
     Raises:
         FloorplanError: it is missing, of another size, or all of one tone.

@@ -181,10 +181,10 @@ def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> 
 def _inside_outlines(
     darkness: Float[np.ndarray, "h w"], tone: float, fill: UInt8[np.ndarray, "h w"], line_px: float
 ) -> UInt8[np.ndarray, "h w"]:
-    """Mask (h, w) uint8 of a tone up to where the strokes around it begin, without what only passes through
+    """Mask of a tone up to where the strokes around it begin, without what only passes through
     the tone: the rims of letters and lines.
 
-    `fill` (h, w) uint8 marks pixels of the tone.
+    `fill` marks pixels of the tone.
     """
     # Half way to the paper and to the stroke: a light tone is nearer to the paper than to the stroke.
     low, high = tone / 2, tone + 0.5 * (min(1.0, tone + 0.5) - tone)

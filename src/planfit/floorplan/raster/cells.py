@@ -42,7 +42,7 @@ class _Cells:
 def find_wall_cells(
     lines: UInt8[np.ndarray, "h w"], line_px: float, extent_px: float
 ) -> UInt8[np.ndarray, "h w"]:
-    """Mask (h, w) uint8 of the paper inside the outlines of walls; 0 everywhere where there is none.
+    """Mask of the paper inside the outlines of walls; 0 everywhere where there is none.
 
     Args:
         lines: 1 on everything dark, walls along rows and columns.
@@ -74,7 +74,7 @@ def find_wall_cells(
 
 
 def _outlines(labels: Int[np.ndarray, "h w"], count: int) -> Float[np.ndarray, " count"]:
-    """Length (count,) of the border of each label, in edges of pixels."""
+    """Length of the border of each label, in edges of pixels."""
     total = np.zeros(count)
     for one, other in ((labels[:, :-1], labels[:, 1:]), (labels[:-1], labels[1:])):
         is_border = one != other
@@ -84,7 +84,7 @@ def _outlines(labels: Int[np.ndarray, "h w"], count: int) -> Float[np.ndarray, "
 
 
 def _are_stacked(cells: _Cells, gap_px: float) -> Bool[np.ndarray, " n"]:
-    """Rectangles (n,) bool beside others of the same length: parts of windows, stairs, lists."""
+    """Which rectangles stand beside others of the same length: parts of windows, stairs, lists."""
     result = np.zeros(len(cells.area), dtype=bool)
     is_box = cells.area > 0.9 * (cells.side - 1).prod(axis=1)  # a tilt adds a row
     is_box &= cells.side.max(axis=1) > 8

@@ -75,7 +75,7 @@ def interpret(candidate: Candidate, extent_px: float, is_given: bool = False) ->
         )
     good = float(straight[is_wall].sum())
     straight_share = good / float(outline.sum())
-    # Walls hang together: long walls are better evidence than many short ones of the same length.
+    # Walls hang together: long walls tell more than many short ones of the same length.
     weight = straight / (straight + 0.3 * extent_px)
     return Interpretation(
         candidate,
@@ -244,7 +244,7 @@ def _goes_on(
 
 
 def _long_lines(region: shapely.Polygon) -> Float[np.ndarray, "k 6"]:
-    """Normal, offset, middle and length (k, 6) of a region's longer edges."""
+    """Normal, offset, middle and length of a region's longer edges."""
     rows = []
     for ring in (region.exterior, *region.interiors):
         points = np.asarray(ring.coords)

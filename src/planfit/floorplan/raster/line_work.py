@@ -49,7 +49,7 @@ class LineWork:
     def empty_strips(self, lines: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
         """(h, w) uint8, 1 in strips that nothing is drawn in, as hatching would be.
 
-        `lines` (h, w) uint8: everything dark.
+        `lines`: everything dark.
         """
         result = np.zeros_like(lines)
         for strip in self.strips:
@@ -64,7 +64,7 @@ class LineWork:
 
 
 def find_line_work(lines: UInt8[np.ndarray, "h w"], widest: int) -> LineWork:
-    """Lines in a mask (h, w) uint8 of everything dark, and strips between them up to `widest` px wide."""
+    """Lines in a mask of everything dark, and strips between them up to `widest` px wide."""
     turned = np.ascontiguousarray(lines.T)
     along_rows, along_columns = _along_rows(lines), _along_rows(turned)
     with ThreadPoolExecutor(2) as pool:  # NumPy and OpenCV let go of the interpreter
@@ -101,7 +101,7 @@ def _usual_width(*along: UInt8[np.ndarray, "_ _"]) -> float:
 
 def _gap_across(lines: UInt8[np.ndarray, "h w"]) -> Int[np.ndarray, "h w"]:
     """At each empty pixel, the count of empty pixels between the line above and the line below; 0 on lines
-    and where there is no line on one side. (h, w) int16."""
+    and where there is no line on one side. int16."""
     h = len(lines)
     rows = np.arange(h, dtype=np.int16)[:, None]
     above = np.maximum.accumulate(np.where(lines > 0, rows, np.int16(-1)), axis=0)

@@ -15,7 +15,7 @@ def find_openings(
     normals: Float[np.ndarray, "n 2"],
     thickness: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "k 2 2"]:
-    """Openings (k, 2, 2) along the faces they interrupt, one on each face of the wall.
+    """Openings along the faces they interrupt, one on each face of the wall.
 
     Only gaps that both faces have count: a gap in one face alone is a wall that meets it, or a recess.
 
@@ -48,7 +48,7 @@ def _gaps(
     normals: Float[np.ndarray, "n 2"],
     thickness: Float[np.ndarray, " n"],
 ) -> list[tuple[Float[np.ndarray, "2 2"], Float[np.ndarray, "2"], float]]:
-    """Gaps between faces of one line: ends (2, 2), normal (2,), thickness of the wall."""
+    """Gaps between faces of one line: ends, normal, thickness of the wall."""
     lengths = segments.lengths(ends)
     # A jamb is short and has the whole length of its wall behind it.
     is_long = lengths > 0.5 * thickness

@@ -58,11 +58,11 @@ def check_size(name: str, width: int, height: int) -> None:
 
 
 def make_darkness(
-    image_bgr: UInt8[np.ndarray, "h w 3"], name: str, is_judged: bool = True
+    image_bgr: UInt8[np.ndarray, "h w 3"], name: str, must_be_drawing: bool = True
 ) -> Float[np.ndarray, "h w"]:
-    """Darkness (h, w) float32 over the paper around each place: even under uneven light.
+    """Darkness, float32, over the paper around each place: even under uneven light.
 
-    `is_judged`: refuse what is no drawing.
+    `must_be_drawing`: refuse what is no drawing.
 
     Raises:
         FloorplanError: too large or small, or the picture has no paper (it is a photograph of something
@@ -73,7 +73,7 @@ def make_darkness(
     if np.median(grey) < 100:  # a drawing in white on dark
         grey = 255 - grey
     darkness = _over_paper(grey)
-    if not is_judged:
+    if not must_be_drawing:
         return darkness
     if float((darkness > 0.25).mean()) < 2e-4:
         raise FloorplanError(
@@ -157,7 +157,7 @@ def _window(
 
 
 def _peaks(counts: Float[np.ndarray, "360"]) -> list[float]:
-    """Angles in (-45, 45], deg, that much line work has, most first; `counts` (360,) over 0 to 90 deg."""
+    """Angles in (-45, 45], deg, that much line work has, most first; `counts` over 0 to 90 deg."""
     kernel = np.exp(-0.5 * (np.arange(-8, 9) / 3.0) ** 2)
     smooth = np.convolve(np.concatenate([counts[-8:], counts, counts[:8]]), kernel, "valid")
     top = smooth.max()
@@ -223,7 +223,7 @@ def _sharpness(small: Float[np.ndarray, "h w"], angle_deg: float) -> float:
 
 
 def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """The picture (h, w) with the frame blanked; the same where there is none."""
+    """The picture with the frame blanked; the same where there is none."""
     lines = (darkness > _DARK).astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
     marks = stats[1:][stats[1:, 4] > 40]  # specks lie anywhere
@@ -254,7 +254,7 @@ def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"
 
 
 def _is_outline(inside: Bool[np.ndarray, "h w"], far: float) -> bool:
-    """Whether what is inside (h, w) bool a closed line keeps the distance of a wall to it on all sides."""
+    """Whether what is inside a closed line keeps the distance of a wall to it on all sides."""
     gaps = []
     for turned in (inside, inside[::-1], inside.T, inside.T[::-1]):
         first = np.argmax(turned, axis=0)[turned.any(axis=0)]

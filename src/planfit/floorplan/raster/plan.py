@@ -60,7 +60,7 @@ def plan_of_picture(
     Raises:
         FloorplanError: too large or too small, blank, a photograph, or without walls.
     """
-    darkness = make_darkness(image_bgr, name, is_judged=wall_mask is None)
+    darkness = make_darkness(image_bgr, name, must_be_drawing=wall_mask is None)
     upright = make_upright(darkness if wall_mask is None else wall_mask.astype(np.float32))
     if wall_mask is not None:
         upright = replace(upright, darkness=_rotated(darkness, upright))

@@ -17,7 +17,7 @@ def find_storeys(
     openings: Float[np.ndarray, "k 2 2"],
     lines: Bool[np.ndarray, "h w"],
 ) -> Int[np.ndarray, " n"]:
-    """Number of the storey (n,) of each region of wall (n,) of polygons; numbered as one reads a page.
+    """Number of the storey of each region of wall; numbered as one reads a page.
 
     Args:
         walls: polygons.

@@ -19,7 +19,7 @@ _SNAP_PX = 1.0
 
 
 def trace_regions(mask: UInt8[np.ndarray, "h w"], grow_px: float) -> list[BaseGeometry]:
-    """Polygons around the connected parts of a mask (h, w) uint8, in pixels (u, v), holes included.
+    """Polygons around the connected parts of a mask, in pixels (u, v), holes included.
 
     Args:
         mask: 1 where there is wall.
@@ -52,7 +52,7 @@ def trace_regions(mask: UInt8[np.ndarray, "h w"], grow_px: float) -> list[BaseGe
 
 
 def _area(contour: Int[np.ndarray, "n 1 2"], reach: float) -> BaseGeometry:
-    """Inside of a contour (n, 1, 2), its edge moved out by `reach`."""
+    """Inside of a contour, its edge moved out by `reach`."""
     ring = straighten(contour[:, 0].astype(float))
     if len(ring) < 3:
         return shapely.buffer(shapely.LineString(ring), reach, cap_style="square") if len(
@@ -62,7 +62,7 @@ def _area(contour: Int[np.ndarray, "n 1 2"], reach: float) -> BaseGeometry:
 
 
 def straighten(ring: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
-    """Corners (k, 2) of a closed outline (n, 2) of pixels: lines fitted to its straight parts, met."""
+    """Corners of a closed outline of pixels: lines fitted to its straight parts, met."""
     corner_idx = _corners(ring)
     k = len(corner_idx)
     if k < 3:
@@ -93,7 +93,7 @@ def _corners(ring: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " k"]:
 def _fit_line(
     points: Float[np.ndarray, "m 2"],
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """A point and a unit direction: the median line of the points (m, 2), along an axis where they allow."""
+    """A point and a unit direction: the median line of the points, along an axis where they allow."""
     ends = points[-1] - points[0]
     trim = len(points) // 8
     kept = points[trim : len(points) - trim] if len(points) > 8 else points

@@ -145,7 +145,7 @@ def hatched_areas(
 
 
 def _covers(hatches: Float[np.ndarray, "n 2 2"], area: BaseGeometry) -> bool:
-    """Whether lines (n, 2, 2), each as wide as they are apart, cover most of an area: a flight of stairs
+    """Whether lines, each as wide as they are apart, cover most of an area: a flight of stairs
     in a room does not."""
     along = hatches[:, 1] - hatches[:, 0]
     longest = along[np.argmax(np.linalg.norm(along, axis=1))]
@@ -162,7 +162,7 @@ def _covers(hatches: Float[np.ndarray, "n 2 2"], area: BaseGeometry) -> bool:
 
 
 def edges_of_rooms(rooms: list[BaseGeometry], tolerance: float) -> Float[np.ndarray, "n 2 2"]:
-    """Edges (n, 2, 2) of rooms with the room on the left; where two rooms meet without a wall
+    """Edges of rooms with the room on the left; where two rooms meet without a wall
     between them, within `tolerance`, there is none."""
     parts = [p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
              if p.geom_type == "Polygon" and not p.is_empty]  # fmt: skip

@@ -100,7 +100,7 @@ def estimate_thickness(
 def rows_of_lines(
     ends: Float[np.ndarray, "n 2 2"], style: Int[np.ndarray, " n"], max_gap: float
 ) -> Bool[np.ndarray, " n"]:
-    """Which lines (n,) belong to a row of six or more alike at equal distance: hatches, treads.
+    """Which lines belong to a row of six or more alike at equal distance: hatches, treads.
 
     Two neighbours at equal distance on its two sides make a line regular; four regular ones that
     follow each other make a row. The panes of a window are fewer.
@@ -156,7 +156,7 @@ def faces_of_lines(
     is_surely_wall: Bool[np.ndarray, " n"],
     free_side: Int[np.ndarray, " n"],
 ) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
-    """Faces of walls drawn as two lines, and the lines (n,) that lie between two faces (windows).
+    """Faces of walls drawn as two lines, and the lines that lie between two faces (windows).
 
     Args:
         ends: merged, no two on one another.

@@ -18,7 +18,7 @@ MAX_LINES = 100_000
 
 
 def flatten_cubic(controls: Float[np.ndarray, "4 2"]) -> tuple[Float[np.ndarray, "k 2"], bool]:
-    """Points (k, 2) along a cubic with control points (4, 2), its first left out, and whether it bends.
+    """Points along a cubic with control points, its first left out, and whether it bends.
 
     A straight one is one segment: some programs write straight walls as curves.
     """
@@ -42,7 +42,7 @@ def flatten_cubic(controls: Float[np.ndarray, "4 2"]) -> tuple[Float[np.ndarray,
 def merge_collinear(
     ends: Float[np.ndarray, "n 2 2"], tolerance: float
 ) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " n"]]:
-    """Lines (m, 2, 2) that cover the same ground, and for each of (n, 2, 2) the one it went into.
+    """Lines that cover the same ground, and for each of the given ones the one it went into.
 
     Only lines that touch within `tolerance` and stay as near to the line of the longer one are
     joined: a door between two parts of a wall stays open.
@@ -90,7 +90,7 @@ def cut_out(
 
 
 def ends_of(lines: Shaped[np.ndarray, " n"]) -> Float[np.ndarray, "n 2 2"]:
-    """First and last point (n, 2, 2) of line strings, which overlays may give points in between."""
+    """First and last point of line strings, which overlays may give points in between."""
     first, last = shapely.get_point(lines, 0), shapely.get_point(lines, -1)
     both = np.stack([shapely.get_coordinates(first), shapely.get_coordinates(last)], axis=1)
     return both.reshape(-1, 2, 2)
@@ -109,7 +109,7 @@ def outlines(shapes: Sequence[BaseGeometry]) -> Float[np.ndarray, "k 2 2"]:
 
 
 def longest(ends: Float[np.ndarray, "n 2 2"], n: int = MAX_LINES) -> Float[np.ndarray, "k 2 2"]:
-    """At most `n` of the segments (k, 2, 2), in their order."""
+    """At most `n` of the segments, in their order."""
     if len(ends) <= n:
         return ends
     shortest_first = np.argsort(segments.lengths(ends), kind="stable")
@@ -119,12 +119,12 @@ def longest(ends: Float[np.ndarray, "n 2 2"], n: int = MAX_LINES) -> Float[np.nd
 def moved(
     ends: Float[np.ndarray, "n 2 2"], there_from_here: Float[np.ndarray, "3 3"]
 ) -> Float[np.ndarray, "n 2 2"]:
-    """Segments (k, 2, 2) under an affine map (3, 3)."""
+    """Segments under an affine map."""
     return ends @ there_from_here[:2, :2].T + there_from_here[:2, 2]
 
 
 def usual_extent(points: Float[np.ndarray, "n 2"]) -> float:
-    """Larger side of the box around points (n, 2), without those further from the middle than twenty times
+    """Larger side of the box around points, without those further from the middle than twenty times
     the median: one stray line a world away must not make the rest specks."""
     away = np.abs(points - np.median(points, axis=0))
     usual = float(np.median(away, axis=0).max())

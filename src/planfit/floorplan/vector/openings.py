@@ -53,13 +53,13 @@ def is_door_leaf(
     arcs: Float[np.ndarray, "k 2 2"],
     arc_lengths: Float[np.ndarray, " k"],
 ) -> Bool[np.ndarray, " n"]:
-    """Which lines (n, 2, 2) reach from the centre of a quarter circle to one of its ends, or join those of a
+    """Which lines reach from the centre of a quarter circle to one of its ends, or join those of a
     half circle.
 
     Args:
         ends: lines that may be leaves.
         arcs: ends of curves of any kind.
-        arc_lengths: (k,)
+        arc_lengths: lengths of those curves.
     """
     found = np.zeros(len(ends), dtype=bool)
     if len(ends) == 0:
@@ -132,7 +132,7 @@ def take_out_windows(
 def _boxes(
     ends: Float[np.ndarray, "n 2 2"], least: float, most: float, tolerance: float
 ) -> Float[np.ndarray, "k 4 2"]:
-    """Corners (k, 4, 2) of the openings, the first two along one face of the wall."""
+    """Corners of the openings, the first two along one face of the wall."""
     n = len(ends)
     tree = shapely.STRtree(line_strings(ends))
     left, length = segments.left_normals(ends), segments.lengths(ends)
@@ -162,7 +162,7 @@ def _boxes(
 
 
 def _in_rows(boxes: Float[np.ndarray, "n 4 2"], tolerance: float) -> Float[np.ndarray, "k 4 2"]:
-    """Boxes (k, 4, 2) with those made one that only a mullion, no wider than the wall is thick, parts."""
+    """Boxes with those made one that only a mullion, no wider than the wall is thick, parts."""
     rows = [*boxes]
     at = 0
     while at < len(rows):
@@ -219,7 +219,7 @@ def _is_in_wall(
 
 
 def _outermost(boxes: Float[np.ndarray, "n 4 2"], tolerance: float) -> Float[np.ndarray, "k 4 2"]:
-    """Boxes (k, 4, 2) without those within others: frames within openings."""
+    """Boxes without those within others: frames within openings."""
     polygons = np.asarray(shapely.polygons(boxes), dtype=object)
     order = np.argsort(-shapely.area(polygons), kind="stable")
     kept: list[int] = []

@@ -58,7 +58,7 @@ def faces_of_regions(walls: BaseGeometry, tolerance: float, min_length: float) -
 def _thickness(
     solid: BaseGeometry, ends: Float[np.ndarray, "n 2 2"], normals: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, " n"]:
-    """Median length (n,) of the wall behind three points of each face, straight through."""
+    """Median length of the wall behind three points of each face, straight through."""
     reach = float(np.ptp(ends.reshape(-1, 2), axis=0).max())
     lengths = []
     for share in (0.25, 0.5, 0.75):
@@ -76,7 +76,7 @@ def _thickness(
 def section_segments(
     corners: Float[np.ndarray, "k 3"], triangles: Int[np.ndarray, "m 3"], height: float
 ) -> Float[np.ndarray, "n 2 2"]:
-    """Segments (n, 2, 2), x-y, where a level plane meets triangles (m, 3) over corners (k, 3).
+    """Segments in x-y where a level plane meets triangles over corners.
 
     Corners at the very height count as above, so that each triangle gives one segment or none.
     """

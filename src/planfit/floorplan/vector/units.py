@@ -183,7 +183,7 @@ def scale_of_dimensions(
     ends: Float[np.ndarray, "n 2 2"], texts: tuple[Text, ...]
 ) -> DimensionScale | None:
     """Metres of one unit of the drawing, where at least three texts of different lengths agree
-    within 1 % with the lines (n, 2, 2) they stand at the middle of, and they are most of the
+    within 1 % with the lines they stand at the middle of, and they are most of the
     texts that have such a line.
     """
     candidates: list[tuple[float, float, bool, int]] = []

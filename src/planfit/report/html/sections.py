@@ -17,7 +17,7 @@ from planfit.report.measures import BeforeAfter, Measures
 from planfit.report.plots import charts
 from planfit.report.plots.close_ups import choose_close_ups
 from planfit.report.plots.cross_sections import CrossSection, cut_walls, draw_section
-from planfit.report.plots.drawing import AGREES, NOT_SEEN, PANEL_IN, SHIFTED, UNMATCHED, Picture
+from planfit.report.plots.drawing import AGREES, DISPLACED, NOT_SEEN, PANEL_IN, UNMATCHED, Picture
 from planfit.report.plots.matches import (
     loop_closure_map,
     loop_closures_of,
@@ -129,12 +129,12 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
     n_patches = len(result.structure.walls)
     if n_patches == 0:
         return "<h2>Walls of the plan</h2><p>No wall patch was seen in this scan.</p>"
-    faces = seen_faces(floorplan, result.walls)
-    association = result.walls.association
+    faces = seen_faces(floorplan, result.adjustment)
+    association = result.adjustment.association
     n_lost = n_patches - association.n_associated
     keys = (
         (AGREES, "agrees with the scan"),
-        (SHIFTED, "scanned elsewhere (number: see table)"),
+        (DISPLACED, "scanned elsewhere (number: see table)"),
         (UNMATCHED, "scanned, but not on the plan"),
         (NOT_SEEN, "drawn, but not scanned"),
     )
@@ -239,17 +239,17 @@ def _walls_in_words(faces: Sequence[SeenFace]) -> str:
     if not faces:
         return "No wall of the plan was recognised in the scan."
     agree = sum(face.agrees for face in faces)
-    shifted = sorted((f for f in faces if f.is_shifted), key=lambda f: -abs(f.offset))
-    few = len(faces) - agree - len(shifted)
+    displaced = sorted((f for f in faces if f.is_displaced), key=lambda f: -abs(f.offset))
+    few = len(faces) - agree - len(displaced)
     parts = [
         f"Of {len(faces)} walls of the plan that were seen, {agree} agree with the scan within "
         f"{100 * AGREES_WITHIN_M:.0f}{formatting.SPACE}cm."
     ]
-    if shifted:
-        told = ", ".join(f"No.{formatting.SPACE}{f.number} ({f.verdict})" for f in shifted[:3])
-        more = " and others" if len(shifted) > 3 else ""
+    if displaced:
+        told = ", ".join(f"No.{formatting.SPACE}{f.number} ({f.verdict})" for f in displaced[:3])
+        more = " and others" if len(displaced) > 3 else ""
         parts.append(
-            f"{len(shifted)} {_plural(len(shifted), 'lies', 'lie')} elsewhere: {told}{more}."
+            f"{len(displaced)} {_plural(len(displaced), 'lies', 'lie')} elsewhere: {told}{more}."
         )
     if few:
         parts.append(

@@ -104,7 +104,7 @@ def statistics_table(result: RefineResult, path_length: float) -> str:
         result: the run.
         path_length: m, of the recorded path.
     """
-    matches, structure, walls = result.matches, result.structure, result.walls
+    matches, structure, adjustment = result.matches, result.structure, result.adjustment
     n_wall = structure.n_wall_points
     rows = [
         ("frames", formatting.count(len(result.plan_from_cams))),
@@ -121,9 +121,9 @@ def statistics_table(result: RefineResult, path_length: float) -> str:
         ("wall patches", formatting.count(len(structure.walls))),
         (
             "of these, found on the plan",
-            formatting.count(walls.association.n_associated)
+            formatting.count(adjustment.association.n_associated)
             + (
-                f" ({formatting.share(walls.association.n_associated / len(structure.walls))})"
+                f" ({formatting.share(adjustment.association.n_associated / len(structure.walls))})"
                 if len(structure.walls)
                 else ""
             ),
@@ -134,9 +134,9 @@ def statistics_table(result: RefineResult, path_length: float) -> str:
         *_alignment_rows(result),
         (
             "rounds of wall association",
-            f"{walls.rounds}, {'settled' if walls.settled else 'not settled'}",
+            f"{adjustment.rounds}, {'converged' if adjustment.converged else 'not converged'}",
         ),
-        ("last solve ended because", escape(walls.solution.stop.value)),
+        ("last solve ended because", escape(adjustment.solution.stop.value)),
     ]
     return table(("", ""), rows, "ww")
 

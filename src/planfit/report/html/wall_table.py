@@ -43,7 +43,7 @@ def wall_table(
     has_solved = any(face.solved for face in faces)
     heads = (*_HEADS, "given way by") if has_solved else _HEADS
     blank = (_NONE,) if has_solved else ()
-    rows = [("shifted" if f.is_shifted else "", _seen(f, has_solved)) for f in faces]
+    rows = [("displaced" if f.is_displaced else "", _seen(f, has_solved)) for f in faces]
     rows += [("undrawn", (*_undrawn(wall), *blank)) for wall in undrawn]
     if len(unseen):
         assert floorplan is not None

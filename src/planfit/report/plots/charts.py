@@ -13,6 +13,7 @@ from planfit.report.plots.drawing import (
     AFTER,
     AGREES,
     BEFORE,
+    DISPLACED,
     FONT_PT,
     GREY,
     INK,
@@ -20,7 +21,6 @@ from planfit.report.plots.drawing import (
     NOT_SEEN,
     PANEL_IN,
     PATH,
-    SHIFTED,
     UNMATCHED,
     Picture,
     add_axes,
@@ -153,12 +153,12 @@ def wall_map(
     set_up_view(axes, crop)
     _, ends = wall_patches_in_plan(result.structure.walls, result.plan_from_cams)
     draw_faces(axes, crop, floorplan.ends, NOT_SEEN, 0.7, 2)
-    draw_faces(axes, crop, ends[result.walls.association.face_idx < 0], UNMATCHED, 1.2, 3)
-    for is_shifted, color, width_pt in ((False, AGREES, 1.8), (True, SHIFTED, 2.2)):
-        chosen = [face.face_idx for face in faces if face.is_shifted == is_shifted]
+    draw_faces(axes, crop, ends[result.adjustment.association.face_idx < 0], UNMATCHED, 1.2, 3)
+    for is_displaced, color, width_pt in ((False, AGREES, 1.8), (True, DISPLACED, 2.2)):
+        chosen = [face.face_idx for face in faces if face.is_displaced == is_displaced]
         draw_faces(axes, crop, floorplan.ends[chosen], color, width_pt, 4)
     for face in faces:
-        if face.is_shifted and crop.contains(np.array([face.middle_xy]))[0]:
+        if face.is_displaced and crop.contains(np.array([face.middle_xy]))[0]:
             axes.annotate(
                 str(face.number),
                 face.middle_xy,
@@ -166,7 +166,7 @@ def wall_map(
                 textcoords="offset points",
                 fontsize=FONT_PT - 0.5,
                 fontweight="bold",
-                color=SHIFTED,
+                color=DISPLACED,
                 bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.85},
                 zorder=6,
             )

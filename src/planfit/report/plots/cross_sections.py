@@ -46,7 +46,7 @@ def cut_walls(
     A wall counts by its mean change of distance times the root of its points: a long wall that came
     together says more than a stub.
     """
-    association, patches = result.walls.association, result.structure.walls
+    association, patches = result.adjustment.association, result.structure.walls
     scored = []
     for face in faces:
         if face.n_patches < FEW_PATCHES:

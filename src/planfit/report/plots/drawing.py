@@ -11,7 +11,7 @@ from PIL import Image
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 BEFORE, AFTER = "#d55e00", "#0072b2"
-AGREES, SHIFTED, UNMATCHED, NOT_SEEN = "#009e73", "#aa3377", "#e69f00", "#b8c0c9"
+AGREES, DISPLACED, UNMATCHED, NOT_SEEN = "#009e73", "#aa3377", "#e69f00", "#b8c0c9"
 INK, GREY, LIGHT = "#1f2933", "#6b7785", "#d5dae0"
 PATH = "#7b3fa0"
 

@@ -85,7 +85,7 @@ class ImageFiles:
 def drop_unsure(
     depth: Float[np.ndarray, "h w"], confidence: np.ndarray, least: int, where: str
 ) -> None:
-    """Set depth to NaN, in place, where confidence (h, w) is below `least`.
+    """Set depth to NaN, in place, where confidence is below `least`.
 
     Raises:
         ScanError: the two do not have one size.

@@ -157,7 +157,7 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
     poses, known, warnings = poses_of_bag(
         path, reader, tree, topics.pose, camera_frame, times, options.max_time_gap_s
     )
-    color_from_depth, doubt = _mount_of_depth(listing.first, topics, tree)
+    color_from_depth, mount_warnings = _mount_of_depth(listing.first, topics, tree)
     sizes = (
         _size(color_of_message(listing.first[topics.color], topics.color)),
         _size(depth_of_message(listing.first[topics.depth], topics.depth)),
@@ -191,7 +191,7 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
             for i in np.setdiff1d(np.arange(len(listing.colors)), mine)
         ]
         + [f"frame at {time:.6f} s: no pose" for time in times[~known]],
-        warnings=[*warnings, *doubt],
+        warnings=[*warnings, *mount_warnings],
     )
 
 
