@@ -154,7 +154,7 @@ def robustness(seeds: int) -> list[dict]:
 
 def drift_table(rows: list[dict]) -> str:
     lines = [
-        "| drift | before, median | default: median, worst | success | without graduation "
+        "| drift | before, median | default: median, worst | success | without GNC "
         "| without loops first: worst | success |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]

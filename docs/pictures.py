@@ -69,7 +69,7 @@ def title(axes: Axes, words: str) -> None:
 
 
 def draw_structure(scan: Scan, prepared: PreparedScan) -> Figure:
-    """Colour, depth, and what is floor and which pieces are wall, of one frame."""
+    """Colour, depth, and what is floor and which patches are wall, of one frame."""
     figure, axes = panels(3, 9.0, 2.6)
     frame = int(np.argmax(np.bincount(prepared.measurements.structure.walls.frame_idx)))
     color, camera = scan.files.color(frame), scan.cameras[frame]
@@ -79,21 +79,21 @@ def draw_structure(scan: Scan, prepared: PreparedScan) -> Figure:
     structure = prepared.measurements.structure
     level = structure.floor
     points = [(level.points_cam[level.start[frame] : level.start[frame + 1]], FLOOR)]
-    pieces = np.flatnonzero(structure.walls.frame_idx == frame)
-    for k, piece in enumerate(pieces):
-        begin, end = structure.walls.start[piece : piece + 2]
+    patches = np.flatnonzero(structure.walls.frame_idx == frame)
+    for k, patch in enumerate(patches):
+        begin, end = structure.walls.start[patch : patch + 2]
         points.append((structure.walls.points_cam[begin:end], WALLS[k % len(WALLS)]))
     for xyz, paint in points:
         uv = camera.project(xyz)
         axes[2].plot(uv[:, 0], uv[:, 1], ".", color=paint, markersize=1.6)
     axes[2].set(xlim=(0, camera.width), ylim=(camera.height, 0))
-    for one, words in zip(axes, ("colour", "depth", "floor and pieces of wall"), strict=True):
+    for one, words in zip(axes, ("colour", "depth", "floor and wall patches"), strict=True):
         title(one, words)
     return figure
 
 
 def draw_matches(scan: Scan, prepared: PreparedScan) -> Figure:
-    """Two frames of different visits, and the keypoints that were believed to be the same."""
+    """Two frames of different visits, and the keypoints that were matched."""
     matches = prepared.matches
     apart = matches.pairs[:, 1] - matches.pairs[:, 0]
     sizes = np.diff(matches.start)
@@ -128,12 +128,12 @@ def draw_loops(scan: Scan, prepared: PreparedScan) -> Figure:
 
 
 def draw_alignments(found: AlignResult, plan: Floorplan) -> bytes:
-    """The place that was taken and the next one, side by side."""
+    """The hypothesis that was taken and the next one, side by side."""
     alignment, walls = found.alignment, found.walls
     pictures = []
-    for number, fit in enumerate(alignment.candidates[:2], start=1):
-        words = f"place {number}: {fit.score:.0%} of the scanned wall explained"
-        png = draw_alignment(metric_plan(plan, fit.scale_xy), walls, fit, words)
+    for number, hypothesis in enumerate(alignment.candidates[:2], start=1):
+        words = f"hypothesis {number}: {hypothesis.score:.0%} of the scanned wall explained"
+        png = draw_alignment(metric_plan(plan, hypothesis.scale_xy), walls, hypothesis, words)
         pictures.append(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR))
     height = max(len(one) for one in pictures)
     padded = [
@@ -168,7 +168,7 @@ def main() -> None:
     save("structure", draw_structure(scan, prepared))
     save("matches", draw_matches(scan, prepared))
     save("loops", draw_loops(scan, prepared))
-    save("places", draw_alignments(align(scan, plan, options, runtime), plan))
+    save("alignments", draw_alignments(align(scan, plan, options, runtime), plan))
     result = planfit.refine(scan, plan, options, runtime)
     save("walls", draw_overlay(result.floorplan, result))
     print(*result.checks, *result.warnings, sep="\n")

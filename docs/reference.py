@@ -37,14 +37,14 @@ SHARED = {
     ScanOptions: "[how a scan is read](#reading-a-scan)",
     PlanFlags: "[how a plan is read](#reading-a-plan)",
     RefineOptions: "every [option](options.md)",
-    EvaluateOptions: "[what is measured](#figures-of-evaluate)",
+    EvaluateOptions: "[what is measured](#metrics-of-evaluate)",
     SynthOptions: "[the synthetic scan](#synthetic-scans)",
 }
 """Groups of flags that several commands have, and where they are listed."""
 SECTIONS: dict[str, tuple[str, type]] = {
     "Reading a scan": ("", ScanOptions),
     "Reading a plan": ("", PlanFlags),
-    "Figures of evaluate": ("", EvaluateOptions),
+    "Metrics of evaluate": ("", EvaluateOptions),
     "Synthetic scans": ("", SynthOptions),
 }
 
@@ -183,8 +183,8 @@ default, it is said. `OUT/run.json` and the report hold the values of a run. Opt
 is 0, or that is not chosen, do nothing.
 
 Every robust loss (`...loss.kind`, `...loss.scale`) is one of: `squared`, no outlier is expected; `huber`,
-outliers pull no harder than inliers at the scale; `cauchy`, they pull less the further off they are;
-`geman_mcclure`, they stop pulling; `norm`, the unsquared distance, as the paper has it. The scale is in
+outliers count no more than inliers at the scale; `cauchy`, they count less the further off they are;
+`geman_mcclure`, they no longer count; `norm`, the unsquared distance, as the paper has it. The scale is in
 multiples of the term's sigma (standard deviation).
 
 ## General

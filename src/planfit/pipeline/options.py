@@ -21,7 +21,7 @@ class RefineOptions:
     matching: MatchingOptions = field(default_factory=MatchingOptions)
     """Keypoint matches between frames."""
     align: AlignOptions = field(default_factory=AlignOptions)
-    """The scan's place on the plan."""
+    """The scan's alignment with the plan."""
     adjust: AdjustOptions = field(default_factory=AdjustOptions)
     """The bundle adjustment."""
     held_out_share: float = 0.1
