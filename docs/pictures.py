@@ -93,7 +93,7 @@ def draw_structure(scan: Scan, prepared: PreparedScan) -> Figure:
 
 
 def draw_matches(scan: Scan, prepared: PreparedScan) -> Figure:
-    """Two frames of different visits, and the keypoints that were believed to be the same."""
+    """Two frames of different visits, and the keypoints that were matched."""
     matches = prepared.matches
     apart = matches.pairs[:, 1] - matches.pairs[:, 0]
     sizes = np.diff(matches.start)
@@ -168,7 +168,7 @@ def main() -> None:
     save("structure", draw_structure(scan, prepared))
     save("matches", draw_matches(scan, prepared))
     save("loops", draw_loops(scan, prepared))
-    save("places", draw_alignments(align(scan, plan, options, runtime), plan))
+    save("alignments", draw_alignments(align(scan, plan, options, runtime), plan))
     result = planfit.refine(scan, plan, options, runtime)
     save("walls", draw_overlay(result.floorplan, result))
     print(*result.checks, *result.warnings, sep="\n")

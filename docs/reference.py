@@ -184,7 +184,7 @@ is 0, or that is not chosen, do nothing.
 
 Every robust loss (`...loss.kind`, `...loss.scale`) is one of: `squared`, no outlier is expected; `huber`,
 outliers count no more than inliers at the scale; `cauchy`, they count less the further off they are;
-`geman_mcclure`, they stop counting; `norm`, the unsquared distance, as the paper has it. The scale is in
+`geman_mcclure`, they no longer count; `norm`, the unsquared distance, as the paper has it. The scale is in
 multiples of the term's sigma (standard deviation).
 
 ## General

@@ -1,4 +1,4 @@
-"""How many independent observations a bundle of points counts as (docs/adr/0003-readings.md)."""
+"""How many independent observations a bundle of points counts as: ADR 3, Effective observations."""
 
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar

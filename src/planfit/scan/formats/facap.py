@@ -4,7 +4,7 @@
     SCAN/arcore/depth-NNNN.png             16-bit depth, millimetres
     SCAN/arcore/pose-NNNN.txt              world_from_cam, 4x4, OpenCV camera axes, y up
     SCAN/arcore/cam_params-NNNN.txt        w h fx fy cx cy
-    SCAN/segmentation/frame-NNNN_{wall,floor,ceiling,columns}.png   masks, a quarter turn off (optional)
+    SCAN/segmentation/frame-NNNN_{wall,floor,ceiling,columns}.png   masks, rotated by 90 deg (optional)
     SCAN/floorplan.npy                     (n, 4) segments (u1, v1, u2, v2) m, in world (x, z) (optional)
 
 The plan shares the world's axes. Plan points are (x, -z), so that x, y and up stay right-handed.
