@@ -1,6 +1,8 @@
 """The middle level of the interface: the stages that `refine` consists of, and what users put in."""
 
 import dataclasses
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from numpy.testing import assert_array_equal
 
 import planfit
 from planfit.adjust import AdjustOptions, KeyframeOptions, adjust_to_plan
+from planfit.adjust.terms.points import PointOptions
 from planfit.errors import OptionError, ScanError
 from planfit.lsq import ResidualTerm
 from planfit.pipeline.align import align_to_plan
@@ -133,3 +136,34 @@ def test_names_that_users_need_are_at_the_top():
         assert getattr(planfit, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'refin'"):
         planfit.refin  # noqa: B018
+
+
+def test_extra_terms_may_be_a_generator(synthetic, observations):
+    term = known_positions(synthetic, np.array([0, 20]), np.zeros(3))
+    result = planfit.refine(
+        synthetic.scan,
+        synthetic.floorplan,
+        observations=observations,
+        extra_terms=(one for one in [term]),
+    )
+    assert "positions" in result.cost_by_term
+
+
+def test_options_are_checked_also_where_observations_are_given(synthetic, observations):
+    options = planfit.RefineOptions(adjust=AdjustOptions(points=PointOptions(weight=-1.0)))
+    with pytest.raises(OptionError, match="weight"):
+        planfit.refine(synthetic.scan, synthetic.floorplan, options, observations=observations)
+
+
+def test_names_may_be_asked_for_from_many_threads_at_first():
+    code = """
+import planfit
+from concurrent.futures import ThreadPoolExecutor
+names = [n for n in dir(planfit) if not n.startswith("_")] * 4
+with ThreadPoolExecutor(32) as pool:
+    assert all(value is not None for value in pool.map(lambda n: getattr(planfit, n), names))
+print(planfit.adjust.build_problem.__name__)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "build_problem\n"

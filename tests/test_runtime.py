@@ -140,7 +140,7 @@ def test_another_key_or_stage_is_computed(tmp_path, other):
 
 def test_keys_change_with_any_part():
     keys = {
-        cache_key(),
+        cache_key("b"),
         cache_key("a"),
         cache_key("a", 1),
         cache_key("a", 1.0),
@@ -149,6 +149,15 @@ def test_keys_change_with_any_part():
     }
     assert len(keys) == 6
     assert cache_key("a", 1) == cache_key("a", 1)
+
+
+def test_what_has_no_fingerprint_is_not_kept(tmp_path):
+    assert cache_key("", "keypoints") == ""
+    runtime = Runtime(1, cache_dir=tmp_path)
+    for value in (1.0, 2.0):  # another scan in memory, the same stage and options
+        (item,) = runtime.map("stage", cache_key("", 7), 1, lambda _, v=value: {"v": np.array([v])})
+        assert item["v"] == [value]
+    assert not list(tmp_path.iterdir())
 
 
 DAMAGE = {

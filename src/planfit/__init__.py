@@ -1,6 +1,7 @@
 """planfit: fit a posed RGB-D scan of a building to its floorplan."""
 
 from importlib import import_module
+from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 from planfit import errors as errors
@@ -61,10 +62,28 @@ second or more, which `planfit --version` and tools that only look need not spen
 __all__ = ["__version__", "errors", *sorted(_HOMES)]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
+_PACKAGES = (
+    "adjust",
+    "alignment",
+    "evaluation",
+    "lsq",
+    "matching",
+    "pipeline",
+    "scan",
+    "segmentation",
+    "synth",
+)
+_lock = RLock()
+"""Threads that ask for several names at first would import packages that need each other at the same time."""
+
+
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in _HOMES and name not in _PACKAGES:
         raise AttributeError(f"module 'planfit' has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
+    with _lock:
+        if name in _PACKAGES:
+            return import_module(f"planfit.{name}")
+        value = getattr(import_module(_HOMES[name]), name)
     globals()[name] = value  # found without this function from now on
     return value
 

@@ -21,9 +21,15 @@ Progress = Callable[[str, int, int], None]
 """Called with the stage's name, how many items are done, and of how many (0: not known)."""
 
 
-def cache_key(*parts: object) -> str:
-    """Short name for a stage's result: changes when any part's `repr` or planfit's version does."""
-    return hashlib.sha256(repr((version("planfit"), *parts)).encode()).hexdigest()[:16]
+def cache_key(source: str, *parts: object) -> str:
+    """Short name for a stage's result: changes when any part's `repr` or planfit's version does.
+
+    `source` is the fingerprint of what is computed from, or the key of an earlier stage. Where it is empty,
+    nothing tells one source from another (a scan in memory); so is the key then, and nothing is kept.
+    """
+    if not source:
+        return ""
+    return hashlib.sha256(repr((version("planfit"), source, *parts)).encode()).hexdigest()[:16]
 
 
 @contextmanager
@@ -63,7 +69,7 @@ class Runtime:
 
         Args:
             stage: name for progress and for the folder in the cache.
-            key: from `cache_key`; whatever the result depends on must be in it.
+            key: from `cache_key`; whatever the result depends on must be in it. Empty: nothing is kept.
             n_items: how many items there are.
             compute: gives the named arrays of one item; called from several threads.
             chunk_size: items that are kept together in one file.
@@ -110,7 +116,7 @@ class Runtime:
             self.on_progress(stage, done, total)
 
     def _folder(self, stage: str, key: str) -> Path | None:
-        if self.cache_dir is None:
+        if self.cache_dir is None or not key:
             return None
         folder = self.cache_dir / f"{stage.replace(chr(32), chr(95))}-{key}"
         try:

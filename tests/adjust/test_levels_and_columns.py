@@ -167,7 +167,7 @@ def test_columns_hold_the_scan_to_their_faces(rng):
     moved = se3.make_transform(np.eye(3), np.array([0.08, -0.05, 0.0])) @ poses
     on = adjust_to_plan(measurements, plan, moved, AdjustOptions())
     assert {"columns"} <= set(on.solution.cost_by_term)
-    assert "pose prior" not in on.solution.cost_by_term
+    assert "gauge" not in on.solution.cost_by_term
     assert_allclose(on.solution.target_from_cams[:, :2, 3], poses[:, :2, 3], atol=0.02)
     off = adjust_to_plan(measurements, plan, moved, AdjustOptions(columns=WallOptions(weight=0.0)))
     assert "columns" not in off.solution.cost_by_term

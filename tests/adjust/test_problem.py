@@ -279,7 +279,7 @@ def names(terms):
 def test_the_problem_tells_its_terms_by_role(world):
     poses = world.plan_from_cams
     loops = build_problem(world.measurements, AdjustOptions(), poses)
-    assert names(loops.terms) == ["points", "floor", "odometry", "pose prior"]
+    assert names(loops.terms) == ["points", "floor", "odometry", "gauge"]
     assert loops.plan_terms == []
     on_plan = build_problem(world.measurements, AdjustOptions(), poses, associated(world, poses))
     assert names(on_plan.terms) == ["points", "floor", "odometry", "walls"]
@@ -324,10 +324,10 @@ def test_terms_of_the_user_may_hold_the_gauge_and_frames(world):
     far = replace(world.floorplan, ends=world.floorplan.ends + 100.0)
     nothing = AdjustOptions(odometry=OdometryTermOptions(weight=0.0))
     without = adjust_to_plan(world.measurements, far, poses, nothing)
-    assert "pose prior" in without.solution.cost_by_term
+    assert "gauge" in without.solution.cost_by_term
     survey = held_at(poses)
     adjusted = adjust_to_plan(world.measurements, far, poses, nothing, [survey])
-    assert "pose prior" not in adjusted.solution.cost_by_term
+    assert "gauge" not in adjusted.solution.cost_by_term
     assert adjusted.weakly_constrained == ()
     # One that holds frames to each other alone leaves the scan as a whole free.
     steps = OdometryTerm(world.odometry, OdometryTermOptions(), name="wheels")

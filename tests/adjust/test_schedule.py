@@ -95,8 +95,8 @@ def test_each_weight_of_zero_switches_its_term_off(world, drifted):
         used = set(
             adjust_to_plan(measurements, world.floorplan, poses, options).solution.cost_by_term
         )
-        assert used - {"pose prior"} == set(off) - {name}
-        assert ("pose prior" in used) == (name == "walls")
+        assert used - {"gauge"} == set(off) - {name}
+        assert ("gauge" in used) == (name == "walls")
 
 
 def test_without_walls_the_alignment_is_kept(world, drifted):
@@ -105,7 +105,7 @@ def test_without_walls_the_alignment_is_kept(world, drifted):
     nowhere = replace(nowhere, ends=nowhere.ends + 500.0)
     plan_adjustment = adjust_to_plan(measurements, nowhere, poses, AdjustOptions())
     assert plan_adjustment.association.n_associated == 0
-    assert "pose prior" in plan_adjustment.solution.cost_by_term
+    assert "gauge" in plan_adjustment.solution.cost_by_term
     assert position_rms_m(plan_adjustment.solution.target_from_cams, world.plan_from_cams) < 0.02
 
 

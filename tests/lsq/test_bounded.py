@@ -12,7 +12,7 @@ from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.errors import OptionError
-from planfit.lsq import bounded
+from planfit.lsq import problem
 from planfit.lsq.bounded import BarrierTerm, BoundedOptions, solve_bounded
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind
@@ -55,7 +55,7 @@ def accepted(monkeypatch):
         path.append(poses)
         return solve(terms, poses, one)
 
-    monkeypatch.setattr(bounded, "solve", solve_and_record)
+    monkeypatch.setattr(problem, "solve", solve_and_record)
     return path
 
 

@@ -226,3 +226,18 @@ def test_wrong_shapes_are_named(fields, message, poses):
     term = ResidualTerm(ROWS, name="mine", **fields)
     with pytest.raises(OptionError, match=f"term 'mine': expected a?.*{message}"):
         term.reweight(poses)[0].normal_blocks(poses)
+
+
+@pytest.mark.parametrize(
+    ("information", "words"),
+    [
+        (np.full(3, 100.0), "shape"),
+        (np.array([[1.0, 2.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "symmetric"),
+        (np.diag([1.0, -1.0, 1.0]), "negative eigenvalues"),
+        (np.full((3, 3), np.nan), "finite"),
+    ],
+    ids=["a diagonal alone", "not symmetric", "indefinite", "not finite"],
+)
+def test_information_that_has_no_minimum_is_refused(information, words):
+    with pytest.raises(OptionError, match=words):
+        ResidualTerm(np.array([[0]]), lambda at: at[:, 0, :3, 3], information=information)

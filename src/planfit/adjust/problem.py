@@ -178,8 +178,7 @@ def build_problem(
         options: weights, losses, and what is solved for.
         target_from_cams: poses to begin with: plan_from_cams with correspondences, else level_from_cams.
         correspondences: what was found in the plan; None closes loops.
-        extra_terms: terms of the user's own over the poses of the solved frames (see `planfit.lsq.term`);
-            where faces have offsets, those stand behind the frames.
+        extra_terms: terms of the user's own over the poses of the solved frames (see `planfit.lsq.term`).
 
     Raises:
         OptionError: extra terms share a name, or the method does not minimise them.
@@ -363,7 +362,7 @@ def _gauge_prior(target_from_cams: Float[np.ndarray, "n 4 4"], has_floor: bool) 
     """Holds the first frame where it is, but for what the floor holds: height and tilt."""
     free = np.inf if has_floor else 1e-3
     sigma = np.array([free, free, 1e-3, 1e-3, 1e-3, free])
-    return PosePriorTerm(np.array([0]), target_from_cams[:1], sigma)
+    return PosePriorTerm(np.array([0]), target_from_cams[:1], sigma, name="gauge")
 
 
 def _hold_whole(terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 4"]) -> bool:
@@ -389,6 +388,9 @@ def _require_extra_terms_to_work(problem: AdjustmentProblem) -> None:
             "extra_terms: expected all frames as unknowns, as such terms may name any frame, found "
             f"{problem.n_cams} keyframes; raise adjust.keyframes.min_frames above the scan's frames"
         )
+    # Checks what every problem of the engine must be: terms with names, and indices that are there. Face
+    # offsets stand behind the frames and are not for the user's terms.
+    Problem(problem.extra, problem.unknowns[: problem.n_cams])
     names = [term.name for term in problem.terms]
     for term in problem.extra:
         if names.count(term.name) > 1:

@@ -64,7 +64,7 @@ def sample_depth_maps(scan: Scan, options: MapOptions, runtime: Runtime) -> MapS
     """
     read = range(0, len(scan), options.frame_step)
     how = (options.voxel_m, options.max_depth_m, options.stride_px)
-    key = cache_key("map sample", scan.fingerprint, *how, options.frame_step)
+    key = cache_key(scan.fingerprint, "map sample", *how, options.frame_step)
     compute = partial(_sample, scan, options)
     items = runtime.map("depth maps", key, len(read), lambda k: compute(read[k]))
     sizes = np.zeros(len(scan), dtype=int)

@@ -18,7 +18,8 @@ from jaxtyping import Float
 
 from planfit.errors import OptionError, require_positive
 from planfit.lsq.blocks import NormalBlocks
-from planfit.lsq.solver import Cost, Solution, SolverOptions, solve
+from planfit.lsq.problem import Problem
+from planfit.lsq.solver import Cost, Solution, SolverOptions
 from planfit.lsq.term import Term, robust_cost
 
 
@@ -116,16 +117,19 @@ def solve_bounded(
         initial_target_from_cams: where the first round begins.
         options: see there.
         solver_options: when each of the two rounds ends.
+
+    Raises:
+        OptionError: as `Problem` and its `solve` do; a term is called "barrier".
     """
-    terms = tuple(bounded_terms)
-    alone = solve(terms, initial_target_from_cams, solver_options)
+    terms, others = tuple(bounded_terms), tuple(other_terms)
+    alone = Problem(terms, initial_target_from_cams).solve(solver_options)
     start = alone.target_from_cams
     least = robust_cost(terms, start)
     bound = options.error_factor**2 * least + options.slack
-    others = robust_cost(other_terms, start)
+    paid = robust_cost(others, start)
     # Where the others cost nothing any gamma will do.
-    gamma = options.barrier_share * (bound - least) * (others or 1.0)
+    gamma = options.barrier_share * (bound - least) * (paid or 1.0)
     barrier = BarrierTerm(terms, least, bound, gamma)
-    solution = solve([*other_terms, barrier], start, solver_options)
+    solution = Problem([*others, barrier], start).solve(solver_options)
     cost = Cost(least, robust_cost(terms, solution.target_from_cams))
     return BoundedSolution(solution, alone, bound, cost)

@@ -106,7 +106,7 @@ def _verify_pairs(
     """Those of the pairs (p, 2) that hold together."""
     sigmas = (odometry.sigma_rotation.tobytes(), odometry.sigma_translation.tobytes())
     key = cache_key(
-        "matches", tentative.key, options, scan.world_from_cams.tobytes(), sigmas, pairs.tobytes()
+        tentative.key, "matches", options, scan.world_from_cams.tobytes(), sigmas, pairs.tobytes()
     )
     compute = partial(_verify_pair, scan, tentative, pairs, odometry, options)
     items = runtime.map(stage, key, len(pairs), compute, chunk_size=64)

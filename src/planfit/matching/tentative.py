@@ -53,7 +53,7 @@ def from_images(
         OptionError: a learned detector or matcher cannot be had.
     """
     detector, matcher = make_detector(options.keypoints), make_matcher(options.matcher)
-    key = cache_key("keypoints", scan.fingerprint, options.keypoints)
+    key = cache_key(scan.fingerprint, "keypoints", options.keypoints)
     compute = partial(_detect_frame, scan, options.keypoints, detector)
     items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
     keypoints = [Keypoints(**item) for item in items]
@@ -87,7 +87,7 @@ def from_colmap(
         ScanError: the files cannot be read, or are not those of this scan.
     """
     imported = read_colmap_matches(path, scan)
-    key = cache_key("imported keypoints", scan.fingerprint, stamp(path), options.keypoints)
+    key = cache_key(scan.fingerprint, "imported keypoints", stamp(path), options.keypoints)
     compute = partial(_lift_frame, scan, imported, options.keypoints)
     items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
     keypoints = [

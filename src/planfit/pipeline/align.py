@@ -76,7 +76,9 @@ def align(
         OptionError: an option has a value that cannot work.
     """
     chosen = options or RefineOptions()
-    prepared = prepare(scan, extract_observations(scan, chosen, runtime), chosen)
+    timer = StageTimer(runtime or Runtime())
+    observations = extract_observations(scan, chosen, runtime, timer=timer)
+    prepared = prepare(scan, observations, chosen, timer)
     claimed = claimed_alignment(scan, floorplan, prepared.level_from_world)
     alignment = find_alignment(prepared, floorplan, chosen.align, claimed)
     if alignment is None:
@@ -107,7 +109,7 @@ def align_to_plan(
         fallback = np.eye(4) if claimed is None else claimed
         return ScanOnPlan(floorplan, fallback, None, claimed)
     metric = floorplan if floorplan.is_metric else metric_plan(floorplan, found.scale_xy)
-    if not found.is_sure or found.scale_sigma == 0:
+    if not (found.is_sure and found.scale_sigma > 0):
         return ScanOnPlan(metric, found.plan_from_level, found, claimed)
     with timer.stage("refit scale"):
         on_plan = found.plan_from_level @ prepared.level_from_keys

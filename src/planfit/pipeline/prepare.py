@@ -74,17 +74,19 @@ def extract_observations(
     """
     chosen = options or RefineOptions()
     require_plain_numbers(chosen)
-    kept = _without_cache_of_strangers(runtime or Runtime(), scan)
-    stages = timer or StageTimer(kept)
+    running = runtime or Runtime()
+    stages = timer or StageTimer(running)
     with stages.stage("level"):
-        gravity = find_gravity(scan, chosen.segmentation.gravity, kept)
+        gravity = find_gravity(scan, chosen.segmentation.gravity, running)
     with stages.stage("floor and walls"):
-        structure = segment_scan(scan, gravity, chosen.segmentation, kept)
+        structure = segment_scan(scan, gravity, chosen.segmentation, running)
     if matches is not None:
         return Observations(gravity, structure, matches)
     with stages.stage("matching"):
         odometry = make_odometry(scan.world_from_cams, chosen.odometry)
-        return Observations(gravity, structure, find_matches(scan, odometry, chosen.matching, kept))
+        return Observations(
+            gravity, structure, find_matches(scan, odometry, chosen.matching, running)
+        )
 
 
 def prepare(
@@ -99,6 +101,7 @@ def prepare(
         ScanError: a point or a recorded step is not finite.
     """
     chosen, stages = options or RefineOptions(), timer or StageTimer(Runtime())
+    require_plain_numbers(chosen)
     structure, odometry = (
         observations.structure,
         make_odometry(scan.world_from_cams, chosen.odometry),
@@ -123,11 +126,6 @@ def hold_out(matches: Matches, share: float, rng: np.random.Generator) -> tuple[
     """Split matches at random, within every pair: those to solve with, and those held out."""
     held = rng.random(matches.n_matches) < share
     return _keep(matches, ~held), _keep(matches, held)
-
-
-def _without_cache_of_strangers(runtime: Runtime, scan: Scan) -> Runtime:
-    """Without a fingerprint nothing tells one scan from another, so nothing is kept of it."""
-    return runtime if scan.fingerprint else replace(runtime, cache_dir=None)
 
 
 def _keep(matches: Matches, keep: Bool[np.ndarray, " m"]) -> Matches:

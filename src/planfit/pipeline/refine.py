@@ -1,6 +1,6 @@
 """The method on one screen: from a posed scan and a floorplan to poses that fit the plan."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 from planfit.adjust import adjust_to_plan
 from planfit.floorplan import Floorplan
@@ -20,7 +20,7 @@ def refine(
     options: RefineOptions | None = None,
     runtime: Runtime | None = None,
     observations: Observations | None = None,
-    extra_terms: Sequence[Term] = (),
+    extra_terms: Iterable[Term] = (),
 ) -> RefineResult:
     """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan.
 
@@ -38,7 +38,7 @@ def refine(
         OptionError: an option has a value that cannot work, or an extra term meets frames that are
             no unknowns.
     """
-    chosen = options or RefineOptions()
+    chosen, own_terms = options or RefineOptions(), tuple(extra_terms)
     timer = StageTimer(runtime or Runtime())
     # Gravity, floor and walls (paper, Sec. III-A and III-B), matches of keypoints.
     seen = observations or extract_observations(scan, chosen, runtime, timer=timer)
@@ -50,11 +50,11 @@ def refine(
     with timer.stage("adjust"):
         start = on_plan.plan_from_level @ prepared.level_from_keys
         adjustment = adjust_to_plan(
-            prepared.measurements, on_plan.floorplan, start, chosen.adjust, extra_terms
+            prepared.measurements, on_plan.floorplan, start, chosen.adjust, own_terms
         )
     # Is it better, by what took no part?
     with timer.stage("validate"):
         validation = validate(
-            prepared, on_plan, adjustment, seen.structure, chosen.adjust, extra_terms
+            prepared, on_plan, adjustment, seen.structure, chosen.adjust, own_terms
         )
     return make_result(scan, seen, prepared, on_plan, adjustment, validation, chosen, timer)

@@ -158,7 +158,7 @@ def geometry_back_end(
         }
 
     key = cache_key(
-        "submaps", scan.fingerprint, scan.world_from_cams.tobytes(),
+        scan.fingerprint, "submaps", scan.world_from_cams.tobytes(),
         upright_from_cams.tobytes(), options,
     )  # fmt: skip
     items = runtime.map("what is seen over what", key, -(-n // size), one, chunk_size=1)

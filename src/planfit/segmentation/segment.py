@@ -106,7 +106,7 @@ def segment_scan(
     upright_from_cams = level_from_world(gravity, 0.0) @ scan.world_from_cams
     compute = partial(_segment_frame, scan, upright_from_cams, options, back_end)
     key = cache_key(
-        "segmentation", scan.fingerprint, scan.world_from_cams.tobytes(), gravity.up_world, options,
+        scan.fingerprint, "segmentation", scan.world_from_cams.tobytes(), gravity.up_world, options,
         back_end.identity,
     )  # fmt: skip
     items = runtime.map("floor and walls", key, len(scan), compute)

@@ -68,6 +68,9 @@ class ResidualTerm:
             f"term {self.name!r}: expected sigmas above 0, found {self.sigma}",
         )
 
+        if self.information is not None:
+            _check_information(self.name, np.asarray(self.information))
+
     def with_wider_loss(self, factor: float) -> "ResidualTerm":
         """The same term with the scale of its loss times `factor`."""
         return replace(self, loss=self.loss.widened(factor))
@@ -122,6 +125,27 @@ class ResidualTerm:
                 f"term {self.name!r}: expected {name} of shape ({dims}) or (k, {dims}) for k = {k} "
                 f"residuals of d = {d} numbers, found {np.shape(given)}"
             ) from None
+
+
+def _check_information(name: str, information: np.ndarray) -> None:
+    """A matrix that is not symmetric has another gradient than its cost; a negative one has no minimum."""
+    if information.ndim not in (2, 3) or information.shape[-1] != information.shape[-2]:
+        raise OptionError(
+            f"term {name!r}: expected information of shape (d, d) or (k, d, d), found "
+            f"{information.shape}; give standard deviations as sigma"
+        )
+    size = np.abs(information).max(initial=0.0)
+    is_symmetric = np.allclose(
+        information, np.swapaxes(information, -1, -2), rtol=0, atol=1e-9 * size
+    )
+    # The eigenvalues of what is not finite or not symmetric would say nothing.
+    if not (np.isfinite(information).all() and is_symmetric):
+        raise OptionError(f"term {name!r}: expected finite, symmetric information, found other")
+    if information.size and np.linalg.eigvalsh(information).min() < -1e-9 * size:
+        raise OptionError(
+            f"term {name!r}: expected information without negative eigenvalues (an inverse "
+            "covariance), found one that has some"
+        )
 
 
 @dataclass(frozen=True)
