@@ -15,6 +15,7 @@ from planfit.errors import OptionError
 from planfit.geometry import se3
 from planfit.lsq import Loss, LossKind, PosePriorTerm, Problem, ResidualTerm, SolverOptions
 from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.terms.residual import check_information
 from planfit.lsq.terms.residual import jacobian_by_differences as differenced
 
 N = 5
@@ -240,4 +241,4 @@ def test_wrong_shapes_are_named(fields, message, poses):
 )
 def test_information_that_has_no_minimum_is_refused(information, words):
     with pytest.raises(OptionError, match=words):
-        ResidualTerm(np.array([[0]]), lambda at: at[:, 0, :3, 3], information=information)
+        check_information("mine", information)

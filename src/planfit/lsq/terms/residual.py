@@ -69,7 +69,7 @@ class ResidualTerm:
         )
 
         if self.information is not None:
-            _check_information(self.name, np.asarray(self.information))
+            check_information(self.name, np.asarray(self.information))
 
     def with_wider_loss(self, factor: float) -> "ResidualTerm":
         """The same term with the scale of its loss times `factor`."""
@@ -127,20 +127,21 @@ class ResidualTerm:
             ) from None
 
 
-def _check_information(name: str, information: np.ndarray) -> None:
+def check_information(name: str, information: np.ndarray) -> None:
     """A matrix that is not symmetric has another gradient than its cost; a negative one has no minimum."""
     if information.ndim not in (2, 3) or information.shape[-1] != information.shape[-2]:
         raise OptionError(
             f"term {name!r}: expected information of shape (d, d) or (k, d, d), found "
             f"{information.shape}; give standard deviations as sigma"
         )
+    if not np.isfinite(information).all():
+        raise OptionError(f"term {name!r}: expected finite information, found NaN or infinity")
     size = np.abs(information).max(initial=0.0)
     is_symmetric = np.allclose(
         information, np.swapaxes(information, -1, -2), rtol=0, atol=1e-9 * size
     )
-    # The eigenvalues of what is not finite or not symmetric would say nothing.
-    if not (np.isfinite(information).all() and is_symmetric):
-        raise OptionError(f"term {name!r}: expected finite, symmetric information, found other")
+    if not is_symmetric:  # its eigenvalues would say nothing
+        raise OptionError(f"term {name!r}: expected symmetric information, found other")
     if information.size and np.linalg.eigvalsh(information).min() < -1e-9 * size:
         raise OptionError(
             f"term {name!r}: expected information without negative eigenvalues (an inverse "
