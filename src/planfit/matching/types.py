@@ -122,7 +122,8 @@ class Matches:
 
         Args:
             frame_pairs: frames that the two points of a match were seen from, in either order.
-            points_a, points_b: m, the same point in the camera frame of the first and of the second frame.
+            points_a: m, the point in the camera frame of the first frame.
+            points_b: m, the same point in the camera frame of the second frame.
             sigma: m, standard deviation of points_a - points_b, each axis; one for all or one a match.
 
         Raises:

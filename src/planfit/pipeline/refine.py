@@ -35,10 +35,9 @@ def refine(
     Raises:
         ScanError: a file of the scan cannot be used.
         FloorplanError: the plan is not in the unit that it claims, or its unit cannot be found.
-        OptionError: an option has a value that cannot work, or an extra term meets frames that are
-            no unknowns.
+        OptionError: an option cannot work, or an extra term meets frames that are no unknowns.
     """
-    chosen, own_terms = options or RefineOptions(), tuple(extra_terms)
+    chosen, own = options or RefineOptions(), tuple(extra_terms)
     timer = StageTimer(runtime or Runtime())
     # Gravity, floor and walls (paper, Sec. III-A and III-B), matches of keypoints.
     seen = observations or extract_observations(scan, chosen, runtime, timer=timer)
@@ -49,12 +48,9 @@ def refine(
     # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E).
     with timer.stage("adjust"):
         start = on_plan.plan_from_level @ prepared.level_from_keys
-        adjustment = adjust_to_plan(
-            prepared.measurements, on_plan.floorplan, start, chosen.adjust, own_terms
-        )
+        measured, plan = prepared.measurements, on_plan.floorplan
+        adjustment = adjust_to_plan(measured, plan, start, chosen.adjust, own)
     # Is it better, by what took no part?
     with timer.stage("validate"):
-        validation = validate(
-            prepared, on_plan, adjustment, seen.structure, chosen.adjust, own_terms
-        )
+        validation = validate(prepared, on_plan, adjustment, seen.structure, chosen.adjust, own)
     return make_result(scan, seen, prepared, on_plan, adjustment, validation, chosen, timer)
