@@ -94,7 +94,7 @@ def draw_structure(scan: Scan, prepared: PreparedScan) -> Figure:
 
 def draw_matches(scan: Scan, prepared: PreparedScan) -> Figure:
     """Two frames of different visits, and the keypoints that were matched."""
-    matches = prepared.matches
+    matches = prepared.measurements.matches
     apart = matches.pairs[:, 1] - matches.pairs[:, 0]
     sizes = np.diff(matches.start)
     # Very many matches belong to two views that are the same, and show nothing.
