@@ -172,6 +172,7 @@ BAD = {
         lambda _: {"timestamps_s": np.zeros(3)},
         "expected 24 timestamps, one a pose, found 3",
     ),
+    "no up": (lambda _: {"up_world": np.zeros(3)}, "expected up_world to be a direction"),
     "up": (
         lambda _: {"up_world": np.eye(3)},
         r"expected up_world of shape \(3,\), found float64 \(3, 3\)",

@@ -57,13 +57,15 @@ def scan_from_arrays(
         ScanError: an array has another shape or type, or the frames cannot be used.
     """
     n = _count_poses(world_from_cams, name)
-    each_camera = [cameras] * n if isinstance(cameras, Camera) else list(cameras)
+    each_camera = [cameras] * n if isinstance(cameras, Camera) else cameras
     times = np.arange(float(n)) if timestamps_s is None else np.asarray(timestamps_s, dtype=float)
     _check(each_camera, n, "cameras", "Camera", lambda camera: isinstance(camera, Camera), name)
     _check(times, n, "timestamps", "numbers, in s", np.isscalar, name)
     _check_images(colors, depths_m, labels, n, name)
     if up_world is not None and np.shape(up_world) != (3,):
         raise ScanError(f"{name}: expected up_world of shape (3,), found {_words(up_world)}")
+    if up_world is not None and not 1e-9 < float(np.linalg.norm(up_world)) < np.inf:
+        raise ScanError(f"{name}: expected up_world to be a direction, found {up_world}")
     recording = Recording(
         format="arrays",
         path=Path(name),
@@ -141,7 +143,8 @@ def _check(
     name: str,
 ) -> None:
     """Raise `ScanError` unless there are n items, each of which is right."""
-    if np.ndim(items) == 0 and not isinstance(items, Sequence):
+    # A list is not made an array of: that would copy every image, and fail where their sizes differ.
+    if not isinstance(items, Sequence) and np.ndim(items) == 0:
         raise ScanError(f"{name}: expected {n} {what} ({expected}), found {_words(items)}")
     if len(items) != n:
         raise ScanError(f"{name}: expected {n} {what}, one a pose, found {len(items)}")

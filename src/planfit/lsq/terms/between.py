@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.errors import require_choice
 from planfit.geometry import se3
 from planfit.lsq.blocks import relative_pose_jacobians
 from planfit.lsq.robust import SQUARES, Loss
@@ -39,6 +40,9 @@ class BetweenTerm:
     weight: float = 1.0
     """Factor on the robust cost."""
     name: str = "between"
+
+    def __post_init__(self) -> None:
+        require_choice(self, "chart", "so3xr3", "se3")
 
     @property
     def pose_idx(self) -> Int[np.ndarray, "k 2"]:
