@@ -35,7 +35,7 @@ def test_site_leads_to_every_page() -> None:
 
 EXAMPLES = {
     "01_refine_synthetic": r"after: position error 0\.0\d\d m",
-    "02_align_to_plan": r"sure: True.*place 1: .*place 2: ",
+    "02_align_to_plan": r"sure: True.*hypothesis 1: .*hypothesis 2: ",
     "03_read_plans": r"plan\.dxf: .*plan\.json: .*plan\.npy: .*plan\.png: .*looks towards",
     "04_options_and_losses": r"before: .*after, GEMAN_MCCLURE: .*after, SQUARED: ",
     "05_evaluate_poses": r"position error.*NSD.*MME.*check wall points",
