@@ -314,3 +314,16 @@ def room_scan(
         files=RoomFiles(world_from_cams, room_from_world, size_m, boxes, camera, noise_m, holes),
         fingerprint=fingerprint,
     )
+
+
+def twin_nearest(xy, floorplan, is_allowed):
+    """Nearest face (m,) and its nearest point (m, 2), all faces tried."""
+    first, second = floorplan.ends[:, 0], floorplan.ends[:, 1]
+    along = second - first
+    share = np.einsum("mni,ni->mn", xy[:, None] - first, along) / floorplan.lengths**2
+    points = first + np.clip(share, 0, 1)[..., None] * along
+    distance = np.linalg.norm(points - xy[:, None], axis=2)
+    distance[~is_allowed] = np.inf
+    face = distance.argmin(axis=1)
+    rows = np.arange(len(xy))
+    return face, points[rows, face], distance[rows, face]

@@ -19,7 +19,7 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.lsq.solver import Cost, Solution, Stop
 from planfit.matching import Matches
-from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.result import RefineResult
 from planfit.pipeline.validation import Check
 from planfit.report import TruthErrors, draw_overlay, formatting, make_report
 from planfit.report.html.wall_table import wall_table

@@ -17,6 +17,7 @@ from builders import (
     nudged,
     position_rms_m,
     room_plan,
+    twin_nearest,
 )
 from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
 from planfit.adjust.terms.points import PointOptions, PointTerm
@@ -48,19 +49,6 @@ def nearest_term(
     return NearestTerm(
         patches, floorplan, chosen, NearestPointOptions(nearest_to, max_distance_m, oriented)
     )
-
-
-def twin_nearest(xy, floorplan, is_allowed):
-    """Nearest face (m,) and its nearest point (m, 2), all faces tried."""
-    first, second = floorplan.ends[:, 0], floorplan.ends[:, 1]
-    along = second - first
-    share = np.einsum("mni,ni->mn", xy[:, None] - first, along) / floorplan.lengths**2
-    points = first + np.clip(share, 0, 1)[..., None] * along
-    distance = np.linalg.norm(points - xy[:, None], axis=2)
-    distance[~is_allowed] = np.inf
-    face = distance.argmin(axis=1)
-    rows = np.arange(len(xy))
-    return face, points[rows, face], distance[rows, face]
 
 
 @pytest.mark.parametrize("nearest_to", TARGETS)

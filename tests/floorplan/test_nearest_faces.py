@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from builders import random_transforms
+from builders import random_transforms, twin_nearest
 from planfit.floorplan import Floorplan, nearest_faces
 from planfit.floorplan.nearest_faces import make_face_grid, nearest_beside
 from planfit.geometry import se3, segments
@@ -75,19 +75,6 @@ def test_nearest_beside_against_one_sample_at_a_time(rng):
         if expected[m] >= 0:
             assert abs(distance[m]) == pytest.approx(best)
     assert_array_equal(face, expected)
-
-
-def twin_nearest(xy, floorplan, is_allowed):
-    """Nearest face (m,) and its nearest point (m, 2), all faces tried."""
-    first, second = floorplan.ends[:, 0], floorplan.ends[:, 1]
-    along = second - first
-    share = np.einsum("mni,ni->mn", xy[:, None] - first, along) / floorplan.lengths**2
-    points = first + np.clip(share, 0, 1)[..., None] * along
-    distance = np.linalg.norm(points - xy[:, None], axis=2)
-    distance[~is_allowed] = np.inf
-    face = distance.argmin(axis=1)
-    rows = np.arange(len(xy))
-    return face, points[rows, face], distance[rows, face]
 
 
 @pytest.mark.parametrize("reach_m", [0.3, 2.0, 500.0])

@@ -17,7 +17,8 @@ from planfit.errors import FloorplanError
 from planfit.export import RunFolder, make_record, sample_cloud, write_results
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.refine import RefineResult, refine
+from planfit.pipeline.refine import refine
+from planfit.pipeline.result import RefineResult
 from planfit.report import TruthErrors, draw_overlay, make_report
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan

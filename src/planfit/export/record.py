@@ -12,7 +12,7 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.result import RefineResult
 from planfit.scan import Scan, corrupt_frames
 
 

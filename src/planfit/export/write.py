@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from planfit.export.cloud import Cloud, place_cloud, write_ply
 from planfit.lsq.g2o import PoseGraph, write_g2o
-from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.result import RefineResult
 from planfit.scan import Scan, write_tum
 from planfit.scan.odometry import Odometry
 

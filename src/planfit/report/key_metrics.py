@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from planfit.evaluation import NEAR_FACE_M
-from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.result import RefineResult
 from planfit.pipeline.validation import Check
 from planfit.report import formatting
 from planfit.report.measures import BeforeAfter

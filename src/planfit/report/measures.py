@@ -14,7 +14,7 @@ from planfit.evaluation import (
 )
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.result import RefineResult
 from planfit.segmentation import Structure
 
 _MAX_DRAWN = 600_000

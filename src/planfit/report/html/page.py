@@ -9,7 +9,7 @@ import numpy as np
 
 from planfit import __version__
 from planfit.floorplan import Floorplan
-from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.result import RefineResult
 from planfit.report.html import sections, tables
 from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict
 from planfit.report.measures import measure

@@ -9,7 +9,7 @@ import numpy as np
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.matching import Matches
-from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.html import tables
 from planfit.report.html.wall_table import wall_table

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.key_metrics import KeyMetric
 

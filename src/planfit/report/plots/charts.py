@@ -7,7 +7,7 @@ from matplotlib.ticker import MaxNLocator
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
-from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.result import RefineResult
 from planfit.report.measures import BeforeAfter, Measures
 from planfit.report.plots.drawing import (
     AFTER,

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.result import RefineResult
 from planfit.report.plots.drawing import (
     AFTER,
     BEFORE,

@@ -7,7 +7,7 @@ from matplotlib.lines import Line2D
 
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
-from planfit.pipeline.refine import RefineResult
+from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.measures import BeforeAfter, Measures, measure
 from planfit.report.plots.drawing import (
