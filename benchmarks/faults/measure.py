@@ -1,0 +1,202 @@
+"""One case: planfit run on it, and what came of it beside the truth."""
+
+import time
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+import planfit
+from faults.cases import FAULTS, Case
+from faults.inputs import Inputs
+from faults.scans import all_scans, drifted, keep_images
+from faults.words import moved_walls_found, outcome_of, predicted_errors_m, recognised
+from planfit.adjust import adjust_to_plan, costs
+from planfit.errors import PlanfitError
+from planfit.evaluation import position_errors
+from planfit.geometry import se3
+from planfit.pipeline.prepare import extract_observations, prepare
+from planfit.pipeline.result import RefineResult
+from planfit.runtime import Runtime
+
+REFUSED, CRASHED = 2, 3
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What came of a case."""
+
+    number: int
+    name: str
+    digest: str
+    """Of the code and of the options that it was measured with."""
+    exit_code: int
+    """As the command line gives it: 0, 1, 2; 3 for a crash."""
+    said: str = ""
+    """The outcome in words, or the sentence of the error."""
+    before_m: float | None = None
+    """RMS error of the recorded positions, put on the true plan by the true axes of the world."""
+    error_m: float | None = None
+    """RMS error of the refined positions on the plan, without alignment to the truth."""
+    aligned_m: float | None = None
+    """The same after the rigid motion that brings them closest."""
+    largest_m: float | None = None
+    """Largest error of a frame."""
+    scale_error: float | None = None
+    """Of the plan in the end."""
+    warnings: tuple[str, ...] = ()
+    convention: str = ""
+    """The wrong convention that the poses were given in."""
+    is_recognised: bool | None = None
+    """Whether it was named; None where poses were as they should be and nothing else was claimed."""
+    moved_seen: int = 0
+    """Moved walls that three pieces or more were seen of."""
+    moved_named: int = 0
+    """Of those, named as moved with an offset within 3 cm."""
+    predicted_m: float | None = None
+    """RMS of the errors that the run predicts for its frames."""
+    within_predicted: float | None = None
+    """Share of frames whose error is within twice what was predicted."""
+    cost: float | None = None
+    """Sum of the robust costs of all terms."""
+    cost_from_truth: float | None = None
+    """The same, solved from the true poses."""
+    true_error_m: float | None = None
+    """Error of that solution."""
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class How:
+    """How cases are measured."""
+
+    cache_dir: Path
+    """Folder for images that are rendered once, and for keypoints, which no pose changes."""
+    digest: str
+    options: planfit.RefineOptions = field(default_factory=planfit.RefineOptions)
+    is_optimality: bool = False
+    """Also solve from the true poses."""
+
+
+class KeypointsKept(Runtime):
+    """Keeps keypoints alone: all else depends on the poses, which differ in every case."""
+
+    def _folder(self, stage: str, key: str) -> Path | None:
+        return super()._folder(stage, key) if stage == "keypoints" else None
+
+
+def measure(case: Case, how: How) -> Measured:
+    """Run planfit on a case. What a user should be told is recorded as refused, other errors as crashed."""
+    begin = time.perf_counter()
+    nothing = Measured(case.number, case.name, how.digest, CRASHED)
+    try:
+        measured = _measure(case, how, nothing)
+    except PlanfitError as error:
+        convention = _convention_of(case)
+        measured = replace(
+            nothing,
+            exit_code=REFUSED,
+            said=str(error),
+            convention=convention,
+            is_recognised=recognised(convention, str(error)) if convention else None,
+        )
+    except Exception as error:  # whatever it is: the battery goes on, and says so
+        measured = replace(nothing, said=f"{type(error).__name__}: {error}")
+    return replace(measured, seconds=round(time.perf_counter() - begin, 2))
+
+
+@lru_cache(maxsize=1)
+def base_inputs(scan: str, cache_dir: Path) -> Inputs:
+    """A scan with its true poses, images kept."""
+    base = all_scans()[scan]
+    inputs = base.make()
+    if base.is_rendered:
+        inputs = replace(inputs, scan=keep_images(inputs.scan, cache_dir / "images"))
+    return inputs
+
+
+def _measure(case: Case, how: How, nothing: Measured) -> Measured:
+    inputs = case.spoil(drifted(base_inputs(case.scan, how.cache_dir), case.drift_seed))
+    runtime = KeypointsKept(workers=1, cache_dir=how.cache_dir)
+    result = planfit.refine(inputs.scan, inputs.floorplan, how.options, runtime)
+    measured = judge(inputs, result, nothing)
+    if how.is_optimality and not inputs.convention:
+        measured = replace(measured, **_from_truth(inputs, result, how, runtime))
+    return measured
+
+
+def judge(inputs: Inputs, result: RefineResult, nothing: Measured) -> Measured:
+    """A result beside the truth."""
+    truth = inputs.true_positions()
+    found = inputs.in_true_plan(result.plan_from_cams[:, :3, 3], result.floorplan)
+    errors = np.linalg.norm(found - truth, axis=1)
+    exit_code, said = outcome_of(result)
+    heard = " ".join([said, *result.warnings])
+    predicted = predicted_errors_m(result)
+    seen, named = moved_walls_found(inputs, result)
+    claims = recognised(inputs.convention, heard, result)
+    return replace(
+        nothing,
+        exit_code=exit_code,
+        said=said,
+        before_m=_rms(np.linalg.norm(inputs.recorded_in_true_plan() - truth, axis=1)),
+        error_m=_rms(errors),
+        aligned_m=position_errors(_poses(found), _poses(truth)).aligned_rms_m,
+        largest_m=float(errors.max()),
+        scale_error=inputs.scale_error(result.floorplan),
+        warnings=result.warnings,
+        convention=inputs.convention,
+        is_recognised=claims,
+        moved_seen=seen,
+        moved_named=named,
+        predicted_m=None if predicted is None else _rms(predicted),
+        within_predicted=None if predicted is None else float(np.mean(errors <= 2 * predicted)),
+        cost=float(sum(after for _, after in result.cost_by_term.values())),
+    )
+
+
+def _from_truth(
+    inputs: Inputs, result: RefineResult, how: How, runtime: Runtime
+) -> dict[str, float]:
+    """Cost and error of the adjustment begun at the true poses, with what this run saw of the scan."""
+    seen = extract_observations(inputs.scan, how.options, runtime, matches=result.matches)
+    prepared = prepare(inputs.scan, seen, how.options)
+    true_plan_from_cams = inputs.true_plan_from_world @ inputs.true_world_from_cams
+    undone = inputs.result_from_given(result.floorplan) @ inputs.given_from_true
+    start = true_plan_from_cams[prepared.keyframes.frame_idx].copy()
+    start[:, :2, 3] = start[:, :2, 3] @ undone.T
+    adjusted = adjust_to_plan(prepared.measurements, result.floorplan, start, how.options.adjust)
+    poses = adjusted.solution.target_from_cams
+    after = costs(prepared.measurements, poses, how.options.adjust, adjusted.correspondences)
+    found = inputs.in_true_plan(poses[:, :3, 3], result.floorplan)
+    truth = true_plan_from_cams[prepared.keyframes.frame_idx, :3, 3]
+    return {
+        "cost_from_truth": float(sum(after.values())),
+        "true_error_m": _rms(np.linalg.norm(found - truth, axis=1)),
+    }
+
+
+def _convention_of(case: Case) -> str:
+    """The wrong convention that a case puts the poses in, told without its scan."""
+    for part in case.parts:
+        if FAULTS[part.fault].group == "convention":
+            return part.fault
+    return ""
+
+
+def _poses(positions: np.ndarray) -> np.ndarray:
+    return se3.make_transform(np.eye(3), positions)
+
+
+def _rms(distances: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(distances**2)))
+
+
+def as_json(measured: Measured) -> dict:
+    """Plain values, metres to a tenth of a millimetre."""
+    values = asdict(measured)
+    return {
+        name: round(value, 4) if isinstance(value, float) and abs(value) < 1e6 else value
+        for name, value in values.items()
+    }
