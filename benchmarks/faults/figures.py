@@ -195,12 +195,8 @@ def fault_rows(results: Sequence[Result]) -> list[FaultRow]:
     groups: dict[tuple, list[Result]] = {}
     for r in results:
         size = r.case.parts[0].size if r.case.parts else 0
-        key = (
-            len(r.faults),
-            tuple(order[fault] for fault in sorted(r.faults, key=order.get)),
-            size,
-        )  # pyright: ignore
-        groups.setdefault(key, []).append(r)
+        names = tuple(sorted(order[fault] for fault in r.faults))
+        groups.setdefault((len(names), names, size), []).append(r)
     return [_row(groups[key]) for key in sorted(groups)]
 
 
@@ -245,18 +241,21 @@ class ReliabilityRow:
 def reliability_rows(results: Sequence[Result]) -> list[ReliabilityRow]:
     """Predicted against true errors; empty where no error was predicted."""
     rows = []
-    given = [r.measured for r in results if r.measured.predicted_m is not None]
+    # Predicted and true error, and the share of frames within twice the predicted one.
+    given = np.array(
+        [
+            (m.predicted_m, m.error_m, m.within_predicted)
+            for m in (r.measured for r in results)
+            if None not in (m.predicted_m, m.error_m, m.within_predicted)
+        ],
+        dtype=float,
+    ).reshape(-1, 3)
     for low, high in pairwise(PREDICTED_BINS_M):
-        inside = [m for m in given if m.error_m is not None and low <= (m.predicted_m or 0) < high]
-        if inside:
+        inside = given[(given[:, 0] >= low) & (given[:, 0] < high)]
+        if len(inside):
+            predicted, error = np.median(inside[:, :2], axis=0)
+            within = float(inside[:, 2].mean())
             rows.append(
-                ReliabilityRow(
-                    low,
-                    high,
-                    len(inside),
-                    float(np.median([m.predicted_m for m in inside])),
-                    float(np.median([m.error_m for m in inside])),
-                    float(np.mean([m.within_predicted for m in inside])),
-                )
+                ReliabilityRow(low, high, len(inside), float(predicted), float(error), within)
             )
     return rows

@@ -10,13 +10,12 @@ import numpy as np
 import planfit
 from faults.cases import FAULTS, Case
 from faults.inputs import Inputs
+from faults.optimality import compare_with_truth
 from faults.scans import all_scans, drifted, keep_images
 from faults.words import moved_walls_found, outcome_of, predicted_errors_m, recognised
-from planfit.adjust import adjust_to_plan, costs
 from planfit.errors import PlanfitError
 from planfit.evaluation import position_errors
 from planfit.geometry import se3
-from planfit.pipeline.prepare import extract_observations, prepare
 from planfit.pipeline.result import RefineResult
 from planfit.runtime import Runtime
 
@@ -59,7 +58,7 @@ class Measured:
     within_predicted: float | None = None
     """Share of frames whose error is within twice what was predicted."""
     cost: float | None = None
-    """Sum of the robust costs of all terms."""
+    """Full cost, see `optimality.py`; taken where it is asked for."""
     cost_from_truth: float | None = None
     """The same, solved from the true poses."""
     true_error_m: float | None = None
@@ -121,9 +120,10 @@ def _measure(case: Case, how: How, nothing: Measured) -> Measured:
     runtime = KeypointsKept(workers=1, cache_dir=how.cache_dir)
     result = planfit.refine(inputs.scan, inputs.floorplan, how.options, runtime)
     measured = judge(inputs, result, nothing)
-    if how.is_optimality and not inputs.convention:
-        measured = replace(measured, **_from_truth(inputs, result, how, runtime))
-    return measured
+    if not (how.is_optimality and inputs.has_place) or inputs.convention:
+        return measured
+    cost, cost_from_truth, true_error_m = compare_with_truth(inputs, result, how.options)
+    return replace(measured, cost=cost, cost_from_truth=cost_from_truth, true_error_m=true_error_m)
 
 
 def judge(inputs: Inputs, result: RefineResult, nothing: Measured) -> Measured:
@@ -152,29 +152,7 @@ def judge(inputs: Inputs, result: RefineResult, nothing: Measured) -> Measured:
         moved_named=named,
         predicted_m=None if predicted is None else _rms(predicted),
         within_predicted=None if predicted is None else float(np.mean(errors <= 2 * predicted)),
-        cost=float(sum(after for _, after in result.cost_by_term.values())),
     )
-
-
-def _from_truth(
-    inputs: Inputs, result: RefineResult, how: How, runtime: Runtime
-) -> dict[str, float]:
-    """Cost and error of the adjustment begun at the true poses, with what this run saw of the scan."""
-    seen = extract_observations(inputs.scan, how.options, runtime, matches=result.matches)
-    prepared = prepare(inputs.scan, seen, how.options)
-    true_plan_from_cams = inputs.true_plan_from_world @ inputs.true_world_from_cams
-    undone = inputs.result_from_given(result.floorplan) @ inputs.given_from_true
-    start = true_plan_from_cams[prepared.keyframes.frame_idx].copy()
-    start[:, :2, 3] = start[:, :2, 3] @ undone.T
-    adjusted = adjust_to_plan(prepared.measurements, result.floorplan, start, how.options.adjust)
-    poses = adjusted.solution.target_from_cams
-    after = costs(prepared.measurements, poses, how.options.adjust, adjusted.correspondences)
-    found = inputs.in_true_plan(poses[:, :3, 3], result.floorplan)
-    truth = true_plan_from_cams[prepared.keyframes.frame_idx, :3, 3]
-    return {
-        "cost_from_truth": float(sum(after.values())),
-        "true_error_m": _rms(np.linalg.norm(found - truth, axis=1)),
-    }
 
 
 def _convention_of(case: Case) -> str:

@@ -98,7 +98,7 @@ def added(inputs: Inputs, size: int, rng: np.random.Generator) -> Inputs:
     """Partitions that were never built, a share of the plan's length more, square to other walls."""
     plan = inputs.floorplan
     long = np.flatnonzero(plan.lengths > 1.5)
-    new_ends: list[np.ndarray] = []
+    new_ends = []
     length = 0.0
     while length < SHARES[size] * plan.lengths.sum():
         i = rng.choice(long)
@@ -159,8 +159,7 @@ def outer_faces(plan: Floorplan) -> Bool[np.ndarray, " n"]:
     """Faces within a wall's thickness of the outline of all walls, doors and windows closed."""
     reach = 0.7
     shell = shapely.union_all([shapely.LineString(ends).buffer(reach) for ends in plan.ends])
-    parts = list(shell.geoms) if isinstance(shell, shapely.MultiPolygon) else [shell]
-    outline = shapely.union_all([part.exterior for part in parts])
+    outline = shapely.union_all(shapely.get_exterior_ring(shapely.get_parts(shell)))
     middle = shapely.points(plan.ends.mean(axis=1))
     return np.asarray(shapely.distance(outline, middle) < reach + MAX_THICKNESS_M)
 

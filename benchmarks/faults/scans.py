@@ -116,7 +116,9 @@ def _of(synthetic: SyntheticScan) -> Inputs:
 
 
 def _options(seed: int, n_frames: int, building: BuildingOptions, **others: object) -> SynthOptions:
-    walk = WalkOptions(n_frames=n_frames)
+    # One room has few stops: more of them make a walk of it.
+    area_m2 = 2.0 if building.n_rooms == 1 else 10.0
+    walk = WalkOptions(n_frames=n_frames, area_per_stop_m2=area_m2)
     options = SynthOptions(seed=seed, building=building, walk=walk, camera=CAMERA)
     return replace(options, **others)
 
