@@ -12,12 +12,13 @@ import numpy as np
 
 from faults.images import IMAGES, LOOK_ALIKES
 from faults.inputs import Fault, Inputs
-from faults.plans import PLANS
+from faults.plans import NO_PLAN, PLANS
 from faults.poses import CONVENTIONS, ORDER, TRACKING
 from faults.scans import SYNTHETIC, WALKS, rendered_walks
 
 FAULTS: dict[str, Fault] = {
-    fault.name: fault for fault in (*TRACKING, *CONVENTIONS, *ORDER, *PLANS, *IMAGES, *LOOK_ALIKES)
+    fault.name: fault
+    for fault in (*TRACKING, *CONVENTIONS, *ORDER, *PLANS, *IMAGES, *LOOK_ALIKES, NO_PLAN)
 }
 
 
@@ -54,9 +55,15 @@ class Case:
         return " + ".join(words) or "none"
 
     @property
-    def reference(self) -> tuple[str, int]:
-        """Scan and drift: cases that share them are compared with the one among them without a fault."""
-        return self.scan, self.drift_seed
+    def is_reference(self) -> bool:
+        """Whether others are compared with it: it has no fault."""
+        return all(part.fault == NO_PLAN.name for part in self.parts)
+
+    @property
+    def reference(self) -> tuple[str, int, bool]:
+        """Scan, drift and whether there is a plan: cases that share them are compared with the reference
+        among them."""
+        return self.scan, self.drift_seed, Part(NO_PLAN.name, 0) not in self.parts
 
     def spoil(self, inputs: Inputs) -> Inputs:
         """The drifted inputs with the faults of this case, the first one first.
@@ -89,6 +96,7 @@ def _chapters() -> Iterator[What]:
     yield from _kitchen()
     yield from _pairs()
     yield from _look_alikes()
+    yield from _without_plan()
     yield from _rendered_walks()
 
 
@@ -198,6 +206,16 @@ def _look_alikes() -> Iterator[What]:
         yield from (bare, hung) if k % 2 else (hung, bare)
 
 
+def _without_plan() -> Iterator[What]:
+    """The kitchen, which came without a plan, and each fault of tracking there; others without a fault."""
+    none = Part(NO_PLAN.name, 0)
+    for scan in ("kitchen", "conslam", "flat", "same offices"):
+        for seed in range(4):
+            yield scan, seed, (none,)
+    for k, part in enumerate(_sizes((*TRACKING, *ORDER))):
+        yield "kitchen", k % 4, (none, part)
+
+
 def _rendered_walks() -> Iterator[What]:
     """Walks rendered in real plans."""
     parts = [(), *[(Part(name, 1),) for name in (
@@ -230,5 +248,5 @@ def choose(
     ]
     references = {case.reference for case in chosen}
     numbers = {case.number for case in chosen}
-    numbers |= {case.number for case in cases if not case.parts and case.reference in references}
+    numbers |= {case.number for case in cases if case.is_reference and case.reference in references}
     return [case for case in cases if case.number in numbers]

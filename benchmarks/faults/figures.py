@@ -78,7 +78,7 @@ def match_results(cases: Sequence[Case], measured: Iterable[Measured]) -> list[R
     last = {m.number: m for m in measured}
     done = [(case, last[case.number]) for case in cases if case.number in last]
     done = [(case, m) for case, m in done if m.name == case.name]
-    faultless = {case.reference: m.error_m for case, m in done if not case.parts}
+    faultless = {case.reference: m.error_m for case, m in done if case.is_reference}
     return [Result(case, m, faultless.get(case.reference)) for case, m in done]
 
 

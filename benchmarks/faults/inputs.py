@@ -39,10 +39,10 @@ class Inputs:
     given_from_true: Float[np.ndarray, "2 2"] = field(default_factory=lambda: np.eye(2))
     """From the true plan to the plan as given: another scale, mirrored."""
     moved_walls: tuple[MovedWall, ...] = ()
-    convention: str = ""
-    """The wrong convention that the poses are in; empty where they are as they should be."""
     has_place: bool = True
     """Whether the scan has a place on the plan; not on that of another building."""
+    has_plan: bool = True
+    """Whether planfit is given the plan."""
     synthetic: SyntheticScan | None = None
     """The building behind a synthetic scan."""
 
@@ -124,6 +124,8 @@ class Fault:
     sizes: tuple[str, ...]
     """In words, from small to large."""
     spoil: Spoiler
+    conventions: tuple[str, ...] = ()
+    """The convention that poses are in after it, by size; of the group `convention` alone."""
 
     def __post_init__(self) -> None:
         if len(self.sizes) not in (1, 3):

@@ -14,7 +14,6 @@ from faults.optimality import compare_with_truth
 from faults.scans import all_scans, drifted, keep_images
 from faults.words import moved_walls_found, outcome_of, predicted_errors_m, recognised
 from planfit.errors import PlanfitError
-from planfit.evaluation import position_errors
 from planfit.geometry import se3
 from planfit.pipeline.result import RefineResult
 from planfit.runtime import Runtime
@@ -88,20 +87,14 @@ class KeypointsKept(Runtime):
 def measure(case: Case, how: How) -> Measured:
     """Run planfit on a case. What a user should be told is recorded as refused, other errors as crashed."""
     begin = time.perf_counter()
-    nothing = Measured(case.number, case.name, how.digest, CRASHED)
+    measured = Measured(case.number, case.name, how.digest, CRASHED, convention=convention_of(case))
     try:
-        measured = _measure(case, how, nothing)
+        measured = _measure(case, how, measured)
     except PlanfitError as error:
-        convention = _convention_of(case)
-        measured = replace(
-            nothing,
-            exit_code=REFUSED,
-            said=str(error),
-            convention=convention,
-            is_recognised=recognised(convention, str(error)) if convention else None,
-        )
+        claim = recognised(measured.convention, str(error))
+        measured = replace(measured, exit_code=REFUSED, said=str(error), is_recognised=claim)
     except Exception as error:  # whatever it is: the battery goes on, and says so
-        measured = replace(nothing, said=f"{type(error).__name__}: {error}")
+        measured = replace(measured, said=f"{type(error).__name__}: {error}")
     return replace(measured, seconds=round(time.perf_counter() - begin, 2))
 
 
@@ -118,35 +111,40 @@ def base_inputs(scan: str, cache_dir: Path) -> Inputs:
 def _measure(case: Case, how: How, nothing: Measured) -> Measured:
     inputs = case.spoil(drifted(base_inputs(case.scan, how.cache_dir), case.drift_seed))
     runtime = KeypointsKept(workers=1, cache_dir=how.cache_dir)
-    result = planfit.refine(inputs.scan, inputs.floorplan, how.options, runtime)
+    plan = inputs.floorplan if inputs.has_plan else None
+    result = planfit.refine(inputs.scan, plan, how.options, runtime)  # pyright: ignore[reportArgumentType]
     measured = judge(inputs, result, nothing)
-    if not (how.is_optimality and inputs.has_place) or inputs.convention:
+    is_comparable = inputs.has_plan and inputs.has_place and not measured.convention
+    if not (how.is_optimality and is_comparable):
         return measured
     cost, cost_from_truth, true_error_m = compare_with_truth(inputs, result, how.options)
     return replace(measured, cost=cost, cost_from_truth=cost_from_truth, true_error_m=true_error_m)
 
 
 def judge(inputs: Inputs, result: RefineResult, nothing: Measured) -> Measured:
-    """A result beside the truth."""
-    truth = inputs.true_positions()
-    found = inputs.in_true_plan(result.plan_from_cams[:, :3, 3], result.floorplan)
+    """A result beside the truth; without a plan, positions are first brought as close to it as can be."""
+    truth, before = inputs.true_positions(), inputs.recorded_in_true_plan()
+    found = result.plan_from_cams[:, :3, 3]
+    if inputs.has_plan:
+        found = inputs.in_true_plan(found, result.floorplan)
+    else:
+        before, found = (brought_to(positions, truth) for positions in (before, found))
     errors = np.linalg.norm(found - truth, axis=1)
     exit_code, said = outcome_of(result)
     heard = " ".join([said, *result.warnings])
     predicted = predicted_errors_m(result)
     seen, named = moved_walls_found(inputs, result)
-    claims = recognised(inputs.convention, heard, result)
+    claims = recognised(nothing.convention, heard, result)
     return replace(
         nothing,
         exit_code=exit_code,
         said=said,
-        before_m=_rms(np.linalg.norm(inputs.recorded_in_true_plan() - truth, axis=1)),
+        before_m=_rms(np.linalg.norm(before - truth, axis=1)),
         error_m=_rms(errors),
-        aligned_m=position_errors(_poses(found), _poses(truth)).aligned_rms_m,
+        aligned_m=_rms(np.linalg.norm(brought_to(found, truth) - truth, axis=1)),
         largest_m=float(errors.max()),
-        scale_error=inputs.scale_error(result.floorplan),
+        scale_error=inputs.scale_error(result.floorplan) if inputs.has_plan else None,
         warnings=result.warnings,
-        convention=inputs.convention,
         is_recognised=claims,
         moved_seen=seen,
         moved_named=named,
@@ -155,16 +153,18 @@ def judge(inputs: Inputs, result: RefineResult, nothing: Measured) -> Measured:
     )
 
 
-def _convention_of(case: Case) -> str:
-    """The wrong convention that a case puts the poses in, told without its scan."""
+def convention_of(case: Case) -> str:
+    """The wrong convention that a case puts the poses in; empty where they are as they should be."""
     for part in case.parts:
-        if FAULTS[part.fault].group == "convention":
-            return part.fault
+        fault = FAULTS[part.fault]
+        if fault.group == "convention":
+            return fault.conventions[part.size]
     return ""
 
 
-def _poses(positions: np.ndarray) -> np.ndarray:
-    return se3.make_transform(np.eye(3), positions)
+def brought_to(positions: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Positions (n, 3) after the rigid motion that brings them closest to the true ones."""
+    return se3.transform(se3.fit_rigid(positions, truth), positions)
 
 
 def _rms(distances: np.ndarray) -> float:

@@ -211,6 +211,11 @@ def other_storey(inputs: Inputs, _size: int, _rng: np.random.Generator) -> Input
     return inputs.with_faces(ends, normals, plan.is_oriented)
 
 
+def no_plan(inputs: Inputs, _size: int, _rng: np.random.Generator) -> Inputs:
+    """The scan has to agree with itself alone."""
+    return replace(inputs, has_plan=False)
+
+
 _SHARE_WORDS = tuple(f"{share:.0%}" for share in SHARES)
 _SCALE_WORDS = tuple(f"{scale:.0%}" for scale in SCALES)
 
@@ -227,3 +232,6 @@ PLANS = (
     Fault("other building", "plan", ("first", "second", "third"), other_building),
     Fault("other storey", "plan", ("",), other_storey),
 )
+
+NO_PLAN = Fault("no plan", "plan", ("",), no_plan)
+"""No fault; for scans that planfit refines without a plan."""

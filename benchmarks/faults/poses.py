@@ -138,8 +138,7 @@ CLOCK_DELAYS = (0.1, 0.25, 0.5)
 
 def late(inputs: Inputs, size: int, _rng: np.random.Generator) -> Inputs:
     """Whole frames late or early."""
-    names = ("one frame late", "two frames late", "one frame early")
-    return replace(delayed(inputs, DELAYS[size]), convention=names[size])
+    return delayed(inputs, DELAYS[size])
 
 
 def clock(inputs: Inputs, size: int, _rng: np.random.Generator) -> Inputs:
@@ -207,9 +206,9 @@ def left_handed(poses: Poses) -> Poses:
 
 def _convention(name: str, change: Callable[[Poses], Poses]) -> Fault:
     def spoil(inputs: Inputs, _size: int, _rng: np.random.Generator) -> Inputs:
-        return replace(inputs.with_poses(change(inputs.scan.world_from_cams)), convention=name)
+        return inputs.with_poses(change(inputs.scan.world_from_cams))
 
-    return Fault(name, "convention", ("",), spoil)
+    return Fault(name, "convention", ("",), spoil, (name,))
 
 
 def _jumps(name: str, count: int) -> Fault:
@@ -231,7 +230,13 @@ TRACKING = (
     Fault("identity poses", "tracking", _LOST, zeros),
     Fault("NaN poses", "tracking", _LOST, not_numbers),
     Fault("gap", "tracking", _LOST, gap),
-    Fault("delay", "tracking", ("1 frame late", "2 frames late", "1 frame early"), late),
+    Fault(
+        "delay",
+        "convention",
+        ("1 frame late", "2 frames late", "1 frame early"),
+        late,
+        ("one frame late", "two frames late", "one frame early"),
+    ),
     Fault("clock", "tracking", tuple(f"{d:g} frames late" for d in CLOCK_DELAYS), clock),
 )
 

@@ -2,8 +2,9 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from jaxtyping import Float, Int, UInt8
 import planfit
 from faults.inputs import Inputs
 from faults.layouts import corridor, hall, same_rooms, scan_of_layout
+from planfit.floorplan import PlanOptions
 from planfit.geometry import se3, segments
 from planfit.scan import Scan, ScanFiles, read_tum
 from planfit.scan.formats.facap import PLAN_FROM_WORLD
@@ -171,8 +173,52 @@ REAL = (
 
 
 def rendered_walks() -> tuple[BaseScan, ...]:
-    """Walks rendered in real plans, where planfit can render them: added at the end of the battery."""
-    return ()
+    """Walks rendered in real plans, where planfit can: added at the end of the battery."""
+    if "floorplan" not in signature(make_scan).parameters:
+        return ()
+    return tuple(BaseScan(f"in {plan.name}", partial(_in_plan, plan)) for plan in REAL_PLANS)
+
+
+@dataclass(frozen=True)
+class RealPlan:
+    """A plan to walk in, and how it is read."""
+
+    name: str
+    path: str
+    """In the folder of test inputs."""
+    seed: int
+    options: PlanOptions = field(default_factory=PlanOptions)
+    walk: str = ""
+    """File of the true walk, if one is known."""
+    height_px: int = 0
+    """Of a picture: its origin is the top left, that of the walk the bottom left."""
+
+
+HILTI = PlanOptions(metres_per_unit=0.01)
+REAL_PLANS = (
+    RealPlan("office", "floorplans/dxf/office_metres.dxf", 301),
+    RealPlan("house", "floorplans/ifc/AC20-FZK-Haus.ifc", 302),
+    RealPlan("duplex", "floorplans/ifc/duplex.ifc", 303),
+    RealPlan("site", "hilti/floor_1.png", 304, HILTI),
+    RealPlan("site, real walk", "hilti/floor_1.png", 305, HILTI, "hilti/floor_1_walk.tum", 4206),
+)
+
+
+def _in_plan(plan: RealPlan) -> Inputs:
+    """A walk of 200 frames, 80 m at most unless it is given, in a plan.
+
+    Raises:
+        PlanfitError: the plan is not at hand, or nobody can walk in it.
+    """
+    floorplan = planfit.read_floorplan(SHARED / plan.path, plan.options)
+    own: dict[str, object] = {"max_length_m": 80.0}
+    if plan.walk:
+        offset_m = (0.0, -0.01 * plan.height_px)
+        own = {"path": SHARED / plan.walk, "path_offset_m": offset_m}
+    walk = replace(WalkOptions(n_frames=200), **own)
+    options = SynthOptions(seed=plan.seed, walk=walk, camera=CAMERA)
+    make: Callable[..., SyntheticScan] = make_scan
+    return _of(make(options, floorplan))
 
 
 def all_scans() -> dict[str, BaseScan]:

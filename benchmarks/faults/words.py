@@ -12,18 +12,19 @@ from faults.inputs import Inputs
 from planfit.pipeline.result import RefineResult
 
 NAMES = {
-    "camera_from_world": r"camera_from_world|cam_from_world|inverse|inverted",
-    "OpenGL axes": r"opengl",
-    "ARKit axes": r"arkit",
-    "quaternion order": r"quaternion",
-    "z up": r"z[ -]?up|y[ -]?up|up axis|z is up|y is up",
-    "millimetres": r"millimet",
-    "left-handed": r"left[ -]?handed|mirrored axes",
-    "one frame late": r"one frame late|1 frame late|a frame late|late",
-    "two frames late": r"two frames late|2 frames late|late",
-    "one frame early": r"one frame early|1 frame early|a frame early|early",
+    "camera_from_world": ("camera_from_world",),
+    "OpenGL axes": ("opengl",),
+    "ARKit axes": ("arkit", "arkit_other_way"),
+    "quaternion order": ("quaternion_wxyz", "quaternion_xyzw"),
+    "z up": ("z_up", "y_up"),
+    "millimetres": ("millimetres",),
+    "left-handed": ("left_handed",),
+    "one frame late": ("one_frame_late",),
+    "two frames late": ("two_frames_late",),
+    "one frame early": ("one_frame_early",),
 }
-"""How a convention may be named, in lower case."""
+"""How planfit may name a convention."""
+_NAMED = re.compile(r"(?:look like|if they are|taken as|poses-convention) (\w+)")
 
 MOVED_WITHIN_M = 0.03
 
@@ -42,19 +43,15 @@ def recognised(convention: str, heard: str, result: RefineResult | None = None) 
 
     Args:
         convention: what the poses are in; empty where they are as they should be.
-        heard: all that was said, where no convention is a value of the result.
-        result: its `tracking.convention` is asked first.
+        heard: all that was said: the warnings, or the sentence of an error.
+        result: its `tracking.convention` is asked, too.
     """
-    tracking = getattr(result, "tracking", None)
-    named = getattr(tracking, "convention", None)
-    if named is not None:
-        named = str(getattr(named, "value", getattr(named, "name", named)))
-    if not convention:
-        is_claimed = named not in (None, "", "None", "none", "as recorded", "recorded")
-        return False if is_claimed else None
-    text = named if named not in (None, "", "None") else heard
-    return bool(re.search(NAMES[convention], text.lower().replace("_", " ")
-                          if convention != "camera_from_world" else text.lower()))  # fmt: skip
+    named = set(_NAMED.findall(heard))
+    named.add(getattr(getattr(result, "tracking", None), "convention", "recorded"))
+    if convention:
+        return bool(named & set(NAMES[convention]))
+    known = {name for names in NAMES.values() for name in names}
+    return False if named & known else None
 
 
 def moved_walls_found(inputs: Inputs, result: RefineResult) -> tuple[int, int]:
@@ -79,13 +76,11 @@ def moved_walls_found(inputs: Inputs, result: RefineResult) -> tuple[int, int]:
 
 def named_offsets_m(result: RefineResult) -> Float[np.ndarray, " f"] | None:
     """Offset of each face that was named as moved, along its normal, NaN for others; None if none can be."""
-    moved = getattr(result.adjustment, "moved_walls", None)
-    if moved is None:
+    adjustment = result.adjustment
+    moved_m = getattr(adjustment.correspondences, "moved_m", None)
+    if moved_m is None:
         return None
-    offsets = np.full(len(result.floorplan), np.nan)
-    for wall in moved:
-        offsets[np.atleast_1d(wall.face_idx)] = wall.offset_m
-    return offsets
+    return np.where(np.isfinite(moved_m), adjustment.offsets_m, np.nan)
 
 
 def pieces_a_face(inputs: Inputs, result: RefineResult) -> Float[np.ndarray, " f"]:
@@ -112,5 +107,5 @@ def pieces_a_face(inputs: Inputs, result: RefineResult) -> Float[np.ndarray, " f
 def predicted_errors_m(result: RefineResult) -> Float[np.ndarray, " n"] | None:
     """Error (m) that the run predicts for each frame; None where it predicts none."""
     verdict = getattr(result, "verdict", None)
-    predicted = getattr(verdict, "predicted_error_m", getattr(verdict, "predicted_errors_m", None))
+    predicted = getattr(verdict, "predicted_error_m", None)
     return None if predicted is None else np.asarray(predicted, dtype=float)

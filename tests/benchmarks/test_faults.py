@@ -14,7 +14,7 @@ from faults.layouts import corridor, same_rooms, scan_of_layout
 from faults.measure import CRASHED, How, Measured, measure
 from faults.page import make_page
 from faults.scans import DRIFT, _of, drifted
-from faults.words import recognised
+from faults.words import NAMES, recognised
 from scipy.spatial.transform import Rotation
 
 from builders import room_plan
@@ -165,10 +165,16 @@ def test_conventions_are_known_to_the_scorer(fault, flat: Inputs, rng: np.random
             fault.spoil(flat, 0, rng)
         assert recognised(fault.name, str(refused.value))
         return
-    convention = fault.spoil(flat, 0, rng).convention
-    assert convention == fault.name
-    assert recognised(convention, f"the poses look like {fault.name}")
+    fault.spoil(flat, 0, rng)
+    (convention,) = fault.conventions
+    name = NAMES[convention][0]
+    assert recognised(convention, f"these poses look like {name} (explains 80 %): run again")
+    assert not recognised(
+        convention, f"these poses look like {name}_too (explains 80 %): run again"
+    )
     assert not recognised(convention, "only 20 % of the walls lie near the plan")
+    assert recognised("", f"these poses look like {name} (explains 80 %)") is False
+    assert recognised("", "only 20 % of the walls lie near the plan") is None
 
 
 def test_shuffled_poses_are_the_same_poses(flat: Inputs, rng: np.random.Generator) -> None:
@@ -367,7 +373,7 @@ def test_numbers_are_stable_and_enough() -> None:
 
 def test_every_fault_has_all_sizes_in_both_halves_and_a_reference() -> None:
     cases = all_cases()
-    references = {case.reference for case in cases if not case.parts}
+    references = {case.reference for case in cases if case.is_reference}
     assert {case.reference for case in cases} == references
     for name, fault in FAULTS.items():
         alone = [case for case in cases if [part.fault for part in case.parts] == [name]]
@@ -391,11 +397,11 @@ def test_choice_brings_its_references() -> None:
     cases = all_cases()
     chosen = choose(cases, "one jump, 3 m | walls moved, 30%", ("conslam",))
     assert {case.reference for case in chosen} == {
-        case.reference for case in chosen if not case.parts
+        case.reference for case in chosen if case.is_reference
     }
     faults = {part.fault for case in chosen for part in case.parts}
     assert {"one jump", "walls moved"} <= faults
-    some = [case for case in choose(cases, every=6) if case.parts]
+    some = [case for case in choose(cases, every=6) if not case.is_reference]
     assert {case.number % 2 for case in some} == {0, 1}
     assert len(cases) / 8 < len(some) < len(cases) / 4
 
