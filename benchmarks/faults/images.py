@@ -1,0 +1,162 @@
+"""Faults of what the images show: depth and focal length off, look-alike posters, views of another place."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from faults.inputs import Fault, Inputs
+from planfit.geometry import segments
+from planfit.scan import ScanFiles
+from planfit.scan.types import Label
+from planfit.synth import Renderer, SyntheticScan, make_lights, make_quads
+from planfit.synth.materials import FABRIC_COLORS, Material
+from planfit.synth.mesh import Quads
+from planfit.synth.scan import SynthFiles
+from planfit.synth.walls import Part
+
+DEPTH_ERRORS = (0.01, 0.02, 0.05)
+FOCAL_ERRORS = (0.01, 0.03, 0.05)
+COPIED_FRAMES = (1, 3, 8)
+POSTERS = ((1, 0.35), (2, 0.7), (4, 1.0))
+"""Kinds of posters, and the share of walls that have them."""
+
+
+@dataclass(frozen=True)
+class SpoiltFiles:
+    """Images of other frames, or depth longer than it is."""
+
+    files: ScanFiles
+    shown: Int[np.ndarray, " n"]
+    """The frame whose images each frame shows."""
+    depth_factor: float = 1.0
+
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
+        return self.files.color(int(self.shown[frame_idx]))
+
+    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
+        """Depth, float32 m, NaN where nothing was measured."""
+        depth = self.files.depth(int(self.shown[frame_idx]))
+        return depth * np.float32(self.depth_factor)
+
+    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
+        """Label image of `Label`."""
+        return self.files.labels(int(self.shown[frame_idx]))
+
+    def write_poses(
+        self,
+        directory: Path,
+        world_from_cams: Float[np.ndarray, "n 4 4"],
+        frame_idx: Int[np.ndarray, " n"] | None = None,
+    ) -> None:
+        """As the format has it."""
+        self.files.write_poses(directory, world_from_cams, frame_idx)
+
+
+def _with_files(inputs: Inputs, files: ScanFiles, what: str) -> Inputs:
+    fingerprint = f"{inputs.scan.fingerprint} {what}"
+    return replace(inputs, scan=replace(inputs.scan, files=files, fingerprint=fingerprint))
+
+
+def long_depth(inputs: Inputs, size: int, _rng: np.random.Generator) -> Inputs:
+    """All depths longer than they are."""
+    everywhere = np.arange(len(inputs.scan))
+    files = SpoiltFiles(inputs.scan.files, everywhere, 1 + DEPTH_ERRORS[size])
+    return _with_files(inputs, files, f"depth {DEPTH_ERRORS[size]}")
+
+
+def wrong_focal_length(inputs: Inputs, size: int, _rng: np.random.Generator) -> Inputs:
+    """A focal length longer than it is."""
+    k = 1 + FOCAL_ERRORS[size]
+    cameras = tuple(replace(c, fx=c.fx * k, fy=c.fy * k) for c in inputs.scan.cameras)
+    fingerprint = f"{inputs.scan.fingerprint} focal {k}"
+    return replace(inputs, scan=replace(inputs.scan, cameras=cameras, fingerprint=fingerprint))
+
+
+def copied_views(inputs: Inputs, size: int, rng: np.random.Generator) -> Inputs:
+    """Some frames show what frames a third of the walk before showed: a room of the same kind, to the hair.
+
+    Only the recorded motion, and the plan, say that it is another place.
+    """
+    n, count = len(inputs.scan), COPIED_FRAMES[size]
+    source = int(rng.integers(n // 10, n // 2))
+    target = source + n // 3
+    shown = np.arange(n)
+    shown[target : target + count] = shown[source : source + count]
+    what = f"copied {source} {target} {count}"
+    return _with_files(inputs, SpoiltFiles(inputs.scan.files, shown), what)
+
+
+def posters(inputs: Inputs, size: int, rng: np.random.Generator) -> Inputs:
+    """The same posters hang in many places; walk, noise and drift are as without.
+
+    Raises:
+        ValueError: the scan is no synthetic one.
+    """
+    if inputs.synthetic is None:
+        raise ValueError(f"{inputs.scan.name}: expected a synthetic scan to hang posters in")
+    synthetic = inputs.synthetic
+    n_kinds, share = POSTERS[size]
+    hung = hang_posters(synthetic, n_kinds, share, rng)
+    renderer = Renderer(hung, make_lights(synthetic.building))
+    camera = inputs.scan.cameras[0]
+    files = SynthFiles(renderer, camera, synthetic.true_plan_from_cams, synthetic.options)
+    return _with_files(inputs, files, f"posters {n_kinds} {share} {rng.integers(2**31)}")
+
+
+def hang_posters(
+    synthetic: SyntheticScan, n_kinds: int, share: float, rng: np.random.Generator
+) -> Quads:
+    """The building's surfaces, and posters of a few kinds, each of one size, colour and texture."""
+    building = synthetic.building
+    # The stream that `make_scan` paints surfaces from, so that these stay what they are.
+    bare = make_quads(building, np.random.default_rng([synthetic.options.seed, 1]))
+    faces = building.faces
+    is_wall = (faces.parts == Part.FULL) & (faces.rooms >= 0) & ~faces.is_column
+    lengths = segments.lengths(faces.ends)
+    walls = np.flatnonzero(is_wall & (lengths > 1.4))
+    walls = rng.permutation(walls)[: max(2, round(share * len(walls)))]
+    kind = rng.integers(n_kinds, size=len(walls))
+    size = np.column_stack([rng.uniform(0.6, 1.0, n_kinds), rng.uniform(0.7, 1.0, n_kinds)])[kind]
+    seed = rng.integers(2**63, size=n_kinds, dtype=np.uint64)[kind]
+    along = segments.directions(faces.ends)[walls]
+    normal = segments.left_normals(faces.ends)[walls]
+    at = faces.ends[walls].mean(axis=1) - along * size[:, :1] / 2 + 0.03 * normal
+    rotation = building.plan_from_building[:3, :3]
+
+    def upright(xy: np.ndarray, z: float) -> np.ndarray:
+        return np.column_stack([xy, np.full(len(xy), z)]) @ rotation.T
+
+    colors = np.array(FABRIC_COLORS)[kind % len(FABRIC_COLORS)]
+    return Quads(
+        origin=np.concatenate([bare.origin, upright(at, 1.1)]),
+        u_axis=np.concatenate([bare.u_axis, upright(along, 0.0)]),
+        v_axis=np.concatenate([bare.v_axis, np.tile([0.0, 0.0, 1.0], (len(walls), 1))]),
+        size=np.concatenate([bare.size, size]),
+        normal=np.concatenate([bare.normal, upright(normal, 0.0)]),
+        label=np.concatenate([bare.label, np.full(len(walls), Label.OTHER, dtype=np.uint8)]),
+        material=np.concatenate([bare.material, np.full(len(walls), int(Material.NOTES))]),
+        color=np.concatenate([bare.color, colors]),
+        room=np.concatenate([bare.room, faces.rooms[walls]]),
+        seed=np.concatenate([bare.seed, seed]),
+    )
+
+
+def _words(errors: tuple[float, ...], how: Callable[[float], str]) -> tuple[str, ...]:
+    return tuple(how(error) for error in errors)
+
+
+IMAGES = (
+    Fault("depth long", "images", _words(DEPTH_ERRORS, "{:.0%}".format), long_depth),
+    Fault("focal length long", "images", _words(FOCAL_ERRORS, "{:.0%}".format), wrong_focal_length),
+    Fault("copied views", "images", tuple(f"{n} frames" for n in COPIED_FRAMES), copied_views),
+)
+
+LOOK_ALIKES = (
+    Fault(
+        "same posters", "images", tuple(f"{k} kinds, {s:.0%} of walls" for k, s in POSTERS), posters
+    ),
+)
