@@ -10,7 +10,7 @@ from planfit.errors import OptionError
 from planfit.floorplan import Floorplan, nearest_faces
 from planfit.geometry import se3, segments
 from planfit.synth.furniture import Piece, furnish
-from planfit.synth.layout import BuildingLayout, make_layout
+from planfit.synth.layout import BuildingLayout, Rect, make_layout
 from planfit.synth.options import BuildingOptions
 from planfit.synth.walls import Part, WallFaces, wall_faces
 
@@ -41,6 +41,32 @@ class Building:
         return Floorplan(
             "synthetic plan", ends, segments.left_normals(ends), np.ones(len(ends), dtype=bool)
         )
+
+    @property
+    def rooms(self) -> tuple[Rect, ...]:
+        """Clear of walls."""
+        return self.layout.rooms
+
+    @property
+    def bounds(self) -> Rect:
+        """Around all rooms."""
+        rooms = self.layout.rooms
+        return Rect(
+            min(r.x0 for r in rooms),
+            min(r.y0 for r in rooms),
+            max(r.x1 for r in rooms),
+            max(r.y1 for r in rooms),
+        )
+
+    def inwards(self, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Directions towards the middle of the room, shorter near it; 0 in doors."""
+        result = np.zeros_like(xy)
+        for room in self.layout.rooms:
+            away = room.centre - xy
+            distance = np.linalg.norm(away, axis=1, keepdims=True)
+            inside = room.contains(xy)
+            result[inside] = (away / np.maximum(distance, 0.8))[inside]
+        return result
 
     def clearance(self, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         """Distances, m, from points, building frame, to walls, columns and furniture.

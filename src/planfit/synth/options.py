@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 from planfit.errors import require
@@ -53,6 +54,8 @@ class BuildingOptions:
     """Furniture leaves ways of this width between all doors."""
     yaw_deg: float = 0.0
     """Yaw of the building in the plan frame; not zero gives walls off the plan's axes."""
+    single_wall_m: float = 0.1
+    """In a given plan: thickness of walls that are drawn by one face only, behind that face."""
 
     def __post_init__(self) -> None:
         require(1 <= self.n_rooms <= MAX_ROOMS,
@@ -70,6 +73,8 @@ class BuildingOptions:
         require(1.5 < self.door_height_m < self.height_m,
                 f"door_height_m: expected 1.5 to height_m = {self.height_m:g}, "
                 f"found {self.door_height_m:g}")  # fmt: skip
+        require(self.single_wall_m > 0,
+                f"single_wall_m: expected > 0, found {self.single_wall_m:g}")  # fmt: skip
         require(self.corridor_width_m >= self.walkway_m,
                 f"corridor_width_m: expected at least walkway_m = {self.walkway_m:g}, "
                 f"found {self.corridor_width_m:g}")  # fmt: skip
@@ -106,10 +111,24 @@ class WalkOptions:
     """Standard deviation of roll."""
     area_per_stop_m2: float = 10.0
     """Floor area for each point that the walk calls at; smaller makes it longer."""
+    door_clearance_m: float = 0.25
+    """In a given plan: how near the camera comes to walls in doors narrower than twice `clearance_m`."""
+    max_length_m: float | None = None
+    """In a given plan: a longer walk leaves rooms out; by default it calls at all that can be reached."""
+    path: Path | None = None
+    """In a given plan: the way itself, a TUM trajectory (`time x y z qx qy qz qw`) of which x and y are used,
+    in the plan's axes, m. The camera looks along it; where it passes through walls they are not built."""
+    path_offset_m: tuple[float, float] = (0.0, 0.0)
+    """Added to x and y of `path`. The origin of a plan that is a picture is its top left pixel, y up: of a
+    path from the bottom left, y needs less the picture's height."""
 
     def __post_init__(self) -> None:
         require(self.n_frames >= 2, f"n_frames: expected at least 2, found {self.n_frames}")
         require(self.clearance_m > 0, f"clearance_m: expected > 0, found {self.clearance_m:g}")
+        require(self.door_clearance_m > 0,
+                f"door_clearance_m: expected > 0, found {self.door_clearance_m:g}")  # fmt: skip
+        require(self.max_length_m is None or self.max_length_m > 0,
+                f"max_length_m: expected > 0, found {self.max_length_m}")  # fmt: skip
         require(self.area_per_stop_m2 > 0.5,
                 f"area_per_stop_m2: expected > 0.5, found {self.area_per_stop_m2:g}")  # fmt: skip
         sigmas = (self.sway_m, self.pitch_swing_deg, self.look_around_deg, self.roll_swing_deg)
