@@ -1,5 +1,6 @@
 """From the synthetic building to rectangles with labels and materials, and to lamps."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -7,12 +8,13 @@ from jaxtyping import Float
 
 from planfit.geometry import segments
 from planfit.scan.types import Label
-from planfit.synth.building import Building
+from planfit.synth.building import Building, copied_rooms
 from planfit.synth.furniture import Box, Piece
 from planfit.synth.hangings import add_hangings
 from planfit.synth.layout import Rect
+from planfit.synth.lookalikes import Poster, turn_to
 from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, WOOD_COLORS, Material
-from planfit.synth.quads import Collector, Lights, Quads, X, Y, Z, add_box
+from planfit.synth.quads import Collector, Lights, Quads, X, Y, Z, add_box, join
 from planfit.synth.walls import Part
 
 LAMP_SPACING_M = 3.5
@@ -27,8 +29,11 @@ def make_quads(building: Building, rng: np.random.Generator) -> Quads:
     _add_wall_hangings(building, collector, rng)
     _add_lamps(building, collector)
     for piece in building.furniture:
-        _add_piece(piece, collector)
+        add_piece(piece, collector)
+    add_posters(building.posters, collector)
     quads = collector.quads(rng)
+    if building.options.same_rooms:
+        quads = _with_same_rooms(quads, building)
     rotation = building.plan_from_building[:3, :3]
     return replace(
         quads,
@@ -97,7 +102,10 @@ def _add_doorways(building: Building, collector: Collector) -> None:
     top = building.options.door_height_m
     width, depth = 0.07, 0.015
     for door in building.layout.doors:
-        rect, room = door.rect, door.rooms[0]
+        # A threshold is of one room; of rooms that look alike, none has one.
+        corridor = building.layout.corridor
+        rect = door.rect
+        room = corridor if building.options.same_rooms and corridor is not None else door.rooms[0]
         size = _flat_size(rect)
         floor, soffit = _flat(rect, 0.0, 1.0), _flat(rect, top, -1.0)
         collector.add(floor, size, Label.FLOOR, Material.PLANKS, WOOD_COLORS[1], room)
@@ -147,6 +155,40 @@ def _add_lamps(building: Building, collector: Collector) -> None:
         add_box(lamp, spot, 0.0, room, collector)
 
 
-def _add_piece(piece: Piece, collector: Collector) -> None:
+def add_piece(piece: Piece, collector: Collector) -> None:
+    """All its boxes."""
     for box in piece.boxes:
-        add_box(box, piece.footprint.centre, piece.footprint.yaw, piece.room, collector)
+        add_box(box, piece.footprint.centre, piece.footprint.yaw, piece.room, collector, piece.seed)
+
+
+def add_posters(posters: Sequence[Poster], collector: Collector) -> None:
+    """Each with the picture of its seed."""
+    for poster in posters:
+        add_box(poster.box, poster.place, poster.yaw, poster.room, collector, poster.seed)
+
+
+def _with_same_rooms(quads: Quads, building: Building) -> Quads:
+    """All rooms off the corridor with the surfaces of the first, but for posters, the last to be added."""
+    n_posters = 6 * len(building.posters)  # sides of a box
+    index = np.arange(len(quads))
+    is_own = index >= len(quads) - n_posters
+    original = np.flatnonzero((quads.room == 0) & ~is_own)
+    copied = copied_rooms(building.layout)
+    kept = quads.take(np.flatnonzero(~np.isin(quads.room, copied) | is_own))
+    centre = np.array([*building.layout.rooms[0].centre, 0.0])
+    rooms = []
+    for room in copied:
+        is_turned, to = turn_to(building.layout, 0, room)
+        turn = np.diag([-1.0, -1.0, 1.0]) if is_turned else np.eye(3)
+        copy = quads.take(original)
+        rooms.append(
+            replace(
+                copy,
+                origin=(copy.origin - centre) @ turn + (*to, 0.0),
+                u_axis=copy.u_axis @ turn,
+                v_axis=copy.v_axis @ turn,
+                normal=copy.normal @ turn,
+                room=np.full(len(copy), room),
+            )
+        )
+    return join([kept, *rooms])

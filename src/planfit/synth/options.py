@@ -7,7 +7,7 @@ from typing import Literal
 
 from planfit.errors import require
 
-MAX_ROOMS = 12
+MAX_ROOMS = 40
 
 
 def require_range(name: str, low_high: tuple[float, float]) -> None:
@@ -21,9 +21,11 @@ class BuildingOptions:
     """Rooms, walls, openings and furniture of a one-storey building."""
 
     n_rooms: int = 4
-    """Rooms, a corridor included; 1 to 12."""
+    """Rooms, a corridor included; 1 to 40. The corridor is as long as half of the rooms side by side."""
     is_open_plan: bool = False
     """One single room of the area that `n_rooms` rooms would take."""
+    open_plan_size_m: tuple[float, float] | None = None
+    """Sides of the open plan; by default they follow from the area, up to 1.6 times as long as wide."""
     has_corridor: bool = True
     """One of the rooms is a corridor that the others open onto. Takes effect from 4 rooms on."""
     room_size_m: tuple[float, float] = (3.2, 4.8)
@@ -54,6 +56,13 @@ class BuildingOptions:
     """Furniture leaves ways of this width between all doors."""
     yaw_deg: float = 0.0
     """Yaw of the building in the plan frame; not zero gives walls off the plan's axes."""
+    same_posters: int = 0
+    """Places where the same poster hangs, the very same picture, 5 to 20 m apart."""
+    same_doors: bool = False
+    """The same door, with the same notice, stands open at every doorway."""
+    same_rooms: bool = False
+    """All rooms off the corridor are of one size, with the same furniture, pictures and textures in the same
+    places; those on one side are turned by half a turn."""
     single_wall_m: float = 0.1
     """In a given plan: thickness of walls that are drawn by one face only, behind that face."""
 
@@ -73,6 +82,15 @@ class BuildingOptions:
         require(1.5 < self.door_height_m < self.height_m,
                 f"door_height_m: expected 1.5 to height_m = {self.height_m:g}, "
                 f"found {self.door_height_m:g}")  # fmt: skip
+        require(self.open_plan_size_m is None or (self.is_open_plan and min(self.open_plan_size_m) >= 2),
+                "open_plan_size_m: expected 2 m or more, together with is_open_plan, "
+                f"found {self.open_plan_size_m}")  # fmt: skip
+        require(self.same_posters >= 0,
+                f"same_posters: expected none below 0, found {self.same_posters}")  # fmt: skip
+        require(not self.same_rooms
+                or (self.has_corridor and self.n_rooms >= 4 and not self.is_open_plan),
+                "same_rooms: expected rooms off a corridor (has_corridor, n_rooms 4 or more), "
+                "found none")  # fmt: skip
         require(self.single_wall_m > 0,
                 f"single_wall_m: expected > 0, found {self.single_wall_m:g}")  # fmt: skip
         require(self.corridor_width_m >= self.walkway_m,

@@ -10,12 +10,12 @@ from planfit.scan.types import Label
 from planfit.synth.furniture import Box
 from planfit.synth.hangings import add_hangings
 from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, Color, Material
+from planfit.synth.mesh import LAMP_SPACING_M, add_piece, add_posters
 from planfit.synth.plan_building import PlanBuilding
 from planfit.synth.plan_space import look_up
 from planfit.synth.plan_walls import MAX_WALL_M
 from planfit.synth.quads import Collector, Lights, Quads, X, Y, Z, add_box
 
-LAMP_SPACING_M = 3.5
 _BEYOND_M = 5.0
 """Floor and ceiling reach so far out of the building: what is seen through its outer doors."""
 _UNLIT = -1
@@ -30,18 +30,16 @@ def make_plan_quads(building: PlanBuilding, rng: np.random.Generator) -> Quads:
     _add_walls(building, collector)
     _add_lintels(building, collector)
     _add_lamps(building, collector)
-    ends = building.walls.ends[: building.walls.n_drawn]
-    ends = ends[segments.lengths(ends) > 0.5]
-    left = segments.left_normals(ends)
-    middles = ends.mean(axis=1)
-    is_seen = building.clearance(middles + 0.3 * left) > 0
-    behind = building.clearance(middles - (MAX_WALL_M + 0.1) * left)
-    add_hangings(ends[is_seen], np.full(is_seen.sum(), _UNLIT), (behind == 0)[is_seen],
-                 building.options, collector, rng)  # fmt: skip
+    ends, _ = building.faces_of_rooms
+    behind = ends.mean(axis=1) - (MAX_WALL_M + 0.1) * segments.left_normals(ends)
+    is_outer = building.clearance(behind) == 0
+    add_hangings(ends, np.full(len(ends), _UNLIT), is_outer, building.options, collector, rng)
+    for piece in building.furniture:
+        add_piece(piece, collector)
+    add_posters([replace(poster, room=_UNLIT) for poster in building.posters], collector)
     quads = collector.quads(rng)
-    across = np.hypot(quads.normal[:, 0], quads.normal[:, 1])
     angle = np.arctan2(quads.normal[:, 1], quads.normal[:, 0])
-    shade = 1.0 - 0.1 * across * (1.0 + np.sin(angle + 0.5))
+    shade = np.where(quads.label == Label.WALL, 0.9 - 0.1 * np.sin(angle + 0.5), 1.0)
     return replace(quads, color=quads.color * shade[:, None])
 
 

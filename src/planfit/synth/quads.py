@@ -1,6 +1,7 @@
 """Rectangles with labels and materials: what synthetic buildings are rendered from."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 import trimesh
@@ -41,6 +42,10 @@ class Quads:
     def __len__(self) -> int:
         return len(self.origin)
 
+    def take(self, index: Int[np.ndarray, " k"]) -> "Quads":
+        """Those of an index."""
+        return Quads(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+
     def triangles(self) -> trimesh.Trimesh:
         """Two triangles each, in order: triangle t belongs to rectangle t // 2."""
         u = self.u_axis * self.size[:, :1]
@@ -49,6 +54,13 @@ class Quads:
         first = 4 * np.arange(len(self))[:, None]
         faces = (first + np.array([0, 1, 2, 0, 2, 3])).reshape(-1, 3)
         return trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
+
+
+def join(parts: Sequence[Quads]) -> Quads:
+    """One after the other."""
+    return Quads(
+        **{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Quads)}
+    )
 
 
 @dataclass(frozen=True)

@@ -193,7 +193,13 @@ def _make_up(options: SynthOptions) -> _Built:
 def _build_plan(options: SynthOptions, floorplan: Floorplan) -> _Built:
     path = None if options.walk.path is None else read_path(options.walk)
     rng = _rng(options.seed, _WALK)
-    building = make_plan_building(floorplan, options.building, path, options.walk.door_clearance_m)
+    building = make_plan_building(
+        floorplan,
+        options.building,
+        _rng(options.seed, _BUILDING),
+        path,
+        options.walk.door_clearance_m,
+    )
     renderer = Renderer(make_plan_quads(building, _rng(options.seed, _SURFACES)), no_lights())
     if path is None:
         route = find_plan_route(building, options.walk, rng)
