@@ -27,7 +27,7 @@ from planfit.synth import (
     walk_through,
     write_facap,
 )
-from planfit.synth.mesh import Lights, Quads
+from planfit.synth.quads import Lights, Quads
 from planfit.synth.scan import SyntheticScan, SynthFiles, frame_name
 
 CACHE = Path(os.environ.get("PLANFIT_BENCH_CACHE", Path(tempfile.gettempdir()) / "planfit-bench"))

@@ -201,7 +201,7 @@ def test_the_same_generator_gives_the_same_building():
     "options",
     [
         {"n_rooms": 0},
-        {"n_rooms": 13},
+        {"n_rooms": 41},
         {"room_size_m": (1.5, 4.0)},
         {"room_size_m": (5.0, 4.0)},
         {"wall_thickness_m": (0.1, 0.4)},

@@ -10,6 +10,7 @@ from planfit.geometry import se3
 from planfit.scan import Label, read_scan, read_tum
 from planfit.scan.formats.facap import PLAN_FROM_WORLD
 from planfit.synth import (
+    BuildingOptions,
     CameraOptions,
     DriftOptions,
     NoDepthNoise,
@@ -219,3 +220,32 @@ def test_true_poses_of_the_scan_map_into_the_plan():
     points = scan.cameras[4].lift_image(depth)[labels == Label.FLOOR]
     plan_from_cam = synthetic.true_plan_from_world @ synthetic.true_world_from_cams[4]
     assert_allclose(se3.transform(plan_from_cam, points)[:, 2], 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("seed", "n_rooms", "n_quads", "centre", "quad_sum", "seeds", "color_sum", "depth_sum"),
+    [
+        (0, 4, 888, (3.269493546164359, 5.470518068508973, 1.5106519616142051), 7397.955303303968,
+         (4324570511989843741, 4516311196764656904), 2254101, 12400.160),
+        (1, 7, 1504, (8.85265919333605, 6.590590061803159, 1.499241054407934), 18533.45987140294,
+         (215147191440313793, 719433196919304227), 2838754, 12952.865),
+    ],
+)  # fmt: skip
+def test_scans_of_old_seeds_stay_as_they_were(
+    seed, n_rooms, n_quads, centre, quad_sum, seeds, color_sum, depth_sum
+):
+    """Recorded from planfit 4ea2412: new options of buildings and walks change no scan that lacks them."""
+    options = SynthOptions(
+        seed=seed,
+        building=BuildingOptions(n_rooms=n_rooms, n_columns=seed, yaw_deg=10.0 * seed),
+        walk=WalkOptions(n_frames=40),
+        camera=CameraOptions(width_px=96, height_px=64),
+    )
+    synthetic = make_scan(options)
+    quads = synthetic.renderer.quads
+    assert len(quads) == n_quads
+    assert_allclose(synthetic.true_plan_from_cams[17, :3, 3], centre, atol=1e-9)
+    assert_allclose(quads.origin.sum(), quad_sum, rtol=1e-9)
+    assert tuple(int(v) for v in quads.seed[[0, -1]]) == seeds
+    assert_allclose(synthetic.scan.files.color(7).sum(dtype=int), color_sum, rtol=1e-5)
+    assert_allclose(np.nansum(synthetic.scan.files.depth(7)), depth_sum, rtol=1e-5)

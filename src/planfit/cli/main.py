@@ -109,9 +109,10 @@ COMMANDS = (
     ),
     Command(
         "synth",
-        "OUT",
+        "OUT [--plan FILE]",
         "write a synthetic scan with its plan and its truth",
-        ("seed", "building.n-rooms", "walk.n-frames", "drift.yaw-deg", "drift.translation-m"),
+        ("plan", "scale", "seed", "building.n-rooms", "walk.n-frames", "drift.yaw-deg",
+         "drift.translation-m"),
     ),
 )  # fmt: skip
 

@@ -5,19 +5,26 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import tyro
 
+from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import StageBars, out
 from planfit.errors import OutputError
-from planfit.synth import SynthOptions, make_scan, write_facap
+from planfit.floorplan import Floorplan, read_floorplan
+from planfit.synth import SyntheticScan, SynthOptions, make_scan, write_facap
 
 
 @dataclass(frozen=True)
 class SynthArguments:
-    """Write a synthetic scan of a synthetic building, with drifted poses, its plan and its truth."""
+    """Write a synthetic scan of a synthetic building, or of the walls of any plan, with drifted poses, its
+    plan and its truth."""
 
     out: tyro.conf.Positional[Path]
     """Folder for the scan; must not exist or be empty."""
+    plan: Path | None = None
+    """Floorplan whose walls are built, in metres; without, a building is made up."""
+    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
     options: Annotated[SynthOptions, tyro.conf.arg(name="")] = field(default_factory=SynthOptions)
 
 
@@ -25,8 +32,11 @@ def synth_command(arguments: SynthArguments) -> int:
     """Build, render, write."""
     if arguments.out.exists() and (not arguments.out.is_dir() or any(arguments.out.iterdir())):
         raise OutputError(f"{arguments.out}: expected no such folder, found files; choose another")
+    floorplan: Floorplan | None = None
+    if arguments.plan is not None:
+        floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
     with StageBars() as bars:
-        synthetic = make_scan(arguments.options)
+        synthetic = make_scan(arguments.options, floorplan)
         try:
             write_facap(
                 arguments.out, synthetic, lambda done, total: bars.update("render", done, total)
@@ -34,6 +44,17 @@ def synth_command(arguments: SynthArguments) -> int:
         except BaseException:
             shutil.rmtree(arguments.out, ignore_errors=True)  # half a scan is of no use
             raise
-    out.print(f"{len(synthetic.scan)} frames and their plan: {arguments.out}")
-    out.print(f"next: planfit refine {arguments.out} -o {arguments.out}-refined")
+    _tell(arguments.out, synthetic)
     return 0
+
+
+def _tell(folder: Path, synthetic: SyntheticScan) -> None:
+    """How far it went, through which rooms, and what is next."""
+    centres = synthetic.true_plan_from_cams[:, :3, 3]
+    walked = float(np.linalg.norm(np.diff(centres, axis=0), axis=1).sum())
+    rooms = synthetic.building.rooms
+    entered = sum(bool(room.contains(centres[:, :2]).any()) for room in rooms)
+    out.print(f"{len(synthetic.scan)} frames and their plan: {folder}")
+    out.print(f"{walked:.0f} m walked, {walked / (len(centres) - 1):.2f} m from frame to frame; "
+              f"{entered} of {len(rooms)} rooms entered")  # fmt: skip
+    out.print(f"next: planfit refine {folder} -o {folder}-refined")

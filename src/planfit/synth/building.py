@@ -1,6 +1,6 @@
 """The synthetic building: walls, openings and furniture, all made from options and a generator."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +10,8 @@ from planfit.errors import OptionError
 from planfit.floorplan import Floorplan, nearest_faces
 from planfit.geometry import se3, segments
 from planfit.synth.furniture import Piece, furnish
-from planfit.synth.layout import BuildingLayout, make_layout
+from planfit.synth.layout import BuildingLayout, Rect, make_layout
+from planfit.synth.lookalikes import Poster, copy_room, leaves_of_layout, place_posters
 from planfit.synth.options import BuildingOptions
 from planfit.synth.walls import Part, WallFaces, wall_faces
 
@@ -26,6 +27,8 @@ class Building:
     layout: BuildingLayout
     faces: WallFaces
     furniture: tuple[Piece, ...]
+    """Doors that stand open, too."""
+    posters: tuple[Poster, ...] = ()
 
     @cached_property
     def plan_from_building(self) -> Float[np.ndarray, "4 4"]:
@@ -41,6 +44,32 @@ class Building:
         return Floorplan(
             "synthetic plan", ends, segments.left_normals(ends), np.ones(len(ends), dtype=bool)
         )
+
+    @property
+    def rooms(self) -> tuple[Rect, ...]:
+        """Clear of walls."""
+        return self.layout.rooms
+
+    @property
+    def bounds(self) -> Rect:
+        """Around all rooms."""
+        rooms = self.layout.rooms
+        return Rect(
+            min(r.x0 for r in rooms),
+            min(r.y0 for r in rooms),
+            max(r.x1 for r in rooms),
+            max(r.y1 for r in rooms),
+        )
+
+    def inwards(self, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Directions towards the middle of the room, shorter near it; 0 in doors."""
+        result = np.zeros_like(xy)
+        for room in self.layout.rooms:
+            away = room.centre - xy
+            distance = np.linalg.norm(away, axis=1, keepdims=True)
+            inside = room.contains(xy)
+            result[inside] = (away / np.maximum(distance, 0.8))[inside]
+        return result
 
     def clearance(self, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         """Distances, m, from points, building frame, to walls, columns and furniture.
@@ -77,7 +106,25 @@ def make_building(options: BuildingOptions, rng: np.random.Generator) -> Buildin
             f"({options.room_size_m[0]:g} m) or make doors narrower ({options.door_width_m:g} m)"
         )
     faces = wall_faces(layout, options.outer_wall_thickness_m)
-    return Building(options, layout, faces, tuple(furnish(layout, options, rng)))
+    furniture = tuple(furnish(layout, options, rng))
+    if options.same_doors:
+        furniture += leaves_of_layout(layout, options.door_height_m, rng)
+    if options.same_rooms:
+        own = tuple(piece for piece in furniture if piece.room in (0, layout.corridor))
+        furniture = own
+        for room in copied_rooms(layout):
+            furniture += copy_room(own, layout, 0, room)
+    building = Building(options, layout, faces, furniture)
+    is_wall = (faces.parts == Part.FULL) & (faces.rooms >= 0) & ~faces.is_column
+    posters = place_posters(
+        options.same_posters, faces.ends[is_wall], faces.rooms[is_wall], building.clearance, rng
+    )
+    return replace(building, posters=posters)
+
+
+def copied_rooms(layout: BuildingLayout) -> list[int]:
+    """Rooms that look like room 0 where all rooms look alike."""
+    return [room for room in range(1, len(layout.rooms)) if room != layout.corridor]
 
 
 def _all_reachable(layout: BuildingLayout) -> bool:

@@ -65,6 +65,8 @@ class Piece:
     footprint: Footprint
     boxes: tuple[Box, ...]
     room: int
+    seed: int | None = None
+    """Of the textures of all its sides; without, each side has its own."""
 
 
 DOOR_ZONE_M = 0.9

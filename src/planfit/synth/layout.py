@@ -78,6 +78,8 @@ def make_layout(options: BuildingOptions, rng: np.random.Generator) -> BuildingL
     corridor = None
     if options.is_open_plan:
         rooms = [_open_plan(options, rng)]
+    elif options.same_rooms:
+        return _same_rooms(options, rng)
     else:
         rooms, corridor = _rows_of_rooms(options, rng)
     doors = _make_doors(rooms, corridor, options, rng)
@@ -87,6 +89,8 @@ def make_layout(options: BuildingOptions, rng: np.random.Generator) -> BuildingL
 
 
 def _open_plan(options: BuildingOptions, rng: np.random.Generator) -> Rect:
+    if options.open_plan_size_m is not None:
+        return Rect(0.0, 0.0, *options.open_plan_size_m)
     side = float(np.mean(options.room_size_m)) * np.sqrt(options.n_rooms)
     aspect = np.sqrt(rng.uniform(1.0, 1.6))
     return Rect(0.0, 0.0, side * aspect, side / aspect)
@@ -117,6 +121,32 @@ def _rows_of_rooms(
         end = max(room.x1 for room in rooms)
         rooms[corridor] = Rect(0.0, corridor_y, end, corridor_y + options.corridor_width_m)
     return rooms, corridor
+
+
+def _same_rooms(options: BuildingOptions, rng: np.random.Generator) -> BuildingLayout:
+    """Two rows of equal rooms with their doors to the corridor between; one row is the other, turned."""
+    width, depth = (float(v) for v in rng.uniform(*options.room_size_m, size=2))
+    wall = float(rng.uniform(*options.wall_thickness_m))
+    margin = options.door_width_m / 2 + DOOR_TO_CORNER_M
+    at = float(rng.uniform(margin, width - margin))
+    half = options.door_width_m / 2
+    n_low = options.n_rooms // 2
+    n_high = options.n_rooms - 1 - n_low
+    corridor_y = depth + wall
+    high_y = corridor_y + options.corridor_width_m + wall
+    rooms, doors = [], []
+    for k in range(n_low):
+        x = k * (width + wall)
+        rooms.append(Rect(x, 0.0, x + width, depth))
+        doors.append(Door(Rect(x + at - half, depth, x + at + half, corridor_y), False, (k, n_low)))
+    end = max(n_low, n_high) * (width + wall) - wall
+    rooms.append(Rect(0.0, corridor_y, end, corridor_y + options.corridor_width_m))
+    for k in range(n_high):
+        x = k * (width + wall)
+        rooms.append(Rect(x, high_y, x + width, high_y + depth))
+        hole = Rect(x + width - at - half, high_y - wall, x + width - at + half, high_y)
+        doors.append(Door(hole, False, (n_low, n_low + 1 + k)))
+    return BuildingLayout(tuple(rooms), tuple(doors), (), n_low)
 
 
 def _make_doors(

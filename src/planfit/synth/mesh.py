@@ -1,95 +1,39 @@
-"""From the building to rectangles with labels and materials, and to triangles for ray casting."""
+"""From the synthetic building to rectangles with labels and materials, and to lamps."""
 
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-import trimesh
-from jaxtyping import Float, Int, Integer, UInt8
+from jaxtyping import Float
 
 from planfit.geometry import segments
 from planfit.scan.types import Label
-from planfit.synth.building import Building
+from planfit.synth.building import Building, copied_rooms
 from planfit.synth.furniture import Box, Piece
+from planfit.synth.hangings import add_hangings
 from planfit.synth.layout import Rect
-from planfit.synth.materials import (
-    CARDBOARD,
-    FABRIC_COLORS,
-    FLOORS,
-    WALL_COLORS,
-    WHITE,
-    WOOD_COLORS,
-    Color,
-    Material,
-)
+from planfit.synth.lookalikes import Poster, turn_to
+from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, WOOD_COLORS, Material
+from planfit.synth.quads import Collector, Lights, Quads, X, Y, Z, add_box, join
 from planfit.synth.walls import Part
 
 LAMP_SPACING_M = 3.5
 
 
-@dataclass(frozen=True)
-class Quads:
-    """Rectangles, plan frame: `origin + u * u_axis + v * v_axis`, u and v from 0 to `size`."""
-
-    origin: Float[np.ndarray, "n 3"]
-    """Corner where u and v are 0, m."""
-    u_axis: Float[np.ndarray, "n 3"]
-    """Unit vectors."""
-    v_axis: Float[np.ndarray, "n 3"]
-    """Unit vectors."""
-    size: Float[np.ndarray, "n 2"]
-    """Width and height, m."""
-    normal: Float[np.ndarray, "n 3"]
-    """Unit vectors, towards the side one sees."""
-    label: UInt8[np.ndarray, " n"]
-    """Values of `Label`."""
-    material: Int[np.ndarray, " n"]
-    """Values of `Material`."""
-    color: Float[np.ndarray, "n 3"]
-    """Base colour, 0 to 1."""
-    room: Int[np.ndarray, " n"]
-    """Index of the room; -1 for the outside."""
-    seed: Integer[np.ndarray, " n"]
-    """So that no two surfaces look alike."""
-
-    def __len__(self) -> int:
-        return len(self.origin)
-
-    def triangles(self) -> trimesh.Trimesh:
-        """Two triangles each, in order: triangle t belongs to rectangle t // 2."""
-        u = self.u_axis * self.size[:, :1]
-        v = self.v_axis * self.size[:, 1:]
-        corners = np.stack([self.origin, self.origin + u, self.origin + u + v, self.origin + v], 1)
-        first = 4 * np.arange(len(self))[:, None]
-        faces = (first + np.array([0, 1, 2, 0, 2, 3])).reshape(-1, 3)
-        return trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
-
-
-@dataclass(frozen=True)
-class Lights:
-    """What shades the rectangles: lamps and the floor under furniture, sorted by room."""
-
-    lamps: Float[np.ndarray, "n 3"]
-    """Where lamps hang, m, plan frame."""
-    lamp_room: Int[np.ndarray, " n"]
-    """Index of the room of each lamp, ascending."""
-    footprints: Float[np.ndarray, "m 5"]
-    """Centre x y, half size x y (m), yaw (rad), plan frame."""
-    footprint_room: Int[np.ndarray, " m"]
-    """Index of the room of each, ascending."""
-
-
 def make_quads(building: Building, rng: np.random.Generator) -> Quads:
     """Every surface of the building, plan frame."""
-    collector = _Collector()
+    collector = Collector()
     _add_floors_and_ceilings(building, collector)
     _add_walls(building, collector)
     _add_doorways(building, collector)
     _add_wall_hangings(building, collector, rng)
     _add_lamps(building, collector)
     for piece in building.furniture:
-        _add_piece(piece, collector)
+        add_piece(piece, collector)
+    add_posters(building.posters, collector)
     quads = collector.quads(rng)
+    if building.options.same_rooms:
+        quads = _with_same_rooms(quads, building)
     rotation = building.plan_from_building[:3, :3]
     return replace(
         quads,
@@ -119,51 +63,6 @@ def make_lights(building: Building) -> Lights:
     )
 
 
-class _Collector:
-    """Gathers rectangles one at a time."""
-
-    def __init__(self) -> None:
-        self.axes: list[np.ndarray] = []
-        self.size: list[tuple[float, float]] = []
-        self.kind: list[tuple[int, int, int]] = []
-        self.color: list[Color] = []
-
-    def add(
-        self,
-        axes: Float[np.ndarray, "4 3"],
-        size: tuple[float, float],
-        label: Label,
-        material: Material,
-        color: Color,
-        room: int,
-    ) -> None:
-        """Add one; the rows of `axes` are origin, u, v, normal."""
-        if min(size) <= 1e-9:
-            return
-        self.axes.append(axes)
-        self.size.append(size)
-        self.kind.append((label, material, room))
-        self.color.append(color)
-
-    def quads(self, rng: np.random.Generator) -> Quads:
-        axes, kind = np.array(self.axes, dtype=float), np.array(self.kind)
-        return Quads(
-            origin=axes[:, 0],
-            u_axis=axes[:, 1],
-            v_axis=axes[:, 2],
-            size=np.array(self.size, dtype=float),
-            normal=axes[:, 3],
-            label=kind[:, 0].astype(np.uint8),
-            material=kind[:, 1],
-            color=np.array(self.color, dtype=float),
-            room=kind[:, 2],
-            seed=rng.integers(2**63, size=len(axes), dtype=np.uint64),
-        )
-
-
-X, Y, Z = np.eye(3)
-
-
 def _flat(rect: Rect, z: float, normal_z: float) -> Float[np.ndarray, "4 3"]:
     return np.array([(rect.x0, rect.y0, z), X, Y, normal_z * Z])
 
@@ -172,7 +71,7 @@ def _flat_size(rect: Rect) -> tuple[float, float]:
     return float(rect.size[0]), float(rect.size[1])
 
 
-def _add_floors_and_ceilings(building: Building, collector: _Collector) -> None:
+def _add_floors_and_ceilings(building: Building, collector: Collector) -> None:
     height = building.options.height_m
     for i, room in enumerate(building.layout.rooms):
         material, color = FLOORS[i % len(FLOORS)]
@@ -181,7 +80,7 @@ def _add_floors_and_ceilings(building: Building, collector: _Collector) -> None:
         collector.add(_flat(room, height, -1.0), size, Label.CEILING, Material.CEILING, WHITE, i)
 
 
-def _add_walls(building: Building, collector: _Collector) -> None:
+def _add_walls(building: Building, collector: Collector) -> None:
     options, faces = building.options, building.faces
     along = segments.directions(faces.ends)
     normals = segments.left_normals(faces.ends)
@@ -198,12 +97,15 @@ def _add_walls(building: Building, collector: _Collector) -> None:
         collector.add(axes, size, label, Material.PLASTER, color, max(room, -1))
 
 
-def _add_doorways(building: Building, collector: _Collector) -> None:
+def _add_doorways(building: Building, collector: Collector) -> None:
     """Floor and top of each opening, and a flat frame around it on both walls."""
     top = building.options.door_height_m
     width, depth = 0.07, 0.015
     for door in building.layout.doors:
-        rect, room = door.rect, door.rooms[0]
+        # A threshold is of one room; of rooms that look alike, none has one.
+        corridor = building.layout.corridor
+        rect = door.rect
+        room = corridor if building.options.same_rooms and corridor is not None else door.rooms[0]
         size = _flat_size(rect)
         floor, soffit = _flat(rect, 0.0, 1.0), _flat(rect, top, -1.0)
         collector.add(floor, size, Label.FLOOR, Material.PLANKS, WOOD_COLORS[1], room)
@@ -221,52 +123,17 @@ def _add_doorways(building: Building, collector: _Collector) -> None:
             places = (((x, rect.y0), np.pi), ((x, rect.y1), 0.0))
         for (place, yaw), side in zip(places, door.rooms, strict=True):
             for box in frame:
-                _add_box(box, place, yaw, side, collector)
+                add_box(box, place, yaw, side, collector)
 
 
-def _add_wall_hangings(building: Building, collector: _Collector, rng: np.random.Generator) -> None:
-    """Pictures, notices, sockets and, on outer walls, windows: thin boxes in front of the wall."""
+def _add_wall_hangings(building: Building, collector: Collector, rng: np.random.Generator) -> None:
     options, faces = building.options, building.faces
-    lengths = segments.lengths(faces.ends)
-    normals = segments.left_normals(faces.ends)
     is_wall = (faces.parts == Part.FULL) & (faces.rooms >= 0) & ~faces.is_column
-    for i in np.flatnonzero(is_wall):
-        room = int(faces.rooms[i])
-        yaw = float(np.arctan2(-normals[i, 0], normals[i, 1]))
-        behind = faces.ends[i].mean(axis=0) - normals[i] * (options.outer_wall_thickness_m + 0.05)
-        is_outer = not any(r.contains(behind[None])[0] for r in building.layout.rooms)
-        count = rng.poisson(options.pictures_per_wall * lengths[i] / 4.0)
-        slots = np.linspace(0.12, lengths[i] - 0.12, count + 1)
-        for low, high in pairwise(slots):
-            boxes = _hanging(is_outer, options.door_height_m, rng)
-            half = boxes[0].high[0]
-            if high - low < 2 * half + 0.1:
-                continue
-            at = rng.uniform(low + half, high - half) / lengths[i]
-            place = faces.ends[i, 0] * (1 - at) + faces.ends[i, 1] * at
-            for box in boxes:
-                _add_box(box, (float(place[0]), float(place[1])), yaw, room, collector)
-
-
-def _hanging(is_outer: bool, top: float, rng: np.random.Generator) -> list[Box]:
-    kind = rng.random()
-    if is_outer and kind < 0.35:
-        return _window(top, rng)
-    if kind < 0.55:
-        low = 0.3 if rng.random() < 0.6 else 1.05
-        return [Box((-0.075, 0.0, low), (0.075, 0.012, low + 0.08), Material.PAINT, WHITE)]
-    half, height = rng.uniform(0.18, 0.5), rng.uniform(0.35, 0.75)
-    low = rng.uniform(1.0, 1.4)
-    front = Material.NOTES if rng.random() < 0.35 else Material.PICTURE
-    color = FABRIC_COLORS[int(rng.integers(len(FABRIC_COLORS)))]
-    return [Box((-half, 0.0, low), (half, 0.02, low + height), Material.PAINT, color, front)]
-
-
-def _window(top: float, rng: np.random.Generator) -> list[Box]:
-    half = rng.uniform(0.45, 0.75)
-    low = rng.uniform(0.85, 1.0)
-    sill = Box((-half - 0.05, 0.0, low - 0.03), (half + 0.05, 0.1, low), Material.PAINT, WHITE)
-    return [sill, Box((-half, 0.0, low), (half, 0.02, top), Material.PAINT, WHITE, Material.WINDOW)]
+    ends = faces.ends[is_wall]
+    reach = options.outer_wall_thickness_m + 0.05
+    behind = ends.mean(axis=1) - segments.left_normals(ends) * reach
+    is_outer = ~np.any([room.contains(behind) for room in building.layout.rooms], axis=0)
+    add_hangings(ends, faces.rooms[is_wall], is_outer, options, collector, rng)
 
 
 def _lamp_spots(building: Building) -> list[tuple[int, tuple[float, float]]]:
@@ -281,39 +148,47 @@ def _lamp_spots(building: Building) -> list[tuple[int, tuple[float, float]]]:
     return spots
 
 
-def _add_lamps(building: Building, collector: _Collector) -> None:
+def _add_lamps(building: Building, collector: Collector) -> None:
     height = building.options.height_m
     lamp = Box((-0.3, -0.15, height - 0.07), (0.3, 0.15, height), Material.LAMP, WHITE)
     for room, spot in _lamp_spots(building):
-        _add_box(lamp, spot, 0.0, room, collector)
+        add_box(lamp, spot, 0.0, room, collector)
 
 
-def _add_piece(piece: Piece, collector: _Collector) -> None:
+def add_piece(piece: Piece, collector: Collector) -> None:
+    """All its boxes."""
     for box in piece.boxes:
-        _add_box(box, piece.footprint.centre, piece.footprint.yaw, piece.room, collector)
+        add_box(box, piece.footprint.centre, piece.footprint.yaw, piece.room, collector, piece.seed)
 
 
-def _add_box(
-    box: Box, centre: tuple[float, float], yaw: float, room: int, collector: _Collector
-) -> None:
-    """The sides of a box that one can see: not the one it stands on, when that is the floor."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    low, high = np.array(box.low), np.array(box.high)
-    for axis in range(3):
-        for facing in (-1, 1):
-            if axis == 2 and facing < 0 and low[2] <= 0.0:
-                continue
-            u, v = ((1, 2), (0, 2), (0, 1))[axis]
-            origin = low.copy()
-            if facing > 0:
-                origin[axis] = high[axis]
-            normal = np.zeros(3)
-            normal[axis] = facing
-            is_front = axis == 1 and facing > 0 and box.front is not None
-            material = box.front if is_front and box.front is not None else box.material
-            axes = np.array([origin, np.eye(3)[u], np.eye(3)[v], normal]) @ rotation.T
-            axes[0, :2] += centre
-            size = (float(high[u] - low[u]), float(high[v] - low[v]))
-            color = CARDBOARD if material == Material.CARDBOARD else box.color
-            collector.add(axes, size, Label.OTHER, material, color, room)
+def add_posters(posters: Sequence[Poster], collector: Collector) -> None:
+    """Each with the picture of its seed."""
+    for poster in posters:
+        add_box(poster.box, poster.place, poster.yaw, poster.room, collector, poster.seed)
+
+
+def _with_same_rooms(quads: Quads, building: Building) -> Quads:
+    """All rooms off the corridor with the surfaces of the first, but for posters, the last to be added."""
+    n_posters = 6 * len(building.posters)  # sides of a box
+    index = np.arange(len(quads))
+    is_own = index >= len(quads) - n_posters
+    original = np.flatnonzero((quads.room == 0) & ~is_own)
+    copied = copied_rooms(building.layout)
+    kept = quads.take(np.flatnonzero(~np.isin(quads.room, copied) | is_own))
+    centre = np.array([*building.layout.rooms[0].centre, 0.0])
+    rooms = []
+    for room in copied:
+        is_turned, to = turn_to(building.layout, 0, room)
+        turn = np.diag([-1.0, -1.0, 1.0]) if is_turned else np.eye(3)
+        copy = quads.take(original)
+        rooms.append(
+            replace(
+                copy,
+                origin=(copy.origin - centre) @ turn + (*to, 0.0),
+                u_axis=copy.u_axis @ turn,
+                v_axis=copy.v_axis @ turn,
+                normal=copy.normal @ turn,
+                room=np.full(len(copy), room),
+            )
+        )
+    return join([kept, *rooms])

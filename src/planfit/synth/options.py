@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 from planfit.errors import require
 
-MAX_ROOMS = 12
+MAX_ROOMS = 40
 
 
 def require_range(name: str, low_high: tuple[float, float]) -> None:
@@ -20,9 +21,11 @@ class BuildingOptions:
     """Rooms, walls, openings and furniture of a one-storey building."""
 
     n_rooms: int = 4
-    """Rooms, a corridor included; 1 to 12."""
+    """Rooms, a corridor included; 1 to 40. The corridor is as long as half of the rooms side by side."""
     is_open_plan: bool = False
     """One single room of the area that `n_rooms` rooms would take."""
+    open_plan_size_m: tuple[float, float] | None = None
+    """Sides of the open plan; by default they follow from the area, up to 1.6 times as long as wide."""
     has_corridor: bool = True
     """One of the rooms is a corridor that the others open onto. Takes effect from 4 rooms on."""
     room_size_m: tuple[float, float] = (3.2, 4.8)
@@ -53,6 +56,15 @@ class BuildingOptions:
     """Furniture leaves ways of this width between all doors."""
     yaw_deg: float = 0.0
     """Yaw of the building in the plan frame; not zero gives walls off the plan's axes."""
+    same_posters: int = 0
+    """Places where the same poster hangs, the very same picture, 5 to 20 m apart."""
+    same_doors: bool = False
+    """The same door, with the same notice, stands open at every doorway."""
+    same_rooms: bool = False
+    """All rooms off the corridor are of one size, with the same furniture, pictures and textures in the same
+    places; those on one side are turned by half a turn."""
+    single_wall_m: float = 0.1
+    """In a given plan: thickness of walls that are drawn by one face only, behind that face."""
 
     def __post_init__(self) -> None:
         require(1 <= self.n_rooms <= MAX_ROOMS,
@@ -70,6 +82,17 @@ class BuildingOptions:
         require(1.5 < self.door_height_m < self.height_m,
                 f"door_height_m: expected 1.5 to height_m = {self.height_m:g}, "
                 f"found {self.door_height_m:g}")  # fmt: skip
+        require(self.open_plan_size_m is None or (self.is_open_plan and min(self.open_plan_size_m) >= 2),
+                "open_plan_size_m: expected 2 m or more, together with is_open_plan, "
+                f"found {self.open_plan_size_m}")  # fmt: skip
+        require(self.same_posters >= 0,
+                f"same_posters: expected none below 0, found {self.same_posters}")  # fmt: skip
+        require(not self.same_rooms
+                or (self.has_corridor and self.n_rooms >= 4 and not self.is_open_plan),
+                "same_rooms: expected rooms off a corridor (has_corridor, n_rooms 4 or more), "
+                "found none")  # fmt: skip
+        require(self.single_wall_m > 0,
+                f"single_wall_m: expected > 0, found {self.single_wall_m:g}")  # fmt: skip
         require(self.corridor_width_m >= self.walkway_m,
                 f"corridor_width_m: expected at least walkway_m = {self.walkway_m:g}, "
                 f"found {self.corridor_width_m:g}")  # fmt: skip
@@ -106,10 +129,24 @@ class WalkOptions:
     """Standard deviation of roll."""
     area_per_stop_m2: float = 10.0
     """Floor area for each point that the walk calls at; smaller makes it longer."""
+    door_clearance_m: float = 0.25
+    """In a given plan: how near the camera comes to walls in doors narrower than twice `clearance_m`."""
+    max_length_m: float | None = None
+    """In a given plan: a longer walk leaves rooms out; by default it calls at all that can be reached."""
+    path: Path | None = None
+    """In a given plan: the way itself, a TUM trajectory (`time x y z qx qy qz qw`) of which x and y are used,
+    in the plan's axes, m. The camera looks along it; where it passes through walls they are not built."""
+    path_offset_m: tuple[float, float] = (0.0, 0.0)
+    """Added to x and y of `path`. The origin of a plan that is a picture is its top left pixel, y up: of a
+    path from the bottom left, y needs less the picture's height."""
 
     def __post_init__(self) -> None:
         require(self.n_frames >= 2, f"n_frames: expected at least 2, found {self.n_frames}")
         require(self.clearance_m > 0, f"clearance_m: expected > 0, found {self.clearance_m:g}")
+        require(self.door_clearance_m > 0,
+                f"door_clearance_m: expected > 0, found {self.door_clearance_m:g}")  # fmt: skip
+        require(self.max_length_m is None or self.max_length_m > 0,
+                f"max_length_m: expected > 0, found {self.max_length_m}")  # fmt: skip
         require(self.area_per_stop_m2 > 0.5,
                 f"area_per_stop_m2: expected > 0.5, found {self.area_per_stop_m2:g}")  # fmt: skip
         sigmas = (self.sway_m, self.pitch_swing_deg, self.look_around_deg, self.roll_swing_deg)

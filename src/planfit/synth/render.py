@@ -11,7 +11,7 @@ from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from planfit.geometry.camera import Camera
 from planfit.scan.types import Label
-from planfit.synth.mesh import Lights, Quads
+from planfit.synth.quads import Lights, Quads
 from planfit.synth.texture import paint
 
 

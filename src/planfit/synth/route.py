@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from scipy.sparse import csgraph
 
@@ -48,38 +48,57 @@ def find_route(
             "clearance_m: expected a way on foot to every room, found none; "
             "use a smaller clearance_m, wider doors, or less furniture"
         )
-    order = _short_tour(between, options.is_loop)
-    legs = [_trace(before[a], stops[a], stops[b]) for a, b in pairwise(order)]
+    order = short_tour(between, options.is_loop)
+    legs = [trace(before[a], stops[a], stops[b]) for a, b in pairwise(order)]
     nodes = [stops[order[0]], *(node for leg in legs for node in leg)]
     return grid.xy[nodes]
 
 
 def _make_grid(building: Building, clearance: float) -> Grid:
-    rooms = building.layout.rooms
-    x = np.arange(min(r.x0 for r in rooms), max(r.x1 for r in rooms), GRID_M)
-    y = np.arange(min(r.y0 for r in rooms), max(r.y1 for r in rooms), GRID_M)
+    bounds = building.bounds
+    x = np.arange(bounds.x0, bounds.x1, GRID_M)
+    y = np.arange(bounds.y0, bounds.y1, GRID_M)
     xy = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     distance = building.clearance(xy)
     is_free = distance >= clearance + MARGIN_M
-    number = np.full(len(xy), -1)
+    price = comfort_price(distance)
+    shape = (len(x), len(y))
+    return Grid(
+        xy[is_free],
+        distance[is_free],
+        grid_steps(is_free.reshape(shape), price.reshape(shape), GRID_M),
+    )
+
+
+def comfort_price(clearance: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """What a metre costs so near to walls; 1 where there is room."""
+    return 1.0 + 2.0 * np.maximum(0.0, 1.0 - clearance / COMFORT_M)
+
+
+def grid_steps(
+    is_free: Bool[np.ndarray, "nx ny"], price: Float[np.ndarray, "nx ny"], spacing_m: float
+) -> sparse.csr_matrix:
+    """Cost of the steps between free points and their free neighbours, eight at most; (n, n) over the free
+    points in the order of `is_free.ravel()`."""
+    number = np.full(is_free.shape, -1)
     number[is_free] = np.arange(is_free.sum())
-    image = number.reshape(len(x), len(y))
-    price = 1.0 + 2.0 * np.maximum(0.0, 1.0 - distance[is_free] / COMFORT_M)
+    n_x, n_y = is_free.shape
+    price = price[is_free]
     rows, columns, costs = [], [], []
     # Half of the eight neighbours; the other half are the same steps the other way (`half.T`). Slices of
     # the image of node numbers shifted against each other pair each point with its neighbour.
     for dx, dy in ((1, 0), (0, 1), (1, 1), (1, -1)):
-        a = image[: len(x) - dx, max(0, -dy) : len(y) - max(0, dy)].ravel()
-        b = image[dx:, max(0, dy) : len(y) + min(0, dy)].ravel()
+        a = number[: n_x - dx, max(0, -dy) : n_y - max(0, dy)].ravel()
+        b = number[dx:, max(0, dy) : n_y + min(0, dy)].ravel()
         both = (a >= 0) & (b >= 0)
         rows.append(a[both])
         columns.append(b[both])
-        costs.append(np.hypot(dx, dy) * GRID_M * (price[a[both]] + price[b[both]]) / 2)
+        costs.append(np.hypot(dx, dy) * spacing_m * (price[a[both]] + price[b[both]]) / 2)
     n = int(is_free.sum())
     half = sparse.csr_matrix(
         (np.concatenate(costs), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)
     )
-    return Grid(xy[is_free], distance[is_free], half + half.T)
+    return half + half.T
 
 
 def _choose_stops(
@@ -116,7 +135,7 @@ def _choose_stops(
     return np.array(stops)
 
 
-def _short_tour(between: Float[np.ndarray, "n n"], is_loop: bool) -> list[int]:
+def short_tour(between: Float[np.ndarray, "n n"], is_loop: bool) -> list[int]:
     """Order of stops from 0: nearest neighbour, then 2-opt; a loop comes back to 0."""
     n = len(between)
     order, left = [0], set(range(1, n))
@@ -142,7 +161,7 @@ def _short_tour(between: Float[np.ndarray, "n n"], is_loop: bool) -> list[int]:
     return order
 
 
-def _trace(before: Int[np.ndarray, " n"], start: int, stop: int) -> list[int]:
+def trace(before: Int[np.ndarray, " n"], start: int, stop: int) -> list[int]:
     """Nodes after `start` up to `stop`, back along the node `before` each on its shortest way."""
     nodes = []
     while stop != start:

@@ -8,7 +8,7 @@ from threading import Lock
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from planfit.errors import ScanError
+from planfit.errors import OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
@@ -19,9 +19,12 @@ from planfit.synth.building import Building, make_building
 from planfit.synth.drift import drift_poses
 from planfit.synth.mesh import make_lights, make_quads
 from planfit.synth.options import CameraOptions, SynthOptions
+from planfit.synth.plan_building import PlanBuilding, make_plan_building
+from planfit.synth.plan_mesh import make_plan_quads, no_lights
+from planfit.synth.plan_route import find_plan_route, read_path
 from planfit.synth.render import Renderer, View
 from planfit.synth.sensor_noise import noisy_color, noisy_depth
-from planfit.synth.walk import walk_through
+from planfit.synth.walk import walk_along, walk_through
 
 # Streams of the seed: what one part draws does not depend on what another part draws.
 _BUILDING, _SURFACES, _WALK, _DRIFT, _WORLD, _COLOR, _DEPTH = range(7)
@@ -39,7 +42,7 @@ class SyntheticScan:
     """The same in the plan frame."""
     floorplan: Floorplan
     """The true plan, without error."""
-    building: Building
+    building: Building | PlanBuilding
     renderer: Renderer
     options: SynthOptions
 
@@ -114,39 +117,100 @@ class SynthFiles:
         return view
 
 
-def make_scan(options: SynthOptions | None = None) -> SyntheticScan:
+def make_scan(
+    options: SynthOptions | None = None, floorplan: Floorplan | None = None
+) -> SyntheticScan:
     """Make a synthetic scan; nothing is rendered before it is asked for.
 
+    Args:
+        options: of the building, the walk, the camera and the drift.
+        floorplan: walls to build, in metres, instead of a building that is made up; options of rooms, doors
+            and furniture then have no effect.
+
     Raises:
-        OptionError: the options contradict each other.
+        OptionError: the options contradict each other, the plan is not in metres, or has no free space that
+            one could walk through.
+        ScanError: the file of a given path cannot be read.
     """
     options = SynthOptions() if options is None else options
-    building = make_building(options.building, _rng(options.seed, _BUILDING))
-    renderer = Renderer(make_quads(building, _rng(options.seed, _SURFACES)), make_lights(building))
-    plan_from_cams = walk_through(building, options.walk, _rng(options.seed, _WALK))
-    world_from_plan = _world_from_plan(options, building)
-    world_from_cams = world_from_plan @ plan_from_cams
+    built = _make_up(options) if floorplan is None else _build_plan(options, floorplan)
+    world_from_plan = _world_from_plan(options, built.building)
+    world_from_cams = world_from_plan @ built.plan_from_cams
     world_from_cams[:, :3, :3] = se3.project_to_so3(world_from_cams[:, :3, :3])
     drifted = drift_poses(world_from_cams, options.drift, _rng(options.seed, _DRIFT), UP_WORLD)
-    n = len(plan_from_cams)
+    n = len(built.plan_from_cams)
     camera = make_camera(options.camera)
-    digest = hashlib.sha256(repr(options).encode()).hexdigest()[:16]
+    digest = hashlib.sha256((repr(options) + built.digest).encode()).hexdigest()[:16]
     scan = Scan(
         name=f"synthetic scan, seed {options.seed}",
         frame_ids=tuple(frame_name(i) for i in range(n)),
         timestamps=np.arange(1.0, n + 1.0),
         cameras=(camera,) * n,
         world_from_cams=drifted,
-        files=SynthFiles(renderer, camera, plan_from_cams, options),
+        files=SynthFiles(built.renderer, camera, built.plan_from_cams, options),
         has_labels=options.has_labels,
         up_world=UP_WORLD,
         plan_from_world_axes=PLAN_FROM_WORLD if options.world == "plan" else None,
         fingerprint=digest,
     )
-    floorplan = replace(building.floorplan, fingerprint=digest)
+    true_plan = built.building.floorplan
+    if floorplan is None:
+        true_plan = replace(true_plan, fingerprint=digest)
     return SyntheticScan(
-        scan, world_from_cams, plan_from_cams, floorplan, building, renderer, options
+        scan,
+        world_from_cams,
+        built.plan_from_cams,
+        true_plan,
+        built.building,
+        built.renderer,
+        options,
     )
+
+
+@dataclass(frozen=True)
+class _Built:
+    """What is seen, and from where."""
+
+    building: Building | PlanBuilding
+    renderer: Renderer
+    plan_from_cams: Float[np.ndarray, "n 4 4"]
+    digest: str
+    """Of all that the options do not say."""
+
+
+def _make_up(options: SynthOptions) -> _Built:
+    if options.walk.path is not None:
+        raise OptionError(
+            f"walk.path: expected a path only together with a plan, found {options.walk.path}; give the plan "
+            "that it leads through (--plan), or leave the path out"
+        )
+    building = make_building(options.building, _rng(options.seed, _BUILDING))
+    renderer = Renderer(make_quads(building, _rng(options.seed, _SURFACES)), make_lights(building))
+    plan_from_cams = walk_through(building, options.walk, _rng(options.seed, _WALK))
+    return _Built(building, renderer, plan_from_cams, "")
+
+
+def _build_plan(options: SynthOptions, floorplan: Floorplan) -> _Built:
+    path = None if options.walk.path is None else read_path(options.walk)
+    rng = _rng(options.seed, _WALK)
+    building = make_plan_building(
+        floorplan,
+        options.building,
+        _rng(options.seed, _BUILDING),
+        path,
+        options.walk.door_clearance_m,
+    )
+    renderer = Renderer(make_plan_quads(building, _rng(options.seed, _SURFACES)), no_lights())
+    if path is None:
+        route = find_plan_route(building, options.walk, rng)
+        wraps = options.walk.is_loop
+    else:
+        route, wraps = path, False  # it begins and ends where it does
+    plan_from_cams = walk_along(
+        route, building, options.walk, rng, wraps, turns_inwards=path is None
+    )
+    digest = hashlib.sha256(floorplan.ends.tobytes() + route.tobytes()).hexdigest()
+    return _Built(building, renderer, plan_from_cams, digest)
 
 
 def make_camera(options: CameraOptions) -> Camera:
@@ -171,7 +235,9 @@ def _rng(seed: int, *stream: int) -> np.random.Generator:
     return np.random.default_rng([seed, *stream])
 
 
-def _world_from_plan(options: SynthOptions, building: Building) -> Float[np.ndarray, "4 4"]:
+def _world_from_plan(
+    options: SynthOptions, building: Building | PlanBuilding
+) -> Float[np.ndarray, "4 4"]:
     axes = se3.inverse(PLAN_FROM_WORLD)
     if options.world == "plan":
         return axes

@@ -8,11 +8,14 @@ from planfit.geometry import se3
 from planfit.synth.building import Building
 from planfit.synth.options import WalkOptions
 from planfit.synth.route import MARGIN_M, find_route
+from planfit.synth.space import Space
 
 _STEP_M = 0.02
 """Spacing of the dense path that frames are picked from."""
 _SMOOTH_M = 0.25
 """How far corners are rounded."""
+_GIVE_M = 0.01
+"""Where the way itself is nearer to walls than the clearance, rounding may come so much nearer."""
 _FOLLOW_M = 0.45
 """Way over which the view follows a turn of the path."""
 _ROTATION_PER_M = np.deg2rad(45.0)
@@ -28,10 +31,52 @@ def walk_through(
         OptionError: some room cannot be entered with this clearance.
     """
     route = find_route(building, options, rng)
+    return walk_along(route, building, options, rng, wraps=options.is_loop)
+
+
+def walk_along(
+    route: Float[np.ndarray, "k 2"],
+    space: Space,
+    options: WalkOptions,
+    rng: np.random.Generator,
+    wraps: bool,
+    turns_inwards: bool = True,
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses plan_from_cam of a walk along a way, OpenCV camera axes.
+
+    Args:
+        route: points of the way, building frame, m.
+        space: where it leads through; corners are rounded only as far as its walls allow.
+        options: the motion of the camera, and how many frames.
+        rng: source of sway and looks around.
+        wraps: whether the walk ends with the view it began with.
+        turns_inwards: whether the view turns away from walls that are near.
+    """
     planned = _resample(route, _STEP_M)
-    wraps = options.is_loop
-    walked = _round_corners(planned, building, options, rng)
-    yaw = _heading(walked, building, wraps)
+    walked = _round_corners(planned, space, options, rng)
+    inwards = _inwards(walked, space) if turns_inwards else np.zeros_like(walked)
+    yaw = _heading(walked, inwards, wraps)
+    building_from_cams = look_ahead(walked, np.zeros(len(walked)), yaw, options, rng)
+    picked = _evenly_moving(building_from_cams, options.n_frames)
+    return space.plan_from_building @ building_from_cams[picked]
+
+
+def look_ahead(
+    walked: Float[np.ndarray, "n 2"],
+    floor_z: Float[np.ndarray, " n"],
+    yaw: Float[np.ndarray, " n"],
+    options: WalkOptions,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses building_from_cam of a hand that sways and looks around while someone walks.
+
+    Args:
+        walked: points `_STEP_M` apart, building frame, m.
+        floor_z: of the floor below each, m.
+        yaw: of the way ahead, rad.
+        options: the motion.
+        rng: its source.
+    """
     n = len(walked)
     ease = _easing(n)
     yaw = yaw + np.deg2rad(options.look_around_deg) * _swing(n, 2.0, rng) * ease
@@ -39,12 +84,8 @@ def walk_through(
         n, 1.1, rng
     )
     roll = np.deg2rad(options.roll_swing_deg) * ease * _swing(n, 0.8, rng)
-    height = options.height_m + options.sway_m * ease * _swing(n, 0.5, rng)
-    building_from_cams = se3.make_transform(
-        _camera_axes(yaw, pitch, roll), np.column_stack([walked, height])
-    )
-    picked = _evenly_moving(building_from_cams, options.n_frames)
-    return building.plan_from_building @ building_from_cams[picked]
+    height = floor_z + options.height_m + options.sway_m * ease * _swing(n, 0.5, rng)
+    return se3.make_transform(_camera_axes(yaw, pitch, roll), np.column_stack([walked, height]))
 
 
 def _easing(n: int) -> Float[np.ndarray, " n"]:
@@ -73,7 +114,7 @@ def _swing(n: int, wavelength_m: float, rng: np.random.Generator) -> Float[np.nd
 
 def _round_corners(
     planned: Float[np.ndarray, "n 2"],
-    building: Building,
+    space: Space,
     options: WalkOptions,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "n 2"]:
@@ -85,35 +126,37 @@ def _round_corners(
     # The ends stay where they are: smoothing would pull them in, and a loop would not close.
     ends = np.clip(np.minimum(np.arange(n), np.arange(n)[::-1]) * _STEP_M / 0.5, 0.0, 1.0)
     share = ends
+    # The planned path keeps MARGIN_M more than the clearance, but for narrow doors of plans and paths that
+    # were given: a share of 0 always passes.
+    least = np.minimum(space.clearance(planned) - _GIVE_M, options.clearance_m + 0.1 * MARGIN_M)
+    walked = planned + share[:, None] * (wanted - planned)
+    clearance = space.clearance(walked)
     for _ in range(60):
-        walked = planned + share[:, None] * (wanted - planned)
-        # The planned path keeps MARGIN_M more than this, so a share of 0 always passes.
-        is_near = building.clearance(walked) < options.clearance_m + 0.1 * MARGIN_M
+        is_near = clearance < least
         if not is_near.any():
             return walked
         cut = np.where(is_near, 0.6, 0.0)
         around = gaussian_filter1d(cut, 0.1 / _STEP_M, mode="nearest")
         share = share * (1.0 - np.maximum(cut, around))
+        moved = np.flatnonzero(around > 0)
+        walked[moved] = planned[moved] + share[moved, None] * (wanted - planned)[moved]
+        clearance[moved] = space.clearance(walked[moved])
     return planned
 
 
-def _heading(
-    walked: Float[np.ndarray, "n 2"], building: Building, wraps: bool
-) -> Float[np.ndarray, " n"]:
-    """Yaw, rad, of the way ahead; the end of a loop turns to the yaw of its beginning.
+def _inwards(walked: Float[np.ndarray, "n 2"], space: Space) -> Float[np.ndarray, "n 2"]:
+    """Near walls the view turns towards the middle of the room: nobody scans a wall from up close."""
+    nearness = np.clip(1.3 - space.clearance(walked), 0.0, 1.0)[:, None]
+    return 1.2 * nearness * _smoothed(space.inwards(walked), 0.2)
 
-    Near walls the view turns towards the middle of the room: nobody scans a wall from up close.
-    """
+
+def _heading(
+    walked: Float[np.ndarray, "n 2"], inwards: Float[np.ndarray, "n 2"], wraps: bool
+) -> Float[np.ndarray, " n"]:
+    """Yaw, rad, of the way ahead, turned `inwards`; the end of a loop turns to the yaw of its beginning."""
     step = np.gradient(_smoothed(walked, 0.1), axis=0)
     step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9)
-    inwards = np.zeros_like(walked)
-    for room in building.layout.rooms:
-        away = room.centre - walked
-        distance = np.linalg.norm(away, axis=1, keepdims=True)
-        inside = room.contains(walked)
-        inwards[inside] = (away / np.maximum(distance, 0.8))[inside]
-    nearness = np.clip(1.3 - building.clearance(walked), 0.0, 1.0)[:, None]
-    view = step + 1.2 * nearness * _smoothed(inwards, 0.2)
+    view = step + inwards
     yaw = _smoothed(np.unwrap(np.arctan2(view[:, 1], view[:, 0])), _FOLLOW_M)
     if wraps:
         gap = (yaw[0] - yaw[-1] + np.pi) % (2 * np.pi) - np.pi

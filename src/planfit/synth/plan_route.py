@@ -1,0 +1,185 @@
+"""A way on foot through the rooms of a plan, of a length that may be limited."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from planfit.errors import OptionError
+from planfit.scan.poses import read_tum
+from planfit.synth.options import WalkOptions
+from planfit.synth.plan_building import PlanBuilding
+from planfit.synth.plan_space import CELL_M
+from planfit.synth.route import MARGIN_M, Grid, comfort_price, grid_steps, short_tour, trace
+
+_SQUEEZE_PRICE = 8.0
+"""Ways through doors narrower than twice the clearance count as so much longer, at their narrowest."""
+_NEAR_M = 20.0
+"""The next stop is first looked for this near: the whole of a large plan takes a second a stop."""
+
+
+def read_path(options: WalkOptions) -> Float[np.ndarray, "n 2"]:
+    """Points, plan frame, m, of the path that the options name.
+
+    Raises:
+        ScanError: the file is missing or of another kind.
+        OptionError: it does not lead anywhere.
+    """
+    assert options.path is not None
+    _, poses = read_tum(options.path)
+    xy = poses[:, :2, 3] + options.path_offset_m
+    extent = float(np.ptp(xy, axis=0).max())
+    if not 0.1 < extent < np.inf:
+        raise OptionError(
+            f"{options.path}: expected a path in metres that leads somewhere, found one within {extent:.3g} m"
+        )
+    return xy
+
+
+def find_plan_route(
+    building: PlanBuilding, options: WalkOptions, rng: np.random.Generator
+) -> Float[np.ndarray, "n 2"]:
+    """Points, plan frame, m, of a way that calls at every large room that can be reached, or at as many as
+    the length allows; closed ways end where they begin.
+
+    Raises:
+        OptionError: there is no free space that one could walk through.
+    """
+    ways = _find_ways(building, options)
+    grid = ways.grid
+    stops = _choose_stops(building, grid, options, rng)
+    order, between = _visit(ways, stops, options)
+    visited = order[:-1] if options.is_loop else order
+    kept = stops[visited]
+    known = between[np.ix_(visited, visited)]
+    tour = short_tour(known, options.is_loop)
+    nodes = [int(kept[tour[0]])]
+    for a, b in pairwise(tour):
+        nodes += _leg(grid, int(kept[a]), int(kept[b]), known[a, b])
+    return grid.xy[nodes]
+
+
+@dataclass(frozen=True)
+class _Ways:
+    grid: Grid
+    lengths: sparse.csr_matrix
+    """Of the steps of the grid, m."""
+
+
+def _find_ways(building: PlanBuilding, options: WalkOptions) -> _Ways:
+    """Cells where the camera may be; those in narrow doors are dear."""
+    clearance = building.cells.clearance
+    least = min(options.door_clearance_m, options.clearance_m) + MARGIN_M
+    is_free = clearance >= least
+    if is_free.sum() < 2:
+        raise _no_way(building, options)
+    short = np.clip((options.clearance_m + MARGIN_M - clearance) / CELL_M, 0.0, 1.0)
+    price = comfort_price(clearance) + _SQUEEZE_PRICE * short
+    grid = Grid(
+        building.cells.xy[is_free.ravel()],
+        clearance[is_free],
+        grid_steps(is_free, price, CELL_M),
+    )
+    return _Ways(grid, grid_steps(is_free, np.ones_like(clearance), CELL_M))
+
+
+def _no_way(building: PlanBuilding, options: WalkOptions) -> OptionError:
+    return OptionError(
+        f"{building.floorplan.name}: expected free space between walls to walk through, found none that a "
+        f"camera can move in {options.door_clearance_m:g} m from walls; check the plan's scale "
+        f"({building.floorplan.size[0]:.3g} x {building.floorplan.size[1]:.3g} m now) with planfit plan, or "
+        "use a smaller walk.door_clearance_m"
+    )
+
+
+def _choose_stops(
+    building: PlanBuilding, grid: Grid, options: WalkOptions, rng: np.random.Generator
+) -> Int[np.ndarray, " k"]:
+    """In each large room of the part that holds most of them, points far from each other and from walls."""
+    _, part = csgraph.connected_components(grid.steps, directed=False)
+    is_large = np.zeros(len(part), dtype=bool)
+    inside = [np.flatnonzero(room.contains(grid.xy)) for room in building.rooms]
+    for nodes in inside:
+        is_large[nodes] = True
+    counts = np.bincount(part[is_large], minlength=1) if is_large.any() else np.bincount(part)
+    main = int(np.argmax(counts))
+    stops: list[int] = []
+    for room, nodes in zip(building.rooms, inside, strict=True):
+        reached = nodes[part[nodes] == main]
+        if len(reached) == 0:
+            continue
+        clear = grid.clearance[reached]
+        roomy = reached[clear >= min(0.7, np.quantile(clear, 0.6))]
+        count = max(1, round(room.area / options.area_per_stop_m2))
+        stops += _far_apart(grid.xy, roomy, count, rng)
+    if len(stops) < 2:
+        # One small room, or none that is large: to its far end and back.
+        nodes = np.flatnonzero(part == main)
+        first = stops[0] if stops else int(nodes[rng.integers(len(nodes))])
+        away = np.linalg.norm(grid.xy[nodes] - grid.xy[first], axis=1)
+        stops = [first, int(nodes[np.argmax(away)])]
+    begin = int(rng.integers(len(stops)))
+    return np.array(stops[begin:] + stops[:begin])
+
+
+def _far_apart(
+    xy: Float[np.ndarray, "n 2"], nodes: Int[np.ndarray, " m"], count: int, rng: np.random.Generator
+) -> list[int]:
+    """So many of the nodes, each as far as can be from those before."""
+    gap = np.linalg.norm(xy[nodes] - xy[nodes[rng.integers(len(nodes))]], axis=1)
+    chosen: list[int] = []
+    for _ in range(count):
+        chosen.append(int(nodes[np.argmax(gap)]))
+        gap = np.minimum(gap, np.linalg.norm(xy[nodes] - xy[chosen[-1]], axis=1))
+    return list(dict.fromkeys(chosen))
+
+
+def _visit(
+    ways: _Ways, stops: Int[np.ndarray, " k"], options: WalkOptions
+) -> tuple[list[int], Float[np.ndarray, "k k"]]:
+    """Indices of stops, each the nearest to the one before, as many as the length allows (two at least),
+    and what is known of the distances between them, infinite elsewhere. A loop comes back to the first."""
+    longest = np.inf if options.max_length_m is None else options.max_length_m
+    home = csgraph.dijkstra(ways.lengths, indices=int(stops[0]))[stops]
+    between = np.full((len(stops), len(stops)), np.inf)
+    between[0] = between[:, 0] = home
+    order, left, walked = [0], set(range(1, len(stops))), 0.0
+    while left:
+        last = order[-1]
+        ahead = _distances(ways, stops, last, left)
+        between[last] = np.minimum(between[last], ahead)
+        between[:, last] = between[last]
+        nearest = min(sorted(left), key=lambda s: float(ahead[s]))
+        back = home[nearest] if options.is_loop else 0.0
+        if len(order) > 1 and walked + ahead[nearest] + back > longest:
+            break
+        walked += ahead[nearest]
+        order.append(nearest)
+        left.remove(nearest)
+    return ([*order, 0] if options.is_loop else order), between
+
+
+def _distances(
+    ways: _Ways, stops: Int[np.ndarray, " k"], start: int, left: set[int]
+) -> Float[np.ndarray, " k"]:
+    """Lengths of ways from a stop to all others; infinite for far ones where a near one is left."""
+    near = csgraph.dijkstra(ways.lengths, indices=int(stops[start]), limit=_NEAR_M)[stops]
+    if np.isfinite(near[sorted(left)]).any():
+        return near
+    return csgraph.dijkstra(ways.lengths, indices=int(stops[start]))[stops]
+
+
+def _leg(grid: Grid, start: int, stop: int, length_m: float) -> list[int]:
+    """Nodes of the way that is most pleasant to walk."""
+    # A step costs up to three times its length where it is not in a narrow door: the search need seldom go
+    # further.
+    for most in (3.0 * length_m + 1.0, np.inf):
+        _, before = csgraph.dijkstra(
+            grid.steps, indices=start, return_predecessors=True, limit=most
+        )
+        if before[stop] >= 0:
+            break
+    return trace(before, start, stop)

@@ -1,0 +1,186 @@
+"""Walls as solid bodies, seen from above, from the faces of any plan."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+
+from planfit.floorplan import Floorplan
+from planfit.floorplan.faces import Partners, find_partners
+from planfit.geometry import segments
+
+MAX_WALL_M, MIN_WALL_M = 0.7, 0.02
+"""Faces that look away from each other are of one wall when they are so far apart."""
+_SAME_M = 0.01
+"""What lies nearer to a face than this, and along it, is that face drawn again."""
+_SHORTEST_M = 0.01
+
+
+@dataclass(frozen=True)
+class PlanWalls:
+    """What stands in the way, plan frame, m. Walls are solid: their ends are closed."""
+
+    ends: Float[np.ndarray, "n 2 2"]
+    """Faces of the plan that are built, the free side on the left of the way from the first end to the
+    second where it is known; then ends of walls, and backs of those of a single line, which are not in
+    the plan."""
+    is_oriented: Bool[np.ndarray, " n"]
+    """Whether the free side is known."""
+    n_drawn: int
+    """How many of them are faces of the plan, or parts of such."""
+    lintels: Float[np.ndarray, "k 2 2"]
+    """Where walls go on above openings, along their faces."""
+    soffits: Float[np.ndarray, "m 2 2"]
+    """One side of the underside of each, where both sides of the opening are known."""
+    soffit_depths: Float[np.ndarray, " m"]
+    """How far to the left of that side the other one is."""
+    opened_m: float
+    """Length of faces that are not built, because the walk goes through them."""
+
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree(shapely.linestrings(self.ends))
+
+    def distance(self, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Distances, m, from points to the nearest of the walls.
+
+        By a tree of segments: plans of offices have thousands, and cells hundreds of thousands.
+        """
+        points = shapely.points(xy)
+        return shapely.distance(points, self._tree.geometries[self._tree.nearest(points)])
+
+
+def plan_walls(
+    floorplan: Floorplan,
+    single_wall_m: float,
+    walked: Float[np.ndarray, "k 2"] | None,
+    reach_m: float,
+) -> PlanWalls:
+    """Walls of a plan in metres.
+
+    Args:
+        floorplan: faces as read.
+        single_wall_m: thickness of walls that are drawn by one face only, behind it.
+        walked: points of a way that is known to be free, m; faces are not built near it.
+        reach_m: how near, m.
+    """
+    left = segments.left_normals(floorplan.ends)
+    is_turned = np.einsum("ni,ni->n", left, floorplan.normals) < 0
+    ends = np.where(is_turned[:, None, None], floorplan.ends[:, ::-1], floorplan.ends)
+    is_oriented, opened_m = floorplan.is_oriented, 0.0
+    if walked is not None:
+        before = segments.lengths(ends).sum()
+        ends, source = _without(ends, shapely.LineString(walked).buffer(reach_m))
+        is_oriented = is_oriented[source]
+        opened_m = float(before - segments.lengths(ends).sum())
+    pairs = _bodies(ends, is_oriented)
+    closing = _closing(ends, pairs)
+    backs = _backs(ends, is_oriented, pairs, single_wall_m)
+    more = np.concatenate([closing, backs])
+    more = more[segments.lengths(more) > _SHORTEST_M]
+    more = more[~_repeats(more, ends)]
+    openings = np.zeros((0, 2, 2)) if floorplan.openings is None else floorplan.openings
+    openings = openings[segments.lengths(openings) > _SHORTEST_M]
+    return PlanWalls(
+        np.concatenate([ends, more]),
+        np.concatenate([is_oriented, np.zeros(len(more), dtype=bool)]),
+        len(ends),
+        openings,
+        *_soffits(openings),
+        opened_m,
+    )
+
+
+def _without(
+    ends: Float[np.ndarray, "n 2 2"], hole: shapely.Geometry
+) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " m"]]:
+    """What of the segments lies outside a hole, in their own direction, and of which each is part."""
+    parts, source = [], []
+    for i, line in enumerate(shapely.linestrings(ends)):
+        left = shapely.get_parts(shapely.difference(line, hole))
+        for part in left:
+            if part.length > _SHORTEST_M:
+                at = shapely.get_coordinates(part)[[0, -1]]
+                along = np.argsort((at - ends[i, 0]) @ (ends[i, 1] - ends[i, 0]))
+                parts.append(at[along])
+                source.append(i)
+    return np.array(parts).reshape(-1, 2, 2), np.array(source, dtype=int)
+
+
+def _bodies(ends: Float[np.ndarray, "n 2 2"], is_oriented: Bool[np.ndarray, " n"]) -> Partners:
+    """Pairs of faces with nothing but wall between: the partner is behind, and looks the other way."""
+    pairs = find_partners(ends, MAX_WALL_M, MIN_WALL_M, 0.02)
+    along = segments.directions(ends)
+    looks_away = np.einsum("pi,pi->p", along[pairs.line], along[pairs.partner]) < 0
+    is_behind = pairs.gap < 0  # the free side is on the left
+    known = is_oriented[pairs.line] & is_oriented[pairs.partner]
+    keep = np.flatnonzero(looks_away & is_behind & known)
+    behind = pairs.take(np.flatnonzero(is_behind))
+    first = np.searchsorted(behind.line, np.arange(len(ends) + 1))
+    nearest = []
+    for p in keep:
+        others = slice(first[pairs.line[p]], first[pairs.line[p] + 1])
+        # What is between two faces, over most of where they overlap, is another wall, and a gap.
+        shared = np.minimum(behind.high[others], pairs.high[p]) - np.maximum(
+            behind.low[others], pairs.low[p]
+        )
+        is_between = behind.gap[others] > pairs.gap[p] + _SAME_M
+        if not (is_between & (shared > 0.5 * (pairs.high[p] - pairs.low[p]))).any():
+            nearest.append(p)
+    return pairs.take(np.array(nearest, dtype=int))
+
+
+def _closing(ends: Float[np.ndarray, "n 2 2"], pairs: Partners) -> Float[np.ndarray, "m 2 2"]:
+    """Across each wall where its two faces cease to overlap. Those within a wall are never seen."""
+    once = pairs.take(np.flatnonzero(pairs.line < pairs.partner))
+    along, left = segments.directions(ends), segments.left_normals(ends)
+    result = []
+    for at in (once.low, once.high):
+        front = ends[once.line, 0] + at[:, None] * along[once.line]
+        # The line of the partner is met straight behind: faces of a wall may be a little askew.
+        across = -left[once.line]
+        to_partner = np.einsum("pi,pi->p", ends[once.partner, 0] - front, left[once.partner])
+        depth = to_partner / np.einsum("pi,pi->p", across, left[once.partner])
+        result.append(np.stack([front, front + depth[:, None] * across], axis=1))
+    return np.concatenate(result)
+
+
+def _backs(
+    ends: Float[np.ndarray, "n 2 2"],
+    is_oriented: Bool[np.ndarray, " n"],
+    pairs: Partners,
+    thickness_m: float,
+) -> Float[np.ndarray, "m 2 2"]:
+    """Backs and ends of walls that are drawn by one face only."""
+    has_partner = np.zeros(len(ends), dtype=bool)
+    has_partner[pairs.line] = True
+    single = ends[is_oriented & ~has_partner]
+    behind = single - thickness_m * segments.left_normals(single)[:, None]
+    sides = [np.stack([single[:, k], behind[:, k]], axis=1) for k in (0, 1)]
+    return np.concatenate([behind, *sides])
+
+
+def _repeats(
+    more: Float[np.ndarray, "m 2 2"], ends: Float[np.ndarray, "n 2 2"]
+) -> Bool[np.ndarray, " m"]:
+    """Which lie on a face that is there already."""
+    middles = shapely.points(more.mean(axis=1))
+    tree = shapely.STRtree(shapely.linestrings(ends))
+    which, face = tree.query(middles, predicate="dwithin", distance=_SAME_M)
+    cosine = np.einsum(
+        "pi,pi->p", segments.directions(more)[which], segments.directions(ends)[face]
+    )
+    result = np.zeros(len(more), dtype=bool)
+    result[which[np.abs(cosine) > 0.95]] = True
+    return result
+
+
+def _soffits(
+    openings: Float[np.ndarray, "k 2 2"],
+) -> tuple[Float[np.ndarray, "m 2 2"], Float[np.ndarray, " m"]]:
+    """Between the two sides of each opening, where both are known."""
+    pairs = find_partners(openings, MAX_WALL_M, MIN_WALL_M, 0.1)
+    once = pairs.take(np.flatnonzero(pairs.line < pairs.partner))
+    return openings[once.line], once.gap
