@@ -50,20 +50,6 @@ ones take in walls that the plan has elsewhere (0.35 and 1.0 m were tried: more 
 CLEAR_SCORE, CLEAR_MARGIN = 0.55, 0.25
 """From these on, an alignment is clear: the mirrored scan cannot be clearly better, and is not tried."""
 
-METRES_PER_UNIT = {
-    "millimetres": 0.001,
-    "centimetres": 0.01,
-    "inches": 0.0254,
-    "feet": 0.3048,
-    "metres on paper at 1:50": 50.0,
-    "metres on paper at 1:100": 100.0,
-    "metres on paper at 1:200": 200.0,
-}
-NEAR_UNIT = 0.02
-"""A scale this near to a unit, as a share, is that unit."""
-BETTER_SCORE = 0.2
-"""What another unit must explain beyond what metres do."""
-
 
 @dataclass(frozen=True)
 class Alignment:
@@ -82,7 +68,8 @@ class Alignment:
     warnings: tuple[str, ...] = ()
     """What a user should know, in words."""
     scale_xy: tuple[float, float] = (1.0, 1.0)
-    """Metres of one unit of the plan, along its x and its y; 1 for a plan in metres."""
+    """Metres of one unit of the plan, along its x and its y: for a plan in metres 1, or what its coordinates
+    are to be multiplied by where it is off in scale."""
     covariance: Float[np.ndarray, "4 4"] | None = None
     """Of yaw (rad), x and y (m) of the scan's middle, and log scale."""
     candidates: tuple[AlignmentHypothesis, ...] = ()
@@ -146,9 +133,20 @@ def align(
         FloorplanError: the plan has too few faces to tell an alignment.
         OptionError: control points disagree, or there is no such candidate.
     """
+    return align_within(walls, floorplan, options or AlignOptions(), 0.0, recorded, control_points)
+
+
+def align_within(
+    walls: WallSamples,
+    floorplan: Floorplan,
+    options: AlignOptions,
+    metric_slack: float,
+    recorded: Float[np.ndarray, "4 4"] | None = None,
+    control_points: Sequence[ControlPoint] = (),
+) -> Alignment:
+    """As `align`, with the scale of a plan in metres searched too, within a share `metric_slack` of 1."""
     require_walls(walls, floorplan)
-    options = options or AlignOptions()
-    scales, yaws, regions = _narrowed(walls, floorplan, options, control_points)
+    scales, yaws, regions = _narrowed(walls, floorplan, options, metric_slack, control_points)
     claimed = None
     if recorded is not None and floorplan.is_metric:
         claimed = AlignmentHypothesis.from_transform(recorded)
@@ -162,26 +160,6 @@ def align(
     selection = select_hypothesis(walls, hypotheses, claimed, mirrored, floorplan, options)
     n_scales = _n_scales(floorplan, scales, options)
     return _alignment(_with_nonrigid(selection, walls, floorplan, n_scales))
-
-
-def find_unit(
-    walls: WallSamples, floorplan: Floorplan, alignment: Alignment, options: AlignOptions
-) -> tuple[str, float] | None:
-    """The unit, in words, and its metres, in which a plan that claims metres fits although it does not
-    in metres. None where the plan fits as it is, has no unit, or fits in none clearly better.
-    """
-    if not floorplan.is_metric or alignment.score >= options.min_score:
-        return None
-    unknown = replace(floorplan, is_metric=False)
-    free = replace(options, metres_per_unit=0.0, candidate=1, start="", control_points=())
-    found = align(walls, unknown, free)
-    if not found.is_sure or found.score < alignment.score + BETTER_SCORE:
-        return None
-    scale = found.metres_per_unit
-    unit = min(METRES_PER_UNIT, key=lambda name: abs(np.log(scale / METRES_PER_UNIT[name])))
-    if abs(np.log(scale / METRES_PER_UNIT[unit])) < NEAR_UNIT:
-        return unit, METRES_PER_UNIT[unit]
-    return f"units of {scale:.4g} m", float(f"{scale:.4g}")
 
 
 def _with_nonrigid(
@@ -237,6 +215,7 @@ def _narrowed(
     walls: WallSamples,
     floorplan: Floorplan,
     options: AlignOptions,
+    metric_slack: float,
     control_points: Sequence[ControlPoint],
 ) -> tuple[tuple[float, float], Float[np.ndarray, " t"], tuple[Region, ...]]:
     """Scales, yaws and regions to search, after all that the user knows."""
@@ -244,7 +223,7 @@ def _narrowed(
     if known is None:
         scales = scale_range(walls, floorplan)
     else:
-        slack = 0.0 if floorplan.is_metric else options.scale_tolerance
+        slack = metric_slack if floorplan.is_metric else options.scale_tolerance
         scales = (known / (1 + slack), known * (1 + slack))
     yaws = candidate_yaws(walls, floorplan, options.max_yaws)
     tolerance_m = options.control_point_tolerance_m

@@ -1,0 +1,99 @@
+"""Evidence against a wrong plan that the score does not hold: what the camera walked and saw through."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import cKDTree
+
+from planfit.alignment.refine import AlignmentHypothesis, rotation_2d, scaled_faces
+from planfit.alignment.search import free_space
+from planfit.alignment.visibility import crosses_face
+from planfit.alignment.wall_samples import WallSamples
+from planfit.floorplan import Floorplan
+from planfit.geometry import segments
+
+CELL_M = 0.2
+"""Cell of the free space that lines of sight passed, and distance between samples of a face."""
+COVERED_M = 0.3
+"""A sample of a face is explained by scanned wall within this that looks the same way."""
+
+
+@dataclass(frozen=True)
+class PlanEvidence:
+    """How far what the camera walked and saw agrees with the faces of the plan."""
+
+    walked_through_share: float
+    """Of the way between neighbouring views, by length: steps that cross a face."""
+    seen_through_share: float
+    """Of the face that the scan judged, by length: what stands in space that lines of sight passed. The
+    rest was seen as wall."""
+    judged_m: float
+    """Metres of face that the scan judged."""
+
+
+def plan_evidence(
+    walls: WallSamples, floorplan: Floorplan, hypothesis: AlignmentHypothesis
+) -> PlanEvidence:
+    """The plan's faces against the camera's way and lines of sight, at one alignment.
+
+    Args:
+        walls: samples in the order they were seen, level frame; without `seen_from` nothing is judged.
+        floorplan: in its own unit.
+        hypothesis: where the scan is on it.
+    """
+    if walls.seen_from is None or len(walls.xy) == 0:
+        return PlanEvidence(0.0, 0.0, 0.0)
+    ends, normals = scaled_faces(floorplan, np.array(hypothesis.scale_xy))
+    rotation, translation = rotation_2d(hypothesis.yaw), hypothesis.translation
+    eyes = walls.seen_from @ rotation.T + translation
+    xy = walls.xy @ rotation.T + translation
+    free_xy = free_space(walls, CELL_M) @ rotation.T + translation
+    samples, face = segments.sample(ends, CELL_M)
+    is_wall = _is_covered(
+        samples, normals[face], floorplan.is_oriented[face], xy, walls.normals @ rotation.T
+    )
+    is_free = np.zeros(len(samples), dtype=bool)
+    if len(free_xy):
+        # A cell holds the sample, or nearly: half the diagonal of a cell.
+        distance, _ = cKDTree(free_xy).query(samples, distance_upper_bound=0.71 * CELL_M)
+        is_free = np.isfinite(distance) & ~is_wall
+    n_judged = int(is_wall.sum() + is_free.sum())
+    return PlanEvidence(
+        _walked_through(eyes, ends),
+        float(is_free.sum() / max(n_judged, 1)),
+        n_judged * CELL_M,
+    )
+
+
+def _walked_through(eyes: Float[np.ndarray, "m 2"], ends: Float[np.ndarray, "n 2 2"]) -> float:
+    """Share of the way, by length, in steps that cross a face."""
+    moved = np.flatnonzero(np.linalg.norm(np.diff(eyes, axis=0), axis=1) > 1e-6)
+    if len(moved) == 0:
+        return 0.0
+    first, second = eyes[moved], eyes[moved + 1]
+    length = np.linalg.norm(second - first, axis=1)
+    return float(length @ crosses_face(first, second, ends) / length.sum())
+
+
+def _is_covered(
+    samples: Float[np.ndarray, "k 2"],
+    normals: Float[np.ndarray, "k 2"],
+    is_oriented: Bool[np.ndarray, " k"],
+    xy: Float[np.ndarray, "m 2"],
+    wall_normals: Float[np.ndarray, "m 2"],
+) -> Bool[np.ndarray, " k"]:
+    """Which samples of faces have scanned wall of their direction nearby."""
+    # Eight sectors of directions; a sample looks into its own and both neighbours.
+    sector = (
+        np.round(np.arctan2(wall_normals[:, 1], wall_normals[:, 0]) / (np.pi / 4)).astype(int) % 8
+    )
+    wanted = np.round(np.arctan2(normals[:, 1], normals[:, 0]) / (np.pi / 4)).astype(int) % 8
+    covered = np.zeros(len(samples), dtype=bool)
+    for k in range(8):
+        seen = xy[np.isin(sector, [(k - 1) % 8, k, (k + 1) % 8])]
+        rows = np.flatnonzero((wanted == k) | (~is_oriented & (wanted == (k + 4) % 8)))
+        if len(seen) and len(rows):
+            distance, _ = cKDTree(seen).query(samples[rows], distance_upper_bound=COVERED_M)
+            covered[rows] |= np.isfinite(distance)
+    return covered
