@@ -1,6 +1,6 @@
 """Plans and scans that do not belong together: how often an alignment is called sure.
 
-    python benchmarks/wrong_plans.py [--cases 20] [--first-seed 0] [--jobs 1] [--json FILE]
+    python benchmarks/wrong_plans.py [--cases 20] [--first-seed 0] [--ways WAY ...] [--json FILE]
 
 Cases are those of `alignment_cases.py`, each with its plan spoilt in known ways, or another's. Even seeds
 are for choosing thresholds, odd ones for reporting.
@@ -8,9 +8,10 @@ are for choosing thresholds, odd ones for reporting.
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy as np
 from alignment_cases import Case, make_case
 from scipy.spatial import ConvexHull
 
-from planfit.alignment import AlignmentHypothesis, WallSamples, align, plan_evidence
+from planfit.alignment import Alignment, AlignmentHypothesis, WallSamples, align, plan_evidence
 from planfit.alignment.refine import rotation_2d
 from planfit.errors import PlanfitError
 from planfit.floorplan import Floorplan
@@ -149,9 +150,23 @@ WAYS: dict[str, Callable[[Case, np.random.Generator], Pair]] = {
 }  # fmt: skip
 
 
-def run_case(seed: int) -> list[dict[str, Any]]:
+ON_PLAN = ("right", "outline", "centre lines", "wing rebuilt")
+"""Ways that leave a true place."""
+
+
+def off_m(case: Case, found: Alignment) -> float:
+    """Distance of the scan's middle from its true place."""
+    middle = case.walls.xy.mean(axis=0)
+    true_xy = case.plan_from_level[:2, :2] @ middle + case.plan_from_level[:2, 2]
+    xy = found.plan_from_level[:2, :2] @ middle + found.plan_from_level[:2, 3]
+    return float(np.linalg.norm(xy / found.metres_per_unit - true_xy))
+
+
+def run_case(seed: int, chosen: Sequence[str] = ()) -> list[dict[str, Any]]:
     case, rows = make_case(seed), []
     for number, (name, spoil) in enumerate(WAYS.items()):
+        if chosen and name not in chosen:
+            continue
         walls, plan = spoil(case, np.random.default_rng([seed, number]))
         try:
             found = align(walls, plan)
@@ -167,6 +182,8 @@ def run_case(seed: int) -> list[dict[str, Any]]:
                 "is_sure": found.is_sure,
                 "score": found.score,
                 "margin": found.margin,
+                "chance": found.chance,
+                "off_m": off_m(case, found) if name in ON_PLAN else None,
                 **vars(evidence),
                 "warnings": list(found.warnings),
             }
@@ -178,20 +195,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--ways", nargs="*", default=[], choices=list(WAYS))
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.cases)
+    rows: list[dict[str, Any]] = []
     with ProcessPoolExecutor(arguments.jobs) as pool:
-        rows = [row for found in pool.map(run_case, seeds) for row in found]
-    if arguments.json:
-        arguments.json.write_text(json.dumps(rows, indent=1))
+        for found in pool.map(partial(run_case, chosen=arguments.ways), seeds):
+            rows += found
+            if arguments.json:
+                arguments.json.write_text(json.dumps(rows, indent=1))
     print(
         f"{'':20} sure of all   score: median, range   margin, most   walked, seen through: median"
     )
     for name in WAYS:
         part = [row for row in rows if row["way"] == name]
         full = [row for row in part if "score" in row]
+        if not full:
+            continue
         score = np.array([row["score"] for row in full])
         print(
             f"{name:20} {sum(row['is_sure'] for row in part):4} {len(part):6}   "

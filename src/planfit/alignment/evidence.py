@@ -6,15 +6,26 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
-from planfit.alignment.refine import AlignmentHypothesis, rotation_2d, scaled_faces
+from planfit.alignment.refine import (
+    OBSERVATION_M,
+    AlignmentHypothesis,
+    rotation_2d,
+    scaled_faces,
+)
 from planfit.alignment.search import free_space
 from planfit.alignment.visibility import crosses_face
 from planfit.alignment.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
+from planfit.floorplan.nearest_faces import nearest_beside
 from planfit.geometry import segments
 
 CELL_M = 0.2
 """Cell of the free space that lines of sight passed, and distance between samples of a face."""
+MIN_OFFSET_M, OFFSET_SIGMAS, OFFSET_REACH_M = 0.03, 4.0, 0.35
+"""Walls that stand in front of their lines by less than the first are on them; the offset must be so many of
+its standard deviations; walls further from a line than the last belong to none."""
+MIN_ON_LINES = 0.5
+"""Share of the wall near the plan that must lie on lines of unknown side before these are asked about."""
 COVERED_M = 0.3
 """A sample of a face is explained by scanned wall within this that looks the same way."""
 
@@ -30,6 +41,9 @@ class PlanEvidence:
     rest was seen as wall."""
     judged_m: float
     """Metres of face that the scan judged."""
+    line_offset_m: float = 0.0
+    """How far scanned walls stand in front of lines whose free side is not known, on either side: half a
+    thickness where walls are drawn by their centre lines. 0 where not surely more than `MIN_OFFSET_M`."""
 
 
 def plan_evidence(
@@ -63,7 +77,33 @@ def plan_evidence(
         _walked_through(eyes, ends),
         float(is_free.sum() / max(n_judged, 1)),
         n_judged * CELL_M,
+        line_offset_m(walls, floorplan, hypothesis),
     )
+
+
+def line_offset_m(
+    walls: WallSamples, floorplan: Floorplan, hypothesis: AlignmentHypothesis
+) -> float:
+    """As `PlanEvidence.line_offset_m`."""
+    ends, normals = scaled_faces(floorplan, np.array(hypothesis.scale_xy))
+    rotation = rotation_2d(hypothesis.yaw)
+    xy, towards = walls.xy @ rotation.T + hypothesis.translation, walls.normals @ rotation.T
+    distance, face = nearest_beside(
+        xy, towards, ends, normals, floorplan.is_oriented, OFFSET_REACH_M
+    )
+    near = face >= 0
+    on_line = near.copy()
+    on_line[near] = ~floorplan.is_oriented[face[near]]
+    if on_line.sum() < max(MIN_ON_LINES * near.sum(), 1):
+        return 0.0
+    # In front is towards the camera, whichever way the line's normal was chosen.
+    side = np.sign(np.sum(towards[on_line] * normals[face[on_line]], axis=1))
+    in_front_m = distance[on_line] * side
+    offset_m = float(np.median(in_front_m))
+    n_observations = len(np.unique(np.round(xy[on_line] / OBSERVATION_M).astype(int), axis=0))
+    mad_sigma_m = 1.4826 * float(np.median(np.abs(in_front_m - offset_m)))
+    sigma_m = mad_sigma_m / np.sqrt(n_observations)
+    return offset_m if offset_m > max(MIN_OFFSET_M, OFFSET_SIGMAS * sigma_m) else 0.0
 
 
 def _walked_through(eyes: Float[np.ndarray, "m 2"], ends: Float[np.ndarray, "n 2 2"]) -> float:

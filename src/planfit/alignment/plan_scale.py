@@ -34,6 +34,8 @@ LOOK_SHARE = 0.004
 FAR_SHARE = 0.02
 """A scale further off must explain more wall by `AlignOptions.min_margin`: at a nearer one, the walls of a
 small scan lie nearly as well on the plan as drawn."""
+CLEAR_GAIN = 0.1
+"""What another scale must explain beyond the plan as drawn where neither place is sure."""
 
 METRES_PER_UNIT = {
     "millimetres": 0.001,
@@ -81,7 +83,9 @@ def find_plan_scale(
     found = align_within(walls, floorplan, options, slack, recorded, control_points)
     off = abs(np.log(found.metres_per_unit))
     gain = options.min_margin if off > FAR_SHARE else 0.0
-    if off < LOOK_SHARE or not found.is_sure or found.score <= drawn.score + gain:
+    # In a building that repeats itself no place is sure, and every place asks for the same scale.
+    is_plain = found.score >= max(CLEAR_SCORE, drawn.score + CLEAR_GAIN) and not drawn.is_sure
+    if off < LOOK_SHARE or not (found.is_sure or is_plain) or found.score <= drawn.score + gain:
         return None
     return found
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from planfit.alignment.chance import chance_of_gap
 from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis, differences
 from planfit.alignment.wall_samples import WallSamples
@@ -55,6 +56,8 @@ class Selection:
     is_mirrored: bool
     is_sure: bool
     warnings: tuple[str, ...]
+    chance: float
+    """Probability that the best of so many wrong places leads the next by as much."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +170,21 @@ def select_hypothesis(
         is_mirrored,
         is_sure=not (is_weak or is_ambiguous or is_mirrored or open_words),
         warnings=(*warnings, *open_words),
+        chance=_chance(taken, hypotheses, walls, within),
     )
+
+
+def _chance(
+    taken: AlignmentHypothesis,
+    hypotheses: Sequence[AlignmentHypothesis],
+    walls: WallSamples,
+    within: SameWithin,
+) -> float:
+    """How likely chance alone gives the one taken its lead over the distinct others."""
+    same = is_same(hypotheses, taken, walls, within)
+    elsewhere = [other for other, is_it in zip(hypotheses, same, strict=True) if not is_it]
+    others = keep_distinct(elsewhere, walls, within, len(elsewhere))
+    return chance_of_gap([taken.score, *(other.score for other in others)])
 
 
 def with_segments(
@@ -284,9 +301,7 @@ def _close_words(
     if is_as_recorded:
         return f"{words}; the one that the scan's format records was taken"
     if is_ambiguous:
-        return (
-            f"ambiguous: {words}; choose the other one with --candidate 2, or give control points"
-        )
+        return f"ambiguous: {words}; choose the other one with --align.candidate 2, or give control points"
     return f"{words}; the one asked for was taken"
 
 
