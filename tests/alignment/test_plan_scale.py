@@ -114,7 +114,7 @@ def at_scale(office, scan, factor, sigma):
         (1.03, 0.002, True),
         (0.97, 0.002, True),
         (1.005, 1e-5, False),  # plans in metres are right within half a per cent
-        (1.03, 0.01, False),  # three standard deviations
+        (1.03, 0.01, False),  # less than three standard deviations
     ],
 )
 def test_off_is_more_than_usual_and_surely_so(office, scan, factor, sigma, expected):

@@ -76,8 +76,6 @@ class Alignment:
     """Distinct alignments, best first, the taken one among them."""
     is_mirrored: bool = False
     """Whether the scan fits the plan clearly better when left and right are swapped."""
-    chance: float = 0.0
-    """Probability that where nothing fits, the best place leads the next by as much (`chance.py`)."""
 
     @property
     def margin(self) -> float:
@@ -210,7 +208,6 @@ def _alignment(selection: Selection) -> Alignment:
         covariance=taken.covariance,
         candidates=selection.candidates,
         is_mirrored=selection.is_mirrored,
-        chance=selection.chance,
     )
 
 

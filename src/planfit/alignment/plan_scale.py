@@ -27,7 +27,7 @@ from planfit.floorplan import Floorplan
 OFF_SHARE = 0.006
 """A scale nearer to 1 than this, as a share, is as drawn: plans in metres are right within half a per cent,
 and depth, odometry and the bend that drift leaves are not surer."""
-OFF_SIGMAS = 4.0
+OFF_SIGMAS = 3.0
 """A scale must be off by so many of its standard deviations too."""
 LOOK_SHARE = 0.004
 """From this on, the scale that the walls alone prefer at the alignment as drawn is worth a search."""

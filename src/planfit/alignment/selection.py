@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from planfit.alignment.chance import chance_of_gap
 from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis, differences
 from planfit.alignment.wall_samples import WallSamples
@@ -56,8 +55,6 @@ class Selection:
     is_mirrored: bool
     is_sure: bool
     warnings: tuple[str, ...]
-    chance: float
-    """Probability that the best of so many wrong places leads the next by as much."""
 
 
 @dataclass(frozen=True)
@@ -170,21 +167,7 @@ def select_hypothesis(
         is_mirrored,
         is_sure=not (is_weak or is_ambiguous or is_mirrored or open_words),
         warnings=(*warnings, *open_words),
-        chance=_chance(taken, hypotheses, walls, within),
     )
-
-
-def _chance(
-    taken: AlignmentHypothesis,
-    hypotheses: Sequence[AlignmentHypothesis],
-    walls: WallSamples,
-    within: SameWithin,
-) -> float:
-    """How likely chance alone gives the one taken its lead over the distinct others."""
-    same = is_same(hypotheses, taken, walls, within)
-    elsewhere = [other for other, is_it in zip(hypotheses, same, strict=True) if not is_it]
-    others = keep_distinct(elsewhere, walls, within, len(elsewhere))
-    return chance_of_gap([taken.score, *(other.score for other in others)])
 
 
 def with_segments(
