@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from planfit.alignment.candidates import candidate_yaws, scale_range
 from planfit.alignment.control_points import ControlPoint, fit_control_points, parse_start
+from planfit.alignment.evidence import PlanEvidence, evidence_words, plan_evidence, with_way
 from planfit.alignment.nonrigid import refine_nonrigid
 from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import (
@@ -76,6 +77,8 @@ class Alignment:
     """Distinct alignments, best first, the taken one among them."""
     is_mirrored: bool = False
     """Whether the scan fits the plan clearly better when left and right are swapped."""
+    evidence: PlanEvidence | None = None
+    """What the camera walked and saw through, where that was looked at."""
 
     @property
     def margin(self) -> float:
@@ -159,7 +162,7 @@ def align_within(
         mirrored = _refined(flipped, floorplan, scales, flipped_yaws, (), [], options)[0]
     selection = select_hypothesis(walls, hypotheses, claimed, mirrored, floorplan, options)
     n_scales = _n_scales(floorplan, scales, options)
-    return _alignment(_with_nonrigid(selection, walls, floorplan, n_scales))
+    return _alignment(_with_nonrigid(selection, walls, floorplan, n_scales), walls, floorplan)
 
 
 def _with_nonrigid(
@@ -174,6 +177,7 @@ def _with_nonrigid(
     )
     score, occluded_share = explained(samples, weights, floorplan, taken)
     taken = replace(taken, score=score, occluded_share=occluded_share)
+    taken = with_way(walls, floorplan, taken)
     steps = RefineSteps(FULL_DISTANCES_M, n_scales)
     covariance = jackknife_covariance(samples, weights, floorplan, rigid, steps)
     scores = segment_scores(samples, weights, floorplan, taken)
@@ -195,19 +199,22 @@ def require_walls(walls: WallSamples, floorplan: Floorplan) -> None:
         )
 
 
-def _alignment(selection: Selection) -> Alignment:
+def _alignment(selection: Selection, walls: WallSamples, floorplan: Floorplan) -> Alignment:
     taken = selection.taken
+    evidence = plan_evidence(walls, floorplan, taken)
+    against, besides = evidence_words(evidence)
     return Alignment(
         plan_from_level=taken.plan_from_level,
         score=taken.score,
         runner_up=selection.runner_up,
         is_as_recorded=selection.is_as_recorded,
-        is_sure=selection.is_sure,
-        warnings=selection.warnings,
+        is_sure=selection.is_sure and not against,
+        warnings=(*selection.warnings, *against, *besides),
         scale_xy=taken.scale_xy,
         covariance=taken.covariance,
         candidates=selection.candidates,
         is_mirrored=selection.is_mirrored,
+        evidence=evidence,
     )
 
 
@@ -269,9 +276,8 @@ def _refined(
     refined = [each for each in refined if _is_allowed(each, scales, regions)] or refined[-1:]
     samples, weights = thin(walls, FULL_SAMPLES)
     best = keep_distinct(_best_first(refined), samples, RUN_TOGETHER, FULL_HYPOTHESES)
-    return _best_first(
-        [refine_hypothesis(samples, weights, floorplan, each, full) for each in best]
-    )
+    found = [refine_hypothesis(samples, weights, floorplan, each, full) for each in best]
+    return _best_first([with_way(walls, floorplan, each) for each in found])
 
 
 def _best_first(hypotheses: Sequence[AlignmentHypothesis]) -> list[AlignmentHypothesis]:

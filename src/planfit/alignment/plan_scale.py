@@ -83,6 +83,8 @@ def find_plan_scale(
     found = align_within(walls, floorplan, options, slack, recorded, control_points)
     off = abs(np.log(found.metres_per_unit))
     gain = options.min_margin if off > FAR_SHARE else 0.0
+    if off < FAR_SHARE and _is_of_lines(drawn):
+        return None  # rooms drawn a wall's thickness too large look like a small scale
     # In a building that repeats itself no place is sure, and every place asks for the same scale.
     is_plain = found.score >= max(CLEAR_SCORE, drawn.score + CLEAR_GAIN) and not drawn.is_sure
     if off < LOOK_SHARE or not (found.is_sure or is_plain) or found.score <= drawn.score + gain:
@@ -128,6 +130,11 @@ def find_unit(
     if abs(np.log(scale / METRES_PER_UNIT[unit])) < NEAR_UNIT:
         return unit, METRES_PER_UNIT[unit]
     return f"units of {scale:.4g} m", float(f"{scale:.4g}")
+
+
+def _is_of_lines(drawn: Alignment) -> bool:
+    """Whether the plan seems to show walls by their centre lines."""
+    return drawn.evidence is not None and drawn.evidence.line_offset_m > 0
 
 
 def _preferred_scale(walls: WallSamples, floorplan: Floorplan, drawn: Alignment) -> float:
