@@ -12,6 +12,7 @@ from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
 from planfit.adjust.terms.walls import WallOptions
+from planfit.alignment import AlignOptions
 from planfit.evaluation import position_errors
 from planfit.geometry import se3
 from planfit.runtime import Runtime
@@ -212,6 +213,21 @@ def test_no_floor_seen_is_refined_by_the_rest(synthetic):
     assert any("no floor was seen" in warning for warning in result.warnings)
     truth = synthetic.true_world_from_cams
     assert rms(result.world_from_cams, truth) < 0.5 * rms(synthetic.scan.world_from_cams, truth)
+
+
+def test_a_plan_drawn_too_small_is_scaled_and_said_to_be(synthetic, refined, runtime):
+    drawn = synthetic.floorplan.scaled(0.96)
+    result = planfit.refine(synthetic.scan, drawn, runtime=runtime)
+    assert result.alignment.metres_per_unit == pytest.approx(1 / 0.96, rel=3e-3)
+    assert result.floorplan.size == pytest.approx(synthetic.floorplan.size, rel=3e-3)
+    assert any("the plan is drawn 4." in warning for warning in result.warnings)
+    assert result.is_better
+    truth = synthetic.true_plan_from_cams
+    assert rms(result.plan_from_cams, truth) < 1.3 * rms(refined.plan_from_cams, truth) + 0.003
+    # A user who knows better has the plan as drawn.
+    as_drawn = planfit.RefineOptions(align=AlignOptions(metric_scale_tolerance=0.0))
+    kept = planfit.align(synthetic.scan, drawn, as_drawn, runtime)
+    assert kept.alignment.scale_xy == (1.0, 1.0)
 
 
 @pytest.mark.parametrize("seed", [78, 79, 80])

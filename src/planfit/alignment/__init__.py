@@ -2,11 +2,16 @@
 
 from planfit.alignment.align import Alignment as Alignment
 from planfit.alignment.align import align as align
-from planfit.alignment.align import find_unit as find_unit
 from planfit.alignment.control_points import ControlPoint as ControlPoint
 from planfit.alignment.control_points import read_control_points as read_control_points
+from planfit.alignment.evidence import PlanEvidence as PlanEvidence
+from planfit.alignment.evidence import plan_evidence as plan_evidence
 from planfit.alignment.options import AlignOptions as AlignOptions
 from planfit.alignment.paper import align_paper as align_paper
+from planfit.alignment.plan_scale import find_plan_scale as find_plan_scale
+from planfit.alignment.plan_scale import find_unit as find_unit
+from planfit.alignment.plan_scale import is_off as is_off
+from planfit.alignment.plan_scale import scale_words as scale_words
 from planfit.alignment.refine import AlignmentHypothesis as AlignmentHypothesis
 from planfit.alignment.refine import metric_plan as metric_plan
 from planfit.alignment.wall_samples import WallSamples as WallSamples

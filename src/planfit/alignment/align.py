@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from planfit.alignment.candidates import candidate_yaws, scale_range
 from planfit.alignment.control_points import ControlPoint, fit_control_points, parse_start
+from planfit.alignment.evidence import PlanEvidence, evidence_words, plan_evidence, with_way
 from planfit.alignment.nonrigid import refine_nonrigid
 from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import (
@@ -50,20 +51,6 @@ ones take in walls that the plan has elsewhere (0.35 and 1.0 m were tried: more 
 CLEAR_SCORE, CLEAR_MARGIN = 0.55, 0.25
 """From these on, an alignment is clear: the mirrored scan cannot be clearly better, and is not tried."""
 
-METRES_PER_UNIT = {
-    "millimetres": 0.001,
-    "centimetres": 0.01,
-    "inches": 0.0254,
-    "feet": 0.3048,
-    "metres on paper at 1:50": 50.0,
-    "metres on paper at 1:100": 100.0,
-    "metres on paper at 1:200": 200.0,
-}
-NEAR_UNIT = 0.02
-"""A scale this near to a unit, as a share, is that unit."""
-BETTER_SCORE = 0.2
-"""What another unit must explain beyond what metres do."""
-
 
 @dataclass(frozen=True)
 class Alignment:
@@ -82,13 +69,16 @@ class Alignment:
     warnings: tuple[str, ...] = ()
     """What a user should know, in words."""
     scale_xy: tuple[float, float] = (1.0, 1.0)
-    """Metres of one unit of the plan, along its x and its y; 1 for a plan in metres."""
+    """Metres of one unit of the plan, along its x and its y: for a plan in metres 1, or what its coordinates
+    are to be multiplied by where it is off in scale."""
     covariance: Float[np.ndarray, "4 4"] | None = None
     """Of yaw (rad), x and y (m) of the scan's middle, and log scale."""
     candidates: tuple[AlignmentHypothesis, ...] = ()
     """Distinct alignments, best first, the taken one among them."""
     is_mirrored: bool = False
     """Whether the scan fits the plan clearly better when left and right are swapped."""
+    evidence: PlanEvidence | None = None
+    """What the camera walked and saw through, where that was looked at."""
 
     @property
     def margin(self) -> float:
@@ -146,9 +136,20 @@ def align(
         FloorplanError: the plan has too few faces to tell an alignment.
         OptionError: control points disagree, or there is no such candidate.
     """
+    return align_within(walls, floorplan, options or AlignOptions(), 0.0, recorded, control_points)
+
+
+def align_within(
+    walls: WallSamples,
+    floorplan: Floorplan,
+    options: AlignOptions,
+    metric_slack: float,
+    recorded: Float[np.ndarray, "4 4"] | None = None,
+    control_points: Sequence[ControlPoint] = (),
+) -> Alignment:
+    """As `align`, with the scale of a plan in metres searched too, within a share `metric_slack` of 1."""
     require_walls(walls, floorplan)
-    options = options or AlignOptions()
-    scales, yaws, regions = _narrowed(walls, floorplan, options, control_points)
+    scales, yaws, regions = _narrowed(walls, floorplan, options, metric_slack, control_points)
     claimed = None
     if recorded is not None and floorplan.is_metric:
         claimed = AlignmentHypothesis.from_transform(recorded)
@@ -161,27 +162,7 @@ def align(
         mirrored = _refined(flipped, floorplan, scales, flipped_yaws, (), [], options)[0]
     selection = select_hypothesis(walls, hypotheses, claimed, mirrored, floorplan, options)
     n_scales = _n_scales(floorplan, scales, options)
-    return _alignment(_with_nonrigid(selection, walls, floorplan, n_scales))
-
-
-def find_unit(
-    walls: WallSamples, floorplan: Floorplan, alignment: Alignment, options: AlignOptions
-) -> tuple[str, float] | None:
-    """The unit, in words, and its metres, in which a plan that claims metres fits although it does not
-    in metres. None where the plan fits as it is, has no unit, or fits in none clearly better.
-    """
-    if not floorplan.is_metric or alignment.score >= options.min_score:
-        return None
-    unknown = replace(floorplan, is_metric=False)
-    free = replace(options, metres_per_unit=0.0, candidate=1, start="", control_points=())
-    found = align(walls, unknown, free)
-    if not found.is_sure or found.score < alignment.score + BETTER_SCORE:
-        return None
-    scale = found.metres_per_unit
-    unit = min(METRES_PER_UNIT, key=lambda name: abs(np.log(scale / METRES_PER_UNIT[name])))
-    if abs(np.log(scale / METRES_PER_UNIT[unit])) < NEAR_UNIT:
-        return unit, METRES_PER_UNIT[unit]
-    return f"units of {scale:.4g} m", float(f"{scale:.4g}")
+    return _alignment(_with_nonrigid(selection, walls, floorplan, n_scales), walls, floorplan)
 
 
 def _with_nonrigid(
@@ -196,6 +177,7 @@ def _with_nonrigid(
     )
     score, occluded_share = explained(samples, weights, floorplan, taken)
     taken = replace(taken, score=score, occluded_share=occluded_share)
+    taken = with_way(walls, floorplan, taken)
     steps = RefineSteps(FULL_DISTANCES_M, n_scales)
     covariance = jackknife_covariance(samples, weights, floorplan, rigid, steps)
     scores = segment_scores(samples, weights, floorplan, taken)
@@ -217,19 +199,22 @@ def require_walls(walls: WallSamples, floorplan: Floorplan) -> None:
         )
 
 
-def _alignment(selection: Selection) -> Alignment:
+def _alignment(selection: Selection, walls: WallSamples, floorplan: Floorplan) -> Alignment:
     taken = selection.taken
+    evidence = plan_evidence(walls, floorplan, taken)
+    against, besides = evidence_words(evidence)
     return Alignment(
         plan_from_level=taken.plan_from_level,
         score=taken.score,
         runner_up=selection.runner_up,
         is_as_recorded=selection.is_as_recorded,
-        is_sure=selection.is_sure,
-        warnings=selection.warnings,
+        is_sure=selection.is_sure and not against,
+        warnings=(*selection.warnings, *against, *besides),
         scale_xy=taken.scale_xy,
         covariance=taken.covariance,
         candidates=selection.candidates,
         is_mirrored=selection.is_mirrored,
+        evidence=evidence,
     )
 
 
@@ -237,6 +222,7 @@ def _narrowed(
     walls: WallSamples,
     floorplan: Floorplan,
     options: AlignOptions,
+    metric_slack: float,
     control_points: Sequence[ControlPoint],
 ) -> tuple[tuple[float, float], Float[np.ndarray, " t"], tuple[Region, ...]]:
     """Scales, yaws and regions to search, after all that the user knows."""
@@ -244,7 +230,7 @@ def _narrowed(
     if known is None:
         scales = scale_range(walls, floorplan)
     else:
-        slack = 0.0 if floorplan.is_metric else options.scale_tolerance
+        slack = metric_slack if floorplan.is_metric else options.scale_tolerance
         scales = (known / (1 + slack), known * (1 + slack))
     yaws = candidate_yaws(walls, floorplan, options.max_yaws)
     tolerance_m = options.control_point_tolerance_m
@@ -290,9 +276,8 @@ def _refined(
     refined = [each for each in refined if _is_allowed(each, scales, regions)] or refined[-1:]
     samples, weights = thin(walls, FULL_SAMPLES)
     best = keep_distinct(_best_first(refined), samples, RUN_TOGETHER, FULL_HYPOTHESES)
-    return _best_first(
-        [refine_hypothesis(samples, weights, floorplan, each, full) for each in best]
-    )
+    found = [refine_hypothesis(samples, weights, floorplan, each, full) for each in best]
+    return _best_first([with_way(walls, floorplan, each) for each in found])
 
 
 def _best_first(hypotheses: Sequence[AlignmentHypothesis]) -> list[AlignmentHypothesis]:

@@ -4,7 +4,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from planfit.alignment.control_points import parse_control_point, parse_start
-from planfit.errors import OptionError, require_positive, require_share
+from planfit.errors import OptionError, require_choice, require_positive, require_share
+
+RecordedAxes = Literal["auto", "plan", "own"]
+"""Whose axes the recorded poses are in."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,9 @@ class AlignOptions:
     """Length of one unit of a plan without unit, where it is known; 0: it is searched."""
     scale_tolerance: float = 0.0
     """Share by which `metres_per_unit` may be off; 0 takes it as exact."""
+    metric_scale_tolerance: float = 0.12
+    """Share by which a plan in metres may be off; another scale is taken only where the walls and all
+    measurements surely ask for it. 0 takes the plan as drawn."""
     two_scales: bool = False
     """Look for a scale along each axis of the plan: drawings that were stretched."""
     control_points: tuple[str, ...] = ()
@@ -49,8 +55,11 @@ class AlignOptions:
     start: str = ""
     """Rough alignment "x,y,yaw": plan point (m) of the level frame's origin, and yaw (deg); the search
     keeps to `prior_translation_m` and `prior_yaw_deg` of it."""
+    recorded_axes: RecordedAxes = "auto"
+    """Whose axes the recorded poses are in: `plan`, those of the plan; `own`, others; `auto`, the plan's
+    where the scan's format says so and the plan is the one in the scan's folder."""
     prior_translation_m: float = 5.0
-    """Where the scan's format says that poses are in the plan's axes, an alignment within this of them is
+    """Where the recorded poses are in the plan's axes, an alignment within this of them is
     preferred as long as it explains 0.8 of what the best one does."""
     prior_yaw_deg: float = 20.0
     """See `prior_translation_m`. Without it, a building that fits when turned about its middle would count
@@ -59,9 +68,10 @@ class AlignOptions:
     def __post_init__(self) -> None:
         if self.method not in ("search", "paper"):
             raise OptionError(f"align.method: expected search or paper, found {self.method!r}")
+        require_choice(self, "recorded_axes", "auto", "plan", "own")
         require_positive(self, "cell_m", "reach_m", "max_yaws", "max_candidates", "candidate")
         require_positive(self, "control_point_tolerance_m")
-        require_share(self, "scale_tolerance")
+        require_share(self, "scale_tolerance", "metric_scale_tolerance")
         for text in self.control_points:
             parse_control_point(text)
         if self.start:

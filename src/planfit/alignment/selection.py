@@ -284,9 +284,7 @@ def _close_words(
     if is_as_recorded:
         return f"{words}; the one that the scan's format records was taken"
     if is_ambiguous:
-        return (
-            f"ambiguous: {words}; choose the other one with --candidate 2, or give control points"
-        )
+        return f"ambiguous: {words}; choose the other one with --align.candidate 2, or give control points"
     return f"{words}; the one asked for was taken"
 
 

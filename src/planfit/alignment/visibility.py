@@ -29,6 +29,21 @@ def is_occluded(
     )
 
 
+def crosses_face(
+    first: Float[np.ndarray, "m 2"],
+    second: Float[np.ndarray, "m 2"],
+    ends: Float[np.ndarray, "n 2 2"],
+) -> Bool[np.ndarray, " m"]:
+    """Whether the way from each first point to its second crosses a face, all in metres."""
+    return _is_occluded(
+        np.ascontiguousarray(first),
+        np.ascontiguousarray(second),
+        np.ascontiguousarray(ends),
+        END_MARGIN_M,
+        0.0,
+    )
+
+
 @numba.njit(cache=True, nogil=True)
 def _is_occluded(
     eyes, xy, ends, end_margin, occlusion_margin

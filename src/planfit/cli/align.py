@@ -130,11 +130,8 @@ def _write(
     pictures = []
     for i, hypothesis in enumerate(alignment.candidates, start=1):
         path = folder / f"candidate_{i}.png"
-        plan = floorplan if floorplan.is_metric else metric_plan(floorplan, hypothesis.scale_xy)
-        _replace(
-            path,
-            draw_alignment(plan, walls, hypothesis, _title(i, hypothesis, floorplan.is_metric)),
-        )
+        plan = metric_plan(floorplan, hypothesis.scale_xy)
+        _replace(path, draw_alignment(plan, walls, hypothesis, _title(i, hypothesis, floorplan)))
         pictures.append(path)
     text = json.dumps(to_record(floorplan, alignment), indent=1)
     _replace(folder / "alignment.json", text.encode())
@@ -147,12 +144,17 @@ def _replace(path: Path, data: bytes) -> None:
     temporary.replace(path)
 
 
-def _title(number: int, hypothesis: AlignmentHypothesis, is_metric: bool) -> str:
-    scale = "" if is_metric else f", {_scale(hypothesis.scale_xy)}"
+def _title(number: int, hypothesis: AlignmentHypothesis, floorplan: Floorplan) -> str:
+    is_as_drawn = _is_as_drawn(floorplan, hypothesis.scale_xy)
+    scale = "" if is_as_drawn else f", {_scale(hypothesis.scale_xy)}"
     return (
         f"hypothesis {number}: {hypothesis.score:.0%} of the scanned wall explained, yaw "
         f"{np.rad2deg(hypothesis.yaw):.1f}°{scale}"
     )
+
+
+def _is_as_drawn(floorplan: Floorplan, scale_xy: tuple[float, float]) -> bool:
+    return floorplan.is_metric and scale_xy == (1.0, 1.0)
 
 
 def _scale(scale_xy: tuple[float, float]) -> str:
@@ -173,11 +175,13 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
                 f"{hypothesis.score:.0%}",
                 f"{np.rad2deg(hypothesis.yaw):.2f} deg",
                 f"{x:.2f}, {y:.2f} m",
-                "as given" if floorplan.is_metric else _scale(hypothesis.scale_xy),
+                "as given"
+                if _is_as_drawn(floorplan, hypothesis.scale_xy)
+                else _scale(hypothesis.scale_xy),
             ]
         )
     out.print(table("", ["hypothesis", "wall explained", "yaw", "translation", "scale"], rows))
-    if not floorplan.is_metric and alignment.scale_sigma > 0:
+    if not _is_as_drawn(floorplan, alignment.scale_xy) and alignment.scale_sigma > 0:
         out.print(
             f"scale: {_scale(alignment.scale_xy)}, known within {alignment.scale_sigma:.2%} "
             "(one standard deviation)"

@@ -92,7 +92,7 @@ def read_run(
             f"{plan_path}: expected the {n_faces} wall faces that the run read, found "
             f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
         )
-    if not floorplan.is_metric:
+    if not floorplan.is_metric or scale_xy != (1.0, 1.0):
         floorplan = metric_plan(floorplan, scale_xy)
     _, structure = _structure(scan, segmentation_options, runtime)
     return Compared(

@@ -1,24 +1,28 @@
 """The scan's alignment with the plan: what the search is given, and what its answer means."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust import refit_scale
+from planfit.adjust import AdjustOptions, refit_scale
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.alignment import (
     Alignment,
-    AlignOptions,
     WallSamples,
     align_paper,
+    find_plan_scale,
     find_unit,
+    is_off,
     metric_plan,
     read_control_points,
     sample_walls,
+    scale_words,
 )
 from planfit.alignment import align as search_alignment
-from planfit.errors import FloorplanError, ScanError
+from planfit.alignment.options import RecordedAxes
+from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.options import RefineOptions
@@ -33,7 +37,7 @@ class ScanOnPlan:
     """Where a prepared scan stands on its plan."""
 
     floorplan: Floorplan
-    """In metres, at the scale that was found where it had no unit."""
+    """In metres, at the scale that was found where it had no unit, or was off."""
     plan_from_level: Float[np.ndarray, "4 4"]
     """The identity where the scan shows no wall and its format claims nothing."""
     alignment: Alignment | None
@@ -43,8 +47,12 @@ class ScanOnPlan:
 
     @property
     def recorded_plan_from_level(self) -> Float[np.ndarray, "4 4"]:
-        """For the poses as recorded: what the format claims where nothing contradicts it."""
-        is_as_recorded = self.alignment is None or self.alignment.is_as_recorded
+        """For the poses as recorded: what the format claims where nothing contradicts it.
+
+        A plan that was drawn at another scale does: its own axes are nowhere in metres.
+        """
+        found = self.alignment
+        is_as_recorded = found is None or (found.is_as_recorded and found.scale_xy == (1.0, 1.0))
         if self.claimed_plan_from_level is not None and is_as_recorded:
             return self.claimed_plan_from_level
         return self.plan_from_level
@@ -79,8 +87,10 @@ def align(
     timer = StageTimer(runtime or Runtime())
     observations = extract_observations(scan, chosen, runtime, timer=timer)
     prepared = prepare(scan, observations, chosen, timer)
-    claimed = claimed_alignment(scan, floorplan, prepared.level_from_world)
-    alignment = find_alignment(prepared, floorplan, chosen.align, claimed)
+    claimed = claimed_alignment(
+        scan, floorplan, prepared.level_from_world, chosen.align.recorded_axes
+    )
+    alignment = find_alignment(prepared, floorplan, chosen, claimed)
     if alignment is None:
         raise ScanError(
             f"{scan.name}: expected walls to align the scan by, found none; give wall masks, or "
@@ -99,33 +109,46 @@ def align_to_plan(
 ) -> ScanOnPlan:
     """Align, bring the plan to metres, and refit a scale that was searched by all measurements.
 
+    A plan in metres keeps its scale, exactly, unless it is surely off (`alignment/plan_scale.py`).
+
     Raises:
         FloorplanError: the plan fits in another unit than it claims, or its unit cannot be found.
     """
     with timer.stage("align"):
-        claimed = claimed_alignment(scan, floorplan, prepared.level_from_world)
-        found = find_alignment(prepared, floorplan, options.align, claimed)
+        claimed = claimed_alignment(
+            scan, floorplan, prepared.level_from_world, options.align.recorded_axes
+        )
+        found = find_alignment(prepared, floorplan, options, claimed)
     if found is None:
         fallback = np.eye(4) if claimed is None else claimed
         return ScanOnPlan(floorplan, fallback, None, claimed)
-    metric = floorplan if floorplan.is_metric else metric_plan(floorplan, found.scale_xy)
-    if not (found.is_sure and found.scale_sigma > 0):
-        return ScanOnPlan(metric, found.plan_from_level, found, claimed)
-    with timer.stage("refit scale"):
-        on_plan = found.plan_from_level @ prepared.level_from_keys
-        refit = refit_scale(prepared.measurements, metric, on_plan, options.adjust)
-        middle = on_plan[:, :2, 3].mean(axis=0)
-        rescaled = found.rescaled(refit.factor, refit.sigma, middle)
-    return ScanOnPlan(metric.scaled(refit.factor), rescaled.plan_from_level, rescaled, claimed)
+    if not floorplan.is_metric and found.is_sure and found.scale_sigma > 0:
+        with timer.stage("refit scale"):
+            found = with_refitted_scale(prepared, floorplan, found, options.adjust)
+    is_as_drawn = floorplan.is_metric and found.scale_xy == (1.0, 1.0)
+    metric = floorplan if is_as_drawn else metric_plan(floorplan, found.scale_xy)
+    return ScanOnPlan(metric, found.plan_from_level, found, claimed)
+
+
+def with_refitted_scale(
+    prepared: PreparedScan, floorplan: Floorplan, found: Alignment, options: AdjustOptions
+) -> Alignment:
+    """The alignment at the scale of the plan at which the walls strain all measurements least."""
+    metric = metric_plan(floorplan, found.scale_xy)
+    on_plan = found.plan_from_level @ prepared.level_from_keys
+    refit = refit_scale(prepared.measurements, metric, on_plan, options)
+    return found.rescaled(refit.factor, refit.sigma, on_plan[:, :2, 3].mean(axis=0))
 
 
 def find_alignment(
     prepared: PreparedScan,
     floorplan: Floorplan,
-    options: AlignOptions,
+    options: RefineOptions,
     claimed: Float[np.ndarray, "4 4"] | None = None,
 ) -> Alignment | None:
     """The scan's alignment by its walls; None where it shows none and the plan is in metres.
+
+    Its scale is refitted here only where the plan claims metres.
 
     Raises:
         FloorplanError: the plan fits in another unit than it claims, or its unit cannot be found.
@@ -138,33 +161,56 @@ def find_alignment(
                 "by; give it with --unit or --scale"
             )
         return None
-    if options.method == "paper":
+    chosen = options.align
+    if chosen.method == "paper":
         points = scan_points(prepared.measurements.structure, prepared.level_from_keys)
-        return align_paper(points, walls, floorplan, options, np.random.default_rng(0))
+        return align_paper(points, walls, floorplan, chosen, np.random.default_rng(0))
     control_points = read_control_points(
-        options.control_points, prepared.level_from_world, floorplan
+        chosen.control_points, prepared.level_from_world, floorplan
     )
-    alignment = search_alignment(walls, floorplan, options, claimed, control_points)
-    unit = find_unit(walls, floorplan, alignment, options)
+    drawn = search_alignment(walls, floorplan, chosen, claimed, control_points)
+    scaled = find_plan_scale(walls, floorplan, drawn, chosen, claimed, control_points)
+    if scaled is not None:
+        scaled = with_refitted_scale(prepared, floorplan, scaled, options.adjust)
+        if is_off(scaled):
+            return replace(scaled, warnings=(*scaled.warnings, scale_words(scaled)))
+    unit = find_unit(walls, floorplan, drawn, chosen)
     if unit is not None:
         raise FloorplanError(
             f"{floorplan.name}: expected metres, found a plan of {floorplan.size[0]:.4g} x "
             f"{floorplan.size[1]:.4g} that fits the scan in {unit[0]}; "
             f"multiply its coordinates by {unit[1]:g}"
         )
-    return alignment
+    return drawn
 
 
 def claimed_alignment(
-    scan: Scan, floorplan: Floorplan, level_from_world: Float[np.ndarray, "4 4"]
+    scan: Scan,
+    floorplan: Floorplan,
+    level_from_world: Float[np.ndarray, "4 4"],
+    recorded_axes: RecordedAxes = "auto",
 ) -> Float[np.ndarray, "4 4"] | None:
-    """plan_from_level where the scan's format records poses in the plan's axes.
+    """plan_from_level where recorded poses are in the plan's axes, up to drift.
 
-    That says nothing of a plan whose unit is unknown, or which is not taken as it was drawn.
+    Where only the scan's format says so, that is of its own plan, as drawn and in metres, or of arrays that
+    the caller made: a picture or a drawing from elsewhere has an origin of its own.
+
+    Raises:
+        OptionError: the user says so of a scan or a plan that cannot have it.
     """
-    if scan.plan_from_world_axes is None or not floorplan.is_metric or floorplan.source.is_mirrored:
+    axes, source = scan.plan_from_world_axes, floorplan.source
+    cannot = axes is None or not floorplan.is_metric or source.is_mirrored
+    if recorded_axes == "plan" and cannot:
+        raise OptionError(
+            "align.recorded-axes plan: expected poses of the FACaP layout and a plan in metres, not "
+            f"mirrored, found {scan.name} and {floorplan.name}; give --align.start instead"
+        )
+    own = scan.floorplan_path
+    is_own = own is not None and Path(floorplan.name).resolve() == own.resolve()
+    is_elsewhere = bool(source.kind) and not is_own and recorded_axes == "auto"
+    if axes is None or cannot or is_elsewhere or recorded_axes == "own":
         return None
-    claimed = scan.plan_from_world_axes @ se3.inverse(level_from_world)
+    claimed = axes @ se3.inverse(level_from_world)
     claimed[2, 3] = 0.0  # the floor is at z = 0 in both frames
     return claimed
 

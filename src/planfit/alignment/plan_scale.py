@@ -1,0 +1,145 @@
+"""Whether a plan that claims metres is in metres: off by some per cent, or in another unit altogether.
+
+A drawing that was printed, traced or scaled by hand is a few per cent too large or too small, and a scan of
+50 m then ends a metre off its walls. Another unit is a slip of the export, and is refused with its name.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.alignment.align import (
+    CLEAR_SCORE,
+    FULL_DISTANCES_M,
+    FULL_SAMPLES,
+    Alignment,
+    align,
+    align_within,
+)
+from planfit.alignment.control_points import ControlPoint
+from planfit.alignment.options import AlignOptions
+from planfit.alignment.refine import AlignmentHypothesis, RefineSteps, refine_hypothesis
+from planfit.alignment.wall_samples import WallSamples, thin
+from planfit.floorplan import Floorplan
+
+OFF_SHARE = 0.006
+"""A scale nearer to 1 than this, as a share, is as drawn: plans in metres are right within half a per cent,
+and depth, odometry and the bend that drift leaves are not surer."""
+OFF_SIGMAS = 3.0
+"""A scale must be off by so many of its standard deviations too."""
+LOOK_SHARE = 0.004
+"""From this on, the scale that the walls alone prefer at the alignment as drawn is worth a search."""
+FAR_SHARE = 0.02
+"""A scale further off must explain more wall by `AlignOptions.min_margin`: at a nearer one, the walls of a
+small scan lie nearly as well on the plan as drawn."""
+CLEAR_GAIN = 0.1
+"""What another scale must explain beyond the plan as drawn where neither place is sure."""
+
+METRES_PER_UNIT = {
+    "millimetres": 0.001,
+    "centimetres": 0.01,
+    "inches": 0.0254,
+    "feet": 0.3048,
+    "metres on paper at 1:50": 50.0,
+    "metres on paper at 1:100": 100.0,
+    "metres on paper at 1:200": 200.0,
+}
+NEAR_UNIT = 0.02
+"""A scale this near to a unit, as a share, is that unit."""
+BETTER_SCORE = 0.2
+"""What another unit must explain beyond what metres do."""
+
+
+def find_plan_scale(
+    walls: WallSamples,
+    floorplan: Floorplan,
+    drawn: Alignment,
+    options: AlignOptions,
+    recorded: Float[np.ndarray, "4 4"] | None = None,
+    control_points: Sequence[ControlPoint] = (),
+) -> Alignment | None:
+    """The alignment with a metric plan at another scale, where the walls ask for one; else None.
+
+    Walls alone judge here, so the scale is that of a scan that drift may have bent: `is_off` decides once
+    all measurements have refitted it (`planfit.adjust.refit_scale`).
+
+    Args:
+        walls: samples, level frame.
+        floorplan: in metres, as drawn.
+        drawn: the alignment with it as drawn.
+        options: `metric_scale_tolerance` bounds the scales.
+        recorded: plan_from_level that the scan's format claims, if it does.
+        control_points: points of the scan whose location on the plan is known.
+    """
+    is_told = options.candidate != 1 or bool(options.start)
+    if not floorplan.is_metric or options.metric_scale_tolerance == 0 or is_told:
+        return None
+    is_clear = drawn.is_sure and drawn.score >= CLEAR_SCORE
+    if is_clear and abs(np.log(_preferred_scale(walls, floorplan, drawn))) < LOOK_SHARE:
+        return None
+    slack = options.metric_scale_tolerance
+    found = align_within(walls, floorplan, options, slack, recorded, control_points)
+    off = abs(np.log(found.metres_per_unit))
+    gain = options.min_margin if off > FAR_SHARE else 0.0
+    if off < FAR_SHARE and _is_of_lines(drawn):
+        return None  # rooms drawn a wall's thickness too large look like a small scale
+    # In a building that repeats itself no place is sure, and every place asks for the same scale.
+    is_plain = found.score >= max(CLEAR_SCORE, drawn.score + CLEAR_GAIN) and not drawn.is_sure
+    if off < LOOK_SHARE or not (found.is_sure or is_plain) or found.score <= drawn.score + gain:
+        return None
+    return found
+
+
+def is_off(scaled: Alignment) -> bool:
+    """Whether the scale of a metric plan is off by more than plans usually are, and surely so."""
+    off = abs(np.log(scaled.metres_per_unit))
+    return bool(off > max(OFF_SHARE, OFF_SIGMAS * scaled.scale_sigma))
+
+
+def scale_words(scaled: Alignment) -> str:
+    """What a user should know of a metric plan that is off in scale."""
+    factor, sigma = scaled.metres_per_unit, scaled.scale_sigma
+    way = "small" if factor > 1 else "large"
+    other = "long" if factor > 1 else "short"
+    off = abs(1.0 / factor - 1.0)
+    return (
+        f"the plan is drawn {off:.1%} too {way}: its coordinates were multiplied by {factor:.4f} (within "
+        f"{sigma:.1%}), so that lengths are the scan's; a scan whose depth and motion are {off:.1%} too "
+        f"{other} looks the same: compare a length that you know, and where the plan is right, run again "
+        "with --align.metric-scale-tolerance 0"
+    )
+
+
+def find_unit(
+    walls: WallSamples, floorplan: Floorplan, alignment: Alignment, options: AlignOptions
+) -> tuple[str, float] | None:
+    """The unit, in words, and its metres, in which a plan that claims metres fits although it does not
+    in metres. None where the plan fits as it is, has no unit, or fits in none clearly better.
+    """
+    if not floorplan.is_metric or alignment.score >= options.min_score:
+        return None
+    unknown = replace(floorplan, is_metric=False)
+    free = replace(options, metres_per_unit=0.0, candidate=1, start="", control_points=())
+    found = align(walls, unknown, free)
+    if not found.is_sure or found.score < alignment.score + BETTER_SCORE:
+        return None
+    scale = found.metres_per_unit
+    unit = min(METRES_PER_UNIT, key=lambda name: abs(np.log(scale / METRES_PER_UNIT[name])))
+    if abs(np.log(scale / METRES_PER_UNIT[unit])) < NEAR_UNIT:
+        return unit, METRES_PER_UNIT[unit]
+    return f"units of {scale:.4g} m", float(f"{scale:.4g}")
+
+
+def _is_of_lines(drawn: Alignment) -> bool:
+    """Whether the plan seems to show walls by their centre lines."""
+    return drawn.evidence is not None and drawn.evidence.line_offset_m > 0
+
+
+def _preferred_scale(walls: WallSamples, floorplan: Floorplan, drawn: Alignment) -> float:
+    """The scale that the walls prefer near the alignment as drawn."""
+    samples, weights = thin(walls, FULL_SAMPLES)
+    start = AlignmentHypothesis.from_transform(drawn.plan_from_level)
+    steps = RefineSteps(FULL_DISTANCES_M, n_scales=1)
+    return refine_hypothesis(samples, weights, floorplan, start, steps).metres_per_unit
