@@ -155,7 +155,9 @@ def test_no_measurements_at_all_changes_nothing(world):
 
 def test_rounds_are_bounded(world, drifted):
     poses, measurements = drifted
-    options = AdjustOptions(wall_distances_m=(1.0, 0.5), max_alternations=1)
+    options = AdjustOptions(
+        wall_distances_m=(1.0, 0.5), max_alternations=1, wall_strategy="iterative"
+    )
     plan_adjustment = adjust_to_plan(measurements, world.floorplan, poses, options)
     assert plan_adjustment.rounds == 2
 

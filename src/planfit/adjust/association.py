@@ -1,9 +1,9 @@
 """Correspondences of scan and plan: the face of each wall patch and column, the height of each ceiling."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from planfit.errors import require_positive, require_share
 from planfit.floorplan import Floorplan
@@ -57,6 +57,32 @@ class PlanCorrespondences:
     """Height of the ceiling that each frame sees; NaN: none."""
     max_distance_m: float
     """Beyond this, wall does not belong to a face."""
+    widths: Float[np.ndarray, " k"] | None = None
+    """Factor on the scale of each wall patch's loss; None: as it stands."""
+    moved_m: Float[np.ndarray, " f"] | None = None
+    """How far faces that were found to stand elsewhere stand off where they are drawn, along their normals;
+    NaN for faces as drawn. None: all are as drawn."""
+
+    @property
+    def is_moved(self) -> Bool[np.ndarray, " k"]:
+        """Whether a wall patch lies on a face that stands elsewhere than drawn."""
+        face_idx = self.walls.face_idx
+        if self.moved_m is None:
+            return np.zeros(len(face_idx), dtype=bool)
+        return (face_idx >= 0) & np.isfinite(self.moved_m[face_idx])
+
+    @property
+    def moved_faces(self) -> Int[np.ndarray, " m"]:
+        """Faces that stand elsewhere than drawn and are seen."""
+        return np.unique(self.walls.face_idx[self.is_moved])
+
+    @property
+    def walls_as_drawn(self) -> Association:
+        """Patches on faces that stand as drawn; the others have none."""
+        moved = self.is_moved
+        return Association(
+            np.where(moved, -1, self.walls.face_idx), np.where(moved, np.nan, self.walls.distance_m)
+        )
 
     def is_same(self, other: "PlanCorrespondences") -> bool:
         """Whether both hold every patch to the same face."""
@@ -73,13 +99,31 @@ def associate_with_plan(
     max_distance_m: float,
     options: AssociationOptions,
     ceiling_heights_m: Float[np.ndarray, " n"],
+    moved_m: Float[np.ndarray, " f"] | None = None,
 ) -> PlanCorrespondences:
-    """Faces of walls and columns within a distance (m); the heights of ceilings are given."""
+    """Faces of walls and columns within a distance (m); the heights of ceilings are given.
+
+    Faces with a finite `moved_m` are looked for where they stand; distances are from where they are drawn.
+    """
+    built, off = floorplan, np.zeros(len(floorplan))
+    if moved_m is not None:
+        off = np.nan_to_num(moved_m)
+        built = displaced(floorplan, off)
     walls, columns = (
-        associate(patches, floorplan, plan_from_cams, max_distance_m, options)
+        associate(patches, built, plan_from_cams, max_distance_m, options)
         for patches in (structure.walls, structure.columns)
     )
-    return PlanCorrespondences(floorplan, walls, columns, ceiling_heights_m, max_distance_m)
+    walls = Association(walls.face_idx, walls.distance_m + off[walls.face_idx])
+    return PlanCorrespondences(
+        floorplan, walls, columns, ceiling_heights_m, max_distance_m, moved_m=moved_m
+    )
+
+
+def displaced(floorplan: Floorplan, offsets_m: Float[np.ndarray, " f"]) -> Floorplan:
+    """The plan with each face put off along its normal."""
+    return replace(
+        floorplan, ends=floorplan.ends + (offsets_m[:, None] * floorplan.normals)[:, None]
+    )
 
 
 def associate(

@@ -5,13 +5,16 @@ from typing import Literal
 
 from planfit.adjust.association import AssociationOptions
 from planfit.adjust.ceilings import CeilingOptions
+from planfit.adjust.moved_walls import MovedWallOptions
 from planfit.adjust.paper.descent import DescentOptions
+from planfit.adjust.reach import ReachOptions
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
 from planfit.adjust.terms.rays import RayOptions
 from planfit.adjust.terms.reprojection import ReprojectionOptions
 from planfit.adjust.terms.walls import WallOptions
+from planfit.adjust.voting import VotingOptions
 from planfit.errors import OptionError, require, require_choice, require_positive, require_share
 from planfit.lsq.bounded import BoundedOptions
 from planfit.lsq.solver import SolverOptions
@@ -34,6 +37,10 @@ class KeyframeOptions:
     def __post_init__(self) -> None:
         require_positive(self, "max_step_m", "max_rotation_deg")
         require_share(self, "sharper_share")
+
+
+START_NAMES = ("aligned", "reach", "vote", "wide")
+"""Of `AdjustOptions.starts`."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +94,23 @@ class AdjustOptions:
     """Factors on the scale of the matches' loss while loops close, one after the other: wide at first,
     so that matches which are far apart only because of drift still act, then as it stands."""
     wall_distances_m: tuple[float, ...] = (1.2, 0.8, 0.6, 0.45, 0.35)
-    """Association distances, one after the other."""
+    """Association distances, one after the other; where several starts compete, each ends at the last."""
+    starts: tuple[Literal["aligned", "reach", "vote", "wide"], ...] = (
+        "aligned",
+        "reach",
+        "vote",
+        "wide",
+    )
+    """Starts that compete by the full cost, tried in this order until two agree or one is clearly good: poses
+    as aligned, losses as they stand; each wall patch reaches for its face as far as its pose may be off;
+    stretches of the walk vote for their shift; all patches reach far. Other strategies for walls than fixed
+    nearest walls, bounded solves and the paper's take the first alone."""
+    reach: ReachOptions = field(default_factory=ReachOptions)
+    """How far wall reaches for its face at first."""
+    voting: VotingOptions = field(default_factory=VotingOptions)
+    """How stretches of the walk vote."""
+    moved_walls: MovedWallOptions = field(default_factory=MovedWallOptions)
+    """When a wall of the plan is taken for moved."""
     max_alternations: int = 5
     """Rounds of association and solve at one distance; ends earlier when no association changes."""
     covariances: bool = False
@@ -101,6 +124,12 @@ class AdjustOptions:
         require_choice(self, "method", "lm", "sgd")
         if not self.gnc_schedule or min(self.gnc_schedule) <= 0:
             raise OptionError(f"gnc_schedule: expected factors above 0, found {self.gnc_schedule}")
+        for start in self.starts:
+            if start not in START_NAMES:
+                raise OptionError(
+                    f"starts: expected names among {', '.join(START_NAMES)}, found {start!r}"
+                )
+        require(len(self.starts) > 0, "starts: expected at least one start, found none")
         if not self.wall_distances_m or min(self.wall_distances_m) <= 0:
             raise OptionError(
                 f"wall_distances_m: expected positive distances, found {self.wall_distances_m}"
@@ -129,6 +158,15 @@ class AdjustOptions:
                 "adjust.method: gradient descent minimises the paper's cost only (3D points, floor, "
                 "fixed nearest walls); use --preset paper, or lm",
             )
+
+    @property
+    def has_several_starts(self) -> bool:
+        """Whether starts compete: their cost must be the one that is solved for, and its losses level off."""
+        return (
+            (self.method, self.wall_strategy, self.averaging) == ("lm", "fixed", "observations")
+            and not self.is_bounded
+            and self.walls.weight > 0
+        )
 
     def _weights(self) -> tuple[float, ...]:
         geometric = getattr(self, self.geometric).weight

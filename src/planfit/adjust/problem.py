@@ -31,6 +31,7 @@ from planfit.adjust.terms.wall_offsets import (
 )
 from planfit.adjust.terms.walls import WallTerm
 from planfit.errors import OptionError
+from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.bounded import solve_bounded
@@ -66,6 +67,9 @@ class AdjustmentProblem:
     offset_walls: OffsetWallTerm | None = None
     """Solved for instead of `walls` where faces may stand off where they are drawn."""
     offset_prior: PosePriorTerm | None = None
+    moved_walls: OffsetWallTerm | None = None
+    """Wall on faces that stand elsewhere than drawn: it holds frames to each other, not to the plan."""
+    moved_prior: PosePriorTerm | None = None
     extra: tuple[Term, ...] = ()
     """The user's."""
     gauge: PosePriorTerm | None = None
@@ -93,6 +97,7 @@ class AdjustmentProblem:
             walls = _present(self.walls)
         else:
             walls = _present(self.offset_walls, self.offset_prior)
+        walls += _present(self.moved_walls, self.moved_prior)
         level = _present(self.floor, self.odometry, self.ceiling, self.columns)
         return [*level, *walls, *self.extra, *_present(self.gauge)]
 
@@ -135,7 +140,13 @@ class AdjustmentProblem:
             self.correspondences.walls.face_idx,
         )
         offsets_m, sigmas_m = np.zeros(len(floorplan)), np.full(len(floorplan), np.nan)
-        if self.offset_walls is not None:
+        if self.moved_walls is not None:
+            faces = self.correspondences.moved_faces
+            normals = floorplan.normals[faces]
+            own = self.n_cams + np.arange(len(faces))
+            offsets_m[faces] = read_offsets(unknowns, self.n_cams, self.moved_walls.floorplan)
+            sigmas_m[faces] = offset_sigmas(self.terms, unknowns, own, normals)
+        elif self.offset_walls is not None:
             seen = np.unique(face_idx[face_idx >= 0])
             offsets_m = read_offsets(unknowns, self.n_cams, floorplan)
             sigmas_m[seen] = offset_sigmas(
@@ -295,6 +306,8 @@ def _with_plan(
         columns=_columns_term(measurements, correspondences, options),
         walls=_walls_term(measurements, correspondences, options),
     )
+    if correspondences.is_moved.any():
+        return _with_moved_walls(problem, correspondences)
     floorplan, sigma_m = correspondences.floorplan, options.walls.offset_sigma_m
     if problem.walls is None or options.wall_strategy != "fixed" or sigma_m <= 0:
         return problem
@@ -304,6 +317,38 @@ def _with_plan(
         unknowns=with_offsets(problem.unknowns, floorplan),
         offset_walls=OffsetWallTerm(patches, floorplan, association, options.walls, n),
         offset_prior=offset_prior(n, floorplan, sigma_m),
+    )
+
+
+def _with_moved_walls(
+    problem: AdjustmentProblem, correspondences: PlanCorrespondences
+) -> AdjustmentProblem:
+    """Faces that stand elsewhere than drawn, each with an offset of its own behind the poses."""
+    floorplan, faces, n = correspondences.floorplan, correspondences.moved_faces, problem.n_cams
+    assert correspondences.moved_m is not None
+    own = Floorplan(
+        floorplan.name,
+        floorplan.ends[faces],
+        floorplan.normals[faces],
+        floorplan.is_oriented[faces],
+    )
+    # The number of each moved face among the moved ones; -1 for patches on faces as drawn.
+    number = np.full(len(floorplan) + 1, -1)
+    number[faces] = np.arange(len(faces))
+    association = Association(
+        number[correspondences.walls.face_idx], correspondences.walls.distance_m
+    )
+    unknowns = with_offsets(problem.unknowns, own)
+    off = correspondences.moved_m[faces][:, None] * own.normals
+    unknowns[n:, :2, 3] = off
+    walls, options = problem.options.walls, problem.options.moved_walls
+    return replace(
+        problem,
+        unknowns=unknowns,
+        moved_walls=OffsetWallTerm(
+            problem.measurements.structure.walls, own, association, walls, n, "moved walls"
+        ),
+        moved_prior=offset_prior(n, own, options.sigma_m, "moved walls, offsets"),
     )
 
 
@@ -337,7 +382,7 @@ def _walls_term(
     measurements: Measurements, correspondences: PlanCorrespondences, options: AdjustOptions
 ) -> WallTerm | NearestTerm | None:
     """The walls term of the chosen strategy, faces as drawn; None where no wall has a face."""
-    walls, association = options.walls, correspondences.walls
+    walls, association = options.walls, correspondences.walls_as_drawn
     patches, is_fixed = measurements.structure.walls, options.wall_strategy == "fixed"
     if walls.weight == 0 or association.n_associated == 0:
         return None
@@ -348,7 +393,8 @@ def _walls_term(
         walls = as_mean(walls, n_points)
     floorplan = correspondences.floorplan
     if is_fixed:
-        return WallTerm(patches, floorplan, association, walls, device=options.solver.device)
+        device, widths = options.solver.device, correspondences.widths
+        return WallTerm(patches, floorplan, association, walls, device=device, widths=widths)
     to = "line" if options.wall_strategy == "iterative" else "point"
     reach_m, oriented = correspondences.max_distance_m, options.association.oriented
     return NearestTerm(patches, floorplan, walls, NearestPointOptions(to, reach_m, oriented))

@@ -1,8 +1,8 @@
-"""The order of the adjustment: loops first, then walls with shrinking distances, until nothing changes.
+"""The order of the adjustment: loops first, then walls from several starts, then what the plan has wrong.
 
 Walls that hold poses at once lock onto wrong walls where drift exceeds the spacing of walls. Once matches
-have closed the loops and the whole is aligned with the plan, what is left is small, and a shrinking
-association distance lets go of the patches that still belong elsewhere.
+have closed the loops and the whole is aligned with the plan, what is left is small; where it is not, several
+starts compete. Walls that stand elsewhere than drawn are told last, when poses are consistent.
 """
 
 from collections.abc import Sequence
@@ -11,12 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust.association import Association, PlanCorrespondences, associate_with_plan
+from planfit.adjust.alternation import PlanTask, alternate
+from planfit.adjust.association import Association, PlanCorrespondences
 from planfit.adjust.ceilings import find_ceilings
+from planfit.adjust.competition import best_of_starts
 from planfit.adjust.measurements import Measurements
+from planfit.adjust.moved_walls import MovedWall
 from planfit.adjust.observability import describe_observability
 from planfit.adjust.options import AdjustOptions
-from planfit.adjust.problem import AdjustmentProblem, build_problem
+from planfit.adjust.problem import build_problem
 from planfit.floorplan import Floorplan
 from planfit.lsq.covariance import covariances
 from planfit.lsq.problem import Problem
@@ -60,24 +63,13 @@ class PlanAdjustment:
     """What nothing but the recorded motion, or nothing at all, holds: a sentence each."""
     covariances: Float[np.ndarray, "n 6 6"] | None = None
     """Of the poses (rad, m; plan axes), where asked for."""
+    moved_walls: tuple[MovedWall, ...] = ()
+    """Faces that stand elsewhere than drawn, the furthest first; they do not hold the poses to the plan."""
 
     @property
     def association(self) -> Association:
         """The face of each wall patch."""
         return self.correspondences.walls
-
-
-@dataclass(frozen=True)
-class _Alternation:
-    """Where alternating association and solve has come to."""
-
-    problem: AdjustmentProblem
-    solution: Solution
-    correspondences: PlanCorrespondences
-    """At the solution's poses."""
-    rounds: int
-    iterations: int
-    converged: bool
 
 
 def adjust_to_plan(
@@ -87,7 +79,7 @@ def adjust_to_plan(
     options: AdjustOptions,
     extra_terms: Sequence[Term] = (),
 ) -> PlanAdjustment:
-    """Alternate association and solve (paper, Sec. III-D), with association distances that shrink.
+    """Alternate association and solve (paper, Sec. III-D), from several starts; let go of moved walls.
 
     Args:
         measurements: what the scan says.
@@ -100,7 +92,12 @@ def adjust_to_plan(
         OptionError: PyTorch is needed and absent, or extra terms cannot be used.
     """
     n = len(plan_from_cams)
-    end = _alternate(measurements, floorplan, plan_from_cams, options, extra_terms)
+    ceilings_m = find_ceilings(measurements.structure, plan_from_cams, options.ceiling_heights)
+    task = PlanTask(measurements, floorplan, options, ceilings_m, tuple(extra_terms))
+    if options.has_several_starts:
+        end = best_of_starts(task, plan_from_cams)
+    else:
+        end = alternate(task, plan_from_cams, options.wall_distances_m)
     unknowns = end.solution.target_from_cams
     plan_from_cams = unknowns[:n]
     offsets_m, offset_sigmas_m = end.problem.offsets(unknowns)
@@ -117,41 +114,21 @@ def adjust_to_plan(
         end.iterations,
         describe_observability(found, plan_from_cams),
         covariances(end.problem.terms, unknowns, every) if options.covariances else None,
+        _moved_walls(end.correspondences, offsets_m, offset_sigmas_m),
     )
 
 
-def _alternate(
-    measurements: Measurements,
-    floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-    options: AdjustOptions,
-    extra_terms: Sequence[Term],
-) -> _Alternation:
-    """Associate and solve at each distance until the association settles there."""
-    n, structure = len(plan_from_cams), measurements.structure
-    rounds, iterations = 0, 0
-    end: _Alternation | None = None
-    # Ceilings are found once, like the paper's floor: what is sought is not moved by what it holds.
-    ceilings_m = find_ceilings(structure, plan_from_cams, options.ceiling_heights)
-
-    def associated(poses: Float[np.ndarray, "n 4 4"], distance_m: float) -> PlanCorrespondences:
-        chosen = options.association
-        return associate_with_plan(structure, floorplan, poses, distance_m, chosen, ceilings_m)
-
-    for distance_m in options.wall_distances_m:
-        correspondences = associated(plan_from_cams, distance_m)
-        for _ in range(options.max_alternations):
-            problem = build_problem(
-                measurements, options, plan_from_cams, correspondences, extra_terms
-            )
-            solution = problem.solve()
-            rounds, iterations = rounds + 1, iterations + solution.iterations
-            plan_from_cams = solution.target_from_cams[:n]
-            again = associated(plan_from_cams, distance_m)
-            converged = again.is_same(correspondences)
-            correspondences = again
-            end = _Alternation(problem, solution, again, rounds, iterations, converged)
-            if converged:
-                break
-    assert end is not None  # wall_distances_m is never empty
-    return end
+def _moved_walls(
+    correspondences: PlanCorrespondences,
+    offsets_m: Float[np.ndarray, " f"],
+    sigmas_m: Float[np.ndarray, " f"],
+) -> tuple[MovedWall, ...]:
+    """Faces found elsewhere than drawn, the furthest first."""
+    of_patches = correspondences.walls.face_idx[correspondences.is_moved]
+    faces, counts = np.unique(of_patches, return_counts=True)
+    moved = [
+        MovedWall(int(face), float(offsets_m[face]), float(sigmas_m[face]), int(count))
+        for face, count in zip(faces, counts, strict=True)
+        if np.isfinite(sigmas_m[face])
+    ]
+    return tuple(sorted(moved, key=lambda wall: -abs(wall.offset_m)))

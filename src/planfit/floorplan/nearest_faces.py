@@ -125,7 +125,7 @@ def nearest_of_segments(
         looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > cosine_limit
         middle = ends[part].mean(axis=1)
         distance = middle @ floorplan.normals.T - floorplan.offsets
-        beside = _share_beside(ends[part], floorplan, end_margin_m)
+        beside = share_beside(ends[part], floorplan, end_margin_m)
         ok = looks_alike & (np.abs(distance) < max_distance_m) & (beside >= min_overlap)
         score = np.where(ok, np.abs(distance), np.inf)
         rows = np.arange(score.shape[0])
@@ -136,10 +136,10 @@ def nearest_of_segments(
     return signed, face_idx
 
 
-def _share_beside(
+def share_beside(
     ends: Float[np.ndarray, "k 2 2"], floorplan: Floorplan, margin_m: float
 ) -> Float[np.ndarray, "k n"]:
-    """Share of each segment that lies beside each face, the face's ends widened by a margin."""
+    """Share of each segment that lies beside each face, the face's ends widened by a margin (m)."""
     along = segments.directions(floorplan.ends)
     # Both ends of each segment on the axis of each face, 0 at the face's first end, its length at the second.
     at = (

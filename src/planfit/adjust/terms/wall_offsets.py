@@ -103,11 +103,13 @@ class OffsetPlaneMoments:
         return PlaneMoments(self.drawn.pose_idx, planes, self.drawn.moments)
 
 
-def offset_prior(n_cams: int, floorplan: Floorplan, sigma_m: float) -> PosePriorTerm:
+def offset_prior(
+    n_cams: int, floorplan: Floorplan, sigma_m: float, name: str = "wall offsets"
+) -> PosePriorTerm:
     """Faces stand where they are drawn, within a sigma."""
     sigma = np.array([_FREE_ROTATION] * 3 + [sigma_m] * 3)
     faces = n_cams + np.arange(len(floorplan))
-    return PosePriorTerm(faces, np.tile(np.eye(4), (len(floorplan), 1, 1)), sigma, "wall offsets")
+    return PosePriorTerm(faces, np.tile(np.eye(4), (len(floorplan), 1, 1)), sigma, name)
 
 
 def with_offsets(

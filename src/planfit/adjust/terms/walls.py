@@ -62,6 +62,9 @@ class WallTerm:
     """Of each face along its normal from where it is drawn; None: as drawn."""
     device: str = "cpu"
     """Where the points are reweighted; "cuda" asks for PyTorch."""
+    widths: Float[np.ndarray, " k"] | None = None
+    """Factor on the scale of each patch's loss, 1 or more: how much further the patch reaches (graduated
+    non-convexity, patch by patch). None: the loss as it stands. On the CPU only."""
 
     @cached_property
     def _on_device(self) -> GroupedPoints:
@@ -77,6 +80,8 @@ class WallTerm:
             planes[:, 3] -= self.offsets_m[face]
         weighting = Weighting(self.options.max_observations, self.options.points_per_observation)
         information = weighting.weight_per_point(np.diff(patches.start))
+        if self.widths is not None:
+            return self._widened(planes, np.where(face >= 0, information, 0.0), target_from_cams)
         rest = (
             patches.frame_idx,
             planes,
@@ -88,6 +93,38 @@ class WallTerm:
         if self.device != "cpu":
             return plane_moments_on(self._on_device, *rest)
         return plane_moments(patches.points_cam, patches.start, *rest)
+
+    def _widened(
+        self,
+        planes: Float[np.ndarray, "k 4"],
+        information: Float[np.ndarray, " k"],
+        target_from_cams: Float[np.ndarray, "n 4 4"],
+    ) -> tuple[PlaneMoments, float]:
+        """The same, each loss at its own width.
+
+        A loss of scale w c is w^2 times that of scale c at a distance w times as small. The weights of the
+        points then are those of the small distance, so the factor w^2 is taken out of the moments again.
+        """
+        assert self.widths is not None
+        by = self.widths
+        found, cost = plane_moments(
+            self.patches.points_cam,
+            self.patches.start,
+            self.patches.frame_idx,
+            planes / by[:, None],
+            self.options.weight * information * by**2,
+            target_from_cams,
+            self.options.sigma_m,
+            self.options.loss,
+        )
+        return PlaneMoments(found.pose_idx, planes, found.moments / (by**2)[:, None, None]), cost
+
+
+def observations_of(patches: WallPatches, options: WallOptions) -> Float[np.ndarray, " k"]:
+    """Effective observations that each patch is worth, times the term's weight."""
+    n_points = np.diff(patches.start)
+    weighting = Weighting(options.max_observations, options.points_per_observation)
+    return options.weight * weighting.weight_per_point(n_points) * n_points
 
 
 def face_planes(floorplan: Floorplan, face_idx: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 4"]:

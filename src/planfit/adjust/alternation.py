@@ -1,0 +1,166 @@
+"""Association and solve in turns, from where poses start to where neither changes any more."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.adjust.association import Association, PlanCorrespondences, associate_with_plan
+from planfit.adjust.measurements import Measurements
+from planfit.adjust.moved_walls import find_moved
+from planfit.adjust.options import AdjustOptions
+from planfit.adjust.problem import AdjustmentProblem, build_problem
+from planfit.floorplan import Floorplan
+from planfit.lsq.solver import Solution
+from planfit.lsq.term import Term
+
+NARROWING = (1.0, 0.7, 0.4)
+"""Powers of the widths of losses, one stage each; then the losses as they stand."""
+MAX_SEARCHES = 3
+"""Times that moved walls are looked for."""
+STAGE_ITERATIONS = 5
+"""Rounds of reweighting in a stage with wide losses: the next one goes on."""
+
+
+@dataclass(frozen=True)
+class PlanTask:
+    """What is adjusted to what; all but where it starts."""
+
+    measurements: Measurements
+    floorplan: Floorplan
+    options: AdjustOptions
+    ceilings_m: Float[np.ndarray, " n"]
+    """Height of the ceiling that each frame sees. Found once, like the paper's floor: what is sought is
+    not moved by what it holds."""
+    extra_terms: tuple[Term, ...] = ()
+    moved_m: Float[np.ndarray, " f"] | None = None
+    """Of faces that stand elsewhere than drawn; see `PlanCorrespondences`."""
+
+    def associated(
+        self, plan_from_cams: Float[np.ndarray, "n 4 4"], distance_m: float
+    ) -> PlanCorrespondences:
+        """Correspondences at poses, within a distance (m)."""
+        return associate_with_plan(
+            self.measurements.structure,
+            self.floorplan,
+            plan_from_cams,
+            distance_m,
+            self.options.association,
+            self.ceilings_m,
+            self.moved_m,
+        )
+
+    def problem(
+        self, plan_from_cams: Float[np.ndarray, "n 4 4"], correspondences: PlanCorrespondences
+    ) -> AdjustmentProblem:
+        """The problem that begins at poses."""
+        return build_problem(
+            self.measurements, self.options, plan_from_cams, correspondences, self.extra_terms
+        )
+
+
+@dataclass(frozen=True)
+class Alternation:
+    """Where alternating association and solve has come to."""
+
+    problem: AdjustmentProblem
+    solution: Solution
+    correspondences: PlanCorrespondences
+    """At the solution's poses."""
+    rounds: int
+    iterations: int
+    converged: bool
+
+    @property
+    def plan_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
+        """Poses, without what stands behind them among the unknowns."""
+        return self.solution.target_from_cams[: self.problem.n_cams]
+
+
+def alternate(
+    task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"], distances_m: Sequence[float]
+) -> Alternation:
+    """Associate and solve at each distance until the association settles there."""
+    rounds, iterations = 0, 0
+    end: Alternation | None = None
+    for distance_m in distances_m:
+        correspondences = task.associated(plan_from_cams, distance_m)
+        for _ in range(task.options.max_alternations):
+            problem = task.problem(plan_from_cams, correspondences)
+            solution = problem.solve()
+            rounds, iterations = rounds + 1, iterations + solution.iterations
+            plan_from_cams = solution.target_from_cams[: len(plan_from_cams)]
+            again = task.associated(plan_from_cams, distance_m)
+            converged = again.is_same(correspondences)
+            correspondences = again
+            end = Alternation(problem, solution, again, rounds, iterations, converged)
+            if converged:
+                break
+    assert end is not None  # wall_distances_m is never empty
+    return end
+
+
+def narrow(
+    task: PlanTask,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    widths: Float[np.ndarray, " k"],
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses after graduated non-convexity of the walls' loss, each patch from a width of its own.
+
+    Each stage associates once, within twice the scale of the patch's loss, and takes some steps. What
+    follows is to be solved with the losses as they stand.
+
+    Args:
+        task: what is adjusted.
+        plan_from_cams: where to begin.
+        widths: factor on the scale of each wall patch's loss at first, 1 or more.
+    """
+    walls, shortest_m = task.options.walls, task.options.wall_distances_m[-1]
+    scale_m = walls.sigma_m * walls.loss.scale
+    few = replace(task.options.solver, max_iterations=STAGE_ITERATIONS)
+    stage = replace(task, options=replace(task.options, solver=few))
+    for power in NARROWING:
+        at = widths**power
+        reach_m = np.maximum(2 * scale_m * at, shortest_m)
+        found = task.associated(plan_from_cams, float(reach_m.max(initial=shortest_m)))
+        is_within = np.abs(np.nan_to_num(found.walls.distance_m, nan=np.inf)) < reach_m
+        kept = Association(
+            np.where(is_within, found.walls.face_idx, -1),
+            np.where(is_within, found.walls.distance_m, np.nan),
+        )
+        problem = stage.problem(plan_from_cams, replace(found, walls=kept, widths=at))
+        plan_from_cams = problem.solve().target_from_cams[: len(plan_from_cams)]
+    return plan_from_cams
+
+
+def without_moved_walls(task: PlanTask, end: Alternation) -> Alternation:
+    """Go on from where an adjustment ended, with walls that stand elsewhere than drawn let go of.
+
+    Poses change a little once a wall no longer pulls, so walls are looked for again.
+    """
+    options = task.options
+    if options.walls.offset_sigma_m > 0:
+        return end
+    for _ in range(MAX_SEARCHES):
+        moved_m = find_moved(
+            task.measurements.structure.walls,
+            end.correspondences.walls_as_drawn,
+            task.floorplan,
+            end.plan_from_cams,
+            options.association,
+            options.moved_walls,
+        )
+        before = end.problem.correspondences
+        known = None if before is None else before.moved_m
+        is_new = np.isfinite(moved_m)
+        if known is not None:
+            is_new = is_new != np.isfinite(known)
+        if not is_new.any():
+            break
+        again = replace(task, moved_m=moved_m)
+        more = alternate(again, end.plan_from_cams, options.wall_distances_m[-1:])
+        end = replace(
+            more, rounds=end.rounds + more.rounds, iterations=end.iterations + more.iterations
+        )
+    return end

@@ -1,0 +1,168 @@
+"""Several starts compete by the full cost: a local optimum shows by another one that costs less.
+
+The cost counts all terms with their losses as they stand, and wall without a face at the most that a loss
+can cost, so that letting go of walls never pays.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.adjust.alternation import (
+    Alternation,
+    PlanTask,
+    alternate,
+    narrow,
+    without_moved_walls,
+)
+from planfit.adjust.problem import build_problem
+from planfit.adjust.reach import patch_sigmas
+from planfit.adjust.terms.walls import observations_of
+from planfit.adjust.voting import vote
+from planfit.lsq.robust import loss_value
+
+SAME_COST = 5e-3
+"""Costs that differ by less, as a share of what walls cost at most, are those of one optimum."""
+CLEAR_SHARE = 0.5
+"""Where every stretch of the walk has this share of its wall explained, no other start is tried."""
+STRETCH = 16
+"""Wall patches of a stretch."""
+REACH_SIGMAS = 2.0
+"""A loss is made as wide as so many sigmas of the patch's place."""
+VOTED_WIDTH = 3.0
+"""Factor on the width of losses after a vote: several of its steps."""
+
+
+def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Alternation:
+    """Adjust from one start after the other, until the best is confirmed or clearly good; the cheapest end.
+
+    Where two starts end differently, each end is judged once walls that stand elsewhere than drawn are let go
+    of: a moved wall is cheap where poses are right, and poses that bend to it pay for that elsewhere.
+
+    Args:
+        task: what is adjusted to what.
+        plan_from_cams: aligned, loops closed.
+    """
+    first, *others = task.options.starts
+    best = _adjust(task, first, plan_from_cams)
+    if not others or is_clear(task, best):
+        return without_moved_walls(task, best)
+    same = SAME_COST * float(limits(task).sum())
+    second = _adjust(task, others[0], plan_from_cams)
+    if abs(full_cost(task, best) - full_cost(task, second)) <= same:
+        return without_moved_walls(task, best)
+    ends = [without_moved_walls(task, end) for end in (best, second)]
+    for name in others[1:]:
+        ends.append(without_moved_walls(task, _adjust(task, name, plan_from_cams)))
+        costs = sorted(full_cost(task, end) for end in ends)
+        if costs[1] - costs[0] <= same:
+            break
+    return min(ends, key=lambda end: full_cost(task, end))
+
+
+def full_cost(task: PlanTask, end: Alternation) -> float:
+    """Robust cost of all terms where a solve ended, with the price of each wall that was moved.
+
+    A wall patch without face costs what one at the last distance does.
+    """
+    held = end.problem.correspondences
+    assert held is not None
+    lost = held.walls.face_idx < 0
+    price = task.options.moved_walls.price * len(held.moved_faces)
+    solved = sum(cost.after for cost in end.solution.cost_by_term.values())
+    return solved + float(limits(task)[lost].sum()) + price
+
+
+def _adjust(task: PlanTask, name: str, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Alternation:
+    start = _STARTS[name](task, plan_from_cams)
+    return alternate(task, start, task.options.wall_distances_m[-1:])
+
+
+def limits(task: PlanTask) -> Float[np.ndarray, " k"]:
+    """Cost of each wall patch that lies as far from its face as a patch may."""
+    walls = task.options.walls
+    worst, _ = loss_value(_far(task), walls.loss)
+    return 0.5 * worst[0] * observations_of(task.measurements.structure.walls, walls)
+
+
+def patch_costs(task: PlanTask, end: Alternation) -> Float[np.ndarray, " k"]:
+    """Cost of each patch's middle as a share of the most it can cost: 0 on its face, 1 far from any."""
+    walls = task.options.walls
+    off = np.nan_to_num(end.correspondences.walls.distance_m, nan=1e3) / walls.sigma_m
+    cost, _ = loss_value(off**2, walls.loss)
+    worst, _ = loss_value(_far(task), walls.loss)
+    return np.minimum(cost / worst[0], 1.0)
+
+
+def is_clear(task: PlanTask, end: Alternation) -> bool:
+    """Whether every stretch of the walk has most of its wall explained."""
+    explained = 1.0 - patch_costs(task, end)
+    worth = limits(task)
+    if len(explained) == 0:
+        return True
+    window = np.ones(min(STRETCH, len(explained)))
+    share = np.convolve(explained * worth, window, "valid") / np.maximum(
+        np.convolve(worth, window, "valid"), 1e-12
+    )
+    return bool(share.min() > CLEAR_SHARE)
+
+
+def _far(task: PlanTask) -> Float[np.ndarray, " 1"]:
+    """Squared residual of a patch as far off as a patch may be."""
+    return np.array([(task.options.wall_distances_m[-1] / task.options.walls.sigma_m) ** 2])
+
+
+def _as_aligned(
+    _: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, "n 4 4"]:
+    return plan_from_cams
+
+
+def _reaching(
+    task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, "n 4 4"]:
+    """Each patch reaches as far as its pose may be off."""
+    problem = build_problem(task.measurements, task.options, plan_from_cams)
+    patches = task.measurements.structure.walls
+    sigmas = patch_sigmas(patches, problem.scan_terms, plan_from_cams, task.options.reach)
+    return narrow(task, plan_from_cams, _widths(task, REACH_SIGMAS * sigmas))
+
+
+def _wide(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 4"]:
+    """Every patch reaches as far as any may: where the recorded motion is worse than its sigmas."""
+    n_patches = len(task.measurements.structure.walls)
+    return narrow(task, plan_from_cams, _widths(task, np.full(n_patches, np.inf)))
+
+
+def _voted(
+    task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, "n 4 4"]:
+    """Stretches first shifted to where most of their wall finds faces."""
+    patches, options = task.measurements.structure.walls, task.options
+    if len(patches) == 0:
+        return plan_from_cams
+    voted = vote(
+        patches,
+        observations_of(patches, options.walls),
+        task.floorplan,
+        plan_from_cams,
+        options.association,
+        options.voting,
+    )
+    return narrow(task, voted, np.full(len(patches), VOTED_WIDTH))
+
+
+def _widths(task: PlanTask, reach_m: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """Factors on the scale of the walls' loss for a reach, up to the widest there is."""
+    walls = task.options.walls
+    scale_m = walls.sigma_m * walls.loss.scale
+    return np.maximum(np.minimum(reach_m, task.options.reach.max_reach_m) / scale_m, 1.0)
+
+
+_STARTS: dict[str, Callable[[PlanTask, np.ndarray], np.ndarray]] = {
+    "reach": _reaching,
+    "vote": _voted,
+    "wide": _wide,
+    "aligned": _as_aligned,
+}

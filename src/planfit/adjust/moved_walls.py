@@ -1,0 +1,152 @@
+"""Walls that stand elsewhere than drawn: found once poses are consistent, named with how far, and let go of.
+
+A face stands as drawn (within centimetres), or it was moved (an offset of its own, decimetres). Its wall
+patches decide which: those that no face as drawn explains, where they agree on one offset and outnumber those
+that lie where the face is drawn. A robust loss alone would forget the wall, or be pulled by it where others
+are few.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from planfit.adjust.association import Association, AssociationOptions, wall_patches_in_plan
+from planfit.errors import require_positive
+from planfit.floorplan import Floorplan
+from planfit.floorplan.nearest_faces import share_beside
+from planfit.segmentation import WallPatches
+
+STEP_M = 0.01
+"""Offsets are tried this far apart."""
+
+
+@dataclass(frozen=True)
+class MovedWallOptions:
+    """When a wall of the plan is taken for moved."""
+
+    sigma_m: float = 0.3
+    """Sigma of the offset of a wall that was moved. 0: walls stand as drawn, whatever is seen."""
+    max_offset_m: float = 0.7
+    """Wall further off is another wall."""
+    min_offset_m: float = 0.07
+    """A wall less far off is as drawn."""
+    min_patches: int = 3
+    """Wall patches that must agree on the offset."""
+    min_share: float = 0.6
+    """Share of the wall seen near a face, as drawn or not, that must agree on it."""
+    price: float = 5.0
+    """Cost of calling a wall moved: the logarithm of how seldom walls are, and of how much less is known of
+    them than of one as drawn (0.3 m against 0.02 m)."""
+    within_m: float = 0.05
+    """Wall patches agree on an offset within this."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_offset_m", "min_offset_m", "min_patches", "within_m")
+
+
+@dataclass(frozen=True)
+class MovedWall:
+    """A face of the plan that stands elsewhere than drawn."""
+
+    face_idx: int
+    offset_m: float
+    """Along the face's normal, which looks into the room."""
+    sigma_m: float
+    """Standard deviation of that."""
+    n_patches: int
+    """Wall patches that agree on it."""
+
+
+def find_moved(
+    patches: WallPatches,
+    as_drawn: Association,
+    floorplan: Floorplan,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    association: AssociationOptions,
+    options: MovedWallOptions,
+) -> Float[np.ndarray, " f"]:
+    """Offset (m) of each face that was moved, NaN for those as drawn.
+
+    Args:
+        patches: of wall.
+        as_drawn: face of each patch among those as drawn.
+        floorplan: as drawn.
+        plan_from_cams: where the adjustment ended.
+        association: which faces a patch may belong to.
+        options: see there.
+    """
+    moved_m = np.full(len(floorplan), np.nan)
+    if options.sigma_m == 0 or len(patches) == 0:
+        return moved_m
+    is_drawn = np.abs(np.nan_to_num(as_drawn.distance_m, nan=np.inf)) < options.min_offset_m
+    nearest, off = _nearest_unexplained(
+        patches, ~is_drawn, floorplan, plan_from_cams, association, options.max_offset_m
+    )
+    n_drawn = np.bincount(as_drawn.face_idx[is_drawn], minlength=len(floorplan))
+    grid = np.arange(-options.max_offset_m, options.max_offset_m + STEP_M, STEP_M)
+    for face in np.unique(nearest[nearest >= 0]):
+        seen = off[nearest == face]
+        agree = np.abs(seen[:, None] - grid) < options.within_m
+        at = int(np.argmax(agree.sum(axis=0)))
+        mine = seen[agree[:, at]]
+        offset = float(np.median(mine))
+        enough = len(mine) >= options.min_patches
+        most = len(mine) >= options.min_share * (len(seen) + n_drawn[face])
+        if enough and most and abs(offset) >= options.min_offset_m:
+            moved_m[face] = offset
+    return moved_m
+
+
+def _nearest_unexplained(
+    patches: WallPatches,
+    is_open: np.ndarray,
+    floorplan: Floorplan,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    association: AssociationOptions,
+    reach_m: float,
+) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Nearest face of each patch that no face as drawn explains, and the signed distance (m) from it."""
+    normals, ends = wall_patches_in_plan(patches, plan_from_cams)
+    nearest, off = np.full(len(patches), -1), np.full(len(patches), np.nan)
+    open_idx = np.flatnonzero(is_open)
+    cosine = normals[open_idx] @ floorplan.normals.T
+    one_sided = floorplan.is_oriented & association.oriented
+    limit = np.cos(np.deg2rad(association.max_angle_deg))
+    looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > limit
+    distance = ends[open_idx].mean(axis=1) @ floorplan.normals.T - floorplan.offsets
+    beside = share_beside(ends[open_idx], floorplan, association.end_margin_m)
+    ok = looks_alike & (np.abs(distance) < reach_m) & (beside >= association.min_overlap)
+    score = np.where(ok, np.abs(distance), np.inf)
+    best = np.argmin(score, axis=1)
+    rows = np.arange(len(open_idx))
+    found = np.isfinite(score[rows, best])
+    nearest[open_idx] = np.where(found, best, -1)
+    off[open_idx] = np.where(found, distance[rows, best], np.nan)
+    return nearest, off
+
+
+def describe_moved(moved: tuple[MovedWall, ...], floorplan: Floorplan, max_named: int = 5) -> str:
+    """One sentence that names the walls: where they are drawn, how far they stand off and which way."""
+    named = [
+        f"the wall at ({x1:.1f}, {y1:.1f})-({x2:.1f}, {y2:.1f}): {abs(each.offset_m):.2f} m "
+        f"{_direction(floorplan.normals[each.face_idx], each.offset_m)}"
+        for each in moved[:max_named]
+        for (x1, y1), (x2, y2) in [floorplan.ends[each.face_idx]]
+    ]
+    if len(moved) > max_named:
+        named.append(f"and {len(moved) - max_named} more")
+    who = "1 wall stands" if len(moved) == 1 else f"{len(moved)} walls stand"
+    return (
+        f"{who} elsewhere than drawn: {'; '.join(named)}; poses were not held to "
+        f"{'it' if len(moved) == 1 else 'them'}, correct the plan there"
+    )
+
+
+def _direction(normal: Float[np.ndarray, " 2"], offset_m: float) -> str:
+    """Which way a face is off, by the plan's axes: "towards +x"."""
+    towards = normal * np.sign(offset_m)
+    axis = int(np.argmax(np.abs(towards)))
+    if abs(towards[axis]) < 0.9:
+        return f"towards ({towards[0]:.2f}, {towards[1]:.2f})"
+    return f"towards {'+' if towards[axis] > 0 else '-'}{'xy'[axis]}"

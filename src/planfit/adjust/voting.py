@@ -1,0 +1,158 @@
+"""Stretches of a walk find their place on the plan by vote: the shift that most wall agrees on, not the mean.
+
+A wall that was moved, or a cupboard taken for wall, votes for a place of its own and is outvoted; in a mean
+it would pull. Stretches that follow each other vote together: their shifts differ by no more than what the
+recorded motion and the matches leave open.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from planfit.adjust.association import AssociationOptions, wall_patches_in_plan
+from planfit.errors import require_positive
+from planfit.floorplan import Floorplan
+from planfit.floorplan.nearest_faces import share_beside
+from planfit.segmentation import WallPatches
+
+
+@dataclass(frozen=True)
+class VotingOptions:
+    """How stretches of the walk vote for their shift against the plan."""
+
+    max_shift_m: float = 0.8
+    """Largest shift that is tried, each axis."""
+    step_m: float = 0.05
+    """Shifts are tried this far apart."""
+    sigma_m: float = 0.06
+    """A patch votes for the shifts that bring it to a face, within this."""
+    patches_per_stretch: int = 16
+    """Wall patches of one stretch, about."""
+    bend_sigma_m: float = 0.1
+    """Sigma of the change of shift from one stretch to the next, each axis."""
+
+    def __post_init__(self) -> None:
+        require_positive(
+            self, "max_shift_m", "step_m", "sigma_m", "patches_per_stretch", "bend_sigma_m"
+        )
+
+
+def vote(
+    patches: WallPatches,
+    observations: Float[np.ndarray, " k"],
+    floorplan: Floorplan,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    association: AssociationOptions,
+    options: VotingOptions,
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses with each stretch shifted to where most of its wall finds faces, smoothly in between.
+
+    Args:
+        patches: of wall, in the order of frames.
+        observations: what each patch is worth.
+        floorplan: the plan.
+        plan_from_cams: aligned with it as a whole.
+        association: which faces a patch may belong to.
+        options: see there.
+    """
+    n_stretches = max(1, len(patches) // options.patches_per_stretch)
+    stretch = np.arange(len(patches)) * n_stretches // max(len(patches), 1)
+    grid = np.arange(-options.max_shift_m, options.max_shift_m + 1e-9, options.step_m)
+    patch, face, distance_m = _candidates(
+        patches, floorplan, plan_from_cams, association, options.max_shift_m
+    )
+    votes = np.zeros((n_stretches, len(grid), len(grid)))
+    for k in range(n_stretches):
+        mine = stretch[patch] == k
+        votes[k] = _votes(
+            patch[mine],
+            floorplan.normals[face[mine]],
+            distance_m[mine],
+            observations,
+            grid,
+            options,
+        )
+    shifts = grid[_smoothest(votes, options)]
+    middle = np.array([patches.frame_idx[stretch == k].mean() for k in range(n_stretches)])
+    frames = np.arange(len(plan_from_cams))
+    moved = plan_from_cams.copy()
+    for axis in range(2):
+        moved[:, axis, 3] += np.interp(frames, middle, shifts[:, axis])
+    return moved
+
+
+def _candidates(
+    patches: WallPatches,
+    floorplan: Floorplan,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    association: AssociationOptions,
+    reach_m: float,
+) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"], Float[np.ndarray, " c"]]:
+    """Pairs of a patch and a face that it may belong to, and the signed distance (m) across the face."""
+    normals, ends = wall_patches_in_plan(patches, plan_from_cams)
+    one_sided = floorplan.is_oriented & association.oriented
+    cosine_limit = np.cos(np.deg2rad(association.max_angle_deg))
+    rows, columns, distances = [], [], []
+    for begin in range(0, len(patches), 2048):  # bounds the (patches x faces) tables
+        part = slice(begin, min(begin + 2048, len(patches)))
+        cosine = normals[part] @ floorplan.normals.T
+        looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > cosine_limit
+        distance = ends[part].mean(axis=1) @ floorplan.normals.T - floorplan.offsets
+        beside = share_beside(ends[part], floorplan, association.end_margin_m)
+        ok = looks_alike & (np.abs(distance) < 1.5 * reach_m) & (beside >= association.min_overlap)
+        row, column = np.nonzero(ok)
+        rows.append(row + begin)
+        columns.append(column)
+        distances.append(distance[row, column])
+    if not rows:
+        return np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0)
+    return np.concatenate(rows), np.concatenate(columns), np.concatenate(distances)
+
+
+def _votes(
+    patch: Int[np.ndarray, " c"],
+    face_normals: Float[np.ndarray, "c 2"],
+    distance_m: Float[np.ndarray, " c"],
+    observations: Float[np.ndarray, " k"],
+    grid: Float[np.ndarray, " g"],
+    options: VotingOptions,
+) -> Float[np.ndarray, "g g"]:
+    """Observations that agree with each shift (x, y); a patch votes by the best of its faces."""
+    total = np.zeros((len(grid), len(grid)))
+    for k in np.unique(patch):
+        mine = patch == k
+        normal, off = face_normals[mine], distance_m[mine]
+        after = (
+            off[:, None, None]
+            + normal[:, 0, None, None] * grid[None, :, None]
+            + normal[:, 1, None, None] * grid[None, None, :]
+        )
+        nearest_sq = np.min(after**2, axis=0)
+        total += observations[k] * np.exp(-0.5 * nearest_sq / options.sigma_m**2)
+    return total
+
+
+def _smoothest(votes: Float[np.ndarray, "s g g"], options: VotingOptions) -> Int[np.ndarray, "s 2"]:
+    """The sequence of shifts with most votes less the cost of its changes (Viterbi's recursion)."""
+    n_stretches, g, _ = votes.shape
+    change = np.subtract.outer(np.arange(g), np.arange(g)) * options.step_m
+    penalty = 0.5 * (change / options.bend_sigma_m) ** 2  # of one axis; both add up
+    score = votes[0]
+    back: list[tuple[np.ndarray, np.ndarray]] = []
+    for k in range(1, n_stretches):
+        # Best predecessor along x for each (x, y'), then along y for each (x, y).
+        along_x = score[None, :, :] - penalty[:, :, None]  # (x, x', y')
+        from_x = np.argmax(along_x, axis=1)
+        best = np.take_along_axis(along_x, from_x[:, None, :], axis=1)[:, 0]
+        along_y = best[:, None, :] - penalty[None, :, :]  # (x, y, y')
+        from_y = np.argmax(along_y, axis=2)
+        score = np.take_along_axis(along_y, from_y[:, :, None], axis=2)[:, :, 0] + votes[k]
+        back.append((from_x, from_y))
+    x, y = np.unravel_index(int(np.argmax(score)), score.shape)
+    path = [(int(x), int(y))]
+    for from_x, from_y in reversed(back):
+        x, y = path[-1]
+        previous_y = int(from_y[x, y])
+        path.append((int(from_x[x, previous_y]), previous_y))
+    return np.array(path[::-1])
