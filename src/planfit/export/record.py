@@ -103,7 +103,9 @@ def _alignment_record(alignment: Alignment) -> dict[str, Any]:
 
 def _transforms(scan: Scan, result: RefineResult) -> dict[str, Any]:
     """Between the scan's own axes and the plan: refined, recorded, and as the scan's format has it."""
-    before = result.initial_plan_from_cams[0] @ se3.inverse(scan.world_from_cams[0])
+    tracking = result.tracking
+    recorded = tracking.recorded_world_from_cams if tracking else scan.world_from_cams
+    before = result.initial_plan_from_cams[0] @ se3.inverse(recorded[0])
     axes = scan.plan_from_world_axes
     return {
         "world_from_plan": result.world_from_plan.tolist(),
