@@ -14,6 +14,7 @@ from planfit.matching import Matches
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
 from planfit.scan import Scan, corrupt_frames
+from planfit.tracking import Tracking
 
 
 def make_record(
@@ -36,6 +37,7 @@ def make_record(
         "labels_from": result.structure.back_end,
         "up_world": result.gravity.up_world.tolist(),
         "up_from": result.gravity.source,
+        "tracking": None if result.tracking is None else _tracking_record(result.tracking),
         "matches": _matches_record(result.matches, neighbours),
         "alignment": None if result.alignment is None else _alignment_record(result.alignment),
         **_transforms(scan, result),
@@ -75,6 +77,18 @@ def _scan_record(scan: Scan) -> dict[str, Any]:
         "frames": len(scan),
         "frames_left_out": list(scan.skipped),
         "frames_not_decoded": corrupt_frames(scan),
+    }
+
+
+def _tracking_record(tracking: Tracking) -> dict[str, Any]:
+    return {
+        "convention": tracking.convention,
+        "motions_measured": tracking.n_motions,
+        "sigma_factors": {
+            "rotation": tracking.sigma_factors[0],
+            "translation": tracking.sigma_factors[1],
+        },
+        "breaks": [plain(found) for found in tracking.breaks],
     }
 
 

@@ -126,22 +126,24 @@ class ConventionFit:
     name: str
     share: float
     """Of the measured motions, those that it explains."""
-    recorded_share: float
-    """Those that the poses as recorded explain."""
+    asked: str
+    """The convention that it was compared with."""
+    asked_share: float
+    """Of the measured motions, those that it explains."""
     n_motions: int
     log_ratio: float
-    """How much likelier it makes a motion than the poses as recorded, natural logarithm, on average."""
+    """How much likelier the better one makes a motion than the other, natural logarithm, on average."""
 
     @property
     def is_clear(self) -> bool:
-        """Whether it explains the scan, and clearly better than the poses as recorded."""
+        """Whether it explains the scan, and clearly better than the one that was asked for."""
         is_enough = self.n_motions >= MIN_MOTIONS and self.share >= MIN_SHARE
-        return self.name != RECORDED and is_enough and self.log_ratio >= MIN_LOG_RATIO
+        return self.name != self.asked and is_enough and self.log_ratio >= MIN_LOG_RATIO
 
     @property
     def is_unexplained(self) -> bool:
         """Whether enough was measured, and no convention explains it, as recorded or otherwise."""
-        return self.n_motions >= MIN_MOTIONS and max(self.share, self.recorded_share) < MIN_SHARE
+        return self.n_motions >= MIN_MOTIONS and max(self.share, self.asked_share) < MIN_SHARE
 
 
 @dataclass(frozen=True)
@@ -169,31 +171,37 @@ def apply_convention(world_from_cams: Poses, name: str) -> Poses:
 
 
 def best_convention(
-    world_from_cams: Poses, motions: MeasuredMotions, options: OdometryOptions
+    world_from_cams: Poses,
+    motions: MeasuredMotions,
+    options: OdometryOptions,
+    asked: str = RECORDED,
 ) -> ConventionFit:
-    """The convention under which the measured motions are likeliest.
+    """The convention under which the measured motions are likeliest; the one asked for where none is more so.
 
     The likelihood is that of `noise.py`, at the noise that suits each convention best.
+
+    Raises:
+        OptionError: there is no convention of the name asked for.
     """
-    if len(motions) < MIN_MOTIONS:
-        return ConventionFit(RECORDED, 0.0, 0.0, len(motions), 0.0)
-    n_all = len(motions)
+    n_all, as_asked = len(motions), apply_convention(world_from_cams, asked)
+    if n_all < MIN_MOTIONS:
+        return ConventionFit(asked, 0.0, asked, 0.0, n_all, 0.0)
     motions = motions[np.unique(np.linspace(0, n_all - 1, MAX_MOTIONS).astype(int))]
-    recorded = _likelihood(world_from_cams, motions, options)
-    name, best, poses = RECORDED, recorded, world_from_cams
-    for candidate, convert in CONVENTIONS.items():
-        converted = convert(world_from_cams)
+    of_asked = _likelihood(as_asked, motions, options)
+    name, best, poses = asked, of_asked, as_asked
+    for candidate in (RECORDED, *CONVENTIONS):
+        converted = apply_convention(world_from_cams, candidate)
         if candidate in _UNITS and not _is_unit(converted, motions):
             continue
         found = _likelihood(converted, motions, options)
         if found.cost < best.cost:
             name, best, poses = candidate, found, converted
-    share, recorded_share = (
+    share, asked_share = (
         float(np.mean(_squared(p, motions, options, best.factor)[0] < EXPLAINED_SIGMAS**2))
-        for p in (poses, world_from_cams)
+        for p in (poses, as_asked)
     )
-    log_ratio = (recorded.cost - best.cost) / 2
-    return ConventionFit(name, share, recorded_share, n_all, log_ratio)
+    log_ratio = (of_asked.cost - best.cost) / 2
+    return ConventionFit(name, share, asked, asked_share, n_all, log_ratio)
 
 
 def _likelihood(poses: Poses, motions: MeasuredMotions, options: OdometryOptions) -> _Likelihood:

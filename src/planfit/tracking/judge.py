@@ -85,22 +85,14 @@ def _convention(
     name: str, poses: Poses, motions: MeasuredMotions, asked: str, odometry: OdometryOptions
 ) -> tuple[str, ConventionFit]:
     """The convention to apply, and how well it fits."""
-    if asked not in (RECORDED, AUTO):
-        poses = apply_convention(poses, asked)
-    fit = best_convention(poses, motions, odometry)
-    if not fit.is_clear:
-        return (RECORDED if asked == AUTO else asked), fit
-    if asked == AUTO:
-        return fit.name, fit
-    said = f"taken as {asked}" if asked != RECORDED else "as recorded"
-    advice = (
-        f"run again with --poses-convention {fit.name}, or auto"
-        if asked == RECORDED
-        else "run again with --poses-convention auto"
-    )
+    fit = best_convention(poses, motions, odometry, RECORDED if asked == AUTO else asked)
+    if asked == AUTO or not fit.is_clear:
+        return (fit.name if fit.is_clear else fit.asked), fit
+    said = "as recorded" if asked == RECORDED else f"taken as {asked}"
+    again = "auto" if fit.name == RECORDED else f"{fit.name}, or auto"
     raise ScanError(
         f"{name}: these poses look like {fit.name} (explains {fit.share:.0%} of {fit.n_motions} measured "
-        f"motions, {said} {fit.recorded_share:.0%}): {advice}"
+        f"motions, {said} {fit.asked_share:.0%}): run again with --poses-convention {again}"
     )
 
 

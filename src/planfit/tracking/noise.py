@@ -16,8 +16,8 @@ FREEDOM = 6.0
 its tails, and hardly count."""
 MIN_MOTIONS = 30
 """Fewer motions do not tell a tracker's noise."""
-FACTORS = np.geomspace(1.0, 16.0, 25)
-"""Factors tried, an eighth apart."""
+FACTORS = np.geomspace(1.0, 16.0, 17)
+"""Factors tried, a fifth apart."""
 
 
 def noise_factors(
