@@ -72,6 +72,7 @@ _PACKAGES = (
     "scan",
     "segmentation",
     "synth",
+    "tracking",
 )
 _lock = RLock()
 """Threads that ask for several names at first would import packages that need each other at the same time."""

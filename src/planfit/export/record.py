@@ -14,6 +14,7 @@ from planfit.matching import Matches
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
 from planfit.scan import Scan, corrupt_frames
+from planfit.tracking import Tracking
 
 
 def make_record(
@@ -36,6 +37,7 @@ def make_record(
         "labels_from": result.structure.back_end,
         "up_world": result.gravity.up_world.tolist(),
         "up_from": result.gravity.source,
+        "tracking": None if result.tracking is None else _tracking_record(result.tracking),
         "matches": _matches_record(result.matches, neighbours),
         "alignment": None if result.alignment is None else _alignment_record(result.alignment),
         **_transforms(scan, result),
@@ -78,6 +80,18 @@ def _scan_record(scan: Scan) -> dict[str, Any]:
     }
 
 
+def _tracking_record(tracking: Tracking) -> dict[str, Any]:
+    return {
+        "convention": tracking.convention,
+        "motions_measured": tracking.n_motions,
+        "sigma_factors": {
+            "rotation": tracking.sigma_factors[0],
+            "translation": tracking.sigma_factors[1],
+        },
+        "breaks": [plain(found) for found in tracking.breaks],
+    }
+
+
 def _matches_record(matches: Matches, neighbours: int) -> dict[str, int]:
     """Pairs of frames further apart than `neighbours` are loop closures."""
     return {
@@ -103,7 +117,9 @@ def _alignment_record(alignment: Alignment) -> dict[str, Any]:
 
 def _transforms(scan: Scan, result: RefineResult) -> dict[str, Any]:
     """Between the scan's own axes and the plan: refined, recorded, and as the scan's format has it."""
-    before = result.initial_plan_from_cams[0] @ se3.inverse(scan.world_from_cams[0])
+    tracking = result.tracking
+    recorded = tracking.recorded_world_from_cams if tracking else scan.world_from_cams
+    before = result.initial_plan_from_cams[0] @ se3.inverse(recorded[0])
     axes = scan.plan_from_world_axes
     return {
         "world_from_plan": result.world_from_plan.tolist(),

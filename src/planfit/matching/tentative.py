@@ -1,4 +1,4 @@
-"""Tentative matches: keypoints, pairs and their matches before verification, our own or from COLMAP."""
+"""Keypoints of a scan, which frames are tried with which, and their matches before they are verified."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,40 +29,49 @@ from planfit.scan.odometry import Odometry
 
 
 @dataclass(frozen=True)
-class TentativeMatches:
-    """Where matches come from, before they are verified."""
+class ScanKeypoints:
+    """Keypoints of all frames and how those of two frames are matched: nothing here knows of poses."""
 
     keypoints: list[Keypoints]
     """Of each frame."""
-    pairs: Int[np.ndarray, "p 2"]
-    """Frame indices of the pairs to be tried, first < second."""
     of_pair: Callable[[int, int], Int[np.ndarray, "m 2"]]
     """Matches of the keypoints of a pair of frames."""
-    propose: Callable[[RelativePoses], Int[np.ndarray, "q 2"]] | None
-    """Given what was accepted, further pairs to try."""
+    imported_pairs: Int[np.ndarray, "p 2"] | None
+    """The only pairs that have matches, first < second; None where any two frames can be matched."""
     key: str
     """Changes with whatever the keypoints depend on."""
 
 
-def from_images(
-    scan: Scan, odometry: Odometry, options: MatchingOptions, runtime: Runtime
-) -> TentativeMatches:
-    """Keypoints, pairs and matches of our own.
+@dataclass(frozen=True)
+class TentativePairs:
+    """Which frames are tried with which."""
+
+    pairs: Int[np.ndarray, "p 2"]
+    """Frame indices, first < second."""
+    propose: Callable[[RelativePoses], Int[np.ndarray, "q 2"]] | None
+    """Given what was accepted, further pairs to try."""
+
+
+def find_keypoints(scan: Scan, options: MatchingOptions, runtime: Runtime) -> ScanKeypoints:
+    """Keypoints of our own, or those of COLMAP where the options name its files.
 
     Raises:
         OptionError: a learned detector or matcher cannot be had.
+        ScanError: an image cannot be read, or the COLMAP files are not those of this scan.
     """
-    detector, matcher = make_detector(options.keypoints), make_matcher(options.matcher)
-    key = cache_key(scan.fingerprint, "keypoints", options.keypoints)
-    compute = partial(_detect_frame, scan, options.keypoints, detector)
-    items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
-    keypoints = [Keypoints(**item) for item in items]
-    descriptors = _describe(scan, keypoints, np.random.default_rng(options.seed))
-    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs, descriptors)
+    if options.colmap:
+        return _from_colmap(scan, Path(options.colmap).expanduser(), options, runtime)
+    return _from_images(scan, options, runtime)
 
-    def of_pair(i: int, j: int) -> Int[np.ndarray, "m 2"]:
-        size_a, size_b = ((c.width, c.height) for c in (scan.cameras[i], scan.cameras[j]))
-        return matcher(keypoints[i], keypoints[j], size_a, size_b)
+
+def choose_tentative(
+    scan: Scan, seen: ScanKeypoints, odometry: Odometry, options: MatchingOptions
+) -> TentativePairs:
+    """Pairs of frames to try: by recorded poses and by what the frames show, or those of COLMAP."""
+    if seen.imported_pairs is not None:
+        return TentativePairs(seen.imported_pairs, None)
+    descriptors = _describe(scan, seen.keypoints, np.random.default_rng(options.seed))
+    pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs, descriptors)
 
     def propose(accepted: RelativePoses) -> Int[np.ndarray, "q 2"]:
         views = distinct_views(scan.world_from_cams, odometry.walked_m, descriptors.sharpness)
@@ -75,17 +84,27 @@ def from_images(
             options.pairs,
         )
 
-    return TentativeMatches(keypoints, pairs, of_pair, propose, key)
+    return TentativePairs(pairs, propose)
 
 
-def from_colmap(
+def _from_images(scan: Scan, options: MatchingOptions, runtime: Runtime) -> ScanKeypoints:
+    detector, matcher = make_detector(options.keypoints), make_matcher(options.matcher)
+    key = cache_key(scan.fingerprint, "keypoints", options.keypoints)
+    compute = partial(_detect_frame, scan, options.keypoints, detector)
+    items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
+    keypoints = [Keypoints(**item) for item in items]
+
+    def of_pair(i: int, j: int) -> Int[np.ndarray, "m 2"]:
+        size_a, size_b = ((c.width, c.height) for c in (scan.cameras[i], scan.cameras[j]))
+        return matcher(keypoints[i], keypoints[j], size_a, size_b)
+
+    return ScanKeypoints(keypoints, of_pair, None, key)
+
+
+def _from_colmap(
     scan: Scan, path: Path, options: MatchingOptions, runtime: Runtime
-) -> TentativeMatches:
-    """The same from COLMAP; keypoints without depth are dropped, and their matches with them.
-
-    Raises:
-        ScanError: the files cannot be read, or are not those of this scan.
-    """
+) -> ScanKeypoints:
+    """From COLMAP; keypoints without depth are dropped, and their matches with them."""
     imported = read_colmap_matches(path, scan)
     key = cache_key(scan.fingerprint, "imported keypoints", stamp(path), options.keypoints)
     compute = partial(_lift_frame, scan, imported, options.keypoints)
@@ -106,7 +125,7 @@ def from_colmap(
         both = np.column_stack([number[i][idx[:, 0]], number[j][idx[:, 1]]])
         return both[(both >= 0).all(axis=1)]
 
-    return TentativeMatches(keypoints, imported.pairs, of_pair, None, key)
+    return ScanKeypoints(keypoints, of_pair, imported.pairs, key)
 
 
 def _describe(scan: Scan, keypoints: list[Keypoints], rng: np.random.Generator) -> FrameDescriptors:

@@ -8,12 +8,18 @@ from planfit.errors import OptionError
 from planfit.matching import MatchingOptions
 from planfit.scan.odometry import OdometryOptions
 from planfit.segmentation import SegmentationOptions
+from planfit.tracking import TrackingOptions
 
 
 @dataclass(frozen=True)
 class RefineOptions:
     """Everything that can be chosen about a run."""
 
+    poses_convention: str = "recorded"
+    """What the recorded poses mean: `recorded`, as they are; `auto`, what explains the motions between
+    neighbouring images; or the name of a convention (docs/tracking.md)."""
+    tracking: TrackingOptions = field(default_factory=TrackingOptions)
+    """When the recorded motion is not believed."""
     odometry: OdometryOptions = field(default_factory=OdometryOptions)
     """How far the recorded motion may be off."""
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)

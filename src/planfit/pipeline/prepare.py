@@ -1,4 +1,4 @@
-"""What a scan says before a plan is looked at: gravity, floor and walls, matches, closed loops."""
+"""What a scan says before a plan is looked at: tracking, gravity, floor and walls, matches, closed loops."""
 
 from dataclasses import dataclass, replace
 
@@ -13,11 +13,10 @@ from planfit.adjust import (
     reduce_measurements,
 )
 from planfit.errors import require_plain_numbers
-from planfit.matching import Matches, find_matches
+from planfit.matching import Matches, find_matches, measure_neighbours
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
-from planfit.scan.odometry import make_odometry
 from planfit.segmentation import (
     Gravity,
     Structure,
@@ -25,6 +24,7 @@ from planfit.segmentation import (
     level_from_world,
     segment_scan,
 )
+from planfit.tracking import Tracking, believe, judge_tracking, measured_motions
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,8 @@ class Observations:
     gravity: Gravity
     structure: Structure
     matches: Matches
+    tracking: Tracking | None = None
+    """How far the recorded poses can be believed; without, they are."""
 
 
 @dataclass(frozen=True)
@@ -76,17 +78,34 @@ def extract_observations(
     require_plain_numbers(chosen)
     running = runtime or Runtime()
     stages = timer or StageTimer(running)
+    neighbours = None
+    tracking = believe(scan.world_from_cams, chosen.poses_convention, chosen.odometry)
+    if matches is None and chosen.tracking.is_judged:
+        with stages.stage("tracking"):
+            neighbours = measure_neighbours(scan, chosen.matching, running)
+            tracking = judge_tracking(
+                scan.name,
+                scan.world_from_cams,
+                measured_motions(neighbours.verified, chosen.matching.verify),
+                chosen.poses_convention,
+                chosen.odometry,
+                chosen.tracking,
+            )
+    believed = scan
+    # Equal poses stay the same array: to make them exact rotations once more would change their last digit,
+    # and with it what is cached.
+    if not np.array_equal(tracking.world_from_cams, scan.world_from_cams):
+        believed = replace(scan, world_from_cams=tracking.world_from_cams)
     with stages.stage("level"):
-        gravity = find_gravity(scan, chosen.segmentation.gravity, running)
+        gravity = find_gravity(believed, chosen.segmentation.gravity, running)
     with stages.stage("floor and walls"):
-        structure = segment_scan(scan, gravity, chosen.segmentation, running)
-    if matches is not None:
-        return Observations(gravity, structure, matches)
-    with stages.stage("matching"):
-        odometry = make_odometry(scan.world_from_cams, chosen.odometry)
-        return Observations(
-            gravity, structure, find_matches(scan, odometry, chosen.matching, running)
-        )
+        structure = segment_scan(believed, gravity, chosen.segmentation, running)
+    if matches is None:
+        with stages.stage("matching"):
+            matches = find_matches(
+                believed, tracking.odometry, chosen.matching, running, neighbours
+            )
+    return Observations(gravity, structure, matches, tracking)
 
 
 def prepare(
@@ -102,19 +121,19 @@ def prepare(
     """
     chosen, stages = options or RefineOptions(), timer or StageTimer(Runtime())
     require_plain_numbers(chosen)
-    structure, odometry = (
-        observations.structure,
-        make_odometry(scan.world_from_cams, chosen.odometry),
-    )
+    structure, tracking = observations.structure, observations.tracking
+    if tracking is None:
+        tracking = believe(scan.world_from_cams, chosen.poses_convention, chosen.odometry)
+    poses = tracking.world_from_cams
     rng = np.random.default_rng(chosen.seed)
     solving, held_out = hold_out(observations.matches, chosen.held_out_share, rng)
-    keyframes = choose_keyframes(scan.world_from_cams, chosen.adjust.keyframes, solving.sharpness)
+    keyframes = choose_keyframes(poses, chosen.adjust.keyframes, solving.sharpness)
     measurements = reduce_measurements(
-        Measurements(solving, structure, odometry, scan.cameras), keyframes
+        Measurements(solving, structure, tracking.odometry, scan.cameras), keyframes
     )
     level = level_from_world(observations.gravity, structure.floor_height_m)
-    level_from_cams = level @ scan.world_from_cams
-    level_from_keys = level_from_cams[keyframes.frame_idx]
+    level_from_cams = level @ tracking.recorded_world_from_cams
+    level_from_keys = level @ poses[keyframes.frame_idx]
     if chosen.adjust.loops_first:
         with stages.stage("close loops"):
             closed = close_loops(measurements, level_from_keys, chosen.adjust)

@@ -6,15 +6,20 @@ from planfit.adjust import paper_options
 from planfit.alignment import AlignOptions
 from planfit.errors import OptionError
 from planfit.pipeline.options import RefineOptions
+from planfit.tracking import TrackingOptions
 
 
 def paper_preset() -> RefineOptions:
-    """The paper's alignment and adjustment: its cost, its order, its weights.
+    """The paper's alignment and adjustment: its cost, its order, its weights; recorded poses are believed.
 
     Solved by Levenberg-Marquardt, which reaches lower costs of the same function in a small share of
     the time; `adjust.method = "sgd"` takes the paper's gradient descent.
     """
-    return RefineOptions(align=AlignOptions(method="paper"), adjust=paper_options())
+    return RefineOptions(
+        tracking=TrackingOptions(is_judged=False),
+        align=AlignOptions(method="paper"),
+        adjust=paper_options(),
+    )
 
 
 PRESETS: dict[str, Callable[[], RefineOptions]] = {

@@ -18,6 +18,7 @@ from planfit.pipeline.validation import Check, Validation
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Gravity, Structure
+from planfit.tracking import Tracking
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,8 @@ class RefineResult:
     warnings: tuple[str, ...]
     """What a user should know before trusting the result, in plain words."""
     seconds_by_stage: dict[str, float]
+    tracking: Tracking | None = None
+    """How far the recorded poses were believed; None where the observations were a user's own."""
 
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
@@ -101,6 +104,7 @@ def make_result(
         cost_by_term=validation.cost_by_term,
         checks=validation.checks,
         warnings=(
+            *(observations.tracking.warnings if observations.tracking else ()),
             *scan_warnings(scan, observations.gravity, structure, matches, neighbours),
             *alignment_warnings(
                 on_plan.alignment,
@@ -111,4 +115,5 @@ def make_result(
             ),
         ),
         seconds_by_stage=timer.seconds,
+        tracking=observations.tracking,
     )

@@ -1,0 +1,138 @@
+"""Pairs of frames whose matches agree with one rigid motion, whatever the recorded poses say of it."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from planfit.matching.options import MatchingOptions
+from planfit.matching.tentative import ScanKeypoints, find_keypoints
+from planfit.matching.types import RelativePoses
+from planfit.matching.verify import verify
+from planfit.runtime import Arrays, Runtime, cache_key
+from planfit.scan import Scan
+
+
+@dataclass(frozen=True)
+class VerifiedPairs:
+    """Verified pairs of frames."""
+
+    relative_poses: RelativePoses
+    points_a: list[Float[np.ndarray, "_ 3"]]
+    """Of each pair the matched points, m, camera frame of its first frame."""
+    points_b: list[Float[np.ndarray, "_ 3"]]
+    """The same of its second."""
+
+    def __len__(self) -> int:
+        return len(self.relative_poses)
+
+    def where(self, keep: Bool[np.ndarray, " p"]) -> "VerifiedPairs":
+        """Those that a mask takes."""
+        kept = np.flatnonzero(keep)
+        return VerifiedPairs(
+            self.relative_poses[kept],
+            [self.points_a[k] for k in kept],
+            [self.points_b[k] for k in kept],
+        )
+
+    def joined(self, other: "VerifiedPairs") -> "VerifiedPairs":
+        """These and those of `other`, sorted by pair."""
+        both = self.relative_poses.joined(other.relative_poses)
+        order = np.lexsort((both.pairs[:, 1], both.pairs[:, 0]))
+        points_a, points_b = self.points_a + other.points_a, self.points_b + other.points_b
+        return VerifiedPairs(
+            both[order], [points_a[k] for k in order], [points_b[k] for k in order]
+        )
+
+
+@dataclass(frozen=True)
+class NeighbourMotions:
+    """Motions between frames that follow each other, measured from images and depth alone.
+
+    They know nothing of the recorded poses, so they can judge them.
+    """
+
+    keypoints: ScanKeypoints
+    verified: VerifiedPairs
+    """Sorted by pair."""
+
+
+def measure_neighbours(scan: Scan, options: MatchingOptions, runtime: Runtime) -> NeighbourMotions:
+    """Match each frame with the `options.pairs.neighbours` that follow it.
+
+    Raises:
+        OptionError: a learned detector or matcher cannot be had.
+        ScanError: an image cannot be read, or the COLMAP files are not those of this scan.
+    """
+    seen = find_keypoints(scan, options, runtime)
+    n, most = len(scan), options.pairs.neighbours
+    if seen.imported_pairs is None:
+        pairs = np.array([(i, j) for i in range(n) for j in range(i + 1, min(i + most + 1, n))])
+        pairs = pairs.reshape(-1, 2).astype(int)
+    else:
+        pairs = seen.imported_pairs[are_neighbours(seen.imported_pairs, most)]
+    return NeighbourMotions(seen, verify_pairs(scan, seen, pairs, options, runtime, "neighbours"))
+
+
+def are_neighbours(pairs: Int[np.ndarray, "p 2"], neighbours: int) -> Bool[np.ndarray, " p"]:
+    """Which pairs, first < second, are so near in time that they are no revisits."""
+    return pairs[:, 1] - pairs[:, 0] <= neighbours
+
+
+def verify_pairs(
+    scan: Scan,
+    seen: ScanKeypoints,
+    pairs: Int[np.ndarray, "p 2"],
+    options: MatchingOptions,
+    runtime: Runtime,
+    stage: str,
+) -> VerifiedPairs:
+    """Those of the pairs that hold together, in their order. Poses have no say in it."""
+    key = cache_key(seen.key, stage, options.matcher, options.verify, options.seed, pairs.tobytes())
+    compute = partial(_verify_pair, scan, seen, pairs, options)
+    items = runtime.map(stage, key, len(pairs), compute, chunk_size=64)
+    sizes = np.array([len(item["points_a"]) for item in items], dtype=int)
+    some = np.flatnonzero(sizes)
+    motions = np.array([items[k]["a_from_b"] for k in some]).reshape(-1, 4, 4)
+    return VerifiedPairs(
+        RelativePoses(pairs[some], motions, sizes[some]),
+        [items[k]["points_a"] for k in some],
+        [items[k]["points_b"] for k in some],
+    )
+
+
+def _verify_pair(
+    scan: Scan,
+    seen: ScanKeypoints,
+    pairs: np.ndarray,
+    options: MatchingOptions,
+    k: int,
+) -> Arrays:
+    """Verified matches of one pair; none where the pair does not hold together."""
+    i, j = (int(v) for v in pairs[k])
+    a, b = seen.keypoints[i], seen.keypoints[j]
+    none = {"points_a": np.zeros((0, 3)), "points_b": np.zeros((0, 3)), "a_from_b": np.eye(4)}
+    idx = seen.of_pair(i, j)
+    if len(idx) < options.verify.min_inliers:
+        return none
+    points_a = a.points_cam[idx[:, 0]].astype(float)
+    points_b = b.points_cam[idx[:, 1]].astype(float)
+    motion = verify(
+        points_a,
+        points_b,
+        a.uv[idx[:, 0]],
+        b.uv[idx[:, 1]],
+        scan.cameras[i],
+        scan.cameras[j],
+        options.verify,
+        # By seed and pair: the result depends neither on the order of pairs nor on the number of threads.
+        np.random.default_rng([options.seed, i, j]),
+    )
+    if motion is None:
+        return none
+    return {
+        "points_a": points_a[motion.is_inlier],
+        "points_b": points_b[motion.is_inlier],
+        "a_from_b": motion.a_from_b,
+    }

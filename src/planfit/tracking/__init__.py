@@ -1,0 +1,8 @@
+"""How far the recorded poses can be believed: convention, noise, breaks."""
+
+from planfit.tracking.judge import believe as believe
+from planfit.tracking.judge import judge_tracking as judge_tracking
+from planfit.tracking.motions import measured_motions as measured_motions
+from planfit.tracking.options import TrackingOptions as TrackingOptions
+from planfit.tracking.types import Tracking as Tracking
+from planfit.tracking.types import TrackingBreak as TrackingBreak

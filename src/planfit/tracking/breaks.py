@@ -1,0 +1,228 @@
+"""Steps and stretches of a recorded trajectory that measured motions contradict, and what takes their place.
+
+A hypothesis says that some frames stand elsewhere, rigidly: all after a step (the tracker jumped there), or a
+few in a row (outliers). The motions with one end among those frames say where instead, each for itself. A
+hypothesis holds if several of them agree on one displacement which explains them better than none does. A
+false motion stands alone, and contradicts those that span the same steps.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from planfit.geometry import se3
+from planfit.scan.odometry import Odometry
+from planfit.tracking.motions import (
+    MeasuredMotions,
+    departures,
+    expected_covariance,
+    squared_sigmas,
+)
+from planfit.tracking.options import TrackingOptions
+
+TRUNCATION = 8.0
+"""Departures beyond so many sigmas count no more: a false motion is false, however far off."""
+MAX_STRETCH = 3
+"""Frames in a row that are taken for outliers; more are two breaks."""
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """Frames that stand elsewhere than recorded, by what was measured."""
+
+    first: int
+    last: int
+    """Inclusive; the last frame of the scan where all that follows was displaced."""
+    world_from_recorded: Float[np.ndarray, "4 4"]
+    sigma_rotation: float
+    """rad, each axis, of the displacement."""
+    sigma_translation: float
+    """m, each axis, at the first displaced frame."""
+    n_motions: int
+    """Measured motions that say so."""
+    gain: float
+    """By how much less they depart, squared sigmas."""
+
+
+@dataclass(frozen=True)
+class _Votes:
+    """What each motion with one end among the displaced frames says of the displacement."""
+
+    displaced: Float[np.ndarray, "k 4 4"]
+    """Displacement that would make the motion as measured."""
+    covariance: Float[np.ndarray, "k 6 6"]
+    """Of its rotation, and of where it puts `pivot`, world axes."""
+    pivot: Float[np.ndarray, "3"]
+    n_inliers: Int[np.ndarray, " k"]
+    is_from_before: Bool[np.ndarray, " k"]
+    """Whether the other end comes before the displaced frames."""
+
+
+def find_displacement(
+    world_from_cams: Float[np.ndarray, "n 4 4"],
+    odometry: Odometry,
+    motions: MeasuredMotions,
+    options: TrackingOptions,
+) -> Displacement | None:
+    """The displacement that measured motions are most in favour of; None where none is sure.
+
+    Args:
+        world_from_cams: poses as recorded, or after earlier displacements.
+        odometry: with sigmas that fit this tracker.
+        motions: measured.
+        options: when a motion contradicts the poses, and when that is enough.
+    """
+    covariance = expected_covariance(motions, odometry)
+    squared = squared_sigmas(departures(motions, world_from_cams), covariance)
+    contradicts = squared > options.max_sigmas**2
+    best: Displacement | None = None
+    for first, last in _hypotheses(motions.pairs[contradicts], len(world_from_cams)):
+        of = _ends_within(motions.pairs, first, last)
+        # No displacement can gain more than making all contradictions vanish.
+        bound = np.minimum(squared[of], TRUNCATION**2)[contradicts[of]].sum()
+        if best is not None and bound <= best.gain:
+            continue
+        votes = _votes(world_from_cams, motions[of], covariance[of], first, last)
+        found = _agreed(votes, (first, last), contradicts[of], options)
+        if found is None or (best is not None and found.gain <= best.gain):
+            continue
+        is_tail = last == len(world_from_cams) - 1
+        if is_tail or _is_seen_from_both_sides(votes, found, contradicts[of], options):
+            best = found
+    return best
+
+
+def _hypotheses(pairs: np.ndarray, n: int) -> list[tuple[int, int]]:
+    """Runs of frames (first, last) whose displacement would explain one of the contradictions (c, 2)."""
+    found = set()
+    for a, b in pairs.tolist():
+        found |= {(step + 1, n - 1) for step in range(a, b)}
+        for size in range(1, MAX_STRETCH + 1):
+            for inside in (a, b):
+                starts = range(max(inside - size + 1, 1), min(inside, n - 1 - size) + 1)
+                found |= {(s, s + size - 1) for s in starts if not s <= a < b < s + size}
+    return sorted(found)
+
+
+def _ends_within(pairs: Int[np.ndarray, "p 2"], first: int, last: int) -> Bool[np.ndarray, " p"]:
+    """Pairs with exactly one end in first..last: only these see that the frames were displaced."""
+    inside = (pairs >= first) & (pairs <= last)
+    return inside[:, 0] != inside[:, 1]
+
+
+def _votes(
+    world_from_cams: np.ndarray,
+    motions: MeasuredMotions,
+    covariance: np.ndarray,
+    first: int,
+    last: int,
+) -> _Votes:
+    """What motions with one end among frames first..last say of their displacement."""
+    a, b = motions.pairs.T
+    is_second = (b >= first) & (b <= last)
+    # Seen from the end that stays: out_from_in, with its covariance in the axes of `out`.
+    out, within = np.where(is_second, a, b), np.where(is_second, b, a)
+    flip = is_second[:, None, None]
+    out_from_in = np.where(flip, motions.a_from_b, se3.inverse(motions.a_from_b))
+    covariance = np.where(flip, covariance, _of_inverse(motions.a_from_b, covariance))
+    displaced = world_from_cams[out] @ out_from_in @ se3.inverse(world_from_cams[within])
+    # A tangent (w, v) of out_from_in turns the displaced frames by A w (A the rotation of `out`), and moves
+    # the pivot c by A v + (A w) x r, with r the way from the displaced camera to the displaced c.
+    pivot = world_from_cams[first, :3, 3]
+    axes = world_from_cams[out, :3, :3]
+    arm = (displaced[:, :3, :3] @ (pivot - world_from_cams[within, :3, 3])[:, :, None])[..., 0]
+    jacobian = np.zeros((len(out), 6, 6))
+    jacobian[:, :3, :3] = jacobian[:, 3:, 3:] = axes
+    jacobian[:, 3:, :3] = -se3.skew(arm) @ axes
+    moved = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+    return _Votes(displaced, moved, pivot, motions.n_inliers, out < first)
+
+
+def _of_inverse(a_from_b: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Covariances (k, 6, 6) of inverse motions, in the axes of b.
+
+    The inverse of (exp(w) R, t + v) turns by -R^T w, and its translation changes by R^T (w x t - v).
+    """
+    rotation_t = np.swapaxes(a_from_b[:, :3, :3], 1, 2)
+    jacobian = np.zeros_like(covariance)
+    jacobian[:, :3, :3] = jacobian[:, 3:, 3:] = -rotation_t
+    jacobian[:, 3:, :3] = -rotation_t @ se3.skew(a_from_b[:, :3, 3])
+    return jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+
+
+def _apart(votes: _Votes, displaced: np.ndarray) -> np.ndarray:
+    """Tangents (k, 6) from a displacement (4, 4) to the votes: rotation, and way of the pivot."""
+    turned = votes.displaced[:, :3, :3] @ displaced[:3, :3].T
+    way = se3.transform(votes.displaced, votes.pivot[None])[:, 0] - (
+        displaced[:3, :3] @ votes.pivot + displaced[:3, 3]
+    )
+    return np.concatenate([se3.log_so3(turned), way], axis=1)
+
+
+def _cost(votes: _Votes, displaced: np.ndarray, own: np.ndarray | float = 0.0) -> np.ndarray:
+    """Squared sigmas (k,) of the votes at a displacement, truncated; `own` (6, 6) is its covariance."""
+    squared = squared_sigmas(_apart(votes, displaced), votes.covariance + own)
+    return np.minimum(squared, TRUNCATION**2)
+
+
+def _agreed(
+    votes: _Votes, run: tuple[int, int], contradicts: np.ndarray, options: TrackingOptions
+) -> Displacement | None:
+    """The displacement of a run of frames that most votes agree on; None where too few do."""
+    generators = np.flatnonzero(contradicts)
+    costs = [_cost(votes, votes.displaced[k], votes.covariance[k]).sum() for k in generators]
+    if not costs:
+        return None
+    best = generators[int(np.argmin(costs))]
+    displaced, covariance = votes.displaced[best], votes.covariance[best]
+    for _ in range(3):  # mean of those that agree, by their information
+        agrees = _cost(votes, displaced, covariance) < options.max_sigmas**2
+        if not agrees.any():
+            return None
+        information = np.linalg.inv(votes.covariance[agrees])
+        covariance = np.linalg.inv(information.sum(axis=0))
+        off = (information @ _apart(votes, displaced)[agrees][:, :, None]).sum(axis=0)
+        displaced = _moved(displaced, (covariance @ off)[:, 0], votes.pivot)
+    at = _cost(votes, displaced)
+    gain = float((_cost(votes, np.eye(4)) - at).sum())
+    supports = (at < options.max_sigmas**2) & contradicts
+    if gain < options.max_sigmas**2 or not _is_confirmed(votes.n_inliers[supports], options):
+        return None
+    if not _is_large(displaced, votes.pivot, options):
+        return None
+    sigma = np.sqrt([np.trace(part) / 3 for part in (covariance[:3, :3], covariance[3:, 3:])])
+    return Displacement(
+        *run, displaced, float(sigma[0]), float(sigma[1]), int(supports.sum()), gain
+    )
+
+
+def _is_confirmed(n_inliers: np.ndarray, options: TrackingOptions) -> bool:
+    """Whether two motions agree, or one of many matches says so."""
+    return len(n_inliers) >= 2 or bool((n_inliers >= options.min_matches_alone).any())
+
+
+def _is_large(displaced: np.ndarray, pivot: np.ndarray, options: TrackingOptions) -> bool:
+    way = float(np.linalg.norm(displaced[:3, :3] @ pivot + displaced[:3, 3] - pivot))
+    angle = float(np.rad2deg(se3.rotation_angle(displaced[:3, :3])))
+    return way >= options.min_jump_m or angle >= options.min_jump_deg
+
+
+def _is_seen_from_both_sides(
+    votes: _Votes, found: Displacement, contradicts: np.ndarray, options: TrackingOptions
+) -> bool:
+    """Whether frames before and after a stretch both say that it stands elsewhere.
+
+    Where only one side does, the tracker may as well have jumped and stayed: the simpler hypothesis.
+    """
+    supports = _cost(votes, found.world_from_recorded) < options.max_sigmas**2
+    supports &= contradicts
+    sides = votes.is_from_before[supports]
+    return bool(sides.any() and not sides.all())
+
+
+def _moved(displaced: np.ndarray, tangent: np.ndarray, pivot: np.ndarray) -> np.ndarray:
+    """A displacement (4, 4) that turns more by tangent[:3] and puts `pivot` further by tangent[3:]."""
+    at = displaced[:3, :3] @ pivot + displaced[:3, 3] + tangent[3:]
+    rotation = se3.exp_so3(tangent[:3]) @ displaced[:3, :3]
+    return se3.make_transform(rotation, at - rotation @ pivot)

@@ -1,0 +1,242 @@
+"""What recorded poses may mean: the usual mistakes of export, and which one explains the measured motions.
+
+A convention is a transform of the whole trajectory. Motions between neighbouring frames, measured from images
+and depth, know nothing of it, so they tell which one holds. What turns or mirrors the world as a whole
+(y up or z up) does not change motions, and is found from the floor instead.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from planfit.errors import OptionError
+from planfit.geometry import se3
+from planfit.scan.odometry import OdometryOptions, make_odometry
+from planfit.scan.poses import from_opengl
+from planfit.tracking.motions import (
+    MeasuredMotions,
+    departures,
+    expected_covariance,
+    squared_sigmas,
+)
+from planfit.tracking.noise import FREEDOM
+
+RECORDED, AUTO = "recorded", "auto"
+EXPLAINED_SIGMAS = 4.0
+"""A motion is explained if it departs by less, as a norm of six numbers."""
+NOISE = (1.0, 2.0, 4.0, 8.0)
+"""Factors on the tracker's sigmas: a bad tracker in the right convention is no other convention."""
+MIN_MOTIONS, MAX_MOTIONS = 20, 2000
+"""Fewer motions do not tell a convention; more do not tell it better, and are thinned."""
+MAX_SIGMA_M = 0.1
+"""Sigma of a step's translation, at most."""
+MIN_SHARE = 0.5
+"""A convention explains at least this share of the motions."""
+MIN_LOG_RATIO = 0.25
+"""And is more likely than the poses as recorded by this, natural logarithm, a motion. Where poses are right,
+none of the others is likelier at all."""
+MAX_UNIT_ERROR = 1.5
+"""Factor up to which the lengths of recorded and measured steps agree in the right unit. Noise makes a
+smaller unit likelier than it should be."""
+
+Poses = Float[np.ndarray, "n 4 4"]
+
+_MIRROR_Y = np.diag([1.0, -1.0, 1.0, 1.0])
+
+
+def _quarter_turn(turns: int) -> np.ndarray:
+    """Rotation about the optical axis, by exact quarters."""
+    return np.round(se3.yaw_transform(turns * np.pi / 2))
+
+
+def _reordered(poses: Poses, order: tuple[int, int, int, int]) -> Poses:
+    """Poses whose quaternions x y z w are these entries of the present ones."""
+    xyzw = Rotation.from_matrix(poses[:, :3, :3]).as_quat()[:, order]
+    return se3.make_transform(Rotation.from_quat(xyzw).as_matrix(), poses[:, :3, 3])
+
+
+def _shifted(poses: Poses, frames: int) -> Poses:
+    """The pose that stands `frames` further on; at the end the usual motion goes on."""
+    if frames < 0:
+        return _shifted(poses[::-1], -frames)[::-1]
+    last = poses[-1] @ se3.inverse(poses[-2]) if len(poses) > 1 else np.eye(4)
+    beyond = [poses[-1]]
+    for _ in range(frames):
+        beyond.append(last @ beyond[-1])
+    return np.concatenate([poses, np.stack(beyond[1:])])[frames:]
+
+
+def _scaled(poses: Poses, metres: float) -> Poses:
+    return se3.make_transform(poses[:, :3, :3], poses[:, :3, 3] * metres)
+
+
+def _transposed(poses: Poses) -> Poses:
+    return se3.make_transform(np.swapaxes(poses[:, :3, :3], 1, 2), poses[:, :3, 3])
+
+
+def _with_centres(poses: Poses) -> Poses:
+    """Translations of camera_from_world beside rotations of world_from_camera."""
+    centres = -(poses[:, :3, :3] @ poses[:, :3, 3:])[..., 0]
+    return se3.make_transform(poses[:, :3, :3], centres)
+
+
+_FROM_WXYZ, _FROM_XYZW = (1, 2, 3, 0), (3, 0, 1, 2)
+
+CONVENTIONS: dict[str, Callable[[Poses], Poses]] = {
+    "camera_from_world": se3.inverse,
+    "opengl": from_opengl,
+    "camera_from_world_opengl": lambda p: from_opengl(se3.inverse(p)),
+    "arkit": lambda p: from_opengl(p) @ _quarter_turn(-1),
+    "arkit_other_way": lambda p: from_opengl(p) @ _quarter_turn(1),
+    "camera_from_world_arkit": lambda p: from_opengl(se3.inverse(p)) @ _quarter_turn(-1),
+    "image_turned_left": lambda p: p @ _quarter_turn(1),
+    "image_turned_right": lambda p: p @ _quarter_turn(-1),
+    "image_upside_down": lambda p: p @ _quarter_turn(2),
+    "opengl_upside_down": lambda p: from_opengl(p) @ _quarter_turn(2),
+    "quaternion_wxyz": lambda p: _reordered(p, _FROM_WXYZ),
+    "quaternion_xyzw": lambda p: _reordered(p, _FROM_XYZW),
+    "camera_from_world_quaternion_wxyz": lambda p: se3.inverse(_reordered(p, _FROM_WXYZ)),
+    "camera_from_world_quaternion_xyzw": lambda p: se3.inverse(_reordered(p, _FROM_XYZW)),
+    "rotation_camera_from_world": _transposed,
+    "translation_camera_from_world": _with_centres,
+    "one_frame_late": lambda p: _shifted(p, 1),
+    "two_frames_late": lambda p: _shifted(p, 2),
+    "one_frame_early": lambda p: _shifted(p, -1),
+    "two_frames_early": lambda p: _shifted(p, -2),
+    "millimetres": lambda p: _scaled(p, 0.001),
+    "centimetres": lambda p: _scaled(p, 0.01),
+    "feet": lambda p: _scaled(p, 0.3048),
+    "left_handed": lambda p: _MIRROR_Y @ p @ _MIRROR_Y,
+    "left_handed_camera_from_world": lambda p: _MIRROR_Y @ se3.inverse(p) @ _MIRROR_Y,
+}
+"""By name, what makes world_from_cams with OpenCV axes in metres of poses that follow the convention. *Late*
+poses are those that stand beside an image which the camera took earlier."""
+
+
+_UNITS = ("millimetres", "centimetres", "feet")
+
+
+@dataclass(frozen=True)
+class ConventionFit:
+    """How well a convention explains the measured motions."""
+
+    name: str
+    share: float
+    """Of the measured motions, those that it explains."""
+    asked: str
+    """The convention that it was compared with."""
+    asked_share: float
+    """Of the measured motions, those that it explains."""
+    n_motions: int
+    log_ratio: float
+    """How much likelier the better one makes a motion than the other, natural logarithm, on average."""
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it explains the scan, and clearly better than the one that was asked for."""
+        is_enough = self.n_motions >= MIN_MOTIONS and self.share >= MIN_SHARE
+        return self.name != self.asked and is_enough and self.log_ratio >= MIN_LOG_RATIO
+
+    @property
+    def is_unexplained(self) -> bool:
+        """Whether enough was measured, and no convention explains it, as recorded or otherwise."""
+        return self.n_motions >= MIN_MOTIONS and max(self.share, self.asked_share) < MIN_SHARE
+
+
+@dataclass(frozen=True)
+class _Likelihood:
+    """Of the measured motions, given poses and the factor on their sigmas that suits them best."""
+
+    cost: float
+    """Twice the negative logarithm, a motion."""
+    factor: float
+
+
+def apply_convention(world_from_cams: Poses, name: str) -> Poses:
+    """Poses that were recorded in a convention, as world_from_cams with OpenCV axes in metres.
+
+    Raises:
+        OptionError: there is no convention of this name.
+    """
+    if name == RECORDED:
+        return world_from_cams
+    if name not in CONVENTIONS:
+        raise OptionError(
+            f"poses_convention: expected {RECORDED}, {AUTO}, {', '.join(CONVENTIONS)}, found {name!r}"
+        )
+    return CONVENTIONS[name](world_from_cams)
+
+
+def best_convention(
+    world_from_cams: Poses,
+    motions: MeasuredMotions,
+    options: OdometryOptions,
+    asked: str = RECORDED,
+) -> ConventionFit:
+    """The convention under which the measured motions are likeliest; the one asked for where none is more so.
+
+    The likelihood is that of `noise.py`, at the noise that suits each convention best.
+
+    Raises:
+        OptionError: there is no convention of the name asked for.
+    """
+    n_all, as_asked = len(motions), apply_convention(world_from_cams, asked)
+    if n_all < MIN_MOTIONS:
+        return ConventionFit(asked, 0.0, asked, 0.0, n_all, 0.0)
+    motions = motions[np.unique(np.linspace(0, n_all - 1, MAX_MOTIONS).astype(int))]
+    of_asked = _likelihood(as_asked, motions, options)
+    name, best, poses = asked, of_asked, as_asked
+    for candidate in (RECORDED, *CONVENTIONS):
+        converted = apply_convention(world_from_cams, candidate)
+        if candidate in _UNITS and not _is_unit(converted, motions):
+            continue
+        found = _likelihood(converted, motions, options)
+        if found.cost < best.cost:
+            name, best, poses = candidate, found, converted
+    share, asked_share = (
+        float(np.mean(_squared(p, motions, options, best.factor)[0] < EXPLAINED_SIGMAS**2))
+        for p in (poses, as_asked)
+    )
+    log_ratio = (of_asked.cost - best.cost) / 2
+    return ConventionFit(name, share, asked, asked_share, n_all, log_ratio)
+
+
+def _likelihood(poses: Poses, motions: MeasuredMotions, options: OdometryOptions) -> _Likelihood:
+    found = []
+    for factor in NOISE:
+        squared, covariance = _squared(poses, motions, options, factor)
+        tail = (FREEDOM + 6.0) * np.log1p(squared / FREEDOM)
+        cost = float(np.mean(tail + np.linalg.slogdet(covariance)[1]))
+        found.append((cost, factor))
+    return _Likelihood(*min(found))
+
+
+def _squared(
+    poses: Poses, motions: MeasuredMotions, options: OdometryOptions, factor: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Squared departures (p,) in sigmas of all motions, and their covariance (p, 6, 6)."""
+    odometry = make_odometry(poses, options)
+    # In millimetres steps are a thousand times longer, and so would be their sigmas: any motion would do.
+    capped = np.minimum(odometry.sigma_translation, MAX_SIGMA_M)
+    odometry = replace(odometry, sigma_translation=capped)
+    covariance = expected_covariance(motions, odometry, (factor, factor))
+    return squared_sigmas(departures(motions, poses), covariance), covariance
+
+
+def _is_unit(poses: Poses, motions: MeasuredMotions) -> bool:
+    """Whether steps are as long as those measured, along these, among the longer half of them.
+
+    Noise makes steps longer but not along the measured direction.
+    """
+    i, j = motions.pairs.T
+    measured = motions.a_from_b[:, :3, 3]
+    steps = (se3.inverse(poses[i]) @ poses[j])[:, :3, 3]
+    squared = np.sum(measured**2, axis=1)
+    longer = (squared >= np.median(squared)) & (squared > 0)
+    if not longer.any():
+        return False
+    along = np.sum(measured * steps, axis=1)[longer] / squared[longer]
+    return 1 / MAX_UNIT_ERROR < float(np.median(along)) < MAX_UNIT_ERROR

@@ -1,0 +1,161 @@
+"""Judge the recorded poses: convention, noise, breaks; and correct what can be corrected."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.errors import ScanError
+from planfit.geometry import se3
+from planfit.scan.odometry import Odometry, OdometryOptions, make_odometry
+from planfit.tracking.breaks import Displacement, find_displacement
+from planfit.tracking.conventions import (
+    AUTO,
+    RECORDED,
+    ConventionFit,
+    apply_convention,
+    best_convention,
+)
+from planfit.tracking.motions import MeasuredMotions
+from planfit.tracking.noise import noise_factors
+from planfit.tracking.options import TrackingOptions
+from planfit.tracking.types import Tracking, TrackingBreak
+
+MAX_BREAKS_SHARE = 0.1
+"""A tracker with more breaks a frame than this is not mended: what is broken then is no step."""
+
+Poses = Float[np.ndarray, "n 4 4"]
+
+
+def believe(world_from_cams: Poses, convention: str, odometry: OdometryOptions) -> Tracking:
+    """The recorded poses as they are, in a named convention; nothing is measured.
+
+    Raises:
+        OptionError: there is no convention of this name.
+    """
+    poses = apply_convention(world_from_cams, RECORDED if convention == AUTO else convention)
+    return Tracking(poses, poses, make_odometry(poses, odometry), convention)
+
+
+def judge_tracking(
+    name: str,
+    world_from_cams: Poses,
+    motions: MeasuredMotions,
+    convention: str,
+    odometry: OdometryOptions,
+    options: TrackingOptions,
+) -> Tracking:
+    """Compare the recorded poses with measured motions.
+
+    Args:
+        name: of the scan, for messages.
+        world_from_cams: as recorded.
+        motions: between neighbouring frames, measured from images and depth.
+        convention: that of the poses: `recorded`, `auto`, or a name.
+        odometry: what is usual of trackers.
+        options: see there.
+
+    Raises:
+        ScanError: another convention explains the measured motions, and `auto` was not asked for.
+        OptionError: there is no convention of this name.
+    """
+    chosen, fit = _convention(name, world_from_cams, motions, convention, odometry)
+    recorded = apply_convention(world_from_cams, chosen)
+    factors = (1.0, 1.0)
+    if options.adapt_sigmas:
+        factors = noise_factors(recorded, make_odometry(recorded, odometry), motions)
+    poses, found = recorded, []
+    if options.mend:
+        poses, found = _mended(recorded, motions, odometry, factors, options)
+    return Tracking(
+        recorded_world_from_cams=recorded,
+        world_from_cams=poses,
+        odometry=_odometry(poses, odometry, factors, found),
+        convention=chosen,
+        convention_fit=fit,
+        sigma_factors=factors,
+        breaks=tuple(
+            sorted((_described(recorded, poses, d) for d in found), key=lambda b: b.first_frame)
+        ),
+        n_motions=len(motions),
+    )
+
+
+def _convention(
+    name: str, poses: Poses, motions: MeasuredMotions, asked: str, odometry: OdometryOptions
+) -> tuple[str, ConventionFit]:
+    """The convention to apply, and how well it fits."""
+    fit = best_convention(poses, motions, odometry, RECORDED if asked == AUTO else asked)
+    if asked == AUTO or not fit.is_clear:
+        return (fit.name if fit.is_clear else fit.asked), fit
+    said = "as recorded" if asked == RECORDED else f"taken as {asked}"
+    again = "auto" if fit.name == RECORDED else f"{fit.name}, or auto"
+    raise ScanError(
+        f"{name}: these poses look like {fit.name} (explains {fit.share:.0%} of {fit.n_motions} measured "
+        f"motions, {said} {fit.asked_share:.0%}): run again with --poses-convention {again}"
+    )
+
+
+def _mended(
+    recorded: Poses,
+    motions: MeasuredMotions,
+    options: OdometryOptions,
+    factors: tuple[float, float],
+    tracking: TrackingOptions,
+) -> tuple[Poses, list[Displacement]]:
+    """Poses with displaced frames put where measured motions say, the surest first."""
+    poses, found = recorded, []
+    most = max(3, int(MAX_BREAKS_SHARE * len(recorded)))
+    while len(found) <= most:
+        odometry = _odometry(poses, options, factors, found)
+        displacement = find_displacement(poses, odometry, motions, tracking)
+        if displacement is None:
+            return poses, found
+        poses = poses.copy()
+        of = slice(displacement.first, displacement.last + 1)
+        poses[of] = displacement.world_from_recorded @ poses[of]
+        found.append(displacement)
+    return recorded, []
+
+
+def _odometry(
+    poses: Poses,
+    options: OdometryOptions,
+    factors: tuple[float, float],
+    displaced: list[Displacement],
+) -> Odometry:
+    """Steps of corrected poses; those that were broken are as sure as what took their place."""
+    odometry = make_odometry(poses, options)
+    rotation = odometry.sigma_rotation * factors[0]
+    translation = odometry.sigma_translation * factors[1]
+    for d in displaced:
+        # The step onto the first displaced frame, and where later frames stayed, that off the last.
+        steps = [d.first - 1] + ([d.last] if d.last < len(poses) - 1 else [])
+        rotation[steps] = np.hypot(rotation[steps], d.sigma_rotation)
+        translation[steps] = np.hypot(translation[steps], d.sigma_translation)
+    return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
+
+
+def _described(recorded: Poses, corrected: Poses, d: Displacement) -> TrackingBreak:
+    """A displacement in words."""
+    if d.last == len(recorded) - 1:
+        before, after = d.first - 1, d.first
+        was, now = (_size(se3.inverse(p[before]) @ p[after]) for p in (recorded, corrected))
+        reason = (
+            f"the recorded motion jumps by {was[0]:.1f} m and {was[1]:.0f} degrees after frame {before}, "
+            f"where the images show a step of {now[0]:.1f} m and {now[1]:.0f} degrees: corrected"
+        )
+        return TrackingBreak("jump", before, after, was, now, d.n_motions, reason)
+    moved = _size(se3.inverse(recorded[d.first]) @ corrected[d.first])
+    which = f"frame {d.first} is" if d.first == d.last else f"frames {d.first}-{d.last} are"
+    reason = (
+        f"{which} recorded {moved[0]:.1f} m and {moved[1]:.0f} degrees away from where the images show "
+        "them: corrected"
+    )
+    return TrackingBreak("outlier", d.first, d.last, moved, moved, d.n_motions, reason)
+
+
+def _size(motion: np.ndarray) -> tuple[float, float]:
+    """Length (m) and angle (degrees) of a motion (4, 4)."""
+    angle = float(np.rad2deg(se3.rotation_angle(motion[:3, :3])))
+    return float(np.linalg.norm(motion[:3, 3])), angle

@@ -1,0 +1,28 @@
+"""Everything that can be chosen about judging the recorded poses."""
+
+from dataclasses import dataclass
+
+from planfit.errors import require_positive
+
+
+@dataclass(frozen=True)
+class TrackingOptions:
+    """When recorded motion is not believed, and what takes its place."""
+
+    is_judged: bool = True
+    """Whether the recorded motion is compared with motions that neighbouring images and their depth give."""
+    adapt_sigmas: bool = True
+    """Whether the sigmas of all steps grow where the tracker errs more than `odometry` says."""
+    mend: bool = True
+    """Whether steps that are contradicted are corrected; otherwise they stay as recorded."""
+    max_sigmas: float = 6.0
+    """Measured motions that depart by more (norm of six numbers) contradict the recorded ones."""
+    min_jump_m: float = 0.5
+    """A tracker has jumped only where it went astray by at least this,"""
+    min_jump_deg: float = 8.0
+    """or by this; robust losses take care of less."""
+    min_matches_alone: int = 50
+    """A measured motion that no other one confirms needs as many matches to correct a step."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_sigmas", "min_jump_m", "min_jump_deg", "min_matches_alone")

@@ -1,0 +1,76 @@
+"""How far recorded poses can be believed: the answer, and what was found broken."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.scan.odometry import Odometry
+from planfit.tracking.conventions import ConventionFit
+
+
+@dataclass(frozen=True)
+class TrackingBreak:
+    """A place where the recorded motion is not believed."""
+
+    kind: Literal["jump", "outlier", "frozen"]
+    """The tracker went astray and stayed there; some frames stand elsewhere; the pose stood still."""
+    first_frame: int
+    """The frame before a jump; the first frame of an outlier or of a frozen stretch."""
+    last_frame: int
+    """The frame after a jump; the last one of the others."""
+    recorded: tuple[float, float]
+    """Motion as recorded, m and degrees: over a jump, else of the frames' displacement."""
+    corrected: tuple[float, float]
+    """Over a jump the motion that takes its place, m and degrees; else how far the frames were moved."""
+    n_motions: int
+    """Measured motions that say so; 0 where only continuity does."""
+    reason: str
+    """A sentence for the user."""
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """What is believed of the recorded poses."""
+
+    recorded_world_from_cams: Float[np.ndarray, "n 4 4"]
+    """As recorded, in our convention."""
+    world_from_cams: Float[np.ndarray, "n 4 4"]
+    """The same with breaks corrected."""
+    odometry: Odometry
+    """Steps of these, with sigmas that fit this tracker; wide where a step is not known."""
+    convention: str = "recorded"
+    """The convention that recorded poses were taken to follow."""
+    convention_fit: ConventionFit | None = None
+    """What measured motions say of it; None where they were not asked."""
+    sigma_factors: tuple[float, float] = (1.0, 1.0)
+    """On the sigmas of rotation and translation of all steps."""
+    breaks: tuple[TrackingBreak, ...] = ()
+    """In the order of frames."""
+    n_motions: int = 0
+    """Motions between neighbouring frames that were measured."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know of the recorded poses."""
+        notes = []
+        if self.convention != "recorded":
+            notes.append(f"the recorded poses were taken as {self.convention}")
+        fit = self.convention_fit
+        if fit is not None and fit.is_unexplained:
+            notes.append(
+                f"the recorded poses explain only {fit.share:.0%} of {fit.n_motions} motions between "
+                "neighbouring images, and no usual convention explains more: check that poses and "
+                "images belong to one recording"
+            )
+        if max(self.sigma_factors) > NOTED_FACTOR:
+            notes.append(
+                f"the tracker errs about {max(self.sigma_factors):.1f} times more than usual between "
+                "frames: its motion was believed less"
+            )
+        return (*notes, *(b.reason for b in self.breaks))
+
+
+NOTED_FACTOR = 2.0
+"""A tracker that errs by more than this factor is worth a note."""

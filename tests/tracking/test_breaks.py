@@ -1,0 +1,162 @@
+"""Jumps, outliers and their correction, on walks whose truth is known."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from measured_walk import displaced, measure, tracked, walk
+
+from planfit.geometry import se3
+from planfit.scan.odometry import OdometryOptions
+from planfit.tracking import TrackingOptions, judge_tracking
+from planfit.tracking.motions import MeasuredMotions
+
+USUAL = OdometryOptions()
+
+
+def judged(poses, motions, **options):
+    return judge_tracking("scan", poses, motions, "recorded", USUAL, TrackingOptions(**options))
+
+
+def step_errors(poses, true):
+    """Largest error of a step, m and rad."""
+    steps = [se3.inverse(p[:-1]) @ p[1:] for p in (poses, true)]
+    error = se3.inverse(steps[0]) @ steps[1]
+    return np.linalg.norm(error[:, :3, 3], axis=1).max(), se3.rotation_angle(error[:, :3, :3]).max()
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(1)
+
+
+def test_what_is_not_broken_stays_bit_for_bit(rng):
+    true = walk(rng)
+    poses = tracked(true, rng)
+    tracking = judged(poses, measure(true, rng))
+    assert tracking.breaks == ()
+    assert tracking.warnings == ()
+    assert np.array_equal(tracking.world_from_cams, poses)
+    assert tracking.sigma_factors[0] < 1.5
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.lists(st.integers(2, 75), min_size=1, max_size=3, unique=True).filter(
+        lambda s: len(s) == 1 or np.diff(sorted(s)).min() > 5
+    ),
+    st.floats(1.0, 8.0),
+    st.floats(0.0, 90.0),
+    st.integers(0, 1000),
+)
+def test_jumps_are_found_where_they_are_and_corrected(after, metres, degrees, seed):
+    rng = np.random.default_rng(seed)
+    true = walk(rng)
+    poses, motions = tracked(true, rng), measure(true, rng)
+    for frame in after:
+        poses = displaced(poses, frame + 1, len(poses) - 1, metres, degrees, rng)
+    tracking = judged(poses, motions)
+    assert [b.first_frame for b in tracking.breaks] == sorted(after)
+    assert all(b.kind == "jump" for b in tracking.breaks)
+    error_m, error_rad = step_errors(tracking.world_from_cams, true)
+    assert error_m < 0.15
+    assert error_rad < np.deg2rad(2.0)
+
+
+@pytest.mark.parametrize(("first", "last"), [(30, 30), (40, 42), (1, 1)])
+def test_a_few_frames_that_stand_elsewhere_are_put_back(rng, first, last):
+    true = walk(rng)
+    poses, motions = tracked(true, rng), measure(true, rng)
+    spoilt = displaced(poses, first, last, 3.0, 30.0, rng)
+    tracking = judged(spoilt, motions)
+    (found,) = tracking.breaks
+    assert (found.kind, found.first_frame, found.last_frame) == ("outlier", first, last)
+    others = np.r_[0:first, last + 1 : len(poses)]
+    assert np.array_equal(tracking.world_from_cams[others], poses[others])
+    assert step_errors(tracking.world_from_cams, true)[0] < 0.15
+
+
+def test_a_corrected_step_is_as_sure_as_the_motions_that_took_its_place(rng):
+    true = walk(rng)
+    poses, motions = tracked(true, rng), measure(true, rng)
+    spoilt = displaced(poses, 40, len(poses) - 1, 5.0, 60.0, rng)
+    odometry = judged(spoilt, motions).odometry
+    sound = judged(poses, motions).odometry
+    at = 39
+    assert odometry.sigma_translation[at] > sound.sigma_translation[at]
+    others = np.delete(np.arange(len(poses) - 1), at)
+    np.testing.assert_allclose(
+        odometry.sigma_translation[others], sound.sigma_translation[others], rtol=0.3
+    )
+
+
+def false_motion(motions, k, rng, n_inliers):
+    """One motion, measured wrongly."""
+    a_from_b = motions.a_from_b.copy()
+    a_from_b[k] = se3.retract(a_from_b[k], rng.normal(size=6) * [1, 1, 1, 2, 2, 2])
+    counts = motions.n_inliers.copy()
+    counts[k] = n_inliers
+    return MeasuredMotions(motions.pairs, a_from_b, motions.covariance, counts)
+
+
+def test_a_false_motion_among_right_ones_breaks_nothing(rng):
+    true = walk(rng)
+    poses, motions = tracked(true, rng), measure(true, rng)
+    for k in range(0, len(motions), 30):
+        motions = false_motion(motions, k, rng, 200)
+    assert judged(poses, motions).breaks == ()
+
+
+def test_a_motion_that_stands_alone_needs_many_matches(rng):
+    true = walk(rng)
+    poses = tracked(true, rng)
+    motions = measure(true, rng, neighbours=1)
+    spoilt = displaced(poses, 40, len(poses) - 1, 3.0, 30.0, rng)
+    few = MeasuredMotions(
+        motions.pairs, motions.a_from_b, motions.covariance, motions.n_inliers // 5
+    )
+    assert judged(spoilt, few).breaks == ()
+    assert len(judged(spoilt, few, min_matches_alone=15).breaks) == 1
+    assert len(judged(spoilt, motions).breaks) == 1
+
+
+def test_small_departures_are_left_to_robust_losses(rng):
+    true = walk(rng)
+    poses, motions = tracked(true, rng), measure(true, rng)
+    spoilt = displaced(poses, 40, len(poses) - 1, 0.4, 0.0, rng)
+    assert judged(spoilt, motions).breaks == ()
+    assert len(judged(spoilt, motions, min_jump_m=0.3).breaks) == 1
+    turned = displaced(poses, 40, len(poses) - 1, 0.0, 6.0, rng)
+    assert judged(turned, motions).breaks == ()
+    assert len(judged(turned, motions, min_jump_deg=4.0).breaks) == 1
+
+
+def test_wider_sigmas_contradict_less(rng):
+    true = walk(rng)
+    poses, motions = tracked(true, rng), measure(true, rng)
+    spoilt = displaced(poses, 40, len(poses) - 1, 1.0, 0.0, rng)
+    assert len(judged(spoilt, motions).breaks) == 1
+    assert judged(spoilt, motions, max_sigmas=500.0).breaks == ()
+
+
+def test_mending_and_adapting_can_be_switched_off(rng):
+    true = walk(rng)
+    poses = tracked(true, rng, np.deg2rad(0.8), 0.1)
+    spoilt = displaced(poses, 40, len(poses) - 1, 4.0, 40.0, rng)
+    motions = measure(true, rng)
+    tracking = judged(spoilt, motions, mend=False)
+    assert np.array_equal(tracking.world_from_cams, spoilt)
+    assert tracking.breaks == ()
+    assert tracking.sigma_factors[1] > 3.0
+    assert judged(spoilt, motions, adapt_sigmas=False).sigma_factors == (1.0, 1.0)
+
+
+def test_words_name_the_frame_and_both_motions(rng):
+    true = walk(rng)
+    poses, motions = tracked(true, rng), measure(true, rng)
+    (said,) = judged(displaced(poses, 40, 79, 5.0, 60.0, rng), motions).warnings
+    assert "after frame 39" in said
+    assert "60 degrees" in said or "59 degrees" in said or "61 degrees" in said or "jumps" in said
+    assert said.endswith("corrected")
+    (said,) = judged(displaced(poses, 50, 52, 5.0, 60.0, rng), motions).warnings
+    assert said.startswith("frames 50-52 are recorded 5.")

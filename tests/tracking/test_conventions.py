@@ -1,0 +1,163 @@
+"""The usual mistakes of export, made here, are named and undone."""
+
+import numpy as np
+import pytest
+from measured_walk import displaced, measure, tracked, walk
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from planfit.errors import OptionError, ScanError
+from planfit.geometry import se3
+from planfit.scan.odometry import OdometryOptions
+from planfit.tracking import TrackingOptions, believe, judge_tracking
+from planfit.tracking.conventions import CONVENTIONS, apply_convention, best_convention
+
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
+
+
+def turned(degrees):
+    return se3.yaw_transform(np.deg2rad(degrees))
+
+
+def with_quaternion(poses, order):
+    xyzw = Rotation.from_matrix(poses[:, :3, :3]).as_quat()[:, order]
+    return se3.make_transform(Rotation.from_quat(xyzw).as_matrix(), poses[:, :3, 3])
+
+
+def with_unit(poses, per_metre):
+    return se3.make_transform(poses[:, :3, :3], poses[:, :3, 3] * per_metre)
+
+
+def transposed(poses):
+    return np.swapaxes(poses[:, :3, :3], 1, 2)
+
+
+WXYZ, XYZW = (3, 0, 1, 2), (1, 2, 3, 0)
+
+MISTAKES = {
+    "camera_from_world": np.linalg.inv,
+    "opengl": lambda p: p @ FLIP,
+    "camera_from_world_opengl": lambda p: np.linalg.inv(p @ FLIP),
+    # A pixel of the picture as shown is one of the sensor, a quarter turn on.
+    "arkit": lambda p: p @ turned(90) @ FLIP,
+    "arkit_other_way": lambda p: p @ turned(-90) @ FLIP,
+    "camera_from_world_arkit": lambda p: np.linalg.inv(p @ turned(90) @ FLIP),
+    "image_turned_left": lambda p: p @ turned(-90),
+    "image_turned_right": lambda p: p @ turned(90),
+    "image_upside_down": lambda p: p @ turned(180),
+    "opengl_upside_down": lambda p: p @ turned(180) @ FLIP,
+    "quaternion_wxyz": lambda p: with_quaternion(p, WXYZ),
+    "quaternion_xyzw": lambda p: with_quaternion(p, XYZW),
+    "camera_from_world_quaternion_wxyz": lambda p: with_quaternion(np.linalg.inv(p), WXYZ),
+    "camera_from_world_quaternion_xyzw": lambda p: with_quaternion(np.linalg.inv(p), XYZW),
+    "rotation_camera_from_world": lambda p: se3.make_transform(transposed(p), p[:, :3, 3]),
+    "translation_camera_from_world": lambda p: se3.make_transform(
+        p[:, :3, :3], np.linalg.inv(p)[:, :3, 3]
+    ),
+    "one_frame_late": lambda p: p[[0, *range(len(p) - 1)]],
+    "two_frames_late": lambda p: p[[0, 0, *range(len(p) - 2)]],
+    "one_frame_early": lambda p: p[[*range(1, len(p)), -1]],
+    "two_frames_early": lambda p: p[[*range(2, len(p)), -1, -1]],
+    "millimetres": lambda p: with_unit(p, 1000.0),
+    "centimetres": lambda p: with_unit(p, 100.0),
+    "feet": lambda p: with_unit(p, 1 / 0.3048),
+    "left_handed": lambda p: MIRROR @ p @ MIRROR,
+    "left_handed_camera_from_world": lambda p: np.linalg.inv(MIRROR @ p @ MIRROR),
+}
+
+
+@pytest.fixture(scope="module")
+def walked():
+    rng = np.random.default_rng(4)
+    true = walk(rng, 120)
+    return tracked(true, rng), measure(true, rng)
+
+
+def judged(poses, motions, convention):
+    return judge_tracking("scan", poses, motions, convention, OdometryOptions(), TrackingOptions())
+
+
+def test_every_convention_has_its_mistake_here():
+    assert set(MISTAKES) == set(CONVENTIONS)
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_each_mistake_is_named_and_undone(walked, name):
+    poses, motions = walked
+    mistaken = MISTAKES[name](poses)
+    fit = best_convention(mistaken, motions, OdometryOptions())
+    assert fit.name == name
+    assert fit.is_clear
+    assert fit.share > 0.9
+    back = apply_convention(mistaken, name)
+    # The world may be another one, and frames at the ends have no pose of their own: steps are the same.
+    steps, expected = (se3.inverse(p[2:-3]) @ p[3:-2] for p in (back, poses))
+    assert_allclose(steps, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["camera_from_world", "arkit", "one_frame_late"])
+def test_jumps_hide_no_convention(walked, name):
+    poses, motions = walked
+    rng = np.random.default_rng(0)
+    for first in (30, 60, 90):
+        poses = displaced(poses, first, len(poses) - 1, 5.0, 60.0, rng)
+    tracking = judged(MISTAKES[name](poses), motions, "auto")
+    assert tracking.convention == name
+    assert len(tracking.breaks) >= 3
+
+
+@pytest.mark.parametrize("factor", [1.0, 3.0, 6.0])
+def test_a_bad_tracker_in_the_right_convention_raises_no_alarm(factor):
+    rng = np.random.default_rng(7)
+    true = walk(rng, 120)
+    poses = tracked(true, rng, factor * np.deg2rad(0.15), factor * 0.02)
+    assert not best_convention(poses, measure(true, rng), OdometryOptions()).is_clear
+
+
+def test_a_camera_that_hardly_moves_is_not_in_another_unit():
+    """Noise larger than the motion makes small units likely; along the measured motion it averages out."""
+    rng = np.random.default_rng(7)
+    true = with_unit(walk(rng, 200), 0.1)
+    poses = tracked(true, rng, np.deg2rad(0.5), 0.08)
+    assert not best_convention(poses, measure(true, rng), OdometryOptions()).is_clear
+
+
+def test_the_run_stops_and_says_what_the_poses_look_like(walked):
+    poses, motions = walked
+    with pytest.raises(ScanError, match=r"look like opengl .*--poses-convention opengl, or auto"):
+        judged(MISTAKES["opengl"](poses), motions, "recorded")
+    with pytest.raises(
+        ScanError, match=r"look like recorded .*taken as feet .*--poses-convention auto"
+    ):
+        judged(poses, motions, "feet")
+
+
+def test_a_name_or_auto_applies_it(walked):
+    poses, motions = walked
+    mistaken = MISTAKES["camera_from_world"](poses)
+    for asked in ("camera_from_world", "auto"):
+        tracking = judged(mistaken, motions, asked)
+        assert_allclose(tracking.recorded_world_from_cams, poses, atol=1e-9)
+        assert "taken as camera_from_world" in tracking.warnings[0]
+    assert judged(poses, motions, "auto").convention == "recorded"
+
+
+def test_an_unknown_name_is_refused(walked):
+    with pytest.raises(OptionError, match="expected recorded, auto, camera_from_world"):
+        judged(*walked, "blender")
+    with pytest.raises(OptionError, match="found 'blender'"):
+        believe(walked[0], "blender", OdometryOptions())
+
+
+def test_poses_of_another_recording_are_not_explained(walked):
+    poses, motions = walked
+    other = walk(np.random.default_rng(99), len(poses))
+    tracking = judged(other, motions, "recorded")
+    assert "no usual convention explains more" in tracking.warnings[0]
+
+
+def test_few_motions_tell_no_convention(walked):
+    poses, motions = walked
+    fit = best_convention(MISTAKES["opengl"](poses), motions[:10], OdometryOptions())
+    assert (fit.name, fit.is_clear) == ("recorded", False)
