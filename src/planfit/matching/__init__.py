@@ -3,3 +3,6 @@
 from planfit.matching.find import find_matches as find_matches
 from planfit.matching.options import MatchingOptions as MatchingOptions
 from planfit.matching.types import Matches as Matches
+from planfit.matching.types import RelativePoses as RelativePoses
+from planfit.matching.visits import group_visits as group_visits
+from planfit.matching.visits import relative_poses_of as relative_poses_of

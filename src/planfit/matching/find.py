@@ -1,6 +1,6 @@
 """Matches of a scan: keypoints of all frames, matched over pairs, verified, and cycle-consistent."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from planfit.matching.options import MatchingOptions
 from planfit.matching.tentative import TentativeMatches, from_colmap, from_images
 from planfit.matching.types import Matches, RelativePoses
 from planfit.matching.verify import match_sigma, verify
+from planfit.matching.view_agreement import explained_shares
 from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
@@ -39,12 +40,12 @@ def find_matches(
             found.relative_poses, scan.world_from_cams, odometry, options.cycle_consistency
         )
 
-    found = verified(tentative.pairs, "pairs")
+    found = _compared(verified(tentative.pairs, "pairs"), tentative, options)
     is_accepted = accepted(found)
     n_tried = len(tentative.pairs)
     if tentative.propose is not None:
         proposed = tentative.propose(found.relative_poses[is_accepted])
-        found = found.joined(verified(proposed, "more pairs"))
+        found = _compared(found.joined(verified(proposed, "more pairs")), tentative, options)
         is_accepted = accepted(found)
         n_tried += len(proposed)
     return _gather(found, np.flatnonzero(is_accepted), tentative, n_tried, options)
@@ -67,6 +68,29 @@ class _VerifiedPairs:
         )
 
 
+def _compared(
+    found: _VerifiedPairs, tentative: TentativeMatches, options: MatchingOptions
+) -> _VerifiedPairs:
+    """The same with how much of both views each motion explains."""
+    relative_poses = found.relative_poses
+    sigma_m = np.array(
+        [
+            np.median(match_sigma(a, b, options.verify))
+            for a, b in zip(found.points_a, found.points_b, strict=True)
+        ]
+    )
+    explained = explained_shares(
+        relative_poses,
+        found.points_a,
+        found.points_b,
+        sigma_m,
+        relative_poses.pairs[:, 1] - relative_poses.pairs[:, 0] <= options.pairs.neighbours,
+        tentative.grids,
+        options.agreement,
+    )
+    return replace(found, relative_poses=replace(relative_poses, explained=explained))
+
+
 def _gather(
     found: _VerifiedPairs,
     accepted: np.ndarray,
@@ -75,7 +99,8 @@ def _gather(
     options: MatchingOptions,
 ) -> Matches:
     """Matches of the accepted pairs (k,), sorted by pair."""
-    pairs = found.relative_poses.pairs[accepted]
+    relative_poses = found.relative_poses
+    pairs = relative_poses.pairs[accepted]
     accepted = accepted[
         np.lexsort((pairs[:, 1], pairs[:, 0]))
     ]  # by the first frame, then the second
@@ -83,14 +108,15 @@ def _gather(
     points_a = np.concatenate([found.points_a[k] for k in accepted] or none)
     points_b = np.concatenate([found.points_b[k] for k in accepted] or none)
     return Matches(
-        pairs=found.relative_poses.pairs[accepted],
-        start=np.cumsum([0, *found.relative_poses.n_inliers[accepted]]),
+        pairs=relative_poses.pairs[accepted],
+        start=np.cumsum([0, *relative_poses.n_inliers[accepted]]),
         points_a=points_a,
         points_b=points_b,
         sigma=match_sigma(points_a, points_b, options.verify),
         n_tried=n_tried,
         n_keypoints=sum(len(k) for k in tentative.keypoints),
         sharpness=np.array([k.sharpness for k in tentative.keypoints], dtype=float),
+        explained=relative_poses[accepted].explained,
     )
 
 

@@ -102,6 +102,7 @@ def make_result(
         checks=validation.checks,
         warnings=(
             *scan_warnings(scan, observations.gravity, structure, matches, neighbours),
+            *prepared.warnings,
             *alignment_warnings(
                 on_plan.alignment,
                 on_plan.claimed_plan_from_level is not None,
