@@ -23,6 +23,8 @@ MIN_SIGMAS = 12.0
 """A step within so many sigmas of the recorded one (norm of six numbers) is not torn."""
 MIN_TIMES_USUAL = 5.0
 """Nor is one within so many times the median of the walk: where all steps are off, the sigmas are wrong."""
+MIN_WITNESSES = 3
+"""A step is given up for visits only where as many agree with each other without it, and none with it."""
 LOST_M, LOST_RAD = 1e3, 10.0
 """Sigmas of a step that is left out of a graph."""
 
@@ -101,7 +103,7 @@ def visits_that_tear(
     torn: tuple[TornStep, ...],
     options: CycleConsistencyOptions,
 ) -> tuple[Bool[np.ndarray, " p"], tuple[DroppedVisit, ...]]:
-    """Pairs (p,) of the visits to give up so that no torn step is contradicted any more, and the visits.
+    """Pairs (p,) of the visits that cannot be right where torn steps are, and those visits.
 
     Args:
         measurements: those that were solved with.
@@ -112,78 +114,98 @@ def visits_that_tear(
     edges = relative_poses_of(measurements.matches)
     visit = group_visits(edges, recorded_from_cams, measurements.odometry, options)
     frame_idx = _frame_idx(measurements, len(recorded_from_cams))
+    ways = _Ways(edges, visit, recorded_from_cams, measurements.odometry, options)
     is_dropped, dropped = np.zeros(len(edges), dtype=bool), []
     for step in torn:
         s = int(np.searchsorted(frame_idx, step.frame_idx))
-        way = _WayRound(s, edges, visit, recorded_from_cams, measurements.odometry, options)
-        while (one := way.weakest(is_dropped)) is not None:
+        for one in ways.contradicting(s, ~is_dropped):
             is_own = visit == one
             is_dropped |= is_own
             ends = frame_idx[np.sort(edges.pairs[is_own], axis=1)]
             (first, second), (last_first, last_second) = ends.min(axis=0), ends.max(axis=0)
-            dropped.append(
-                DroppedVisit(
-                    (int(first), int(last_first)),
-                    (int(second), int(last_second)),
-                    int(is_own.sum()),
-                    step,
-                )
-            )
+            stretches = (int(first), int(last_first)), (int(second), int(last_second))
+            dropped.append(DroppedVisit(*stretches, int(is_own.sum()), step))
     return is_dropped, tuple(dropped)
 
 
 @dataclass(frozen=True)
-class _WayRound:
-    """The ways from the frame before a step to the one after it that do not take the step."""
+class _Ways:
+    """Ways through the walk, over recorded steps and verified pairs."""
 
-    step: int
     edges: RelativePoses
     visit: Int[np.ndarray, " p"]
     world_from_cams: Float[np.ndarray, "n 4 4"]
     odometry: Odometry
     options: CycleConsistencyOptions
 
-    def weakest(self, is_dropped: Bool[np.ndarray, " p"]) -> int | None:
-        """Of the visits that contradict the step the one that explains least; None where none does."""
-        left = ~is_dropped
-        if not self._contradicts(left) or self._contradicts(self.visit < 0):
-            return None  # or frames beside the step contradict it: then tracking broke there
-        spans = (self.edges.pairs.min(axis=1) <= self.step) & (
-            self.edges.pairs.max(axis=1) > self.step
-        )
-        candidates = np.unique(self.visit[left & spans & (self.visit >= 0)])
-        alone = [v for v in candidates if not self._contradicts(left & (self.visit != v))]
-        # Where none alone is at fault, several are: the weakest goes first.
-        among = alone or list(candidates)
-        return int(min(among, key=self._strength)) if among else None
+    def contradicting(self, step: int, is_left: Bool[np.ndarray, " p"]) -> list[int]:
+        """Visits to give up among those that span a step.
+
+        None where the frames beside the step contradict it, or where enough visits would agree without it:
+        then tracking broke there.
+        """
+        pairs, without = self.edges.pairs, self._without(step)
+        if not self._agrees(without, is_left & (self.visit < 0), step):
+            return []
+        own, visits = self.visit[is_left], np.unique(self.visit[is_left])
+        every = sorted(map(int, visits[visits >= 0]), key=self._strength, reverse=True)
+        spans = (pairs[is_left].min(axis=1) <= step) & (pairs[is_left].max(axis=1) > step)
+        near = is_left & (self.visit < 0)
+        refused = self._refused(self.odometry, near, every)
+        saved = set(refused) - set(self._refused(without, near, every))
+        if len(saved) >= MIN_WITNESSES:
+            return []
+        spanning = set(map(int, own[spans]))
+        return [one for one in refused if one in spanning]
 
     def _strength(self, visit: int) -> tuple[float, int]:
         own = self.edges[self.visit == visit]
         explained = 0.0 if own.explained is None else float(own.explained.max())
         return explained, int(own.n_inliers.sum())
 
-    def _contradicts(self, is_used: Bool[np.ndarray, " p"]) -> bool:
-        """Whether the surest way round over these pairs departs from the recorded step."""
-        used, s, options = self.edges[is_used], self.step, self.options
-        if len(used) == 0:
-            return False
-        # The step itself is as good as unknown here.
-        sigma_rotation, sigma_translation = (
-            self.odometry.sigma_rotation.copy(),
-            self.odometry.sigma_translation.copy(),
+    def _refused(
+        self, odometry: Odometry, near: Bool[np.ndarray, " p"], visits: list[int]
+    ) -> list[int]:
+        """Visits, given strongest first, that contradict stronger ones, steps, or pairs beside them."""
+        graph, refused = self._graph(odometry, near), []
+        for one in visits:
+            own = self.edges[self.visit == one]
+            head = own[np.array([np.argmax(own.n_inliers)])]
+            motion, *sigmas = graph.most_certain_path(head.pairs)
+            if is_near(head.a_from_b, motion, (sigmas[0], sigmas[1]), self.options)[0]:
+                self._add(graph, own)
+            else:
+                refused.append(one)
+        return refused
+
+    def _agrees(self, odometry: Odometry, is_used: Bool[np.ndarray, " p"], step: int) -> bool:
+        """Whether the surest way over these pairs agrees with a recorded step."""
+        motion, *sigmas = self._graph(odometry, is_used, step).most_certain_path(
+            np.array([[step, step + 1]])
         )
-        sigma_rotation[s], sigma_translation[s] = LOST_RAD, LOST_M
-        without = replace(
-            self.odometry, sigma_rotation=sigma_rotation, sigma_translation=sigma_translation
+        recorded = self.odometry.cam_from_next[step][None]
+        return bool(is_near(motion, recorded, (sigmas[0], sigmas[1]), self.options)[0])
+
+    def _graph(
+        self, odometry: Odometry, is_used: Bool[np.ndarray, " p"], step: int = 0
+    ) -> PoseGraph:
+        nodes = np.concatenate([self.edges.pairs, [[step, step + 1]]])
+        graph = PoseGraph(self.world_from_cams, odometry, nodes)
+        self._add(graph, self.edges[is_used])
+        return graph
+
+    def _add(self, graph: PoseGraph, edges: RelativePoses) -> None:
+        sigmas = self.options.sigma_rotation_deg, self.options.sigma_translation_m
+        graph.add(edges.pairs, edges.a_from_b, *sigmas)
+
+    def _without(self, step: int) -> Odometry:
+        """The odometry with one step as good as unknown."""
+        is_lost = np.arange(len(self.odometry.sigma_rotation)) == step
+        return replace(
+            self.odometry,
+            sigma_rotation=np.where(is_lost, LOST_RAD, self.odometry.sigma_rotation),
+            sigma_translation=np.where(is_lost, LOST_M, self.odometry.sigma_translation),
         )
-        ends = np.array([[s, s + 1]])
-        graph = PoseGraph(self.world_from_cams, without, np.concatenate([used.pairs, ends]))
-        graph.add(
-            used.pairs, used.a_from_b, options.sigma_rotation_deg, options.sigma_translation_m
-        )
-        motion, *sigmas = graph.most_certain_path(ends)
-        recorded = self.odometry.cam_from_next[s][None]
-        return not is_near(motion, recorded, (sigmas[0], sigmas[1]), options)[0]
 
 
 def _frame_idx(measurements: Measurements, n: int) -> Int[np.ndarray, " n"]:
