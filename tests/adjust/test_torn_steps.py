@@ -37,10 +37,8 @@ def measured(rng, recorded, motions):
     frame_pairs = np.repeat(np.array(pairs), len(a[0]), axis=0)
     matches = Matches.from_arrays(frame_pairs, np.concatenate(a), np.concatenate(b), 0.03)
     explained = np.array([motions[pair][1] for pair in pairs])
-    floor = [
-        (i, np.array([*recorded[i][:2, 3], 0]) + [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
-        for i in range(N)
-    ]
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    floor = [(i, corners + recorded[i][:3, 3] * (1, 1, 0)) for i in range(N)]
     patch = (0, np.array([[0.0, 0, 1], [1, 0, 1]]), np.array([0.0, 1.0]))
     return Measurements(
         replace(matches, explained=explained),

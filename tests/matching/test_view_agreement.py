@@ -211,8 +211,8 @@ def test_a_cell_has_the_median_of_its_depth_or_none():
 
 @pytest.mark.parametrize("size", [(386, 516), (48, 64), (20, 30), (480, 640)])
 def test_grids_of_images_of_any_size(size):
-    rows, columns = np.mgrid[: size[0], : size[1]]
-    depth = (1.0 + (columns + 0.5) / size[1]).astype(np.float32)
+    row = 1.0 + (np.arange(size[1], dtype=np.float32) + 0.5) / size[1]
+    depth = np.tile(row, (size[0], 1))
     found = depth_grid(depth)
     assert_allclose(found[0], 1.0 + (np.arange(COLUMNS) + 0.5) / COLUMNS, atol=0.6 / size[1] + 0.01)
     assert grey_grid(np.full((*size, 3), 90, np.uint8)).shape == (ROWS, COLUMNS)
