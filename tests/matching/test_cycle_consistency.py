@@ -1,6 +1,7 @@
 """Loop closures that must be accepted, and look-alikes that must not, among trajectories that drift."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,6 +137,55 @@ def test_one_of_a_cluster_speaks_for_those_that_agree_with_it_alone():
     for size in (0.2, 5.0):
         is_accepted = accepted(found, poses, certain_m=0.1, cluster_m=size)
         assert_array_equal(is_accepted, [True, True, True, False])
+
+
+def explaining(found, share):
+    return replace(found, explained=np.broadcast_to(share, len(found)).astype(float))
+
+
+def test_a_revisit_that_its_views_contradict_is_refused():
+    poses, (a, _, c) = walk((0, 0), (12, 0), (0, 0))
+    found = loops(poses, [(a + k, c + k) for k in range(0, 40, 4)])
+    shares = np.where(np.arange(10) == 3, 0.0, 0.3)
+    assert_array_equal(accepted(explaining(found, shares), poses, UNSURE), np.arange(10) != 3)
+
+
+def test_a_revisit_that_explains_little_is_held_to_the_drift_that_the_others_show():
+    # The tracker is far better than its sigmas: by them alone a poster 2.5 m off could be right.
+    poses, (a, b, c, d) = walk((0, 0), (12, 0), (0, 0), (0, 12))
+    true = loops(poses, [(a + k, c + k) for k in range(0, 40, 2)])
+    both = true.joined(loops(poses, [(b + 35, d + 9)], look_from(poses, d, 2.5)))
+    is_true = np.arange(21) < 20
+
+    def is_poster_accepted(share, **options):
+        found = explaining(both, np.where(is_true, 0.5, share))
+        is_accepted = accepted(found, poses, UNSURE, **options)
+        assert is_accepted[is_true].all()
+        return is_accepted[-1]
+
+    assert accepted(both, poses, UNSURE).all()
+    assert not is_poster_accepted(0.02)
+    assert is_poster_accepted(0.02, max_weak_drifts=40.0)
+    assert is_poster_accepted(0.02, strong_share=0.01, max_drifts=40.0)
+    assert is_poster_accepted(0.3, max_drifts=40.0)
+    assert not is_poster_accepted(0.3, max_drifts=1.0)
+
+
+def look_from(poses, first, aside):
+    """Poses of which those from `first` on stand aside."""
+    moved = poses.copy()
+    moved[first:, 0, 3] += aside
+    return moved
+
+
+def test_what_explains_more_is_decided_first():
+    poses, (a, _, c) = walk((0, 0), (12, 0), (0, 0))
+    # Both could be right by the odometry, the poster even surer (less way between its ends); not both.
+    true = loops(poses, [(a, c + 39)])
+    poster = loops(poses, [(a + 3, c + 36)], look_from(poses, c, 2.0))
+    both = true.joined(poster)
+    assert_array_equal(accepted(both, poses, UNSURE), [False, True])
+    assert_array_equal(accepted(explaining(both, [0.8, 0.05]), poses, UNSURE), [True, False])
 
 
 def test_a_path_over_a_loop_closure_is_more_certain_than_the_long_way_round():

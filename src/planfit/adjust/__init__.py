@@ -14,7 +14,10 @@ from planfit.adjust.problem import AdjustmentProblem as AdjustmentProblem
 from planfit.adjust.problem import build_problem as build_problem
 from planfit.adjust.problem import costs as costs
 from planfit.adjust.scale import refit_scale as refit_scale
+from planfit.adjust.schedule import ClosedLoops as ClosedLoops
 from planfit.adjust.schedule import PlanAdjustment as PlanAdjustment
 from planfit.adjust.schedule import adjust_to_plan as adjust_to_plan
 from planfit.adjust.schedule import close_loops as close_loops
+from planfit.adjust.schedule import close_loops_untorn as close_loops_untorn
+from planfit.adjust.torn_steps import TornStep as TornStep
 from planfit.lsq.solver import Solution as Solution

@@ -133,6 +133,7 @@ def _reduce_matches(matches: Matches, keyframes: Keyframes) -> Matches:
         pairs=pairs[keep],
         start=np.cumsum([0, *sizes[keep]]),
         sigma=matches.sigma[keep_match],
+        explained=None if matches.explained is None else matches.explained[keep],
         **moved,
     )
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from planfit.adjust.alternation import PlanTask, alternate
 from planfit.adjust.association import Association, PlanCorrespondences
@@ -20,11 +20,18 @@ from planfit.adjust.moved_walls import MovedWall
 from planfit.adjust.observability import describe_observability
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import build_problem
+from planfit.adjust.torn_steps import (
+    DroppedVisit,
+    TornStep,
+    find_torn_steps,
+    visits_that_tear,
+)
 from planfit.floorplan import Floorplan
 from planfit.lsq.covariance import covariances
 from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Solution
 from planfit.lsq.term import Term
+from planfit.matching.loop_closure import CycleConsistencyOptions
 
 
 def close_loops(
@@ -39,6 +46,51 @@ def close_loops(
     """
     problem = build_problem(measurements, options, level_from_cams)
     return Problem(problem.terms, problem.unknowns).solve_gnc(options.gnc_schedule, options.solver)
+
+
+@dataclass(frozen=True)
+class ClosedLoops:
+    """Poses that agree with each other, and the revisits that could not be right."""
+
+    solution: Solution
+    measurements: Measurements
+    """Those solved with: without the matches of dropped visits."""
+    is_dropped: Bool[np.ndarray, " p"]
+    """Pairs of the measurements given whose visit was dropped."""
+    dropped: tuple[DroppedVisit, ...]
+    torn_steps: tuple[TornStep, ...]
+    """Steps still torn, the worst first: no revisit is the cause."""
+
+
+def close_loops_untorn(
+    measurements: Measurements,
+    level_from_cams: Float[np.ndarray, "n 4 4"],
+    options: AdjustOptions,
+    consistency: CycleConsistencyOptions | None = None,
+) -> ClosedLoops:
+    """Close loops, give up the visits that tear a recorded step, and again, until no step is torn by one.
+
+    Args:
+        measurements: what the scan says.
+        level_from_cams: poses as recorded, levelled.
+        options: as for `close_loops`.
+        consistency: when two motions agree; by default as in matching.
+    """
+    agreeing = consistency or CycleConsistencyOptions()
+    is_dropped = np.zeros(len(measurements.matches.pairs), dtype=bool)
+    left, dropped = measurements, []
+    while True:  # ends, as each round drops a visit or is the last
+        solution = close_loops(left, level_from_cams, options)
+        torn = find_torn_steps(left, solution.target_from_cams, options.odometry)
+        if not torn:
+            break
+        is_false, visits = visits_that_tear(left, level_from_cams, torn, agreeing)
+        if not visits:
+            break
+        dropped += visits
+        is_dropped[np.flatnonzero(~is_dropped)[is_false]] = True
+        left = replace(measurements, matches=measurements.matches.of_pairs(~is_dropped))
+    return ClosedLoops(solution, left, is_dropped, tuple(dropped), torn)
 
 
 @dataclass(frozen=True)
@@ -65,6 +117,8 @@ class PlanAdjustment:
     """Of the poses (rad, m; plan axes), where asked for."""
     moved_walls: tuple[MovedWall, ...] = ()
     """Faces that stand elsewhere than drawn, the furthest first; they do not hold the poses to the plan."""
+    torn_steps: tuple[TornStep, ...] = ()
+    """Recorded steps that were not kept, the worst first."""
 
     @property
     def association(self) -> Association:
@@ -115,6 +169,7 @@ def adjust_to_plan(
         describe_observability(found, plan_from_cams),
         covariances(end.problem.terms, unknowns, every) if options.covariances else None,
         _moved_walls(end.correspondences, offsets_m, offset_sigmas_m),
+        find_torn_steps(measurements, plan_from_cams, options.odometry),
     )
 
 

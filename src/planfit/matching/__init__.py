@@ -5,3 +5,6 @@ from planfit.matching.options import MatchingOptions as MatchingOptions
 from planfit.matching.relative_motions import NeighbourMotions as NeighbourMotions
 from planfit.matching.relative_motions import measure_neighbours as measure_neighbours
 from planfit.matching.types import Matches as Matches
+from planfit.matching.types import RelativePoses as RelativePoses
+from planfit.matching.visits import group_visits as group_visits
+from planfit.matching.visits import relative_poses_of as relative_poses_of

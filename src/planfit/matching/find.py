@@ -1,5 +1,7 @@
 """Matches of a scan: keypoints of all frames, matched over pairs, verified, and cycle-consistent."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from planfit.geometry import se3
@@ -15,6 +17,7 @@ from planfit.matching.relative_motions import (
 from planfit.matching.tentative import ScanKeypoints, choose_tentative
 from planfit.matching.types import Matches
 from planfit.matching.verify import match_sigma
+from planfit.matching.view_agreement import explained_shares
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
@@ -55,15 +58,38 @@ def find_matches(
 
     far = tentative.pairs[~are_neighbours(tentative.pairs, options.pairs.neighbours)]
     near = _possible(measured.verified, scan, odometry, options)
-    found = near.joined(verified(far, "pairs"))
+    found = _compared(near.joined(verified(far, "pairs")), seen, options)
     is_accepted = accepted(found)
     n_tried = len(tentative.pairs)
     if tentative.propose is not None:
         proposed = tentative.propose(found.relative_poses[is_accepted])
-        found = found.joined(verified(proposed, "more pairs"))
+        found = _compared(found.joined(verified(proposed, "more pairs")), seen, options)
         is_accepted = accepted(found)
         n_tried += len(proposed)
     return _gather(found.where(is_accepted), seen, n_tried, options)
+
+
+def _compared(
+    found: VerifiedPairs, seen: ScanKeypoints, options: MatchingOptions
+) -> VerifiedPairs:
+    """The same with how much of both views each motion explains."""
+    relative_poses = found.relative_poses
+    sigma_m = np.array(
+        [
+            np.median(match_sigma(a, b, options.verify))
+            for a, b in zip(found.points_a, found.points_b, strict=True)
+        ]
+    )
+    explained = explained_shares(
+        relative_poses,
+        found.points_a,
+        found.points_b,
+        sigma_m,
+        are_neighbours(relative_poses.pairs, options.pairs.neighbours),
+        seen.grids,
+        options.agreement,
+    )
+    return replace(found, relative_poses=replace(relative_poses, explained=explained))
 
 
 def _gather(
@@ -82,6 +108,7 @@ def _gather(
         n_tried=n_tried,
         n_keypoints=sum(len(k) for k in seen.keypoints),
         sharpness=np.array([k.sharpness for k in seen.keypoints], dtype=float),
+        explained=accepted.relative_poses.explained,
     )
 
 

@@ -30,6 +30,8 @@ REACH = 3
 MIN_COVISIBILITY = 0.25
 """Pairs that should share less are not tried."""
 CHUNK = 100_000
+PRIOR_REVISITS = 2
+"""How many revisits the sigmas of the odometry weigh as, when the tracker's own drift is looked at."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,13 @@ class CycleConsistencyOptions:
     cluster_m: float = 1.0
     """Relative poses whose two ends lie within this much of way from another's stand or fall together if
     they agree: one of them is checked."""
+    strong_share: float = 0.1
+    """Revisits that explain this share of both views are decided first, by the gates above. What explains
+    less may be a poster, and is held to the drift that those show."""
+    max_drifts: float = 6.0
+    """Largest departure of a strong revisit, in sigmas of the drift that strong revisits show."""
+    max_weak_drifts: float = 3.0
+    """The same of the others."""
 
     def __post_init__(self) -> None:
         require_positive(self, "sigma_rotation_deg", "sigma_translation_m", "cluster_m")
@@ -79,17 +88,21 @@ def cycle_consistent(
     pairs, motions = relative_poses.pairs, relative_poses.a_from_b
     sigma_rotation, sigma_translation = odometry.sigma_between(*pairs.T)
     is_certain = _is_certain(sigma_translation, options)
+    is_possible = np.ones(len(pairs), dtype=bool)
+    if relative_poses.explained is not None:
+        is_possible = relative_poses.explained > 0  # the views contradict the others
     recorded = se3.inverse(world_from_cams[pairs[:, 0]]) @ world_from_cams[pairs[:, 1]]
     sigmas = (sigma_rotation, sigma_translation)
     is_accepted[is_certain] = is_near(motions, recorded, sigmas, options)[is_certain]
 
     graph = PoseGraph(world_from_cams, odometry, pairs)
     cluster = _clusters(relative_poses, odometry, options.cluster_m)
-    pending, new = np.flatnonzero(~is_certain), np.flatnonzero(is_accepted)
+    pending, new = np.flatnonzero(~is_certain & is_possible), np.flatnonzero(is_accepted)
+    narrowing = _narrowing(relative_poses, pending, cluster, recorded, sigma_translation, options)
     while len(pending):
         graph.add(pairs[new], motions[new], options.sigma_rotation_deg, options.sigma_translation_m)
-        heads = _heads(pending, cluster, relative_poses.n_inliers)
-        decided, holds = _decide(graph, relative_poses, heads, options)
+        heads = _heads(pending, cluster, relative_poses)
+        decided, holds = _decide(graph, relative_poses, heads, narrowing, options)
         follows = _followed(
             relative_poses, pending, decided, cluster, world_from_cams, odometry, options
         )
@@ -107,7 +120,7 @@ def is_near(
     predicted: Float[np.ndarray, "p 4 4"],
     sigmas: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
     options: CycleConsistencyOptions,
-    max_sigmas: float | None = None,
+    max_sigmas: float | Float[np.ndarray, " p"] | None = None,
 ) -> Bool[np.ndarray, " p"]:
     """Whether motions depart from the predicted ones by no more than drift explains.
 
@@ -155,7 +168,7 @@ def propose_loop_closures(
     covisibility = np.zeros(len(found))
     for first in range(0, len(found), CHUNK):
         part = slice(first, first + CHUNK)
-        motion = _by_way_of(loops[source[part]], found[part], world_from_cams)
+        motion = by_way_of(loops[source[part]], found[part], world_from_cams)
         covisibility[part] = samples.covisibility_by_motion(found[part], motion)
     is_covisible = covisibility > MIN_COVISIBILITY
     found, covisibility = found[is_covisible], covisibility[is_covisible]
@@ -172,24 +185,68 @@ def _decide(
     graph: PoseGraph,
     relative_poses: RelativePoses,
     heads: np.ndarray,
+    narrowing: np.ndarray,
     options: CycleConsistencyOptions,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Those of `heads` that are decided now (d,), and whether each agrees with the graph (d,)."""
+    """Those of `heads` that are decided now (d,), and whether each agrees with the graph (d,).
+
+    `narrowing` (p,) is a factor on the sigma of the translation to each, where nothing is certain.
+    """
     predicted, sigma_rotation, sigma_translation = graph.most_certain_path(
         relative_poses.pairs[heads]
     )
     is_now = _is_certain(sigma_translation, options)
     most = options.max_sigmas
     if not is_now.any():
-        # Nothing is certain: the most certain tenth goes next, held to a narrower gate.
+        # Nothing is certain: the tenth goes next that is the most certain for what it explains of the views,
+        # held to narrower gates.
+        doubt = sigma_translation
+        if relative_poses.explained is not None:
+            doubt = sigma_translation / relative_poses.explained[heads]
         tenth = len(heads) // 10
-        is_now = sigma_translation <= np.partition(sigma_translation, tenth)[tenth]
+        is_now = doubt <= np.partition(doubt, tenth)[tenth]
         most = options.max_uncertain_sigmas
+        sigma_translation = sigma_translation * narrowing[heads]
     decided = heads[is_now]
     sigmas = (sigma_rotation[is_now], sigma_translation[is_now])
     return decided, is_near(
         relative_poses.a_from_b[decided], predicted[is_now], sigmas, options, most
     )
+
+
+def _is_strong(relative_poses: RelativePoses, options: CycleConsistencyOptions) -> np.ndarray:
+    """Which relative poses explain much of both views (p,); all where nobody compared them."""
+    if relative_poses.explained is None:
+        return np.ones(len(relative_poses), dtype=bool)
+    return relative_poses.explained >= options.strong_share
+
+
+def _narrowing(
+    relative_poses: RelativePoses,
+    pending: np.ndarray,
+    cluster: np.ndarray,
+    recorded: np.ndarray,
+    sigma_translation: np.ndarray,
+    options: CycleConsistencyOptions,
+) -> np.ndarray:
+    """Factor (p,), at most 1, on the sigma of the recorded translation over the ends of each relative pose.
+
+    Sigmas are made for the worst of trackers. How far this one drifted, the strong revisits tell: most of
+    them are right, so the median of their departures is that of the drift.
+    """
+    is_strong = _is_strong(relative_poses, options)
+    strong = _heads(pending[is_strong[pending]], cluster, relative_poses)
+    if relative_poses.explained is None or len(strong) == 0:
+        return np.ones(len(relative_poses))
+    off = relative_poses.a_from_b[strong, :3, 3] - recorded[strong, :3, 3]
+    slack = options.translation_slack_m
+    sigmas = np.linalg.norm(off, axis=1) / np.hypot(sigma_translation[strong], slack)
+    # Of a vector of three standard normal numbers the length has the median 1.538. Few revisits say little:
+    # as if PRIOR_REVISITS more had said what the sigmas say.
+    share_sq = (np.median(sigmas) / 1.538) ** 2
+    drift = np.sqrt((len(strong) * share_sq + PRIOR_REVISITS) / (len(strong) + PRIOR_REVISITS))
+    own = np.where(is_strong, options.max_drifts, options.max_weak_drifts) * drift
+    return np.minimum(own / options.max_uncertain_sigmas, 1.0)
 
 
 def _clusters(relative_poses: RelativePoses, odometry: Odometry, size_m: float) -> np.ndarray:
@@ -198,9 +255,12 @@ def _clusters(relative_poses: RelativePoses, odometry: Odometry, size_m: float) 
     return np.unique(cells, axis=0, return_inverse=True)[1].ravel()
 
 
-def _heads(pending: np.ndarray, cluster: np.ndarray, n_inliers: np.ndarray) -> np.ndarray:
-    """Of each cluster the pending one with the most inliers, the first of equals."""
-    order = pending[np.lexsort((pending, -n_inliers[pending]))]
+def _heads(pending: np.ndarray, cluster: np.ndarray, relative_poses: RelativePoses) -> np.ndarray:
+    """Of each cluster the pending one that explains most, or has the most inliers; the first of equals."""
+    best = relative_poses.explained
+    if best is None:
+        best = relative_poses.n_inliers
+    order = pending[np.lexsort((pending, -best[pending]))]
     _, first = np.unique(cluster[order], return_index=True)
     return order[first]
 
@@ -226,7 +286,7 @@ def _followed(
     follows = np.where(head == pending, pending, -1)
     other = np.flatnonzero((head >= 0) & (head != pending))
     own, heads = pending[other], head[other]
-    predicted = _by_way_of(relative_poses[heads], pairs[own], world_from_cams)
+    predicted = by_way_of(relative_poses[heads], pairs[own], world_from_cams)
     # The head's motion is taken for exact; the recorded steps to it and from it add their variances.
     (i, j), (k, m) = pairs[own].T, pairs[heads].T
     (rotation_a, translation_a), (rotation_b, translation_b) = (
@@ -239,7 +299,7 @@ def _followed(
     return follows
 
 
-def _by_way_of(
+def by_way_of(
     relative_poses: RelativePoses, pairs: np.ndarray, world_from_cams: np.ndarray
 ) -> np.ndarray:
     """Motion (p, 4, 4) between the frames of pairs (p, 2), over a relative pose nearby and recorded steps.

@@ -8,6 +8,7 @@ from planfit.matching.loop_closure import CycleConsistencyOptions
 from planfit.matching.matchers import MatcherOptions
 from planfit.matching.pairs import PairOptions
 from planfit.matching.verify import VerifyOptions
+from planfit.matching.view_agreement import AgreementOptions
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,8 @@ class MatchingOptions:
     """Which frames are tried with which."""
     verify: VerifyOptions = field(default_factory=VerifyOptions)
     """When matches of a pair are accepted."""
+    agreement: AgreementOptions = field(default_factory=AgreementOptions)
+    """When the rest of two views agrees with the motion that their keypoints gave."""
     cycle_consistency: CycleConsistencyOptions = field(default_factory=CycleConsistencyOptions)
     """Which relative poses are those of look-alikes: they depart from what else is known by more than its
     sigma explains."""

@@ -1,7 +1,7 @@
 """Keypoints of a scan, which frames are tried with which, and their matches before they are verified."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from planfit.matching.options import MatchingOptions
 from planfit.matching.pairs import FrameDescriptors, choose_pairs, distinct_views
 from planfit.matching.retrieval import describe_frames
 from planfit.matching.types import Detector, Keypoints, RelativePoses
+from planfit.matching.view_grids import ViewGrids, depth_grid, gather_grids, grey_grid
 from planfit.runtime import Arrays, Runtime, blas_on_one_thread, cache_key
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
@@ -34,6 +35,8 @@ class ScanKeypoints:
 
     keypoints: list[Keypoints]
     """Of each frame."""
+    grids: ViewGrids
+    """What each frame shows, coarsely."""
     of_pair: Callable[[int, int], Int[np.ndarray, "m 2"]]
     """Matches of the keypoints of a pair of frames."""
     imported_pairs: Int[np.ndarray, "p 2"] | None
@@ -89,16 +92,16 @@ def choose_tentative(
 
 def _from_images(scan: Scan, options: MatchingOptions, runtime: Runtime) -> ScanKeypoints:
     detector, matcher = make_detector(options.keypoints), make_matcher(options.matcher)
-    key = cache_key(scan.fingerprint, "keypoints", options.keypoints)
+    key = cache_key(scan.fingerprint, "keypoints and grids", options.keypoints)
     compute = partial(_detect_frame, scan, options.keypoints, detector)
     items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
-    keypoints = [Keypoints(**item) for item in items]
+    keypoints = [_keypoints(item) for item in items]
 
     def of_pair(i: int, j: int) -> Int[np.ndarray, "m 2"]:
         size_a, size_b = ((c.width, c.height) for c in (scan.cameras[i], scan.cameras[j]))
         return matcher(keypoints[i], keypoints[j], size_a, size_b)
 
-    return ScanKeypoints(keypoints, of_pair, None, key)
+    return ScanKeypoints(keypoints, gather_grids(items, scan.cameras), of_pair, None, key)
 
 
 def _from_colmap(
@@ -106,13 +109,12 @@ def _from_colmap(
 ) -> ScanKeypoints:
     """From COLMAP; keypoints without depth are dropped, and their matches with them."""
     imported = read_colmap_matches(path, scan)
-    key = cache_key(scan.fingerprint, "imported keypoints", stamp(path), options.keypoints)
+    key = cache_key(
+        scan.fingerprint, "imported keypoints and grids", stamp(path), options.keypoints
+    )
     compute = partial(_lift_frame, scan, imported, options.keypoints)
     items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
-    keypoints = [
-        Keypoints(**{name: value for name, value in item.items() if name != "kept"})
-        for item in items
-    ]
+    keypoints = [_keypoints(item) for item in items]
     # From COLMAP's number of a keypoint to ours among those that kept a depth; -1 for the others.
     number = [np.full(len(uv), -1) for uv in imported.uv]
     for new, item in zip(number, items, strict=True):
@@ -125,7 +127,9 @@ def _from_colmap(
         both = np.column_stack([number[i][idx[:, 0]], number[j][idx[:, 1]]])
         return both[(both >= 0).all(axis=1)]
 
-    return ScanKeypoints(keypoints, of_pair, imported.pairs, key)
+    return ScanKeypoints(
+        keypoints, gather_grids(items, scan.cameras), of_pair, imported.pairs, key
+    )
 
 
 def _describe(scan: Scan, keypoints: list[Keypoints], rng: np.random.Generator) -> FrameDescriptors:
@@ -138,12 +142,22 @@ def _describe(scan: Scan, keypoints: list[Keypoints], rng: np.random.Generator) 
     )
 
 
+def _keypoints(item: Arrays) -> Keypoints:
+    """Of what was kept of a frame, the keypoints."""
+    return Keypoints(**{each.name: item[each.name] for each in fields(Keypoints)})  # type: ignore[arg-type]
+
+
+def _grids(color: np.ndarray, depth: np.ndarray) -> Arrays:
+    return {"depth_grid": depth_grid(depth), "grey_grid": grey_grid(color)}
+
+
 def _detect_frame(scan: Scan, options: KeypointOptions, detector: Detector, i: int) -> Arrays:
     color, depth = scan.files.color(i), scan.files.depth(i)
-    return vars(detect(color, depth, scan.cameras[i], options, detector))
+    found = detect(color, depth, scan.cameras[i], options, detector)
+    return {**vars(found), **_grids(color, depth)}
 
 
 def _lift_frame(scan: Scan, imported: Imported, options: KeypointOptions, i: int) -> Arrays:
     color, depth = scan.files.color(i), scan.files.depth(i)
     lifted, kept = lift(color, depth, scan.cameras[i], options, without_descriptors(imported.uv[i]))
-    return {**vars(lifted), "kept": kept}
+    return {**vars(lifted), **_grids(color, depth), "kept": kept}

@@ -1,10 +1,10 @@
 """What matching hands on: keypoints of a frame, relative poses of pairs, matches of a scan."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Shaped, UInt8
+from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
 
 from planfit.errors import ScanError
 
@@ -62,20 +62,27 @@ class RelativePoses:
     """m, camera frame of the second of the pair to that of the first."""
     n_inliers: Int[np.ndarray, " p"]
     """Matches that agree with each."""
+    explained: Float[np.ndarray, " p"] | None = None
+    """How much of both views each explains (`view_agreement.py`); None where views were not compared."""
 
     def __len__(self) -> int:
         return len(self.pairs)
 
     def __getitem__(self, idx: Shaped[np.ndarray, " k"]) -> "RelativePoses":
         """Those that an index or a mask takes."""
-        return RelativePoses(self.pairs[idx], self.a_from_b[idx], self.n_inliers[idx])
+        explained = None if self.explained is None else self.explained[idx]
+        return RelativePoses(self.pairs[idx], self.a_from_b[idx], self.n_inliers[idx], explained)
 
     def joined(self, other: "RelativePoses") -> "RelativePoses":
         """These, then those of `other`."""
+        explained = None
+        if self.explained is not None and other.explained is not None:
+            explained = np.concatenate([self.explained, other.explained])
         return RelativePoses(
             np.concatenate([self.pairs, other.pairs]),
             np.concatenate([self.a_from_b, other.a_from_b]),
             np.concatenate([self.n_inliers, other.n_inliers]),
+            explained,
         )
 
 
@@ -99,6 +106,8 @@ class Matches:
     """Keypoints with depth, over all frames."""
     sharpness: Float[np.ndarray, " n"] | None = None
     """How sharp each frame's image is, where it was looked at."""
+    explained: Float[np.ndarray, " p"] | None = None
+    """How much of both views the motion of each pair explains, where views were compared."""
 
     @property
     def n_matches(self) -> int:
@@ -108,6 +117,19 @@ class Matches:
     def n_loops(self, neighbours: int) -> int:
         """Verified pairs that are further apart in time than `neighbours` frames."""
         return int(np.sum(self.pairs[:, 1] - self.pairs[:, 0] > neighbours))
+
+    def of_pairs(self, keep: Bool[np.ndarray, " p"]) -> "Matches":
+        """Those of some pairs."""
+        keep_match = np.repeat(keep, np.diff(self.start))
+        return replace(
+            self,
+            pairs=self.pairs[keep],
+            start=np.cumsum([0, *np.diff(self.start)[keep]]),
+            points_a=self.points_a[keep_match],
+            points_b=self.points_b[keep_match],
+            sigma=self.sigma[keep_match],
+            explained=None if self.explained is None else self.explained[keep],
+        )
 
     @staticmethod
     def from_arrays(

@@ -1,6 +1,6 @@
 """What a user should know before trusting a result: each warning in plain words, with what to do."""
 
-from planfit.adjust import PlanAdjustment
+from planfit.adjust import PlanAdjustment, TornStep
 from planfit.alignment import Alignment
 from planfit.matching import Matches
 from planfit.pipeline.validation import Check
@@ -10,6 +10,9 @@ from planfit.segmentation import Gravity, Structure
 MIN_NEAR_SHARE = {"masks": 0.75, "geometry": 0.5, "learned": 0.5}
 """Share of wall points that should lie near the plan in the end, by where labels come from. Right plans
 leave 0.86 to 1.00 with masks; geometry takes tall furniture for wall and leaves 0.64 to 0.90."""
+
+MAX_TORN_STEPS = 3
+"""Torn steps that are named one by one."""
 
 
 def scan_warnings(
@@ -69,6 +72,7 @@ def alignment_warnings(
             "out of date, or it is the plan of another place; look at the overlay"
         )
     warnings += plan_adjustment.weakly_constrained
+    warnings += _torn_step_warnings(plan_adjustment.torn_steps)
     if not plan_adjustment.converged:
         warnings.append(
             "correspondences of walls and faces were still changing when the rounds ran out; "
@@ -81,3 +85,16 @@ def alignment_warnings(
         if check.is_worse
     ]
     return tuple(warnings)
+
+
+def _torn_step_warnings(torn: tuple[TornStep, ...]) -> list[str]:
+    """A sentence for each of the worst steps that the result does not keep, and one for the others."""
+    warnings = [
+        f"the step from frame {step.frame_idx} to {step.next_idx} was changed from "
+        f"{step.recorded_m:.2f} m as recorded to {step.solved_m:.2f} m ({step.sigmas:.0f} sigmas): "
+        "tracking may have failed there, or matches or walls were mistaken; look at these frames"
+        for step in torn[:MAX_TORN_STEPS]
+    ]
+    if len(torn) > MAX_TORN_STEPS:
+        warnings.append(f"{len(torn) - MAX_TORN_STEPS} more steps were changed as much")
+    return warnings

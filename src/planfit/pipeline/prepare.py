@@ -3,13 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from planfit.adjust import (
     Keyframes,
     Measurements,
     choose_keyframes,
-    close_loops,
+    close_loops_untorn,
     reduce_measurements,
 )
 from planfit.errors import require_plain_numbers
@@ -52,6 +52,8 @@ class PreparedScan:
     """All frames as recorded, levelled."""
     level_from_keys: Float[np.ndarray, "k 4 4"]
     """Keyframes, loops closed."""
+    warnings: tuple[str, ...] = ()
+    """Revisits that were given up, a sentence each."""
 
 
 def extract_observations(
@@ -134,11 +136,32 @@ def prepare(
     level = level_from_world(observations.gravity, structure.floor_height_m)
     level_from_cams = level @ tracking.recorded_world_from_cams
     level_from_keys = level @ poses[keyframes.frame_idx]
-    if chosen.adjust.loops_first:
-        with stages.stage("close loops"):
-            closed = close_loops(measurements, level_from_keys, chosen.adjust)
-        level_from_keys = closed.target_from_cams
-    return PreparedScan(held_out, keyframes, measurements, level, level_from_cams, level_from_keys)
+    if not chosen.adjust.loops_first:
+        return PreparedScan(
+            held_out, keyframes, measurements, level, level_from_cams, level_from_keys
+        )
+    with stages.stage("close loops"):
+        closed = close_loops_untorn(
+            measurements, level_from_keys, chosen.adjust, chosen.matching.cycle_consistency
+        )
+    false_pairs = measurements.matches.pairs[closed.is_dropped]
+    return PreparedScan(
+        _without(held_out, false_pairs, keyframes),
+        keyframes,
+        closed.measurements,
+        level,
+        level_from_cams,
+        closed.solution.target_from_cams,
+        tuple(visit.sentence for visit in closed.dropped),
+    )
+
+
+def _without(matches: Matches, key_pairs: Int[np.ndarray, "q 2"], keyframes: Keyframes) -> Matches:
+    """Matches without those between the frames of pairs of keyframes."""
+    k = len(keyframes.frame_idx)
+    # A pair as one number, i k + j, so that a set of pairs is a set of numbers.
+    is_false = np.isin(keyframes.nearest[matches.pairs] @ (k, 1), key_pairs @ (k, 1))
+    return matches.of_pairs(~is_false)
 
 
 def hold_out(matches: Matches, share: float, rng: np.random.Generator) -> tuple[Matches, Matches]:
@@ -162,4 +185,5 @@ def _keep(matches: Matches, keep: Bool[np.ndarray, " m"]) -> Matches:
         points_a=matches.points_a[keep],
         points_b=matches.points_b[keep],
         sigma=matches.sigma[keep],
+        explained=None if matches.explained is None else matches.explained[some],
     )

@@ -106,6 +106,7 @@ def make_result(
         warnings=(
             *(observations.tracking.warnings if observations.tracking else ()),
             *scan_warnings(scan, observations.gravity, structure, matches, neighbours),
+            *prepared.warnings,
             *alignment_warnings(
                 on_plan.alignment,
                 on_plan.claimed_plan_from_level is not None,

@@ -1,0 +1,216 @@
+"""Torn steps: recorded steps that an adjustment gave up, and the revisits that tear them.
+
+A robust loss lets go of a step that contradicts all else. That is right where tracking failed, and wrong
+where a revisit is false: then the walk is torn at the step that least holds it, and nothing says so. A
+tracker fails seldom, and the frames beside its failure see it; so a step that no frames beside it contradict
+is believed, and of the visits on the way round it the one that explains least of its views is given up.
+(Compare switchable constraints, Suenderhauf and Protzel 2012, which switch loops one by one.)
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from planfit.adjust.measurements import Measurements
+from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
+from planfit.matching import RelativePoses, group_visits, relative_poses_of
+from planfit.matching.loop_closure import CycleConsistencyOptions, is_near
+from planfit.matching.pose_graph import PoseGraph
+from planfit.scan.odometry import Odometry
+
+MIN_SIGMAS = 12.0
+"""A step within so many sigmas of the recorded one (norm of six numbers) is not torn."""
+MIN_TIMES_USUAL = 5.0
+"""Nor is one within so many times the median of the walk: where all steps are off, the sigmas are wrong."""
+MIN_WITNESSES = 3
+"""A step is given up for visits only where as many agree with each other without it, and none with it."""
+LOST_M, LOST_RAD = 1e3, 10.0
+"""Sigmas of a step that is left out of a graph."""
+
+
+@dataclass(frozen=True)
+class TornStep:
+    """A recorded step that the solved poses do not keep."""
+
+    frame_idx: int
+    """Frame before the step."""
+    next_idx: int
+    """Frame after it."""
+    recorded_m: float
+    """Length as recorded."""
+    solved_m: float
+    """Length as solved."""
+    sigmas: float
+    """Departure from the recorded step, norm of six numbers in sigmas."""
+
+
+@dataclass(frozen=True)
+class DroppedVisit:
+    """A visit that was given up, for the step that it tears."""
+
+    first: tuple[int, int]
+    """First and last frame of the earlier stretch."""
+    second: tuple[int, int]
+    """Of the later one."""
+    n_pairs: int
+    step: TornStep
+
+    @property
+    def sentence(self) -> str:
+        """For a user."""
+        one, other = (_frames(*stretch) for stretch in (self.first, self.second))
+        return (
+            f"{one} and {other} look alike but cannot be the same place: using them would change a "
+            f"recorded step of {self.step.recorded_m:.2f} m to {self.step.solved_m:.2f} m; "
+            "they were left out"
+        )
+
+
+def find_torn_steps(
+    measurements: Measurements,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    options: OdometryTermOptions,
+) -> tuple[TornStep, ...]:
+    """Steps beyond their sigmas and beyond what is usual on this walk, the worst first."""
+    odometry = measurements.odometry
+    if options.weight <= 0 or len(odometry.cam_from_next) == 0:
+        return ()
+    between = OdometryTerm(odometry, options).between
+    sigmas = np.linalg.norm(
+        between.residual(target_from_cams[between.pairs]) / between.sigma, axis=1
+    )
+    most = max(MIN_SIGMAS, MIN_TIMES_USUAL * float(np.median(sigmas)))
+    solved = np.linalg.norm(np.diff(target_from_cams[:, :3, 3], axis=0), axis=1)
+    recorded = np.linalg.norm(odometry.cam_from_next[:, :3, 3], axis=1)
+    frame_idx = _frame_idx(measurements, len(target_from_cams))
+    torn = np.flatnonzero(sigmas > most)
+    return tuple(
+        TornStep(
+            int(frame_idx[s]),
+            int(frame_idx[s + 1]),
+            float(recorded[s]),
+            float(solved[s]),
+            float(sigmas[s]),
+        )
+        for s in torn[np.argsort(-sigmas[torn], kind="stable")]
+    )
+
+
+def visits_that_tear(
+    measurements: Measurements,
+    recorded_from_cams: Float[np.ndarray, "n 4 4"],
+    torn: tuple[TornStep, ...],
+    options: CycleConsistencyOptions,
+) -> tuple[Bool[np.ndarray, " p"], tuple[DroppedVisit, ...]]:
+    """Pairs (p,) of the visits that cannot be right where torn steps are, and those visits.
+
+    Args:
+        measurements: those that were solved with.
+        recorded_from_cams: recorded poses of the same frames, any axes.
+        torn: see `find_torn_steps`.
+        options: when two motions agree, and the sigma of a verified one.
+    """
+    edges = relative_poses_of(measurements.matches)
+    visit = group_visits(edges, recorded_from_cams, measurements.odometry, options)
+    frame_idx = _frame_idx(measurements, len(recorded_from_cams))
+    ways = _Ways(edges, visit, recorded_from_cams, measurements.odometry, options)
+    is_dropped, dropped = np.zeros(len(edges), dtype=bool), []
+    for step in torn:
+        s = int(np.searchsorted(frame_idx, step.frame_idx))
+        for one in ways.contradicting(s, ~is_dropped):
+            is_own = visit == one
+            is_dropped |= is_own
+            ends = frame_idx[np.sort(edges.pairs[is_own], axis=1)]
+            (first, second), (last_first, last_second) = ends.min(axis=0), ends.max(axis=0)
+            stretches = (int(first), int(last_first)), (int(second), int(last_second))
+            dropped.append(DroppedVisit(*stretches, int(is_own.sum()), step))
+    return is_dropped, tuple(dropped)
+
+
+@dataclass(frozen=True)
+class _Ways:
+    """Ways through the walk, over recorded steps and verified pairs."""
+
+    edges: RelativePoses
+    visit: Int[np.ndarray, " p"]
+    world_from_cams: Float[np.ndarray, "n 4 4"]
+    odometry: Odometry
+    options: CycleConsistencyOptions
+
+    def contradicting(self, step: int, is_left: Bool[np.ndarray, " p"]) -> list[int]:
+        """Visits to give up among those that span a step.
+
+        None where the frames beside the step contradict it, or where enough visits would agree without it:
+        then tracking broke there.
+        """
+        pairs, without = self.edges.pairs, self._without(step)
+        if not self._agrees(without, is_left & (self.visit < 0), step):
+            return []
+        own, visits = self.visit[is_left], np.unique(self.visit[is_left])
+        every = sorted(map(int, visits[visits >= 0]), key=self._strength, reverse=True)
+        spans = (pairs[is_left].min(axis=1) <= step) & (pairs[is_left].max(axis=1) > step)
+        near = is_left & (self.visit < 0)
+        refused = self._refused(self.odometry, near, every)
+        saved = set(refused) - set(self._refused(without, near, every))
+        if len(saved) >= MIN_WITNESSES:
+            return []
+        spanning = set(map(int, own[spans]))
+        return [one for one in refused if one in spanning]
+
+    def _strength(self, visit: int) -> tuple[float, int]:
+        own = self.edges[self.visit == visit]
+        explained = 0.0 if own.explained is None else float(own.explained.max())
+        return explained, int(own.n_inliers.sum())
+
+    def _refused(
+        self, odometry: Odometry, near: Bool[np.ndarray, " p"], visits: list[int]
+    ) -> list[int]:
+        """Visits, given strongest first, that contradict stronger ones, steps, or pairs beside them."""
+        graph, refused = self._graph(odometry, near), []
+        for one in visits:
+            own = self.edges[self.visit == one]
+            head = own[np.array([np.argmax(own.n_inliers)])]
+            motion, *sigmas = graph.most_certain_path(head.pairs)
+            if is_near(head.a_from_b, motion, (sigmas[0], sigmas[1]), self.options)[0]:
+                self._add(graph, own)
+            else:
+                refused.append(one)
+        return refused
+
+    def _agrees(self, odometry: Odometry, is_used: Bool[np.ndarray, " p"], step: int) -> bool:
+        """Whether the surest way over these pairs agrees with a recorded step."""
+        motion, *sigmas = self._graph(odometry, is_used, step).most_certain_path(
+            np.array([[step, step + 1]])
+        )
+        recorded = self.odometry.cam_from_next[step][None]
+        return bool(is_near(motion, recorded, (sigmas[0], sigmas[1]), self.options)[0])
+
+    def _graph(
+        self, odometry: Odometry, is_used: Bool[np.ndarray, " p"], step: int = 0
+    ) -> PoseGraph:
+        nodes = np.concatenate([self.edges.pairs, [[step, step + 1]]])
+        graph = PoseGraph(self.world_from_cams, odometry, nodes)
+        self._add(graph, self.edges[is_used])
+        return graph
+
+    def _add(self, graph: PoseGraph, edges: RelativePoses) -> None:
+        sigmas = self.options.sigma_rotation_deg, self.options.sigma_translation_m
+        graph.add(edges.pairs, edges.a_from_b, *sigmas)
+
+    def _without(self, step: int) -> Odometry:
+        """The odometry with one step as good as unknown."""
+        is_lost = np.arange(len(self.odometry.sigma_rotation)) == step
+        return replace(
+            self.odometry,
+            sigma_rotation=np.where(is_lost, LOST_RAD, self.odometry.sigma_rotation),
+            sigma_translation=np.where(is_lost, LOST_M, self.odometry.sigma_translation),
+        )
+
+
+def _frame_idx(measurements: Measurements, n: int) -> Int[np.ndarray, " n"]:
+    return np.arange(n) if measurements.frame_idx is None else measurements.frame_idx
+
+
+def _frames(first: int, last: int) -> str:
+    return f"frame {first}" if first == last else f"frames {first}-{last}"

@@ -1,0 +1,182 @@
+"""Dense agreement: how much of two views the motion between them explains.
+
+Keypoints of one poster agree wherever that poster hangs. The rest of the views tells: under the true motion
+the surfaces of one view lie where the other sees them, and look alike there. Where the other camera looks
+past a place at which this one saw a surface, one of them is elsewhere; a place hidden by something nearer
+says nothing.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from planfit.errors import require_positive, require_share
+from planfit.geometry import se3
+from planfit.matching.agreement_kernels import compare_views
+from planfit.matching.types import RelativePoses
+from planfit.matching.view_grids import COLUMNS, ROWS, ViewGrids
+
+BLOCK = 8
+"""Greys are compared outside the blocks, of this many cells a side, with a matched keypoint."""
+MAX_OBSERVATIONS = 40.0
+"""Effective observations that the matches of a pair are worth at most, as in the adjustment."""
+
+
+@dataclass(frozen=True)
+class AgreementOptions:
+    """When the rest of two views agrees with the motion that their keypoints gave."""
+
+    base_m: float = 0.06
+    """Departure in depth that is always allowed."""
+    per_m: float = 0.03
+    """What it grows by with depth."""
+    sigmas_of_rotation: float = 0.5
+    """And with the standard deviation of the motion's rotation, times the distance from the keypoints. Small,
+    so that the motions of small objects are doubted."""
+    max_contradicted: float = 0.03
+    """Share of what both views could see that the other looks past, from which on the motion explains
+    nothing, where depth is exact."""
+    usual_factor: float = 1.5
+    """The same as a multiple of what 95 % of the neighbouring frames stay below, where depth is not exact.
+    ConSLAM's interpolated depth: 13 %; a time-of-flight camera: 0.5 %."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "base_m", "usual_factor")
+        require_share(self, "max_contradicted")
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Of the views of each pair, both ways together."""
+
+    matched: Float[np.ndarray, " p"]
+    """Share of the views that the matches spread over."""
+    contradicted: Float[np.ndarray, " p"]
+    """Share of the cells that both could see at which one looks past the other's surface."""
+    likeness: Float[np.ndarray, " p"]
+    """Correlation of the greys where the surfaces agree, away from the matches; none is 0."""
+
+
+def explained_shares(
+    relative_poses: RelativePoses,
+    points_a: Sequence[Float[np.ndarray, "_ 3"]],
+    points_b: Sequence[Float[np.ndarray, "_ 3"]],
+    sigma_m: Float[np.ndarray, " p"],
+    is_neighbour: Bool[np.ndarray, " p"],
+    grids: ViewGrids,
+    options: AgreementOptions,
+) -> Float[np.ndarray, " p"]:
+    """How much of both views each motion explains, 0 (nothing, or it is contradicted) to 1.
+
+    The share of the views with matches, less what is contradicted, times the likeness of the rest.
+
+    Args:
+        relative_poses: verified.
+        points_a, points_b: m, matched points of each, camera frames.
+        sigma_m: standard deviation of a match of each pair, m, each axis.
+        is_neighbour: pairs whose motion is surely right: they say how exact depth is.
+        grids: what all frames show.
+        options: see there.
+    """
+    found = compare(relative_poses, points_a, points_b, sigma_m, grids, options)
+    most = options.max_contradicted
+    if is_neighbour.any():
+        usual = float(np.percentile(found.contradicted[is_neighbour], 95))
+        most = max(most, options.usual_factor * usual)
+    return found.matched * np.clip(1.0 - found.contradicted / most, 0.0, 1.0) * found.likeness
+
+
+def compare(
+    relative_poses: RelativePoses,
+    points_a: Sequence[Float[np.ndarray, "_ 3"]],
+    points_b: Sequence[Float[np.ndarray, "_ 3"]],
+    sigma_m: Float[np.ndarray, " p"],
+    grids: ViewGrids,
+    options: AgreementOptions,
+) -> Agreement:
+    """Project either view of each pair into the other; arguments as of `explained_shares`."""
+    pairs, motions = relative_poses.pairs, relative_poses.a_from_b
+    tolerance = np.array([options.base_m, options.per_m, options.sigmas_of_rotation])
+    matched, cells, likeness = [], [], []
+    for ends, motion, points in (
+        (pairs, motions, points_a),
+        (pairs[:, ::-1], se3.inverse(motions), points_b),
+    ):
+        is_matched = _matched_blocks(ends[:, 0], points, grids)
+        middle, sigma_rotation = _spread(points, sigma_m)
+        counts = compare_views(
+            np.ascontiguousarray(ends, dtype=np.int64),
+            np.ascontiguousarray(motion, dtype=float),
+            sigma_rotation,
+            middle,
+            is_matched,
+            grids.depth_m,
+            grids.grey,
+            grids.cameras,
+            tolerance,
+        )
+        matched.append(_covered(ends[:, 0], points, grids))
+        cells.append(counts[:, :2])
+        likeness.append(counts[:, 2])
+    n_agreeing, n_past = np.sum(cells, axis=0).T
+    return Agreement(
+        np.mean(matched, axis=0),
+        n_past / np.maximum(n_agreeing + n_past, 1),
+        np.clip(np.mean(likeness, axis=0), 0.0, 1.0),
+    )
+
+
+def _covered(
+    frame_idx: np.ndarray, points: Sequence[np.ndarray], grids: ViewGrids
+) -> Float[np.ndarray, " p"]:
+    """Share of the view of each frame that its matched points (m, camera frame) spread over.
+
+    The area of the rectangle, evenly filled, that has their covariance: a side L has the variance L^2 / 12.
+    """
+    size = np.array([len(p) for p in points], dtype=int)
+    if len(points) == 0:
+        return np.zeros(0)
+    start = np.concatenate([[0], np.cumsum(size)[:-1]])
+    every = np.concatenate(list(points))
+    fx, fy, _, _ = np.repeat(grids.cameras[frame_idx], size, axis=0).T
+    cell = np.column_stack([fx * every[:, 0], fy * every[:, 1]]) / every[:, 2:]
+    off = cell - np.repeat(np.add.reduceat(cell, start) / size[:, None], size, axis=0)
+    covariance = np.add.reduceat(off[:, :, None] * off[:, None, :], start) / size[:, None, None]
+    area = 12.0 * np.sqrt(np.maximum(np.linalg.det(covariance), 0.0))
+    return np.minimum(area / (ROWS * COLUMNS), 1.0)
+
+
+def _matched_blocks(
+    frame_idx: np.ndarray, points: Sequence[np.ndarray], grids: ViewGrids
+) -> Bool[np.ndarray, "p r c"]:
+    """Blocks of the view of each frame that a matched point (m, camera frame) lies in."""
+    pair = np.repeat(np.arange(len(points)), [len(p) for p in points])
+    every = np.concatenate([np.zeros((0, 3)), *points])
+    fx, fy, cx, cy = grids.cameras[frame_idx[pair]].T
+    column = np.rint(fx * every[:, 0] / every[:, 2] + cx).astype(int).clip(0, COLUMNS - 1)
+    row = np.rint(fy * every[:, 1] / every[:, 2] + cy).astype(int).clip(0, ROWS - 1)
+    is_matched = np.zeros((len(points), ROWS // BLOCK, COLUMNS // BLOCK), dtype=bool)
+    is_matched[pair, row // BLOCK, column // BLOCK] = True
+    return is_matched
+
+
+def _spread(
+    points: Sequence[np.ndarray], sigma_m: np.ndarray
+) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
+    """Middle (m) of the points of each pair, and the sigma (rad) of a motion's rotation from them.
+
+    Points of a small object hold a rotation by their spread across: the second of its three extents.
+    """
+    size = np.array([len(p) for p in points])
+    start = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(int)
+    if len(points) == 0:
+        return np.zeros((0, 3)), np.zeros(0)
+    every = np.concatenate(list(points))
+    middle = np.add.reduceat(every, start) / size[:, None]
+    off = every - np.repeat(middle, size, axis=0)
+    covariance = np.add.reduceat(off[:, :, None] * off[:, None, :], start) / size[:, None, None]
+    extent = np.linalg.eigvalsh(covariance)[:, 1]
+    n_effective = np.minimum(size, MAX_OBSERVATIONS)
+    return middle, sigma_m / np.sqrt(n_effective * np.maximum(extent, 1e-4))

@@ -1,0 +1,69 @@
+"""View grids: depth and grey of every frame on a coarse grid, cheap enough to compare whole views.
+
+Keypoints say where two views look alike; the grids say what else the views show.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+
+from planfit.geometry.camera import Camera
+from planfit.runtime import Arrays
+
+COLUMNS, ROWS = 64, 48
+"""Cells of a grid: about a degree each for a phone, 15 kB a frame."""
+SAMPLES = 3
+"""Depth is sampled this many times along each side of a cell; the median stands for the cell."""
+MIN_SAMPLES = 5
+"""A cell with fewer measured samples has no depth."""
+
+
+@dataclass(frozen=True)
+class ViewGrids:
+    """What the n frames show, a cell a degree or so."""
+
+    depth_m: Float32[np.ndarray, "n r c"]
+    """Along the optical axis, m; NaN where too little was measured."""
+    grey: UInt8[np.ndarray, "n r c"]
+    """Mean over each cell."""
+    cameras: Float[np.ndarray, "n 4"]
+    """fx, fy, cx, cy of each frame in cells: integers are the cells' centres."""
+
+    def __len__(self) -> int:
+        return len(self.depth_m)
+
+
+def depth_grid(depth: Float[np.ndarray, "h w"]) -> Float32[np.ndarray, "r c"]:
+    """Median depth (m) of each cell of a depth image (m, NaN where nothing was measured)."""
+    height, width = depth.shape
+    # The middle of each of the ROWS x SAMPLES strips that the image is cut into; columns likewise.
+    row, column = (
+        ((np.arange(k * SAMPLES) + 0.5) * size / (k * SAMPLES)).astype(int)
+        for k, size in ((ROWS, height), (COLUMNS, width))
+    )
+    sampled = depth[row[:, None], column].reshape(ROWS, SAMPLES, COLUMNS, SAMPLES)
+    values = sampled.transpose(0, 2, 1, 3).reshape(ROWS, COLUMNS, -1)
+    n_measured = np.isfinite(values).sum(axis=2)
+    ordered = np.sort(values, axis=2)  # NaN last
+    middle = np.maximum(n_measured - 1, 0) // 2
+    median = np.take_along_axis(ordered, middle[..., None], axis=2)[..., 0]
+    return np.where(n_measured >= MIN_SAMPLES, median, np.nan).astype(np.float32)
+
+
+def grey_grid(color: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "r c"]:
+    """Mean grey of each cell of a colour image."""
+    grey = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
+    return np.asarray(cv2.resize(grey, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def gather_grids(items: Sequence[Arrays], cameras: Sequence[Camera]) -> ViewGrids:
+    """Grids of all frames from those of each, `depth_grid` and `grey_grid`."""
+    scaled = [camera.scaled(COLUMNS, ROWS) for camera in cameras]
+    return ViewGrids(
+        np.array([item["depth_grid"] for item in items]).reshape(-1, ROWS, COLUMNS),
+        np.array([item["grey_grid"] for item in items]).reshape(-1, ROWS, COLUMNS),
+        np.array([[c.fx, c.fy, c.cx, c.cy] for c in scaled], dtype=float).reshape(-1, 4),
+    )

@@ -1,0 +1,64 @@
+"""Visits: pairs of frames that say the same of two stretches of the walk, and stand or fall together."""
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from planfit.geometry import se3
+from planfit.matching.loop_closure import CycleConsistencyOptions, by_way_of, is_near
+from planfit.matching.pairs import RECENT_M
+from planfit.matching.types import Matches, RelativePoses
+from planfit.scan.odometry import Odometry
+
+LINK_M = 1.5
+"""Pairs whose ends are both within this much of way are linked where their motions agree."""
+
+
+def relative_poses_of(matches: Matches) -> RelativePoses:
+    """The motion that the matches of each pair agree on best, all pairs at once (Kabsch 1976)."""
+    size, begin = np.diff(matches.start), matches.start[:-1]
+    if len(size) == 0:
+        return RelativePoses(matches.pairs, np.zeros((0, 4, 4)), size, matches.explained)
+    weight = 1.0 / matches.sigma[:, None] ** 2
+    total = np.add.reduceat(weight, begin)
+    mean_a, mean_b = (
+        np.add.reduceat(weight * points, begin) / total
+        for points in (matches.points_a, matches.points_b)
+    )
+    off_a = matches.points_a - np.repeat(mean_a, size, axis=0)
+    off_b = matches.points_b - np.repeat(mean_b, size, axis=0)
+    # Weighted sums of a b^T over the matches of each pair; the nearest rotation to it is the best.
+    covariance = np.add.reduceat(weight[:, :, None] * off_a[:, :, None] * off_b[:, None, :], begin)
+    rotation = se3.project_to_so3(covariance)
+    motion = se3.make_transform(rotation, mean_a - (rotation @ mean_b[..., None])[..., 0])
+    return RelativePoses(matches.pairs, motion, size, matches.explained)
+
+
+def group_visits(
+    relative_poses: RelativePoses,
+    world_from_cams: Float[np.ndarray, "n 4 4"],
+    odometry: Odometry,
+    options: CycleConsistencyOptions,
+) -> Int[np.ndarray, " p"]:
+    """Number of the visit that each pair belongs to; -1 where its frames are neighbours on the walk.
+
+    Two pairs are of one visit where going from one end to the other's, over its motion and back, gives its
+    motion, within what the recorded steps allow; and so are pairs that others link.
+    """
+    visit = np.full(len(relative_poses), -1)
+    walked = odometry.walked_m[relative_poses.pairs]
+    far = np.flatnonzero(np.abs(walked[:, 1] - walked[:, 0]) > RECENT_M)
+    if len(far) == 0:
+        return visit
+    links = cKDTree(walked[far]).query_pairs(LINK_M, p=np.inf, output_type="ndarray")
+    one, other = relative_poses[far[links[:, 0]]], relative_poses[far[links[:, 1]]]
+    predicted = by_way_of(other, one.pairs, world_from_cams)
+    (i, j), (k, m) = one.pairs.T, other.pairs.T
+    first, second = odometry.sigma_between(i, k), odometry.sigma_between(m, j)
+    sigmas = (np.hypot(first[0], second[0]), np.hypot(first[1], second[1]))
+    a, b = links[is_near(one.a_from_b, predicted, sigmas, options)].T
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(len(far), len(far)))
+    visit[far] = connected_components(graph, directed=False)[1]
+    return visit
