@@ -81,6 +81,8 @@ class Alignment:
     """Whether enough wall lies on the plan, and clearly more than anywhere else."""
     warnings: tuple[str, ...] = ()
     """What a user should know, in words."""
+    bent: tuple[str, ...] = ()
+    """Those of the warnings that tell of a deformed scan: the adjustment may mend it."""
     scale_xy: tuple[float, float] = (1.0, 1.0)
     """Metres of one unit of the plan, along its x and its y; 1 for a plan in metres."""
     covariance: Float[np.ndarray, "4 4"] | None = None
@@ -226,6 +228,7 @@ def _alignment(selection: Selection) -> Alignment:
         is_as_recorded=selection.is_as_recorded,
         is_sure=selection.is_sure,
         warnings=selection.warnings,
+        bent=selection.bent,
         scale_xy=taken.scale_xy,
         covariance=taken.covariance,
         candidates=selection.candidates,

@@ -1,9 +1,9 @@
 """What a scan says before a plan is looked at: gravity, floor and walls, matches, closed loops."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from planfit.adjust import (
     Keyframes,
@@ -40,8 +40,6 @@ class Observations:
 class PreparedScan:
     """A scan ready for a plan: levelled, matched, loops closed."""
 
-    held_out: Matches
-    """Matches kept out of the solve."""
     keyframes: Keyframes
     measurements: Measurements
     """Of the keyframes."""
@@ -95,7 +93,7 @@ def prepare(
     options: RefineOptions | None = None,
     timer: StageTimer | None = None,
 ) -> PreparedScan:
-    """The rest of what needs no plan: matches held out, keyframes, closed loops.
+    """The rest of what needs no plan: keyframes, closed loops.
 
     Raises:
         ScanError: a point or a recorded step is not finite.
@@ -106,11 +104,10 @@ def prepare(
         observations.structure,
         make_odometry(scan.world_from_cams, chosen.odometry),
     )
-    rng = np.random.default_rng(chosen.seed)
-    solving, held_out = hold_out(observations.matches, chosen.held_out_share, rng)
-    keyframes = choose_keyframes(scan.world_from_cams, chosen.adjust.keyframes, solving.sharpness)
+    matches = observations.matches
+    keyframes = choose_keyframes(scan.world_from_cams, chosen.adjust.keyframes, matches.sharpness)
     measurements = reduce_measurements(
-        Measurements(solving, structure, odometry, scan.cameras), keyframes
+        Measurements(matches, structure, odometry, scan.cameras), keyframes
     )
     level = level_from_world(observations.gravity, structure.floor_height_m)
     level_from_cams = level @ scan.world_from_cams
@@ -119,28 +116,4 @@ def prepare(
         with stages.stage("close loops"):
             closed = close_loops(measurements, level_from_keys, chosen.adjust)
         level_from_keys = closed.target_from_cams
-    return PreparedScan(held_out, keyframes, measurements, level, level_from_cams, level_from_keys)
-
-
-def hold_out(matches: Matches, share: float, rng: np.random.Generator) -> tuple[Matches, Matches]:
-    """Split matches at random, within every pair: those to solve with, and those held out."""
-    held = rng.random(matches.n_matches) < share
-    return _keep(matches, ~held), _keep(matches, held)
-
-
-def _keep(matches: Matches, keep: Bool[np.ndarray, " m"]) -> Matches:
-    """Some of the matches; pairs of frames that keep none are dropped."""
-    # The matches of a pair follow each other: sums over the ranges that begin at `start` count what each
-    # pair keeps. (reduceat refuses an empty list of ranges.)
-    sizes = np.zeros(0, dtype=int)
-    if len(matches.pairs):
-        sizes = np.add.reduceat(keep.astype(int), matches.start[:-1])
-    some = sizes > 0
-    return replace(
-        matches,
-        pairs=matches.pairs[some],
-        start=np.cumsum([0, *sizes[some]]),
-        points_a=matches.points_a[keep],
-        points_b=matches.points_b[keep],
-        sigma=matches.sigma[keep],
-    )
+    return PreparedScan(keyframes, measurements, level, level_from_cams, level_from_keys)
