@@ -7,7 +7,7 @@ what is right another (delete-a-group jackknife, Shao and Wu 1989).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -30,6 +30,8 @@ from planfit.pipeline.prepare import PreparedScan
 
 MAX_COVARIANCES = 120
 """Frames whose covariance is taken, evenly along the walk; between them it is interpolated."""
+FOLD_TOLERANCE = 1e-4
+"""A fold's solve ends when a round lowers the cost by less than this share of itself."""
 BESIDE_M = 0.6
 """A wall patch this near to a face that looks the same way lies on it or beside it."""
 MAX_STEP_SIGMAS = 5.0
@@ -171,10 +173,13 @@ def gather_evidence(
     recorded = on_plan.recorded_plan_from_level @ prepared.level_from_cams
     recorded = recorded[keyframes.frame_idx]
     folds = choose_folds(measurements, recorded, n_folds, rng)
+    # A fold begins where the result ended; what changes its cost by less moves no pose by a sigma.
+    tolerance = max(FOLD_TOLERANCE, options.solver.cost_tolerance)
+    of_folds = replace(options, solver=replace(options.solver, cost_tolerance=tolerance))
     by_fold = []
     for fold in range(n_folds):
         reduced = without_fold(measurements, adjustment.correspondences, folds, fold)
-        problem = build_problem(reduced[0], options, solved, reduced[1], extra_terms)
+        problem = build_problem(reduced[0], of_folds, solved, reduced[1], extra_terms)
         by_fold.append(problem.solve().target_from_cams[: len(solved)])
     covariance = _predicted_covariance(
         prepared, adjustment, options, folds, np.array(by_fold), extra_terms

@@ -26,13 +26,16 @@ UNEXPLAINED_SHARE = 0.2
 elsewhere."""
 UNEXPLAINED_PATCHES = 8
 """So many wall patches at least tell that."""
+NOWHERE_SHARE = 0.5
+"""Between confirmed stretches, walls are missed where less than this times as much is on the plan or
+beside."""
 ELSEWHERE_SHARE = 0.5
 """Where even elsewhere less of the wall lies on the plan, the plan says little of where a stretch is."""
 CONTRADICTED_SHARE = 0.25
 """More contradicted visits than this share of them are no accident."""
 MAX_STRAIN = 1.25
 """Misfit of a term with the walls over that without, at least three a frame. Right plans: 1.00 to 1.07."""
-WORTH_SHARE = 0.6
+WORTH_SHARE = 0.35
 """A correction is no improvement when the predicted error is more than this share of it."""
 
 
@@ -156,7 +159,7 @@ def _against(evidence: Evidence, options: VerdictOptions) -> tuple[str, ...]:
     moved, error = evidence.correction_rms_m, evidence.predicted_rms_m
     if error > options.max_error_m and error > WORTH_SHARE * moved:
         reasons.append(
-            f"the predicted error of {error:.2f} m is no less than what was corrected, {moved:.2f} m"
+            f"the predicted error, {error:.2f} m, is too large a part of what was corrected, {moved:.2f} m"
         )
     return tuple(reasons)
 
@@ -231,42 +234,58 @@ def _of_unsure_stretches(evidence: Evidence, options: VerdictOptions) -> list[Re
 
 
 def _of_unexplained_stretches(evidence: Evidence) -> list[Reservation]:
-    """Runs of stretches at either end of the walk whose walls are not on the plan, though walls elsewhere
-    are, and that nothing else confirms. Between stretches that are confirmed, a run could not be off
-    unseen."""
+    """Runs of stretches whose walls are not on the plan though walls elsewhere are, and that nothing else
+    confirms."""
     agreeing = {
         frames
         for visit in evidence.visits
         if visit.kept_out_m < CONTRADICTED_M
         for frames in (visit.first_frames, visit.last_frames)
     }
-    found = []
     is_alone = [
         s.frames not in agreeing and not s.near_kept_out >= WITNESSED_SHARE
         for s in evidence.stretches
     ]
+    found = []
     for run in _runs(is_alone):
-        if 0 not in run and len(evidence.stretches) - 1 not in run:
+        if not _is_unexplained(evidence, run):
             continue
         own = [evidence.stretches[k] for k in run]
-        rest = [s for k, s in enumerate(evidence.stretches) if k not in run]
-        n_patches, share = _near_share(own)
-        n_elsewhere, elsewhere = _near_share(rest)
-        is_telling = n_patches >= UNEXPLAINED_PATCHES and n_elsewhere >= UNEXPLAINED_PATCHES
-        if not is_telling or elsewhere < ELSEWHERE_SHARE or share > UNEXPLAINED_SHARE * elsewhere:
-            continue
         frames = own[0].frames[0], own[-1].frames[1]
+        walls = _walls_of(own)
         found.append(
             Reservation(
                 (frames,),
-                f"frames {frame_ranges([frames])} are confirmed by nothing: {share:.0%} of their "
-                f"{n_patches} wall patches lie on the plan, {elsewhere:.0%} elsewhere, and no place of "
-                "theirs is seen again",
+                f"frames {frame_ranges([frames])} are confirmed by nothing: {walls.near:.0%} of their "
+                f"{walls.n_patches} wall patches lie on the plan, {_walls_of(_rest(evidence, run)).near:.0%} "
+                "elsewhere, and no place of theirs is seen again",
                 "check the plan there: its walls may have been moved or not been built; else the tracker "
                 "jumped",
             )
         )
     return found
+
+
+def _is_unexplained(evidence: Evidence, run: Sequence[int]) -> bool:
+    """Whether the walls of a run that is confirmed by nothing are missed on the plan.
+
+    At an end of the walk, a run hangs at one side only: walls beside the drawn ones tell as well, as it may
+    have drifted off as a whole. Between stretches that are confirmed, walls beside the drawn ones were
+    moved; but where several stretches are near no wall at all, the path between may go anywhere."""
+    own = _walls_of([evidence.stretches[k] for k in run])
+    rest = _walls_of(_rest(evidence, run))
+    if min(own.n_patches, rest.n_patches) < UNEXPLAINED_PATCHES or rest.near < ELSEWHERE_SHARE:
+        return False
+    if own.near > UNEXPLAINED_SHARE * rest.near:
+        return False
+    if 0 in run or len(evidence.stretches) - 1 in run:
+        return True
+    is_nowhere = own.near + own.beside <= NOWHERE_SHARE * rest.near
+    return is_nowhere and len(run) > 1 and own.n_patches >= 2 * UNEXPLAINED_PATCHES
+
+
+def _rest(evidence: Evidence, run: Sequence[int]) -> list[Stretch]:
+    return [stretch for k, stretch in enumerate(evidence.stretches) if k not in run]
 
 
 def _of_contradicted_visits(evidence: Evidence) -> list[Reservation]:
@@ -300,12 +319,23 @@ def _of_strained_terms(evidence: Evidence) -> list[Reservation]:
     ]
 
 
-def _near_share(stretches: Sequence[Stretch]) -> tuple[int, float]:
-    """Wall patches of stretches, and the share of them that lies on the plan, kept out."""
+@dataclass(frozen=True)
+class _Walls:
+    """Wall of some stretches, kept out of the solve."""
+
+    n_patches: int
+    near: float
+    """Share of the patches on the plan."""
+    beside: float
+    """Share of them beside it."""
+
+
+def _walls_of(stretches: Sequence[Stretch]) -> _Walls:
     seen = [s for s in stretches if s.n_patches]
     n_patches = sum(s.n_patches for s in seen)
     near = sum(s.near_kept_out * s.n_patches for s in seen)
-    return n_patches, near / n_patches if n_patches else 0.0
+    beside = sum(s.beside * s.n_patches for s in seen)
+    return _Walls(n_patches, near / max(n_patches, 1), beside / max(n_patches, 1))
 
 
 def _runs(holds: Sequence[bool]) -> list[list[int]]:
