@@ -47,7 +47,7 @@ def test_the_stages_one_by_one_are_refine_bit_for_bit(synthetic, observations):
         on_plan.plan_from_level @ prepared.level_from_keys,
         options.adjust,
     )
-    found = validate(prepared, on_plan, adjustment, observations.structure, options.adjust)
+    found = validate(prepared, on_plan, adjustment, observations.structure, options)
     whole = planfit.refine(scan, synthetic.floorplan)
     assert_array_equal(found.after, whole.plan_from_cams)
     assert_array_equal(found.before, whole.initial_plan_from_cams)

@@ -10,7 +10,7 @@ from planfit.errors import OptionError
 from planfit.lsq.robust import Loss
 from planfit.lsq.solver import SolverOptions
 from planfit.matching.matchers import MatcherOptions
-from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.verdict_options import VerdictOptions
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions
 from planfit.segmentation import SegmentationOptions
@@ -26,7 +26,8 @@ from planfit.segmentation import SegmentationOptions
         (WallOptions, "points_per_observation", 0.0),
         (AlignOptions, "cell_m", 0.0),
         (MatcherOptions, "max_ratio", 1.2),
-        (RefineOptions, "held_out_share", -0.1),
+        (VerdictOptions, "folds", 1),
+        (VerdictOptions, "max_error_m", 0.0),
         (OdometryOptions, "sigma_base_m", float("nan")),
         (SegmentationOptions, "stride_px", 0),
         (Runtime, "workers", 0),

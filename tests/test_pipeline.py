@@ -122,7 +122,9 @@ def test_error_falls_to_centimetres(synthetic, refined):
     truth = synthetic.true_world_from_cams
     assert rms(synthetic.scan.world_from_cams, truth) > 0.12
     assert rms(refined.world_from_cams, truth) < 0.02
-    assert refined.is_better
+    assert refined.verdict.is_refined
+    predicted = np.sqrt(np.mean(refined.verdict.predicted_error_m**2))
+    assert 0.3 < predicted / rms(refined.world_from_cams, truth) < 3.0
     assert refined.warnings == ()
 
 
@@ -201,7 +203,7 @@ def test_no_wall_seen_keeps_the_recorded_poses(synthetic):
     n = np.arange(len(synthetic.scan))
     result = planfit.refine(subset(synthetic.scan, n, (Label.WALL,)), synthetic.floorplan)
     assert result.alignment is None
-    assert not result.is_better
+    assert not result.verdict.is_refined
     assert any("no wall was seen" in warning for warning in result.warnings)
     truth = synthetic.true_world_from_cams
     assert rms(result.world_from_cams, truth) < rms(synthetic.scan.world_from_cams, truth)
@@ -236,7 +238,7 @@ def test_plan_of_another_building_is_warned_of(seed, synthetic, runtime):
     scan = dataclasses.replace(synthetic.scan, plan_from_world_axes=None)
     result = planfit.refine(scan, other, runtime=runtime)
     assert result.warnings
-    assert not result.is_better
+    assert not result.verdict.is_refined
 
 
 def test_mask_back_end_without_masks_is_an_error(synthetic):

@@ -19,12 +19,14 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.lsq.solver import Cost, Solution, Stop
 from planfit.matching import Matches
+from planfit.pipeline.evidence import TornStep
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.validation import Check
 from planfit.report import TruthErrors, draw_overlay, formatting, make_report
 from planfit.report.html.wall_table import wall_table
-from planfit.report.key_metrics import key_metrics, verdict
+from planfit.report.key_metrics import key_metrics, verdict_in_words
 from planfit.report.measures import measure
+from planfit.report.plots.charts import certainty_plot
 from planfit.report.plots.close_ups import choose_close_ups
 from planfit.report.plots.cross_sections import cut_walls
 from planfit.report.plots.drawing import Picture
@@ -39,6 +41,7 @@ from planfit.segmentation import (
     no_level_points,
     no_wall_patches,
 )
+from verdicts import make_evidence, make_stretch, make_verdict, make_visit
 
 WIDTH, DEPTH = 8.0, 6.0  # m, of the room
 OFFSET = np.array([0.3, 0.0, 0.0])  # m, recorded poses against true ones
@@ -108,7 +111,7 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
     solution = Solution(plan_from_cams, Stop.COST, 3, {"walls": Cost(10.0, 1.0)})
     association = Association(wall_idx.copy(), np.array(wall_offsets)[wall_idx])
     judged = (
-        Check("held-out matches, median distance", 0.08, 0.02, "m", False),
+        Check("places seen again, median distance", 0.08, 0.02, "m", False),
         Check("wall points within 0.1 m of the plan", 0.5, 1.0, "share", False),
     )
     return RefineResult(
@@ -136,6 +139,8 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
         checks=judged if is_checked else (),
         warnings=(),
         seconds_by_stage={"level": 0.01, "adjust to the plan": 2.5},
+        verdict=make_verdict(n_frames=n_frames),
+        evidence=make_evidence(n_frames=n_frames),
     )
 
 
@@ -152,8 +157,14 @@ def walls_of(floorplan, association, offsets_m=None, sigmas_m=None):
 def without_walls(result):
     bare = replace(result.structure, walls=no_wall_patches())
     none = Association(np.zeros(0, dtype=int), np.zeros(0))
+    stretches = (
+        make_stretch(0, n_patches=0, near_before=np.nan, near_kept_out=np.nan, beside=np.nan),
+    )
+    judged = {"alignment": None, "is_placed": False, "stretches": stretches}
     return replace(
         result,
+        verdict=make_verdict(len(result.plan_from_cams), **judged),
+        evidence=make_evidence(len(result.plan_from_cams), **judged),
         structure=bare,
         alignment=None,
         adjustment=replace(
@@ -321,8 +332,10 @@ def test_key_metrics_appear_with_units_and_change(floorplan, no_pictures):
 def test_verdict_tells_what_improved(floorplan):
     result = make_result()
     metrics = key_metrics(result, measure(floorplan, result), None)
-    words = verdict(result, metrics)
-    assert words.startswith("The poses now fit better")
+    words = verdict_in_words(result, metrics)
+    assert words.startswith("Refined: cameras were moved by 0.50 m")
+    assert "Better: places seen again agree" in words
+    assert "Worse" not in words
     assert f"100{formatting.SPACE}%" in words
     assert f"0.020{formatting.SPACE}m" in words
 
@@ -332,26 +345,74 @@ def test_verdict_tells_what_got_worse(floorplan, no_pictures):
     result = replace(make_result(), checks=(make_result().checks[0], worse))
     page = read(floorplan, result)
     top = page.words[: page.words.index("Key metrics")]
-    assert "worse than the input" in top
-    assert "40 % of the scanned wall points" in top
-    assert "0.020 m" not in top
+    assert "Worse: 40 % of the scanned wall points" in top
+    assert "Better: places seen again agree to 0.020 m" in top
 
 
 def test_verdict_does_not_call_the_same_better(floorplan, no_pictures):
-    same = Check("held-out matches, median distance", 0.02, 0.02, "m", False)
-    result = replace(make_result(), checks=(same,))
-    assert "nothing got better or worse" in read(floorplan, result).words
+    same = Check("places seen again, median distance", 0.02, 0.02, "m", False)
+    words = read(floorplan, replace(make_result(), checks=(same,))).words
+    assert "Better" not in words
+    assert "Worse" not in words
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, "Refined: "),
+        (
+            {"torn": (TornStep(3, 2.0, 30.0),)},
+            "Improved, with reservations: the path is torn at frames 3-4",
+        ),
+        ({"visits": (make_visit(kept_out_m=0.9),)}, "No better: use the recorded poses"),
+    ],
+)
+def test_outcome_is_the_head_line(floorplan, no_pictures, changes, expected):
+    judged = {"verdict": make_verdict(12, **changes), "evidence": make_evidence(12, **changes)}
+    words = read(floorplan, replace(make_result(), **judged)).words
+    assert expected in words[: words.index("Key metrics")]
+    assert ("Reservations" in words) == ("reservations" in expected)
+    assert ("What to do:" in words) == ("reservations" in expected)
+
+
+def test_certainty_of_each_frame_is_shown_with_the_truth_where_known(floorplan, no_pictures):
+    torn = (TornStep(3, 2.0, 30.0),)
+    judged = {"verdict": make_verdict(12, torn=torn), "evidence": make_evidence(12, torn=torn)}
+    plain = read(floorplan, make_result()).words
+    shown = read(floorplan, replace(make_result(), **judged)).words
+    assert "How sure each frame is" in plain
+    assert "0.030 m RMS" in plain
+    assert "1 time a place is seen again" in plain
+    assert "Shaded" not in plain
+    assert "Shaded: frames with a reservation" in shown
+    true = read(
+        floorplan, make_result(), truth=TruthErrors(1.0, 0.2, 0.5, 0.1, np.full(12, 0.2))
+    ).words
+    assert "Dotted: the true error" in true
+    assert "Dotted" not in plain
+
+
+def test_certainty_plot_shows_prediction_truth_and_reservations():
+    torn = make_verdict(50, torn=(TornStep(10, 2.0, 30.0),))
+    shown = [
+        certainty_plot(verdict, true_error_m).png
+        for verdict, true_error_m in (
+            (make_verdict(50), None),
+            (make_verdict(50), np.full(50, 0.2)),
+            (torn, None),
+        )
+    ]
+    assert len(set(shown)) == 3
 
 
 @pytest.mark.parametrize(
     ("strip", "expected"),
     [
-        (without_walls, "could not be aligned with the plan"),
+        (without_walls, "the scan is not placed on the plan"),
         (without_floor, "No floor was seen"),
         (without_matches, "matched points0"),
         (without_association, "No wall of the plan was recognised"),
         (alone, "Too little was seen"),
-        (lambda result: replace(result, checks=()), "too few matches and walls were seen"),
         (lambda result: replace(result, cost_by_term={}, seconds_by_stage={}), "sum00"),
     ],
 )

@@ -1,12 +1,10 @@
-"""Held-out matches: the split, and when a result counts as worse."""
+"""Numbers before and after: when one counts as worse."""
 
-import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
-from builders import make_matches, make_structure, make_world, nudged, room_plan
-from planfit.pipeline.prepare import hold_out
-from planfit.pipeline.validation import consistency_check, match_check, wall_check
+from builders import make_structure, make_world, room_plan
+from planfit.pipeline.validation import visit_check, wall_check
+from verdicts import make_evidence, make_visit
 
 
 @pytest.fixture
@@ -14,43 +12,22 @@ def world(rng):
     return make_world(rng)
 
 
-def rows(matches):
-    pair = np.repeat(matches.pairs, np.diff(matches.start), axis=0)
-    return {tuple(row) for row in np.column_stack([pair, matches.points_a, matches.points_b])}
-
-
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 1.0])
-def test_every_match_is_in_exactly_one_part(world, rng, share):
-    solving, held = hold_out(world.matches, share, rng)
-    assert rows(solving) | rows(held) == rows(world.matches)
-    assert not rows(solving) & rows(held)
-    assert held.n_matches == pytest.approx(share * world.matches.n_matches, abs=25)
-    for part in (solving, held):
-        assert np.all(np.diff(part.start) > 0)
-        assert part.start[-1] == part.n_matches == len(part.points_b) == len(part.sigma)
-        assert len(part.pairs) == len(part.start) - 1
-
-
-def test_no_matches_to_split(world, rng):
-    none = make_matches(world.plan_from_cams, [], np.zeros((0, 3)))
-    for part in hold_out(none, 0.5, rng):
-        assert part.n_matches == 0
-        assert_array_equal(part.start, [0])
-
-
-def test_matches_that_drift_apart_are_worse(world, rng):
-    off = nudged(rng, world.plan_from_cams, 1.0, 0.1)
-    better = match_check(world.matches, off, world.plan_from_cams)
-    worse = match_check(world.matches, world.plan_from_cams, off)
+def test_visits_that_come_apart_are_worse():
+    better, worse = (
+        visit_check(make_evidence(visits=(make_visit(before_m=first, kept_out_m=last),)))
+        for first, last in ((0.5, 0.05), (0.05, 0.5))
+    )
     assert not better.is_worse
     assert worse.is_worse
-    assert better.before == worse.after > better.after == worse.before
-    assert not match_check(world.matches, off, off).is_worse
+    assert (worse.before, worse.after) == (better.after, better.before)
+    # Poses that were right before: a solve without the visit knows of it a little less well.
+    assert not visit_check(
+        make_evidence(visits=(make_visit(before_m=0.02, kept_out_m=0.03),))
+    ).is_worse
 
 
-def test_too_few_matches_to_tell(world, rng):
-    few = make_matches(world.plan_from_cams, [(0, 1)], rng.normal(size=(29, 3)))
-    assert match_check(few, world.plan_from_cams, world.plan_from_cams) is None
+def test_no_visits_no_check():
+    assert visit_check(make_evidence(visits=())) is None
 
 
 def test_walls_that_leave_the_plan_are_worse(world):
@@ -67,16 +44,3 @@ def test_walls_that_leave_the_plan_are_worse(world):
 def test_no_walls_no_check(world):
     none = make_structure(world.plan_from_cams)
     assert wall_check(none, room_plan(), world.plan_from_cams, world.plan_from_cams) is None
-
-
-def test_plan_and_scan_are_consistent_until_the_walls_cost_a_quarter():
-    assert consistency_check(1000.0, 1200.0, n_frames=10) is None
-    found = consistency_check(1000.0, 1300.0, n_frames=10)
-    assert found is not None
-    assert found.is_worse
-    assert found.after == pytest.approx(1.3)
-
-
-def test_drift_that_only_walls_correct_is_no_contradiction():
-    assert consistency_check(0.0, 300.0, n_frames=100) is None
-    assert consistency_check(0.0, 400.0, n_frames=100) is not None

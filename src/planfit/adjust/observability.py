@@ -121,12 +121,13 @@ def _frame_names(
     real = frames if frame_idx is None else frame_idx[frames]
     # Frames of a reduced scan that follow each other are a run, however far apart they were recorded.
     runs = np.split(np.arange(len(frames)), np.flatnonzero(np.diff(frames) > 1) + 1)
-    names = [
-        f"{real[run[0]]}" if len(run) == 1 else f"{real[run[0]]}-{real[run[-1]]}" for run in runs
-    ]
-    if len(frames) == 1:
-        return f"frame {names[0]} is"
+    joined = frame_ranges([(int(real[run[0]]), int(real[run[-1]])) for run in runs], max_runs)
+    return f"frame {joined} is" if len(frames) == 1 else f"frames {joined} are"
+
+
+def frame_ranges(runs: Sequence[tuple[int, int]], max_runs: int = 5) -> str:
+    """ "3, 40-52 and 60-61": runs of frames by their first and last."""
+    names = [f"{first}" if first == last else f"{first}-{last}" for first, last in runs]
     if len(names) > max_runs:
         names = [*names[:max_runs], f"{len(names) - max_runs} more runs"]
-    joined = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-    return f"frames {joined} are"
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,5 +1,7 @@
 """Where on the plan the scan is."""
 
+from planfit.alignment.adjusted import AdjustedAlignment as AdjustedAlignment
+from planfit.alignment.adjusted import judge_adjusted as judge_adjusted
 from planfit.alignment.align import Alignment as Alignment
 from planfit.alignment.align import align as align
 from planfit.alignment.control_points import ControlPoint as ControlPoint

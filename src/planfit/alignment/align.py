@@ -68,6 +68,8 @@ class Alignment:
     """Whether enough wall lies on the plan, and clearly more than anywhere else."""
     warnings: tuple[str, ...] = ()
     """What a user should know, in words."""
+    bent: tuple[str, ...] = ()
+    """Those of the warnings that tell of a deformed scan: the adjustment may mend it."""
     scale_xy: tuple[float, float] = (1.0, 1.0)
     """Metres of one unit of the plan, along its x and its y: for a plan in metres 1, or what its coordinates
     are to be multiplied by where it is off in scale."""
@@ -210,6 +212,7 @@ def _alignment(selection: Selection, walls: WallSamples, floorplan: Floorplan) -
         is_as_recorded=selection.is_as_recorded,
         is_sure=selection.is_sure and not against,
         warnings=(*selection.warnings, *against, *besides),
+        bent=selection.bent,
         scale_xy=taken.scale_xy,
         covariance=taken.covariance,
         candidates=selection.candidates,

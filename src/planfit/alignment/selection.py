@@ -55,6 +55,8 @@ class Selection:
     is_mirrored: bool
     is_sure: bool
     warnings: tuple[str, ...]
+    bent: tuple[str, ...] = ()
+    """See `Alignment.bent`."""
 
 
 @dataclass(frozen=True)
@@ -203,6 +205,7 @@ def with_segments(
         candidates=candidates,
         is_sure=selection.is_sure and not words,
         warnings=(*selection.warnings, *words),
+        bent=tuple(words),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 
 from planfit.cli.console import StageBars, out, table
-from planfit.cli.refine import refine_into
+from planfit.cli.refine import exit_code, refine_into, tell_verdict
 from planfit.errors import OutputError
 from planfit.evaluation import position_errors, surface_metrics
 from planfit.floorplan import read_floorplan
@@ -67,6 +67,9 @@ def demo_command(arguments: DemoArguments) -> int:
             after_rms_m=after.rms_m,
             before_aligned_rms_m=before.aligned_rms_m,
             after_aligned_rms_m=after.aligned_rms_m,
+            after_by_frame_m=np.linalg.norm(
+                (result.world_from_cams - true_world_from_cams)[:, :3, 3], axis=1
+            ),
         )
 
     result = refine_into(
@@ -97,8 +100,9 @@ def demo_command(arguments: DemoArguments) -> int:
     out.print(table("time per stage", ["", ""], stages))
     for warning in result.warnings:
         out.print(f"[yellow]note:[/] {warning}")
+    tell_verdict(result.verdict)
     out.print(f"\n{time.perf_counter() - begin:.0f} s in all. Report: {run_folder / 'report.html'}")
-    return 0 if result.is_better else 1
+    return exit_code(result.verdict)
 
 
 def _make_way(folder: Path) -> None:

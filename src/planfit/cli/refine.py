@@ -19,6 +19,7 @@ from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
 from planfit.pipeline.result import RefineResult
+from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report import TruthErrors, draw_overlay, make_report
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan
@@ -50,7 +51,8 @@ class RefineArguments:
 
 
 def refine_command(arguments: RefineArguments) -> int:
-    """Read, refine, write, summarise. Exit code 1 where the result is not better than the input."""
+    """Read, refine, write, summarise. Exit code 0 where the verdict is "refined", 1 where it has
+    reservations or the result is no better than the input."""
     begin = time.perf_counter()
     scan = read_scan(
         arguments.scan, arguments.options.segmentation.reads_masks, arguments.scan_options
@@ -72,7 +74,7 @@ def refine_command(arguments: RefineArguments) -> int:
         scan_options=arguments.scan_options,
     )
     summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
-    return 0 if result.is_better else 1
+    return exit_code(result.verdict)
 
 
 def refine_into(
@@ -141,10 +143,27 @@ def summarise(
     tell_scan(scan)
     for warning in result.warnings:
         out.print(f"[yellow]note:[/] {warning}")
-    verdict = "refined" if result.is_better else "[red]not better than before[/]"
-    out.print(f"{verdict}: {folder / 'report.html'}", soft_wrap=True)
-    if not result.is_better:
-        err.print("planfit: the result did not pass its checks; see the report")
+    tell_verdict(result.verdict)
+    out.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+
+
+def tell_verdict(verdict: Verdict) -> None:
+    """The outcome, why, which frames are less sure, and what to do."""
+    color = {Outcome.REFINED: "green", Outcome.IMPROVED: "yellow", Outcome.NO_BETTER: "red"}
+    out.print(f"\n[{color[verdict.outcome]}]{verdict.headline}[/]")
+    for reason in verdict.reasons:
+        if reason not in verdict.headline:
+            out.print(f"  {reason}")
+    for reservation in verdict.reservations:
+        if reservation.words not in verdict.headline:
+            out.print(f"  {reservation.words}; {reservation.advice}")
+    if not verdict.is_refined:
+        err.print(f"planfit: {verdict.outcome.value}: {verdict.advice}", soft_wrap=True)
+
+
+def exit_code(verdict: Verdict) -> int:
+    """0 for a result to be used as it is, 1 for one that is not."""
+    return 0 if verdict.is_refined else 1
 
 
 def _amount(value: float, unit: str) -> str:

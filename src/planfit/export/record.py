@@ -49,7 +49,7 @@ def make_record(
         },
         "metrics": metrics_record(floorplan, result),
         "checks": [plain(check) for check in result.checks],
-        "is_better": result.is_better,
+        "verdict": _verdict_record(result),
         "warnings": list(result.warnings),
         "seconds_by_stage": result.seconds_by_stage,
     }
@@ -64,6 +64,33 @@ def metrics_record(floorplan: Floorplan, result: RefineResult) -> dict[str, dict
         m.name: {"before": _finite(m.before), "after": _finite(m.after), "unit": m.unit}
         for m in metrics
     }
+
+
+def _verdict_record(result: RefineResult) -> dict[str, Any]:
+    """The verdict, and the evidence that it rests on."""
+    verdict, evidence = result.verdict, result.evidence
+    return {
+        "outcome": verdict.outcome.value,
+        "reasons": list(verdict.reasons),
+        "reservations": [plain(each) for each in verdict.reservations],
+        "advice": verdict.advice,
+        "predicted_error_rms_m": evidence.predicted_rms_m,
+        "predicted_error_m": verdict.predicted_error_m.tolist(),
+        "stretches": [
+            {name: _finite_or_same(value) for name, value in plain(stretch).items()}
+            for stretch in evidence.stretches
+        ],
+        "visits": [plain(visit) for visit in evidence.visits],
+        "torn_steps": [plain(step) for step in evidence.torn],
+        "adjusted_alignment": plain(evidence.alignment),
+        "misfit_without_and_with_walls": {
+            name: list(both) for name, both in evidence.scan_costs.items()
+        },
+    }
+
+
+def _finite_or_same(value: Any) -> Any:
+    return _finite(value) if isinstance(value, float) else value
 
 
 def _finite(value: float) -> float | None:

@@ -34,6 +34,36 @@ def covariances(
     Raises:
         OptionError: nothing holds one of them.
     """
+    result = _inverse_blocks(terms, target_from_cams, idx, np.arange(6))
+    for k, i in enumerate(idx):
+        sigma = np.sqrt(np.abs(np.diagonal(result[k])).max())
+        if not sigma < MAX_SIGMA:
+            raise OptionError(
+                f"covariances: expected every pose to be held by some term, found pose {i} "
+                f"free (sigma {sigma:.2g}); add a pose prior, a plan or the odometry term"
+            )
+    return result
+
+
+def position_covariances(
+    terms: Sequence[Term],
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    idx: Int[np.ndarray, " k"],
+) -> Float[np.ndarray, "k 3 3"]:
+    """Covariances (m^2, target axes) of some poses' positions alone: three solves a pose instead of six.
+
+    As `covariances`, but what nothing holds is no error: its covariance is large.
+    """
+    return _inverse_blocks(terms, target_from_cams, idx, np.arange(3, 6))
+
+
+def _inverse_blocks(
+    terms: Sequence[Term],
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    idx: Int[np.ndarray, " k"],
+    entries: Int[np.ndarray, " e"],
+) -> Float[np.ndarray, "k e e"]:
+    """Some entries of the tangents' own blocks of the inverse normal equations."""
     quadratics = [term.reweight(target_from_cams)[0] for term in terms]
     n_poses = len(target_from_cams)
     equations = NormalEquations([q.normal_blocks(target_from_cams) for q in quadratics], n_poses)
@@ -48,17 +78,11 @@ def covariances(
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    result = np.zeros((len(idx), 6, 6))
+    result = np.zeros((len(idx), len(entries), len(entries)))
     for k, i in enumerate(idx):
-        columns = np.zeros((size, 6))
-        rows = 6 * int(i) + np.arange(6)
-        columns[rows, np.arange(6)] = 1.0 / scale[rows]
+        columns = np.zeros((size, len(entries)))
+        rows = 6 * int(i) + entries
+        columns[rows, np.arange(len(entries))] = 1.0 / scale[rows]
         block = factors.solve(columns)[rows] / scale[rows, None]
         result[k] = 0.5 * (block + block.T)
-        sigma = np.sqrt(np.abs(np.diagonal(result[k])).max())
-        if not sigma < MAX_SIGMA:
-            raise OptionError(
-                f"covariances: expected every pose to be held by some term, found pose {i} "
-                f"free (sigma {sigma:.2g}); add a pose prior, a plan or the odometry term"
-            )
     return result

@@ -58,9 +58,17 @@ def alignment_warnings(
     plan_adjustment: PlanAdjustment,
     structure: Structure,
     checks: tuple[Check, ...],
+    is_place_sure: bool,
 ) -> tuple[str, ...]:
-    """Warnings about how scan and plan came together."""
-    warnings = list(alignment.warnings) if alignment else []
+    """Warnings about how scan and plan came together.
+
+    What was said of a deformed scan before the adjustment is left out where the adjusted walls surely lie on
+    the plan (`is_place_sure`).
+    """
+    warnings = []
+    if alignment is not None:
+        mended = alignment.bent if is_place_sure else ()
+        warnings += [words for words in alignment.warnings if words not in mended]
     if alignment is None and not is_alignment_claimed:
         warnings.append("the scan is not aligned with the plan: its own axes were kept, levelled")
     near = next((check.after for check in checks if check.unit == "share"), 1.0)
@@ -78,12 +86,6 @@ def alignment_warnings(
             "correspondences of walls and faces were still changing when the rounds ran out; "
             "raise adjust.max-alternations"
         )
-    warnings += [
-        f"worse than before: {check.name} went from {check.before:.3g} to {check.after:.3g} "
-        f"{check.unit}; {check.advice}"
-        for check in checks
-        if check.is_worse
-    ]
     return tuple(warnings)
 
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 from planfit.adjust import AdjustOptions
 from planfit.alignment import AlignOptions
-from planfit.errors import OptionError
 from planfit.matching import MatchingOptions
+from planfit.pipeline.verdict_options import VerdictOptions
 from planfit.scan.odometry import OdometryOptions
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking import TrackingOptions
@@ -30,14 +30,7 @@ class RefineOptions:
     """The scan's alignment with the plan."""
     adjust: AdjustOptions = field(default_factory=AdjustOptions)
     """The bundle adjustment."""
-    held_out_share: float = 0.1
-    """Share of matches kept out of the solve, to check that it did not make things worse."""
+    verdict: VerdictOptions = field(default_factory=VerdictOptions)
+    """How the result is judged."""
     seed: int = 0
-    """Seed of that choice."""
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.held_out_share <= 0.5:
-            raise OptionError(
-                f"held_out_share: expected 0 to 0.5, found {self.held_out_share}; what is held out "
-                "takes no part in the solve"
-            )
+    """Seed of what is kept out of the solves that judge."""

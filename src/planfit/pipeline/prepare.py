@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from planfit.adjust import (
     Keyframes,
@@ -42,8 +42,6 @@ class Observations:
 class PreparedScan:
     """A scan ready for a plan: levelled, matched, loops closed."""
 
-    held_out: Matches
-    """Matches kept out of the solve."""
     keyframes: Keyframes
     measurements: Measurements
     """Of the keyframes."""
@@ -116,7 +114,7 @@ def prepare(
     options: RefineOptions | None = None,
     timer: StageTimer | None = None,
 ) -> PreparedScan:
-    """The rest of what needs no plan: matches held out, keyframes, closed loops.
+    """The rest of what needs no plan: keyframes, closed loops.
 
     Raises:
         ScanError: a point or a recorded step is not finite.
@@ -126,64 +124,25 @@ def prepare(
     structure, tracking = observations.structure, observations.tracking
     if tracking is None:
         tracking = believe(scan.world_from_cams, chosen.poses_convention, chosen.odometry)
-    poses = tracking.world_from_cams
-    rng = np.random.default_rng(chosen.seed)
-    solving, held_out = hold_out(observations.matches, chosen.held_out_share, rng)
-    keyframes = choose_keyframes(poses, chosen.adjust.keyframes, solving.sharpness)
+    poses, matches = tracking.world_from_cams, observations.matches
+    keyframes = choose_keyframes(poses, chosen.adjust.keyframes, matches.sharpness)
     measurements = reduce_measurements(
-        Measurements(solving, structure, tracking.odometry, scan.cameras), keyframes
+        Measurements(matches, structure, tracking.odometry, scan.cameras), keyframes
     )
     level = level_from_world(observations.gravity, structure.floor_height_m)
     level_from_cams = level @ tracking.recorded_world_from_cams
     level_from_keys = level @ poses[keyframes.frame_idx]
     if not chosen.adjust.loops_first:
-        return PreparedScan(
-            held_out, keyframes, measurements, level, level_from_cams, level_from_keys
-        )
+        return PreparedScan(keyframes, measurements, level, level_from_cams, level_from_keys)
     with stages.stage("close loops"):
         closed = close_loops_untorn(
             measurements, level_from_keys, chosen.adjust, chosen.matching.cycle_consistency
         )
-    false_pairs = measurements.matches.pairs[closed.is_dropped]
     return PreparedScan(
-        _without(held_out, false_pairs, keyframes),
         keyframes,
         closed.measurements,
         level,
         level_from_cams,
         closed.solution.target_from_cams,
         tuple(visit.sentence for visit in closed.dropped),
-    )
-
-
-def _without(matches: Matches, key_pairs: Int[np.ndarray, "q 2"], keyframes: Keyframes) -> Matches:
-    """Matches without those between the frames of pairs of keyframes."""
-    k = len(keyframes.frame_idx)
-    # A pair as one number, i k + j, so that a set of pairs is a set of numbers.
-    is_false = np.isin(keyframes.nearest[matches.pairs] @ (k, 1), key_pairs @ (k, 1))
-    return matches.of_pairs(~is_false)
-
-
-def hold_out(matches: Matches, share: float, rng: np.random.Generator) -> tuple[Matches, Matches]:
-    """Split matches at random, within every pair: those to solve with, and those held out."""
-    held = rng.random(matches.n_matches) < share
-    return _keep(matches, ~held), _keep(matches, held)
-
-
-def _keep(matches: Matches, keep: Bool[np.ndarray, " m"]) -> Matches:
-    """Some of the matches; pairs of frames that keep none are dropped."""
-    # The matches of a pair follow each other: sums over the ranges that begin at `start` count what each
-    # pair keeps. (reduceat refuses an empty list of ranges.)
-    sizes = np.zeros(0, dtype=int)
-    if len(matches.pairs):
-        sizes = np.add.reduceat(keep.astype(int), matches.start[:-1])
-    some = sizes > 0
-    return replace(
-        matches,
-        pairs=matches.pairs[some],
-        start=np.cumsum([0, *sizes[some]]),
-        points_a=matches.points_a[keep],
-        points_b=matches.points_b[keep],
-        sigma=matches.sigma[keep],
-        explained=None if matches.explained is None else matches.explained[some],
     )

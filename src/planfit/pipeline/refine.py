@@ -41,7 +41,7 @@ def refine(
     timer = StageTimer(runtime or Runtime())
     # Gravity, floor and walls (paper, Sec. III-A and III-B), matches of keypoints.
     seen = observations or extract_observations(scan, chosen, runtime, timer=timer)
-    # Keyframes; matches held out; loops closed by what needs no plan.
+    # Keyframes; loops closed by what needs no plan.
     prepared = prepare(scan, seen, chosen, timer)
     # Rotation, translation and scale of the whole (paper, Sec. III-A).
     on_plan = align_to_plan(scan, prepared, floorplan, chosen, timer)
@@ -50,7 +50,7 @@ def refine(
         start = on_plan.plan_from_level @ prepared.level_from_keys
         measured, plan = prepared.measurements, on_plan.floorplan
         adjustment = adjust_to_plan(measured, plan, start, chosen.adjust, own)
-    # Is it better, by what took no part?
+    # Is it better, by solves that did without a part of the evidence?
     with timer.stage("validate"):
-        validation = validate(prepared, on_plan, adjustment, seen.structure, chosen.adjust, own)
+        validation = validate(prepared, on_plan, adjustment, seen.structure, chosen, own)
     return make_result(scan, seen, prepared, on_plan, adjustment, validation, chosen, timer)

@@ -12,9 +12,11 @@ from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.align import ScanOnPlan
 from planfit.pipeline.diagnostics import alignment_warnings, scan_warnings
+from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import Observations, PreparedScan
 from planfit.pipeline.validation import Check, Validation
+from planfit.pipeline.verdict import Verdict
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Gravity, Structure
@@ -47,6 +49,10 @@ class RefineResult:
     warnings: tuple[str, ...]
     """What a user should know before trusting the result, in plain words."""
     seconds_by_stage: dict[str, float]
+    verdict: Verdict
+    """What the evidence says of it: which poses to use, and which frames not to trust."""
+    evidence: Evidence
+    """That evidence."""
     tracking: Tracking | None = None
     """How far the recorded poses were believed; None where the observations were a user's own."""
 
@@ -54,12 +60,6 @@ class RefineResult:
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
         """Refined poses in the scan's own axes."""
         return self.world_from_plan @ self.plan_from_cams
-
-    @property
-    def is_better(self) -> bool:
-        """Whether the scan was surely aligned with the plan and no check got worse."""
-        is_aligned = self.alignment is not None and self.alignment.is_sure
-        return is_aligned and not any(check.is_worse for check in self.checks)
 
 
 def to_recorded_axes(
@@ -113,8 +113,11 @@ def make_result(
                 adjustment,
                 structure,
                 validation.checks,
+                validation.evidence.is_place_sure,
             ),
         ),
         seconds_by_stage=timer.seconds,
+        verdict=validation.verdict,
+        evidence=validation.evidence,
         tracking=observations.tracking,
     )

@@ -1,7 +1,10 @@
-"""The numbers that matter, before and after, and the verdict in one sentence."""
+"""The numbers that matter, before and after, and the verdict in words."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
 
 from planfit.evaluation import NEAR_FACE_M
 from planfit.pipeline.result import RefineResult
@@ -22,6 +25,8 @@ class TruthErrors:
     """Of the recorded poses, after the rigid motion that fits best."""
     after_aligned_rms_m: float
     """Of the refined poses, after the rigid motion that fits best."""
+    after_by_frame_m: Float[np.ndarray, " n"] | None = None
+    """Of each refined pose, in the truth's frame."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +53,8 @@ class KeyMetric:
 _CHECKS = {
     "m": (
         "Places seen twice",
-        "median distance between two sightings of one point; these points took no part in the "
-        "adjustment",
+        "median distance between two sightings of one point, visit by visit, each by a solve that did "
+        "without that visit",
     ),
     "share": (
         "Wall points on the plan",
@@ -114,41 +119,25 @@ def key_metrics(
     return metrics
 
 
-def verdict(
+def verdict_in_words(
     result: RefineResult, metrics: Sequence[KeyMetric], truth: TruthErrors | None = None
 ) -> str:
-    """In plain words: what was improved and by how much, or why it could not be."""
-    words = _verdict_of_checks(result, metrics[: len(result.checks)])
+    """The outcome, what speaks for it, and what became better or worse, in plain words."""
+    verdict = result.verdict
+    words = f"{verdict.headline[0].upper()}{verdict.headline[1:]}."
+    told = [reason for reason in verdict.reasons if reason not in verdict.headline]
+    words += "".join(f" {reason[0].upper()}{reason[1:]}." for reason in told)
+    judged = metrics[: len(result.checks)]
+    for name, chosen in (
+        ("Better", [m for m in judged if m.is_improved and not m.is_worse]),
+        ("Worse", [m for m in judged if m.is_worse]),
+    ):
+        if chosen:
+            words += f" {name}: {'; '.join(_told(m) for m in chosen)}."
     if truth:
         before, after = (formatting.length(v) for v in (truth.before_rms_m, truth.after_rms_m))
         words += f" Against the true positions, the error went from {before} to {after} RMS."
     return words
-
-
-def _verdict_of_checks(result: RefineResult, judged: Sequence[KeyMetric]) -> str:
-    if result.alignment is None:
-        return (
-            "The scan could not be aligned with the plan, because no wall patch was seen in "
-            "it; the poses were only made to agree with each other."
-        )
-    if not result.alignment.is_sure:
-        return (
-            "The alignment of the scan with the plan is not certain, so these poses may be wrong as a whole; "
-            "read the notes below before using them."
-        )
-    if not result.is_better:
-        worse = "; ".join(_told(f) for f in judged if f.is_worse)
-        return f"The result is worse than the input; do not use it without a look: {worse}."
-    if not judged:
-        return (
-            "The scan was aligned with the plan, but too few matches and walls were seen to check "
-            "whether the poses became better."
-        )
-    improved = [f for f in judged if f.is_improved]
-    if not improved:
-        told = "; ".join(_told(f) for f in judged)
-        return f"The poses fitted already, and nothing got better or worse: {told}."
-    return f"The poses now fit better: {'; '.join(_told(f) for f in improved)}."
 
 
 def _told(metric: KeyMetric) -> str:
@@ -158,9 +147,7 @@ def _told(metric: KeyMetric) -> str:
             f"{after} of the scanned wall points lie within {NEAR_FACE_M:.2f}"
             f"{formatting.SPACE}m of a drawn wall ({before} before)"
         )
-    if metric.unit == "m":
-        return f"points seen twice agree to {after} ({before} before)"
-    return f"{metric.name} went from {before} to {after}"
+    return f"places seen again agree to {after} ({before} before)"
 
 
 def _words(check: Check) -> tuple[str, str]:

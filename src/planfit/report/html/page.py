@@ -10,10 +10,13 @@ import numpy as np
 from planfit import __version__
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
+from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
-from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict
+from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import measure
 from planfit.report.plots.top_view import crop_to_scan
+
+_COLOR = {Outcome.REFINED: "good", Outcome.IMPROVED: "fair", Outcome.NO_BETTER: "bad"}
 
 
 def make_report(
@@ -39,6 +42,7 @@ def make_report(
     body = [
         _top(scan_name, plan_name, result, numbers, truth),
         sections.overview(floorplan, both, crop),
+        sections.certainty(result, truth),
         sections.fit_and_correction(both),
         sections.floor(floorplan, both, crop),
         sections.walls(floorplan, result, crop),
@@ -75,9 +79,11 @@ def _top(
         f"<h1>{escape(scan_name)}</h1>",
         f'<p class="under">fitted to the floorplan {escape(plan_name)} by planfit '
         f"{escape(__version__)}</p>",
-        f'<p class="verdict {"good" if result.is_better else "bad"}">'
-        f"{escape(verdict(result, numbers, truth))}</p>",
+        f'<p class="verdict {_COLOR[result.verdict.outcome]}">'
+        f"{escape(verdict_in_words(result, numbers, truth))}</p>",
     ]
+    if result.verdict.reservations:
+        parts.append(_reservations(result.verdict))
     if warnings:
         parts.append(
             f'<div class="warnings"><h2>Before you use this result</h2><ul>{warnings}</ul></div>'
@@ -88,6 +94,15 @@ def _top(
     else:
         parts.append("<p>Too little was seen of walls, floor and matches to measure anything.</p>")
     return "\n".join(parts)
+
+
+def _reservations(verdict: Verdict) -> str:
+    items = "".join(
+        f"<li>{escape(each.words[0].upper() + each.words[1:])}. "
+        f"<em>What to do:</em> {escape(each.advice)}.</li>"
+        for each in verdict.reservations
+    )
+    return f'<div class="warnings"><h2>Reservations</h2><ul>{items}</ul></div>'
 
 
 def _costs_and_time(result: RefineResult) -> str:

@@ -13,6 +13,7 @@ from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.html import tables
 from planfit.report.html.wall_table import wall_table
+from planfit.report.key_metrics import TruthErrors
 from planfit.report.measures import BeforeAfter, Measures
 from planfit.report.plots import charts
 from planfit.report.plots.close_ups import choose_close_ups
@@ -63,6 +64,35 @@ def overview(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
         )
         html += [_close_up(floorplan, both, mark) for mark in marks]
     return "\n".join(html)
+
+
+def certainty(result: RefineResult, truth: TruthErrors | None) -> str:
+    """Predicted error of each frame, and what it rests on, stretch by stretch."""
+    evidence = result.evidence
+    true_m = truth.after_by_frame_m if truth else None
+    known = " Dotted: the true error." if true_m is not None else ""
+    named = " Shaded: frames with a reservation." if result.verdict.reservations else ""
+    picture = _captioned(
+        charts.certainty_plot(result.verdict, true_m),
+        f"<strong>Predicted error of each camera position,</strong> one standard deviation.{named}{known}",
+        "Predicted error of each frame",
+    )
+    seen = [s for s in evidence.stretches if s.n_patches]
+    visits = (
+        f"{len(evidence.visits)} {_plural(len(evidence.visits), 'time', 'times')} a place is seen again, "
+        if evidence.visits
+        else "no place is seen again, "
+    )
+    return (
+        "<h2>How sure each frame is</h2><p>The scan was solved again several times, each time without some "
+        "of the places that are seen again and without the walls of some stretches of the walk. How far the "
+        "poses move then, and how exact the measurements claim to be, give the error that is to be expected: "
+        f"{formatting.length(evidence.predicted_rms_m)} RMS. What was left out is the evidence: {visits}"
+        f"walls on {len(seen)} of {len(evidence.stretches)} stretches.</p>"
+        f'<div class="pair">{picture}</div><details><summary>Stretch by stretch</summary>'
+        "<p>Wall patches on the plan, and beside a drawn wall, where the solve without them puts them.</p>"
+        f"{tables.stretch_table(evidence)}</details>"
+    )
 
 
 def fit_and_correction(both: BeforeAfter) -> str:

@@ -1,8 +1,10 @@
 """Tables of the report as HTML. All text is escaped here."""
 
+from collections import Counter
 from collections.abc import Sequence
 from html import escape
 
+from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.key_metrics import KeyMetric
@@ -46,6 +48,26 @@ def table(
         body.append(f"<tr{of_row}>{cells}</tr>")
     top = f"<thead><tr>{head}</tr></thead>" if any(heads) else ""
     return f'<div class="scroll"><table>{top}<tbody>{"".join(body)}</tbody></table></div>'
+
+
+def stretch_table(evidence: Evidence) -> str:
+    """What the evidence says of each stretch of the walk."""
+    n_visits = Counter(
+        frames for visit in evidence.visits for frames in (visit.first_frames, visit.last_frames)
+    )
+    rows = [
+        (
+            f"{stretch.frames[0]} to {stretch.frames[1]}",
+            formatting.length(stretch.predicted_m),
+            str(stretch.n_patches),
+            formatting.share(stretch.near_kept_out) if stretch.n_patches else "",
+            formatting.share(stretch.beside) if stretch.n_patches else "",
+            str(n_visits[stretch.frames]),
+        )
+        for stretch in evidence.stretches
+    ]
+    heads = ("frames", "predicted error", "wall patches", "on the plan", "beside it", "seen again")
+    return table(heads, rows, "nnnnnn")
 
 
 def key_metric_table(metrics: Sequence[KeyMetric]) -> str:

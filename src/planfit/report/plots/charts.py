@@ -8,6 +8,7 @@ from planfit.adjust.association import wall_patches_in_plan
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
+from planfit.pipeline.verdict import Verdict
 from planfit.report.measures import BeforeAfter, Measures
 from planfit.report.plots.drawing import (
     AFTER,
@@ -139,6 +140,32 @@ def correction_plot(both: BeforeAfter) -> Picture:
         add_legend(axes, [(first[0], AFTER, "-"), (second[0], INK, "--"), *gap_entry])
     upper.tick_params(labelbottom=False)
     lower.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    return to_picture(figure)
+
+
+def certainty_plot(verdict: Verdict, true_error_m: Float[np.ndarray, " n"] | None) -> Picture:
+    """Predicted error of each frame; the true one where it is known; frames with a reservation shaded."""
+    predicted = verdict.predicted_error_m
+    frames = np.arange(len(predicted))
+    figure = new_figure(PANEL_IN, 2.6)
+    axes = add_axes(figure, 0.55, 0.42, PANEL_IN - 0.75, 2.6 - 0.42 - LEGEND_IN)
+    entries: list[Entry] = [("predicted", AFTER, "-")]
+    for reservation in verdict.reservations:
+        for first, last in reservation.frames:
+            axes.axvspan(
+                first - 0.5, last + 0.5, color=UNMATCHED, alpha=0.15, linewidth=0, zorder=1
+            )
+    axes.plot(frames, predicted, color=AFTER, linewidth=1.3, zorder=3)
+    if true_error_m is not None:
+        axes.plot(frames, true_error_m, color=INK, linewidth=0.9, linestyle=":", zorder=2)
+        entries.append(("true", INK, ":"))
+    axes.set_xlim(0, max(len(frames) - 1, 1))
+    axes.set_ylim(0.0, max(1.1 * float(axes.get_ylim()[1]), 0.1))
+    label_axes(axes, "frame", "error of the position (m)")
+    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    if verdict.reservations:
+        entries.append(("with a reservation", UNMATCHED, "s"))
+    add_legend(axes, entries)
     return to_picture(figure)
 
 

@@ -1,0 +1,375 @@
+"""What speaks for and against a result: above all, solves that do without whole visits and walls.
+
+Each fold of a cross-validation keeps out a fifth of the visits and of the walls (`planfit.pipeline.folds`)
+and solves again from the result. What was kept out is then measured where these poses put it: it had no say
+in them. And how far the poses move between folds shows how far they may be off: what is wrong pulls one way,
+what is right another (delete-a-group jackknife, Shao and Wu 1989).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from planfit.adjust import AdjustOptions, PlanAdjustment, build_problem, costs
+from planfit.adjust.association import associate
+from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
+from planfit.evaluation import NEAR_FACE_M, match_distances
+from planfit.lsq import Term
+from planfit.lsq.covariance import position_covariances
+from planfit.pipeline.align import ScanOnPlan, wall_samples
+from planfit.pipeline.folds import (
+    NOT_KEPT_OUT,
+    Folds,
+    choose_folds,
+    path_steps,
+    without_fold,
+)
+from planfit.pipeline.prepare import PreparedScan
+
+MAX_COVARIANCES = 120
+"""Frames whose covariance is taken, evenly along the walk; between them it is interpolated."""
+FOLD_TOLERANCE = 1e-4
+"""A fold's solve ends when a round lowers the cost by less than this share of itself."""
+BESIDE_M = 0.6
+"""A wall patch this near to a face that looks the same way lies on it or beside it."""
+MAX_STEP_SIGMAS = 5.0
+"""A step that departs by more counts as this much in the misfit of its stretch: the jackknife sees it too."""
+TORN_SIGMAS, TORN_M, TORN_DEG = 15.0, 0.3, 5.0
+"""A step is torn that departs from the tracker's by so many sigmas, and by so much."""
+CONTRADICTED_M = 0.3
+"""A visit whose matches end further apart (median) is contradicted by the result."""
+DRIFT_COST = 3.0
+"""See `Evidence.scan_costs`."""
+
+
+@dataclass(frozen=True)
+class Visit:
+    """All pairs of frames between two stretches of the walk, judged by a solve that did without them."""
+
+    first_frames: tuple[int, int]
+    """First and last frame of the earlier stretch, as numbered in the scan."""
+    last_frames: tuple[int, int]
+    """First and last frame of the later one."""
+    before_m: float
+    """Median distance between the two sightings of a point, poses as recorded."""
+    kept_out_m: float
+    """The same by the solve that did without this visit."""
+    after_m: float
+    """The same by the result."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of the walk, and what the evidence says of it."""
+
+    frames: tuple[int, int]
+    """First and last frame, as numbered in the scan."""
+    predicted_m: float
+    """Predicted error of the camera positions, root mean square."""
+    open_direction: tuple[float, float] | None
+    """Unit direction on the plan along which nearly all of it lies; None where it lies all ways."""
+    n_patches: int
+    """Wall patches seen."""
+    near_before: float
+    """Share of them within `NEAR_FACE_M` of a face of their side, poses as recorded; NaN without patches."""
+    near_kept_out: float
+    """The same by the solve that did without them."""
+    beside: float
+    """Share of them that the solve without them puts beside a face: further off, but within `BESIDE_M`."""
+
+
+@dataclass(frozen=True)
+class TornStep:
+    """A step of the path that the result gave up."""
+
+    frame: int
+    """From this frame of the scan to the next one that was solved for."""
+    departure_m: float
+    departure_deg: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for and against a result; n frames."""
+
+    predicted_error_m: Float[np.ndarray, " n"]
+    """Of each camera position, one standard deviation of its length."""
+    correction_m: Float[np.ndarray, " n"]
+    """How far each camera was moved from where it was recorded."""
+    stretches: tuple[Stretch, ...]
+    visits: tuple[Visit, ...]
+    torn: tuple[TornStep, ...]
+    alignment: AdjustedAlignment | None
+    """Of the adjusted walls; None without a plan or walls."""
+    scan_costs: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Misfit (robust cost) of each term that needs no plan: loops closed, and when the walls have pulled. At
+    least `DRIFT_COST` a frame, which is what correcting drift by walls costs where nothing else corrects
+    it."""
+    is_placed: bool = True
+    """Whether the scan stands on its plan, if there is one."""
+
+    @property
+    def is_place_sure(self) -> bool:
+        """Whether the adjusted walls surely lie where they belong on the plan."""
+        return self.alignment is not None and not self.alignment.doubt
+
+    @property
+    def predicted_rms_m(self) -> float:
+        """Predicted error of the whole, root mean square."""
+        return _rms(self.predicted_error_m)
+
+    @property
+    def correction_rms_m(self) -> float:
+        """How far the cameras were moved, root mean square."""
+        return _rms(self.correction_m)
+
+    @property
+    def near_shares(self) -> tuple[float, float] | None:
+        """Share of wall patches near the plan: as recorded, and kept out; None where none was seen."""
+        counts = np.array([s.n_patches for s in self.stretches], dtype=float)
+        if counts.sum() == 0:
+            return None
+        seen = [s for s in self.stretches if s.n_patches]
+        shares = np.array([[s.near_before, s.near_kept_out] for s in seen])
+        before, after = counts[counts > 0] @ shares / counts.sum()
+        return float(before), float(after)
+
+    @property
+    def visit_distances_m(self) -> tuple[float, float] | None:
+        """Median over visits of the distance between sightings: as recorded, and kept out."""
+        if not self.visits:
+            return None
+        both = np.array([[v.before_m, v.kept_out_m] for v in self.visits])
+        before, after = np.median(both, axis=0)
+        return float(before), float(after)
+
+
+def gather_evidence(
+    prepared: PreparedScan,
+    on_plan: ScanOnPlan,
+    adjustment: PlanAdjustment,
+    options: AdjustOptions,
+    align_options: AlignOptions,
+    n_folds: int,
+    rng: np.random.Generator,
+    extra_terms: Sequence[Term] = (),
+) -> Evidence:
+    """Solve without each fold, and measure what was kept out.
+
+    Args:
+        prepared: the scan, loops closed.
+        on_plan: where it was aligned.
+        adjustment: the result.
+        options: the terms that were on.
+        align_options: what an alignment is asked for.
+        n_folds: two or more.
+        rng: deals visits and walls out to folds.
+        extra_terms: the user's own; they are kept in all folds.
+    """
+    measurements, keyframes = prepared.measurements, prepared.keyframes
+    solved = adjustment.solution.target_from_cams
+    recorded = on_plan.recorded_plan_from_level @ prepared.level_from_cams
+    recorded = recorded[keyframes.frame_idx]
+    folds = choose_folds(measurements, recorded, n_folds, rng)
+    # A fold begins where the result ended; what changes its cost by less moves no pose by a sigma.
+    tolerance = max(FOLD_TOLERANCE, options.solver.cost_tolerance)
+    of_folds = replace(options, solver=replace(options.solver, cost_tolerance=tolerance))
+    by_fold = []
+    for fold in range(n_folds):
+        reduced = without_fold(measurements, adjustment.correspondences, folds, fold)
+        problem = build_problem(reduced[0], of_folds, solved, reduced[1], extra_terms)
+        by_fold.append(problem.solve().target_from_cams[: len(solved)])
+    covariance = _predicted_covariance(
+        prepared, adjustment, options, folds, np.array(by_fold), extra_terms
+    )
+    near = _near_plan(prepared, on_plan, options, folds, recorded, by_fold)
+    variance = np.trace(covariance, axis1=1, axis2=2)
+    correction_m = np.linalg.norm(solved[:, :3, 3] - recorded[:, :3, 3], axis=1)
+    every, keys = np.arange(len(keyframes.nearest)), keyframes.frame_idx
+    return Evidence(
+        predicted_error_m=np.interp(every, keys, np.sqrt(variance)),
+        correction_m=np.interp(every, keys, correction_m),
+        stretches=_stretches(prepared, folds, covariance, near),
+        visits=_visits(prepared, folds, recorded, by_fold, solved),
+        torn=_torn_steps(prepared, solved),
+        alignment=_judge_alignment(prepared, on_plan, solved, align_options),
+        scan_costs=_scan_costs(prepared, solved, options),
+        is_placed=on_plan.floorplan is None or on_plan.alignment is not None,
+    )
+
+
+def _predicted_covariance(
+    prepared: PreparedScan,
+    adjustment: PlanAdjustment,
+    options: AdjustOptions,
+    folds: Folds,
+    by_fold: Float[np.ndarray, "f k 4 4"],
+    extra_terms: Sequence[Term],
+) -> Float[np.ndarray, "k 3 3"]:
+    """Of camera positions (m^2): what the folds say, and what the sigmas say, scaled by misfit.
+
+    The sigmas know of noise, not of what is wrong; the folds of what pulls differently, not of what nothing
+    measures. Steps that depart by more than their sigma say that the tracker was worse than its sigmas there.
+    """
+    measurements = prepared.measurements
+    solved = adjustment.solution.target_from_cams
+    moved = by_fold[:, :, :3, 3] - solved[:, :3, 3]
+    covariance = np.einsum("fki,fkj->kij", moved, moved) * (folds.count - 1) / folds.count
+    problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
+    if options.averaging == "mean" or problem.odometry is None:
+        return covariance  # there is no sigma to go by, or frames that nothing holds
+    n = len(solved)
+    some = np.unique(np.linspace(0, n - 1, min(n, MAX_COVARIANCES)).astype(int))
+    terms = problem.terms
+    by_sigma = position_covariances(terms, problem.unknowns, some).reshape(len(some), 9)
+    every = np.arange(n)
+    between = np.column_stack([np.interp(every, some, entry) for entry in by_sigma.T])
+    odometry = measurements.odometry
+    rotation, translation = path_steps(odometry.cam_from_next, solved)
+    squares = (rotation / odometry.sigma_rotation) ** 2
+    squares += (translation / odometry.sigma_translation) ** 2
+    # Six numbers a step; that one step is torn says little of how the others were measured.
+    chi_square = np.minimum(squares / 6, MAX_STEP_SIGMAS**2)
+    stretch_of_step = folds.stretch[:-1]
+    mean = np.bincount(stretch_of_step, chi_square, folds.n_stretches) / np.maximum(
+        np.bincount(stretch_of_step, minlength=folds.n_stretches), 1
+    )
+    factor = np.maximum(mean, 1.0)[folds.stretch]
+    return covariance + factor[:, None, None] * between.reshape(n, 3, 3)
+
+
+def _near_plan(
+    prepared: PreparedScan,
+    on_plan: ScanOnPlan,
+    options: AdjustOptions,
+    folds: Folds,
+    recorded: Float[np.ndarray, "k 4 4"],
+    by_fold: Sequence[Float[np.ndarray, "k 4 4"]],
+) -> Bool[np.ndarray, "w 3"]:
+    """Of each wall patch: near a face as recorded, near one kept out, beside one kept out."""
+    patches = prepared.measurements.structure.walls
+
+    def distances_m(poses: Float[np.ndarray, "k 4 4"]) -> Float[np.ndarray, " w"]:
+        found = associate(patches, on_plan.floorplan, poses, BESIDE_M, options.association)
+        return np.where(found.face_idx >= 0, np.abs(found.distance_m), np.inf)
+
+    kept_out_m = np.full(len(patches), np.inf)
+    for fold, poses in enumerate(by_fold):
+        is_out = folds.of_patches == fold
+        kept_out_m[is_out] = distances_m(poses)[is_out]
+    is_near = kept_out_m < NEAR_FACE_M
+    is_beside = ~is_near & (kept_out_m < BESIDE_M)
+    return np.column_stack([distances_m(recorded) < NEAR_FACE_M, is_near, is_beside])
+
+
+def _stretches(
+    prepared: PreparedScan,
+    folds: Folds,
+    covariance: Float[np.ndarray, "k 3 3"],
+    near: Bool[np.ndarray, "w 3"],
+) -> tuple[Stretch, ...]:
+    of_patch = folds.stretch[prepared.measurements.structure.walls.frame_idx]
+    stretches = []
+    for k in range(folds.n_stretches):
+        mean = covariance[folds.stretch == k].mean(axis=0)
+        seen = near[of_patch == k]
+        shares = seen.mean(axis=0) if len(seen) else np.full(3, np.nan)
+        stretches.append(
+            Stretch(
+                frames=_frames(prepared, folds, k),
+                predicted_m=float(np.sqrt(np.trace(mean))),
+                open_direction=_open_direction(mean[:2, :2]),
+                n_patches=len(seen),
+                near_before=float(shares[0]),
+                near_kept_out=float(shares[1]),
+                beside=float(shares[2]),
+            )
+        )
+    return tuple(stretches)
+
+
+def _open_direction(covariance: Float[np.ndarray, "2 2"]) -> tuple[float, float] | None:
+    """Direction whose sigma is three times that across it or more."""
+    variances, axes = np.linalg.eigh(covariance)
+    if variances[1] < 9.0 * variances[0]:
+        return None
+    # Of an axis and its opposite, the one whose larger entry is positive.
+    x, y = axes[:, 1] * (1 if axes[np.argmax(np.abs(axes[:, 1])), 1] > 0 else -1)
+    return float(x), float(y)
+
+
+def _visits(
+    prepared: PreparedScan,
+    folds: Folds,
+    recorded: Float[np.ndarray, "k 4 4"],
+    by_fold: Sequence[Float[np.ndarray, "k 4 4"]],
+    solved: Float[np.ndarray, "k 4 4"],
+) -> tuple[Visit, ...]:
+    matches = prepared.measurements.matches
+    sizes = np.diff(matches.start)
+    fold_of_match = np.repeat(folds.of_pairs, sizes)
+    visit_of_match = np.repeat(folds.visit, sizes)
+    before_m, after_m = match_distances(matches, recorded), match_distances(matches, solved)
+    kept_out_m = after_m.copy()
+    for fold, poses in enumerate(by_fold):
+        is_out = fold_of_match == fold
+        kept_out_m[is_out] = match_distances(matches, poses)[is_out]
+    # Sorted by visit, a visit's matches are a run; those of no visit stand before the first.
+    order = np.argsort(visit_of_match, kind="stable")
+    n_visits = int(folds.visit.max(initial=NOT_KEPT_OUT)) + 1
+    borders = np.searchsorted(visit_of_match[order], np.arange(n_visits + 1))
+    pair_of_match = np.repeat(np.arange(len(sizes)), sizes)
+    visits = []
+    for k in range(n_visits):
+        own = order[borders[k] : borders[k + 1]]
+        a, b = folds.stretch[matches.pairs[pair_of_match[own[0]]]]
+        medians = (float(np.median(each[own])) for each in (before_m, kept_out_m, after_m))
+        visits.append(Visit(_frames(prepared, folds, a), _frames(prepared, folds, b), *medians))
+    return tuple(visits)
+
+
+def _torn_steps(prepared: PreparedScan, solved: Float[np.ndarray, "k 4 4"]) -> tuple[TornStep, ...]:
+    odometry = prepared.measurements.odometry
+    rotation, translation = path_steps(odometry.cam_from_next, solved)
+    rotation_deg = np.rad2deg(rotation)
+    by_angle = (rotation > TORN_SIGMAS * odometry.sigma_rotation) & (rotation_deg > TORN_DEG)
+    by_way = (translation > TORN_SIGMAS * odometry.sigma_translation) & (translation > TORN_M)
+    frames = prepared.keyframes.frame_idx
+    return tuple(
+        TornStep(int(frames[i]), float(translation[i]), float(rotation_deg[i]))
+        for i in np.flatnonzero(by_angle | by_way)
+    )
+
+
+def _judge_alignment(
+    prepared: PreparedScan,
+    on_plan: ScanOnPlan,
+    solved: Float[np.ndarray, "k 4 4"],
+    options: AlignOptions,
+) -> AdjustedAlignment | None:
+    if on_plan.alignment is None:
+        return None
+    walls = wall_samples(prepared.measurements.structure, solved)
+    return judge_adjusted(walls, on_plan.floorplan, on_plan.alignment, options)
+
+
+def _scan_costs(
+    prepared: PreparedScan, solved: Float[np.ndarray, "k 4 4"], options: AdjustOptions
+) -> dict[str, tuple[float, float]]:
+    measurements, least = prepared.measurements, DRIFT_COST * len(solved)
+    before, after = (
+        costs(measurements, poses, options) for poses in (prepared.level_from_keys, solved)
+    )
+    return {name: (max(before[name], least), max(after[name], least)) for name in before}
+
+
+def _frames(prepared: PreparedScan, folds: Folds, stretch: int | np.integer) -> tuple[int, int]:
+    """First and last frame of a stretch, as numbered in the scan."""
+    own: Int[np.ndarray, " k"] = prepared.keyframes.frame_idx[folds.stretch == stretch]
+    return int(own[0]), int(own[-1])
+
+
+def _rms(values: Float[np.ndarray, " n"]) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,133 @@
+"""What each judging solve does without: whole visits, and the wall of whole stretches of the walk.
+
+Matches of one visit share what is wrong of it, and so do the patches of one wall: kept out one by one, the
+rest of them still hold the poses where they are, right or wrong. So the walk is cut into stretches, a visit
+being all pairs of frames between two of them, and each fold of a cross-validation keeps out whole visits and
+all wall that whole stretches see."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from planfit.adjust import Measurements
+from planfit.adjust.association import Association, PlanCorrespondences
+from planfit.geometry import se3
+
+STRETCH_M = 6.0
+"""Path length of a stretch: a room, or a piece of a corridor, which the walls beside it hold as one."""
+MIN_FRAMES = 6
+"""Frames of a stretch at least."""
+NOT_KEPT_OUT = -1
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Which fold keeps out what; k frames that are solved for."""
+
+    count: int
+    stretch: Int[np.ndarray, " k"]
+    """Stretch of the walk that each frame belongs to; increasing."""
+    visit: Int[np.ndarray, " p"]
+    """Visit that each pair of frames belongs to; `NOT_KEPT_OUT` within a stretch and between neighbours."""
+    of_pairs: Int[np.ndarray, " p"]
+    """Fold that keeps out each pair, `NOT_KEPT_OUT` where none does."""
+    of_patches: Int[np.ndarray, " w"]
+    """Fold that keeps out each wall patch."""
+
+    @property
+    def n_stretches(self) -> int:
+        """Stretches of the walk."""
+        return int(self.stretch[-1]) + 1
+
+
+def choose_folds(
+    measurements: Measurements,
+    recorded_from_cams: Float[np.ndarray, "k 4 4"],
+    count: int,
+    rng: np.random.Generator,
+) -> Folds:
+    """Cut the walk into stretches, and deal visits and stretches out to folds.
+
+    Args:
+        measurements: of the k frames that are solved for.
+        recorded_from_cams: as the tracker recorded them, in any frame.
+        count: folds, two or more.
+        rng: deals out.
+    """
+    stretch = cut_into_stretches(recorded_from_cams, count)
+    n = int(stretch[-1]) + 1
+    first, last = stretch[measurements.matches.pairs].T
+    # A visit is a pair of stretches that do not follow each other, numbered without gaps.
+    is_visit = last - first > 1
+    cells, visit = np.unique((first * n + last)[is_visit], return_inverse=True)
+    visit_of_pairs = np.full(len(first), NOT_KEPT_OUT)
+    visit_of_pairs[is_visit] = visit
+    fold_of_visit = _dealt(len(cells), count, rng)
+    of_pairs = np.full(len(first), NOT_KEPT_OUT)
+    of_pairs[is_visit] = fold_of_visit[visit]
+    # Stretches that follow each other are kept out by different folds, so that both sides stay held.
+    fold_of_stretch = (np.arange(n) + rng.integers(count)) % count
+    of_patches = fold_of_stretch[stretch[measurements.structure.walls.frame_idx]]
+    return Folds(count, stretch, visit_of_pairs, of_pairs, of_patches)
+
+
+def cut_into_stretches(
+    recorded_from_cams: Float[np.ndarray, "k 4 4"], count: int
+) -> Int[np.ndarray, " k"]:
+    """Stretch of each frame: about `STRETCH_M` of path each, at least `count` where frames suffice."""
+    n_frames = len(recorded_from_cams)
+    steps_m = np.linalg.norm(np.diff(recorded_from_cams[:, :3, 3], axis=0), axis=1)
+    # A metre a frame at most counts: a tracker that jumped has not walked there.
+    walked_m = np.concatenate([[0.0], np.cumsum(np.minimum(steps_m, 1.0))])
+    most = max(n_frames // MIN_FRAMES, 1)
+    n = int(np.clip(walked_m[-1] / STRETCH_M, min(count, most), most))
+    if walked_m[-1] <= 0.0:
+        return np.arange(n_frames) * n // n_frames
+    at = np.minimum((walked_m / walked_m[-1] * n).astype(int), n - 1)
+    return np.unique(at, return_inverse=True)[1]  # stretches without a frame are left out
+
+
+def without_fold(
+    measurements: Measurements, correspondences: PlanCorrespondences, folds: Folds, fold: int
+) -> tuple[Measurements, PlanCorrespondences]:
+    """Measurements and plan correspondences without what one fold keeps out."""
+    keep = folds.of_patches != fold
+    structure, walls = measurements.structure, correspondences.walls
+    patches = structure.walls
+    sizes = np.diff(patches.start)
+    kept = replace(
+        patches,
+        points_cam=patches.points_cam[np.repeat(keep, sizes)],
+        start=np.cumsum([0, *sizes[keep]]),
+        frame_idx=patches.frame_idx[keep],
+        normals_cam=patches.normals_cam[keep],
+        ends_cam=patches.ends_cam[keep],
+    )
+    association = Association(walls.face_idx[keep], walls.distance_m[keep])
+    reduced = replace(
+        measurements,
+        matches=measurements.matches.of_pairs(folds.of_pairs != fold),
+        structure=replace(structure, walls=kept),
+    )
+    widths = correspondences.widths
+    return reduced, replace(
+        correspondences, walls=association, widths=None if widths is None else widths[keep]
+    )
+
+
+def path_steps(
+    recorded: Float[np.ndarray, "s 4 4"], solved_from_cams: Float[np.ndarray, "k 4 4"]
+) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
+    """How far (rad, m) each solved step departs from the recorded one."""
+    solved = se3.inverse(solved_from_cams[:-1]) @ solved_from_cams[1:]
+    departure = se3.inverse(recorded) @ solved
+    return (
+        se3.rotation_angle(departure[:, :3, :3]),
+        np.linalg.norm(departure[:, :3, 3], axis=1),
+    )
+
+
+def _dealt(n: int, count: int, rng: np.random.Generator) -> Int[np.ndarray, " n"]:
+    """Folds of n things: each fold gets as many, at random."""
+    return rng.permutation(np.arange(n) % count)

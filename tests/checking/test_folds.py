@@ -1,0 +1,133 @@
+"""What is kept out: whole visits and the wall of whole stretches, each by one fold, and nothing else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from builders import look, make_matches, make_structure, make_ties, room_plan
+from planfit.adjust import Measurements
+from planfit.adjust.association import Association
+from planfit.pipeline.folds import (
+    MIN_FRAMES,
+    NOT_KEPT_OUT,
+    STRETCH_M,
+    choose_folds,
+    cut_into_stretches,
+    some_pairs,
+    without_fold,
+)
+from planfit.scan.odometry import OdometryOptions, make_odometry
+
+N, COUNT = 120, 5
+
+
+@pytest.fixture
+def walk():
+    """Two laps of 30 m each."""
+    angle = 2 * np.pi * np.arange(N) / (N / 2)
+    return np.stack([look([5 * np.cos(a), 5 * np.sin(a), 1.5], np.rad2deg(a)) for a in angle])
+
+
+@pytest.fixture
+def measurements(walk, rng):
+    wall = np.column_stack([rng.uniform(1, 5, 30), np.zeros(30), rng.uniform(0, 2, 30)])
+    structure = make_structure(walk, patches=[(i, wall, (0.0, 1.0)) for i in range(N)])
+    pairs = [(i, i + 1) for i in range(N - 1)] + [(i, i + N // 2) for i in range(N // 2)]
+    matches = make_matches(walk, sorted(pairs), rng.normal(size=(4, 3)))
+    return Measurements(matches, structure, make_odometry(walk, OdometryOptions()))
+
+
+@pytest.fixture
+def folds(measurements, walk, rng):
+    return choose_folds(measurements, walk, COUNT, rng)
+
+
+def test_stretches_are_equal_lengths_of_path(walk):
+    stretch = cut_into_stretches(walk, COUNT)
+    assert_array_equal(np.unique(np.diff(stretch)), [0, 1])
+    walked = np.linalg.norm(np.diff(walk[:, :3, 3], axis=0), axis=1).sum()
+    assert stretch[-1] + 1 == int(walked / STRETCH_M)
+    sizes = np.bincount(stretch)
+    assert sizes.max() - sizes.min() <= 1
+
+
+def test_a_jump_is_no_way_walked(walk):
+    jumped = walk.copy()
+    jumped[60:, 0, 3] += 500.0
+    assert np.abs(cut_into_stretches(jumped, COUNT) - cut_into_stretches(walk, COUNT)).max() <= 1
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 11, 40])
+def test_short_walks_and_none_at_all(walk, n):
+    for poses in (walk[:n], np.tile(walk[0], (n, 1, 1))):
+        stretch = cut_into_stretches(poses, COUNT)
+        assert len(stretch) == n
+        assert stretch[0] == 0
+        assert stretch[-1] + 1 <= max(n // MIN_FRAMES, 1)
+
+
+def test_a_visit_is_kept_out_as_a_whole(measurements, folds):
+    pairs, stretch = measurements.matches.pairs, folds.stretch
+    is_revisit = pairs[:, 1] - pairs[:, 0] > 1
+    assert_array_equal(folds.visit[~is_revisit], NOT_KEPT_OUT)
+    assert_array_equal(folds.of_pairs[~is_revisit], NOT_KEPT_OUT)
+    for visit in range(folds.visit.max() + 1):
+        own = folds.visit == visit
+        assert len(np.unique(folds.of_pairs[own])) == 1
+        assert len(np.unique(stretch[pairs[own]], axis=0)) == 1
+    counts = np.bincount(
+        [folds.of_pairs[folds.visit == v][0] for v in range(folds.visit.max() + 1)]
+    )
+    assert counts.max() - counts.min() <= 1
+
+
+def test_all_wall_of_a_stretch_is_kept_out_and_its_neighbours_wall_is_not(measurements, folds):
+    of_stretch = [
+        np.unique(folds.of_patches[folds.stretch[measurements.structure.walls.frame_idx] == k])
+        for k in range(folds.n_stretches)
+    ]
+    assert all(len(found) == 1 for found in of_stretch)
+    fold = np.array([found[0] for found in of_stretch])
+    assert set(fold) == set(range(COUNT))
+    assert np.all(fold[1:] != fold[:-1])
+
+
+def test_every_measurement_is_left_to_all_folds_but_one(measurements, folds):
+    walls = measurements.structure.walls
+    ties = make_ties(room_plan(), Association(np.arange(len(walls)) % 4, np.zeros(len(walls))), N)
+    seen_patches, seen_pairs = np.zeros(len(walls), dtype=int), 0
+    for fold in range(COUNT):
+        reduced, correspondences = without_fold(measurements, ties, folds, fold)
+        kept = folds.of_patches != fold
+        seen_patches += kept
+        seen_pairs += len(reduced.matches.pairs)
+        assert_array_equal(reduced.structure.walls.frame_idx, walls.frame_idx[kept])
+        assert_array_equal(correspondences.walls.face_idx, ties.walls.face_idx[kept])
+        sizes = np.diff(reduced.structure.walls.start)
+        assert_array_equal(sizes, 30)
+        assert reduced.structure.walls.start[-1] == len(reduced.structure.walls.points_cam)
+        assert reduced.odometry is measurements.odometry
+    assert_array_equal(seen_patches, COUNT - 1)
+    n_visiting = int(np.sum(folds.of_pairs != NOT_KEPT_OUT))
+    assert seen_pairs == COUNT * len(measurements.matches.pairs) - n_visiting
+
+
+def test_some_pairs_keep_their_own_matches(measurements, rng):
+    matches = measurements.matches
+    sizes = rng.integers(1, 9, len(matches.pairs))
+    start = np.cumsum([0, *sizes])
+    points = rng.normal(size=(start[-1], 3))
+    matches = replace(
+        matches, start=start, points_a=points, points_b=-points, sigma=np.arange(start[-1]) + 1.0
+    )
+    keep = rng.random(len(sizes)) < 0.5
+    some = some_pairs(matches, keep)
+    expected = np.concatenate([np.arange(start[k], start[k + 1]) for k in np.flatnonzero(keep)])
+    assert_array_equal(some.sigma, expected + 1.0)
+    assert_array_equal(some.points_a, points[expected])
+    assert_array_equal(some.points_b, -points[expected])
+    assert_array_equal(some.pairs, matches.pairs[keep])
+    assert_array_equal(np.diff(some.start), sizes[keep])
+    assert some_pairs(matches, np.zeros(len(sizes), dtype=bool)).n_matches == 0

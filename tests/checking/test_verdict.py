@@ -1,0 +1,130 @@
+"""Each kind of evidence, alone, turns the verdict as it should."""
+
+import re
+
+import numpy as np
+import pytest
+
+from planfit.alignment import AdjustedAlignment
+from planfit.pipeline.evidence import TornStep
+from planfit.pipeline.verdict import Outcome, judge
+from planfit.pipeline.verdict_options import VerdictOptions
+from verdicts import make_evidence, make_stretch, make_verdict, make_visit
+
+
+def stretches(changed, **changes):
+    return tuple(make_stretch(k, **(changes if k in changed else {})) for k in range(5))
+
+
+def test_good_evidence_is_refined():
+    verdict = make_verdict()
+    assert verdict.outcome == "refined"
+    assert verdict.is_refined
+    assert verdict.reservations == ()
+    assert verdict.headline.startswith("refined: cameras were moved by 0.50 m")
+    assert "within about 0.03 m" in verdict.headline
+
+
+@pytest.mark.parametrize(
+    ("changes", "frames", "words"),
+    [
+        (
+            {"stretches": stretches({2, 3}, predicted_m=0.5, open_direction=(1.0, 0.0))},
+            ((20, 39),),
+            r"frames 20-39 are not fixed along the plan's direction \(1.00, 0.00\): .* off by 0.50 m",
+        ),
+        ({"torn": (TornStep(12, 2.0, 30.0),)}, ((12, 13),), "torn at frames 12-13: .* 2.0 m and 30 deg"),
+        (
+            {"stretches": stretches({0, 1}, near_kept_out=0.0), "visits": ()},
+            ((0, 19),),
+            "frames 0-19 are confirmed by nothing: 0% of their 40 wall patches",
+        ),
+        ({"visits": (make_visit(after_m=0.8),)}, ((0, 9), (40, 49)), "1 contradict the result, by 0.8 m"),
+        ({"scan_costs": {"points": (300.0, 400.0)}}, ((0, 49),), "misfit of the points rises 1.3 times"),
+        ({"predicted_error_m": np.full(50, 0.15)}, ((0, 49),), "all frames may be off by 0.15 m"),
+        ({"is_placed": False, "alignment": None}, ((0, 49),), "not placed on the plan"),
+    ],
+)  # fmt: skip
+def test_what_reserves(changes, frames, words):
+    verdict = make_verdict(**changes)
+    assert verdict.outcome == "improved"
+    assert not verdict.is_refined
+    (reservation,) = verdict.reservations
+    assert reservation.frames == frames
+    assert re.search(words, reservation.words)
+    assert verdict.headline.startswith("improved, with reservations: ")
+    assert reservation.advice in verdict.headline
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"alignment": AdjustedAlignment(0.3, 0.3, 0.2, "it fits elsewhere")}, "it fits elsewhere"),
+        ({"visits": (make_visit(before_m=0.1, kept_out_m=0.2),)}, "from 0.100 to 0.200 m"),
+        ({"stretches": stretches(range(5), near_before=0.97)}, "from 97% to 90% on it"),
+        (
+            {"predicted_error_m": np.full(50, 0.4)},
+            "0.40 m, is too large a part of what was corrected, 0.50 m",
+        ),
+    ],
+)
+def test_what_is_no_better(changes, words):
+    verdict = make_verdict(**changes)
+    assert verdict.outcome is Outcome.NO_BETTER
+    assert words in verdict.headline
+    assert "use the recorded poses" in verdict.headline
+    assert "use the recorded poses" in verdict.advice
+
+
+def test_a_large_correction_with_a_large_error_is_an_improvement_nevertheless():
+    moved = make_verdict(correction_m=np.full(50, 5.0), predicted_error_m=np.full(50, 0.5))
+    assert moved.outcome == "improved"
+
+
+def test_poses_that_were_right_are_refined():
+    right = make_verdict(
+        correction_m=np.full(50, 0.01), visits=(make_visit(before_m=0.02, kept_out_m=0.03),)
+    )
+    assert right.is_refined
+
+
+def test_unexplained_walls_between_confirmed_ones_tell_only_where_no_wall_is_near():
+    def judged(which, **changes):
+        found = stretches(which, near_kept_out=0.0, **changes)
+        return make_verdict(stretches=found, visits=()).is_refined
+
+    assert judged({2})
+    assert judged({2, 3}, beside=0.9)  # moved walls
+    assert not judged({2, 3}, beside=0.1)
+    assert judged({2, 3}, beside=0.1, n_patches=4)
+
+
+def test_a_visit_confirms_a_stretch_whose_walls_the_plan_lacks():
+    lacking = stretches({0}, near_kept_out=0.0)
+    assert not make_verdict(stretches=lacking, visits=()).is_refined
+    assert make_verdict(stretches=lacking).is_refined
+    assert not make_verdict(stretches=lacking, visits=(make_visit(kept_out_m=0.6),)).is_refined
+
+
+def test_a_plan_that_lacks_walls_everywhere_says_nothing_of_one_stretch():
+    poor = stretches({1, 2, 3, 4}, near_kept_out=0.4)
+    ends = (make_stretch(0, near_kept_out=0.0), *poor[1:])
+    assert make_verdict(stretches=ends, visits=()).is_refined
+
+
+def test_few_contradicted_visits_are_an_accident():
+    good = tuple(make_visit() for _ in range(3))
+    assert make_verdict(visits=(*good, make_visit(after_m=0.8))).is_refined
+    assert not make_verdict(visits=(*good[:2], make_visit(after_m=0.8))).is_refined
+
+
+@pytest.mark.parametrize(
+    ("options", "outcome"),
+    [
+        (VerdictOptions(), "refined"),
+        (VerdictOptions(max_error_m=0.02), "improved"),
+        (VerdictOptions(max_stretch_error_m=0.02), "improved"),
+    ],
+)
+def test_thresholds_are_options(options, outcome):
+    assert judge(make_evidence(), options).outcome == outcome

@@ -1,0 +1,53 @@
+"""Evidence to judge: everything speaks for the result, until a test changes it."""
+
+import numpy as np
+
+from planfit.alignment import AdjustedAlignment
+from planfit.pipeline.evidence import Evidence, Stretch, Visit
+from planfit.pipeline.verdict import Verdict, judge
+from planfit.pipeline.verdict_options import VerdictOptions
+
+
+def make_stretch(k, **changes):
+    """The k-th stretch of ten frames."""
+    given = {
+        "frames": (10 * k, 10 * k + 9),
+        "predicted_m": 0.03,
+        "open_direction": None,
+        "n_patches": 20,
+        "near_before": 0.3,
+        "near_kept_out": 0.9,
+        "beside": 0.05,
+    }
+    return Stretch(**(given | changes))
+
+
+def make_visit(**changes):
+    """A visit of the first stretch in the last one."""
+    given = {
+        "first_frames": (0, 9),
+        "last_frames": (40, 49),
+        "before_m": 0.5,
+        "kept_out_m": 0.05,
+        "after_m": 0.02,
+    }
+    return Visit(**(given | changes))
+
+
+def make_evidence(n_frames=50, **changes) -> Evidence:
+    """Of a walk of five stretches that was moved by half a metre and ended right."""
+    given = {
+        "predicted_error_m": np.full(n_frames, 0.03),
+        "correction_m": np.full(n_frames, 0.5),
+        "stretches": tuple(make_stretch(k) for k in range(5)),
+        "visits": (make_visit(),),
+        "torn": (),
+        "alignment": AdjustedAlignment(0.9, 0.4, 0.0),
+        "scan_costs": {"points": (300.0, 310.0), "odometry": (150.0, 180.0)},
+    }
+    return Evidence(**(given | changes))
+
+
+def make_verdict(n_frames=50, **changes) -> Verdict:
+    """What is made of such evidence."""
+    return judge(make_evidence(n_frames, **changes), VerdictOptions())
