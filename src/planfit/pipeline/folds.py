@@ -8,7 +8,7 @@ all wall that whole stretches see."""
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from planfit.adjust import Measurements
 from planfit.adjust.association import Association, PlanCorrespondences
