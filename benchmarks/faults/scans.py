@@ -12,7 +12,7 @@ from jaxtyping import Float, Int, UInt8
 
 import planfit
 from faults.inputs import Inputs
-from faults.layouts import corridor, hall, same_rooms, scan_of_layout
+from faults.layouts import corridor, hall, niches, same_rooms, scan_of_layout
 from planfit.floorplan import PlanOptions
 from planfit.geometry import se3, segments
 from planfit.scan import Scan, ScanFiles, read_tum
@@ -132,7 +132,7 @@ def _synth(seed: int, n_frames: int, building: BuildingOptions, **others: object
 def _drawn(make: Callable[..., tuple], seed: int, n_frames: int) -> Inputs:
     options = _options(seed, n_frames, BuildingOptions(furniture_per_room=4))
     layout, options = make(options)
-    return _of(scan_of_layout(layout, options, has_same_rooms=make is same_rooms))
+    return _of(scan_of_layout(layout, options, make is same_rooms, make is niches))
 
 
 SYNTHETIC = (
@@ -161,10 +161,25 @@ SYNTHETIC = (
 )
 
 WALKS = tuple(
-    BaseScan(f"walk {k:02d}", partial(_synth, 200 + k, 110, BuildingOptions(n_rooms=5)))
+    BaseScan(
+        f"walk {k:02d}",
+        partial(
+            _synth,
+            200 + k,
+            140,
+            BuildingOptions(
+                n_rooms=8,
+                furniture_per_room=1 if k % 3 else 5,
+                pictures_per_wall=0.3 if k % 3 else 1.5,
+            ),
+        ),
+    )
     for k in range(40)
 )
-"""Walks in which the same posters are hung."""
+"""Walks in which the same posters are hung; in two of three, little else is there to see."""
+
+NICHES = tuple(BaseScan(f"niches {k}", partial(_drawn, niches, 120 + k, 140)) for k in range(1, 4))
+"""Flats whose walls have layers 10 to 20 cm before the others."""
 
 REAL = (
     BaseScan("conslam", conslam, is_rendered=False),
@@ -223,7 +238,7 @@ def _in_plan(plan: RealPlan) -> Inputs:
 
 def all_scans() -> dict[str, BaseScan]:
     """By name."""
-    return {scan.name: scan for scan in (*REAL, *SYNTHETIC, *WALKS, *rendered_walks())}
+    return {scan.name: scan for scan in (*REAL, *SYNTHETIC, *WALKS, *NICHES, *rendered_walks())}
 
 
 @dataclass(frozen=True)

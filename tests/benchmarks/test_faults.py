@@ -10,7 +10,7 @@ from faults.battery import read_measured, run_battery
 from faults.cases import FAULTS, Case, Part, all_cases, choose
 from faults.figures import Result, fault_rows, make_figures, match_results, reliability_rows
 from faults.inputs import Inputs
-from faults.layouts import corridor, same_rooms, scan_of_layout
+from faults.layouts import corridor, niches, same_rooms, scan_of_layout
 from faults.measure import CRASHED, How, Measured, measure
 from faults.page import make_page
 from faults.scans import DRIFT, _of, drifted
@@ -355,6 +355,26 @@ def test_corridor_is_long() -> None:
     assert synthetic.true_plan_from_world @ synthetic.true_world_from_cams == pytest.approx(
         synthetic.true_plan_from_cams
     )
+
+
+def test_niches_are_layers_of_wall_before_others() -> None:
+    options = SynthOptions(seed=4, walk=WalkOptions(n_frames=20), camera=CAMERA)
+    layout, options = niches(options)
+    synthetic = scan_of_layout(layout, options, columns_are_walls=True)
+    assert len(layout.columns) >= 5
+    assert not synthetic.building.faces.is_column.any()
+    plan = synthetic.floorplan
+    gaps = []
+    for layer in layout.columns:
+        room = next(room for room in layout.rooms if room.contains(layer.centre[None])[0])
+        x, y = layer.centre
+        gap = min(layer.x1 - room.x0, room.x1 - layer.x0, layer.y1 - room.y0, room.y1 - layer.y0)
+        gaps.append(gap)
+        # The plan has the layer's face, as long as the layer.
+        is_its = np.linalg.norm(plan.ends.mean(axis=1) - [x, y], axis=1) < 0.11
+        assert plan.lengths[is_its].max() == pytest.approx(max(layer.size), abs=1e-6)
+    assert min(gaps) >= 0.1
+    assert max(gaps) <= 0.2
 
 
 # Numbers and choices.
