@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,15 +10,15 @@ from faults import images, plans, poses
 from faults.battery import read_measured, run_battery
 from faults.cases import FAULTS, Case, Part, all_cases, choose
 from faults.figures import Result, fault_rows, make_figures, match_results, reliability_rows
-from faults.inputs import Inputs
+from faults.inputs import Inputs, MovedWall
 from faults.layouts import corridor, niches, same_rooms, scan_of_layout
 from faults.measure import CRASHED, How, Measured, measure
 from faults.page import make_page
 from faults.scans import DRIFT, _of, drifted
-from faults.words import NAMES, recognised
+from faults.words import NAMES, moved_walls_found, recognised
 from scipy.spatial.transform import Rotation
 
-from builders import room_plan
+from builders import look, make_structure, room_plan
 from planfit.errors import OutputError, ScanError
 from planfit.geometry import se3, segments
 from planfit.synth import (
@@ -426,6 +427,38 @@ def test_choice_brings_its_references() -> None:
     assert len(cases) / 8 < len(some) < len(cases) / 4
 
 
+def test_moved_walls_count_where_they_are_seen_and_named(flat: Inputs) -> None:
+    drawn = room_plan(6.0, 4.0)  # the first face along x at y = 0, looking to +y
+    poses_in = np.array([look((x, 2.0, 1.5), -90.0) for x in (1.0, 3.0, 5.0)])
+    built_m = 0.2  # the wall stands 0.2 m further into the room than it is drawn
+    points = [np.array([[x - 0.5, built_m, 1.0], [x + 0.5, built_m, 2.0]]) for x in (1.0, 3.0, 5.0)]
+    patches = [(k, points[k], (0.0, 1.0)) for k in range(3)]
+    moved = MovedWall(np.array([0]), np.array([0.0, built_m]))
+    inputs = replace(
+        flat,
+        floorplan=drawn,
+        true_world_from_cams=poses_in,
+        true_plan_from_world=np.eye(4),
+        moved_walls=(moved,),
+    )
+
+    def found(n_patches: int, moved_m: float, offset_m: float) -> tuple[int, int]:
+        on_first = np.where(np.arange(4) == 0, 1.0, np.nan)
+        correspondences = SimpleNamespace(moved_m=moved_m * on_first)
+        adjustment = SimpleNamespace(
+            correspondences=correspondences, offsets_m=np.full(4, offset_m)
+        )
+        structure = make_structure(poses_in, patches=patches[:n_patches])
+        return moved_walls_found(
+            inputs, SimpleNamespace(structure=structure, adjustment=adjustment)
+        )
+
+    assert found(3, 0.2, 0.19) == (1, 1)
+    assert found(3, 0.2, 0.25) == (1, 0)  # 5 cm off
+    assert found(3, np.nan, 0.2) == (1, 0)  # not named
+    assert found(2, 0.2, 0.2) == (0, 0)  # hardly seen
+
+
 # Figures, of records made by hand.
 
 
@@ -516,7 +549,7 @@ def test_page_has_rows_and_halves() -> None:
     cases = [case_of(0), case_of(1, jump), case_of(2, jump)]
     records = [
         record(cases[0], 0, 0.04, predicted_m=0.03, within_predicted=1.0),
-        record(cases[1], 0, 0.50, predicted_m=0.04, within_predicted=0.2),
+        record(cases[1], 0, 0.50, predicted_m=0.04, within_predicted=0.2, largest_m=2.0),
         record(cases[2], 1, 0.30),
     ]
     row = fault_rows(match_results(cases, records))[1]
@@ -527,7 +560,10 @@ def test_page_has_rows_and_halves() -> None:
     page = make_page(cases, records)
     # Even: two cases, none wrong; odd: one case, and that is.
     assert "| silent wrong | 0 | 0 | 2 | 1 | 1 |" in page
-    assert "- 1, conslam, drift 0: one jump, 3 m, 20 deg: 1.000 -> 0.500 m" in page
+    assert (
+        "- 1, conslam, drift 0: one jump, 3 m, 20 deg: 1.000 -> 0.500 m (one frame by 2.000 m)"
+        in page
+    )
 
 
 # The runner.
