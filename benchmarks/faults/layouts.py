@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from faults.inputs import Inputs, Rendered
 from planfit.geometry import se3
 from planfit.scan import Scan
 from planfit.scan.formats.facap import PLAN_FROM_WORLD, UP_WORLD
 from planfit.synth import (
     Building,
     Renderer,
-    SyntheticScan,
     SynthOptions,
     make_camera,
     make_lights,
@@ -95,7 +95,7 @@ def scan_of_layout(
     options: SynthOptions,
     has_same_rooms: bool = False,
     columns_are_walls: bool = False,
-) -> SyntheticScan:
+) -> Inputs:
     """A walk through a layout, with true poses as recorded ones.
 
     Args:
@@ -137,9 +137,8 @@ def scan_of_layout(
         fingerprint=digest,
     )
     floorplan = replace(building.floorplan, fingerprint=digest)
-    return SyntheticScan(
-        scan, world_from_cams, plan_from_cams, floorplan, building, renderer, options
-    )
+    rendered = Rendered(building, renderer, plan_from_cams, options)
+    return Inputs(scan, floorplan, world_from_cams, PLAN_FROM_WORLD, rendered=rendered)
 
 
 def _alike(layout: BuildingLayout) -> list[tuple[int, np.ndarray]]:
