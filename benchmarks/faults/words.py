@@ -33,8 +33,7 @@ def outcome_of(result: RefineResult) -> tuple[int, str]:
     """Exit code as the command line gives it, and the outcome in words."""
     verdict = getattr(result, "verdict", None)
     if verdict is not None:
-        outcome = getattr(verdict.outcome, "value", verdict.outcome)
-        return (0 if outcome == "refined" else 1), str(outcome)
+        return (0 if verdict.outcome == "refined" else 1), str(verdict.headline)
     return (0, "refined") if result.is_better else (1, "not better than before")
 
 
