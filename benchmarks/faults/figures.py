@@ -14,6 +14,8 @@ JUMPS = ("one jump", "two jumps", "three jumps")
 WITHOUT_PLACE = ("other building",)
 NEVER_VOUCHED = (*WITHOUT_PLACE, "shuffled poses", "constant poses")
 SCALES = ("plan too large", "plan too small")
+WRONG_FAULTLESS_TIMES = 2.0
+"""A scan without a fault that errs by more than this times the median over its drifts went wrong."""
 WRONG_M, WRONG_TIMES, RIGHT_TIMES = 0.10, 3.0, 1.5
 
 
@@ -49,7 +51,10 @@ class Result:
 
     @property
     def is_right(self) -> bool:
-        """Nearly as good as without the fault."""
+        """Nearly as good as without the fault, and no worse than the input."""
+        m = self.measured
+        if m.error_m is None or m.before_m is None or m.error_m > m.before_m:
+            return False
         return self.within(RIGHT_TIMES)
 
     def within(self, times: float, plus_m: float = 0.0) -> bool:
@@ -78,8 +83,19 @@ def match_results(cases: Sequence[Case], measured: Iterable[Measured]) -> list[R
     last = {m.number: m for m in measured}
     done = [(case, last[case.number]) for case in cases if case.number in last]
     done = [(case, m) for case, m in done if m.name == case.name]
-    faultless = {case.reference: m.error_m for case, m in done if case.is_reference}
-    return [Result(case, m, faultless.get(case.reference)) for case, m in done]
+    own = {
+        case.reference: m.error_m for case, m in done if case.is_reference and m.error_m is not None
+    }
+    return [Result(case, m, _faultless(case, own)) for case, m in done]
+
+
+def _faultless(case: Case, own: dict[tuple[str, int, bool], float]) -> float | None:
+    """Error without the fault; where that went wrong by itself, what the scan's other drifts allow."""
+    if case.reference not in own:
+        return None
+    scan, _, has_plan = case.reference
+    others = [error for key, error in own.items() if (key[0], key[2]) == (scan, has_plan)]
+    return min(own[case.reference], WRONG_FAULTLESS_TIMES * float(np.median(others)))
 
 
 def make_figures(results: Sequence[Result]) -> list[Figure]:

@@ -286,10 +286,10 @@ def test_other_building_and_storey_have_other_walls(flat: Inputs, rng: np.random
     plan = flat.floorplan
     other = plans.other_building(flat, 0, rng)
     assert not other.has_place
-    centres = [
-        0.5 * (p.ends.min(axis=(0, 1)) + p.ends.max(axis=(0, 1))) for p in (plan, other.floorplan)
-    ]
-    assert centres[0] == pytest.approx(centres[1])
+    ends, walked = other.floorplan.ends, flat.true_positions()[:, :2]
+    middle = 0.5 * (ends.min(axis=(0, 1)) + ends.max(axis=(0, 1)))
+    assert middle == pytest.approx(0.5 * (walked.min(axis=0) + walked.max(axis=0)))
+    assert 0.5 < np.prod(other.floorplan.size) / np.prod(np.ptp(walked, axis=0) + 5.0) < 2.5
     storey = plans.other_storey(flat, 0, rng).floorplan
     same = np.abs(storey.ends - plan.ends).max(axis=(1, 2)) < 1e-9
     assert (same == plans.outer_faces(plan)).all()
@@ -511,6 +511,19 @@ def test_right_results_and_jumps_are_measured_against_their_own_reference() -> N
     assert (vouched.found, vouched.n) == ("33%", 3)
     jumps = figure(results, "jumps within 1.3 times + 2 cm")
     assert (jumps.found, jumps.n) == ("50%", 2)
+
+
+def test_a_faultless_run_that_went_wrong_is_no_measure_of_others() -> None:
+    moved = Part("walls moved", 0)
+    cases = [case_of(k, drift=k) for k in range(4)] + [case_of(4, moved, drift=3)]
+    records = [
+        record(case, 0, error)
+        for case, error in zip(cases, (0.02, 0.03, 0.02, 0.9, 0.8), strict=True)
+    ]
+    results = match_results(cases, records)
+    assert [r.faultless_m for r in results] == pytest.approx([0.02, 0.03, 0.02, 0.05, 0.05])
+    assert [r.is_silent_wrong for r in results] == [False, False, False, True, True]
+    assert [r.is_right for r in results] == [True, True, True, False, False]
 
 
 def test_worst_of_refused_cases_has_no_result() -> None:
