@@ -14,7 +14,7 @@ from faults.images import IMAGES, LOOK_ALIKES
 from faults.inputs import Fault, Inputs
 from faults.plans import NO_PLAN, PLANS
 from faults.poses import CONVENTIONS, ORDER, TRACKING
-from faults.scans import SYNTHETIC, WALKS, rendered_walks
+from faults.scans import NICHES, SYNTHETIC, WALKS, rendered_walks
 
 FAULTS: dict[str, Fault] = {
     fault.name: fault
@@ -97,6 +97,7 @@ def _chapters() -> Iterator[What]:
     yield from _pairs()
     yield from _look_alikes()
     yield from _without_plan()
+    yield from _starts()
     yield from _rendered_walks()
 
 
@@ -201,7 +202,7 @@ def _look_alikes() -> Iterator[What]:
     """Forty walks without posters, and the same with the same posters in many places."""
     for k, scan in enumerate(WALKS):
         bare = (scan.name, k % 4, ())
-        hung = (scan.name, k % 4, (Part("same posters", k % 3),))
+        hung = (scan.name, k % 4, (Part("same posters", k // 2 % 3),))
         # In turns, so that both halves of the battery have walks with posters.
         yield from (bare, hung) if k % 2 else (hung, bare)
 
@@ -214,6 +215,14 @@ def _without_plan() -> Iterator[What]:
             yield scan, seed, (none,)
     for k, part in enumerate(_sizes((*TRACKING, *ORDER))):
         yield "kitchen", k % 4, (none, part)
+
+
+def _starts() -> Iterator[What]:
+    """Drift of about one and three per cent of the way where a scan a decimetre off finds a face as well."""
+    for scan in NICHES:
+        for seed in range(8):
+            yield scan.name, seed, ()
+            yield scan.name, seed, (Part("drift", 0),)
 
 
 def _rendered_walks() -> Iterator[What]:

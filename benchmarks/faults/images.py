@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from faults.inputs import Fault, Inputs
+from faults.inputs import Fault, Inputs, Rendered
 from planfit.geometry import segments
 from planfit.scan import ScanFiles
 from planfit.scan.types import Label
-from planfit.synth import Renderer, SyntheticScan, make_lights, make_quads
+from planfit.synth import Renderer, make_lights, make_quads
 from planfit.synth.materials import FABRIC_COLORS, Material
 from planfit.synth.mesh import Quads
 from planfit.synth.scan import SynthFiles
@@ -96,24 +96,22 @@ def posters(inputs: Inputs, size: int, rng: np.random.Generator) -> Inputs:
     Raises:
         ValueError: the scan is no synthetic one.
     """
-    if inputs.synthetic is None:
+    if inputs.rendered is None:
         raise ValueError(f"{inputs.scan.name}: expected a synthetic scan to hang posters in")
-    synthetic = inputs.synthetic
+    bare = inputs.rendered
     n_kinds, share = POSTERS[size]
-    hung = hang_posters(synthetic, n_kinds, share, rng)
-    renderer = Renderer(hung, make_lights(synthetic.building))
+    hung = hang_posters(bare, n_kinds, share, rng)
+    renderer = Renderer(hung, make_lights(bare.building))
     camera = inputs.scan.cameras[0]
-    files = SynthFiles(renderer, camera, synthetic.true_plan_from_cams, synthetic.options)
+    files = SynthFiles(renderer, camera, bare.true_plan_from_cams, bare.options)
     return _with_files(inputs, files, f"posters {n_kinds} {share} {rng.integers(2**31)}")
 
 
-def hang_posters(
-    synthetic: SyntheticScan, n_kinds: int, share: float, rng: np.random.Generator
-) -> Quads:
+def hang_posters(rendered: Rendered, n_kinds: int, share: float, rng: np.random.Generator) -> Quads:
     """The building's surfaces, and posters of a few kinds, each of one size, colour and texture."""
-    building = synthetic.building
+    building = rendered.building
     # The stream that `make_scan` paints surfaces from, so that these stay what they are.
-    bare = make_quads(building, np.random.default_rng([synthetic.options.seed, 1]))
+    bare = make_quads(building, np.random.default_rng([rendered.options.seed, 1]))
     faces = building.faces
     is_wall = (faces.parts == Part.FULL) & (faces.rooms >= 0) & ~faces.is_column
     lengths = segments.lengths(faces.ends)

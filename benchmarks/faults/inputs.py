@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.scan import Scan
-from planfit.synth import DriftOptions, SyntheticScan
+from planfit.synth import Building, DriftOptions, Renderer, SynthOptions
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,20 @@ class MovedWall:
     """From where the plan draws it to where it stands, true plan frame."""
 
 
+DRIFT = DriftOptions(yaw_deg=0.15, tilt_share=0.3, translation_m=0.02, vertical_share=0.3)
+"""Of recorded poses before they are spoilt; as measured on ConSLAM."""
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """What the images of a synthetic scan are made of."""
+
+    building: Building
+    renderer: Renderer
+    true_plan_from_cams: Float[np.ndarray, "n 4 4"]
+    options: SynthOptions
+
+
 @dataclass(frozen=True)
 class Inputs:
     """A scan and a plan as planfit is given them, spoilt or not, and the truth about both."""
@@ -34,8 +48,6 @@ class Inputs:
     """In the axes that the poses were recorded in before anything was spoilt."""
     true_plan_from_world: Float[np.ndarray, "4 4"]
     """To the true plan, m."""
-    drift: DriftOptions
-    """What the recorded poses have on top of the true ones."""
     given_from_true: Float[np.ndarray, "2 2"] = field(default_factory=lambda: np.eye(2))
     """From the true plan to the plan as given: another scale, mirrored."""
     moved_walls: tuple[MovedWall, ...] = ()
@@ -43,8 +55,8 @@ class Inputs:
     """Whether the scan has a place on the plan; not on that of another building."""
     has_plan: bool = True
     """Whether planfit is given the plan."""
-    synthetic: SyntheticScan | None = None
-    """The building behind a synthetic scan."""
+    rendered: Rendered | None = None
+    """Of a synthetic scan."""
 
     @cached_property
     def up_world(self) -> Float[np.ndarray, "3"]:

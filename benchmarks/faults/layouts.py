@@ -1,17 +1,17 @@
-"""Buildings that no option of `planfit.synth` gives: offices all alike, a long corridor, an open hall."""
+"""Buildings that no option of `planfit.synth` gives: offices all alike, a long corridor, a hall, niches."""
 
 import hashlib
 from dataclasses import replace
 
 import numpy as np
 
+from faults.inputs import Inputs, Rendered
 from planfit.geometry import se3
 from planfit.scan import Scan
 from planfit.scan.formats.facap import PLAN_FROM_WORLD, UP_WORLD
 from planfit.synth import (
     Building,
     Renderer,
-    SyntheticScan,
     SynthOptions,
     make_camera,
     make_lights,
@@ -19,7 +19,7 @@ from planfit.synth import (
     walk_through,
 )
 from planfit.synth.furniture import Footprint, Piece, furnish
-from planfit.synth.layout import BuildingLayout, Door, Rect
+from planfit.synth.layout import BuildingLayout, Door, Rect, make_layout
 from planfit.synth.mesh import Quads
 from planfit.synth.scan import SynthFiles, frame_name
 from planfit.synth.walls import wall_faces
@@ -65,16 +65,52 @@ def hall(options: SynthOptions) -> tuple[BuildingLayout, SynthOptions]:
     return layout, replace(options, walk=walk, building=building)
 
 
+def niches(options: SynthOptions) -> tuple[BuildingLayout, SynthOptions]:
+    """A flat with layers of wall 10 to 20 cm before others: a scan a decimetre off finds faces as well."""
+    rng = np.random.default_rng([options.seed, 9])
+    layout = make_layout(options.building, rng)
+    layers = []
+    for room in layout.rooms:
+        for side in range(4):
+            length, depth = rng.uniform(0.9, 1.9), rng.uniform(0.1, 0.2)
+            axis = side % 2  # along x, along y
+            low, high = np.array([room.x0, room.y0]), np.array([room.x1, room.y1])
+            if high[axis] - low[axis] < length + 0.8:
+                continue
+            begin = rng.uniform(low[axis] + 0.3, high[axis] - 0.3 - length)
+            first, last = low.copy(), high.copy()
+            first[axis], last[axis] = begin, begin + length
+            if side < 2:
+                last[1 - axis] = low[1 - axis] + depth
+            else:
+                first[1 - axis] = high[1 - axis] - depth
+            layer = Rect(*(float(v) for v in (*first, *last)))
+            if not any(layer.grown(0.4).overlaps(door.rect) for door in layout.doors):
+                layers.append(layer)
+    return replace(layout, columns=tuple(layers)), options
+
+
 def scan_of_layout(
-    layout: BuildingLayout, options: SynthOptions, has_same_rooms: bool = False
-) -> SyntheticScan:
+    layout: BuildingLayout,
+    options: SynthOptions,
+    has_same_rooms: bool = False,
+    columns_are_walls: bool = False,
+) -> Inputs:
     """A walk through a layout, with true poses as recorded ones.
 
-    `has_same_rooms`: rooms of one size are furnished, hung and painted alike.
+    Args:
+        layout: rooms, doors, columns.
+        options: of the rest; those of the layout have no effect.
+        has_same_rooms: rooms of one size are furnished, hung and painted alike.
+        columns_are_walls: columns stand at walls and are wall themselves.
     """
     rngs = [np.random.default_rng([options.seed, stream]) for stream in range(3)]
     faces = wall_faces(layout, options.building.outer_wall_thickness_m)
-    pieces = tuple(furnish(layout, options.building, rngs[0]))
+    furnished = layout
+    if columns_are_walls:
+        faces = replace(faces, is_column=np.zeros(len(faces.ends), dtype=bool))
+        furnished = replace(layout, columns=())
+    pieces = tuple(furnish(furnished, options.building, rngs[0]))
     if has_same_rooms:
         pieces = _furnished_alike(layout, pieces)
     building = Building(options.building, layout, faces, pieces)
@@ -86,7 +122,7 @@ def scan_of_layout(
     world_from_cams = se3.inverse(PLAN_FROM_WORLD) @ plan_from_cams
     world_from_cams[:, :3, :3] = se3.project_to_so3(world_from_cams[:, :3, :3])
     n, camera = len(plan_from_cams), make_camera(options.camera)
-    content = repr((options, layout, has_same_rooms)).encode()
+    content = repr((options, layout, has_same_rooms, columns_are_walls)).encode()
     digest = hashlib.sha256(content).hexdigest()[:16]
     scan = Scan(
         name=f"synthetic scan, seed {options.seed}",
@@ -101,9 +137,8 @@ def scan_of_layout(
         fingerprint=digest,
     )
     floorplan = replace(building.floorplan, fingerprint=digest)
-    return SyntheticScan(
-        scan, world_from_cams, plan_from_cams, floorplan, building, renderer, options
-    )
+    rendered = Rendered(building, renderer, plan_from_cams, options)
+    return Inputs(scan, floorplan, world_from_cams, PLAN_FROM_WORLD, rendered=rendered)
 
 
 def _alike(layout: BuildingLayout) -> list[tuple[int, np.ndarray]]:

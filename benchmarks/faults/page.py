@@ -125,7 +125,8 @@ def _lists(results: Sequence[Result]) -> list[str]:
     if wrong := [r for r in results if r.is_silent_wrong]:
         lines = [
             f"- {r.case.number}, {r.case.name}: {_metres(r.measured.before_m)} -> "
-            f"{_metres(r.measured.error_m)} m, faultless {_metres(r.faultless_m)} m"
+            f"{_metres(r.measured.error_m)} m (one frame by {_metres(r.measured.largest_m)} m), faultless "
+            f"{_metres(r.faultless_m)} m"
             for r in wrong
         ]
         parts += ["## Silent wrong, case by case", "\n".join(lines)]

@@ -191,12 +191,16 @@ def centre_lines(inputs: Inputs, _size: int, _rng: np.random.Generator) -> Input
 
 
 def other_building(inputs: Inputs, _size: int, rng: np.random.Generator) -> Inputs:
-    """The plan of a building of as many rooms somewhere else, put about the same place."""
-    rooms = int(np.clip(np.prod(inputs.floorplan.size) / 18, 2, 12))
-    other = make_building(BuildingOptions(n_rooms=rooms), rng).floorplan
-    centre, own = (0.5 * (e.min(axis=(0, 1)) + e.max(axis=(0, 1)))
-                   for e in (other.ends, inputs.floorplan.ends))  # fmt: skip
-    spoilt = inputs.with_faces(other.ends + own - centre, other.normals, other.is_oriented)
+    """The plan of a building somewhere else, as large as what was scanned, put about the same place."""
+    xy = inputs.true_positions()[:, :2]
+    area_m2 = float(np.prod(np.ptp(xy, axis=0) + 5.0))
+    rooms = int(np.clip(area_m2 / 18, 2, 12))
+    side_m = float(np.clip(np.sqrt(area_m2 / rooms), 4.0, 14.0))
+    options = BuildingOptions(n_rooms=rooms, room_size_m=(0.8 * side_m, 1.2 * side_m))
+    other = make_building(options, rng).floorplan
+    middle = 0.5 * (other.ends.min(axis=(0, 1)) + other.ends.max(axis=(0, 1)))
+    scanned = (0.5 * (xy.min(axis=0) + xy.max(axis=0))) @ inputs.given_from_true.T
+    spoilt = inputs.with_faces(other.ends + scanned - middle, other.normals, other.is_oriented)
     return replace(spoilt, has_place=False)
 
 

@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation, Slerp
 
-from faults.inputs import Fault, Inputs
+from faults.inputs import DRIFT, Fault, Inputs
 from planfit.geometry import se3
 from planfit.scan.poses import OPENGL_FROM_OPENCV
 from planfit.scan.views import select_frames
-from planfit.synth import DriftOptions, drift_poses
+from planfit.synth import drift_poses
 
 JUMPS = ((1.0, 5.0), (3.0, 20.0), (8.0, 90.0))
 """m and deg."""
@@ -46,13 +46,7 @@ def spread_frames(n: int, count: int, rng: np.random.Generator) -> Int[np.ndarra
 def more_drift(inputs: Inputs, size: int, rng: np.random.Generator) -> Inputs:
     """Drift anew, so many times as strong."""
     k = DRIFT_FACTORS[size]
-    usual = inputs.drift
-    drift = DriftOptions(
-        yaw_deg=k * usual.yaw_deg,
-        tilt_share=usual.tilt_share,
-        translation_m=k * usual.translation_m,
-        vertical_share=usual.vertical_share,
-    )
+    drift = replace(DRIFT, yaw_deg=k * DRIFT.yaw_deg, translation_m=k * DRIFT.translation_m)
     return inputs.with_poses(drift_poses(inputs.true_world_from_cams, drift, rng, inputs.up_world))
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 import planfit
-from faults.inputs import Inputs
-from faults.layouts import corridor, hall, same_rooms, scan_of_layout
+from faults.inputs import DRIFT, Inputs, Rendered
+from faults.layouts import corridor, hall, niches, same_rooms, scan_of_layout
 from planfit.floorplan import PlanOptions
 from planfit.geometry import se3, segments
 from planfit.scan import Scan, ScanFiles, read_tum
@@ -21,7 +21,6 @@ from planfit.scan.views import select_frames
 from planfit.synth import (
     BuildingOptions,
     CameraOptions,
-    DriftOptions,
     SyntheticScan,
     SynthOptions,
     TimeOfFlightNoise,
@@ -32,8 +31,6 @@ from planfit.synth import (
 
 SHARED = Path(os.environ.get("PLANFIT_SHARED", "../shared/data"))
 CAMERA = CameraOptions(width_px=320, height_px=240)
-DRIFT = DriftOptions(yaw_deg=0.15, tilt_share=0.3, translation_m=0.02, vertical_share=0.3)
-"""As measured on ConSLAM."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +49,7 @@ class BaseScan:
 def drifted(base: Inputs, seed: int) -> Inputs:
     """With drift of its own, as recorded poses have it."""
     rng = np.random.default_rng(seed)
-    poses = drift_poses(base.true_world_from_cams, base.drift, rng, base.up_world)
+    poses = drift_poses(base.true_world_from_cams, DRIFT, rng, base.up_world)
     return base.with_poses(poses)
 
 
@@ -67,7 +64,7 @@ def conslam() -> Inputs:
     assert scan.floorplan_path is not None
     floorplan = planfit.read_floorplan(scan.floorplan_path)
     _, true_world_from_cams = read_tum(folder / "groundtruth.tum")
-    return Inputs(scan, floorplan, true_world_from_cams, PLAN_FROM_WORLD, DRIFT)
+    return Inputs(scan, floorplan, true_world_from_cams, PLAN_FROM_WORLD)
 
 
 def kitchen() -> Inputs:
@@ -87,7 +84,7 @@ def kitchen() -> Inputs:
     )
     plan_from_world = np.array(KITCHEN_PLAN_FROM_WORLD)
     plan_from_world[:3, :3] = se3.project_to_so3(plan_from_world[:3, :3])
-    return Inputs(scan, floorplan, scan.world_from_cams, plan_from_world, DRIFT)
+    return Inputs(scan, floorplan, scan.world_from_cams, plan_from_world)
 
 
 KITCHEN_PLAN_FROM_WORLD = (
@@ -112,8 +109,12 @@ def _of(synthetic: SyntheticScan) -> Inputs:
         synthetic.floorplan,
         synthetic.true_world_from_cams,
         synthetic.true_plan_from_world,
-        DRIFT,
-        synthetic=synthetic,
+        rendered=Rendered(
+            synthetic.building,
+            synthetic.renderer,
+            synthetic.true_plan_from_cams,
+            synthetic.options,
+        ),
     )
 
 
@@ -132,7 +133,7 @@ def _synth(seed: int, n_frames: int, building: BuildingOptions, **others: object
 def _drawn(make: Callable[..., tuple], seed: int, n_frames: int) -> Inputs:
     options = _options(seed, n_frames, BuildingOptions(furniture_per_room=4))
     layout, options = make(options)
-    return _of(scan_of_layout(layout, options, has_same_rooms=make is same_rooms))
+    return scan_of_layout(layout, options, make is same_rooms, make is niches)
 
 
 SYNTHETIC = (
@@ -161,10 +162,25 @@ SYNTHETIC = (
 )
 
 WALKS = tuple(
-    BaseScan(f"walk {k:02d}", partial(_synth, 200 + k, 110, BuildingOptions(n_rooms=5)))
+    BaseScan(
+        f"walk {k:02d}",
+        partial(
+            _synth,
+            200 + k,
+            140,
+            BuildingOptions(
+                n_rooms=8,
+                furniture_per_room=1 if k % 3 else 5,
+                pictures_per_wall=0.3 if k % 3 else 1.5,
+            ),
+        ),
+    )
     for k in range(40)
 )
-"""Walks in which the same posters are hung."""
+"""Walks in which the same posters are hung; in two of three, little else is there to see."""
+
+NICHES = tuple(BaseScan(f"niches {k}", partial(_drawn, niches, 120 + k, 140)) for k in range(1, 4))
+"""Flats whose walls have layers 10 to 20 cm before the others."""
 
 REAL = (
     BaseScan("conslam", conslam, is_rendered=False),
@@ -223,7 +239,7 @@ def _in_plan(plan: RealPlan) -> Inputs:
 
 def all_scans() -> dict[str, BaseScan]:
     """By name."""
-    return {scan.name: scan for scan in (*REAL, *SYNTHETIC, *WALKS, *rendered_walks())}
+    return {scan.name: scan for scan in (*REAL, *SYNTHETIC, *WALKS, *NICHES, *rendered_walks())}
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,7 @@ def outcome_of(result: RefineResult) -> tuple[int, str]:
     """Exit code as the command line gives it, and the outcome in words."""
     verdict = getattr(result, "verdict", None)
     if verdict is not None:
-        outcome = getattr(verdict.outcome, "value", verdict.outcome)
-        return (0 if outcome == "refined" else 1), str(outcome)
+        return (0 if verdict.outcome == "refined" else 1), str(verdict.headline)
     return (0, "refined") if result.is_better else (1, "not better than before")
 
 
@@ -59,9 +58,9 @@ def moved_walls_found(inputs: Inputs, result: RefineResult) -> tuple[int, int]:
 
     A wall is named rightly where one of its faces has an offset within 3 cm of the true one.
     """
-    named = named_offsets_m(result)
-    if not inputs.moved_walls or named is None:
+    if not inputs.moved_walls:
         return 0, 0
+    named = named_offsets_m(result)
     n_pieces = pieces_a_face(inputs, result)
     seen = right = 0
     for wall in inputs.moved_walls:
@@ -74,12 +73,12 @@ def moved_walls_found(inputs: Inputs, result: RefineResult) -> tuple[int, int]:
     return seen, right
 
 
-def named_offsets_m(result: RefineResult) -> Float[np.ndarray, " f"] | None:
-    """Offset of each face that was named as moved, along its normal, NaN for others; None if none can be."""
+def named_offsets_m(result: RefineResult) -> Float[np.ndarray, " f"]:
+    """Offset of each face of the plan that was named as moved, along its normal; NaN for the others."""
     adjustment = result.adjustment
     moved_m = getattr(adjustment.correspondences, "moved_m", None)
     if moved_m is None:
-        return None
+        return np.full(len(adjustment.offsets_m), np.nan)
     return np.where(np.isfinite(moved_m), adjustment.offsets_m, np.nan)
 
 
