@@ -9,8 +9,8 @@ from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from planfit.geometry import segments
-from planfit.synth.layout import Rect
 from planfit.synth.plan_walls import PlanWalls
+from planfit.synth.rect import Rect
 
 CELL_M = 0.1
 _INSIDE_CELL_M = 0.2

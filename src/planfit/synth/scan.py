@@ -24,10 +24,20 @@ from planfit.synth.plan_mesh import make_plan_quads, no_lights
 from planfit.synth.plan_route import find_plan_route, read_path
 from planfit.synth.render import Renderer, View
 from planfit.synth.sensor_noise import noisy_color, noisy_depth
+from planfit.synth.storeys import (
+    StoreyedBuilding,
+    make_storeyed_lights,
+    make_storeyed_quads,
+    make_storeys,
+    walk_through_storeys,
+)
 from planfit.synth.walk import walk_along, walk_through
 
 # Streams of the seed: what one part draws does not depend on what another part draws.
 _BUILDING, _SURFACES, _WALK, _DRIFT, _WORLD, _COLOR, _DEPTH = range(7)
+
+
+AnyBuilding = Building | PlanBuilding | StoreyedBuilding
 
 
 @dataclass(frozen=True)
@@ -40,11 +50,20 @@ class SyntheticScan:
     """Poses before drift, in the axes of the world of the scan."""
     true_plan_from_cams: Float[np.ndarray, "n 4 4"]
     """The same in the plan frame."""
-    floorplan: Floorplan
-    """The true plan, without error."""
-    building: Building | PlanBuilding
+    floorplans: tuple[Floorplan, ...]
+    """The true plans, without error, one a storey from the lowest; all in one plan frame."""
+    floors_z: tuple[float, ...]
+    """Height of the floor of each storey in the plan frame, m."""
+    frame_storeys: Int[np.ndarray, " n"]
+    """Index of the storey that each frame is on; `ON_STAIRS` (-1) between two."""
+    building: AnyBuilding
     renderer: Renderer
     options: SynthOptions
+
+    @property
+    def floorplan(self) -> Floorplan:
+        """The true plan; of several storeys, that of the lowest."""
+        return self.floorplans[0]
 
     @property
     def true_plan_from_world(self) -> Float[np.ndarray, "4 4"]:
@@ -153,14 +172,17 @@ def make_scan(
         plan_from_world_axes=PLAN_FROM_WORLD if options.world == "plan" else None,
         fingerprint=digest,
     )
-    true_plan = built.building.floorplan
+    plans = built.floorplans
     if floorplan is None:
-        true_plan = replace(true_plan, fingerprint=digest)
+        prints = (digest, *(f"{digest}-{k}" for k in range(1, len(plans))))
+        plans = tuple(replace(p, fingerprint=f) for p, f in zip(plans, prints, strict=True))
     return SyntheticScan(
         scan,
         world_from_cams,
         built.plan_from_cams,
-        true_plan,
+        plans,
+        built.floors_z,
+        built.frame_storeys,
         built.building,
         built.renderer,
         options,
@@ -171,10 +193,13 @@ def make_scan(
 class _Built:
     """What is seen, and from where."""
 
-    building: Building | PlanBuilding
+    building: AnyBuilding
     renderer: Renderer
     plan_from_cams: Float[np.ndarray, "n 4 4"]
-    digest: str
+    floorplans: tuple[Floorplan, ...]
+    floors_z: tuple[float, ...]
+    frame_storeys: Int[np.ndarray, " n"]
+    digest: str = ""
     """Of all that the options do not say."""
 
 
@@ -184,13 +209,41 @@ def _make_up(options: SynthOptions) -> _Built:
             f"walk.path: expected a path only together with a plan, found {options.walk.path}; give the plan "
             "that it leads through (--plan), or leave the path out"
         )
+    if options.building.n_storeys > 1:
+        return _make_up_storeys(options)
     building = make_building(options.building, _rng(options.seed, _BUILDING))
     renderer = Renderer(make_quads(building, _rng(options.seed, _SURFACES)), make_lights(building))
     plan_from_cams = walk_through(building, options.walk, _rng(options.seed, _WALK))
-    return _Built(building, renderer, plan_from_cams, "")
+    return _on_one_storey(building, renderer, plan_from_cams, "")
+
+
+def _make_up_storeys(options: SynthOptions) -> _Built:
+    building = make_storeys(options.building, _rng(options.seed, _BUILDING))
+    quads = make_storeyed_quads(building, _rng(options.seed, _SURFACES))
+    renderer = Renderer(quads, make_storeyed_lights(building))
+    walk = walk_through_storeys(building, options.walk, _rng(options.seed, _WALK))
+    plans = tuple(storey.floorplan for storey in building.storeys)
+    return _Built(building, renderer, walk.plan_from_cams, plans, building.floors_z, walk.storeys)
+
+
+def _on_one_storey(
+    building: Building | PlanBuilding,
+    renderer: Renderer,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    digest: str,
+) -> _Built:
+    storeys = np.zeros(len(plan_from_cams), dtype=int)
+    return _Built(
+        building, renderer, plan_from_cams, (building.floorplan,), (0.0,), storeys, digest
+    )
 
 
 def _build_plan(options: SynthOptions, floorplan: Floorplan) -> _Built:
+    if options.building.n_storeys > 1:
+        raise OptionError(
+            f"n_storeys: expected 1 together with a plan, found {options.building.n_storeys}; "
+            "leave one of them out"
+        )
     path = None if options.walk.path is None else read_path(options.walk)
     rng = _rng(options.seed, _WALK)
     building = make_plan_building(
@@ -210,7 +263,7 @@ def _build_plan(options: SynthOptions, floorplan: Floorplan) -> _Built:
         route, building, options.walk, rng, wraps, turns_inwards=path is None
     )
     digest = hashlib.sha256(floorplan.ends.tobytes() + route.tobytes()).hexdigest()
-    return _Built(building, renderer, plan_from_cams, digest)
+    return _on_one_storey(building, renderer, plan_from_cams, digest)
 
 
 def make_camera(options: CameraOptions) -> Camera:
@@ -235,9 +288,7 @@ def _rng(seed: int, *stream: int) -> np.random.Generator:
     return np.random.default_rng([seed, *stream])
 
 
-def _world_from_plan(
-    options: SynthOptions, building: Building | PlanBuilding
-) -> Float[np.ndarray, "4 4"]:
+def _world_from_plan(options: SynthOptions, building: AnyBuilding) -> Float[np.ndarray, "4 4"]:
     axes = se3.inverse(PLAN_FROM_WORLD)
     if options.world == "plan":
         return axes

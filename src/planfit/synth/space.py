@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
-from planfit.synth.layout import Rect
+from planfit.synth.rect import Rect
 
 
 @runtime_checkable
