@@ -80,7 +80,7 @@ def test_each_storey_is_seen_as_its_own_plan(synthetic, storey):
 
 
 def test_layouts_of_storeys_differ_but_for_the_stairwell(synthetic):
-    low, high = (storey.layout for storey in synthetic.building.storeys)
+    low, high = (storey.layout for storey in synthetic.storeys)
     assert low.rooms[:-1] != high.rooms[:-1]
     assert low.stairs == high.stairs
     assert low.rooms[-1] == high.rooms[-1] == low.stairs.well
@@ -113,7 +113,7 @@ def test_loops_come_down_again_with_the_first_view(synthetic):
 
 
 def test_every_room_of_every_storey_is_entered_with_clearance(synthetic):
-    for k, storey in enumerate(synthetic.building.storeys):
+    for k, storey in enumerate(synthetic.storeys):
         poses = synthetic.true_plan_from_cams[frames_of(synthetic, k)]
         xy = poses[:, :2, 3] @ storey.plan_from_building[:2, :2]
         assert all(room.contains(xy).any() for room in storey.rooms)

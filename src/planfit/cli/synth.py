@@ -12,7 +12,7 @@ from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import StageBars, out
 from planfit.errors import OutputError
 from planfit.floorplan import Floorplan, read_floorplan
-from planfit.synth import StoreyedBuilding, SyntheticScan, SynthOptions, make_scan, write_facap
+from planfit.synth import SyntheticScan, SynthOptions, make_scan, write_facap
 
 
 @dataclass(frozen=True)
@@ -68,10 +68,8 @@ def _tell(folder: Path, synthetic: SyntheticScan) -> None:
 
 
 def _visited(synthetic: SyntheticScan) -> str:
-    building = synthetic.building
-    storeys = building.storeys if isinstance(building, StoreyedBuilding) else (building,)
     entered, total = 0, 0
-    for k, storey in enumerate(storeys):
+    for k, storey in enumerate(synthetic.storeys):
         poses = synthetic.true_plan_from_cams[synthetic.frame_storeys == k]
         xy = poses[:, :2, 3] @ storey.plan_from_building[:2, :2]
         entered += sum(bool(room.contains(xy).any()) for room in storey.rooms)

@@ -4,6 +4,7 @@ import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
+from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -25,7 +26,6 @@ from planfit.synth.plan_route import find_plan_route, read_path
 from planfit.synth.render import Renderer, View
 from planfit.synth.sensor_noise import noisy_color, noisy_depth
 from planfit.synth.storeys import (
-    StoreyedBuilding,
     make_storeyed_lights,
     make_storeyed_quads,
     make_storeys,
@@ -37,11 +37,11 @@ from planfit.synth.walk import walk_along, walk_through
 _BUILDING, _SURFACES, _WALK, _DRIFT, _WORLD, _COLOR, _DEPTH = range(7)
 
 
-AnyBuilding = Building | PlanBuilding | StoreyedBuilding
+StoreyT_co = TypeVar("StoreyT_co", bound=Building | PlanBuilding, covariant=True)
 
 
 @dataclass(frozen=True)
-class SyntheticScan:
+class SyntheticScan(Generic[StoreyT_co]):
     """A scan together with the truth about it."""
 
     scan: Scan
@@ -56,7 +56,8 @@ class SyntheticScan:
     """Height of the floor of each storey in the plan frame, m."""
     frame_storeys: Int[np.ndarray, " n"]
     """Index of the storey that each frame is on; `ON_STAIRS` (-1) between two."""
-    building: AnyBuilding
+    storeys: tuple[StoreyT_co, ...]
+    """What was built, from the lowest; each in a frame of its own with z = 0 at its floor."""
     renderer: Renderer
     options: SynthOptions
 
@@ -64,6 +65,11 @@ class SyntheticScan:
     def floorplan(self) -> Floorplan:
         """The true plan; of several storeys, that of the lowest."""
         return self.floorplans[0]
+
+    @property
+    def building(self) -> StoreyT_co:
+        """What was built; of several storeys, the lowest."""
+        return self.storeys[0]
 
     @property
     def true_plan_from_world(self) -> Float[np.ndarray, "4 4"]:
@@ -136,9 +142,21 @@ class SynthFiles:
         return view
 
 
+@overload
+def make_scan(
+    options: SynthOptions | None = None, floorplan: None = None
+) -> SyntheticScan[Building]: ...
+@overload
+def make_scan(
+    options: SynthOptions | None, floorplan: Floorplan
+) -> SyntheticScan[PlanBuilding]: ...
+@overload
+def make_scan(
+    options: SynthOptions | None, floorplan: Floorplan | None
+) -> SyntheticScan[Building | PlanBuilding]: ...
 def make_scan(
     options: SynthOptions | None = None, floorplan: Floorplan | None = None
-) -> SyntheticScan:
+) -> SyntheticScan[Any]:
     """Make a synthetic scan; nothing is rendered before it is asked for.
 
     Args:
@@ -153,7 +171,7 @@ def make_scan(
     """
     options = SynthOptions() if options is None else options
     built = _make_up(options) if floorplan is None else _build_plan(options, floorplan)
-    world_from_plan = _world_from_plan(options, built.building)
+    world_from_plan = _world_from_plan(options, built.storeys[0])
     world_from_cams = world_from_plan @ built.plan_from_cams
     world_from_cams[:, :3, :3] = se3.project_to_so3(world_from_cams[:, :3, :3])
     drifted = drift_poses(world_from_cams, options.drift, _rng(options.seed, _DRIFT), UP_WORLD)
@@ -172,7 +190,7 @@ def make_scan(
         plan_from_world_axes=PLAN_FROM_WORLD if options.world == "plan" else None,
         fingerprint=digest,
     )
-    plans = built.floorplans
+    plans = tuple(storey.floorplan for storey in built.storeys)
     if floorplan is None:
         prints = (digest, *(f"{digest}-{k}" for k in range(1, len(plans))))
         plans = tuple(replace(p, fingerprint=f) for p, f in zip(plans, prints, strict=True))
@@ -183,7 +201,7 @@ def make_scan(
         plans,
         built.floors_z,
         built.frame_storeys,
-        built.building,
+        built.storeys,
         built.renderer,
         options,
     )
@@ -193,10 +211,9 @@ def make_scan(
 class _Built:
     """What is seen, and from where."""
 
-    building: AnyBuilding
+    storeys: tuple[Building | PlanBuilding, ...]
     renderer: Renderer
     plan_from_cams: Float[np.ndarray, "n 4 4"]
-    floorplans: tuple[Floorplan, ...]
     floors_z: tuple[float, ...]
     frame_storeys: Int[np.ndarray, " n"]
     digest: str = ""
@@ -222,8 +239,7 @@ def _make_up_storeys(options: SynthOptions) -> _Built:
     quads = make_storeyed_quads(building, _rng(options.seed, _SURFACES))
     renderer = Renderer(quads, make_storeyed_lights(building))
     walk = walk_through_storeys(building, options.walk, _rng(options.seed, _WALK))
-    plans = tuple(storey.floorplan for storey in building.storeys)
-    return _Built(building, renderer, walk.plan_from_cams, plans, building.floors_z, walk.storeys)
+    return _Built(building.storeys, renderer, walk.plan_from_cams, building.floors_z, walk.storeys)
 
 
 def _on_one_storey(
@@ -233,9 +249,7 @@ def _on_one_storey(
     digest: str,
 ) -> _Built:
     storeys = np.zeros(len(plan_from_cams), dtype=int)
-    return _Built(
-        building, renderer, plan_from_cams, (building.floorplan,), (0.0,), storeys, digest
-    )
+    return _Built((building,), renderer, plan_from_cams, (0.0,), storeys, digest)
 
 
 def _build_plan(options: SynthOptions, floorplan: Floorplan) -> _Built:
@@ -288,7 +302,9 @@ def _rng(seed: int, *stream: int) -> np.random.Generator:
     return np.random.default_rng([seed, *stream])
 
 
-def _world_from_plan(options: SynthOptions, building: AnyBuilding) -> Float[np.ndarray, "4 4"]:
+def _world_from_plan(
+    options: SynthOptions, building: Building | PlanBuilding
+) -> Float[np.ndarray, "4 4"]:
     axes = se3.inverse(PLAN_FROM_WORLD)
     if options.world == "plan":
         return axes

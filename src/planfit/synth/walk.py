@@ -7,8 +7,11 @@ from scipy.ndimage import gaussian_filter1d
 from planfit.geometry import se3
 from planfit.synth.building import Building
 from planfit.synth.options import WalkOptions
+from planfit.synth.plan_building import PlanBuilding
 from planfit.synth.route import MARGIN_M, find_route
-from planfit.synth.space import Space
+
+Space = Building | PlanBuilding
+"""What a walk goes through."""
 
 _STEP_M = 0.02
 """Spacing of the dense path that frames are picked from."""
