@@ -7,6 +7,7 @@ and the ends of the outer walls are not drawn.
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -55,9 +56,10 @@ def two_rooms(has_door=True, openings=False):
 
 
 def options(seed=0, walk=None, building=None, **camera):
+    motion: dict[str, Any] = {"n_frames": 40, **(walk or {})}
     return SynthOptions(
         seed=seed,
-        walk=WalkOptions(**({"n_frames": 40} | (walk or {}))),
+        walk=WalkOptions(**motion),
         building=BuildingOptions(**(building or {})),
         camera=CameraOptions(**({"width_px": 96, "height_px": 64} | camera)),
         depth_noise=NoDepthNoise(),

@@ -52,9 +52,26 @@ def _tell(folder: Path, synthetic: SyntheticScan) -> None:
     """How far it went, through which rooms, and what is next."""
     centres = synthetic.true_plan_from_cams[:, :3, 3]
     walked = float(np.linalg.norm(np.diff(centres, axis=0), axis=1).sum())
-    rooms = synthetic.building.rooms
-    entered = sum(bool(room.contains(centres[:, :2]).any()) for room in rooms)
     out.print(f"{len(synthetic.scan)} frames and their plan: {folder}")
-    out.print(f"{walked:.0f} m walked, {walked / (len(centres) - 1):.2f} m from frame to frame; "
-              f"{entered} of {len(rooms)} rooms entered")  # fmt: skip
-    out.print(f"next: planfit refine {folder} -o {folder}-refined")
+    step = walked / (len(centres) - 1)
+    out.print(f"{walked:.0f} m walked, {step:.2f} m from frame to frame; {_visited(synthetic)}")
+    plan = ""
+    if len(synthetic.floorplans) > 1:
+        plan = f" --plan {folder / 'plan_0.npy'}"
+        counts = [
+            int((synthetic.frame_storeys == k).sum()) for k in range(len(synthetic.floorplans))
+        ]
+        out.print(
+            f"frames on each storey: {', '.join(str(n) for n in counts)}; plans: plan_0.npy and so on"
+        )
+    out.print(f"next: planfit refine {folder} -o {folder}-refined{plan}")
+
+
+def _visited(synthetic: SyntheticScan) -> str:
+    entered, total = 0, 0
+    for k, storey in enumerate(synthetic.storeys):
+        poses = synthetic.true_plan_from_cams[synthetic.frame_storeys == k]
+        xy = poses[:, :2, 3] @ storey.plan_from_building[:2, :2]
+        entered += sum(bool(room.contains(xy).any()) for room in storey.rooms)
+        total += len(storey.rooms)
+    return f"{entered} of {total} rooms entered"

@@ -9,16 +9,17 @@ from jaxtyping import Float
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan, nearest_faces
 from planfit.geometry import se3, segments
-from planfit.synth.furniture import Piece, furnish
-from planfit.synth.layout import BuildingLayout, Rect, make_layout
+from planfit.synth.furniture import Piece, furnish, standing
+from planfit.synth.layout import BuildingLayout, make_layout, with_stairwell
 from planfit.synth.lookalikes import Poster, copy_room, leaves_of_layout, place_posters
 from planfit.synth.options import BuildingOptions
+from planfit.synth.rect import Rect
 from planfit.synth.walls import Part, WallFaces, wall_faces
 
 
 @dataclass(frozen=True)
 class Building:
-    """A one-storey building in its own frame: walls along x and y, z up, floor at z = 0, m.
+    """A one-storey building, or one storey, in its own frame: walls along x and y, z up, floor at z = 0, m.
 
     The plan frame is this one rotated by `BuildingOptions.yaw_deg` about z.
     """
@@ -84,13 +85,30 @@ class Building:
         # Doors reach into both rooms by a hair, so that their thresholds are inside.
         for rect in (*self.layout.rooms, *(d.rect.grown(1e-6) for d in self.layout.doors)):
             free |= rect.contains(xy)
+        if self.layout.stairs is not None:
+            steps = standing(self.layout.stairs.steps)
+            distance = np.minimum(distance, steps.distance(xy))
         for column in self.layout.columns:
             free &= ~column.contains(xy)
         return np.where(free, distance, 0.0)
 
 
 def make_building(options: BuildingOptions, rng: np.random.Generator) -> Building:
-    """Make a building; the same options and generator state give the same one.
+    """Make a building of one storey; the same options and generator state give the same one.
+
+    Raises:
+        OptionError: no layout with these sizes has doors to every room, or it has more storeys.
+    """
+    if options.n_storeys > 1:
+        raise OptionError(
+            f"n_storeys: expected a building of one storey here, found {options.n_storeys}; "
+            "use make_storeys or make_scan"
+        )
+    return make_storey(options, rng)
+
+
+def make_storey(options: BuildingOptions, rng: np.random.Generator) -> Building:
+    """Make one storey, with a stairwell where the building has more.
 
     Raises:
         OptionError: no layout with these sizes has doors to every room.
@@ -105,6 +123,8 @@ def make_building(options: BuildingOptions, rng: np.random.Generator) -> Buildin
             f"found none in 20 layouts of {options.n_rooms} rooms; raise the smallest size "
             f"({options.room_size_m[0]:g} m) or make doors narrower ({options.door_width_m:g} m)"
         )
+    if options.n_storeys > 1:
+        layout = with_stairwell(layout, options)
     faces = wall_faces(layout, options.outer_wall_thickness_m)
     furniture = tuple(furnish(layout, options, rng))
     if options.same_doors:
@@ -116,6 +136,8 @@ def make_building(options: BuildingOptions, rng: np.random.Generator) -> Buildin
             furniture += copy_room(own, layout, 0, room)
     building = Building(options, layout, faces, furniture)
     is_wall = (faces.parts == Part.FULL) & (faces.rooms >= 0) & ~faces.is_column
+    if layout.stairs is not None:
+        is_wall &= faces.rooms != len(layout.rooms) - 1
     posters = place_posters(
         options.same_posters, faces.ends[is_wall], faces.rooms[is_wall], building.clearance, rng
     )

@@ -13,8 +13,8 @@ from shapely.geometry.polygon import orient
 from planfit.geometry import segments
 from planfit.synth.building import Building
 from planfit.synth.drawing_clutter import draw_clutter, draw_fittings
-from planfit.synth.layout import Rect
 from planfit.synth.pen import Pen
+from planfit.synth.rect import Rect
 
 Style = Literal["black", "grey", "hatched", "double", "double filled", "poche"]
 

@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.synth.building import Building
-from planfit.synth.layout import Door, Rect
+from planfit.synth.layout import Door
 from planfit.synth.pen import Pen
+from planfit.synth.rect import Rect
 
 ROOM_NAMES = ("BEDROOM", "KITCHEN", "Bath", "LIVING ROOM", "Office 12", "Hall", "Store", "WC")
 

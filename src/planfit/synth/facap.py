@@ -24,7 +24,9 @@ def write_facap(
 ) -> None:
     """Write a folder that `planfit.read_scan` reads, with a `floorplan.npy` for `read_floorplan`.
 
-    Beside it lies `groundtruth.tum`: true world_from_cam, the first column the frame number.
+    Beside it lies `groundtruth.tum`: true world_from_cam, the first column the frame number. Of several
+    storeys there is `plan_0.npy` and so on instead, from the lowest, and `storeys.csv`: frame, storey (-1 on
+    stairs), height of its floor, m.
 
     Args:
         path: a folder that does not exist yet, or is empty.
@@ -50,7 +52,7 @@ def write_facap(
         frames.mkdir(parents=True, exist_ok=True)
         if scan.has_labels:
             masks.mkdir()
-        np.save(path / "floorplan.npy", facap_segments(synthetic.floorplan))
+        _write_plans(path, synthetic)
         write_tum(path / "groundtruth.tum", scan.timestamps, synthetic.true_world_from_cams)
         pool = ThreadPoolExecutor(n_threads)
         try:
@@ -65,6 +67,19 @@ def write_facap(
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}); "
                           "check rights and space") from error  # fmt: skip
+
+
+def _write_plans(path: Path, synthetic: SyntheticScan) -> None:
+    if len(synthetic.floorplans) == 1:
+        np.save(path / "floorplan.npy", facap_segments(synthetic.floorplan))
+        return
+    for k, floorplan in enumerate(synthetic.floorplans):
+        np.save(path / f"plan_{k}.npy", facap_segments(floorplan))
+    lines = ["frame,storey,floor_z_m"]
+    for name, storey in zip(synthetic.scan.frame_ids, synthetic.frame_storeys, strict=True):
+        height = f"{synthetic.floors_z[storey]:.3f}" if storey >= 0 else ""
+        lines.append(f"{name},{storey},{height}")
+    (path / "storeys.csv").write_text("\n".join(lines) + "\n")
 
 
 def _write_frame(path: Path, synthetic: SyntheticScan, frame_idx: int) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from planfit.synth.layout import BuildingLayout, Door, Rect
+from planfit.synth.box import Box
+from planfit.synth.layout import BuildingLayout, Door
 from planfit.synth.materials import (
     CARDBOARD,
     DARK,
@@ -20,18 +21,7 @@ from planfit.synth.materials import (
     Material,
 )
 from planfit.synth.options import BuildingOptions
-
-
-@dataclass(frozen=True)
-class Box:
-    """A box in the frame of its piece: x along the wall, y into the room, z up, m."""
-
-    low: tuple[float, float, float]
-    high: tuple[float, float, float]
-    material: Material
-    color: Color
-    front: Material | None = None
-    """Material of the side towards the room, where it differs."""
+from planfit.synth.rect import Rect
 
 
 @dataclass(frozen=True)
@@ -80,9 +70,11 @@ def furnish(
     """Place furniture in every room."""
     pieces: list[Piece] = []
     for i, room in enumerate(layout.rooms):
+        if layout.stairs is not None and room == layout.stairs.well:
+            continue
         n_pieces = round(options.furniture_per_room * max(room.area / 16.0, 0.5))
         doors = [door for door in layout.doors if i in door.rooms]
-        columns = [_standing(column) for column in layout.columns if room.overlaps(column)]
+        columns = [standing(column) for column in layout.columns if room.overlaps(column)]
         placed: list[Footprint] = []
         for k in range(n_pieces):
             is_central = k % 7 == 1 and i != layout.corridor
@@ -97,7 +89,8 @@ def furnish(
     return pieces
 
 
-def _standing(column: Rect) -> Footprint:
+def standing(column: Rect) -> Footprint:
+    """The floor that an upright rectangle takes."""
     centre, half = column.centre, column.size / 2
     return Footprint((float(centre[0]), float(centre[1])), (float(half[0]), float(half[1])), 0.0)
 

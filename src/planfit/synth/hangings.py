@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import segments
-from planfit.synth.furniture import Box
+from planfit.synth.box import Box
 from planfit.synth.materials import FABRIC_COLORS, WHITE, Material
 from planfit.synth.options import BuildingOptions
 from planfit.synth.quads import Collector, add_box

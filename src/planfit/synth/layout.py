@@ -1,51 +1,12 @@
 """Where the rooms are, and which doors join them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from planfit.synth.options import BuildingOptions
-
-
-@dataclass(frozen=True)
-class Rect:
-    """An upright rectangle in the building frame, m."""
-
-    x0: float
-    y0: float
-    x1: float
-    y1: float
-
-    @property
-    def size(self) -> Float[np.ndarray, "2"]:
-        """Width and height, m."""
-        return np.array([self.x1 - self.x0, self.y1 - self.y0])
-
-    @property
-    def area(self) -> float:
-        """Area, m2."""
-        return float(np.prod(self.size))
-
-    @property
-    def centre(self) -> Float[np.ndarray, "2"]:
-        """Of the rectangle, m."""
-        return np.array([self.x0 + self.x1, self.y0 + self.y1]) / 2
-
-    def grown(self, margin: float) -> "Rect":
-        """The same, `margin` m larger on every side."""
-        return Rect(self.x0 - margin, self.y0 - margin, self.x1 + margin, self.y1 + margin)
-
-    def contains(self, xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
-        """Which of the points lie inside."""
-        x, y = xy[:, 0], xy[:, 1]
-        return (x > self.x0) & (x < self.x1) & (y > self.y0) & (y < self.y1)
-
-    def overlaps(self, other: "Rect") -> bool:
-        """Whether the two share area."""
-        return (
-            self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
-        )
+from planfit.synth.rect import Rect
+from planfit.synth.stairs import Stairs, make_stairs
 
 
 @dataclass(frozen=True)
@@ -68,6 +29,8 @@ class BuildingLayout:
     columns: tuple[Rect, ...]
     corridor: int | None
     """Which room is the corridor."""
+    stairs: Stairs | None = None
+    """In the last room, which is the stairwell."""
 
 
 DOOR_TO_CORNER_M = 0.25
@@ -147,6 +110,22 @@ def _same_rooms(options: BuildingOptions, rng: np.random.Generator) -> BuildingL
         hole = Rect(x + width - at - half, high_y - wall, x + width - at + half, high_y)
         doors.append(Door(hole, False, (n_low, n_low + 1 + k)))
     return BuildingLayout(tuple(rooms), tuple(doors), (), n_low)
+
+
+def with_stairwell(layout: BuildingLayout, options: BuildingOptions) -> BuildingLayout:
+    """The layout with a stairwell beside room 0, and a door between."""
+    wall = float(np.mean(options.wall_thickness_m))
+    corner = layout.rooms[0]
+    stairs = make_stairs(corner.x0 - wall, corner.y0, options.height_m + options.slab_m)
+    at, half = float(stairs.foot[1]), options.door_width_m / 2
+    hole = Rect(stairs.well.x1, at - half, corner.x0, at + half)
+    door = Door(hole, True, (0, len(layout.rooms)))
+    return replace(
+        layout,
+        rooms=(*layout.rooms, stairs.well),
+        doors=(*layout.doors, door),
+        stairs=stairs,
+    )
 
 
 def _make_doors(

@@ -8,7 +8,8 @@ from jaxtyping import Float, Int
 
 from planfit.errors import OptionError
 from planfit.geometry import segments
-from planfit.synth.furniture import Box, Footprint, Piece
+from planfit.synth.box import Box
+from planfit.synth.furniture import Footprint, Piece
 from planfit.synth.layout import BuildingLayout
 from planfit.synth.materials import FABRIC_COLORS, WHITE, WOOD_COLORS, Material
 

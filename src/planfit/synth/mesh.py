@@ -8,13 +8,14 @@ from jaxtyping import Float
 
 from planfit.geometry import segments
 from planfit.scan.types import Label
+from planfit.synth.box import Box
 from planfit.synth.building import Building, copied_rooms
-from planfit.synth.furniture import Box, Piece
+from planfit.synth.furniture import Piece
 from planfit.synth.hangings import add_hangings
-from planfit.synth.layout import Rect
 from planfit.synth.lookalikes import Poster, turn_to
 from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, WOOD_COLORS, Material
 from planfit.synth.quads import Collector, Lights, Quads, X, Y, Z, add_box, join
+from planfit.synth.rect import Rect
 from planfit.synth.walls import Part
 
 LAMP_SPACING_M = 3.5
@@ -129,6 +130,9 @@ def _add_doorways(building: Building, collector: Collector) -> None:
 def _add_wall_hangings(building: Building, collector: Collector, rng: np.random.Generator) -> None:
     options, faces = building.options, building.faces
     is_wall = (faces.parts == Part.FULL) & (faces.rooms >= 0) & ~faces.is_column
+    if building.layout.stairs is not None:
+        # Steps would hide them, or cut them in two.
+        is_wall &= faces.rooms != len(building.layout.rooms) - 1
     ends = faces.ends[is_wall]
     reach = options.outer_wall_thickness_m + 0.05
     behind = ends.mean(axis=1) - segments.left_normals(ends) * reach

@@ -18,7 +18,7 @@ def require_range(name: str, low_high: tuple[float, float]) -> None:
 
 @dataclass(frozen=True)
 class BuildingOptions:
-    """Rooms, walls, openings and furniture of a one-storey building."""
+    """Rooms, walls, openings and furniture of a building."""
 
     n_rooms: int = 4
     """Rooms, a corridor included; 1 to 40. The corridor is as long as half of the rooms side by side."""
@@ -38,6 +38,10 @@ class BuildingOptions:
     """Outer walls; at least the thickest inner wall, and less than 0.5 m."""
     height_m: float = 2.6
     """Floor to ceiling."""
+    n_storeys: int = 1
+    """Storeys over each other, each with `n_rooms` rooms of a layout of its own, and a stairwell."""
+    slab_m: float = 0.3
+    """Thickness of the floors between storeys."""
     door_width_m: float = 1.0
     """Clear width of door openings."""
     door_height_m: float = 2.05
@@ -69,6 +73,11 @@ class BuildingOptions:
     def __post_init__(self) -> None:
         require(1 <= self.n_rooms <= MAX_ROOMS,
                 f"n_rooms: expected 1 to {MAX_ROOMS}, found {self.n_rooms}")  # fmt: skip
+        require(1 <= self.n_storeys <= 4, f"n_storeys: expected 1 to 4, found {self.n_storeys}")
+        require(0 < self.slab_m < 1, f"slab_m: expected 0 to 1 m, found {self.slab_m:g}")
+        require(self.n_storeys == 1 or not self.same_rooms,
+                "n_storeys: expected 1 together with same_rooms, as the stairwell has a door to one of "
+                f"them, found {self.n_storeys}")  # fmt: skip
         require_range("room_size_m", self.room_size_m)
         require_range("wall_thickness_m", self.wall_thickness_m)
         low = self.wall_thickness_m[1]

@@ -10,7 +10,6 @@ from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
 from planfit.synth.furniture import Piece
-from planfit.synth.layout import Rect
 from planfit.synth.lookalikes import Poster, place_posters
 from planfit.synth.options import BuildingOptions
 from planfit.synth.plan_doors import hang_doors
@@ -24,6 +23,7 @@ from planfit.synth.plan_space import (
     rooms_of,
 )
 from planfit.synth.plan_walls import PlanWalls, plan_walls
+from planfit.synth.rect import Rect
 
 LARGE_ROOM_M2 = 5.0
 """A walk calls at rooms of this area or more; cupboards and shafts are left out."""

@@ -24,7 +24,7 @@ def find_doors(walls: PlanWalls, clearance: Clearance) -> Float[np.ndarray, "n 2
     """
     faces = walls.ends[: walls.n_drawn]
     faces = faces[segments.lengths(faces) > 0.1]
-    tree = shapely.STRtree(shapely.points(faces[:, 0]))
+    tree = shapely.STRtree(np.asarray(shapely.points(faces[:, 0]), dtype=object))
     after, before = tree.query(
         shapely.points(faces[:, 1]), predicate="dwithin", distance=DOOR_M[1]
     )[::-1]

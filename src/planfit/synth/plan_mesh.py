@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from planfit.geometry import segments
 from planfit.scan.types import Label
-from planfit.synth.furniture import Box
+from planfit.synth.box import Box
 from planfit.synth.hangings import add_hangings
 from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, Color, Material
 from planfit.synth.mesh import LAMP_SPACING_M, add_piece, add_posters

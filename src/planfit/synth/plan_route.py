@@ -143,7 +143,7 @@ def _visit(
     """Indices of stops, each the nearest to the one before, as many as the length allows (two at least),
     and what is known of the distances between them, infinite elsewhere. A loop comes back to the first."""
     longest = np.inf if options.max_length_m is None else options.max_length_m
-    home = csgraph.dijkstra(ways.lengths, indices=int(stops[0]))[stops]
+    home = _lengths(ways, stops, 0)
     between = np.full((len(stops), len(stops)), np.inf)
     between[0] = between[:, 0] = home
     order, left, walked = [0], set(range(1, len(stops))), 0.0
@@ -166,10 +166,16 @@ def _distances(
     ways: _Ways, stops: Int[np.ndarray, " k"], start: int, left: set[int]
 ) -> Float[np.ndarray, " k"]:
     """Lengths of ways from a stop to all others; infinite for far ones where a near one is left."""
-    near = csgraph.dijkstra(ways.lengths, indices=int(stops[start]), limit=_NEAR_M)[stops]
+    near = _lengths(ways, stops, start, _NEAR_M)
     if np.isfinite(near[sorted(left)]).any():
         return near
-    return csgraph.dijkstra(ways.lengths, indices=int(stops[start]))[stops]
+    return _lengths(ways, stops, start)
+
+
+def _lengths(
+    ways: _Ways, stops: Int[np.ndarray, " k"], start: int, limit_m: float = np.inf
+) -> Float[np.ndarray, " k"]:
+    return csgraph.dijkstra(ways.lengths, indices=stops[[start]], limit=limit_m)[0, stops]
 
 
 def _leg(grid: Grid, start: int, stop: int, length_m: float) -> list[int]:
@@ -178,8 +184,8 @@ def _leg(grid: Grid, start: int, stop: int, length_m: float) -> list[int]:
     # further.
     for most in (3.0 * length_m + 1.0, np.inf):
         _, before = csgraph.dijkstra(
-            grid.steps, indices=start, return_predecessors=True, limit=most
+            grid.steps, indices=np.array([start]), return_predecessors=True, limit=most
         )
-        if before[stop] >= 0:
+        if before[0, stop] >= 0:
             break
-    return trace(before, start, stop)
+    return trace(before[0], start, stop)

@@ -9,8 +9,8 @@ from trimesh import Trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from planfit.geometry import segments
-from planfit.synth.layout import Rect
 from planfit.synth.plan_walls import PlanWalls
+from planfit.synth.rect import Rect
 
 CELL_M = 0.1
 _INSIDE_CELL_M = 0.2
@@ -59,11 +59,14 @@ class Cells:
 
 
 def look_up(
-    image: np.ndarray, low: Float[np.ndarray, "2"], xy: Float[np.ndarray, "n 2"], outside: object
+    image: np.ndarray,
+    low: Float[np.ndarray, "2"],
+    xy: Float[np.ndarray, "n 2"],
+    outside: float | bool,
 ) -> np.ndarray:
-    """Value of the cell that each point lies in."""
+    """Value of the cell that each point lies in, and `outside` beyond all."""
     at = np.rint((xy - low) / CELL_M).astype(int)
-    is_in = ((at >= 0) & (at < image.shape)).all(axis=1)
+    is_in = np.all((at >= 0) & (at < image.shape), axis=1)
     at = np.where(is_in[:, None], at, 0)
     return np.where(is_in, image[at[:, 0], at[:, 1]], outside)
 

@@ -8,7 +8,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from planfit.floorplan import Floorplan
-from planfit.floorplan.faces import Partners, find_partners
+from planfit.floorplan.faces import Partners, find_partners, line_strings
 from planfit.geometry import segments
 
 MAX_WALL_M, MIN_WALL_M = 0.7, 0.02
@@ -41,7 +41,7 @@ class PlanWalls:
 
     @cached_property
     def _tree(self) -> shapely.STRtree:
-        return shapely.STRtree(shapely.linestrings(self.ends))
+        return shapely.STRtree(line_strings(self.ends))
 
     def distance(self, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         """Distances, m, from points to the nearest of the walls.
@@ -98,7 +98,7 @@ def _without(
 ) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " m"]]:
     """What of the segments lies outside a hole, in their own direction, and of which each is part."""
     parts, source = [], []
-    for i, line in enumerate(shapely.linestrings(ends)):
+    for i, line in enumerate(line_strings(ends)):
         left = shapely.get_parts(shapely.difference(line, hole))
         for part in left:
             if part.length > _SHORTEST_M:
@@ -167,7 +167,7 @@ def _repeats(
 ) -> Bool[np.ndarray, " m"]:
     """Which lie on a face that is there already."""
     middles = shapely.points(more.mean(axis=1))
-    tree = shapely.STRtree(shapely.linestrings(ends))
+    tree = shapely.STRtree(line_strings(ends))
     which, face = tree.query(middles, predicate="dwithin", distance=_SAME_M)
     cosine = np.einsum(
         "pi,pi->p", segments.directions(more)[which], segments.directions(ends)[face]

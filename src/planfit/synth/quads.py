@@ -8,7 +8,7 @@ import trimesh
 from jaxtyping import Float, Int, Integer, UInt8
 
 from planfit.scan.types import Label
-from planfit.synth.furniture import Box
+from planfit.synth.box import Box
 from planfit.synth.materials import CARDBOARD, Color, Material
 
 X, Y, Z = np.eye(3)

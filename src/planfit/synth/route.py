@@ -32,15 +32,27 @@ class Grid:
 
 
 def find_route(
-    building: Building, options: WalkOptions, rng: np.random.Generator
+    building: Building,
+    options: WalkOptions,
+    rng: np.random.Generator,
+    start: Float[np.ndarray, "2"] | None = None,
 ) -> Float[np.ndarray, "n 2"]:
     """Points, m, of a way that calls at every room; closed ways end where they begin.
+
+    Args:
+        building: one storey.
+        options: clearance, stops, and whether the way is closed.
+        rng: source of the stops.
+        start: where it begins, m, building frame; without, at a stop.
 
     Raises:
         OptionError: some room cannot be entered with this clearance.
     """
     grid = _make_grid(building, options.clearance_m)
     stops = _choose_stops(building, grid, options, rng)
+    if start is not None:
+        first = int(np.argmin(np.linalg.norm(grid.xy - start, axis=1)))
+        stops = np.concatenate([[first], stops[stops != first]])
     cost, before = csgraph.dijkstra(grid.steps, indices=stops, return_predecessors=True)
     between = cost[:, stops]
     if not np.isfinite(between).all():
@@ -50,8 +62,10 @@ def find_route(
         )
     order = short_tour(between, options.is_loop)
     legs = [trace(before[a], stops[a], stops[b]) for a, b in pairwise(order)]
-    nodes = [stops[order[0]], *(node for leg in legs for node in leg)]
-    return grid.xy[nodes]
+    xy = grid.xy[[stops[order[0]], *(node for leg in legs for node in leg)]]
+    if start is None:
+        return xy
+    return np.concatenate([start[None], xy, start[None] if options.is_loop else xy[:0]])
 
 
 def _make_grid(building: Building, clearance: float) -> Grid:

@@ -4,6 +4,7 @@ import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
+from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -24,14 +25,23 @@ from planfit.synth.plan_mesh import make_plan_quads, no_lights
 from planfit.synth.plan_route import find_plan_route, read_path
 from planfit.synth.render import Renderer, View
 from planfit.synth.sensor_noise import noisy_color, noisy_depth
+from planfit.synth.storeys import (
+    make_storeyed_lights,
+    make_storeyed_quads,
+    make_storeys,
+    walk_through_storeys,
+)
 from planfit.synth.walk import walk_along, walk_through
 
 # Streams of the seed: what one part draws does not depend on what another part draws.
 _BUILDING, _SURFACES, _WALK, _DRIFT, _WORLD, _COLOR, _DEPTH = range(7)
 
 
+StoreyT_co = TypeVar("StoreyT_co", bound=Building | PlanBuilding, covariant=True)
+
+
 @dataclass(frozen=True)
-class SyntheticScan:
+class SyntheticScan(Generic[StoreyT_co]):
     """A scan together with the truth about it."""
 
     scan: Scan
@@ -40,11 +50,26 @@ class SyntheticScan:
     """Poses before drift, in the axes of the world of the scan."""
     true_plan_from_cams: Float[np.ndarray, "n 4 4"]
     """The same in the plan frame."""
-    floorplan: Floorplan
-    """The true plan, without error."""
-    building: Building | PlanBuilding
+    floorplans: tuple[Floorplan, ...]
+    """The true plans, without error, one a storey from the lowest; all in one plan frame."""
+    floors_z: tuple[float, ...]
+    """Height of the floor of each storey in the plan frame, m."""
+    frame_storeys: Int[np.ndarray, " n"]
+    """Index of the storey that each frame is on; `ON_STAIRS` (-1) between two."""
+    storeys: tuple[StoreyT_co, ...]
+    """What was built, from the lowest; each in a frame of its own with z = 0 at its floor."""
     renderer: Renderer
     options: SynthOptions
+
+    @property
+    def floorplan(self) -> Floorplan:
+        """The true plan; of several storeys, that of the lowest."""
+        return self.floorplans[0]
+
+    @property
+    def building(self) -> StoreyT_co:
+        """What was built; of several storeys, the lowest."""
+        return self.storeys[0]
 
     @property
     def true_plan_from_world(self) -> Float[np.ndarray, "4 4"]:
@@ -117,9 +142,21 @@ class SynthFiles:
         return view
 
 
+@overload
+def make_scan(
+    options: SynthOptions | None = None, floorplan: None = None
+) -> SyntheticScan[Building]: ...
+@overload
+def make_scan(
+    options: SynthOptions | None, floorplan: Floorplan
+) -> SyntheticScan[PlanBuilding]: ...
+@overload
+def make_scan(
+    options: SynthOptions | None, floorplan: Floorplan | None
+) -> SyntheticScan[Building | PlanBuilding]: ...
 def make_scan(
     options: SynthOptions | None = None, floorplan: Floorplan | None = None
-) -> SyntheticScan:
+) -> SyntheticScan[Any]:
     """Make a synthetic scan; nothing is rendered before it is asked for.
 
     Args:
@@ -134,7 +171,7 @@ def make_scan(
     """
     options = SynthOptions() if options is None else options
     built = _make_up(options) if floorplan is None else _build_plan(options, floorplan)
-    world_from_plan = _world_from_plan(options, built.building)
+    world_from_plan = _world_from_plan(options, built.storeys[0])
     world_from_cams = world_from_plan @ built.plan_from_cams
     world_from_cams[:, :3, :3] = se3.project_to_so3(world_from_cams[:, :3, :3])
     drifted = drift_poses(world_from_cams, options.drift, _rng(options.seed, _DRIFT), UP_WORLD)
@@ -153,15 +190,18 @@ def make_scan(
         plan_from_world_axes=PLAN_FROM_WORLD if options.world == "plan" else None,
         fingerprint=digest,
     )
-    true_plan = built.building.floorplan
+    plans = tuple(storey.floorplan for storey in built.storeys)
     if floorplan is None:
-        true_plan = replace(true_plan, fingerprint=digest)
+        prints = (digest, *(f"{digest}-{k}" for k in range(1, len(plans))))
+        plans = tuple(replace(p, fingerprint=f) for p, f in zip(plans, prints, strict=True))
     return SyntheticScan(
         scan,
         world_from_cams,
         built.plan_from_cams,
-        true_plan,
-        built.building,
+        plans,
+        built.floors_z,
+        built.frame_storeys,
+        built.storeys,
         built.renderer,
         options,
     )
@@ -171,10 +211,12 @@ def make_scan(
 class _Built:
     """What is seen, and from where."""
 
-    building: Building | PlanBuilding
+    storeys: tuple[Building | PlanBuilding, ...]
     renderer: Renderer
     plan_from_cams: Float[np.ndarray, "n 4 4"]
-    digest: str
+    floors_z: tuple[float, ...]
+    frame_storeys: Int[np.ndarray, " n"]
+    digest: str = ""
     """Of all that the options do not say."""
 
 
@@ -184,13 +226,38 @@ def _make_up(options: SynthOptions) -> _Built:
             f"walk.path: expected a path only together with a plan, found {options.walk.path}; give the plan "
             "that it leads through (--plan), or leave the path out"
         )
+    if options.building.n_storeys > 1:
+        return _make_up_storeys(options)
     building = make_building(options.building, _rng(options.seed, _BUILDING))
     renderer = Renderer(make_quads(building, _rng(options.seed, _SURFACES)), make_lights(building))
     plan_from_cams = walk_through(building, options.walk, _rng(options.seed, _WALK))
-    return _Built(building, renderer, plan_from_cams, "")
+    return _on_one_storey(building, renderer, plan_from_cams, "")
+
+
+def _make_up_storeys(options: SynthOptions) -> _Built:
+    building = make_storeys(options.building, _rng(options.seed, _BUILDING))
+    quads = make_storeyed_quads(building, _rng(options.seed, _SURFACES))
+    renderer = Renderer(quads, make_storeyed_lights(building))
+    walk = walk_through_storeys(building, options.walk, _rng(options.seed, _WALK))
+    return _Built(building.storeys, renderer, walk.plan_from_cams, building.floors_z, walk.storeys)
+
+
+def _on_one_storey(
+    building: Building | PlanBuilding,
+    renderer: Renderer,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    digest: str,
+) -> _Built:
+    storeys = np.zeros(len(plan_from_cams), dtype=int)
+    return _Built((building,), renderer, plan_from_cams, (0.0,), storeys, digest)
 
 
 def _build_plan(options: SynthOptions, floorplan: Floorplan) -> _Built:
+    if options.building.n_storeys > 1:
+        raise OptionError(
+            f"n_storeys: expected 1 together with a plan, found {options.building.n_storeys}; "
+            "leave one of them out"
+        )
     path = None if options.walk.path is None else read_path(options.walk)
     rng = _rng(options.seed, _WALK)
     building = make_plan_building(
@@ -210,7 +277,7 @@ def _build_plan(options: SynthOptions, floorplan: Floorplan) -> _Built:
         route, building, options.walk, rng, wraps, turns_inwards=path is None
     )
     digest = hashlib.sha256(floorplan.ends.tobytes() + route.tobytes()).hexdigest()
-    return _Built(building, renderer, plan_from_cams, digest)
+    return _on_one_storey(building, renderer, plan_from_cams, digest)
 
 
 def make_camera(options: CameraOptions) -> Camera:

@@ -7,8 +7,11 @@ from scipy.ndimage import gaussian_filter1d
 from planfit.geometry import se3
 from planfit.synth.building import Building
 from planfit.synth.options import WalkOptions
+from planfit.synth.plan_building import PlanBuilding
 from planfit.synth.route import MARGIN_M, find_route
-from planfit.synth.space import Space
+
+Space = Building | PlanBuilding
+"""What a walk goes through."""
 
 _STEP_M = 0.02
 """Spacing of the dense path that frames are picked from."""
@@ -52,13 +55,22 @@ def walk_along(
         wraps: whether the walk ends with the view it began with.
         turns_inwards: whether the view turns away from walls that are near.
     """
-    planned = _resample(route, _STEP_M)
-    walked = _round_corners(planned, space, options, rng)
-    inwards = _inwards(walked, space) if turns_inwards else np.zeros_like(walked)
-    yaw = _heading(walked, inwards, wraps)
+    walked = walk_ahead(route, space, options, rng)
+    inwards = inwards_of(walked, space) if turns_inwards else np.zeros_like(walked)
+    yaw = heading(walked, inwards, wraps)
     building_from_cams = look_ahead(walked, np.zeros(len(walked)), yaw, options, rng)
-    picked = _evenly_moving(building_from_cams, options.n_frames)
+    picked = evenly_moving(building_from_cams, options.n_frames)
     return space.plan_from_building @ building_from_cams[picked]
+
+
+def walk_ahead(
+    route: Float[np.ndarray, "k 2"],
+    space: Space,
+    options: WalkOptions,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "n 2"]:
+    """Points `_STEP_M` apart of the way as it is walked: with rounded corners, and swaying."""
+    return _round_corners(resample(route), space, options, rng)
 
 
 def look_ahead(
@@ -94,10 +106,11 @@ def _easing(n: int) -> Float[np.ndarray, " n"]:
     return np.clip(at / min(1.0, 0.25 * n * _STEP_M), 0.0, 1.0)
 
 
-def _resample(points: Float[np.ndarray, "k 2"], step: float) -> Float[np.ndarray, "n 2"]:
+def resample(points: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "n c"]:
+    """Points `_STEP_M` apart on straight lines between those given."""
     at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    wanted = np.linspace(0.0, at[-1], max(2, round(at[-1] / step) + 1))
-    return np.column_stack([np.interp(wanted, at, points[:, c]) for c in range(2)])
+    wanted = np.linspace(0.0, at[-1], max(2, round(at[-1] / _STEP_M) + 1))
+    return np.column_stack([np.interp(wanted, at, points[:, c]) for c in range(points.shape[1])])
 
 
 def _smoothed(values: Float[np.ndarray, "n ..."], sigma_m: float) -> Float[np.ndarray, "n ..."]:
@@ -144,13 +157,13 @@ def _round_corners(
     return planned
 
 
-def _inwards(walked: Float[np.ndarray, "n 2"], space: Space) -> Float[np.ndarray, "n 2"]:
+def inwards_of(walked: Float[np.ndarray, "n 2"], space: Space) -> Float[np.ndarray, "n 2"]:
     """Near walls the view turns towards the middle of the room: nobody scans a wall from up close."""
     nearness = np.clip(1.3 - space.clearance(walked), 0.0, 1.0)[:, None]
     return 1.2 * nearness * _smoothed(space.inwards(walked), 0.2)
 
 
-def _heading(
+def heading(
     walked: Float[np.ndarray, "n 2"], inwards: Float[np.ndarray, "n 2"], wraps: bool
 ) -> Float[np.ndarray, " n"]:
     """Yaw, rad, of the way ahead, turned `inwards`; the end of a loop turns to the yaw of its beginning."""
@@ -178,7 +191,7 @@ def _camera_axes(
     return np.stack([right, down, forward], axis=-1)
 
 
-def _evenly_moving(poses: Float[np.ndarray, "n 4 4"], n_frames: int) -> Int[np.ndarray, " k"]:
+def evenly_moving(poses: Float[np.ndarray, "n 4 4"], n_frames: int) -> Int[np.ndarray, " k"]:
     """Indices into dense poses such that each step holds the same motion."""
     relative = np.swapaxes(poses[:-1, :3, :3], 1, 2) @ poses[1:, :3, :3]
     rotation = se3.rotation_angle(relative) / _ROTATION_PER_M

@@ -6,7 +6,8 @@ from enum import IntEnum
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.synth.layout import BuildingLayout, Rect
+from planfit.synth.layout import BuildingLayout
+from planfit.synth.rect import Rect
 
 
 class Part(IntEnum):
