@@ -68,6 +68,14 @@ def test_a_right_plan_is_left_alone(office, scan):
     assert found is None
 
 
+def test_walls_drawn_by_centre_lines_are_no_other_scale(office, scan):
+    ends = office.ends - 0.1 * office.normals[:, None]
+    lines = replace(office, ends=ends, is_oriented=np.zeros(len(office), dtype=bool))
+    drawn, found = found_in(scan, lines)
+    assert drawn.evidence.line_offset_m == pytest.approx(0.1, abs=0.03)
+    assert found is None
+
+
 @pytest.mark.parametrize(
     "options",
     [

@@ -83,8 +83,9 @@ def find_plan_scale(
     found = align_within(walls, floorplan, options, slack, recorded, control_points)
     off = abs(np.log(found.metres_per_unit))
     gain = options.min_margin if off > FAR_SHARE else 0.0
-    if off < FAR_SHARE and _is_of_lines(drawn):
-        return None  # rooms drawn a wall's thickness too large look like a small scale
+    # Rooms that are drawn up to the centre lines of their walls look like rooms of a plan that is too large.
+    if _is_of_lines(drawn) and (off < FAR_SHARE or _is_of_lines(found)):
+        return None
     # In a building that repeats itself no place is sure, and every place asks for the same scale.
     is_plain = found.score >= max(CLEAR_SCORE, drawn.score + CLEAR_GAIN) and not drawn.is_sure
     if off < LOOK_SHARE or not (found.is_sure or is_plain) or found.score <= drawn.score + gain:
