@@ -76,6 +76,15 @@ def test_walls_drawn_by_centre_lines_are_no_other_scale(office, scan):
     assert found is None
 
 
+def test_lines_off_in_scale_are_scaled_but_never_sure(office, scan):
+    """Scale and thickness of walls cannot be told apart."""
+    lines = replace(office, is_oriented=np.zeros(len(office), dtype=bool)).scaled(1.06)
+    _, found = found_in(scan, lines)
+    assert found is not None
+    assert found.metres_per_unit == pytest.approx(1 / 1.06, rel=5e-3)
+    assert not found.is_sure
+
+
 @pytest.mark.parametrize(
     "options",
     [
