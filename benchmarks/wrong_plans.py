@@ -112,7 +112,7 @@ def wing_rebuilt(case: Case, rng: np.random.Generator) -> Pair:
 def shuffled(case: Case, rng: np.random.Generator) -> Pair:
     """Each view where another was, in a direction of its own."""
     walls, view = case.walls, views(case.walls)
-    eyes = walls.seen_from[np.unique(view, return_index=True)[1]]
+    eyes = eyes_of(walls)[np.unique(view, return_index=True)[1]]
     return carried(
         walls, view, rng.permutation(eyes), rng.uniform(-np.pi, np.pi, len(eyes))
     ), metric(case)
@@ -122,15 +122,21 @@ def constant(case: Case, _: np.random.Generator) -> Pair:
     """Each view from one spot and in one direction."""
     walls, view = case.walls, views(case.walls)
     n = view.max() + 1
-    ahead = np.array([(walls.xy - walls.seen_from)[view == k].mean(axis=0) for k in range(n)])
+    ahead = np.array([(walls.xy - eyes_of(walls))[view == k].mean(axis=0) for k in range(n)])
     return carried(walls, view, np.zeros((n, 2)), -np.arctan2(ahead[:, 1], ahead[:, 0])), metric(
         case
     )
 
 
+def eyes_of(walls: WallSamples) -> np.ndarray:
+    """The camera of each sample (m, 2)."""
+    assert walls.seen_from is not None
+    return walls.seen_from
+
+
 def views(walls: WallSamples) -> np.ndarray:
     """Number of the view of each sample."""
-    return np.concatenate([[0], np.cumsum(np.any(np.diff(walls.seen_from, axis=0) != 0, axis=1))])
+    return np.concatenate([[0], np.cumsum(np.any(np.diff(eyes_of(walls), axis=0) != 0, axis=1))])
 
 
 def carried(
@@ -138,7 +144,7 @@ def carried(
 ) -> WallSamples:
     """Each view rotated by its yaw about its camera, and the camera moved to its new eye."""
     rotation = np.array([rotation_2d(yaw) for yaw in yaws])[view]
-    lever = np.einsum("mab,mb->ma", rotation, walls.xy - walls.seen_from)
+    lever = np.einsum("mab,mb->ma", rotation, walls.xy - eyes_of(walls))
     normals = np.einsum("mab,mb->ma", rotation, walls.normals)
     return WallSamples(eyes[view] + lever, normals, eyes[view])
 

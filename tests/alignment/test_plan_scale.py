@@ -68,6 +68,24 @@ def test_a_right_plan_is_left_alone(office, scan):
     assert found is None
 
 
+def test_walls_drawn_by_centre_lines_are_no_other_scale(office, scan):
+    ends = office.ends - 0.1 * office.normals[:, None]
+    lines = replace(office, ends=ends, is_oriented=np.zeros(len(office), dtype=bool))
+    drawn, found = found_in(scan, lines)
+    assert drawn.evidence is not None
+    assert drawn.evidence.line_offset_m == pytest.approx(0.1, abs=0.03)
+    assert found is None
+
+
+def test_lines_off_in_scale_are_scaled_but_never_sure(office, scan):
+    """Scale and thickness of walls cannot be told apart."""
+    lines = replace(office, is_oriented=np.zeros(len(office), dtype=bool)).scaled(1.06)
+    _, found = found_in(scan, lines)
+    assert found is not None
+    assert found.metres_per_unit == pytest.approx(1 / 1.06, rel=5e-3)
+    assert not found.is_sure
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -96,9 +114,11 @@ def test_a_claim_of_axes_resolves_an_ambiguity_at_another_scale_too(scan, office
     """Two equal wings, 60 m apart; the plan 4 % too large about its origin."""
     twins = rooms_plan([*ROOMS, *((x + 60, y, w, d) for x, y, w, d in ROOMS)]).scaled(1.04)
     _, unclaimed = found_in(scan, twins)
-    assert unclaimed is None  # ambiguous, so not sure
+    assert unclaimed is not None
+    assert not unclaimed.is_sure
     _, found = found_in(scan, twins, recorded=np.eye(4))
     assert found is not None
+    assert found.is_sure
     assert found.is_as_recorded
     assert found.metres_per_unit == pytest.approx(1 / 1.04, rel=2e-3)
 

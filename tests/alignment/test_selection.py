@@ -5,8 +5,15 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from builders import room_plan
+from planfit.alignment import AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis
-from planfit.alignment.selection import SameWithin, best_elsewhere, is_same, keep_distinct
+from planfit.alignment.selection import (
+    SameWithin,
+    best_elsewhere,
+    is_same,
+    keep_distinct,
+    select_hypothesis,
+)
 from planfit.alignment.wall_samples import WallSamples
 from planfit.geometry import segments
 
@@ -50,3 +57,17 @@ def test_the_first_of_each_group_is_kept_in_order(walls):
     assert keep_distinct([], walls, WITHIN, 2) == []
     assert best_elsewhere(many, many[0], walls, WITHIN) is many[1]
     assert best_elsewhere(many[:1], many[0], walls, WITHIN) is None
+
+
+@pytest.mark.parametrize(
+    ("score", "elsewhere", "is_sure"),
+    [(0.62, 0.52, False), (0.62, 0.42, True), (0.85, 0.78, True), (0.55, 0.4, False)],
+)
+def test_what_fits_little_must_stand_out_more(walls, score, elsewhere, is_sure):
+    both = [hypothesis(walls, score=score), hypothesis(walls, dx_m=9.0, score=elsewhere)]
+    plan, options = room_plan(), AlignOptions()
+    found = select_hypothesis(walls, both, None, None, plan, options)
+    assert found.is_sure is is_sure
+    assert any("another building" in warning for warning in found.warnings) is not is_sure
+    # Where the scan's format says the same, or the user, little is enough.
+    assert select_hypothesis(walls, both, both[0], None, plan, options).is_sure

@@ -36,6 +36,14 @@ FAR_SHARE = 0.02
 small scan lie nearly as well on the plan as drawn."""
 CLEAR_GAIN = 0.1
 """What another scale must explain beyond the plan as drawn where neither place is sure."""
+SAME_SCORE = 0.03
+"""Another scale must explain this much more wall than centre lines of walls do."""
+HALF_THICKNESS_M = (0.04, 0.07, 0.1, 0.15)
+"""Of walls that may be drawn by their centre lines."""
+LINES_WORDS = (
+    "weak: the plan shows walls as single lines, so that its scale and the thickness of walls cannot be told "
+    "apart; give a plan with both faces of each wall"
+)
 
 METRES_PER_UNIT = {
     "millimetres": 0.001,
@@ -83,13 +91,15 @@ def find_plan_scale(
     found = align_within(walls, floorplan, options, slack, recorded, control_points)
     off = abs(np.log(found.metres_per_unit))
     gain = options.min_margin if off > FAR_SHARE else 0.0
-    if off < FAR_SHARE and _is_of_lines(drawn):
-        return None  # rooms drawn a wall's thickness too large look like a small scale
     # In a building that repeats itself no place is sure, and every place asks for the same scale.
     is_plain = found.score >= max(CLEAR_SCORE, drawn.score + CLEAR_GAIN) and not drawn.is_sure
     if off < LOOK_SHARE or not (found.is_sure or is_plain) or found.score <= drawn.score + gain:
         return None
-    return found
+    if not _is_of_lines(floorplan):
+        return found
+    if found.score < score_of_centre_lines(walls, floorplan, drawn) + SAME_SCORE:
+        return None
+    return replace(found, is_sure=False, warnings=(*found.warnings, LINES_WORDS))
 
 
 def is_off(scaled: Alignment) -> bool:
@@ -132,9 +142,36 @@ def find_unit(
     return f"units of {scale:.4g} m", float(f"{scale:.4g}")
 
 
-def _is_of_lines(drawn: Alignment) -> bool:
-    """Whether the plan seems to show walls by their centre lines."""
-    return drawn.evidence is not None and drawn.evidence.line_offset_m > 0
+def score_of_centre_lines(walls: WallSamples, floorplan: Floorplan, drawn: Alignment) -> float:
+    """Share of wall that the plan as drawn explains if its lines are the middles of walls.
+
+    Rooms that are drawn up to the centre lines of their walls look like rooms of a plan that is too large.
+    """
+    samples, weights = thin(walls, FULL_SAMPLES)
+    start = AlignmentHypothesis.from_transform(drawn.plan_from_level)
+    steps = RefineSteps(FULL_DISTANCES_M)
+    return max(
+        refine_hypothesis(samples, weights, both_faces(floorplan, half_m), start, steps).score
+        for half_m in HALF_THICKNESS_M
+    )
+
+
+def _is_of_lines(floorplan: Floorplan) -> bool:
+    """Whether most of the plan is lines whose free side is not known."""
+    return bool(floorplan.lengths @ floorplan.is_oriented < 0.5 * floorplan.lengths.sum())
+
+
+def both_faces(floorplan: Floorplan, half_m: float) -> Floorplan:
+    """The plan with two faces, `half_m` in front of it on either side, for each line of unknown side."""
+    line = ~floorplan.is_oriented
+    ends, normals = floorplan.ends, floorplan.normals
+    shift = half_m * normals[line][:, None]
+    return Floorplan(
+        floorplan.name,
+        np.concatenate([ends[~line], ends[line] + shift, ends[line] - shift]),
+        np.concatenate([normals[~line], normals[line], -normals[line]]),
+        np.ones(len(floorplan) + int(line.sum()), dtype=bool),
+    )
 
 
 def _preferred_scale(walls: WallSamples, floorplan: Floorplan, drawn: Alignment) -> float:

@@ -27,6 +27,11 @@ MIN_SEGMENT_SCORE = 0.35
 """A fifth of the walk that the plan explains less of leaves the alignment weak: half of what right alignments
 of undeformed scans have."""
 
+MARGIN_WORTH, MIN_EVIDENCE = 2.0, 0.9
+"""Score, and margin times the first, must add up to the second: what fits little must stand out more. Wrong
+places that were sure by score and margin apart had 0.76 to 0.95 (quarters of walks, plans of other
+buildings); right ones 0.77 to 1.47, one of 15 below 0.9 (`benchmarks/wrong_plans.py --part 0.25`)."""
+
 
 @dataclass(frozen=True)
 class SameWithin:
@@ -151,6 +156,7 @@ def select_hypothesis(
     margin = taken.score - (runner_up.score if runner_up else 0.0)
     is_close = runner_up is not None and margin < options.min_margin
     is_ambiguous = is_close and not is_as_recorded and options.candidate == 1
+    is_thin = _is_thin(taken.score, margin) and not is_as_recorded and options.candidate == 1
     warnings: list[str] = []
     if recorded is not None and options.candidate == 1 and not is_as_recorded:
         warnings.append(_not_as_recorded_words(taken, recorded, walls))
@@ -160,6 +166,8 @@ def select_hypothesis(
         warnings.append(_weak_words(taken, floorplan, options))
     if runner_up is not None and is_close and not is_mirrored:
         warnings.append(_close_words(taken, runner_up, walls, is_as_recorded, is_ambiguous))
+    elif runner_up is not None and is_thin and not (is_mirrored or is_weak):
+        warnings.append(_thin_words(taken, runner_up))
     open_words = _open_words(taken)
     return Selection(
         taken,
@@ -167,7 +175,7 @@ def select_hypothesis(
         candidates,
         is_as_recorded,
         is_mirrored,
-        is_sure=not (is_weak or is_ambiguous or is_mirrored or open_words),
+        is_sure=not (is_weak or is_ambiguous or is_thin or is_mirrored or open_words),
         warnings=(*warnings, *open_words),
     )
 
@@ -289,6 +297,19 @@ def _close_words(
     if is_ambiguous:
         return f"ambiguous: {words}; choose the other one with --align.candidate 2, or give control points"
     return f"{words}; the one asked for was taken"
+
+
+def _is_thin(score: float, margin: float) -> bool:
+    """Whether so little wall fits, by so small a margin, that another building's plan may do as well."""
+    return score + MARGIN_WORTH * margin < MIN_EVIDENCE
+
+
+def _thin_words(taken: AlignmentHypothesis, other: AlignmentHypothesis) -> str:
+    return (
+        f"weak: {taken.score:.0%} of the scanned wall fits here and {other.score:.0%} elsewhere, which the "
+        "plan of another building may give as well; look at the overlay, scan more walls, or give control "
+        "points"
+    )
 
 
 def _open_words(taken: AlignmentHypothesis) -> list[str]:

@@ -139,6 +139,7 @@ def _alignment_record(alignment: Alignment) -> dict[str, Any]:
         "is_sure": alignment.is_sure,
         "metres_per_unit_xy": list(alignment.scale_xy),
         "metres_per_unit_sigma_share": alignment.scale_sigma,
+        "evidence": plain(alignment.evidence),
     }
 
 
