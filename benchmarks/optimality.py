@@ -101,6 +101,7 @@ def conslam_starts(seeds: range) -> Iterator[Start]:
     """The real scan, labelled by geometry, drifted anew."""
     scan = planfit.read_scan(CONSLAM)
     assert scan.floorplan_path is not None
+    assert scan.up_world is not None
     floorplan = planfit.read_floorplan(scan.floorplan_path)
     _, true = read_tum(CONSLAM / "groundtruth.tum")
     options = planfit.RefineOptions(segmentation=SegmentationOptions(back_end="geometry"))

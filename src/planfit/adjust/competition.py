@@ -37,9 +37,9 @@ VOTED_WIDTH = 3.0
 def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Alternation:
     """Adjust from one start after the other, until the best is confirmed or clearly good; the cheapest end.
 
-    The second start should look far: two narrow ones agree on the same wrong place. Where they end differently,
-    each end is judged once walls that stand elsewhere than drawn are let go of: a moved wall is cheap where
-    poses are right, and poses that bend to it pay for that elsewhere.
+    The second start should look far: two narrow ones agree on the same wrong place. Where two end
+    differently, each end is judged once walls that stand elsewhere than drawn are let go of: a moved wall is
+    cheap where poses are right, and poses that bend to it pay for that elsewhere.
 
     Args:
         task: what is adjusted to what.
