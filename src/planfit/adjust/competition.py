@@ -5,6 +5,7 @@ can cost, so that letting go of walls never pays.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -143,22 +144,26 @@ def _voted(
     patches, options = task.measurements.structure.walls, task.options
     if len(patches) == 0:
         return plan_from_cams
+    voting = options.voting
+    furthest_m = min(voting.max_shift_m, max(options.wall_distances_m))
     voted = vote(
         patches,
         observations_of(patches, options.walls),
         task.floorplan,
         plan_from_cams,
         options.association,
-        options.voting,
+        replace(voting, max_shift_m=furthest_m),
     )
-    return narrow(task, voted, np.full(len(patches), VOTED_WIDTH))
+    scale_m = options.walls.sigma_m * options.walls.loss.scale
+    return narrow(task, voted, _widths(task, np.full(len(patches), VOTED_WIDTH * scale_m)))
 
 
 def _widths(task: PlanTask, reach_m: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     """Factors on the scale of the walls' loss for a reach, up to the widest there is."""
     walls = task.options.walls
     scale_m = walls.sigma_m * walls.loss.scale
-    return np.maximum(np.minimum(reach_m, task.options.reach.max_reach_m) / scale_m, 1.0)
+    furthest_m = min(task.options.reach.max_reach_m, max(task.options.wall_distances_m) / 2)
+    return np.maximum(np.minimum(reach_m, furthest_m) / scale_m, 1.0)
 
 
 _STARTS: dict[str, Callable[[PlanTask, np.ndarray], np.ndarray]] = {

@@ -94,7 +94,8 @@ class AdjustOptions:
     """Factors on the scale of the matches' loss while loops close, one after the other: wide at first,
     so that matches which are far apart only because of drift still act, then as it stands."""
     wall_distances_m: tuple[float, ...] = (1.2, 0.8, 0.6, 0.45, 0.35)
-    """Association distances, one after the other; where several starts compete, each ends at the last."""
+    """Association distances, one after the other. Where several starts compete, none looks further than the
+    largest, and each ends at the last."""
     starts: tuple[Literal["aligned", "vote", "reach", "wide"], ...] = (
         "aligned",
         "vote",
