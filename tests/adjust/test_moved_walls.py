@@ -10,6 +10,7 @@ from planfit.adjust import AdjustOptions, adjust_to_plan, describe_moved
 from planfit.adjust.association import AssociationOptions, associate, displaced
 from planfit.adjust.moved_walls import MovedWall, MovedWallOptions, find_moved
 from planfit.floorplan import Floorplan
+from planfit.geometry import se3
 
 
 @pytest.fixture
@@ -51,6 +52,7 @@ def test_each_option_decides(world):
     assert n_moved(min_offset_m=0.25) == 0
     assert n_moved(min_patches=4) == 1
     assert n_moved(min_patches=5) == 0
+    assert n_moved(max_moved_share=0.2) == 0  # a quarter of the patches lie on it
 
 
 def test_wall_seen_where_it_is_drawn_speaks_against(world):
@@ -99,6 +101,20 @@ def test_the_adjustment_names_a_moved_wall_and_is_not_pulled(world, rng):
     held = adjusted.correspondences
     assert held.is_moved.sum() == 4
     assert not (held.walls_as_drawn.face_idx == 2).any()
+
+
+def test_a_scan_that_is_off_does_not_move_the_walls(world):
+    away = se3.yaw_transform(0.0, np.array([0.5, 0.5, 0.0])) @ world.plan_from_cams
+    options = AdjustOptions(wall_distances_m=(0.3,), starts=("aligned",))
+    assert adjust_to_plan(world.measurements, world.floorplan, away, options).moved_walls == ()
+
+
+def test_an_offset_below_its_sigma_moves_nothing(world):
+    plan = drawn_off(world, [0, 0, 0.15, 0])
+    options = AdjustOptions(moved_walls=MovedWallOptions(min_sigmas=100.0))
+    adjusted = adjust_to_plan(world.measurements, plan, world.plan_from_cams, options)
+    assert adjusted.moved_walls == ()
+    assert not adjusted.correspondences.is_moved.any()
 
 
 def test_moved_walls_stay_unnamed_where_they_are_not_looked_for(world):

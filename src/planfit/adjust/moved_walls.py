@@ -35,6 +35,12 @@ class MovedWallOptions:
     """Wall patches that must agree on the offset."""
     min_share: float = 0.6
     """Share of the wall seen near a face, as drawn or not, that must agree on it."""
+    max_moved_share: float = 0.5
+    """Share of the wall patches with a face that may lie on moved ones; with more, the poses are off, not the
+    walls, and none is taken for moved."""
+    min_sigmas: float = 3.0
+    """An offset counts from so many of its standard deviations on: where little holds the poses that saw a
+    wall, they may be off as well."""
     price: float = 5.0
     """Cost of calling a wall moved: the logarithm of how seldom walls are, and of how much less is known of
     them than of one as drawn (0.3 m against 0.02 m)."""
@@ -84,6 +90,7 @@ def find_moved(
         patches, ~is_drawn, floorplan, plan_from_cams, association, options.max_offset_m
     )
     n_drawn = np.bincount(as_drawn.face_idx[is_drawn], minlength=len(floorplan))
+    n_moved = 0
     grid = np.arange(-options.max_offset_m, options.max_offset_m + STEP_M, STEP_M)
     for face in np.unique(nearest[nearest >= 0]):
         seen = off[nearest == face]
@@ -95,6 +102,9 @@ def find_moved(
         most = len(mine) >= options.min_share * (len(seen) + n_drawn[face])
         if enough and most and abs(offset) >= options.min_offset_m:
             moved_m[face] = offset
+            n_moved += len(mine)
+    if n_moved > options.max_moved_share * (n_moved + is_drawn.sum()):
+        moved_m[:] = np.nan
     return moved_m
 
 
