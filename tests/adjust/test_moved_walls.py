@@ -5,7 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from builders import make_world, nudged, position_rms_m, room_plan
+from builders import (
+    faces_plan,
+    look,
+    make_structure,
+    make_world,
+    nudged,
+    position_rms_m,
+    room_plan,
+)
 from planfit.adjust import AdjustOptions, adjust_to_plan, describe_moved
 from planfit.adjust.association import AssociationOptions, associate, displaced
 from planfit.adjust.moved_walls import MovedWall, MovedWallOptions, find_moved
@@ -53,6 +61,24 @@ def test_each_option_decides(world):
     assert n_moved(min_patches=4) == 1
     assert n_moved(min_patches=5) == 0
     assert n_moved(max_moved_share=0.2) == 0  # a quarter of the patches lie on it
+
+
+def test_a_pilaster_is_told_from_the_wall_beside_it(rng):
+    # 1 m wide and drawn 0.15 m before the wall y = 3; it stands 0.4 m further into the room.
+    plan = faces_plan([[0, 0], [6, 0], [6, 3], [4, 3], [4, 2.85], [3, 2.85], [3, 3], [0, 3]])
+    pose = look([3.5, 1.0, 1.5], 90.0)
+    spans = [(4.2, 5.2, 3.0), *[(3.0, 4.0, 2.45)] * 3, (1.5, 2.8, 3.0)]
+    patches = []
+    for low, high, y in spans:
+        x = np.array([low, *rng.uniform(low, high, 60), high])
+        wall = np.column_stack([x, np.full(62, y), rng.uniform(0.5, 2.0, 62)])
+        patches.append((0, wall, np.array([0.0, -1.0])))
+    walls, chosen = make_structure(pose[None], (), patches).walls, AssociationOptions()
+    association = associate(walls, plan, pose[None], 0.35, chosen)
+    options = MovedWallOptions(max_moved_share=0.7)
+    moved_m = find_moved(walls, association, plan, pose[None], chosen, options)
+    assert np.flatnonzero(np.isfinite(moved_m)).tolist() == [4]
+    assert moved_m[4] == pytest.approx(0.4, abs=0.01)
 
 
 def test_wall_seen_where_it_is_drawn_speaks_against(world):

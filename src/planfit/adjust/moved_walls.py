@@ -19,6 +19,8 @@ from planfit.segmentation import WallPatches
 
 STEP_M = 0.01
 """Offsets are tried this far apart."""
+OVERHANG_M = 0.1
+"""A patch may reach beyond the end of its face by this much and still lie wholly beside it."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ def _nearest_unexplained(
     association: AssociationOptions,
     reach_m: float,
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Nearest face of each patch that no face as drawn explains, and the signed distance (m) from it."""
+    """Face that each patch lies beside which none as drawn explains, and the signed distance (m) from it."""
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
     nearest, off = np.full(len(patches), -1), np.full(len(patches), np.nan)
     open_idx = np.flatnonzero(is_open)
@@ -127,7 +129,9 @@ def _nearest_unexplained(
     distance = ends[open_idx].mean(axis=1) @ floorplan.normals.T - floorplan.offsets
     beside = share_beside(ends[open_idx], floorplan, association.end_margin_m)
     ok = looks_alike & (np.abs(distance) < reach_m) & (beside >= association.min_overlap)
-    score = np.where(ok, np.abs(distance), np.inf)
+    # A pilaster that moved lies nearer to the line of the wall beside it; but it ends where it is drawn.
+    overhang = 1.0 - np.clip(share_beside(ends[open_idx], floorplan, OVERHANG_M), 0.0, 1.0)
+    score = np.where(ok, np.abs(distance) + reach_m * overhang, np.inf)
     best = np.argmin(score, axis=1)
     rows = np.arange(len(open_idx))
     found = np.isfinite(score[rows, best])
