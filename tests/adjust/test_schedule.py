@@ -164,8 +164,8 @@ def test_rounds_are_bounded(world, drifted):
 
 def test_wall_distances_limit_what_is_associated(world):
     away = se3.make_transform(np.eye(3), np.array([0.5, 0.5, 0.0])) @ world.plan_from_cams
-    near = AdjustOptions(wall_distances_m=(0.3,))
-    far = AdjustOptions(wall_distances_m=(0.8,))
+    near = AdjustOptions(wall_distances_m=(0.3,), starts=("aligned",))
+    far = AdjustOptions(wall_distances_m=(0.8,), starts=("aligned",))
     measurements = world.measurements
     assert adjust_to_plan(measurements, world.floorplan, away, near).association.n_associated == 0
     assert adjust_to_plan(measurements, world.floorplan, away, far).association.n_associated == 16

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from planfit.adjust.association import Association, PlanCorrespondences, associate_with_plan
 from planfit.adjust.measurements import Measurements
@@ -151,16 +151,30 @@ def without_moved_walls(task: PlanTask, end: Alternation) -> Alternation:
             options.association,
             options.moved_walls,
         )
-        before = end.problem.correspondences
-        known = None if before is None else before.moved_m
-        is_new = np.isfinite(moved_m)
-        if known is not None:
-            is_new = is_new != np.isfinite(known)
-        if not is_new.any():
+        if np.array_equal(np.isfinite(moved_m), _is_moved(end)):
             break
-        again = replace(task, moved_m=moved_m)
-        more = alternate(again, end.plan_from_cams, options.wall_distances_m[-1:])
-        end = replace(
-            more, rounds=end.rounds + more.rounds, iterations=end.iterations + more.iterations
-        )
+        again = _go_on(task, end, moved_m)
+        off_m, sigmas_m = again.problem.offsets(again.solution.target_from_cams)
+        is_sure = np.abs(off_m) > options.moved_walls.min_sigmas * sigmas_m
+        if is_sure[np.isfinite(moved_m)].all():
+            end = again
+            continue
+        moved_m[~is_sure] = np.nan
+        return _go_on(task, end, moved_m) if is_sure.any() else end
     return end
+
+
+def _is_moved(end: Alternation) -> Bool[np.ndarray, " f"]:
+    """Faces that a solve took for moved."""
+    moved_m = end.correspondences.moved_m
+    if moved_m is None:
+        return np.zeros(len(end.correspondences.floorplan), dtype=bool)
+    return np.isfinite(moved_m)
+
+
+def _go_on(task: PlanTask, end: Alternation, moved_m: Float[np.ndarray, " f"]) -> Alternation:
+    """Adjust further, with other faces moved."""
+    again = replace(task, moved_m=moved_m)
+    more = alternate(again, end.plan_from_cams, task.options.wall_distances_m[-1:])
+    rounds, iterations = end.rounds + more.rounds, end.iterations + more.iterations
+    return replace(more, rounds=rounds, iterations=iterations)

@@ -5,6 +5,7 @@ can cost, so that letting go of walls never pays.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -37,8 +38,9 @@ VOTED_WIDTH = 3.0
 def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Alternation:
     """Adjust from one start after the other, until the best is confirmed or clearly good; the cheapest end.
 
-    Where two starts end differently, each end is judged once walls that stand elsewhere than drawn are let go
-    of: a moved wall is cheap where poses are right, and poses that bend to it pay for that elsewhere.
+    The second start should look far: two narrow ones agree on the same wrong place. Where two end
+    differently, each end is judged once walls that stand elsewhere than drawn are let go of: a moved wall is
+    cheap where poses are right, and poses that bend to it pay for that elsewhere.
 
     Args:
         task: what is adjusted to what.
@@ -142,22 +144,26 @@ def _voted(
     patches, options = task.measurements.structure.walls, task.options
     if len(patches) == 0:
         return plan_from_cams
+    voting = options.voting
+    furthest_m = min(voting.max_shift_m, max(options.wall_distances_m))
     voted = vote(
         patches,
         observations_of(patches, options.walls),
         task.floorplan,
         plan_from_cams,
         options.association,
-        options.voting,
+        replace(voting, max_shift_m=furthest_m),
     )
-    return narrow(task, voted, np.full(len(patches), VOTED_WIDTH))
+    scale_m = options.walls.sigma_m * options.walls.loss.scale
+    return narrow(task, voted, _widths(task, np.full(len(patches), VOTED_WIDTH * scale_m)))
 
 
 def _widths(task: PlanTask, reach_m: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     """Factors on the scale of the walls' loss for a reach, up to the widest there is."""
     walls = task.options.walls
     scale_m = walls.sigma_m * walls.loss.scale
-    return np.maximum(np.minimum(reach_m, task.options.reach.max_reach_m) / scale_m, 1.0)
+    furthest_m = min(task.options.reach.max_reach_m, max(task.options.wall_distances_m) / 2)
+    return np.maximum(np.minimum(reach_m, furthest_m) / scale_m, 1.0)
 
 
 _STARTS: dict[str, Callable[[PlanTask, np.ndarray], np.ndarray]] = {

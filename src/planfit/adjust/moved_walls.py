@@ -19,6 +19,8 @@ from planfit.segmentation import WallPatches
 
 STEP_M = 0.01
 """Offsets are tried this far apart."""
+OVERHANG_M = 0.1
+"""A patch may reach beyond the end of its face by this much and still lie wholly beside it."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,12 @@ class MovedWallOptions:
     """Wall patches that must agree on the offset."""
     min_share: float = 0.6
     """Share of the wall seen near a face, as drawn or not, that must agree on it."""
+    max_moved_share: float = 0.5
+    """Share of the wall patches with a face that may lie on moved ones; with more, the poses are off, not the
+    walls, and none is taken for moved."""
+    min_sigmas: float = 3.0
+    """An offset counts from so many of its standard deviations on: where little holds the poses that saw a
+    wall, they may be off as well."""
     price: float = 5.0
     """Cost of calling a wall moved: the logarithm of how seldom walls are, and of how much less is known of
     them than of one as drawn (0.3 m against 0.02 m)."""
@@ -84,6 +92,7 @@ def find_moved(
         patches, ~is_drawn, floorplan, plan_from_cams, association, options.max_offset_m
     )
     n_drawn = np.bincount(as_drawn.face_idx[is_drawn], minlength=len(floorplan))
+    n_moved = 0
     grid = np.arange(-options.max_offset_m, options.max_offset_m + STEP_M, STEP_M)
     for face in np.unique(nearest[nearest >= 0]):
         seen = off[nearest == face]
@@ -95,6 +104,9 @@ def find_moved(
         most = len(mine) >= options.min_share * (len(seen) + n_drawn[face])
         if enough and most and abs(offset) >= options.min_offset_m:
             moved_m[face] = offset
+            n_moved += len(mine)
+    if n_moved > options.max_moved_share * (n_moved + is_drawn.sum()):
+        moved_m[:] = np.nan
     return moved_m
 
 
@@ -106,7 +118,7 @@ def _nearest_unexplained(
     association: AssociationOptions,
     reach_m: float,
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Nearest face of each patch that no face as drawn explains, and the signed distance (m) from it."""
+    """Face that each patch lies beside which none as drawn explains, and the signed distance (m) from it."""
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
     nearest, off = np.full(len(patches), -1), np.full(len(patches), np.nan)
     open_idx = np.flatnonzero(is_open)
@@ -117,7 +129,9 @@ def _nearest_unexplained(
     distance = ends[open_idx].mean(axis=1) @ floorplan.normals.T - floorplan.offsets
     beside = share_beside(ends[open_idx], floorplan, association.end_margin_m)
     ok = looks_alike & (np.abs(distance) < reach_m) & (beside >= association.min_overlap)
-    score = np.where(ok, np.abs(distance), np.inf)
+    # A pilaster that moved lies nearer to the line of the wall beside it; but it ends where it is drawn.
+    overhang = 1.0 - np.clip(share_beside(ends[open_idx], floorplan, OVERHANG_M), 0.0, 1.0)
+    score = np.where(ok, np.abs(distance) + reach_m * overhang, np.inf)
     best = np.argmin(score, axis=1)
     rows = np.arange(len(open_idx))
     found = np.isfinite(score[rows, best])

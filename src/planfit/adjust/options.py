@@ -39,7 +39,7 @@ class KeyframeOptions:
         require_share(self, "sharper_share")
 
 
-START_NAMES = ("aligned", "reach", "vote", "wide")
+START_NAMES = ("aligned", "vote", "reach", "wide")
 """Of `AdjustOptions.starts`."""
 
 
@@ -94,17 +94,18 @@ class AdjustOptions:
     """Factors on the scale of the matches' loss while loops close, one after the other: wide at first,
     so that matches which are far apart only because of drift still act, then as it stands."""
     wall_distances_m: tuple[float, ...] = (1.2, 0.8, 0.6, 0.45, 0.35)
-    """Association distances, one after the other; where several starts compete, each ends at the last."""
-    starts: tuple[Literal["aligned", "reach", "vote", "wide"], ...] = (
+    """Association distances, one after the other. Where several starts compete, none looks further than the
+    largest, and each ends at the last."""
+    starts: tuple[Literal["aligned", "vote", "reach", "wide"], ...] = (
         "aligned",
-        "reach",
         "vote",
+        "reach",
         "wide",
     )
     """Starts that compete by the full cost, tried in this order until two agree or one is clearly good: poses
-    as aligned, losses as they stand; each wall patch reaches for its face as far as its pose may be off;
-    stretches of the walk vote for their shift; all patches reach far. Other strategies for walls than fixed
-    nearest walls, bounded solves and the paper's take the first alone."""
+    as aligned, losses as they stand; stretches of the walk vote for their shift; each wall patch reaches for
+    its face as far as its pose may be off; all patches reach far. Other strategies for walls than fixed
+    nearest walls, bounded solves and the paper's take poses as aligned."""
     reach: ReachOptions = field(default_factory=ReachOptions)
     """How far wall reaches for its face at first."""
     voting: VotingOptions = field(default_factory=VotingOptions)

@@ -62,7 +62,7 @@ def patch_sigmas(
     frames = np.unique(np.linspace(0, n - 1, min(n, MAX_FRAMES)).round().astype(int))
     known = covariances([*scan_terms, prior], plan_from_cams, frames)
     # Of yaw, x and y: a patch's place is the camera's, swung by the lever to the patch.
-    known = known[np.ix_(np.arange(len(frames)), [2, 3, 4], [2, 3, 4])]
+    known = known[:, 2:5, 2:5]
     flat = known.reshape(len(frames), 9)
     at = np.stack([np.interp(patches.frame_idx, frames, flat[:, k]) for k in range(9)], axis=1)
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)

@@ -7,7 +7,7 @@ function of the scale, is a bowl (`docs/adr/0005-alignment-search.md` has the nu
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -54,13 +54,16 @@ def refit_scale(
         extra_terms: of the adjustment.
     """
     cost_at: dict[int, float] = {}
+    # Costs at several scales compare where all start alike and walls stand as drawn.
+    as_drawn = replace(options.moved_walls, sigma_m=0.0)
+    quick = replace(options, starts=("aligned",), moved_walls=as_drawn)
 
     def cost(step: int) -> float:
         if step not in cost_at:
             factor = float(np.exp(step * STEP))
             poses = about_middle(plan_from_cams, factor)
             adjusted = adjust_to_plan(
-                measurements, floorplan.scaled(factor), poses, options, extra_terms
+                measurements, floorplan.scaled(factor), poses, quick, extra_terms
             )
             cost_at[step] = _cost(measurements, adjusted, options, extra_terms)
         return cost_at[step]

@@ -1,6 +1,6 @@
 """What a user should know before trusting a result: each warning in plain words, with what to do."""
 
-from planfit.adjust import PlanAdjustment, TornStep
+from planfit.adjust import PlanAdjustment, TornStep, describe_moved
 from planfit.alignment import Alignment
 from planfit.matching import Matches
 from planfit.pipeline.validation import Check
@@ -79,6 +79,9 @@ def alignment_warnings(
             f"{n_patches} wall patches found a face): parts of the plan may be missing, moved or "
             "out of date, or it is the plan of another place; look at the overlay"
         )
+    if plan_adjustment.moved_walls:
+        floorplan = plan_adjustment.correspondences.floorplan
+        warnings.append(describe_moved(plan_adjustment.moved_walls, floorplan))
     warnings += plan_adjustment.weakly_constrained
     warnings += _torn_step_warnings(plan_adjustment.torn_steps)
     if not plan_adjustment.converged:
