@@ -82,8 +82,12 @@ def test_the_same_poster_in_a_deeper_room_is_contradicted_by_free_space():
     grids = grids_of((one, *ROOM, 0), (other, *longer, 0))
     assert agreement(pair(one, other), same)[1] < 0.01
     assert agreement(pair(one, other), grids)[1] > 0.15
-    found = (*pair(one, other), np.array([0.03]), np.array([False]), grids, AgreementOptions())
-    assert explained_shares(*found)[0] == 0.0
+    relative_poses, points_a, points_b = pair(one, other)
+    sigma_m, is_neighbour = np.array([0.03]), np.array([False])
+    explained = explained_shares(
+        relative_poses, points_a, points_b, sigma_m, is_neighbour, grids, AgreementOptions()
+    )
+    assert explained[0] == 0.0
 
 
 def test_the_same_poster_on_a_wall_painted_otherwise_is_unlike():
