@@ -60,7 +60,10 @@ def pair(first, second, spread_m=0.3, n=40):
 
 
 def agreement(found, grids, **options):
-    result = compare(*found, np.array([0.03]), grids, AgreementOptions(**options))
+    relative_poses, points_a, points_b = found
+    result = compare(
+        relative_poses, points_a, points_b, np.array([0.03]), grids, AgreementOptions(**options)
+    )
     return float(result.matched[0]), float(result.contradicted[0]), float(result.likeness[0])
 
 
