@@ -5,13 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from builders import look, make_structure, position_rms_m
-from planfit.adjust import AdjustOptions, Measurements, close_loops, close_loops_untorn
+from builders import look, make_structure, position_rms_m, room_scan
+from planfit.adjust import (
+    AdjustOptions,
+    KeyframeOptions,
+    Measurements,
+    close_loops,
+    close_loops_untorn,
+)
 from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.torn_steps import find_torn_steps
 from planfit.geometry import se3
 from planfit.matching import Matches
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.prepare import Observations, prepare
 from planfit.scan.odometry import OdometryOptions, make_odometry
+from planfit.segmentation import Gravity
 from planfit.synth import DriftOptions, drift_poses
 
 N, PER_LAP = 120, 60
@@ -141,6 +150,24 @@ def test_where_every_step_is_off_the_sigmas_are_wrong_and_none_is_torn(walk):
     found = find_torn_steps(measurements, true, ODOMETRY)
     sigmas = np.array([step.sigmas for step in found])
     assert len(found) < 0.05 * N, sigmas
+
+
+@pytest.mark.parametrize("min_frames", [1000, 2])
+def test_what_is_dropped_is_held_out_no_more_and_named_in_the_result(walk, min_frames):
+    true, recorded, rng = walk
+    false = poster(true, 20, 110)
+    seen = measured(rng, recorded, true_motions(true) | false)
+    options = RefineOptions(adjust=AdjustOptions(keyframes=KeyframeOptions(min_frames=min_frames)))
+    gravity = Gravity(np.array([0, 0, 1.0]), 0.9, "truth")
+    prepared = prepare(
+        room_scan(recorded), Observations(gravity, seen.structure, seen.matches), options
+    )
+    (warning,) = prepared.warnings
+    assert "look alike" in warning
+    held = set(map(tuple, prepared.held_out.pairs.tolist()))
+    assert len(held) > 50
+    assert not held & set(false)
+    assert position_rms_m(prepared.level_from_keys, true[prepared.keyframes.frame_idx]) < 0.08
 
 
 def test_without_odometry_nothing_can_be_torn(walk):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from builders import make_matches, make_structure, make_ties, make_world, room_scan
-from planfit.adjust import PlanAdjustment, Solution
+from planfit.adjust import PlanAdjustment, Solution, TornStep
 from planfit.adjust.association import Association
 from planfit.alignment import Alignment
 from planfit.lsq.solver import Stop
@@ -102,6 +102,17 @@ def test_warnings_about_the_alignment(world):
     for words, change in cases.items():
         (warning,) = warnings_of_alignment(world, **change)
         assert words in warning
+
+
+def test_the_worst_torn_steps_are_named_and_the_others_counted(world):
+    good = plan_adjustment(world, len(world.structure.walls))
+    torn = tuple(TornStep(10 * k, 10 * k + 1, 0.49, 5.67, 250.0 - k) for k in range(5))
+    named = warnings_of_alignment(world, plan_adjustment=replace(good, torn_steps=torn))
+    assert len(named) == 4
+    assert "step from frame 0 to 1 was changed from 0.49 m as recorded to 5.67 m" in named[0]
+    assert "2 more steps" in named[3]
+    (only,) = warnings_of_alignment(world, plan_adjustment=replace(good, torn_steps=torn[:1]))
+    assert only == named[0]
 
 
 def test_geometry_may_leave_more_wall_points_off_the_plan(world):

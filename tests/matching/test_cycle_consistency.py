@@ -171,6 +171,19 @@ def test_a_revisit_that_explains_little_is_held_to_the_drift_that_the_others_sho
     assert not is_poster_accepted(0.3, max_drifts=1.0)
 
 
+def test_a_gap_in_the_tracking_is_no_drift_that_others_could_tell():
+    poses, (a, b, c, d) = walk((0, 0), (12, 0), (0, 0), (0, 12))
+    true = loops(poses, [(a + k, c + k) for k in range(0, 40, 2)])
+    both = explaining(true.joined(loops(poses, [(b + 35, d + 9)], look_from(poses, d, 2.5))), 0.05)
+    both.explained[:20] = 0.5
+    odometry = make_odometry(poses, UNSURE)
+    lost = np.arange(len(poses) - 1) == d - 3
+    gap = replace(odometry, sigma_translation=np.where(lost, 3.0, odometry.sigma_translation))
+    options = CycleConsistencyOptions()
+    assert not cycle_consistent(both, poses, odometry, options)[-1]
+    assert cycle_consistent(both, poses, gap, options).all()
+
+
 def look_from(poses, first, aside):
     """Poses of which those from `first` on stand aside."""
     moved = poses.copy()

@@ -60,7 +60,10 @@ def pair(first, second, spread_m=0.3, n=40):
 
 
 def agreement(found, grids, **options):
-    result = compare(*found, np.array([0.03]), grids, AgreementOptions(**options))
+    relative_poses, points_a, points_b = found
+    result = compare(
+        relative_poses, points_a, points_b, np.array([0.03]), grids, AgreementOptions(**options)
+    )
     return float(result.matched[0]), float(result.contradicted[0]), float(result.likeness[0])
 
 
@@ -82,8 +85,12 @@ def test_the_same_poster_in_a_deeper_room_is_contradicted_by_free_space():
     grids = grids_of((one, *ROOM, 0), (other, *longer, 0))
     assert agreement(pair(one, other), same)[1] < 0.01
     assert agreement(pair(one, other), grids)[1] > 0.15
-    found = (*pair(one, other), np.array([0.03]), np.array([False]), grids, AgreementOptions())
-    assert explained_shares(*found)[0] == 0.0
+    relative_poses, points_a, points_b = pair(one, other)
+    sigma_m, is_neighbour = np.array([0.03]), np.array([False])
+    explained = explained_shares(
+        relative_poses, points_a, points_b, sigma_m, is_neighbour, grids, AgreementOptions()
+    )
+    assert explained[0] == 0.0
 
 
 def test_the_same_poster_on_a_wall_painted_otherwise_is_unlike():

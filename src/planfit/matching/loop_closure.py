@@ -4,8 +4,8 @@ Cycle consistency: a loop closure is accepted only if the cycle it closes does c
 between two frames far apart in time, and then a look-alike room within its reach passes the gate of the
 recorded motion alone. But the scan knows more: other loop closures connect the two frames by a shorter,
 more certain path. So relative poses are decided in the order of how surely the motion between their ends
-is known; each that is accepted becomes an edge for the next (compare Mangelson et al. 2018, who look for
-the largest set of loop closures that agree in pairs).
+is known, and of how much of both views they explain; each that is accepted becomes an edge for the next
+(compare Mangelson et al. 2018, who look for the largest set of loop closures that agree in pairs).
 
 Guided proposals: around a loop closure that was accepted there are more. Recorded poses that have drifted
 by a metre tell little of which frames are covisible. Once one pair of two visits is verified, it does: the
@@ -30,6 +30,8 @@ REACH = 3
 MIN_COVISIBILITY = 0.25
 """Pairs that should share less are not tried."""
 CHUNK = 100_000
+GAP_TIMES_USUAL = 10.0
+"""A step whose sigma is this many times the median of the walk is a gap: tracking broke there."""
 PRIOR_REVISITS = 2
 """How many revisits the sigmas of the odometry weigh as, when the tracker's own drift is looked at."""
 
@@ -76,6 +78,9 @@ def cycle_consistent(
 ) -> Bool[np.ndarray, " p"]:
     """Which relative poses agree with the recorded motion and with those accepted before them.
 
+    Where views were compared, revisits that explain nothing of them are refused, and those that explain more
+    come first.
+
     Args:
         relative_poses: verified pairs of any distance in time.
         world_from_cams: recorded poses.
@@ -88,9 +93,8 @@ def cycle_consistent(
     pairs, motions = relative_poses.pairs, relative_poses.a_from_b
     sigma_rotation, sigma_translation = odometry.sigma_between(*pairs.T)
     is_certain = _is_certain(sigma_translation, options)
-    is_possible = np.ones(len(pairs), dtype=bool)
-    if relative_poses.explained is not None:
-        is_possible = relative_poses.explained > 0  # the views contradict the others
+    explained = relative_poses.explained
+    is_possible = np.full(len(pairs), True) if explained is None else explained > 0
     recorded = se3.inverse(world_from_cams[pairs[:, 0]]) @ world_from_cams[pairs[:, 1]]
     sigmas = (sigma_rotation, sigma_translation)
     is_accepted[is_certain] = is_near(motions, recorded, sigmas, options)[is_certain]
@@ -98,7 +102,7 @@ def cycle_consistent(
     graph = PoseGraph(world_from_cams, odometry, pairs)
     cluster = _clusters(relative_poses, odometry, options.cluster_m)
     pending, new = np.flatnonzero(~is_certain & is_possible), np.flatnonzero(is_accepted)
-    narrowing = _narrowing(relative_poses, pending, cluster, recorded, sigma_translation, options)
+    narrowing = _narrowing(relative_poses, pending, cluster, recorded, odometry, options)
     while len(pending):
         graph.add(pairs[new], motions[new], options.sigma_rotation_deg, options.sigma_translation_m)
         heads = _heads(pending, cluster, relative_poses)
@@ -120,7 +124,7 @@ def is_near(
     predicted: Float[np.ndarray, "p 4 4"],
     sigmas: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
     options: CycleConsistencyOptions,
-    max_sigmas: float | Float[np.ndarray, " p"] | None = None,
+    max_sigmas: float | None = None,
 ) -> Bool[np.ndarray, " p"]:
     """Whether motions depart from the predicted ones by no more than drift explains.
 
@@ -226,7 +230,7 @@ def _narrowing(
     pending: np.ndarray,
     cluster: np.ndarray,
     recorded: np.ndarray,
-    sigma_translation: np.ndarray,
+    odometry: Odometry,
     options: CycleConsistencyOptions,
 ) -> np.ndarray:
     """Factor (p,), at most 1, on the sigma of the recorded translation over the ends of each relative pose.
@@ -235,18 +239,29 @@ def _narrowing(
     them are right, so the median of their departures is that of the drift.
     """
     is_strong = _is_strong(relative_poses, options)
+    is_over_gap = _spans_gap(relative_poses.pairs, odometry)
     strong = _heads(pending[is_strong[pending]], cluster, relative_poses)
+    strong = strong[~is_over_gap[strong]]
     if relative_poses.explained is None or len(strong) == 0:
         return np.ones(len(relative_poses))
     off = relative_poses.a_from_b[strong, :3, 3] - recorded[strong, :3, 3]
+    _, sigma_translation = odometry.sigma_between(*relative_poses.pairs[strong].T)
     slack = options.translation_slack_m
-    sigmas = np.linalg.norm(off, axis=1) / np.hypot(sigma_translation[strong], slack)
+    sigmas = np.linalg.norm(off, axis=1) / np.hypot(sigma_translation, slack)
     # Of a vector of three standard normal numbers the length has the median 1.538. Few revisits say little:
     # as if PRIOR_REVISITS more had said what the sigmas say.
     share_sq = (np.median(sigmas) / 1.538) ** 2
     drift = np.sqrt((len(strong) * share_sq + PRIOR_REVISITS) / (len(strong) + PRIOR_REVISITS))
     own = np.where(is_strong, options.max_drifts, options.max_weak_drifts) * drift
-    return np.minimum(own / options.max_uncertain_sigmas, 1.0)
+    return np.where(is_over_gap, 1.0, np.minimum(own / options.max_uncertain_sigmas, 1.0))
+
+
+def _spans_gap(pairs: np.ndarray, odometry: Odometry) -> np.ndarray:
+    """Whether a step of which little is known lies between the frames of each pair (p,): that is no drift."""
+    sigma = odometry.sigma_translation
+    is_gap = sigma > GAP_TIMES_USUAL * np.median(sigma)
+    n_gaps = np.concatenate([[0], np.cumsum(is_gap)])
+    return n_gaps[pairs[:, 0]] != n_gaps[pairs[:, 1]]
 
 
 def _clusters(relative_poses: RelativePoses, odometry: Odometry, size_m: float) -> np.ndarray:

@@ -24,7 +24,9 @@ class OdometryTermOptions:
     """Factor on the term; 0 switches it off."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 5.0))
     """Robust loss of a step's departure in sigmas (six numbers a step, so 2.4 is usual); trackers
-    jump now and then, and a jump must not be smeared over the path."""
+    jump now and then, and a jump must not be smeared over the path. Nor must a false revisit be: with
+    Cauchy's it tears a step, which is found, and the revisit dropped; with Huber's or squares it bends the
+    walk unseen (0.14 m instead of 0.03 on a walk of two laps with three false visits)."""
 
 
 @dataclass(frozen=True)
