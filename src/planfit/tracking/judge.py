@@ -19,7 +19,8 @@ from planfit.tracking.conventions import (
 from planfit.tracking.motions import MeasuredMotions
 from planfit.tracking.noise import noise_factors
 from planfit.tracking.options import TrackingOptions
-from planfit.tracking.types import Tracking, TrackingBreak
+from planfit.tracking.submaps import find_doubtful
+from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of
 
 MAX_BREAKS_SHARE = 0.1
 """A tracker with more breaks a frame than this is not mended: what is broken then is no step."""
@@ -67,10 +68,12 @@ def judge_tracking(
     poses, found = recorded, []
     if options.mend:
         poses, found = _mended(recorded, motions, odometry, factors, options)
+    steps = _odometry(poses, odometry, factors, found)
+    doubtful = find_doubtful(poses, steps, motions, options) if options.mend else np.zeros(0, int)
     return Tracking(
         recorded_world_from_cams=recorded,
         world_from_cams=poses,
-        odometry=_odometry(poses, odometry, factors, found),
+        odometry=steps,
         convention=chosen,
         convention_fit=fit,
         sigma_factors=factors,
@@ -78,6 +81,7 @@ def judge_tracking(
             sorted((_described(recorded, poses, d) for d in found), key=lambda b: b.first_frame)
         ),
         n_motions=len(motions),
+        doubtful_steps=doubtful,
     )
 
 
@@ -139,23 +143,11 @@ def _odometry(
 def _described(recorded: Poses, corrected: Poses, d: Displacement) -> TrackingBreak:
     """A displacement in words."""
     if d.last == len(recorded) - 1:
-        before, after = d.first - 1, d.first
-        was, now = (_size(se3.inverse(p[before]) @ p[after]) for p in (recorded, corrected))
-        reason = (
-            f"the recorded motion jumps by {was[0]:.1f} m and {was[1]:.0f} degrees after frame {before}, "
-            f"where the images show a step of {now[0]:.1f} m and {now[1]:.0f} degrees: corrected"
-        )
-        return TrackingBreak("jump", before, after, was, now, d.n_motions, reason)
-    moved = _size(se3.inverse(recorded[d.first]) @ corrected[d.first])
+        return describe_jump(recorded, corrected, d.first - 1, d.n_motions, "images")
+    moved = size_of(se3.inverse(recorded[d.first]) @ corrected[d.first])
     which = f"frame {d.first} is" if d.first == d.last else f"frames {d.first}-{d.last} are"
     reason = (
         f"{which} recorded {moved[0]:.1f} m and {moved[1]:.0f} degrees away from where the images show "
         "them: corrected"
     )
     return TrackingBreak("outlier", d.first, d.last, moved, moved, d.n_motions, reason)
-
-
-def _size(motion: np.ndarray) -> tuple[float, float]:
-    """Length (m) and angle (degrees) of a motion (4, 4)."""
-    angle = float(np.rad2deg(se3.rotation_angle(motion[:3, :3])))
-    return float(np.linalg.norm(motion[:3, 3])), angle
