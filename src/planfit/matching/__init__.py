@@ -4,5 +4,6 @@ from planfit.matching.find import find_matches as find_matches
 from planfit.matching.find import search_matches as search_matches
 from planfit.matching.options import MatchingOptions as MatchingOptions
 from planfit.matching.relative_motions import NeighbourMotions as NeighbourMotions
+from planfit.matching.relative_motions import measure_more as measure_more
 from planfit.matching.relative_motions import measure_neighbours as measure_neighbours
 from planfit.matching.types import Matches as Matches

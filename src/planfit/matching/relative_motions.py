@@ -89,6 +89,22 @@ def measure_neighbours(scan: Scan, options: MatchingOptions, runtime: Runtime) -
     return NeighbourMotions(seen, pairs, verified)
 
 
+def measure_more(
+    scan: Scan,
+    known: NeighbourMotions,
+    pairs: Int[np.ndarray, "p 2"],
+    options: MatchingOptions,
+    runtime: Runtime,
+) -> NeighbourMotions:
+    """Match further pairs, first < second, besides those that are known."""
+    if known.keypoints.imported_pairs is not None:
+        pairs = pairs[is_among(pairs, known.keypoints.imported_pairs)]
+    new = pairs[~is_among(pairs, known.tried)]
+    return known.with_more(
+        new, verify_pairs(scan, known.keypoints, new, options, runtime, "neighbours")
+    )
+
+
 def is_among(
     pairs: Int[np.ndarray, "p 2"], others: Int[np.ndarray, "q 2"]
 ) -> Bool[np.ndarray, " p"]:

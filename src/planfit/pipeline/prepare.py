@@ -17,6 +17,7 @@ from planfit.matching import (
     Matches,
     NeighbourMotions,
     find_matches,
+    measure_more,
     measure_neighbours,
     search_matches,
 )
@@ -35,6 +36,7 @@ from planfit.tracking import (
     believe,
     judge_tracking,
     measured_motions,
+    pairs_across,
     place_submaps,
     with_open_steps,
 )
@@ -123,15 +125,23 @@ def _judge(
     """The recorded poses judged by neighbouring frames, doubtful steps by revisits; pairs that were tried."""
     matching = options.matching
     known = measure_neighbours(scan, matching, runtime)
-    motions = measured_motions(known.verified, matching.verify)
-    tracking = judge_tracking(
-        scan.name,
-        scan.world_from_cams,
-        motions,
-        options.poses_convention,
-        options.odometry,
-        options.tracking,
-    )
+
+    def judged(known: NeighbourMotions) -> Tracking:
+        return judge_tracking(
+            scan.name,
+            scan.world_from_cams,
+            measured_motions(known.verified, matching.verify),
+            options.poses_convention,
+            options.odometry,
+            options.tracking,
+        )
+
+    tracking = judged(known)
+    if len(tracking.doubtful_steps):
+        # Frames further apart may see what the nearest do not.
+        pairs = pairs_across(tracking.doubtful_steps, len(scan), matching.pairs.neighbours)
+        known = measure_more(scan, known, pairs, matching, runtime)
+        tracking = judged(known)
     if len(tracking.doubtful_steps) == 0:
         return tracking, known
     open_steps = with_open_steps(tracking.odometry, tracking.doubtful_steps)

@@ -25,7 +25,7 @@ from planfit.tracking.motions import (
     squared_sigmas,
 )
 from planfit.tracking.options import TrackingOptions
-from planfit.tracking.types import Tracking, describe_jump
+from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of
 
 USUAL_SHARE = 0.9
 """Share of the steps that are as long as usual, or shorter."""
@@ -47,7 +47,9 @@ class _Placed:
     group: Int[np.ndarray, " n"]
     """Frames of one group are placed against each other."""
     n_votes: Int[np.ndarray, " n"]
-    """Revisits by which the group of a frame was moved; 0 where it stands as recorded."""
+    """Revisits that placed the group of a frame; 0 where none did."""
+    is_moved: bool
+    """Whether any group was placed otherwise than recorded."""
     sigma: tuple[float, float]
     """The largest of the displacements, of rotation (rad) and translation (m), each axis."""
 
@@ -77,6 +79,19 @@ def find_doubtful(
     return np.flatnonzero(is_long & ~is_confirmed)
 
 
+def pairs_across(
+    steps: Int[np.ndarray, " d"], n_frames: int, neighbours: int
+) -> Int[np.ndarray, "p 2"]:
+    """Pairs of frames about these steps, further apart than neighbours, up to twice as far; sorted."""
+    found = {
+        (first, first + gap)
+        for step in steps.tolist()
+        for gap in range(neighbours + 1, 2 * neighbours + 1)
+        for first in range(max(step - gap + 1, 0), min(step, n_frames - 1 - gap) + 1)
+    }
+    return np.array(sorted(found), dtype=int).reshape(-1, 2)
+
+
 def with_open_steps(odometry: Odometry, steps: Int[np.ndarray, " d"]) -> Odometry:
     """The same with sigmas of these steps as wide as the steps themselves: half their length and angle."""
     length, angle = _sizes(odometry.cam_from_next)
@@ -99,14 +114,14 @@ def place_submaps(
     """
     n, doubtful = len(tracking.world_from_cams), tracking.doubtful_steps
     group = np.searchsorted(doubtful, np.arange(n))
-    placed = _Placed(tracking.world_from_cams, group, np.zeros(n, dtype=int), (0.0, 0.0))
+    placed = _Placed(tracking.world_from_cams, group, np.zeros(n, dtype=int), False, (0.0, 0.0))
     revisits = _revisits(matches, group, verify)
     while True:
         merged = _merge_surest(placed, revisits, tracking.odometry, options)
         if merged is None:
             break
         placed = merged
-    if not placed.n_votes.any():
+    if not placed.is_moved:
         return replace(tracking, doubtful_steps=np.zeros(0, dtype=int))
     return _with_placed(tracking, _chained(tracking, placed), placed)
 
@@ -151,13 +166,13 @@ def _merge_surest(
     n_agree, first, second = best
     moves = placed.group == second
     group = np.where(moves, first, placed.group)
+    n_votes = np.where(moves | (placed.group == first), n_agree, placed.n_votes)
     if stays:
-        return replace(placed, group=group)
+        return replace(placed, group=group, n_votes=n_votes)
     poses = placed.poses.copy()
     poses[moves] = surest[0] @ poses[moves]
     rotation, translation = (max(*s) for s in zip(placed.sigma, isotropic(surest[1]), strict=True))
-    n_votes = np.where(moves, n_agree, placed.n_votes)
-    return _Placed(poses, group, n_votes, (rotation, translation))
+    return _Placed(poses, group, n_votes, True, (rotation, translation))
 
 
 def _chained(tracking: Tracking, placed: _Placed) -> Float[np.ndarray, "n 4 4"]:
@@ -184,7 +199,11 @@ def _with_placed(tracking: Tracking, poses: np.ndarray, placed: _Placed) -> Trac
     steps = odometry.cam_from_next.copy()
     now = se3.inverse(poses[doubtful]) @ poses[doubtful + 1]
     departure = np.abs(now - steps[doubtful]).max(axis=(1, 2))
-    changed, steps[doubtful] = doubtful[departure > SAME], now
+    changed = doubtful[departure > SAME]
+    # A group that no revisit placed may belong to the one before as well as to the one after.
+    if not (placed.n_votes[changed].all() and placed.n_votes[changed + 1].all()):
+        return _unplaced(tracking, changed)
+    steps[doubtful] = now
     rotation, translation = odometry.sigma_rotation.copy(), odometry.sigma_translation.copy()
     rotation[changed] = np.hypot(rotation[changed], placed.sigma[0])
     translation[changed] = np.hypot(translation[changed], placed.sigma[1])
@@ -200,6 +219,21 @@ def _with_placed(tracking: Tracking, poses: np.ndarray, placed: _Placed) -> Trac
         breaks=tuple(sorted((*tracking.breaks, *breaks), key=lambda b: b.first_frame)),
         doubtful_steps=np.zeros(0, dtype=int),
     )
+
+
+def _unplaced(tracking: Tracking, changed: np.ndarray) -> Tracking:
+    """The tracking as recorded, with a break that says that it jumped somewhere among doubtful steps."""
+    first, last = int(changed[0]), int(changed[-1]) + 1
+    poses = tracking.world_from_cams
+    size = size_of(se3.inverse(poses[first]) @ poses[last])
+    reason = (
+        f"revisits contradict the recorded motion somewhere about frames {first}-{last}, where neighbouring "
+        "images do not match, but not enough of them show where: left as recorded; look at these frames in "
+        "the report, or scan that part again"
+    )
+    found = TrackingBreak("jump", first, last, size, size, 0, reason)
+    breaks = tuple(sorted((*tracking.breaks, found), key=lambda b: b.first_frame))
+    return replace(tracking, breaks=breaks, doubtful_steps=np.zeros(0, dtype=int))
 
 
 def _sizes(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
