@@ -8,7 +8,13 @@ from builders import make_matches
 from planfit.geometry import se3
 from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import OdometryOptions
-from planfit.tracking import TrackingOptions, judge_tracking, place_submaps, with_open_steps
+from planfit.tracking import (
+    TrackingOptions,
+    judge_tracking,
+    pairs_across,
+    place_submaps,
+    with_open_steps,
+)
 
 LAP = 30
 
@@ -106,6 +112,26 @@ def test_without_revisits_the_recorded_step_stands(laps, rng):
     result = placed(tracking, revisits(laps, rng, [15, 16]))  # two are too few
     assert np.array_equal(result.world_from_cams, jumped)
     assert result.breaks == ()
+
+
+def test_pairs_across_a_step_have_it_between_them_and_are_no_neighbours():
+    """The slow twin: all pairs that do."""
+    expected = [
+        (i, j) for i in range(12) for j in range(i + 1, 12) if 4 < j - i <= 8 and i <= 3 < j
+    ]
+    assert pairs_across(np.array([3]), 12, 4).tolist() == [list(p) for p in expected]
+
+
+def test_where_revisits_do_not_tell_which_step_jumped_all_stay_and_it_is_said(laps, rng):
+    """Two jumps; the part between is never seen again: it may belong to either side."""
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 60.0, rng)
+    jumped = displaced(jumped, 71, len(laps) - 1, 3.0, 30.0, rng)
+    tracking = judged(jumped, measure(laps, rng, unmeasured=(40, 70)))
+    points = rng.uniform([-5, -5, -1], [5, 5, 1], (40, 3))
+    result = placed(tracking, make_matches(laps, [(i, i + 2 * LAP) for i in range(12, 28)], points))
+    (found,) = result.breaks
+    assert np.array_equal(result.world_from_cams, jumped)
+    assert "not enough of them show where" in found.reason
 
 
 def test_what_follows_unplaced_goes_along(laps, rng):

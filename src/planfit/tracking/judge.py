@@ -16,6 +16,7 @@ from planfit.tracking.conventions import (
     apply_convention,
     best_convention,
 )
+from planfit.tracking.fuse import fuse, with_steps_of
 from planfit.tracking.motions import MeasuredMotions
 from planfit.tracking.noise import noise_factors
 from planfit.tracking.options import TrackingOptions
@@ -69,6 +70,9 @@ def judge_tracking(
     if options.mend:
         poses, found = _mended(recorded, motions, odometry, factors, options)
     steps = _odometry(poses, odometry, factors, found)
+    if max(factors) >= options.fuse_above:
+        poses = fuse(poses, steps, motions)
+        steps = with_steps_of(steps, poses)
     doubtful = find_doubtful(poses, steps, motions, options) if options.mend else np.zeros(0, int)
     return Tracking(
         recorded_world_from_cams=recorded,
