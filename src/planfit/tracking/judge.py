@@ -16,6 +16,7 @@ from planfit.tracking.conventions import (
     apply_convention,
     best_convention,
 )
+from planfit.tracking.frozen import Thawed, thaw
 from planfit.tracking.fuse import fuse, with_steps_of
 from planfit.tracking.motions import MeasuredMotions
 from planfit.tracking.noise import noise_factors
@@ -66,14 +67,16 @@ def judge_tracking(
     factors = (1.0, 1.0)
     if options.adapt_sigmas:
         factors = noise_factors(recorded, make_odometry(recorded, odometry), motions)
-    poses, found = recorded, []
+    thawed, poses, found = Thawed(recorded, {}, ()), recorded, []
     if options.mend:
-        poses, found = _mended(recorded, motions, odometry, factors, options)
-    steps = _odometry(poses, odometry, factors, found)
+        thawed = thaw(recorded, motions, options)
+        poses, found = _mended(thawed, motions, odometry, factors, options)
+    steps = _odometry(poses, odometry, factors, found, thawed.sigmas)
+    doubtful = find_doubtful(poses, steps, motions, options) if options.mend else np.zeros(0, int)
     if max(factors) >= options.fuse_above:
         poses = fuse(poses, steps, motions)
         steps = with_steps_of(steps, poses)
-    doubtful = find_doubtful(poses, steps, motions, options) if options.mend else np.zeros(0, int)
+    displaced = [_described(recorded, poses, d) for d in found]
     return Tracking(
         recorded_world_from_cams=recorded,
         world_from_cams=poses,
@@ -81,9 +84,7 @@ def judge_tracking(
         convention=chosen,
         convention_fit=fit,
         sigma_factors=factors,
-        breaks=tuple(
-            sorted((_described(recorded, poses, d) for d in found), key=lambda b: b.first_frame)
-        ),
+        breaks=tuple(sorted((*thawed.breaks, *displaced), key=lambda b: b.first_frame)),
         n_motions=len(motions),
         doubtful_steps=doubtful,
     )
@@ -105,17 +106,17 @@ def _convention(
 
 
 def _mended(
-    recorded: Poses,
+    thawed: Thawed,
     motions: MeasuredMotions,
     options: OdometryOptions,
     factors: tuple[float, float],
     tracking: TrackingOptions,
 ) -> tuple[Poses, list[Displacement]]:
     """Poses with displaced frames put where measured motions say, the surest first."""
-    poses, found = recorded, []
-    most = max(3, int(MAX_BREAKS_SHARE * len(recorded)))
+    poses, found = thawed.poses, []
+    most = max(3, int(MAX_BREAKS_SHARE * len(poses)))
     while len(found) <= most:
-        odometry = _odometry(poses, options, factors, found)
+        odometry = _odometry(poses, options, factors, found, thawed.sigmas)
         displacement = find_displacement(poses, odometry, motions, tracking)
         if displacement is None:
             return poses, found
@@ -123,7 +124,7 @@ def _mended(
         of = slice(displacement.first, displacement.last + 1)
         poses[of] = displacement.world_from_recorded @ poses[of]
         found.append(displacement)
-    return recorded, []
+    return thawed.poses, []
 
 
 def _odometry(
@@ -131,6 +132,7 @@ def _odometry(
     options: OdometryOptions,
     factors: tuple[float, float],
     displaced: list[Displacement],
+    replaced: dict[int, tuple[float, float]],
 ) -> Odometry:
     """Steps of corrected poses; those that were broken are as sure as what took their place."""
     odometry = make_odometry(poses, options)
@@ -141,6 +143,8 @@ def _odometry(
         steps = [d.first - 1] + ([d.last] if d.last < len(poses) - 1 else [])
         rotation[steps] = np.hypot(rotation[steps], d.sigma_rotation)
         translation[steps] = np.hypot(translation[steps], d.sigma_translation)
+    for step, sigmas in replaced.items():
+        rotation[step], translation[step] = sigmas
     return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
 
 

@@ -16,7 +16,7 @@ from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.types import RelativePoses
 from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import Odometry
-from planfit.tracking.breaks import consensus, is_large, isotropic, votes_on
+from planfit.tracking.breaks import Votes, consensus, is_large, isotropic, votes_on
 from planfit.tracking.motions import (
     MeasuredMotions,
     departures,
@@ -52,6 +52,20 @@ class _Placed:
     """Whether any group was placed otherwise than recorded."""
     sigma: tuple[float, float]
     """The largest of the displacements, of rotation (rad) and translation (m), each axis."""
+
+
+@dataclass(frozen=True)
+class _Merge:
+    """Two groups that revisits put together."""
+
+    first: int
+    second: int
+    n_agree: int
+    displaced: Float[np.ndarray, "4 4"]
+    """Of the second group."""
+    sigma: tuple[float, float]
+    stays: bool
+    """Whether the second group stands where revisits say already."""
 
 
 def find_doubtful(
@@ -146,33 +160,40 @@ def _merge_surest(
     """The two groups that most revisits agree on, put together; None where none are left."""
     ends = np.sort(placed.group[revisits.pairs], axis=1)
     covariance = expected_covariance(revisits, odometry)
-    best: tuple[int, int, int] | None = None
-    for first, second in np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0):
+    merges = []
+    for first, second in np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0).tolist():
         of = (ends == (first, second)).all(axis=1)
         if of.sum() < MIN_VOTES:
             continue
         votes = votes_on(placed.poses, revisits[of], covariance[of], placed.group == second)
-        found = consensus(votes, np.arange(int(of.sum())), options.max_sigmas)
-        if found is None:
-            continue
-        agrees = votes.cost(found[0]) < options.max_sigmas**2
-        if agrees.sum() >= MIN_VOTES and (best is None or agrees.sum() > best[0]):
-            best, surest = (int(agrees.sum()), int(first), int(second)), found
-            # Drift between the ends is shared by all votes, and no jump where it explains each of them.
-            is_drift = np.median(votes.cost(np.eye(4))[agrees]) < MIN_SIGMAS**2
-            stays = is_drift or not is_large(found[0], votes.pivot, options)
-    if best is None:
+        merges += _merge(votes, first, second, options)
+    if not merges:
         return None
-    n_agree, first, second = best
-    moves = placed.group == second
-    group = np.where(moves, first, placed.group)
-    n_votes = np.where(moves | (placed.group == first), n_agree, placed.n_votes)
-    if stays:
+    best = max(merges, key=lambda m: m.n_agree)  # the first of equals
+    moves = placed.group == best.second
+    group = np.where(moves, best.first, placed.group)
+    n_votes = np.where(moves | (placed.group == best.first), best.n_agree, placed.n_votes)
+    if best.stays:
         return replace(placed, group=group, n_votes=n_votes)
     poses = placed.poses.copy()
-    poses[moves] = surest[0] @ poses[moves]
-    rotation, translation = (max(*s) for s in zip(placed.sigma, isotropic(surest[1]), strict=True))
+    poses[moves] = best.displaced @ poses[moves]
+    rotation, translation = (max(*s) for s in zip(placed.sigma, best.sigma, strict=True))
     return _Placed(poses, group, n_votes, True, (rotation, translation))
+
+
+def _merge(votes: Votes, first: int, second: int, options: TrackingOptions) -> list[_Merge]:
+    """How revisits between two groups would put the second one; nothing where too few agree."""
+    found = consensus(votes, np.arange(len(votes.displaced)), options.max_sigmas)
+    if found is None:
+        return []
+    displaced, covariance = found
+    agrees = votes.cost(displaced) < options.max_sigmas**2
+    if agrees.sum() < MIN_VOTES:
+        return []
+    # Drift between the ends is shared by all votes, and no jump where it explains each of them.
+    is_drift = bool(np.median(votes.cost(np.eye(4))[agrees]) < MIN_SIGMAS**2)
+    stays = is_drift or not is_large(displaced, votes.pivot, options)
+    return [_Merge(first, second, int(agrees.sum()), displaced, isotropic(covariance), stays)]
 
 
 def _chained(tracking: Tracking, placed: _Placed) -> Float[np.ndarray, "n 4 4"]:
