@@ -31,8 +31,6 @@ USUAL_SHARE = 0.9
 """Share of the steps that are as long as usual, or shorter."""
 LONG = 1.5
 """Steps longer than so many usual ones, and unmeasured, may be jumps. ConSLAM has eleven that are none."""
-MIN_SIGMAS = 4.0
-"""Revisits that drift of so many sigmas explains tell of no jump."""
 SAME = 1e-6
 """Steps that differ by less were not changed."""
 MIN_VOTES = 3
@@ -191,7 +189,7 @@ def _merge(votes: Votes, first: int, second: int, options: TrackingOptions) -> l
     if agrees.sum() < MIN_VOTES:
         return []
     # Drift between the ends is shared by all votes, and no jump where it explains each of them.
-    is_drift = bool(np.median(votes.cost(np.eye(4))[agrees]) < MIN_SIGMAS**2)
+    is_drift = bool(np.median(votes.cost(np.eye(4))[agrees]) < options.max_sigmas**2)
     stays = is_drift or not is_large(displaced, votes.pivot, options)
     return [_Merge(first, second, int(agrees.sum()), displaced, isotropic(covariance), stays)]
 
