@@ -9,7 +9,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from builders import NoFiles, look, make_matches, random_transforms, room_scan
 from planfit.evaluation import match_distances
 from planfit.geometry import se3
-from planfit.matching import MatchingOptions, find_matches
+from planfit.matching import (
+    MatchingOptions,
+    find_matches,
+    measure_neighbours,
+    relative_motions,
+    search_matches,
+)
 from planfit.matching.detect import KeypointOptions
 from planfit.matching.loop_closure import CycleConsistencyOptions
 from planfit.matching.pairs import PairOptions
@@ -170,3 +176,27 @@ def test_loops_are_pairs_beyond_the_neighbours(rng):
     matches = make_matches(poses, [(0, 1), (0, 4), (0, 5), (2, 11)], rng.normal(size=(5, 3)))
     assert matches.n_loops(4) == 2
     assert matches.n_loops(1) == 3
+
+
+def test_neighbours_are_measured_whatever_the_poses(scan):
+    nowhere = replace(scan, world_from_cams=random_transforms(np.random.default_rng(0), len(scan)))
+    measured, again = (
+        measure_neighbours(s, MatchingOptions(), Runtime(2)).verified for s in (scan, nowhere)
+    )
+    assert len(measured) >= 5
+    assert_array_equal(measured.relative_poses.a_from_b, again.relative_poses.a_from_b)
+
+
+def test_known_pairs_are_not_tried_again(scan, matches, monkeypatch):
+    options, runtime = MatchingOptions(), Runtime(2)
+    odometry = make_odometry(scan.world_from_cams, OdometryOptions())
+    known = measure_neighbours(scan, options, runtime)
+    first, known = search_matches(scan, odometry, options, runtime, known)
+    assert_array_equal(first.points_a, matches.points_a)
+
+    def verified_again(*_):
+        raise AssertionError("this pair was tried before")
+
+    monkeypatch.setattr(relative_motions, "_verify_pair", verified_again)
+    again, _ = search_matches(scan, odometry, options, runtime, known)
+    assert_array_equal(again.points_a, matches.points_a)

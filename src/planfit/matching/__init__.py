@@ -1,8 +1,10 @@
 """Keypoint matches between frames, verified in 3D."""
 
 from planfit.matching.find import find_matches as find_matches
+from planfit.matching.find import search_matches as search_matches
 from planfit.matching.options import MatchingOptions as MatchingOptions
 from planfit.matching.relative_motions import NeighbourMotions as NeighbourMotions
+from planfit.matching.relative_motions import measure_more as measure_more
 from planfit.matching.relative_motions import measure_neighbours as measure_neighbours
 from planfit.matching.types import Matches as Matches
 from planfit.matching.types import RelativePoses as RelativePoses

@@ -10,7 +10,7 @@ from planfit.matching.options import MatchingOptions
 from planfit.matching.relative_motions import (
     NeighbourMotions,
     VerifiedPairs,
-    are_neighbours,
+    is_among,
     measure_neighbours,
     verify_pairs,
 )
@@ -44,21 +44,32 @@ def find_matches(
         ScanError: an image cannot be read, or the COLMAP files are not those of this scan.
     """
     measured = neighbours or measure_neighbours(scan, options, runtime)
-    seen = measured.keypoints
+    return search_matches(scan, odometry, options, runtime, measured)[0]
+
+
+def search_matches(
+    scan: Scan,
+    odometry: Odometry,
+    options: MatchingOptions,
+    runtime: Runtime,
+    known: NeighbourMotions,
+) -> tuple[Matches, NeighbourMotions]:
+    """As `find_matches`; pairs that are `known` are not tried again, and the new ones come with them."""
+    seen = known.keypoints
     tentative = choose_tentative(scan, seen, odometry, options)
 
     def verified(pairs: np.ndarray, stage: str) -> VerifiedPairs:
-        found = verify_pairs(scan, seen, pairs, options, runtime, stage)
-        return _possible(found, scan, odometry, options)
+        nonlocal known
+        new = pairs[~is_among(pairs, known.tried)]
+        known = known.with_more(new, verify_pairs(scan, seen, new, options, runtime, stage))
+        return _possible(known.of(pairs), scan, odometry, options)
 
     def accepted(found: VerifiedPairs) -> np.ndarray:
         return cycle_consistent(
             found.relative_poses, scan.world_from_cams, odometry, options.cycle_consistency
         )
 
-    far = tentative.pairs[~are_neighbours(tentative.pairs, options.pairs.neighbours)]
-    near = _possible(measured.verified, scan, odometry, options)
-    found = _compared(near.joined(verified(far, "pairs")), seen, options)
+    found = _compared(verified(tentative.pairs, "pairs"), seen, options)
     is_accepted = accepted(found)
     n_tried = len(tentative.pairs)
     if tentative.propose is not None:
@@ -66,7 +77,7 @@ def find_matches(
         found = _compared(found.joined(verified(proposed, "more pairs")), seen, options)
         is_accepted = accepted(found)
         n_tried += len(proposed)
-    return _gather(found.where(is_accepted), seen, n_tried, options)
+    return _gather(found.where(is_accepted), seen, n_tried, options), known
 
 
 def _compared(

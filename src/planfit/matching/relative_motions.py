@@ -54,8 +54,21 @@ class NeighbourMotions:
     """
 
     keypoints: ScanKeypoints
+    tried: Int[np.ndarray, "t 2"]
+    """Pairs of frames that were matched."""
     verified: VerifiedPairs
-    """Sorted by pair."""
+    """Those that hold together, sorted by pair."""
+
+    def with_more(
+        self, tried: Int[np.ndarray, "t 2"], verified: VerifiedPairs
+    ) -> "NeighbourMotions":
+        """These and other pairs, so that none is matched twice."""
+        both = np.concatenate([self.tried, tried])
+        return NeighbourMotions(self.keypoints, both, self.verified.joined(verified))
+
+    def of(self, pairs: Int[np.ndarray, "p 2"]) -> VerifiedPairs:
+        """The verified among given pairs."""
+        return self.verified.where(is_among(self.verified.relative_poses.pairs, pairs))
 
 
 def measure_neighbours(scan: Scan, options: MatchingOptions, runtime: Runtime) -> NeighbourMotions:
@@ -72,7 +85,33 @@ def measure_neighbours(scan: Scan, options: MatchingOptions, runtime: Runtime) -
         pairs = pairs.reshape(-1, 2).astype(int)
     else:
         pairs = seen.imported_pairs[are_neighbours(seen.imported_pairs, most)]
-    return NeighbourMotions(seen, verify_pairs(scan, seen, pairs, options, runtime, "neighbours"))
+    verified = verify_pairs(scan, seen, pairs, options, runtime, "neighbours")
+    return NeighbourMotions(seen, pairs, verified)
+
+
+def measure_more(
+    scan: Scan,
+    known: NeighbourMotions,
+    pairs: Int[np.ndarray, "p 2"],
+    options: MatchingOptions,
+    runtime: Runtime,
+) -> NeighbourMotions:
+    """Match further pairs, first < second, besides those that are known."""
+    if known.keypoints.imported_pairs is not None:
+        pairs = pairs[is_among(pairs, known.keypoints.imported_pairs)]
+    new = pairs[~is_among(pairs, known.tried)]
+    return known.with_more(
+        new, verify_pairs(scan, known.keypoints, new, options, runtime, "neighbours")
+    )
+
+
+def is_among(
+    pairs: Int[np.ndarray, "p 2"], others: Int[np.ndarray, "q 2"]
+) -> Bool[np.ndarray, " p"]:
+    """Which pairs are among others."""
+    # A pair as one number, i n + j, so that a set of pairs is a set of numbers.
+    n = 1 + max((int(p.max()) for p in (pairs, others) if len(p)), default=0)
+    return np.isin(pairs @ (n, 1), others @ (n, 1))
 
 
 def are_neighbours(pairs: Int[np.ndarray, "p 2"], neighbours: int) -> Bool[np.ndarray, " p"]:

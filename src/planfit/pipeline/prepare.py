@@ -13,7 +13,14 @@ from planfit.adjust import (
     reduce_measurements,
 )
 from planfit.errors import require_plain_numbers
-from planfit.matching import Matches, find_matches, measure_neighbours
+from planfit.matching import (
+    Matches,
+    NeighbourMotions,
+    find_matches,
+    measure_more,
+    measure_neighbours,
+    search_matches,
+)
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
@@ -24,7 +31,15 @@ from planfit.segmentation import (
     level_from_world,
     segment_scan,
 )
-from planfit.tracking import Tracking, believe, judge_tracking, measured_motions
+from planfit.tracking import (
+    Tracking,
+    believe,
+    judge_tracking,
+    measured_motions,
+    pairs_across,
+    place_submaps,
+    with_open_steps,
+)
 
 
 @dataclass(frozen=True)
@@ -78,34 +93,61 @@ def extract_observations(
     require_plain_numbers(chosen)
     running = runtime or Runtime()
     stages = timer or StageTimer(running)
-    neighbours = None
     tracking = believe(scan.world_from_cams, chosen.poses_convention, chosen.odometry)
+    known = None
     if matches is None and chosen.tracking.is_judged:
         with stages.stage("tracking"):
-            neighbours = measure_neighbours(scan, chosen.matching, running)
-            tracking = judge_tracking(
-                scan.name,
-                scan.world_from_cams,
-                measured_motions(neighbours.verified, chosen.matching.verify),
-                chosen.poses_convention,
-                chosen.odometry,
-                chosen.tracking,
-            )
-    believed = scan
-    # Equal poses stay the same array: to make them exact rotations once more would change their last digit,
-    # and with it what is cached.
-    if not np.array_equal(tracking.world_from_cams, scan.world_from_cams):
-        believed = replace(scan, world_from_cams=tracking.world_from_cams)
+            tracking, known = _judge(scan, chosen, running)
+    believed = with_poses(scan, tracking.world_from_cams)
     with stages.stage("level"):
         gravity = find_gravity(believed, chosen.segmentation.gravity, running)
     with stages.stage("floor and walls"):
         structure = segment_scan(believed, gravity, chosen.segmentation, running)
     if matches is None:
         with stages.stage("matching"):
-            matches = find_matches(
-                believed, tracking.odometry, chosen.matching, running, neighbours
-            )
+            matches = find_matches(believed, tracking.odometry, chosen.matching, running, known)
     return Observations(gravity, structure, matches, tracking)
+
+
+def with_poses(scan: Scan, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Scan:
+    """The scan with other poses; the very same one where they are equal.
+
+    To make equal poses exact rotations once more would change their last digit, and with it what is cached.
+    """
+    if np.array_equal(world_from_cams, scan.world_from_cams):
+        return scan
+    return replace(scan, world_from_cams=world_from_cams)
+
+
+def _judge(
+    scan: Scan, options: RefineOptions, runtime: Runtime
+) -> tuple[Tracking, NeighbourMotions]:
+    """The recorded poses judged by neighbouring frames, doubtful steps by revisits; pairs that were tried."""
+    matching = options.matching
+    known = measure_neighbours(scan, matching, runtime)
+
+    def judged(known: NeighbourMotions) -> Tracking:
+        return judge_tracking(
+            scan.name,
+            scan.world_from_cams,
+            measured_motions(known.verified, matching.verify),
+            options.poses_convention,
+            options.odometry,
+            options.tracking,
+        )
+
+    tracking = judged(known)
+    if len(tracking.doubtful_steps):
+        # Frames further apart may see what the nearest do not.
+        pairs = pairs_across(tracking.doubtful_steps, len(scan), matching.pairs.neighbours)
+        known = measure_more(scan, known, pairs, matching, runtime)
+        tracking = judged(known)
+    if len(tracking.doubtful_steps) == 0:
+        return tracking, known
+    open_steps = with_open_steps(tracking.odometry, tracking.doubtful_steps)
+    mended = with_poses(scan, tracking.world_from_cams)
+    found, known = search_matches(mended, open_steps, matching, runtime, known)
+    return place_submaps(tracking, found, matching.verify, options.tracking), known
 
 
 def prepare(

@@ -4,5 +4,8 @@ from planfit.tracking.judge import believe as believe
 from planfit.tracking.judge import judge_tracking as judge_tracking
 from planfit.tracking.motions import measured_motions as measured_motions
 from planfit.tracking.options import TrackingOptions as TrackingOptions
+from planfit.tracking.submaps import pairs_across as pairs_across
+from planfit.tracking.submaps import place_submaps as place_submaps
+from planfit.tracking.submaps import with_open_steps as with_open_steps
 from planfit.tracking.types import Tracking as Tracking
 from planfit.tracking.types import TrackingBreak as TrackingBreak

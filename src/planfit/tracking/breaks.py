@@ -26,6 +26,9 @@ TRUNCATION = 8.0
 MAX_STRETCH = 3
 """Frames in a row that are taken for outliers; more are two breaks."""
 
+MAX_CONTRADICTED = 0.4
+"""Where a larger share of the motions contradicts the poses, what is broken is no single step."""
+
 
 @dataclass(frozen=True)
 class Displacement:
@@ -46,7 +49,7 @@ class Displacement:
 
 
 @dataclass(frozen=True)
-class _Votes:
+class Votes:
     """What each motion with one end among the displaced frames says of the displacement."""
 
     displaced: Float[np.ndarray, "k 4 4"]
@@ -55,8 +58,22 @@ class _Votes:
     """Of its rotation, and of where it puts `pivot`, world axes."""
     pivot: Float[np.ndarray, "3"]
     n_inliers: Int[np.ndarray, " k"]
-    is_from_before: Bool[np.ndarray, " k"]
-    """Whether the other end comes before the displaced frames."""
+    other_idx: Int[np.ndarray, " k"]
+    """The frame at the other end."""
+
+    def apart(self, displaced: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "k 6"]:
+        """Tangents from a displacement to the votes: rotation, and way of the pivot."""
+        turned = self.displaced[:, :3, :3] @ displaced[:3, :3].T
+        there = displaced[:3, :3] @ self.pivot + displaced[:3, 3]
+        way = se3.transform(self.displaced, self.pivot[None])[:, 0] - there
+        return np.concatenate([se3.log_so3(turned), way], axis=1)
+
+    def cost(
+        self, displaced: Float[np.ndarray, "4 4"], own: Float[np.ndarray, "6 6"] | float = 0.0
+    ) -> Float[np.ndarray, " k"]:
+        """Squared sigmas at a displacement, truncated; `own` is its covariance."""
+        squared = squared_sigmas(self.apart(displaced), self.covariance + own)
+        return np.minimum(squared, TRUNCATION**2)
 
 
 def find_displacement(
@@ -73,17 +90,24 @@ def find_displacement(
         motions: measured.
         options: when a motion contradicts the poses, and when that is enough.
     """
+    if len(motions) == 0:
+        return None
     covariance = expected_covariance(motions, odometry)
     squared = squared_sigmas(departures(motions, world_from_cams), covariance)
     contradicts = squared > options.max_sigmas**2
     best: Displacement | None = None
+    if np.mean(contradicts) > MAX_CONTRADICTED:
+        return None
     for first, last in _hypotheses(motions.pairs[contradicts], len(world_from_cams)):
-        of = _ends_within(motions.pairs, first, last)
+        inside = np.zeros(len(world_from_cams), dtype=bool)
+        inside[first : last + 1] = True
+        # Only motions with exactly one end among the frames see that they were displaced.
+        of = inside[motions.pairs[:, 0]] != inside[motions.pairs[:, 1]]
         # No displacement can gain more than making all contradictions vanish.
         bound = np.minimum(squared[of], TRUNCATION**2)[contradicts[of]].sum()
         if best is not None and bound <= best.gain:
             continue
-        votes = _votes(world_from_cams, motions[of], covariance[of], first, last)
+        votes = votes_on(world_from_cams, motions[of], covariance[of], inside)
         found = _agreed(votes, (first, last), contradicts[of], options)
         if found is None or (best is not None and found.gain <= best.gain):
             continue
@@ -105,22 +129,15 @@ def _hypotheses(pairs: np.ndarray, n: int) -> list[tuple[int, int]]:
     return sorted(found)
 
 
-def _ends_within(pairs: Int[np.ndarray, "p 2"], first: int, last: int) -> Bool[np.ndarray, " p"]:
-    """Pairs with exactly one end in first..last: only these see that the frames were displaced."""
-    inside = (pairs >= first) & (pairs <= last)
-    return inside[:, 0] != inside[:, 1]
-
-
-def _votes(
-    world_from_cams: np.ndarray,
+def votes_on(
+    world_from_cams: Float[np.ndarray, "n 4 4"],
     motions: MeasuredMotions,
-    covariance: np.ndarray,
-    first: int,
-    last: int,
-) -> _Votes:
-    """What motions with one end among frames first..last say of their displacement."""
+    covariance: Float[np.ndarray, "k 6 6"],
+    inside: Bool[np.ndarray, " n"],
+) -> Votes:
+    """What motions with exactly one end among the frames `inside` say of the displacement of these."""
     a, b = motions.pairs.T
-    is_second = (b >= first) & (b <= last)
+    is_second = inside[b]
     # Seen from the end that stays: out_from_in, with its covariance in the axes of `out`.
     out, within = np.where(is_second, a, b), np.where(is_second, b, a)
     flip = is_second[:, None, None]
@@ -129,14 +146,14 @@ def _votes(
     displaced = world_from_cams[out] @ out_from_in @ se3.inverse(world_from_cams[within])
     # A tangent (w, v) of out_from_in turns the displaced frames by A w (A the rotation of `out`), and moves
     # the pivot c by A v + (A w) x r, with r the way from the displaced camera to the displaced c.
-    pivot = world_from_cams[first, :3, 3]
+    pivot = world_from_cams[within, :3, 3].mean(axis=0)
     axes = world_from_cams[out, :3, :3]
     arm = (displaced[:, :3, :3] @ (pivot - world_from_cams[within, :3, 3])[:, :, None])[..., 0]
     jacobian = np.zeros((len(out), 6, 6))
     jacobian[:, :3, :3] = jacobian[:, 3:, 3:] = axes
     jacobian[:, 3:, :3] = -se3.skew(arm) @ axes
     moved = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
-    return _Votes(displaced, moved, pivot, motions.n_inliers, out < first)
+    return Votes(displaced, moved, pivot, motions.n_inliers, out)
 
 
 def _of_inverse(a_from_b: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -151,50 +168,49 @@ def _of_inverse(a_from_b: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
 
 
-def _apart(votes: _Votes, displaced: np.ndarray) -> np.ndarray:
-    """Tangents (k, 6) from a displacement (4, 4) to the votes: rotation, and way of the pivot."""
-    turned = votes.displaced[:, :3, :3] @ displaced[:3, :3].T
-    way = se3.transform(votes.displaced, votes.pivot[None])[:, 0] - (
-        displaced[:3, :3] @ votes.pivot + displaced[:3, 3]
-    )
-    return np.concatenate([se3.log_so3(turned), way], axis=1)
-
-
-def _cost(votes: _Votes, displaced: np.ndarray, own: np.ndarray | float = 0.0) -> np.ndarray:
-    """Squared sigmas (k,) of the votes at a displacement, truncated; `own` (6, 6) is its covariance."""
-    squared = squared_sigmas(_apart(votes, displaced), votes.covariance + own)
-    return np.minimum(squared, TRUNCATION**2)
-
-
-def _agreed(
-    votes: _Votes, run: tuple[int, int], contradicts: np.ndarray, options: TrackingOptions
-) -> Displacement | None:
-    """The displacement of a run of frames that most votes agree on; None where too few do."""
-    generators = np.flatnonzero(contradicts)
-    costs = [_cost(votes, votes.displaced[k], votes.covariance[k]).sum() for k in generators]
+def consensus(
+    votes: Votes, generators: Int[np.ndarray, " g"], max_sigmas: float
+) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "6 6"]] | None:
+    """The displacement that most votes agree on, one of `generators` among them, and its covariance."""
+    costs = [votes.cost(votes.displaced[k], votes.covariance[k]).sum() for k in generators]
     if not costs:
         return None
     best = generators[int(np.argmin(costs))]
     displaced, covariance = votes.displaced[best], votes.covariance[best]
     for _ in range(3):  # mean of those that agree, by their information
-        agrees = _cost(votes, displaced, covariance) < options.max_sigmas**2
+        agrees = votes.cost(displaced, covariance) < max_sigmas**2
         if not agrees.any():
             return None
         information = np.linalg.inv(votes.covariance[agrees])
         covariance = np.linalg.inv(information.sum(axis=0))
-        off = (information @ _apart(votes, displaced)[agrees][:, :, None]).sum(axis=0)
+        off = (information @ votes.apart(displaced)[agrees][:, :, None]).sum(axis=0)
         displaced = _moved(displaced, (covariance @ off)[:, 0], votes.pivot)
-    at = _cost(votes, displaced)
-    gain = float((_cost(votes, np.eye(4)) - at).sum())
+    return displaced, covariance
+
+
+def _agreed(
+    votes: Votes, run: tuple[int, int], contradicts: np.ndarray, options: TrackingOptions
+) -> Displacement | None:
+    """The displacement of a run of frames that most votes agree on; None where too few do."""
+    found = consensus(votes, np.flatnonzero(contradicts), options.max_sigmas)
+    if found is None:
+        return None
+    displaced, covariance = found
+    at = votes.cost(displaced)
+    gain = float((votes.cost(np.eye(4)) - at).sum())
     supports = (at < options.max_sigmas**2) & contradicts
     if gain < options.max_sigmas**2 or not _is_confirmed(votes.n_inliers[supports], options):
         return None
-    if not _is_large(displaced, votes.pivot, options):
+    if not is_large(displaced, votes.pivot, options):
         return None
-    sigma = np.sqrt([np.trace(part) / 3 for part in (covariance[:3, :3], covariance[3:, 3:])])
-    return Displacement(
-        *run, displaced, float(sigma[0]), float(sigma[1]), int(supports.sum()), gain
-    )
+    sigma = isotropic(covariance)
+    return Displacement(*run, displaced, sigma[0], sigma[1], int(supports.sum()), gain)
+
+
+def isotropic(covariance: Float[np.ndarray, "6 6"]) -> tuple[float, float]:
+    """Sigmas of rotation (rad) and translation (m), each axis."""
+    rotation, translation = covariance[:3, :3], covariance[3:, 3:]
+    return float(np.sqrt(np.trace(rotation) / 3)), float(np.sqrt(np.trace(translation) / 3))
 
 
 def _is_confirmed(n_inliers: np.ndarray, options: TrackingOptions) -> bool:
@@ -202,22 +218,24 @@ def _is_confirmed(n_inliers: np.ndarray, options: TrackingOptions) -> bool:
     return len(n_inliers) >= 2 or bool((n_inliers >= options.min_matches_alone).any())
 
 
-def _is_large(displaced: np.ndarray, pivot: np.ndarray, options: TrackingOptions) -> bool:
+def is_large(
+    displaced: Float[np.ndarray, "4 4"], pivot: Float[np.ndarray, "3"], options: TrackingOptions
+) -> bool:
+    """Whether a displacement is more than what robust losses take care of."""
     way = float(np.linalg.norm(displaced[:3, :3] @ pivot + displaced[:3, 3] - pivot))
     angle = float(np.rad2deg(se3.rotation_angle(displaced[:3, :3])))
     return way >= options.min_jump_m or angle >= options.min_jump_deg
 
 
 def _is_seen_from_both_sides(
-    votes: _Votes, found: Displacement, contradicts: np.ndarray, options: TrackingOptions
+    votes: Votes, found: Displacement, contradicts: np.ndarray, options: TrackingOptions
 ) -> bool:
     """Whether frames before and after a stretch both say that it stands elsewhere.
 
     Where only one side does, the tracker may as well have jumped and stayed: the simpler hypothesis.
     """
-    supports = _cost(votes, found.world_from_recorded) < options.max_sigmas**2
-    supports &= contradicts
-    sides = votes.is_from_before[supports]
+    supports = votes.cost(found.world_from_recorded) < options.max_sigmas**2
+    sides = votes.other_idx[supports & contradicts] < found.first
     return bool(sides.any() and not sides.all())
 
 

@@ -16,10 +16,13 @@ from planfit.tracking.conventions import (
     apply_convention,
     best_convention,
 )
+from planfit.tracking.frozen import Thawed, thaw
+from planfit.tracking.fuse import fuse, with_steps_of
 from planfit.tracking.motions import MeasuredMotions
 from planfit.tracking.noise import noise_factors
 from planfit.tracking.options import TrackingOptions
-from planfit.tracking.types import Tracking, TrackingBreak
+from planfit.tracking.submaps import find_doubtful
+from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of
 
 MAX_BREAKS_SHARE = 0.1
 """A tracker with more breaks a frame than this is not mended: what is broken then is no step."""
@@ -64,20 +67,26 @@ def judge_tracking(
     factors = (1.0, 1.0)
     if options.adapt_sigmas:
         factors = noise_factors(recorded, make_odometry(recorded, odometry), motions)
-    poses, found = recorded, []
+    thawed, poses, found = Thawed(recorded, {}, ()), recorded, []
     if options.mend:
-        poses, found = _mended(recorded, motions, odometry, factors, options)
+        thawed = thaw(recorded, motions, options)
+        poses, found = _mended(thawed, motions, odometry, factors, options)
+    steps = _odometry(poses, odometry, factors, found, thawed.sigmas)
+    doubtful = find_doubtful(poses, steps, motions, options) if options.mend else np.zeros(0, int)
+    if max(factors) >= options.fuse_above:
+        poses = fuse(poses, steps, motions)
+        steps = with_steps_of(steps, poses)
+    displaced = [_described(recorded, poses, d) for d in found]
     return Tracking(
         recorded_world_from_cams=recorded,
         world_from_cams=poses,
-        odometry=_odometry(poses, odometry, factors, found),
+        odometry=steps,
         convention=chosen,
         convention_fit=fit,
         sigma_factors=factors,
-        breaks=tuple(
-            sorted((_described(recorded, poses, d) for d in found), key=lambda b: b.first_frame)
-        ),
+        breaks=tuple(sorted((*thawed.breaks, *displaced), key=lambda b: b.first_frame)),
         n_motions=len(motions),
+        doubtful_steps=doubtful,
     )
 
 
@@ -97,17 +106,17 @@ def _convention(
 
 
 def _mended(
-    recorded: Poses,
+    thawed: Thawed,
     motions: MeasuredMotions,
     options: OdometryOptions,
     factors: tuple[float, float],
     tracking: TrackingOptions,
 ) -> tuple[Poses, list[Displacement]]:
     """Poses with displaced frames put where measured motions say, the surest first."""
-    poses, found = recorded, []
-    most = max(3, int(MAX_BREAKS_SHARE * len(recorded)))
+    poses, found = thawed.poses, []
+    most = max(3, int(MAX_BREAKS_SHARE * len(poses)))
     while len(found) <= most:
-        odometry = _odometry(poses, options, factors, found)
+        odometry = _odometry(poses, options, factors, found, thawed.sigmas)
         displacement = find_displacement(poses, odometry, motions, tracking)
         if displacement is None:
             return poses, found
@@ -115,7 +124,7 @@ def _mended(
         of = slice(displacement.first, displacement.last + 1)
         poses[of] = displacement.world_from_recorded @ poses[of]
         found.append(displacement)
-    return recorded, []
+    return thawed.poses, []
 
 
 def _odometry(
@@ -123,6 +132,7 @@ def _odometry(
     options: OdometryOptions,
     factors: tuple[float, float],
     displaced: list[Displacement],
+    replaced: dict[int, tuple[float, float]],
 ) -> Odometry:
     """Steps of corrected poses; those that were broken are as sure as what took their place."""
     odometry = make_odometry(poses, options)
@@ -133,29 +143,19 @@ def _odometry(
         steps = [d.first - 1] + ([d.last] if d.last < len(poses) - 1 else [])
         rotation[steps] = np.hypot(rotation[steps], d.sigma_rotation)
         translation[steps] = np.hypot(translation[steps], d.sigma_translation)
+    for step, sigmas in replaced.items():
+        rotation[step], translation[step] = sigmas
     return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
 
 
 def _described(recorded: Poses, corrected: Poses, d: Displacement) -> TrackingBreak:
     """A displacement in words."""
     if d.last == len(recorded) - 1:
-        before, after = d.first - 1, d.first
-        was, now = (_size(se3.inverse(p[before]) @ p[after]) for p in (recorded, corrected))
-        reason = (
-            f"the recorded motion jumps by {was[0]:.1f} m and {was[1]:.0f} degrees after frame {before}, "
-            f"where the images show a step of {now[0]:.1f} m and {now[1]:.0f} degrees: corrected"
-        )
-        return TrackingBreak("jump", before, after, was, now, d.n_motions, reason)
-    moved = _size(se3.inverse(recorded[d.first]) @ corrected[d.first])
+        return describe_jump(recorded, corrected, d.first - 1, d.n_motions, "images")
+    moved = size_of(se3.inverse(recorded[d.first]) @ corrected[d.first])
     which = f"frame {d.first} is" if d.first == d.last else f"frames {d.first}-{d.last} are"
     reason = (
         f"{which} recorded {moved[0]:.1f} m and {moved[1]:.0f} degrees away from where the images show "
         "them: corrected"
     )
     return TrackingBreak("outlier", d.first, d.last, moved, moved, d.n_motions, reason)
-
-
-def _size(motion: np.ndarray) -> tuple[float, float]:
-    """Length (m) and angle (degrees) of a motion (4, 4)."""
-    angle = float(np.rad2deg(se3.rotation_angle(motion[:3, :3])))
-    return float(np.linalg.norm(motion[:3, 3])), angle

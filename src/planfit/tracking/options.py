@@ -13,16 +13,20 @@ class TrackingOptions:
     """Whether the recorded motion is compared with motions that neighbouring images and their depth give."""
     adapt_sigmas: bool = True
     """Whether the sigmas of all steps grow where the tracker errs more than `odometry` says."""
+    fuse_above: float = 2.0
+    """Factor of its sigmas from which a tracker's poses are fused with the measured motions first."""
     mend: bool = True
     """Whether steps that are contradicted are corrected; otherwise they stay as recorded."""
     max_sigmas: float = 6.0
     """Measured motions that depart by more (norm of six numbers) contradict the recorded ones."""
     min_jump_m: float = 0.5
-    """A tracker has jumped only where it went astray by at least this,"""
+    """A tracker has jumped where it went astray by at least this; robust losses take care of less."""
     min_jump_deg: float = 8.0
-    """or by this; robust losses take care of less."""
+    """Or where it turned astray by at least this."""
     min_matches_alone: int = 50
     """A measured motion that no other one confirms needs as many matches to correct a step."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "max_sigmas", "min_jump_m", "min_jump_deg", "min_matches_alone")
+        require_positive(
+            self, "fuse_above", "max_sigmas", "min_jump_m", "min_jump_deg", "min_matches_alone"
+        )

@@ -1,11 +1,12 @@
 """How far recorded poses can be believed: the answer, and what was found broken."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from planfit.geometry import se3
 from planfit.scan.odometry import Odometry
 from planfit.tracking.conventions import ConventionFit
 
@@ -50,6 +51,8 @@ class Tracking:
     """In the order of frames."""
     n_motions: int = 0
     """Motions between neighbouring frames that were measured."""
+    doubtful_steps: Int[np.ndarray, " d"] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    """Steps (frame i to i + 1) that no motion confirms and that are as long as a jump; revisits decide."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -74,3 +77,25 @@ class Tracking:
 
 NOTED_FACTOR = 2.0
 """A tracker that errs by more than this factor is worth a note."""
+
+
+def describe_jump(
+    recorded: Float[np.ndarray, "n 4 4"],
+    corrected: Float[np.ndarray, "n 4 4"],
+    frame: int,
+    n_motions: int,
+    witness: str,
+) -> TrackingBreak:
+    """A jump after a frame, which the `witness` (images, revisits) contradicts, in words."""
+    was, now = (size_of(se3.inverse(p[frame]) @ p[frame + 1]) for p in (recorded, corrected))
+    reason = (
+        f"the recorded motion jumps by {was[0]:.1f} m and {was[1]:.0f} degrees after frame {frame}, "
+        f"where the {witness} show a step of {now[0]:.1f} m and {now[1]:.0f} degrees: corrected"
+    )
+    return TrackingBreak("jump", frame, frame + 1, was, now, n_motions, reason)
+
+
+def size_of(motion: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
+    """Length (m) and angle (degrees) of a motion."""
+    angle = float(np.rad2deg(se3.rotation_angle(motion[:3, :3])))
+    return float(np.linalg.norm(motion[:3, 3])), angle

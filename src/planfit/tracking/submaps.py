@@ -1,0 +1,260 @@
+"""Steps that nothing measured and that look like a jump: cut there, and placed by revisits.
+
+Where neighbouring images do not match (a wall close up, a quick turn), a jump cannot be told from a long
+step. Such a step is doubtful: its sigma is as wide as itself while revisits are sought. What they then agree
+on decides, pairs of submaps with the most agreement first. Without an answer the recorded step stands.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from planfit.geometry import se3
+from planfit.matching import Matches
+from planfit.matching.relative_motions import VerifiedPairs
+from planfit.matching.types import RelativePoses
+from planfit.matching.verify import VerifyOptions
+from planfit.scan.odometry import Odometry
+from planfit.tracking.breaks import Votes, consensus, is_large, isotropic, votes_on
+from planfit.tracking.motions import (
+    MeasuredMotions,
+    departures,
+    expected_covariance,
+    measured_motions,
+    squared_sigmas,
+)
+from planfit.tracking.options import TrackingOptions
+from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of
+
+USUAL_SHARE = 0.9
+"""Share of the steps that are as long as usual, or shorter."""
+LONG = 1.5
+"""Steps longer than so many usual ones, and unmeasured, may be jumps. ConSLAM has eleven that are none."""
+SAME = 1e-6
+"""Steps that differ by less were not changed."""
+MIN_VOTES = 3
+"""Revisits that must agree to place a submap."""
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Submaps on the way to stand together."""
+
+    poses: Float[np.ndarray, "n 4 4"]
+    group: Int[np.ndarray, " n"]
+    """Frames of one group are placed against each other."""
+    n_votes: Int[np.ndarray, " n"]
+    """Revisits that placed the group of a frame; 0 where none did."""
+    is_moved: bool
+    """Whether any group was placed otherwise than recorded."""
+    sigma: tuple[float, float]
+    """The largest of the displacements, of rotation (rad) and translation (m), each axis."""
+
+
+@dataclass(frozen=True)
+class _Merge:
+    """Two groups that revisits put together."""
+
+    first: int
+    second: int
+    n_agree: int
+    displaced: Float[np.ndarray, "4 4"]
+    """Of the second group."""
+    sigma: tuple[float, float]
+    stays: bool
+    """Whether the second group stands where revisits say already."""
+
+
+def find_doubtful(
+    world_from_cams: Float[np.ndarray, "n 4 4"],
+    odometry: Odometry,
+    motions: MeasuredMotions,
+    options: TrackingOptions,
+) -> Int[np.ndarray, " d"]:
+    """Steps (frame i to i + 1) that no measured motion confirms and that are unusually long."""
+    squared = squared_sigmas(
+        departures(motions, world_from_cams), expected_covariance(motions, odometry)
+    )
+    n_steps = len(world_from_cams) - 1
+    is_confirmed = np.zeros(n_steps, dtype=bool)
+    for a, b in motions.pairs[squared < options.max_sigmas**2]:
+        is_confirmed[a:b] = True
+    length, angle = _sizes(odometry.cam_from_next)
+    is_long = np.zeros(n_steps, dtype=bool)
+    if n_steps and is_confirmed.any():
+        for size, least in (
+            (length, options.min_jump_m),
+            (angle, np.deg2rad(options.min_jump_deg)),
+        ):
+            is_long |= size > max(LONG * float(np.quantile(size[is_confirmed], USUAL_SHARE)), least)
+    return np.flatnonzero(is_long & ~is_confirmed)
+
+
+def pairs_across(
+    steps: Int[np.ndarray, " d"], n_frames: int, neighbours: int
+) -> Int[np.ndarray, "p 2"]:
+    """Pairs of frames about these steps, further apart than neighbours, up to twice as far; sorted."""
+    found = {
+        (first, first + gap)
+        for step in steps.tolist()
+        for gap in range(neighbours + 1, 2 * neighbours + 1)
+        for first in range(max(step - gap + 1, 0), min(step, n_frames - 1 - gap) + 1)
+    }
+    return np.array(sorted(found), dtype=int).reshape(-1, 2)
+
+
+def with_open_steps(odometry: Odometry, steps: Int[np.ndarray, " d"]) -> Odometry:
+    """The same with sigmas of these steps as wide as the steps themselves: half their length and angle."""
+    length, angle = _sizes(odometry.cam_from_next)
+    rotation, translation = odometry.sigma_rotation.copy(), odometry.sigma_translation.copy()
+    rotation[steps] = np.maximum(rotation[steps], angle[steps] / 2)
+    translation[steps] = np.maximum(translation[steps], length[steps] / 2)
+    return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
+
+
+def place_submaps(
+    tracking: Tracking, matches: Matches, verify: VerifyOptions, options: TrackingOptions
+) -> Tracking:
+    """Decide the doubtful steps of a trajectory by revisits that were matched with them open.
+
+    Args:
+        tracking: as judged by neighbouring frames.
+        matches: of the whole scan, found with `with_open_steps`.
+        verify: how exact matched points are.
+        options: what a jump is.
+    """
+    n, doubtful = len(tracking.world_from_cams), tracking.doubtful_steps
+    group = np.searchsorted(doubtful, np.arange(n))
+    placed = _Placed(tracking.world_from_cams, group, np.zeros(n, dtype=int), False, (0.0, 0.0))
+    revisits = _revisits(matches, group, verify)
+    while True:
+        merged = _merge_surest(placed, revisits, tracking.odometry, options)
+        if merged is None:
+            break
+        placed = merged
+    if not placed.is_moved:
+        return replace(tracking, doubtful_steps=np.zeros(0, dtype=int))
+    return _with_placed(tracking, _chained(tracking, placed), placed)
+
+
+def _revisits(matches: Matches, group: np.ndarray, verify: VerifyOptions) -> MeasuredMotions:
+    """Motions of matched pairs between different submaps."""
+    between = np.flatnonzero(group[matches.pairs[:, 0]] != group[matches.pairs[:, 1]])
+    points = [
+        (matches.points_a[of], matches.points_b[of], matches.sigma[of])
+        for of in (slice(matches.start[k], matches.start[k + 1]) for k in between)
+    ]
+    motions = np.array([se3.fit_rigid(b, a, 1.0 / s**2) for a, b, s in points]).reshape(-1, 4, 4)
+    sizes = np.array([len(a) for a, _, _ in points], dtype=int)
+    relative = RelativePoses(matches.pairs[between], motions, sizes)
+    found = VerifiedPairs(relative, [p[0] for p in points], [p[1] for p in points])
+    return measured_motions(found, verify)
+
+
+def _merge_surest(
+    placed: _Placed, revisits: MeasuredMotions, odometry: Odometry, options: TrackingOptions
+) -> _Placed | None:
+    """The two groups that most revisits agree on, put together; None where none are left."""
+    ends = np.sort(placed.group[revisits.pairs], axis=1)
+    covariance = expected_covariance(revisits, odometry)
+    merges = []
+    for first, second in np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0).tolist():
+        of = (ends == (first, second)).all(axis=1)
+        if of.sum() < MIN_VOTES:
+            continue
+        votes = votes_on(placed.poses, revisits[of], covariance[of], placed.group == second)
+        merges += _merge(votes, first, second, options)
+    if not merges:
+        return None
+    best = max(merges, key=lambda m: m.n_agree)  # the first of equals
+    moves = placed.group == best.second
+    group = np.where(moves, best.first, placed.group)
+    n_votes = np.where(moves | (placed.group == best.first), best.n_agree, placed.n_votes)
+    if best.stays:
+        return replace(placed, group=group, n_votes=n_votes)
+    poses = placed.poses.copy()
+    poses[moves] = best.displaced @ poses[moves]
+    rotation, translation = (max(*s) for s in zip(placed.sigma, best.sigma, strict=True))
+    return _Placed(poses, group, n_votes, True, (rotation, translation))
+
+
+def _merge(votes: Votes, first: int, second: int, options: TrackingOptions) -> list[_Merge]:
+    """How revisits between two groups would put the second one; nothing where too few agree."""
+    found = consensus(votes, np.arange(len(votes.displaced)), options.max_sigmas)
+    if found is None:
+        return []
+    displaced, covariance = found
+    agrees = votes.cost(displaced) < options.max_sigmas**2
+    if agrees.sum() < MIN_VOTES:
+        return []
+    # Drift between the ends is shared by all votes, and no jump where it explains each of them.
+    is_drift = bool(np.median(votes.cost(np.eye(4))[agrees]) < options.max_sigmas**2)
+    stays = is_drift or not is_large(displaced, votes.pivot, options)
+    return [_Merge(first, second, int(agrees.sum()), displaced, isotropic(covariance), stays)]
+
+
+def _chained(tracking: Tracking, placed: _Placed) -> Float[np.ndarray, "n 4 4"]:
+    """Poses of all frames, the groups that nothing placed hung on by recorded steps, the likeliest first."""
+    recorded, poses, group = tracking.world_from_cams, placed.poses.copy(), placed.group.copy()
+    length, angle = _sizes(tracking.odometry.cam_from_next)
+    usual = [max(float(np.quantile(s, USUAL_SHARE)), 1e-9) for s in (length, angle)]
+    unlikely = np.maximum(length / usual[0], angle / usual[1])
+    doubtful = tracking.doubtful_steps
+    for step in doubtful[np.argsort(unlikely[doubtful], kind="stable")]:
+        if group[step] == group[step + 1]:
+            continue
+        moves = group == group[step + 1]
+        next_in_world = poses[step] @ tracking.odometry.cam_from_next[step]
+        poses[moves] = next_in_world @ se3.inverse(poses[step + 1]) @ poses[moves]
+        group[moves] = group[step]
+    # The first frame stays where it was recorded.
+    return recorded[0] @ se3.inverse(poses[0]) @ poses
+
+
+def _with_placed(tracking: Tracking, poses: np.ndarray, placed: _Placed) -> Tracking:
+    """The tracking with the steps that were placed otherwise than recorded."""
+    odometry, doubtful = tracking.odometry, tracking.doubtful_steps
+    steps = odometry.cam_from_next.copy()
+    now = se3.inverse(poses[doubtful]) @ poses[doubtful + 1]
+    departure = np.abs(now - steps[doubtful]).max(axis=(1, 2))
+    changed = doubtful[departure > SAME]
+    # A group that no revisit placed may belong to the one before as well as to the one after.
+    if not (placed.n_votes[changed].all() and placed.n_votes[changed + 1].all()):
+        return _unplaced(tracking, changed)
+    steps[doubtful] = now
+    rotation, translation = odometry.sigma_rotation.copy(), odometry.sigma_translation.copy()
+    rotation[changed] = np.hypot(rotation[changed], placed.sigma[0])
+    translation[changed] = np.hypot(translation[changed], placed.sigma[1])
+    recorded, votes = tracking.recorded_world_from_cams, placed.n_votes
+    breaks = [
+        describe_jump(recorded, poses, int(s), int(max(votes[s], votes[s + 1])), "revisits")
+        for s in changed
+    ]
+    return replace(
+        tracking,
+        world_from_cams=poses,
+        odometry=Odometry(steps, rotation, translation),
+        breaks=tuple(sorted((*tracking.breaks, *breaks), key=lambda b: b.first_frame)),
+        doubtful_steps=np.zeros(0, dtype=int),
+    )
+
+
+def _unplaced(tracking: Tracking, changed: np.ndarray) -> Tracking:
+    """The tracking as recorded, with a break that says that it jumped somewhere among doubtful steps."""
+    first, last = int(changed[0]), int(changed[-1]) + 1
+    poses = tracking.world_from_cams
+    size = size_of(se3.inverse(poses[first]) @ poses[last])
+    reason = (
+        f"revisits contradict the recorded motion somewhere about frames {first}-{last}, where neighbouring "
+        "images do not match, but not enough of them show where: left as recorded; look at these frames in "
+        "the report, or scan that part again"
+    )
+    found = TrackingBreak("jump", first, last, size, size, 0, reason)
+    breaks = tuple(sorted((*tracking.breaks, found), key=lambda b: b.first_frame))
+    return replace(tracking, breaks=breaks, doubtful_steps=np.zeros(0, dtype=int))
+
+
+def _sizes(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths (m) and angles (rad) of steps (s, 4, 4)."""
+    return np.linalg.norm(steps[:, :3, 3], axis=1), np.asarray(se3.rotation_angle(steps[:, :3, :3]))

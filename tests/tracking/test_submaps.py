@@ -1,0 +1,145 @@
+"""Jumps that no neighbouring images tell of, decided by revisits."""
+
+import numpy as np
+import pytest
+from measured_walk import displaced, measure
+
+from builders import make_matches
+from planfit.geometry import se3
+from planfit.matching.verify import VerifyOptions
+from planfit.scan.odometry import OdometryOptions
+from planfit.tracking import (
+    TrackingOptions,
+    judge_tracking,
+    pairs_across,
+    place_submaps,
+    with_open_steps,
+)
+
+LAP = 30
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(2)
+
+
+@pytest.fixture
+def laps(rng):
+    """Three laps on one circle of 3 m, looking outwards."""
+    angle = 2 * np.pi * np.arange(3 * LAP) / LAP
+    centres = 3 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    turned = se3.exp_so3(np.column_stack([0 * angle, 0 * angle, angle]))
+    return se3.make_transform(turned, centres + rng.normal(0, 0.05, centres.shape))
+
+
+def judged(poses, motions, **options):
+    return judge_tracking(
+        "scan", poses, motions, "recorded", OdometryOptions(), TrackingOptions(**options)
+    )
+
+
+def revisits(poses, rng, at):
+    """Matches between frames a lap apart, for frames `at` of the earlier lap."""
+    points = rng.uniform([-5, -5, -1], [5, 5, 1], (40, 3))
+    return make_matches(poses, [(i, i + LAP) for i in at], points)
+
+
+def placed(tracking, matches):
+    return place_submaps(tracking, matches, VerifyOptions(), TrackingOptions())
+
+
+def test_only_long_steps_that_nothing_confirms_are_doubtful(laps, rng):
+    assert len(judged(laps, measure(laps, rng)).doubtful_steps) == 0
+    unmeasured = measure(laps, rng, unmeasured=(40,))
+    assert len(judged(laps, unmeasured).doubtful_steps) == 0  # as short as any other
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 40.0, rng)
+    tracking = judged(jumped, unmeasured)
+    assert tracking.doubtful_steps.tolist() == [40]
+    assert tracking.breaks == ()
+    assert len(judged(jumped, unmeasured, mend=False).doubtful_steps) == 0
+
+
+def test_open_steps_are_as_unsure_as_they_are_long(laps, rng):
+    odometry = judged(laps, measure(laps, rng)).odometry
+    opened = with_open_steps(odometry, np.array([7]))
+    length = np.linalg.norm(odometry.cam_from_next[7, :3, 3])
+    assert opened.sigma_translation[7] == pytest.approx(length / 2)
+    others = np.arange(len(laps) - 1) != 7
+    assert np.array_equal(opened.sigma_translation[others], odometry.sigma_translation[others])
+
+
+def test_a_jump_is_undone_by_revisits_across_it(laps, rng):
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 60.0, rng)
+    tracking = judged(jumped, measure(laps, rng, unmeasured=(40,)))
+    result = placed(tracking, revisits(laps, rng, range(15, 30)))
+    (found,) = result.breaks
+    assert (found.kind, found.first_frame) == ("jump", 40)
+    assert "revisits show" in found.reason
+    gap = np.linalg.norm((result.world_from_cams - laps)[:, :3, 3], axis=1)
+    assert gap.max() < 0.1
+    assert len(result.doubtful_steps) == 0
+    steps = se3.inverse(result.world_from_cams[:-1]) @ result.world_from_cams[1:]
+    np.testing.assert_allclose(result.odometry.cam_from_next, steps, atol=1e-9)
+
+
+def test_two_jumps_are_undone_the_surest_first(laps, rng):
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 60.0, rng)
+    jumped = displaced(jumped, 71, len(laps) - 1, 3.0, 30.0, rng)
+    tracking = judged(jumped, measure(laps, rng, unmeasured=(40, 70)))
+    result = placed(tracking, revisits(laps, rng, [*range(12, 30), *range(50, 60)]))
+    assert [b.first_frame for b in result.breaks] == [40, 70]
+    gap = np.linalg.norm((result.world_from_cams - laps)[:, :3, 3], axis=1)
+    assert gap.max() < 0.15
+
+
+def test_a_long_step_that_revisits_confirm_stays_bit_for_bit(laps, rng):
+    # A gap in the recording: the camera went on unseen.
+    kept = np.r_[0:40, 48 : len(laps)]
+    poses = laps[kept]
+    tracking = judged(poses, measure(poses, rng, unmeasured=(39,)))
+    assert tracking.doubtful_steps.tolist() == [39]
+    points = rng.uniform([-5, -5, -1], [5, 5, 1], (40, 3))
+    result = placed(tracking, make_matches(poses, [(i, i + 22) for i in range(20, 36)], points))
+    assert result.breaks == ()
+    assert np.array_equal(result.world_from_cams, poses)
+    assert np.array_equal(result.odometry.sigma_translation, tracking.odometry.sigma_translation)
+
+
+def test_without_revisits_the_recorded_step_stands(laps, rng):
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 60.0, rng)
+    tracking = judged(jumped, measure(laps, rng, unmeasured=(40,)))
+    result = placed(tracking, revisits(laps, rng, [15, 16]))  # two are too few
+    assert np.array_equal(result.world_from_cams, jumped)
+    assert result.breaks == ()
+
+
+def test_pairs_across_a_step_have_it_between_them_and_are_no_neighbours():
+    """The slow twin: all pairs that do."""
+    expected = [
+        (i, j) for i in range(12) for j in range(i + 1, 12) if 4 < j - i <= 8 and i <= 3 < j
+    ]
+    assert pairs_across(np.array([3]), 12, 4).tolist() == [list(p) for p in expected]
+
+
+def test_where_revisits_do_not_tell_which_step_jumped_all_stay_and_it_is_said(laps, rng):
+    """Two jumps; the part between is never seen again: it may belong to either side."""
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 60.0, rng)
+    jumped = displaced(jumped, 71, len(laps) - 1, 3.0, 30.0, rng)
+    tracking = judged(jumped, measure(laps, rng, unmeasured=(40, 70)))
+    points = rng.uniform([-5, -5, -1], [5, 5, 1], (40, 3))
+    result = placed(tracking, make_matches(laps, [(i, i + 2 * LAP) for i in range(12, 28)], points))
+    (found,) = result.breaks
+    assert np.array_equal(result.world_from_cams, jumped)
+    assert "not enough of them show where" in found.reason
+
+
+def test_what_follows_unplaced_goes_along(laps, rng):
+    """Two jumps; only the middle part is seen again: the last part keeps its place behind it."""
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 60.0, rng)
+    jumped = displaced(jumped, 71, len(laps) - 1, 3.0, 30.0, rng)
+    tracking = judged(jumped, measure(laps, rng, unmeasured=(40, 70)))
+    result = placed(tracking, revisits(laps, rng, range(12, 30)))
+    assert [b.first_frame for b in result.breaks] == [40]
+    step, recorded = (se3.inverse(p[70]) @ p[71] for p in (result.world_from_cams, jumped))
+    np.testing.assert_allclose(step, recorded, atol=1e-9)
