@@ -361,7 +361,7 @@ def test_verdict_does_not_call_the_same_better(floorplan, no_pictures):
     [
         ({}, "Refined: "),
         (
-            {"torn": (TornStep(3, 2.0, 30.0),)},
+            {"torn": (TornStep((3, 4), 2.0, 30.0),)},
             "Improved, with reservations: the path is torn at frames 3-4",
         ),
         ({"visits": (make_visit(kept_out_m=0.9),)}, "No better: use the recorded poses"),
@@ -376,7 +376,7 @@ def test_outcome_is_the_head_line(floorplan, no_pictures, changes, expected):
 
 
 def test_certainty_of_each_frame_is_shown_with_the_truth_where_known(floorplan, no_pictures):
-    torn = (TornStep(3, 2.0, 30.0),)
+    torn = (TornStep((3, 4), 2.0, 30.0),)
     judged = {"verdict": make_verdict(12, torn=torn), "evidence": make_evidence(12, torn=torn)}
     plain = read(floorplan, make_result()).words
     shown = read(floorplan, replace(make_result(), **judged)).words
@@ -393,7 +393,7 @@ def test_certainty_of_each_frame_is_shown_with_the_truth_where_known(floorplan, 
 
 
 def test_certainty_plot_shows_prediction_truth_and_reservations():
-    torn = make_verdict(50, torn=(TornStep(10, 2.0, 30.0),))
+    torn = make_verdict(50, torn=(TornStep((10, 11), 2.0, 30.0),))
     shown = [
         certainty_plot(verdict, true_error_m).png
         for verdict, true_error_m in (

@@ -33,7 +33,7 @@ def test_good_evidence_is_refined():
             ((20, 39),),
             r"frames 20-39 are not fixed along the plan's direction \(1.00, 0.00\): .* off by 0.50 m",
         ),
-        ({"torn": (TornStep(12, 2.0, 30.0),)}, ((12, 13),), "torn at frames 12-13: .* 2.0 m and 30 deg"),
+        ({"torn": (TornStep((12, 13), 2.0, 30.0),)}, ((12, 13),), "torn at frames 12-13: .* 2.0 m and"),
         (
             {"stretches": stretches({0, 1}, near_kept_out=0.0), "visits": ()},
             ((0, 19),),

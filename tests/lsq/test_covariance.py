@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from builders import make_world
 from planfit.errors import OptionError
 from planfit.geometry import se3
-from planfit.lsq.covariance import covariances
+from planfit.lsq.covariance import covariances, position_covariances
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.solver import SolverOptions, solve
 from planfit.lsq.terms.prior import PosePriorTerm
@@ -53,3 +53,15 @@ def test_a_pose_that_nothing_holds_is_named(world):
     pose_prior = PosePriorTerm(np.array([1]), poses[1:2], np.full(6, 0.01))
     with pytest.raises(OptionError, match="pose 3"):
         covariances([pose_prior], poses, np.array([3]))
+
+
+def test_positions_alone_are_a_part_of_the_whole_and_may_be_free(world):
+    poses = world.plan_from_cams
+    pose_prior = PosePriorTerm(np.array([0]), poses[:1], np.full(6, 0.01))
+    idx = np.array([0, 5])
+    whole = covariances([*world.scan_terms, pose_prior], poses, idx)
+    found = position_covariances([*world.scan_terms, pose_prior], poses, idx)
+    assert_allclose(found, whole[:, 3:, 3:], rtol=1e-6, atol=1e-15)
+    free = position_covariances([pose_prior], poses, np.array([0, 3]))
+    assert_allclose(free[0], 1e-4 * np.eye(3), rtol=1e-3)
+    assert np.trace(free[1]) > 1e3 * np.trace(free[0])

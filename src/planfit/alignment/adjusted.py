@@ -27,6 +27,9 @@ nevertheless that explains so many times as much as any other (less is asked whe
 given one where the camera looked through so few of the walls drawn. Plans of other buildings explain up to
 0.5, as much or more elsewhere, and a fifth to a third of the wall is seen through theirs."""
 
+TIE = 0.01
+"""Places that differ by less in the share of wall explained are alike."""
+
 
 @dataclass(frozen=True)
 class AdjustedAlignment:
@@ -74,8 +77,11 @@ def _doubt(judged: AdjustedAlignment, alignment: Alignment, options: AlignOption
     if alignment.is_mirrored:
         return "the scan fits the plan better with left and right swapped"
     is_given = alignment.is_as_recorded or options.candidate > 1 or bool(options.control_points)
-    # The walls were adjusted to this place and to no other: that one explains more is a strong sign.
-    if score < elsewhere or not (is_given or score - elsewhere >= options.min_margin):
+    # The walls were adjusted to this place and to no other: that one explains more is a strong sign. In a
+    # symmetric room that was seen whole, both explain all.
+    is_beaten = elsewhere > (score + TIE if score >= options.min_score else score)
+    is_close = is_beaten or not (is_given or score - elsewhere >= options.min_margin)
+    if is_close and score >= WEAK_SCORE:
         return (
             f"the adjusted walls fit the plan elsewhere almost as well ({score:.0%} of the wall here, "
             f"{elsewhere:.0%} there)"

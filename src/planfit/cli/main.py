@@ -21,7 +21,8 @@ EXIT_OK, EXIT_NOT_BETTER, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
 EXIT_CLOSED_PIPE = 141
 """128 + SIGPIPE: what a shell tells of other tools whose reader went away."""
 EXIT_CODES = (
-    "0 done; 1 done, but not better than before or not surely aligned; 2 bad input; 130 stopped"
+    "0 done; 1 done, but with reservations, no better than before or not surely aligned; 2 bad input; "
+    "130 stopped"
 )
 
 

@@ -10,6 +10,7 @@ from planfit.matching.options import MatchingOptions
 from planfit.matching.relative_motions import (
     NeighbourMotions,
     VerifiedPairs,
+    are_neighbours,
     is_among,
     measure_neighbours,
     verify_pairs,

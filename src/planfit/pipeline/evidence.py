@@ -84,8 +84,8 @@ class Stretch:
 class TornStep:
     """A step of the path that the result gave up."""
 
-    frame: int
-    """From this frame of the scan to the next one that was solved for."""
+    frames: tuple[int, int]
+    """Of the scan: two that were solved for, one after the other."""
     departure_m: float
     departure_deg: float
 
@@ -338,7 +338,9 @@ def _torn_steps(prepared: PreparedScan, solved: Float[np.ndarray, "k 4 4"]) -> t
     by_way = (translation > TORN_SIGMAS * odometry.sigma_translation) & (translation > TORN_M)
     frames = prepared.keyframes.frame_idx
     return tuple(
-        TornStep(int(frames[i]), float(translation[i]), float(rotation_deg[i]))
+        TornStep(
+            (int(frames[i]), int(frames[i + 1])), float(translation[i]), float(rotation_deg[i])
+        )
         for i in np.flatnonzero(by_angle | by_way)
     )
 

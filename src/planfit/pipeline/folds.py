@@ -123,7 +123,7 @@ def path_steps(
     solved = se3.inverse(solved_from_cams[:-1]) @ solved_from_cams[1:]
     departure = se3.inverse(recorded) @ solved
     return (
-        se3.rotation_angle(departure[:, :3, :3]),
+        np.asarray(se3.rotation_angle(departure[:, :3, :3])),
         np.linalg.norm(departure[:, :3, 3], axis=1),
     )
 

@@ -198,7 +198,7 @@ def _reservations(evidence: Evidence, options: VerdictOptions) -> tuple[Reservat
 def _of_torn_steps(evidence: Evidence) -> list[Reservation]:
     if not evidence.torn:
         return []
-    frames = tuple((step.frame, step.frame + 1) for step in evidence.torn)
+    frames = tuple(step.frames for step in evidence.torn)
     worst = max(evidence.torn, key=lambda step: step.departure_m)
     return [
         Reservation(

@@ -150,11 +150,8 @@ def certainty_plot(verdict: Verdict, true_error_m: Float[np.ndarray, " n"] | Non
     figure = new_figure(PANEL_IN, 2.6)
     axes = add_axes(figure, 0.55, 0.42, PANEL_IN - 0.75, 2.6 - 0.42 - LEGEND_IN)
     entries: list[Entry] = [("predicted", AFTER, "-")]
-    for reservation in verdict.reservations:
-        for first, last in reservation.frames:
-            axes.axvspan(
-                first - 0.5, last + 0.5, color=UNMATCHED, alpha=0.15, linewidth=0, zorder=1
-            )
+    for first, last in _joined(verdict):
+        axes.axvspan(first - 0.5, last + 0.5, color=UNMATCHED, alpha=0.2, linewidth=0, zorder=1)
     axes.plot(frames, predicted, color=AFTER, linewidth=1.3, zorder=3)
     if true_error_m is not None:
         axes.plot(frames, true_error_m, color=INK, linewidth=0.9, linestyle=":", zorder=2)
@@ -167,6 +164,17 @@ def certainty_plot(verdict: Verdict, true_error_m: Float[np.ndarray, " n"] | Non
         entries.append(("with a reservation", UNMATCHED, "s"))
     add_legend(axes, entries)
     return to_picture(figure)
+
+
+def _joined(verdict: Verdict) -> list[tuple[int, int]]:
+    """Runs of frames with any reservation, first and last."""
+    reserved = np.zeros(len(verdict.predicted_error_m) + 2, dtype=bool)
+    for reservation in verdict.reservations:
+        for first, last in reservation.frames:
+            reserved[first + 1 : last + 2] = True
+    # A run begins where the mask, with a frame on either side of the scan, rises, and ends where it falls.
+    borders = np.flatnonzero(np.diff(reserved))
+    return [(int(a), int(b) - 1) for a, b in borders.reshape(-1, 2)]
 
 
 def wall_map(

@@ -1,0 +1,100 @@
+"""The alignment judged again with adjusted walls: sure where it is right, whatever it was before."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from builders import faces_plan, room_plan
+from planfit.alignment import AlignOptions, align, judge_adjusted, sample_walls
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3
+
+OPTIONS = AlignOptions()
+
+
+@pytest.fixture(scope="module")
+def office():
+    """Three rooms beside each other, no two alike."""
+    rooms = [
+        faces_plan([[x, 0], [x + w, 0], [x + w, d], [x, d]])
+        for x, w, d in ((0, 6, 4), (6.2, 5, 5), (11.4, 3, 7))
+    ]
+    ends = np.concatenate([room.ends for room in rooms])
+    return replace(rooms[0], ends=ends, normals=np.concatenate([r.normals for r in rooms]),
+                   is_oriented=np.ones(len(ends), dtype=bool))  # fmt: skip
+
+
+def walls_of(floorplan, keep=slice(None)):
+    eyes = floorplan.ends[keep].mean(axis=1) + floorplan.normals[keep]
+    return sample_walls(floorplan.normals[keep], floorplan.ends[keep], seen_from=eyes)
+
+
+def turned(walls, yaw, shift):
+    """Walls as they were before: in axes of their own."""
+    back = se3.inverse(se3.yaw_transform(yaw, np.array([*shift, 0.0])))
+    rotation, translation = back[:2, :2], back[:2, 3]
+    return replace(
+        walls,
+        xy=walls.xy @ rotation.T + translation,
+        normals=walls.normals @ rotation.T,
+        seen_from=walls.seen_from @ rotation.T + translation,
+    )
+
+
+def test_adjusted_walls_on_their_plan_are_sure_though_they_were_bent_before(office):
+    walls = walls_of(office)
+    before = align(turned(walls, 0.3, (5.0, 2.0)), office, OPTIONS)
+    bent = replace(before, is_sure=False, score=0.3, warnings=("weak",), bent=("weak",))
+    judged = judge_adjusted(walls, office, bent, OPTIONS)
+    assert judged.doubt == ""
+    assert judged.score > 0.99
+    assert judged.seen_through == 0.0
+    # The competitor is looked for with the adjusted walls, in the plan's axes.
+    assert 0.0 < judged.runner_up_score < 0.8
+
+
+def test_walls_beside_the_plan_are_doubted(office):
+    walls = walls_of(office)
+    found = align(walls, office, OPTIONS)
+    off = replace(walls, xy=walls.xy + np.array([0.4, 0.4]))
+    judged = judge_adjusted(off, office, replace(found, candidates=()), OPTIONS)
+    assert judged.score < 0.3
+    assert "only" in judged.doubt
+
+
+def test_a_symmetric_room_is_sure_only_where_its_place_was_given():
+    plan = room_plan()
+    walls = walls_of(plan)
+    found = align(walls, plan, OPTIONS)
+    assert "elsewhere almost as well" in judge_adjusted(walls, plan, found, OPTIONS).doubt
+    given = replace(found, is_as_recorded=True)
+    assert judge_adjusted(walls, plan, given, OPTIONS).doubt == ""
+    assert judge_adjusted(walls, plan, found, AlignOptions(candidate=2)).doubt == ""
+
+
+def test_a_given_place_that_another_beats_is_doubted(office):
+    # Two of three rooms lie 1.5 m off: the third alone holds the place that was recorded.
+    walls = walls_of(office)
+    shifted = replace(walls, xy=walls.xy + np.where(walls.xy[:, :1] > 6.1, 1.5, 0.0) * [1.0, 0.0])
+    found = replace(align(walls, office, OPTIONS), is_as_recorded=True)
+    other = align(shifted, office, OPTIONS)
+    rivals = replace(found, candidates=(*found.candidates, *other.candidates))
+    judged = judge_adjusted(shifted, office, rivals, OPTIONS)
+    assert judged.runner_up_score > judged.score
+    assert "elsewhere" in judged.doubt
+
+
+def test_a_plan_that_lacks_half_of_the_walls_is_sure_where_no_wall_is_seen_through(office):
+    lacking = Floorplan("half", office.ends[::2], office.normals[::2], office.is_oriented[::2])
+    walls = walls_of(office)
+    found = replace(align(walls, lacking, OPTIONS), is_as_recorded=True, candidates=())
+    judged = judge_adjusted(walls, lacking, found, OPTIONS)
+    assert 0.25 < judged.score < 0.6
+    assert judged.doubt == ""
+
+
+def test_a_mirrored_plan_is_doubted(office):
+    walls = walls_of(office)
+    found = replace(align(walls, office, OPTIONS), is_mirrored=True)
+    assert "left and right swapped" in judge_adjusted(walls, office, found, OPTIONS).doubt
