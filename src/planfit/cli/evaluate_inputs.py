@@ -68,7 +68,9 @@ def read_run(
         world_from_plan = np.array(record["world_from_plan"], dtype=float).reshape(4, 4)
         before = np.array(record["plan_from_world_before"], dtype=float).reshape(4, 4)
         inputs, n_faces, n_frames = record["inputs"], record["plan_faces"], record["frames"]
-        scan_path, plan_path = scan_path or Path(inputs["scan"]), plan_path or Path(inputs["plan"])
+        scan_path = scan_path or Path(inputs["scan"])
+        if plan_path is None and "plan" in inputs:
+            plan_path = Path(inputs["plan"])
         segmentation_options = options_of(
             record["options"]["segmentation"], SegmentationOptions(), where
         )
@@ -86,14 +88,9 @@ def read_run(
             f"{scan_path}: expected the {n_frames} frames of the run, found {len(scan)}, and "
             f"{len(times)} refined poses; give the run's scan with --scan"
         )
-    floorplan = read_floorplan(plan_path, plan)
-    if len(floorplan) != n_faces:
-        raise FloorplanError(
-            f"{plan_path}: expected the {n_faces} wall faces that the run read, found "
-            f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
-        )
-    if not floorplan.is_metric:
-        floorplan = metric_plan(floorplan, scale_xy)
+    floorplan = None
+    if plan_path is not None:
+        floorplan = _read_plan(plan_path, plan, n_faces, scale_xy)
     _, structure = _structure(scan, segmentation_options, runtime)
     return Compared(
         scan,
@@ -102,6 +99,24 @@ def read_run(
         (scan.world_from_cams, world_from_plan @ after),
         (before @ scan.world_from_cams, after),
     )
+
+
+def _read_plan(
+    path: Path, options: PlanOptions, n_faces: int | None, scale_xy: tuple[float, float]
+) -> Floorplan:
+    """The plan of a run, in metres."""
+    if n_faces is None:
+        raise FloorplanError(
+            f"{path}: expected no plan, as the run was made without one, found one; leave out --plan, or "
+            "run 'planfit refine' with it"
+        )
+    floorplan = read_floorplan(path, options)
+    if len(floorplan) != n_faces:
+        raise FloorplanError(
+            f"{path}: expected the {n_faces} wall faces that the run read, found "
+            f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
+        )
+    return floorplan if floorplan.is_metric else metric_plan(floorplan, scale_xy)
 
 
 def read_poses(

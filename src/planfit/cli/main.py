@@ -55,10 +55,10 @@ class Command:
 COMMANDS = (
     Command(
         "refine",
-        "SCAN -o OUT [--plan FILE]",
+        "SCAN -o OUT [--plan FILE | --no-plan]",
         "refine the camera poses of a scan; OUT/report.html tells how it went",
         (
-            "plan", "unit", "scale", "storey", "poses", "adjust.walls.sigma-m", "preset", "config",
+            "plan", "no-plan", "unit", "scale", "storey", "poses", "adjust.walls.sigma-m", "preset", "config",
             "overwrite", "workers",
         ),
         keeps_stages=True,

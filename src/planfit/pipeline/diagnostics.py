@@ -13,9 +13,14 @@ leave 0.86 to 1.00 with masks; geometry takes tall furniture for wall and leaves
 
 
 def scan_warnings(
-    scan: Scan, gravity: Gravity, structure: Structure, matches: Matches, neighbours: int
+    scan: Scan,
+    gravity: Gravity,
+    structure: Structure,
+    matches: Matches,
+    neighbours: int,
+    has_plan: bool = True,
 ) -> tuple[str, ...]:
-    """Warnings about what the scan shows."""
+    """Warnings about what the scan shows; walls are missed only where there is a plan to hold them to."""
     warnings = []
     if len(scan) < 20:
         warnings.append(
@@ -31,20 +36,21 @@ def scan_warnings(
             "no floor was seen: height and tilt follow the recorded poses; "
             "tilt the camera down while scanning, or give floor masks"
         )
-    if not structure.has_walls:
+    if has_plan and not structure.has_walls:
         warnings.append(
             "no wall was seen: the scan cannot be aligned with the plan by its walls, and only the "
             "matches and the floor were used; give wall masks, or scan more of the walls"
         )
+    others = "walls and floor" if has_plan else "the floor"
     if matches.n_matches == 0:
         warnings.append(
-            "no two frames could be matched: poses were refined by floor and walls alone; "
+            f"no two frames could be matched: poses were refined by {others} alone; "
             "check that colour images are sharp and belong to the depth"
         )
     elif matches.n_loops(neighbours) == 0:
         warnings.append(
             "no place was seen to be visited again (no loop closure): drift along the path is corrected by "
-            "walls and floor only"
+            f"{others} only"
         )
     return tuple(warnings)
 
@@ -68,7 +74,14 @@ def alignment_warnings(
             f"{n_patches} wall patches found a face): parts of the plan may be missing, moved or "
             "out of date, or it is the plan of another place; look at the overlay"
         )
-    warnings += plan_adjustment.weakly_constrained
+    return (*warnings, *adjustment_warnings(plan_adjustment, checks))
+
+
+def adjustment_warnings(
+    plan_adjustment: PlanAdjustment, checks: tuple[Check, ...]
+) -> tuple[str, ...]:
+    """Warnings about how the solve went, and about checks that got worse."""
+    warnings = list(plan_adjustment.weakly_constrained)
     if not plan_adjustment.converged:
         warnings.append(
             "correspondences of walls and faces were still changing when the rounds ran out; "

@@ -11,7 +11,7 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.align import ScanOnPlan
-from planfit.pipeline.diagnostics import alignment_warnings, scan_warnings
+from planfit.pipeline.diagnostics import adjustment_warnings, alignment_warnings, scan_warnings
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import Observations, PreparedScan
 from planfit.pipeline.validation import Check, Validation
@@ -24,19 +24,19 @@ from planfit.segmentation import Gravity, Structure
 class RefineResult:
     """Refined poses, and all that is needed to judge them."""
 
-    floorplan: Floorplan
-    """The plan in metres, at the scale that was found where it had no unit."""
+    floorplan: Floorplan | None
+    """The plan in metres, at the scale that was found where it had no unit; None where there was none."""
     plan_from_cams: Float[np.ndarray, "n 4 4"]
-    """Refined."""
+    """Refined; without a plan in the level frame: the scan's own axes, turned upright, floor at 0."""
     initial_plan_from_cams: Float[np.ndarray, "n 4 4"]
-    """Recorded poses, aligned with the plan as a whole."""
+    """Recorded poses, aligned with the plan as a whole; without a plan, levelled."""
     world_from_plan: Float[np.ndarray, "4 4"]
     """Back to the scan's own axes and height."""
     gravity: Gravity
     structure: Structure
     matches: Matches
     alignment: Alignment | None
-    """None where no wall was seen, so that the scan could not be aligned by its walls."""
+    """None where no wall was seen, so that the scan could not be aligned by its walls, or without a plan."""
     adjustment: PlanAdjustment
     solved_frame_idx: Int[np.ndarray, " k"]
     """Frames that were unknowns; the others followed."""
@@ -54,8 +54,8 @@ class RefineResult:
 
     @property
     def is_better(self) -> bool:
-        """Whether the scan was surely aligned with the plan and no check got worse."""
-        is_aligned = self.alignment is not None and self.alignment.is_sure
+        """Whether the scan was surely aligned with the plan, if there is one, and no check got worse."""
+        is_aligned = self.floorplan is None or bool(self.alignment and self.alignment.is_sure)
         return is_aligned and not any(check.is_worse for check in self.checks)
 
 
@@ -86,7 +86,7 @@ def make_result(
     """All of it together, with what a user should know of it in words."""
     structure, matches = observations.structure, observations.matches
     plan_from_world = on_plan.recorded_plan_from_level @ prepared.level_from_world
-    neighbours = options.matching.pairs.neighbours
+    neighbours, has_plan = options.matching.pairs.neighbours, on_plan.floorplan is not None
     return RefineResult(
         floorplan=on_plan.floorplan,
         plan_from_cams=validation.after,
@@ -101,13 +101,17 @@ def make_result(
         cost_by_term=validation.cost_by_term,
         checks=validation.checks,
         warnings=(
-            *scan_warnings(scan, observations.gravity, structure, matches, neighbours),
-            *alignment_warnings(
-                on_plan.alignment,
-                on_plan.claimed_plan_from_level is not None,
-                adjustment,
-                structure,
-                validation.checks,
+            *scan_warnings(scan, observations.gravity, structure, matches, neighbours, has_plan),
+            *(
+                alignment_warnings(
+                    on_plan.alignment,
+                    on_plan.claimed_plan_from_level is not None,
+                    adjustment,
+                    structure,
+                    validation.checks,
+                )
+                if has_plan
+                else adjustment_warnings(adjustment, validation.checks)
             ),
         ),
         seconds_by_stage=timer.seconds,

@@ -126,12 +126,12 @@ def verdict(
 
 
 def _verdict_of_checks(result: RefineResult, judged: Sequence[KeyMetric]) -> str:
-    if result.alignment is None:
+    if result.floorplan is not None and result.alignment is None:
         return (
             "The scan could not be aligned with the plan, because no wall patch was seen in "
             "it; the poses were only made to agree with each other."
         )
-    if not result.alignment.is_sure:
+    if result.alignment is not None and not result.alignment.is_sure:
         return (
             "The alignment of the scan with the plan is not certain, so these poses may be wrong as a whole; "
             "read the notes below before using them."
@@ -140,8 +140,13 @@ def _verdict_of_checks(result: RefineResult, judged: Sequence[KeyMetric]) -> str
         worse = "; ".join(_told(f) for f in judged if f.is_worse)
         return f"The result is worse than the input; do not use it without a look: {worse}."
     if not judged:
+        begin = (
+            "Loops were closed"
+            if result.floorplan is None
+            else "The scan was aligned with the plan"
+        )
         return (
-            "The scan was aligned with the plan, but too few matches and walls were seen to check "
+            f"{begin}, but too few matches and walls were seen to check "
             "whether the poses became better."
         )
     improved = [f for f in judged if f.is_improved]

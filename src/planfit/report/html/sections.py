@@ -36,18 +36,23 @@ from planfit.report.walls import (
 )
 
 
-def overview(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
-    """The whole scan on the plan, before and after, and close-ups."""
+def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
+    """The whole scan on the plan, or alone, before and after, and close-ups."""
     marks = choose_close_ups(both, crop)
     pictures = [
         _captioned(
             side_picture(floorplan, both, side, crop, marks, _width_in(crop)),
             f"<strong>{name}:</strong> {escape(fit_in_words(both, side))}",
-            f"Wall points {name} on the plan, from above",
+            f"{'Wall points' if both.has_plan else 'The scan'} {name}, from above",
         )
         for name, side in _sides(both)
     ]
-    if both.is_aligned:
+    if not both.has_plan:
+        words = (
+            "Seen from above: points at about the height of the camera, walls and furniture. Where the poses "
+            "are right, one wall makes one line of dots, not several, and corners are sharp."
+        )
+    elif both.is_aligned:
         words = (
             "Seen from above. Each coloured dot is a scanned point of a wall; thin dark lines are "
             "the walls as drawn. Where the poses are right, dots lie on the lines, and one wall "
@@ -56,8 +61,9 @@ def overview(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
         )
     else:
         words = "Seen from above. The scan was not aligned with the plan, so the plan is not drawn."
-    html = [f"<h2>The scan on the plan</h2><p>{words}</p>{_side_by_side(pictures, crop)}"]
-    if marks:
+    head = "The scan on the plan" if both.has_plan else "The scan from above"
+    html = [f"<h2>{head}</h2><p>{words}</p>{_side_by_side(pictures, crop)}"]
+    if marks and floorplan is not None:
         html.append(
             "<h3>Close-ups</h3><p>The windows marked above, where before and after differ most.</p>"
         )
@@ -97,7 +103,7 @@ def fit_and_correction(both: BeforeAfter) -> str:
     return f'<h2>Fit and correction</h2><div class="pair">{"".join(parts)}</div>'
 
 
-def floor(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
+def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
     """Heights of the floor, before and after."""
     if not both.has_floor:
         return "<h2>Floor</h2><p>No floor was seen in this scan.</p>"
@@ -176,16 +182,21 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
     return "\n".join(html)
 
 
-def frame_matches(floorplan: Floorplan, both: BeforeAfter, matches: Matches, crop: Crop) -> str:
+def frame_matches(
+    floorplan: Floorplan | None, both: BeforeAfter, matches: Matches, crop: Crop
+) -> str:
     """Loop closures, and matched points of each frame."""
     n_frames = len(both.after.trajectory)
     loop_closures = loop_closures_of(matches, tables.LOOP_MIN_FRAMES)
     by_frame = matches_by_frame(matches, n_frames)
-    plan_ends = floorplan.ends if both.is_aligned else np.zeros((0, 2, 2))
+    plan_ends = np.zeros((0, 2, 2))
+    if floorplan is not None and both.is_aligned:
+        plan_ends = floorplan.ends
+    others = "floor and walls hold" if both.has_plan else "and floor hold"
     n_none = int(np.sum(by_frame == 0))
     none = (
         f" {n_none} of {n_frames} {_plural(n_none, 'has', 'have')} none: only the recorded motion, "
-        "floor and walls hold them."
+        f"{others} them."
         if n_none
         else ""
     )
@@ -194,7 +205,8 @@ def frame_matches(floorplan: Floorplan, both: BeforeAfter, matches: Matches, cro
             loop_closure_map(plan_ends, both.after.trajectory, loop_closures, crop, PANEL_IN),
             f"<strong>Loop closures:</strong> {formatting.count(len(loop_closures))} pairs of frames, more "
             f"than {tables.LOOP_MIN_FRAMES} frames apart, that see the same part of the building. Where the "
-            "path comes back and there is no line, the plan alone holds the visits together.",
+            "path comes back and there is no line, "
+            f"{'the plan alone holds' if both.has_plan else 'nothing holds'} the visits together.",
             "Verified loop closures from above",
         ),
         _captioned(
