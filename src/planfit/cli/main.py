@@ -96,6 +96,15 @@ COMMANDS = (
         ),
     ),
     Command(
+        "compare",
+        "A [B] [--poses FILE] [-o OUT]",
+        "two runs, or a run and other poses: where they differ, which is better",
+        (
+            "out", "poses", "poses-frame", "align", "scan", "plan", "depth-maps", "json", "overwrite",
+            "workers",
+        ),
+    ),
+    Command(
         "export",
         "SOURCE --to KIND -o FILE",
         "write poses for other programs: tum, kitti, open3d, g2o, ply, mesh, ...",

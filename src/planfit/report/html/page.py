@@ -54,6 +54,11 @@ def make_report(
         f"<footer>Made by planfit {escape(__version__)}. x and y {axes}, heights above the "
         "floor.</footer>",
     ]
+    return page_of(f"{scan_name} {on_plan}: planfit report", body)
+
+
+def page_of(title: str, body: Sequence[str]) -> str:
+    """A self-contained page of parts that are HTML; the title is plain text."""
     style, script = (
         resources.files("planfit.report.html").joinpath(name).read_text("utf-8")
         for name in ("style.css", "sort.js")
@@ -61,7 +66,7 @@ def make_report(
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(scan_name)} {escape(on_plan)}: planfit report</title>\n"
+        f"<title>{escape(title)}</title>\n"
         f"<style>\n{style}</style>\n</head>\n<body>\n"
         + "\n".join(body)
         + f"\n<script>\n{script}</script>\n</body>\n</html>\n"

@@ -40,7 +40,7 @@ def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
     """The whole scan on the plan, or alone, before and after, and close-ups."""
     marks = choose_close_ups(both, crop)
     pictures = [
-        _captioned(
+        captioned(
             side_picture(floorplan, both, side, crop, marks, _width_in(crop)),
             f"<strong>{name}:</strong> {escape(fit_in_words(both, side))}",
             f"{'Wall points' if both.has_plan else 'The scan'} {name}, from above",
@@ -78,7 +78,7 @@ def fit_and_correction(both: BeforeAfter) -> str:
         picture, end = charts.distance_histogram(both)
         beyond = [_share_beyond(side, end) for _, side in _sides(both)]
         parts.append(
-            _captioned(
+            captioned(
                 picture,
                 "<strong>Distance of wall points to the plan.</strong> The more of them on the "
                 f"left, the better the fit. Dashed: the {NEAR_FACE_M:.2f}{formatting.SPACE}m "
@@ -91,7 +91,7 @@ def fit_and_correction(both: BeforeAfter) -> str:
     most_m = float(np.linalg.norm(both.correction[:, 3:], axis=1).max(initial=0.0))
     most_rad = float(np.linalg.norm(both.correction[:, :3], axis=1).max(initial=0.0))
     parts.append(
-        _captioned(
+        captioned(
             charts.correction_plot(both),
             "<strong>Correction of each frame,</strong> from the recorded to the refined pose: at "
             f"most {formatting.length(most_m)} and {np.rad2deg(most_rad):.1f}{formatting.SPACE}deg. Slow "
@@ -110,7 +110,7 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
     maps = []
     for name, side in _sides(both):
         maps.append(
-            _captioned(
+            captioned(
                 charts.floor_map(
                     floorplan if both.is_aligned else None, side, crop, _width_in(crop)
                 ),
@@ -148,7 +148,7 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
         f'<span class="entry"><span class="key" style="background:{color}"></span>{words}</span>'
         for color, words in keys
     )
-    picture = _captioned(
+    picture = captioned(
         charts.wall_map(floorplan, result, faces, crop, _width_in(crop)),
         legend,
         "Walls of the plan by agreement with the scan",
@@ -201,7 +201,7 @@ def frame_matches(
         else ""
     )
     pictures = [
-        _captioned(
+        captioned(
             loop_closure_map(plan_ends, both.after.trajectory, loop_closures, crop, PANEL_IN),
             f"<strong>Loop closures:</strong> {formatting.count(len(loop_closures))} pairs of frames, more "
             f"than {tables.LOOP_MIN_FRAMES} frames apart, that see the same part of the building. Where the "
@@ -209,7 +209,7 @@ def frame_matches(
             f"{'the plan alone holds' if both.has_plan else 'nothing holds'} the visits together.",
             "Verified loop closures from above",
         ),
-        _captioned(
+        captioned(
             matches_plot(by_frame),
             f"<strong>Matched points of each frame.</strong>{none}",
             "Matched points of each frame",
@@ -223,7 +223,7 @@ def _cut(section: CrossSection) -> str:
     apart = [
         formatting.length(float(np.abs(p[:, 0]).mean())) for p in (section.before, section.after)
     ]
-    return _captioned(
+    return captioned(
         draw_section(section),
         f"<strong>No.{formatting.SPACE}{face.number}:</strong> {formatting.count(len(section.after))} "
         f"points, on average {apart[0]} from the drawn wall before and {apart[1]} after",
@@ -237,7 +237,7 @@ def _close_up(floorplan: Floorplan, both: BeforeAfter, mark: Mark) -> str:
     for name, side in _sides(both):
         distance = formatting.length(float(side.wall_distances_m[inside].mean()))
         pictures.append(
-            _captioned(
+            captioned(
                 side_picture(floorplan, both, side, mark.crop),
                 f"<strong>{mark.letter}, {name}:</strong> these wall points lie {distance} from "
                 "the plan on average",
@@ -293,7 +293,8 @@ def _share_beyond(side: Measures, end_m: float) -> float:
     return 0.0 if side.walls is None else float(np.mean(side.walls.nearest_m > end_m))
 
 
-def _captioned(picture: Picture, caption_html: str, alt: str) -> str:
+def captioned(picture: Picture, caption_html: str, alt: str) -> str:
+    """A picture inside the page, its caption above it."""
     data = base64.b64encode(picture.png).decode("ascii")
     return (
         f"<figure><figcaption>{caption_html}</figcaption>"
