@@ -140,7 +140,7 @@ def test_every_witness_prefers_the_truth_and_the_stretch_is_named(synthetic, obs
     found = planfit.compare(synthetic.scan, wrong, right, observations.matches, FEW)
     assert found.axes == "plan"
     assert {w.name: w.prefers for w in found.witnesses} == {
-        "matches": "b", "plan": "b", "map": "b", "free space": "b"
+        "matches": "b", "plan": "b", "map": "neither", "free space": "b"
     }  # fmt: skip
     assert found.preferred == "b"
     (local,) = found.stretches
@@ -150,6 +150,8 @@ def test_every_witness_prefers_the_truth_and_the_stretch_is_named(synthetic, obs
     for part in ("The evidence prefers B: B's matches lie closer", "B fits the plan better",
                  "They differ most at frames 27-39"):  # fmt: skip
         assert part in words
+    medians = found.metrics["matches"]  # blind to a tear that few matches span
+    assert medians.before == pytest.approx(medians.after, rel=0.01)
     swapped = planfit.compare(synthetic.scan, right, wrong, observations.matches, FEW)
     assert swapped.preferred == "a"
     assert "prefers A: A's matches" in conclusion(swapped)
@@ -171,9 +173,9 @@ def test_poses_in_the_scans_axes_go_onto_the_plan_beside_a_result(synthetic, res
     assert found.axes == "world"
     assert [w.name for w in found.witnesses] == ["plan"]
     assert found.preferred == "a"
-    # B is moved as near to A as a rigid motion brings it.
+    # By its own walls, of which two thirds are right: frames that were not moved are where A has them.
     apart = found.poses.plan_from_cams[1] - right.plan_from_cams
-    assert np.linalg.norm(apart[:, :3, 3], axis=1).mean() < 0.4 * 13 / 40
+    assert np.linalg.norm(apart[:27, :3, 3], axis=1).mean() < 0.1
 
 
 def test_two_plans_are_not_held_against_each_other(synthetic, results):

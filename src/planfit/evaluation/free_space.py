@@ -51,11 +51,11 @@ class DepthThumbnails:
     frame_idx: Int[np.ndarray, " v"]
     cameras: tuple[Camera, ...]
     """Of the small maps."""
-    points_cam: tuple[Float32[np.ndarray, "k 3"], ...]
+    points_cam: tuple[Float32[np.ndarray, "... 3"], ...]
     """Centres of their pixels that have a depth, m."""
-    nearest_m: tuple[Float32[np.ndarray, "h w"], ...]
-    """Least depth of each pixel and its neighbours; 0 where any of them has none: what borders on an edge or
-    on a hole is never looked through."""
+    nearest_m: tuple[Float32[np.ndarray, "..."], ...]
+    """Of each small map (h, w): least depth of each pixel and its neighbours; 0 where any of them has none:
+    what borders on an edge or on a hole is never looked through."""
 
 
 def read_thumbnails(scan: Scan, options: FreeSpaceOptions, runtime: Runtime) -> DepthThumbnails:

@@ -1,5 +1,7 @@
 """What a comparison of two sets of poses comes to, in plain sentences."""
 
+from collections.abc import Callable
+
 from planfit.evaluation import NEAR_FACE_M, Comparison, LocalEvidence, Witness
 from planfit.report import formatting
 
@@ -31,26 +33,27 @@ def witness_in_words(witness: Witness) -> str:
     who = "B" if side == "b" else "A"
     first, second = (metric.after, metric.before) if side == "b" else (metric.before, metric.after)
 
-    def both(text: str, a: str, b: str, end: str = "") -> str:
-        return f"{text} ({a} {'and' if side == 'neither' else 'against'} {b}{end})"
+    def both(text: str, shown: Callable[[float], str], end: str) -> str:
+        between = "and" if side == "neither" else "against"
+        return f"{text} ({shown(first)} {between} {shown(second)}{end})"
 
     if witness.name == "matches":
         text = f"{who}'s matches lie closer" if side != "neither" else "matches lie equally close"
-        return both(text, *(formatting.length(v / 100) for v in (first, second)), " apart")
+        return both(text, lambda v: formatting.length(v / 100), " apart")
     if witness.name == "plan":
         text = f"{who} fits the plan better" if side != "neither" else "both fit the plan alike"
         end = f" of the wall within {NEAR_FACE_M:.2f}{formatting.SPACE}m"
-        return both(text, *(formatting.share(1 - v / 100) for v in (first, second)), end)
+        return both(text, lambda v: formatting.share(1 - v / 100), end)
     if witness.name == "map":
         text = f"{who}'s map is sharper" if side != "neither" else "the maps are equally sharp"
         unit = metric.unit.replace("cm^2", "cm²")
-        end = f", {metric.meaning}"
-        return both(text, *(f"{v:.3g}{formatting.SPACE}{unit}" for v in (first, second)), end)
+        end = f" of {metric.meaning}"
+        return both(text, lambda v: f"{v:.3g}{formatting.SPACE}{unit}", end)
     text = f"in {who} fewer views contradict each other"
     if side == "neither":
         text = "views contradict each other as often"
     end = " of points looked through"
-    return both(text, *(f"{v:.2g}{formatting.SPACE}%" for v in (first, second)), end)
+    return both(text, lambda v: f"{v:.2g}{formatting.SPACE}%", end)
 
 
 def difference_in_words(comparison: Comparison) -> str:
