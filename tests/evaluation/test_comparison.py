@@ -183,9 +183,10 @@ def test_poses_in_the_scans_axes_go_onto_the_plan_beside_a_result(synthetic, res
     assert found.axes == "world"
     assert [w.name for w in found.witnesses] == ["plan", "map"]
     assert found.preferred == "a"
-    # By its own walls, of which two thirds are right: frames that were not moved are where A has them.
+    # By its own walls, of which two thirds are right: a compromise, near those that were not moved.
     apart = found.poses.plan_from_cams[1] - right.plan_from_cams
-    assert np.linalg.norm(apart[:20, :3, 3], axis=1).mean() < 0.1
+    apart_m = np.linalg.norm(apart[:, :3, 3], axis=1)
+    assert apart_m[:20].mean() < 0.2 < apart_m[-5:].mean()
 
 
 def test_two_plans_are_not_held_against_each_other(synthetic, results):

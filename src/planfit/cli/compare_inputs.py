@@ -17,6 +17,11 @@ from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.segmentation import Structure
 
+_FAVOUR = (
+    "A was solved with the matches, and the plan if it has one, that judge here, which favours A: poses that "
+    "were measured otherwise may be right where these speak for A; map and free space took no part"
+)
+
 
 @dataclass(frozen=True)
 class RunPoses:
@@ -88,14 +93,14 @@ def read_pair(folder: Path, given: Given, runtime: Runtime) -> Pair:
             a.initial_plan_from_cams,
             scan.world_from_cams,
         )
-        return Pair(scan, a, recorded, "the poses as recorded", seen.matches)
+        return Pair(scan, a, recorded, "the poses as recorded", seen.matches, (_FAVOUR,))
     poses = poses_of(scan, given.poses, given.max_time_gap_s)
     if given.poses_frame == "world":
-        return Pair(scan, a, poses, str(given.poses), seen.matches)
+        return Pair(scan, a, poses, str(given.poses), seen.matches, (_FAVOUR,))
     on_plan = RunPoses(
         seen.structure, a.floorplan, a.initial_plan_from_cams, poses, record.world_from_plan @ poses
     )
-    return Pair(scan, a, on_plan, str(given.poses), seen.matches)
+    return Pair(scan, a, on_plan, str(given.poses), seen.matches, (_FAVOUR,))
 
 
 def _run_poses(

@@ -58,7 +58,7 @@ COMMANDS = (
         "SCAN -o OUT [--plan FILE | --no-plan]",
         "refine the camera poses of a scan; OUT/report.html tells how it went",
         (
-            "plan", "no-plan", "unit", "scale", "storey", "poses", "adjust.walls.sigma-m", "preset", "config",
+            "plan", "no-plan", "unit", "scale", "storey", "poses", "preset", "config",
             "overwrite", "workers",
         ),
         keeps_stages=True,

@@ -53,7 +53,7 @@ def witness_in_words(witness: Witness) -> str:
     if side == "neither":
         text = "views contradict each other as often"
     end = " of points looked through"
-    return both(text, lambda v: f"{v:.2g}{formatting.SPACE}%", end)
+    return both(text, lambda v: f"{v:.1f}{formatting.SPACE}%", end)
 
 
 def difference_in_words(comparison: Comparison) -> str:
