@@ -20,8 +20,6 @@ import numpy as np
 
 import planfit
 from planfit.evaluation import position_errors
-from planfit.geometry import se3
-from planfit.pipeline.prepare import extract_observations, prepare
 from planfit.runtime import Runtime
 from planfit.segmentation import SegmentationOptions, find_gravity
 from planfit.synth import DriftOptions, drift_poses
@@ -48,13 +46,19 @@ def main() -> None:
             drifted = drift_poses(given, DriftOptions(), np.random.default_rng(seed), up)
             begin = time.perf_counter()
             spoiled = dataclasses.replace(scan, world_from_cams=drifted)
-            seen = extract_observations(spoiled, options, runtime)
-            prepared = prepare(spoiled, seen, options)
+            result = planfit.refine(spoiled, None, options, runtime)
             seconds = time.perf_counter() - begin
-        closed = se3.inverse(prepared.level_from_world) @ prepared.level_from_keys
         before = position_errors(drifted, given).aligned_rms_m
-        after = position_errors(closed, given[prepared.keyframes.frame_idx]).aligned_rms_m
-        rows.append({"seed": seed, "before_m": before, "after_m": after, "seconds": seconds})
+        after = position_errors(result.world_from_cams, given).aligned_rms_m
+        rows.append(
+            {
+                "seed": seed,
+                "before_m": before,
+                "after_m": after,
+                "is_better": result.is_better,
+                "seconds": seconds,
+            }
+        )
         print(
             f"{seed:4} {before:10.3f} {after:9.3f} {100 * (1 - after / before):8.0f} % {seconds:9.1f}",
             flush=True,

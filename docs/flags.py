@@ -30,6 +30,8 @@ class Flag:
     aliases: tuple[str, ...] = ()
     is_positional: bool = False
     is_computed: bool = False
+    is_paired: bool = True
+    """Whether a switch can be switched off by `--no-NAME`."""
 
     @property
     def name(self) -> str:
@@ -126,6 +128,7 @@ def group_of(
                 tuple(a for m in marks for a in getattr(m, "aliases", None) or ()),
                 any(m in tyro.conf.Positional[int].__metadata__ for m in marks),
                 default is None and field.default_factory is not dataclasses.MISSING,
+                not any(m in tyro.conf.FlagCreatePairsOff[bool].__metadata__ for m in marks),
             )
         )
     return Group(prefix, cls, words, tuple(flags), tuple(groups), tuple(elsewhere))

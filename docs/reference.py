@@ -88,7 +88,7 @@ def shown(value: Any) -> str:
 def item(flag: Flag, presets: dict[str, Any] | None = None) -> str:
     """One line of a list: the flag, what it means, its default, and what presets have in its place."""
     names = [flag.name, *flag.aliases]
-    if flag.type is bool:
+    if flag.type is bool and flag.is_paired:
         own = flag.path[-1].replace("_", "-")
         names.append(f"--{flag.prefix}no-{own}")
     value = "" if flag.is_positional else takes(flag.type)
@@ -210,7 +210,7 @@ def all_flags(name: str) -> set[str]:
     for flag in group_of(command_types()[name]).all_flags():
         if not flag.is_positional:
             found |= {flag.name, *flag.aliases}
-            if flag.type is bool:
+            if flag.type is bool and flag.is_paired:
                 found.add(f"--{flag.prefix}no-{flag.path[-1].replace('_', '-')}")
     return found
 

@@ -136,7 +136,7 @@ def test_option_that_a_preset_changes_says_so() -> None:
 def _words(flag: Flag) -> list[str]:
     """A flag with its default; nothing where the default cannot be said."""
     value: Any = flag.default
-    if value is None:
+    if value is None or not flag.is_paired:
         return []
     if flag.type is bool:
         own = flag.path[-1].replace("_", "-")

@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Any
 from planfit import errors as errors
 
 if TYPE_CHECKING:
+    from planfit.evaluation import CompareOptions as CompareOptions
+    from planfit.evaluation import Comparison as Comparison
     from planfit.evaluation import EvaluateOptions as EvaluateOptions
     from planfit.evaluation import Truth as Truth
+    from planfit.evaluation import compare as compare
     from planfit.evaluation import evaluate as evaluate
     from planfit.floorplan import Floorplan as Floorplan
     from planfit.floorplan import PlanOptions as PlanOptions
@@ -34,6 +37,8 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "AlignResult": "planfit.pipeline.align",
+    "CompareOptions": "planfit.evaluation",
+    "Comparison": "planfit.evaluation",
     "EvaluateOptions": "planfit.evaluation",
     "Floorplan": "planfit.floorplan",
     "Matches": "planfit.matching",
@@ -48,6 +53,7 @@ _HOMES = {
     "Term": "planfit.lsq",
     "Truth": "planfit.evaluation",
     "align": "planfit.pipeline.align",
+    "compare": "planfit.evaluation",
     "evaluate": "planfit.evaluation",
     "extract_observations": "planfit.pipeline.prepare",
     "prepare": "planfit.pipeline.prepare",

@@ -49,9 +49,12 @@ def describe_observability(
             else "not held by anything and stay where they were"
         )
         names = _frame_names(np.flatnonzero(~is_held), measurements.frame_idx)
-        sentences.append(
-            f"{names} {by}: they match no other frame and see neither floor nor a wall of the plan"
+        what = (
+            "no floor"
+            if problem.correspondences is None
+            else "neither floor nor a wall of the plan"
         )
+        sentences.append(f"{names} {by}: they match no other frame and see {what}")
     if problem.gauge is None:
         submaps = [np.arange(n)] if has_odometry or n == 1 else _submaps(links, n)
         for frames in submaps:

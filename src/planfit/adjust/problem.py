@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.association import Association, PlanCorrespondences
+from planfit.adjust.extra_terms import check_extra_terms
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.paper.descent import PaperWeights, descend
@@ -302,7 +303,7 @@ def _with_plan(
     measurements, options, n = problem.measurements, problem.options, problem.n_cams
     problem = replace(
         problem,
-        ceiling=_ceiling_term(measurements, correspondences, options),
+        ceiling=ceiling_term(measurements, correspondences.ceiling_heights_m, options),
         columns=_columns_term(measurements, correspondences, options),
         walls=_walls_term(measurements, correspondences, options),
     )
@@ -352,11 +353,11 @@ def _with_moved_walls(
     )
 
 
-def _ceiling_term(
-    measurements: Measurements, correspondences: PlanCorrespondences, options: AdjustOptions
+def ceiling_term(
+    measurements: Measurements, heights_m: Float[np.ndarray, " n"], options: AdjustOptions
 ) -> LevelTerm | None:
+    """Ceilings at heights (m) that were found for each frame; None where no frame sees a common one."""
     ceiling, points = options.ceiling, measurements.structure.ceiling
-    heights_m = correspondences.ceiling_heights_m
     has_height = np.isfinite(heights_m)
     if ceiling.weight <= 0 or not has_height.any():
         return None
@@ -425,15 +426,10 @@ def _hold_whole(terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 
 
 
 def _require_extra_terms_to_work(problem: AdjustmentProblem) -> None:
-    if problem.extra and problem.options.method == "sgd":
-        raise OptionError(
-            "adjust.method: gradient descent minimises the paper's cost only; use lm with extra terms"
-        )
-    if problem.extra and problem.measurements.frame_idx is not None:
-        raise OptionError(
-            "extra_terms: expected all frames as unknowns, as such terms may name any frame, found "
-            f"{problem.n_cams} keyframes; raise adjust.keyframes.min_frames above the scan's frames"
-        )
+    frame_idx = problem.measurements.frame_idx
+    check_extra_terms(
+        problem.extra, problem.options, problem.n_cams if frame_idx is not None else None
+    )
     # Checks what every problem of the engine must be: terms with names, and indices that are there. Face
     # offsets stand behind the frames and are not for the user's terms.
     Problem(problem.extra, problem.unknowns[: problem.n_cams])

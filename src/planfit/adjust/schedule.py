@@ -19,7 +19,7 @@ from planfit.adjust.measurements import Measurements
 from planfit.adjust.moved_walls import MovedWall
 from planfit.adjust.observability import describe_observability
 from planfit.adjust.options import AdjustOptions
-from planfit.adjust.problem import build_problem
+from planfit.adjust.problem import build_problem, ceiling_term
 from planfit.adjust.torn_steps import (
     DroppedVisit,
     TornStep,
@@ -46,6 +46,9 @@ def close_loops(
     """
     problem = build_problem(measurements, options, level_from_cams)
     return Problem(problem.terms, problem.unknowns).solve_gnc(options.gnc_schedule, options.solver)
+
+
+_NO_WALLS = Association(np.zeros(0, dtype=int), np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -98,8 +101,8 @@ class PlanAdjustment:
     """Poses on the plan, and what the walls were associated with in the end."""
 
     solution: Solution
-    correspondences: PlanCorrespondences
-    """What the poses were held to in the plan, at the end."""
+    correspondences: PlanCorrespondences | None
+    """What the poses were held to in the plan, at the end; None without a plan."""
     offsets_m: Float[np.ndarray, " f"]
     """How far each face of the plan was found to stand off where it is drawn, along its normal;
     zero where no wall was seen, or where offsets were not asked for."""
@@ -122,13 +125,13 @@ class PlanAdjustment:
 
     @property
     def association(self) -> Association:
-        """The face of each wall patch."""
-        return self.correspondences.walls
+        """The face of each wall patch; of no patch where there is no plan."""
+        return _NO_WALLS if self.correspondences is None else self.correspondences.walls
 
 
 def adjust_to_plan(
     measurements: Measurements,
-    floorplan: Floorplan,
+    floorplan: Floorplan | None,
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     options: AdjustOptions,
     extra_terms: Sequence[Term] = (),
@@ -137,14 +140,16 @@ def adjust_to_plan(
 
     Args:
         measurements: what the scan says.
-        floorplan: the plan.
-        plan_from_cams: poses aligned with the plan, loops closed.
+        floorplan: the plan. None adjusts what needs none: matches, floor and ceilings, the first frame held.
+        plan_from_cams: poses aligned with the plan (without one, levelled), loops closed.
         options: see there.
         extra_terms: the user's own, over the poses of the solved frames; see `build_problem`.
 
     Raises:
         OptionError: PyTorch is needed and absent, or extra terms cannot be used.
     """
+    if floorplan is None:
+        return _adjust_alone(measurements, plan_from_cams, options, extra_terms)
     n = len(plan_from_cams)
     ceilings_m = find_ceilings(measurements.structure, plan_from_cams, options.ceiling_heights)
     task = PlanTask(measurements, floorplan, options, ceilings_m, tuple(extra_terms))
@@ -187,3 +192,33 @@ def _moved_walls(
         if np.isfinite(sigmas_m[face])
     ]
     return tuple(sorted(moved, key=lambda wall: -abs(wall.offset_m)))
+
+
+def _adjust_alone(
+    measurements: Measurements,
+    level_from_cams: Float[np.ndarray, "n 4 4"],
+    options: AdjustOptions,
+    extra_terms: Sequence[Term],
+) -> PlanAdjustment:
+    """Matches, floor, ceilings and odometry in one solve; the first frame is held, as by `close_loops`."""
+    heights = options.ceiling_heights
+    ceilings_m = find_ceilings(measurements.structure, level_from_cams, heights)
+    problem = replace(
+        build_problem(measurements, options, level_from_cams, extra_terms=extra_terms),
+        ceiling=ceiling_term(measurements, ceilings_m, options),
+    )
+    solution = problem.solve()
+    poses = solution.target_from_cams
+    return PlanAdjustment(
+        solution,
+        None,
+        offsets_m=np.zeros(0),
+        offset_sigmas_m=np.zeros(0),
+        rounds=0,
+        converged=True,
+        iterations=solution.iterations,
+        weakly_constrained=describe_observability(problem, poses),
+        covariances=covariances(problem.terms, poses, np.arange(len(poses)))
+        if options.covariances
+        else None,
+    )

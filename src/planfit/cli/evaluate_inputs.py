@@ -42,6 +42,85 @@ class Compared:
     notes: tuple[str, ...] = field(default=())
 
 
+@dataclass(frozen=True)
+class RunRecord:
+    """What `run.json` says of a run, as far as its poses can be judged again."""
+
+    folder: Path
+    scan_path: Path
+    scan_fingerprint: str
+    plan_path: Path | None
+    """None where it was made without a plan."""
+    n_frames: int
+    n_faces: int | None
+    scale_xy: tuple[float, float]
+    """Metres of one unit of the plan."""
+    world_from_plan: Float[np.ndarray, "4 4"]
+    plan_from_world_before: Float[np.ndarray, "4 4"]
+    options: RefineOptions
+    scan_options: ScanOptions
+
+    def poses(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 4 4"]]:
+        """Times, and refined plan_from_cams."""
+        return read_tum(self.folder / "trajectory.tum")
+
+    def scan(self, moved_to: Path | None = None) -> Scan:
+        """The scan, read as the run read it.
+
+        Raises:
+            ScanError: it is not there, or has other frames.
+        """
+        path = moved_to or self.scan_path
+        scan = _read_scan(path, self.options.segmentation, self.scan_options)
+        n_poses = len(self.poses()[0])
+        if len(scan) != self.n_frames or n_poses != self.n_frames:
+            raise ScanError(
+                f"{path}: expected the {self.n_frames} frames of the run, found {len(scan)}, and "
+                f"{n_poses} refined poses; give the run's scan with --scan"
+            )
+        return scan
+
+    def floorplan(self, options: PlanOptions, moved_to: Path | None = None) -> Floorplan | None:
+        """The plan, in metres at the run's scale; None where the run had none.
+
+        Raises:
+            FloorplanError: it cannot be read, or is another.
+        """
+        path = moved_to or self.plan_path
+        return None if path is None else _read_plan(path, options, self.n_faces, self.scale_xy)
+
+
+def read_record(folder: Path) -> RunRecord:
+    """The record of a run of `planfit refine`.
+
+    Raises:
+        ScanError: the folder is not that of a run, or of one of another version.
+    """
+    record, where = _read_record(folder), f"{folder / 'run.json'}: "
+    try:
+        inputs, alignment = record["inputs"], record["alignment"]
+        return RunRecord(
+            folder=folder,
+            scan_path=Path(inputs["scan"]),
+            scan_fingerprint=str(inputs["scan_fingerprint"]),
+            plan_path=Path(inputs["plan"]) if "plan" in inputs else None,
+            n_frames=int(record["frames"]),
+            n_faces=record["plan_faces"],
+            scale_xy=tuple(alignment["metres_per_unit_xy"]) if alignment else (1.0, 1.0),
+            world_from_plan=np.array(record["world_from_plan"], dtype=float).reshape(4, 4),
+            plan_from_world_before=np.array(record["plan_from_world_before"], dtype=float).reshape(
+                4, 4
+            ),
+            options=options_of(record["options"], RefineOptions(), where),
+            scan_options=scan_options_of(record, where),
+        )
+    except (ValueError, KeyError, TypeError, OptionError) as error:
+        raise ScanError(
+            f"{where}expected the record of a run of this version, found a damaged or an older one; "
+            "run 'planfit refine' again"
+        ) from error
+
+
 def read_run(
     folder: Path,
     scan_path: Path | None,
@@ -62,46 +141,36 @@ def read_run(
         ScanError: the folder is not that of a run, or the scan is another.
         FloorplanError: the plan is another.
     """
-    record = _read_record(folder)
-    where = f"{folder / 'run.json'}: "
-    try:
-        world_from_plan = np.array(record["world_from_plan"], dtype=float).reshape(4, 4)
-        before = np.array(record["plan_from_world_before"], dtype=float).reshape(4, 4)
-        inputs, n_faces, n_frames = record["inputs"], record["plan_faces"], record["frames"]
-        scan_path, plan_path = scan_path or Path(inputs["scan"]), plan_path or Path(inputs["plan"])
-        segmentation_options = options_of(
-            record["options"]["segmentation"], SegmentationOptions(), where
-        )
-        alignment = record["alignment"]
-        scale_xy = tuple(alignment["metres_per_unit_xy"]) if alignment else (1.0, 1.0)
-    except (ValueError, KeyError, TypeError, OptionError) as error:
-        raise ScanError(
-            f"{where}expected the record of a run of this version, found a damaged or an older one; "
-            "run 'planfit refine' again"
-        ) from error
-    scan = _read_scan(scan_path, segmentation_options, scan_options_of(record, where))
-    times, after = read_tum(folder / "trajectory.tum")
-    if len(scan) != n_frames or len(after) != n_frames:
-        raise ScanError(
-            f"{scan_path}: expected the {n_frames} frames of the run, found {len(scan)}, and "
-            f"{len(times)} refined poses; give the run's scan with --scan"
-        )
-    floorplan = read_floorplan(plan_path, plan)
-    if len(floorplan) != n_faces:
-        raise FloorplanError(
-            f"{plan_path}: expected the {n_faces} wall faces that the run read, found "
-            f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
-        )
-    if not floorplan.is_metric or scale_xy != (1.0, 1.0):
-        floorplan = metric_plan(floorplan, scale_xy)
-    _, structure = _structure(scan, segmentation_options, runtime)
+    record = read_record(folder)
+    scan = record.scan(scan_path)
+    floorplan = record.floorplan(plan, plan_path)
+    _, after = record.poses()
+    _, structure = _structure(scan, record.options.segmentation, runtime)
     return Compared(
         scan,
         floorplan,
         structure,
-        (scan.world_from_cams, world_from_plan @ after),
-        (before @ scan.world_from_cams, after),
+        (scan.world_from_cams, record.world_from_plan @ after),
+        (record.plan_from_world_before @ scan.world_from_cams, after),
     )
+
+
+def _read_plan(
+    path: Path, options: PlanOptions, n_faces: int | None, scale_xy: tuple[float, float]
+) -> Floorplan:
+    """The plan of a run, in metres."""
+    if n_faces is None:
+        raise FloorplanError(
+            f"{path}: expected no plan, as the run was made without one, found one; leave out --plan, or "
+            "run 'planfit refine' with it"
+        )
+    floorplan = read_floorplan(path, options)
+    if len(floorplan) != n_faces:
+        raise FloorplanError(
+            f"{path}: expected the {n_faces} wall faces that the run read, found "
+            f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
+        )
+    return floorplan if floorplan.is_metric else metric_plan(floorplan, scale_xy)
 
 
 def read_poses(
@@ -125,7 +194,7 @@ def read_poses(
     """
     options = RefineOptions()
     scan = _read_scan(scan_path, options.segmentation, scan_options)
-    given = _poses_of(scan, poses_path, scan_options.max_time_gap_s)
+    given = poses_of(scan, poses_path, scan_options.max_time_gap_s)
     plan_path = plan_path or scan.floorplan_path
     floorplan = read_floorplan(plan_path, plan) if plan_path else None
     recorded = scan.world_from_cams
@@ -191,7 +260,7 @@ def _read_record(folder: Path) -> dict[str, Any]:
     return record if isinstance(record, dict) else {}
 
 
-def _poses_of(scan: Scan, path: Path, max_gap_s: float) -> Float[np.ndarray, "n 4 4"]:
+def poses_of(scan: Scan, path: Path, max_gap_s: float) -> Float[np.ndarray, "n 4 4"]:
     """Poses of all frames of a scan from a file."""
     posed = take_poses(scan, path, max_gap_s)
     if len(posed) < len(scan):

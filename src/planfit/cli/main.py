@@ -56,10 +56,10 @@ class Command:
 COMMANDS = (
     Command(
         "refine",
-        "SCAN -o OUT [--plan FILE]",
+        "SCAN -o OUT [--plan FILE | --no-plan]",
         "refine the camera poses of a scan; OUT/report.html tells how it went",
         (
-            "plan", "unit", "scale", "storey", "poses", "adjust.walls.sigma-m", "preset", "config",
+            "plan", "no-plan", "unit", "scale", "storey", "poses", "preset", "config",
             "overwrite", "workers",
         ),
         keeps_stages=True,
@@ -94,6 +94,15 @@ COMMANDS = (
         (
             "poses", "poses-frame", "plan", "truth", "truth-frame", "true-cloud", "delta-m",
             "depth-maps", "json", "workers",
+        ),
+    ),
+    Command(
+        "compare",
+        "A [B] [--poses FILE] [-o OUT]",
+        "two runs, or a run and other poses: where they differ, which is better",
+        (
+            "out", "poses", "poses-frame", "align", "scan", "plan", "depth-maps", "json", "overwrite",
+            "workers",
         ),
     ),
     Command(

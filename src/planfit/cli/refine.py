@@ -13,21 +13,25 @@ from planfit import __version__
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.config import scan_options_record, to_toml
 from planfit.cli.console import StageBars, err, out, table, tell_scan
-from planfit.errors import FloorplanError
+from planfit.errors import FloorplanError, require
 from planfit.export import RunFolder, make_record, sample_cloud, write_results
+from planfit.export.cloud import Cloud, place_cloud
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report import TruthErrors, draw_overlay, make_report
+from planfit.report.measures import CloudXY
+from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan
 
 
 @dataclass(frozen=True)
 class RefineArguments:
-    """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan."""
+    """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan; or, with
+    --no-plan, with itself."""
 
     scan: tyro.conf.Positional[Path]
     """Folder of the scan, zip archive of one, or bag."""
@@ -35,6 +39,8 @@ class RefineArguments:
     """Folder for the results."""
     plan: Path | None = None
     """Floorplan; by default the one inside the scan's folder."""
+    no_plan: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Refine without a plan, even if the scan's folder holds one: by closed loops, floors, ceilings alone."""
     preset: str = "default"
     """Options to begin with: `default`, what works best, or `paper`, the published method to the letter."""
     scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
@@ -57,13 +63,7 @@ def refine_command(arguments: RefineArguments) -> int:
     scan = read_scan(
         arguments.scan, arguments.options.segmentation.reads_masks, arguments.scan_options
     )
-    plan_path = arguments.plan or scan.floorplan_path
-    if plan_path is None:
-        raise FloorplanError(
-            f"{arguments.scan}: expected a floorplan inside the scan's folder, found none; "
-            "give one with --plan FILE"
-        )
-    floorplan = read_floorplan(plan_path, arguments.plan_flags.options)
+    floorplan = _read_plan(arguments, scan)
     result = refine_into(
         arguments.out,
         scan,
@@ -77,10 +77,27 @@ def refine_command(arguments: RefineArguments) -> int:
     return exit_code(result.verdict)
 
 
+def _read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | None:
+    """The plan to refine against; None where the user wants none."""
+    if arguments.no_plan:
+        require(
+            arguments.plan is None and arguments.plan_flags == PlanFlags(),
+            "--no-plan: expected no flags of a plan beside it, found some; leave out one or the other",
+        )
+        return None
+    plan_path = arguments.plan or scan.floorplan_path
+    if plan_path is None:
+        raise FloorplanError(
+            f"{arguments.scan}: expected a floorplan inside the scan's folder, found none; "
+            "give one with --plan FILE, or refine by closed loops and floor alone with --no-plan"
+        )
+    return read_floorplan(plan_path, arguments.plan_flags.options)
+
+
 def refine_into(
     folder: Path,
     scan: Scan,
-    floorplan: Floorplan,
+    floorplan: Floorplan | None,
     options: RefineOptions,
     workers: int,
     overwrite: bool,
@@ -92,12 +109,10 @@ def refine_into(
     `truth_of` gives the errors of a result against true poses, where they are known, for the report.
     `scan_options` are those that the scan was read with, for the record.
     """
-    inputs = {
-        "scan": str(Path(scan.name).resolve()),
-        "scan_fingerprint": scan.fingerprint,
-        "plan": str(Path(floorplan.name).resolve()),
-        "plan_fingerprint": floorplan.fingerprint,
-    }
+    inputs = {"scan": str(Path(scan.name).resolve()), "scan_fingerprint": scan.fingerprint}
+    if floorplan is not None:
+        inputs["plan"] = str(Path(floorplan.name).resolve())
+        inputs["plan_fingerprint"] = floorplan.fingerprint
     run = RunFolder.claim(folder, inputs, overwrite)
     with StageBars() as bars:
         runtime = Runtime(workers, run.cache_dir, bars.update)
@@ -108,34 +123,50 @@ def refine_into(
             record = make_record(__version__, inputs, scan, result.floorplan, options, result)
             record["scan_options"] = scan_options_record(scan_options or ScanOptions())
             write_results(staging, scan, result, record, cloud)
-            (staging / "overlay.png").write_bytes(draw_overlay(result.floorplan, result))
+            seen = _seen_from_above(cloud, result)
+            overlay = draw_overlay(result.floorplan, result, seen)
+            (staging / "overlay.png").write_bytes(overlay)
             errors = truth_of(result) if truth_of else None
-            report = make_report(scan.name, result.floorplan, result, to_toml(options), errors)
+            text = to_toml(options)
+            report = make_report(scan.name, result.floorplan, result, text, errors, seen)
             (staging / "report.html").write_text(report, encoding="utf-8")
         bars.update("write results", 1, 0)
     return result
 
 
+def _seen_from_above(cloud: Cloud, result: RefineResult) -> CloudXY:
+    """Points of the cloud at camera height, before and after, for plots without a plan."""
+    before, after = (
+        place_cloud(cloud, poses)
+        for poses in (result.initial_plan_from_cams, result.plan_from_cams)
+    )
+    is_shown = at_camera_height(result.plan_from_cams[:, :3, 3], after)
+    return before[is_shown, :2], after[is_shown, :2]
+
+
 def summarise(
-    folder: Path, scan: Scan, floorplan: Floorplan, result: RefineResult, seconds: float
+    folder: Path, scan: Scan, floorplan: Floorplan | None, result: RefineResult, seconds: float
 ) -> None:
     """One screen: what changed, the warnings, where the rest is."""
     rows = []
     for check in result.checks:
         rows.append([check.name, *(_amount(v, check.unit) for v in (check.before, check.after))])
     out.print()
-    out.print(f"scan {scan.name}\nplan {floorplan.name}\n", soft_wrap=True)
+    plan_name = "none: loops, floor and ceilings alone" if floorplan is None else floorplan.name
+    out.print(f"scan {scan.name}\nplan {plan_name}\n", soft_wrap=True)
     out.print(table("", ["", "before", "after"], rows))
     matches, adjustment = result.matches, result.adjustment
+    found = "" if floorplan is None else (
+        f"{adjustment.association.n_associated} of {len(result.structure.walls)} wall patches on the plan, "
+    )  # fmt: skip
     out.print(
         f"\n{len(scan)} frames, {matches.n_matches} matches in {len(matches.pairs)} pairs, "
-        f"{adjustment.association.n_associated} of {len(result.structure.walls)} wall patches on the "
-        f"plan, labels from {result.structure.back_end}"
+        f"{found}labels from {result.structure.back_end}"
     )
     stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)
     out.print(f"{seconds:.1f} s: {stages}")
     alignment = result.alignment
-    if alignment is not None and not floorplan.is_metric:
+    if alignment is not None and floorplan is not None and not floorplan.is_metric:
         out.print(
             f"the plan's unit was found to be {alignment.metres_per_unit:.5g} m, within "
             f"{alignment.scale_sigma:.2%} (one standard deviation)"

@@ -3,10 +3,20 @@
 Each metric is defined in docs/metrics.md.
 """
 
+from planfit.evaluation.comparison import CompareOptions as CompareOptions
+from planfit.evaluation.comparison import Comparison as Comparison
+from planfit.evaluation.comparison import LocalEvidence as LocalEvidence
+from planfit.evaluation.comparison import Witness as Witness
+from planfit.evaluation.comparison import compare as compare
+from planfit.evaluation.differences import PoseDifferences as PoseDifferences
+from planfit.evaluation.differences import Stretch as Stretch
+from planfit.evaluation.differences import largest_stretches as largest_stretches
+from planfit.evaluation.differences import pose_differences as pose_differences
 from planfit.evaluation.evaluate import ComparedPoses as ComparedPoses
 from planfit.evaluation.evaluate import EvaluateOptions as EvaluateOptions
 from planfit.evaluation.evaluate import Evaluation as Evaluation
 from planfit.evaluation.evaluate import evaluate as evaluate
+from planfit.evaluation.free_space import FreeSpaceOptions as FreeSpaceOptions
 from planfit.evaluation.layers import LayerOptions as LayerOptions
 from planfit.evaluation.layers import Layers as Layers
 from planfit.evaluation.layers import wall_layers as wall_layers

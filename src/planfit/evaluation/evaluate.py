@@ -54,7 +54,7 @@ class RefinedPoses(Protocol):
     @property
     def structure(self) -> Structure: ...  # noqa: D102
     @property
-    def floorplan(self) -> Floorplan: ...  # noqa: D102
+    def floorplan(self) -> Floorplan | None: ...  # noqa: D102
     @property
     def initial_plan_from_cams(self) -> Float[np.ndarray, "n 4 4"]: ...  # noqa: D102
     @property

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import facing_distances
@@ -106,6 +106,11 @@ def wall_points(
         for part in _chunks(len(points_cam))
     ]
     return np.concatenate([np.zeros((0, 3)), *parts])
+
+
+def wall_frame_idx(structure: Structure) -> Int[np.ndarray, " m"]:
+    """Frame of each wall point, in the order of `wall_points` and `wall_distances`."""
+    return _wall_points_cam(structure)[0]
 
 
 def wall_distances(

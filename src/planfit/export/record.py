@@ -21,7 +21,7 @@ def make_record(
     version: str,
     inputs: dict[str, str],
     scan: Scan,
-    floorplan: Floorplan,
+    floorplan: Floorplan | None,
     options: RefineOptions,
     result: RefineResult,
 ) -> dict[str, Any]:
@@ -33,7 +33,7 @@ def make_record(
         "inputs": inputs,
         "options": plain(options),
         **_scan_record(scan),
-        "plan_faces": len(floorplan),
+        "plan_faces": None if floorplan is None else len(floorplan),
         "labels_from": result.structure.back_end,
         "up_world": result.gravity.up_world.tolist(),
         "up_from": result.gravity.source,
@@ -55,7 +55,7 @@ def make_record(
     }
 
 
-def metrics_record(floorplan: Floorplan, result: RefineResult) -> dict[str, dict[str, Any]]:
+def metrics_record(floorplan: Floorplan | None, result: RefineResult) -> dict[str, dict[str, Any]]:
     """Metrics of walls and floor, by name, as `planfit evaluate` gives them."""
     metrics = surface_metrics(
         result.structure, floorplan, result.initial_plan_from_cams, result.plan_from_cams

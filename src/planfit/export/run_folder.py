@@ -16,7 +16,7 @@ _STAGING = ".writing"
 
 @dataclass(frozen=True)
 class RunFolder:
-    """A folder that belongs to one scan and one plan."""
+    """A folder that belongs to one scan and one plan, or to a scan without one."""
 
     path: Path
 
@@ -101,6 +101,6 @@ class RunFolder:
         if not same and not overwrite:
             raise OutputError(
                 f"{self.path}: expected an empty folder, found the results of another run "
-                f"({owner.get('scan', 'unknown scan')} with {owner.get('plan', 'unknown plan')})"
+                f"({owner.get('scan', 'unknown scan')} with {owner.get('plan') or 'no plan'})"
                 "; choose another folder with -o, or pass --overwrite"
             )

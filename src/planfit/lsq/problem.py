@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.errors import OptionError, require
+from planfit.lsq.checks import check_poses
 from planfit.lsq.covariance import covariances
 from planfit.lsq.solver import DEFAULTS, Solution, SolverOptions, solve
 from planfit.lsq.term import NamesPoses, Term, robust_cost, widened
@@ -21,8 +22,8 @@ class Problem:
     """Minimise the sum of the terms over all poses.
 
     Raises:
-        OptionError: poses are not finite, something is no term, two terms share a name, or a term names a
-            pose that is not there.
+        OptionError: there are no poses (n, 4, 4) or they are not finite, something is no term, two terms
+            share a name, or a term names a pose that is not there.
     """
 
     terms: Sequence[Term]
@@ -31,10 +32,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Check poses and terms."""
-        require(
-            bool(np.isfinite(self.initial_target_from_cams).all()),
-            "problem: expected finite initial poses, found NaN or infinity",
-        )
+        check_poses("problem: expected finite initial poses", self.initial_target_from_cams)
         for term in self.terms:
             self._check(term)
         names = Counter(term.name for term in self.terms)
@@ -51,7 +49,8 @@ class Problem:
         """Levenberg-Marquardt with reweighting, from the initial poses.
 
         Raises:
-            OptionError: a term's cost is not finite there, or the linear solver is not installed.
+            OptionError: there are no terms, a term's cost is not finite there, or the linear solver is not
+                installed.
         """
         return solve(self.terms, self.initial_target_from_cams, options)
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import ThreadpoolController
 
-from planfit.errors import OptionError, require_choice, require_positive
+from planfit.errors import OptionError, require, require_choice, require_positive
 from planfit.geometry import se3
 from planfit.lsq.linear.block_pattern import BlockPattern
 from planfit.lsq.linear.normal_equations import LinearSolver, NormalEquations
@@ -88,8 +88,11 @@ def solve(
     lowers it. Damping follows Nielsen (1999), so a rejected step costs one solve.
 
     Raises:
-        OptionError: a term's cost is not finite at the initial poses.
+        OptionError: there are no terms, or a term's cost is not finite at the initial poses.
     """
+    require(
+        len(terms) > 0, "problem: expected at least one term to minimise, found none; add terms"
+    )
     poses = initial_target_from_cams
     reweighted = [term.reweight(poses) for term in terms]
     before = [cost for _, cost in reweighted]

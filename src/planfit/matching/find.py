@@ -81,9 +81,7 @@ def search_matches(
     return _gather(found.where(is_accepted), seen, n_tried, options), known
 
 
-def _compared(
-    found: VerifiedPairs, seen: ScanKeypoints, options: MatchingOptions
-) -> VerifiedPairs:
+def _compared(found: VerifiedPairs, seen: ScanKeypoints, options: MatchingOptions) -> VerifiedPairs:
     """The same with how much of both views each motion explains."""
     relative_poses = found.relative_poses
     sigma_m = np.array(

@@ -127,9 +127,7 @@ def _from_colmap(
         both = np.column_stack([number[i][idx[:, 0]], number[j][idx[:, 1]]])
         return both[(both >= 0).all(axis=1)]
 
-    return ScanKeypoints(
-        keypoints, gather_grids(items, scan.cameras), of_pair, imported.pairs, key
-    )
+    return ScanKeypoints(keypoints, gather_grids(items, scan.cameras), of_pair, imported.pairs, key)
 
 
 def _describe(scan: Scan, keypoints: list[Keypoints], rng: np.random.Generator) -> FrameDescriptors:

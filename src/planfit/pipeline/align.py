@@ -34,12 +34,13 @@ from planfit.segmentation import Structure
 
 @dataclass(frozen=True)
 class ScanOnPlan:
-    """Where a prepared scan stands on its plan."""
+    """Where a prepared scan stands on its plan; or without one, in the level frame."""
 
-    floorplan: Floorplan
-    """In metres, at the scale that was found where it had no unit, or was off."""
+    floorplan: Floorplan | None
+    """In metres, at the scale that was found where it had no unit, or was off; None where the scan stands
+    alone."""
     plan_from_level: Float[np.ndarray, "4 4"]
-    """The identity where the scan shows no wall and its format claims nothing."""
+    """The identity where there is no plan, or the scan shows no wall and its format claims nothing."""
     alignment: Alignment | None
     """None where no wall was seen."""
     claimed_plan_from_level: Float[np.ndarray, "4 4"] | None
@@ -56,6 +57,10 @@ class ScanOnPlan:
         if self.claimed_plan_from_level is not None and is_as_recorded:
             return self.claimed_plan_from_level
         return self.plan_from_level
+
+
+STANDS_ALONE = ScanOnPlan(None, np.eye(4), None, None)
+"""Where there is no plan: what is called the plan frame elsewhere is then the level frame."""
 
 
 @dataclass(frozen=True)

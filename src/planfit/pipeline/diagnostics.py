@@ -16,9 +16,14 @@ MAX_TORN_STEPS = 3
 
 
 def scan_warnings(
-    scan: Scan, gravity: Gravity, structure: Structure, matches: Matches, neighbours: int
+    scan: Scan,
+    gravity: Gravity,
+    structure: Structure,
+    matches: Matches,
+    neighbours: int,
+    has_plan: bool = True,
 ) -> tuple[str, ...]:
-    """Warnings about what the scan shows."""
+    """Warnings about what the scan shows; walls are missed only where there is a plan to hold them to."""
     warnings = []
     if len(scan) < 20:
         warnings.append(
@@ -34,20 +39,21 @@ def scan_warnings(
             "no floor was seen: height and tilt follow the recorded poses; "
             "tilt the camera down while scanning, or give floor masks"
         )
-    if not structure.has_walls:
+    if has_plan and not structure.has_walls:
         warnings.append(
             "no wall was seen: the scan cannot be aligned with the plan by its walls, and only the "
             "matches and the floor were used; give wall masks, or scan more of the walls"
         )
+    others = "walls and floor" if has_plan else "the floor"
     if matches.n_matches == 0:
         warnings.append(
-            "no two frames could be matched: poses were refined by floor and walls alone; "
+            f"no two frames could be matched: poses were refined by {others} alone; "
             "check that colour images are sharp and belong to the depth"
         )
     elif matches.n_loops(neighbours) == 0:
         warnings.append(
             "no place was seen to be visited again (no loop closure): drift along the path is corrected by "
-            "walls and floor only"
+            f"{others} only"
         )
     return tuple(warnings)
 
@@ -79,10 +85,15 @@ def alignment_warnings(
             f"{n_patches} wall patches found a face): parts of the plan may be missing, moved or "
             "out of date, or it is the plan of another place; look at the overlay"
         )
-    if plan_adjustment.moved_walls:
+    if plan_adjustment.moved_walls and plan_adjustment.correspondences is not None:
         floorplan = plan_adjustment.correspondences.floorplan
         warnings.append(describe_moved(plan_adjustment.moved_walls, floorplan))
-    warnings += plan_adjustment.weakly_constrained
+    return (*warnings, *adjustment_warnings(plan_adjustment))
+
+
+def adjustment_warnings(plan_adjustment: PlanAdjustment) -> tuple[str, ...]:
+    """Warnings about how the solve went."""
+    warnings = list(plan_adjustment.weakly_constrained)
     warnings += _torn_step_warnings(plan_adjustment.torn_steps)
     if not plan_adjustment.converged:
         warnings.append(

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable
 
-from planfit.adjust import adjust_to_plan
+from planfit.adjust import adjust_to_plan, check_extra_terms, choose_keyframes
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
-from planfit.pipeline.align import align_to_plan
+from planfit.pipeline.align import STANDS_ALONE, align_to_plan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import Observations, extract_observations, prepare
 from planfit.pipeline.result import RefineResult, make_result
@@ -16,7 +16,7 @@ from planfit.scan import Scan
 
 def refine(
     scan: Scan,
-    floorplan: Floorplan,
+    floorplan: Floorplan | None,
     options: RefineOptions | None = None,
     runtime: Runtime | None = None,
     observations: Observations | None = None,
@@ -26,7 +26,9 @@ def refine(
 
     Args:
         scan: posed RGB-D frames.
-        floorplan: wall faces, in metres or in a unit that is found here.
+        floorplan: wall faces, in metres or in a unit that is found here. None: the scan has to agree with
+            itself alone, by closed loops, floors and ceilings; what is called the plan frame is then the
+            level frame: the scan's own axes, turned upright, floor at 0.
         options: defaults to what works best.
         runtime: threads, cache and progress; by default nothing is kept and nothing is said.
         observations: what `extract_observations` saw in this scan, or a user's own.
@@ -38,14 +40,18 @@ def refine(
         OptionError: an option cannot work, or an extra term meets frames that are no unknowns.
     """
     chosen, own = options or RefineOptions(), tuple(extra_terms)
+    _require_frames_for(own, scan, chosen)
     timer = StageTimer(runtime or Runtime())
     # Gravity, floor and walls (paper, Sec. III-A and III-B), matches of keypoints.
     seen = observations or extract_observations(scan, chosen, runtime, timer=timer)
     # Keyframes; loops closed by what needs no plan.
     prepared = prepare(scan, seen, chosen, timer)
     # Rotation, translation and scale of the whole (paper, Sec. III-A).
-    on_plan = align_to_plan(scan, prepared, floorplan, chosen, timer)
-    # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E).
+    on_plan = STANDS_ALONE
+    if floorplan is not None:
+        on_plan = align_to_plan(scan, prepared, floorplan, chosen, timer)
+    # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E); without a
+    # plan all terms but walls.
     with timer.stage("adjust"):
         start = on_plan.plan_from_level @ prepared.level_from_keys
         measured, plan = prepared.measurements, on_plan.floorplan
@@ -54,3 +60,12 @@ def refine(
     with timer.stage("validate"):
         validation = validate(prepared, on_plan, adjustment, seen.structure, chosen, own)
     return make_result(scan, seen, prepared, on_plan, adjustment, validation, chosen, timer)
+
+
+def _require_frames_for(extra_terms: tuple[Term, ...], scan: Scan, options: RefineOptions) -> None:
+    """Refuse now, not after matching, what the adjustment would refuse of extra terms."""
+    if extra_terms:
+        keyframes = choose_keyframes(scan.world_from_cams, options.adjust.keyframes)
+        n_keyframes = len(keyframes.frame_idx)
+        n_reduced = None if n_keyframes == len(scan) else n_keyframes
+        check_extra_terms(extra_terms, options.adjust, n_reduced)

@@ -11,7 +11,7 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.align import ScanOnPlan
-from planfit.pipeline.diagnostics import alignment_warnings, scan_warnings
+from planfit.pipeline.diagnostics import adjustment_warnings, alignment_warnings, scan_warnings
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import Observations, PreparedScan
@@ -27,19 +27,19 @@ from planfit.tracking import Tracking
 class RefineResult:
     """Refined poses, and all that is needed to judge them."""
 
-    floorplan: Floorplan
-    """The plan in metres, at the scale that was found where it had no unit."""
+    floorplan: Floorplan | None
+    """The plan in metres, at the scale that was found where it had no unit; None where there was none."""
     plan_from_cams: Float[np.ndarray, "n 4 4"]
-    """Refined."""
+    """Refined; without a plan in the level frame: the scan's own axes, turned upright, floor at 0."""
     initial_plan_from_cams: Float[np.ndarray, "n 4 4"]
-    """Recorded poses, aligned with the plan as a whole."""
+    """Recorded poses, aligned with the plan as a whole; without a plan, levelled."""
     world_from_plan: Float[np.ndarray, "4 4"]
     """Back to the scan's own axes and height."""
     gravity: Gravity
     structure: Structure
     matches: Matches
     alignment: Alignment | None
-    """None where no wall was seen, so that the scan could not be aligned by its walls."""
+    """None where no wall was seen, so that the scan could not be aligned by its walls, or without a plan."""
     adjustment: PlanAdjustment
     solved_frame_idx: Int[np.ndarray, " k"]
     """Frames that were unknowns; the others followed."""
@@ -89,7 +89,7 @@ def make_result(
     """All of it together, with what a user should know of it in words."""
     structure, matches = observations.structure, observations.matches
     plan_from_world = on_plan.recorded_plan_from_level @ prepared.level_from_world
-    neighbours = options.matching.pairs.neighbours
+    neighbours, has_plan = options.matching.pairs.neighbours, on_plan.floorplan is not None
     return RefineResult(
         floorplan=on_plan.floorplan,
         plan_from_cams=validation.after,
@@ -105,15 +105,19 @@ def make_result(
         checks=validation.checks,
         warnings=(
             *(observations.tracking.warnings if observations.tracking else ()),
-            *scan_warnings(scan, observations.gravity, structure, matches, neighbours),
+            *scan_warnings(scan, observations.gravity, structure, matches, neighbours, has_plan),
             *prepared.warnings,
-            *alignment_warnings(
-                on_plan.alignment,
-                on_plan.claimed_plan_from_level is not None,
-                adjustment,
-                structure,
-                validation.checks,
-                validation.evidence.is_place_sure,
+            *(
+                alignment_warnings(
+                    on_plan.alignment,
+                    on_plan.claimed_plan_from_level is not None,
+                    adjustment,
+                    structure,
+                    validation.checks,
+                    validation.evidence.is_place_sure,
+                )
+                if has_plan
+                else adjustment_warnings(adjustment)
             ),
         ),
         seconds_by_stage=timer.seconds,

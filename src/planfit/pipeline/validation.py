@@ -102,13 +102,13 @@ def visit_check(evidence: Evidence) -> Check | None:
 
 def wall_check(
     structure: Structure,
-    floorplan: Floorplan,
+    floorplan: Floorplan | None,
     before_from_cams: Float[np.ndarray, "n 4 4"],
     after_from_cams: Float[np.ndarray, "n 4 4"],
     workers: int = 1,
 ) -> Check | None:
-    """Share of wall points near a face of the plan; None where no flat wall was seen."""
-    if not structure.has_walls:
+    """Share of wall points near a face of the plan; None without a plan, or where no flat wall was seen."""
+    if floorplan is None or not structure.has_walls:
         return None
     before = wall_distances(structure, floorplan, before_from_cams, workers)
     after = wall_distances(structure, floorplan, after_from_cams, workers)

@@ -1,5 +1,8 @@
 """What a run did, to look at: the overlay picture and the report, one self-contained HTML file."""
 
+from planfit.report.comparison_words import conclusion as conclusion
+from planfit.report.html.comparison_page import Compared as Compared
+from planfit.report.html.comparison_page import make_comparison as make_comparison
 from planfit.report.html.page import make_report as make_report
 from planfit.report.key_metrics import TruthErrors as TruthErrors
 from planfit.report.plots.alignment import draw_alignment as draw_alignment

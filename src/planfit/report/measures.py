@@ -33,9 +33,9 @@ class Measures:
     floor: FloorHeights | None
     """Of all floor points; None where no floor was seen."""
     wall_xy: Float[np.ndarray, "w 2"]
-    """Wall points from above, m; thinned for plots."""
-    wall_distances_m: Float[np.ndarray, " w"]
-    """Distance of these to the nearest face of the plan."""
+    """Wall points from above, m; without a plan, all points at camera height. Thinned for plots."""
+    wall_distances_m: Float[np.ndarray, " d"]
+    """Distance of these to the nearest face of the plan; none without a plan."""
     floor_points: Float[np.ndarray, "f 3"]
     """Floor points, m, heights above the floor of their storey; thinned for plots."""
 
@@ -48,6 +48,8 @@ class BeforeAfter:
     after: Measures
     is_aligned: bool
     """Whether the scan was aligned with the plan by its walls; else distances to it mean nothing."""
+    has_plan: bool
+    """Whether there was one; else frames and points are in the level frame."""
     correction: Float[np.ndarray, "n 6"]
     """[rad, m] of each frame, from before to after: rotation and translation of the camera."""
 
@@ -62,26 +64,51 @@ class BeforeAfter:
         return self.before.floor is not None
 
 
-def measure(floorplan: Floorplan, result: RefineResult) -> BeforeAfter:
-    """Place walls, floor and cameras of a result at its poses before and after."""
+CloudXY = tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]
+"""The same points of a scan, from above (m), at its poses before and after."""
+
+
+def measure(
+    floorplan: Floorplan | None, result: RefineResult, cloud: CloudXY | None = None
+) -> BeforeAfter:
+    """Place walls, floor and cameras of a result at its poses before and after.
+
+    Args:
+        floorplan: plan frame, m.
+        result: of `planfit.refine` with that plan.
+        cloud: what plots show without a plan, in place of wall points.
+    """
     poses = (result.initial_plan_from_cams, result.plan_from_cams)
-    before, after = (_measure_at(floorplan, result.structure, p) for p in poses)
+    shown = cloud if floorplan is None and cloud is not None else (None, None)
+    before, after = (
+        _measure_at(floorplan, result.structure, p, xy) for p, xy in zip(poses, shown, strict=True)
+    )
     return BeforeAfter(
-        before, after, result.alignment is not None, se3.difference(poses[1], poses[0])
+        before,
+        after,
+        is_aligned=result.alignment is not None,
+        has_plan=floorplan is not None,
+        correction=se3.difference(poses[1], poses[0]),
     )
 
 
 def _measure_at(
-    floorplan: Floorplan, structure: Structure, plan_from_cams: Float[np.ndarray, "n 4 4"]
+    floorplan: Floorplan | None,
+    structure: Structure,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    cloud_xy: Float[np.ndarray, "m 2"] | None,
 ) -> Measures:
-    walls = wall_distances(structure, floorplan, plan_from_cams)
+    walls = None
+    if floorplan is not None:
+        walls = wall_distances(structure, floorplan, plan_from_cams)
     floor = floor_heights(structure, plan_from_cams)
     floor_points = np.zeros((0, 3)) if floor is None else floor.points
+    shown = wall_points(structure, plan_from_cams)[:, :2] if cloud_xy is None else cloud_xy
     return Measures(
         trajectory=plan_from_cams[:, :3, 3],
         walls=walls,
         floor=floor,
-        wall_xy=_thinned(wall_points(structure, plan_from_cams)[:, :2]),
+        wall_xy=_thinned(shown),
         wall_distances_m=np.zeros(0) if walls is None else _thinned(walls.nearest_m),
         floor_points=_thinned(floor_points),
     )

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from planfit.errors import require_choice
 from planfit.geometry import se3
 from planfit.lsq.blocks import relative_pose_jacobians
+from planfit.lsq.checks import check_pose_idx, check_poses, check_weight
 from planfit.lsq.robust import SQUARES, Loss
 from planfit.lsq.terms.residual import ResidualTerm, WeightedResiduals
 
@@ -42,7 +43,15 @@ class BetweenTerm:
     name: str = "between"
 
     def __post_init__(self) -> None:
+        """Check what the rows are made of; they check the rest."""
         require_choice(self, "chart", "so3xr3", "se3")
+        check_pose_idx(self.name, self.pairs, ("k", "2"))
+        check_poses(
+            f"term {self.name!r}: expected finite first_from_second",
+            self.first_from_second,
+            len(self.pairs),
+        )
+        check_weight(self.name, self.weight)
 
     @property
     def pose_idx(self) -> Int[np.ndarray, "k 2"]:

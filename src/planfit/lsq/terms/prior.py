@@ -5,13 +5,20 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.errors import require
 from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks, blocks_of_rows
+from planfit.lsq.checks import check_pose_idx, check_poses
 
 
 @dataclass(frozen=True)
 class PosePriorTerm:
-    """Half the sum of squares of a pose's departure from its prior in sigmas, target axes."""
+    """Half the sum of squares of a pose's departure from its prior in sigmas, target axes.
+
+    Raises:
+        OptionError: indices that are no array of integers (k,) or below 0, priors of another number, sigmas
+            that are not six numbers above 0.
+    """
 
     pose_idx: Int[np.ndarray, " k"]
     """Poses that have a prior; one pose may have several."""
@@ -20,6 +27,21 @@ class PosePriorTerm:
     """Standard deviations, rad and m; infinity leaves a direction free. To hold a gauge 0.01 will do: steps
     are damped by at least 1e-9 of the largest information of all, so far smaller ones slow all poses down."""
     name: str = "pose prior"
+
+    def __post_init__(self) -> None:
+        """Check indices, priors and sigmas."""
+        check_pose_idx(self.name, self.pose_idx, ("k",))
+        what = f"term {self.name!r}: expected finite target_from_priors"
+        check_poses(what, self.target_from_priors, len(self.pose_idx))
+        require(
+            np.shape(self.sigma) == (6,),
+            f"term {self.name!r}: expected six sigmas, of rotation (rad) and translation (m), found an array "
+            f"of shape {np.shape(self.sigma)}; np.full(6, sigma) takes one for all",
+        )
+        require(
+            bool(np.all(self.sigma > 0)),
+            f"term {self.name!r}: expected sigmas above 0, found {self.sigma}; infinity frees a direction",
+        )
 
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]

@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from planfit.errors import OptionError, require
 from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks, blocks_of_rows
+from planfit.lsq.checks import check_pose_idx, check_weight
 from planfit.lsq.robust import SQUARES, Loss, loss_value
 
 Residual = Callable[[Float[np.ndarray, "k a 4 4"]], Float[np.ndarray, "k d"]]
@@ -32,8 +33,9 @@ class ResidualTerm:
     """Sum over rows of weight * rho(|residual|^2 in sigmas) / 2.
 
     Raises:
-        OptionError: indices below 0, a sigma that is not above 0, both sigma and information given; and,
-            when it is first asked for a cost, residuals or a Jacobian of another shape than is expected.
+        OptionError: indices that are no array of integers (k, a) or below 0, a sigma that is not above 0,
+            both sigma and information given, a weight below 0; and, when it is first asked for a cost,
+            residuals or a Jacobian of another shape than is expected.
     """
 
     pose_idx: Int[np.ndarray, "k a"]
@@ -55,10 +57,8 @@ class ResidualTerm:
 
     def __post_init__(self) -> None:
         """Check what can be checked before the residuals are known."""
-        require(
-            len(self.pose_idx) == 0 or int(self.pose_idx.min()) >= 0,
-            f"term {self.name!r}: expected indices of poses, found one below 0",
-        )
+        check_pose_idx(self.name, self.pose_idx, ("k", "a"))
+        check_weight(self.name, self.weight)
         require(
             self.sigma is None or self.information is None,
             f"term {self.name!r}: expected sigma or information, found both",

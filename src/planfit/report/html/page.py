@@ -13,7 +13,7 @@ from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
 from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict_in_words
-from planfit.report.measures import measure
+from planfit.report.measures import CloudXY, measure
 from planfit.report.plots.top_view import crop_to_scan
 
 _COLOR = {Outcome.REFINED: "good", Outcome.IMPROVED: "fair", Outcome.NO_BETTER: "bad"}
@@ -21,37 +21,48 @@ _COLOR = {Outcome.REFINED: "good", Outcome.IMPROVED: "fair", Outcome.NO_BETTER: 
 
 def make_report(
     scan_name: str,
-    floorplan: Floorplan,
+    floorplan: Floorplan | None,
     result: RefineResult,
     options_text: str,
     truth: TruthErrors | None = None,
+    cloud: CloudXY | None = None,
 ) -> str:
     """The report of a run as one self-contained HTML page: no links, pictures and one script inside.
 
     Args:
         scan_name: as its folder is called; of a path, the last part is shown.
-        floorplan: that the scan was fitted to.
+        floorplan: that the scan was fitted to; without one, there are no sections on it.
         result: of `planfit.refine`.
         options_text: the options of the run, shown as they are.
         truth: position errors against true poses, where these are known.
+        cloud: what is drawn from above without a plan; else walls are.
     """
-    both = measure(floorplan, result)
+    both = measure(floorplan, result, cloud)
     crop = crop_to_scan(both)
     numbers = key_metrics(result, both, truth)
-    plan_name, scan_name = _last_part(floorplan.name), _last_part(scan_name)
+    scan_name = _last_part(scan_name)
+    on_plan, axes, walls_of_plan = "without a plan", "as recorded, turned upright", ""
+    if floorplan is not None:
+        on_plan, axes = f"on {_last_part(floorplan.name)}", "as in the plan"
+        walls_of_plan = sections.walls(floorplan, result, crop)
     body = [
-        _top(scan_name, plan_name, result, numbers, truth),
+        _top(scan_name, floorplan, result, numbers, truth),
         sections.overview(floorplan, both, crop),
         sections.certainty(result, truth),
         sections.fit_and_correction(both),
         sections.floor(floorplan, both, crop),
-        sections.walls(floorplan, result, crop),
+        walls_of_plan,
         sections.frame_matches(floorplan, both, result.matches, crop),
         _costs_and_time(result),
         _statistics(result, options_text),
-        f"<footer>Made by planfit {escape(__version__)}. x and y as in the plan, heights above the "
+        f"<footer>Made by planfit {escape(__version__)}. x and y {axes}, heights above the "
         "floor.</footer>",
     ]
+    return page_of(f"{scan_name} {on_plan}: planfit report", body)
+
+
+def page_of(title: str, body: Sequence[str]) -> str:
+    """A self-contained page of parts that are HTML; the title is plain text."""
     style, script = (
         resources.files("planfit.report.html").joinpath(name).read_text("utf-8")
         for name in ("style.css", "sort.js")
@@ -59,7 +70,7 @@ def make_report(
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(scan_name)} on {escape(plan_name)}: planfit report</title>\n"
+        f"<title>{escape(title)}</title>\n"
         f"<style>\n{style}</style>\n</head>\n<body>\n"
         + "\n".join(body)
         + f"\n<script>\n{script}</script>\n</body>\n</html>\n"
@@ -68,17 +79,19 @@ def make_report(
 
 def _top(
     scan_name: str,
-    plan_name: str,
+    floorplan: Floorplan | None,
     result: RefineResult,
     numbers: Sequence[KeyMetric],
     truth: TruthErrors | None,
 ) -> str:
     """Title, verdict, warnings, key metrics."""
+    fitted = "made to agree with itself, without a floorplan,"
+    if floorplan is not None:
+        fitted = f"fitted to the floorplan {_last_part(floorplan.name)}"
     warnings = "".join(f"<li>{escape(warning)}</li>" for warning in result.warnings)
     parts = [
         f"<h1>{escape(scan_name)}</h1>",
-        f'<p class="under">fitted to the floorplan {escape(plan_name)} by planfit '
-        f"{escape(__version__)}</p>",
+        f'<p class="under">{escape(fitted)} by planfit {escape(__version__)}</p>',
         f'<p class="verdict {_COLOR[result.verdict.outcome]}">'
         f"{escape(verdict_in_words(result, numbers, truth))}</p>",
     ]

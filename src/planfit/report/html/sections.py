@@ -37,18 +37,23 @@ from planfit.report.walls import (
 )
 
 
-def overview(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
-    """The whole scan on the plan, before and after, and close-ups."""
+def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
+    """The whole scan on the plan, or alone, before and after, and close-ups."""
     marks = choose_close_ups(both, crop)
     pictures = [
-        _captioned(
+        captioned(
             side_picture(floorplan, both, side, crop, marks, _width_in(crop)),
             f"<strong>{name}:</strong> {escape(fit_in_words(both, side))}",
-            f"Wall points {name} on the plan, from above",
+            f"{'Wall points' if both.has_plan else 'The scan'} {name}, from above",
         )
         for name, side in _sides(both)
     ]
-    if both.is_aligned:
+    if not both.has_plan:
+        words = (
+            "Seen from above: points at about the height of the camera, walls and furniture. Where the poses "
+            "are right, one wall makes one line of dots, not several, and corners are sharp."
+        )
+    elif both.is_aligned:
         words = (
             "Seen from above. Each coloured dot is a scanned point of a wall; thin dark lines are "
             "the walls as drawn. Where the poses are right, dots lie on the lines, and one wall "
@@ -57,8 +62,9 @@ def overview(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
         )
     else:
         words = "Seen from above. The scan was not aligned with the plan, so the plan is not drawn."
-    html = [f"<h2>The scan on the plan</h2><p>{words}</p>{_side_by_side(pictures, crop)}"]
-    if marks:
+    head = "The scan on the plan" if both.has_plan else "The scan from above"
+    html = [f"<h2>{head}</h2><p>{words}</p>{_side_by_side(pictures, crop)}"]
+    if marks and floorplan is not None:
         html.append(
             "<h3>Close-ups</h3><p>The windows marked above, where before and after differ most.</p>"
         )
@@ -72,7 +78,7 @@ def certainty(result: RefineResult, truth: TruthErrors | None) -> str:
     true_m = truth.after_by_frame_m if truth else None
     known = " Dotted: the true error." if true_m is not None else ""
     named = " Shaded: frames with a reservation." if result.verdict.reservations else ""
-    picture = _captioned(
+    picture = captioned(
         charts.certainty_plot(result.verdict, true_m),
         f"<strong>Predicted error of each camera position,</strong> one standard deviation.{named}{known}",
         "Predicted error of each frame",
@@ -102,7 +108,7 @@ def fit_and_correction(both: BeforeAfter) -> str:
         picture, end = charts.distance_histogram(both)
         beyond = [_share_beyond(side, end) for _, side in _sides(both)]
         parts.append(
-            _captioned(
+            captioned(
                 picture,
                 "<strong>Distance of wall points to the plan.</strong> The more of them on the "
                 f"left, the better the fit. Dashed: the {NEAR_FACE_M:.2f}{formatting.SPACE}m "
@@ -115,7 +121,7 @@ def fit_and_correction(both: BeforeAfter) -> str:
     most_m = float(np.linalg.norm(both.correction[:, 3:], axis=1).max(initial=0.0))
     most_rad = float(np.linalg.norm(both.correction[:, :3], axis=1).max(initial=0.0))
     parts.append(
-        _captioned(
+        captioned(
             charts.correction_plot(both),
             "<strong>Correction of each frame,</strong> from the recorded to the refined pose: at "
             f"most {formatting.length(most_m)} and {np.rad2deg(most_rad):.1f}{formatting.SPACE}deg. Slow "
@@ -127,14 +133,14 @@ def fit_and_correction(both: BeforeAfter) -> str:
     return f'<h2>Fit and correction</h2><div class="pair">{"".join(parts)}</div>'
 
 
-def floor(floorplan: Floorplan, both: BeforeAfter, crop: Crop) -> str:
+def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
     """Heights of the floor, before and after."""
     if not both.has_floor:
         return "<h2>Floor</h2><p>No floor was seen in this scan.</p>"
     maps = []
     for name, side in _sides(both):
         maps.append(
-            _captioned(
+            captioned(
                 charts.floor_map(
                     floorplan if both.is_aligned else None, side, crop, _width_in(crop)
                 ),
@@ -172,7 +178,7 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
         f'<span class="entry"><span class="key" style="background:{color}"></span>{words}</span>'
         for color, words in keys
     )
-    picture = _captioned(
+    picture = captioned(
         charts.wall_map(floorplan, result, faces, crop, _width_in(crop)),
         legend,
         "Walls of the plan by agreement with the scan",
@@ -206,28 +212,34 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
     return "\n".join(html)
 
 
-def frame_matches(floorplan: Floorplan, both: BeforeAfter, matches: Matches, crop: Crop) -> str:
+def frame_matches(
+    floorplan: Floorplan | None, both: BeforeAfter, matches: Matches, crop: Crop
+) -> str:
     """Loop closures, and matched points of each frame."""
     n_frames = len(both.after.trajectory)
     loop_closures = loop_closures_of(matches, tables.LOOP_MIN_FRAMES)
     by_frame = matches_by_frame(matches, n_frames)
-    plan_ends = floorplan.ends if both.is_aligned else np.zeros((0, 2, 2))
+    plan_ends = np.zeros((0, 2, 2))
+    if floorplan is not None and both.is_aligned:
+        plan_ends = floorplan.ends
+    others = "floor and walls hold" if both.has_plan else "and floor hold"
     n_none = int(np.sum(by_frame == 0))
     none = (
         f" {n_none} of {n_frames} {_plural(n_none, 'has', 'have')} none: only the recorded motion, "
-        "floor and walls hold them."
+        f"{others} them."
         if n_none
         else ""
     )
     pictures = [
-        _captioned(
+        captioned(
             loop_closure_map(plan_ends, both.after.trajectory, loop_closures, crop, PANEL_IN),
             f"<strong>Loop closures:</strong> {formatting.count(len(loop_closures))} pairs of frames, more "
             f"than {tables.LOOP_MIN_FRAMES} frames apart, that see the same part of the building. Where the "
-            "path comes back and there is no line, the plan alone holds the visits together.",
+            "path comes back and there is no line, "
+            f"{'the plan alone holds' if both.has_plan else 'nothing holds'} the visits together.",
             "Verified loop closures from above",
         ),
-        _captioned(
+        captioned(
             matches_plot(by_frame),
             f"<strong>Matched points of each frame.</strong>{none}",
             "Matched points of each frame",
@@ -241,7 +253,7 @@ def _cut(section: CrossSection) -> str:
     apart = [
         formatting.length(float(np.abs(p[:, 0]).mean())) for p in (section.before, section.after)
     ]
-    return _captioned(
+    return captioned(
         draw_section(section),
         f"<strong>No.{formatting.SPACE}{face.number}:</strong> {formatting.count(len(section.after))} "
         f"points, on average {apart[0]} from the drawn wall before and {apart[1]} after",
@@ -255,7 +267,7 @@ def _close_up(floorplan: Floorplan, both: BeforeAfter, mark: Mark) -> str:
     for name, side in _sides(both):
         distance = formatting.length(float(side.wall_distances_m[inside].mean()))
         pictures.append(
-            _captioned(
+            captioned(
                 side_picture(floorplan, both, side, mark.crop),
                 f"<strong>{mark.letter}, {name}:</strong> these wall points lie {distance} from "
                 "the plan on average",
@@ -311,7 +323,8 @@ def _share_beyond(side: Measures, end_m: float) -> float:
     return 0.0 if side.walls is None else float(np.mean(side.walls.nearest_m > end_m))
 
 
-def _captioned(picture: Picture, caption_html: str, alt: str) -> str:
+def captioned(picture: Picture, caption_html: str, alt: str) -> str:
+    """A picture inside the page, its caption above it."""
     data = base64.b64encode(picture.png).decode("ascii")
     return (
         f"<figure><figcaption>{caption_html}</figcaption>"

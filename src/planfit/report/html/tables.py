@@ -141,26 +141,30 @@ def statistics_table(result: RefineResult, path_length: float) -> str:
         ("matched points", formatting.count(matches.n_matches)),
         ("wall points", formatting.count(n_wall)),
         ("wall patches", formatting.count(len(structure.walls))),
-        (
-            "of these, found on the plan",
-            formatting.count(adjustment.association.n_associated)
-            + (
-                f" ({formatting.share(adjustment.association.n_associated / len(structure.walls))})"
-                if len(structure.walls)
-                else ""
-            ),
-        ),
+        *_plan_rows(result),
         ("floor points", formatting.count(len(structure.floor.points_cam))),
         ("floor and walls labelled by", escape(structure.back_end)),
         ("direction of gravity", escape(result.gravity.source)),
+        ("last solve ended because", escape(adjustment.solution.stop.value)),
+    ]
+    return table(("", ""), rows, "ww")
+
+
+def _plan_rows(result: RefineResult) -> list[tuple[str, str]]:
+    """Walls found on the plan, and the alignment with it; nothing without a plan."""
+    if result.floorplan is None:
+        return []
+    adjustment, n_patches = result.adjustment, len(result.structure.walls)
+    found = adjustment.association.n_associated
+    share = f" ({formatting.share(found / n_patches)})" if n_patches else ""
+    return [
+        ("of these, found on the plan", formatting.count(found) + share),
         *_alignment_rows(result),
         (
             "rounds of wall association",
             f"{adjustment.rounds}, {'converged' if adjustment.converged else 'not converged'}",
         ),
-        ("last solve ended because", escape(adjustment.solution.stop.value)),
     ]
-    return table(("", ""), rows, "ww")
 
 
 def _alignment_rows(result: RefineResult) -> list[tuple[str, str]]:

@@ -9,7 +9,7 @@ from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
-from planfit.report.measures import BeforeAfter, Measures, measure
+from planfit.report.measures import BeforeAfter, CloudXY, Measures, measure
 from planfit.report.plots.drawing import (
     AFTER,
     BEFORE,
@@ -51,14 +51,17 @@ def is_wide(crop: Crop) -> bool:
     return crop.height_per_width < _WIDE
 
 
-def draw_overlay(floorplan: Floorplan, result: RefineResult) -> bytes:
+def draw_overlay(
+    floorplan: Floorplan | None, result: RefineResult, cloud: CloudXY | None = None
+) -> bytes:
     """PNG: the scan's wall points over the plan's faces, before and after, cropped to the scan.
 
     Args:
         floorplan: plan frame, m.
         result: of `planfit.refine` with that plan.
+        cloud: what is drawn without a plan, in place of wall points.
     """
-    both = measure(floorplan, result)
+    both = measure(floorplan, result, cloud)
     crop = crop_to_scan(both)
     columns, rows = (1, 2) if is_wide(crop) else (2, 1)
     width = WIDE_IN if is_wide(crop) else 1.3 * PANEL_IN
@@ -85,6 +88,8 @@ def draw_overlay(floorplan: Floorplan, result: RefineResult) -> bytes:
 
 def fit_in_words(both: BeforeAfter, side: Measures) -> str:
     """The numbers that matter of one side."""
+    if not both.has_plan:
+        return "what was seen at camera height"
     if not both.is_aligned:
         return "not aligned with the plan"
     if side.walls is None:
@@ -96,7 +101,7 @@ def fit_in_words(both: BeforeAfter, side: Measures) -> str:
 
 
 def side_picture(
-    floorplan: Floorplan,
+    floorplan: Floorplan | None,
     both: BeforeAfter,
     side: Measures,
     crop: Crop,
@@ -115,7 +120,7 @@ def side_picture(
 
 
 def draw_side(
-    axes: Axes, floorplan: Floorplan, both: BeforeAfter, side: Measures, crop: Crop
+    axes: Axes, floorplan: Floorplan | None, both: BeforeAfter, side: Measures, crop: Crop
 ) -> None:
     """Wall points, plan, path, scale and legend of one side, on axes of the crop's shape."""
     is_after = side is both.after
@@ -124,8 +129,9 @@ def draw_side(
     draw_points(axes, crop, side.wall_xy, color)
     entries: list[Entry] = []
     if len(side.wall_xy):
-        entries.append((f"wall points {'after' if is_after else 'before'}", color, "s"))
-    if both.is_aligned:
+        points = "wall points" if both.has_plan else "scan"
+        entries.append((f"{points} {'after' if is_after else 'before'}", color, "s"))
+    if floorplan is not None and both.is_aligned:
         draw_faces(axes, crop, floorplan.ends)
         entries.append(("plan", INK, "-"))
     draw_path(axes, side.trajectory[:, :2])

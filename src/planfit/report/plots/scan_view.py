@@ -1,7 +1,7 @@
 """A scan from above before anything is done to it: what stands at eye height, the path, gaps and jumps."""
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -49,9 +49,7 @@ def draw_scan_view(
     level_from_world = se3.rotation_between(up_world, np.array([0.0, 0.0, 1.0]))
     centres = world_from_cams[:, :3, 3] @ level_from_world.T
     points = points_world @ level_from_world.T
-    # Heights against the path near in the plane, so that stairs and slopes stay at eye height.
-    height = points[:, 2] - _path_height(centres, points)
-    xy = points[(height > LOW_M) & (height < HIGH_M), :2]
+    xy = points[at_camera_height(centres, points), :2]
     crop = _crop(centres, xy)
     width = 1.6 * PANEL_IN
     axes_width = width - _LEFT_IN - 0.1
@@ -64,6 +62,15 @@ def draw_scan_view(
     draw_scale(axes, crop)
     _add_title_and_legend(figure, title, len(gaps) > 0, len(jumps) > 0)
     return to_picture(figure).png
+
+
+def at_camera_height(
+    centres: Float[np.ndarray, "n 3"], points: Float[np.ndarray, "m 3"]
+) -> Bool[np.ndarray, " m"]:
+    """Which points (m, z up) are neither floor nor ceiling, by the path of the camera (m) near them."""
+    # Heights against the path near in the plane, so that stairs and slopes stay at eye height.
+    height = points[:, 2] - _path_height(centres, points)
+    return (height > LOW_M) & (height < HIGH_M)
 
 
 def _draw_path(axes: Axes, centres: np.ndarray, gaps: np.ndarray, jumps: np.ndarray) -> None:

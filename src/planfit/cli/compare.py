@@ -1,0 +1,237 @@
+"""`planfit compare`: two runs, or a run and other poses: where they differ, and which is better."""
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+
+from planfit.cli.arguments import PlanFlags
+from planfit.cli.compare_inputs import Given, Pair, read_pair
+from planfit.cli.console import StageBars, out, table
+from planfit.errors import OutputError, require
+from planfit.evaluation import CompareOptions, Comparison, Metric, Witness, compare
+from planfit.export.cloud import place_cloud, sample_cloud
+from planfit.report import Compared, conclusion, make_comparison
+from planfit.report.comparison_words import local_in_words, whole_in_words
+from planfit.report.measures import CloudXY
+from planfit.report.plots.scan_view import at_camera_height
+from planfit.runtime import Runtime
+
+PAGE, RECORD = "comparison.html", "comparison.json"
+
+
+@dataclass(frozen=True)
+class CompareArguments:
+    """Compare two runs over one scan, or a run and other poses: where they differ, and which of the two the
+    evidence prefers. Without a second run and --poses, a run is compared with the poses as recorded."""
+
+    a: tyro.conf.Positional[Path]
+    """Output folder of `planfit refine`: A."""
+    b: tyro.conf.Positional[Path | None] = None
+    """Another, over the same scan: B."""
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Folder for comparison.html, with pictures, and comparison.json."""
+    poses: Path | None = None
+    """Poses for B: TUM, KITTI, Open3D log."""
+    poses_frame: Literal["world", "plan"] = "world"
+    """Axes of --poses: `world`, the scan's own, or `plan`."""
+    max_time_gap_s: float = 0.02
+    """A frame takes the poses of --poses around it in time if both are within this of it."""
+    scan: Path | None = None
+    """Scan of the runs, where it was moved since."""
+    plan: Path | None = None
+    """Floorplan of A, where it was moved since."""
+    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    json: bool = False
+    """Print JSON instead of a table."""
+    overwrite: bool = False
+    """Replace an earlier comparison in the output folder."""
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Threads."""
+    options: Annotated[CompareOptions, tyro.conf.arg(name="")] = field(
+        default_factory=CompareOptions
+    )
+
+
+def compare_command(arguments: CompareArguments) -> int:
+    """Read, compare, write, tell. Exit code 0 whichever is better."""
+    require(
+        arguments.b is None or arguments.poses is None,
+        "--poses: expected either a second run or a file of poses, found both; leave out one",
+    )
+    folder = None if arguments.out is None else _claim(arguments.out, arguments.overwrite)
+    given = Given(
+        arguments.b, arguments.poses, arguments.poses_frame, arguments.max_time_gap_s, arguments.scan,
+        arguments.plan, arguments.plan_flags.options,
+    )  # fmt: skip
+    with StageBars() as bars:
+        has_cache = (arguments.a / "run.json").exists()
+        cache = arguments.a / "cache" if has_cache else None
+        runtime = Runtime(arguments.workers, cache, bars.update)
+        pair = read_pair(arguments.a, given, runtime)
+        comparison = compare(pair.scan, pair.a, pair.b, pair.matches, arguments.options, runtime)
+        record = to_record(str(arguments.a), pair, comparison)
+        if folder is not None:
+            plan = pair.a.floorplan.name if pair.a.floorplan else ""
+            what = Compared(Path(pair.scan.name).name, str(arguments.a), pair.name_b, plan)
+            cloud = _cloud(pair, comparison, runtime)
+            page = make_comparison(what, comparison, cloud, pair.notes)
+            _replace(folder / PAGE, page)
+            _replace(folder / RECORD, json.dumps(record, indent=1, allow_nan=False) + "\n")
+    if arguments.json:
+        out.print_json(json.dumps(record, allow_nan=False))
+    else:
+        _tell(str(arguments.a), pair, comparison, folder)
+    return 0
+
+
+def to_record(name_a: str, pair: Pair, comparison: Comparison) -> dict[str, Any]:
+    """A comparison as plain values; null where a number could not be taken."""
+    differences = comparison.differences
+    return {
+        "scan": pair.scan.name,
+        "a": name_a,
+        "b": pair.name_b,
+        "frames": len(differences.distance_m),
+        "axes": comparison.axes,
+        "is_aligned": differences.is_aligned,
+        "preferred": comparison.preferred,
+        "conclusion": " ".join(conclusion(comparison).split()),
+        "witnesses": [_witness(w) for w in comparison.witnesses],
+        "difference": {
+            "rms_m": differences.rms_m,
+            "max_m": float(differences.distance_m.max()),
+            "max_deg": float(differences.angle_deg.max()),
+            "as_a_whole_m": differences.whole[0],
+            "as_a_whole_deg": differences.whole[1],
+            "aligned_rms_m": differences.aligned_rms_m,
+        },
+        "stretches": [
+            {
+                "first_frame": local.stretch.first,
+                "last_frame": local.stretch.last,
+                "max_m": local.stretch.max_distance_m,
+                "max_deg": local.stretch.max_angle_deg,
+                "matches_m": {"a": _finite(local.match_m[0]), "b": _finite(local.match_m[1])},
+                "wall_near_plan": {
+                    "a": _finite(local.near_share[0]),
+                    "b": _finite(local.near_share[1]),
+                },
+            }
+            for local in comparison.stretches
+        ],
+        "metrics": {name: _metric(metric) for name, metric in comparison.metrics.items()},
+        "by_frame": {
+            "frame": list(pair.scan.frame_ids),
+            "distance_m": [round(v, 6) for v in differences.distance_m.tolist()],
+            "angle_deg": [round(v, 5) for v in differences.angle_deg.tolist()],
+        },
+        "notes": [*pair.notes, *comparison.notes],
+    }
+
+
+def _witness(witness: Witness) -> dict[str, Any]:
+    return {
+        "name": witness.name,
+        "metric": witness.deciding.name,
+        "unit": witness.deciding.unit,
+        "a": witness.deciding.before,
+        "b": witness.deciding.after,
+        "prefers": witness.prefers,
+    }
+
+
+def _metric(metric: Metric) -> dict[str, Any]:
+    return {
+        "meaning": metric.meaning.strip(),
+        "unit": metric.unit,
+        "a": _finite(metric.before),
+        "b": _finite(metric.after),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _cloud(pair: Pair, comparison: Comparison, runtime: Runtime) -> CloudXY | None:
+    """Without a plan: what was seen at camera height, at A and at B."""
+    if comparison.poses.floorplan is not None:
+        return None
+    cloud = sample_cloud(pair.scan, runtime)
+    at_a, at_b = comparison.poses.plan_from_cams
+    a, b = place_cloud(cloud, at_a), place_cloud(cloud, at_b)
+    is_shown = at_camera_height(at_a[:, :3, 3], a)
+    return a[is_shown, :2], b[is_shown, :2]
+
+
+def _claim(folder: Path, overwrite: bool) -> Path:
+    """The folder, made; one with other files is left alone."""
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: expected a folder, found a file; choose another with -o")
+    if folder.exists():
+        names = {item.name for item in folder.iterdir()}
+        if names - {PAGE, RECORD}:
+            raise OutputError(
+                f"{folder}: expected an empty folder or an earlier comparison, found other files; choose "
+                "another with -o"
+            )
+        if names and not overwrite:
+            raise OutputError(
+                f"{folder}: expected an empty folder, found an earlier comparison; choose another with "
+                "-o, or pass --overwrite"
+            )
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _replace(path: Path, text: str) -> None:
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
+
+
+def _tell(name_a: str, pair: Pair, comparison: Comparison, folder: Path | None) -> None:
+    """One screen: the evidence, where they differ, the conclusion."""
+    out.print(f"\nA  {name_a}\nB  {pair.name_b}\n", soft_wrap=True)
+    rows = [
+        [
+            f"{w.name}: {w.deciding.meaning}",
+            *(f"{v:.3g} {w.deciding.unit}" for v in (w.deciding.before, w.deciding.after)),
+            {"a": "A", "b": "B", "neither": "-"}[w.prefers],
+        ]
+        for w in comparison.witnesses
+    ]
+    out.print(table("", ["lower is better", "A", "B", "prefers"], rows))
+    rows = []
+    for local in comparison.stretches:
+        stretch = local.stretch
+        rows.append(
+            [
+                f"{stretch.first}-{stretch.last}",
+                f"{stretch.max_distance_m:.3f} m",
+                f"{stretch.max_angle_deg:.1f} deg",
+                *local_in_words(local),
+            ]
+        )
+    if rows:
+        heads = [
+            "frames that differ most",
+            "apart by",
+            "turned by",
+            "matches, A / B",
+            "wall, A / B",
+        ]
+        out.print()
+        out.print(table("", heads, rows))
+    axes = "the plan's axes" if comparison.axes == "plan" else "the scan's own axes"
+    out.print(f"\ndistances in {axes}. {whole_in_words(comparison)}")
+    for note in (*pair.notes, *comparison.notes):
+        out.print(f"[yellow]note:[/] {note}")
+    out.print(f"\n{conclusion(comparison)}")
+    if folder is not None:
+        out.print(f"\nwritten: {folder / PAGE}", soft_wrap=True)
