@@ -25,8 +25,9 @@ conventions), of the plan (walls missing, moved, added, another scale, another b
 is random follows from the case's name. Scans: ConSLAM and the red kitchen of 7-Scenes, where they are at
 hand, and ten synthetic ones. The kitchen's plan is drawn by hand.
 
-Errors are RMS over all frames, in the plan's frame, without alignment to the truth. *Faultless* is the same
-scan with the same drift and no fault. Exit codes are those of `planfit refine`: 0 refined, 1 not vouched for,
+Errors are RMS over all frames, in the plan's frame, without alignment to the truth; without a plan, after it.
+*Faultless* is the same scan with the same drift and no fault; where that goes wrong by itself, twice the
+median over the scan's drifts. Exit codes are those of `planfit refine`: 0 refined, 1 not vouched for,
 2 refused."""
 
 _FIGURES = """## What is asked
