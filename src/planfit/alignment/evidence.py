@@ -131,11 +131,12 @@ def evidence_words(evidence: PlanEvidence) -> tuple[list[str], list[str]]:
     offset_m = evidence.line_offset_m
     if offset_m > 0:
         is_much = offset_m > MAX_OFFSET_M
-        (against if is_much else besides).append(
-            f"{'weak: ' if is_much else ''}scanned walls stand {offset_m:.2f} m in front of the plan's lines, on either side: they seem "
+        words = (
+            f"scanned walls stand {offset_m:.2f} m in front of the plan's lines, on either side: they seem "
             f"to be drawn by the centre lines of walls {2 * offset_m:.2f} m thick; positions are pulled by "
             "up to that half thickness, and a plan with both faces of each wall gives better ones"
         )
+        (against if is_much else besides).append(f"weak: {words}" if is_much else words)
     return against, besides
 
 
