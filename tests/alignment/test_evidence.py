@@ -104,7 +104,9 @@ def centre_lines(half_m, plan):
     return Floorplan("lines", ends, plan.normals, np.zeros(len(plan), dtype=bool))
 
 
-@pytest.mark.parametrize(("half_m", "expected_m"), [(0.1, 0.1), (0.0, 0.0), (0.015, 0.0)])
+@pytest.mark.parametrize(
+    ("half_m", "expected_m"), [(0.1, 0.1), (0.04, 0.04), (0.0, 0.0), (0.015, 0.0)]
+)
 def test_walls_drawn_by_centre_lines_are_noticed(plan, half_m, expected_m, rng):
     middle = plan.ends.mean(axis=(0, 1))
     walls = seen(plan, [middle])
@@ -113,8 +115,9 @@ def test_walls_drawn_by_centre_lines_are_noticed(plan, half_m, expected_m, rng):
     )
     found = plan_evidence(noisy, centre_lines(half_m, plan), HERE)
     assert found.line_offset_m == pytest.approx(expected_m, abs=0.005)
-    _, besides = evidence_words(found)
-    assert bool(besides) == (expected_m > 0)
+    against, besides = evidence_words(found)
+    assert bool(against) == (expected_m > 0.05)
+    assert bool(besides) == (0 < expected_m < 0.05)
 
 
 def test_faces_of_known_side_have_no_centre_line(plan):
