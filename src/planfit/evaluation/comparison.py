@@ -196,7 +196,7 @@ def _side_by_side(
     if len(on_plan) == 1:
         (result,) = on_plan
         onto_a, onto_b = (
-            p.plan_from_cams if p is result else _by_its_walls(scan, result, world)
+            result.plan_from_cams if p is result else _by_its_walls(scan, result, world)
             for p, world in zip((a, b), worlds, strict=True)
         )
         both = (onto_a, onto_b)
