@@ -27,8 +27,8 @@ nevertheless that explains so many times as much as any other (less is asked whe
 given one where the camera looked through so few of the walls drawn. Plans of other buildings explain up to
 0.5, as much or more elsewhere, and a fifth to a third of the wall is seen through theirs."""
 
-TIE = 0.01
-"""Places that differ by less in the share of wall explained are alike."""
+TIE, TIE_SCORE = 0.05, 0.75
+"""Where so much is explained, a place that explains this little more is a tie: symmetric rooms and corridors."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def _doubt(judged: AdjustedAlignment, alignment: Alignment, options: AlignOption
     is_given = alignment.is_as_recorded or options.candidate > 1 or bool(options.control_points)
     # The walls were adjusted to this place and to no other: that one explains more is a strong sign. In a
     # symmetric room that was seen whole, both explain all.
-    is_beaten = elsewhere > (score + TIE if score >= options.min_score else score)
+    is_beaten = elsewhere > (score + TIE if score >= TIE_SCORE else score)
     is_close = is_beaten or not (is_given or score - elsewhere >= options.min_margin)
     if is_close and score >= WEAK_SCORE:
         return (
