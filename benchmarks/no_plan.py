@@ -55,7 +55,7 @@ def main() -> None:
                 "seed": seed,
                 "before_m": before,
                 "after_m": after,
-                "is_better": result.is_better,
+                "outcome": result.verdict.outcome.value,
                 "seconds": seconds,
             }
         )

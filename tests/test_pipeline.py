@@ -223,7 +223,7 @@ def test_a_plan_drawn_too_small_is_scaled_and_said_to_be(synthetic, refined, run
     assert result.alignment.metres_per_unit == pytest.approx(1 / 0.96, rel=3e-3)
     assert result.floorplan.size == pytest.approx(synthetic.floorplan.size, rel=3e-3)
     assert any("the plan is drawn 4." in warning for warning in result.warnings)
-    assert result.is_better
+    assert result.verdict.is_refined
     truth = synthetic.true_plan_from_cams
     assert rms(result.plan_from_cams, truth) < 1.3 * rms(refined.plan_from_cams, truth) + 0.003
     # A user who knows better has the plan as drawn.

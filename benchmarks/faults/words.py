@@ -31,10 +31,7 @@ MOVED_WITHIN_M = 0.03
 
 def outcome_of(result: RefineResult) -> tuple[int, str]:
     """Exit code as the command line gives it, and the outcome in words."""
-    verdict = getattr(result, "verdict", None)
-    if verdict is not None:
-        return (0 if verdict.outcome == "refined" else 1), str(verdict.headline)
-    return (0, "refined") if result.is_better else (1, "not better than before")
+    return (0 if result.verdict.is_refined else 1), result.verdict.headline
 
 
 def recognised(convention: str, heard: str, result: RefineResult | None = None) -> bool | None:

@@ -153,7 +153,7 @@ def test_where_every_step_is_off_the_sigmas_are_wrong_and_none_is_torn(walk):
 
 
 @pytest.mark.parametrize("min_frames", [1000, 2])
-def test_what_is_dropped_is_held_out_no_more_and_named_in_the_result(walk, min_frames):
+def test_what_is_dropped_is_named_and_takes_no_part_in_what_follows(walk, min_frames):
     true, recorded, rng = walk
     false = poster(true, 20, 110)
     seen = measured(rng, recorded, true_motions(true) | false)
@@ -164,9 +164,10 @@ def test_what_is_dropped_is_held_out_no_more_and_named_in_the_result(walk, min_f
     )
     (warning,) = prepared.warnings
     assert "look alike" in warning
-    held = set(map(tuple, prepared.held_out.pairs.tolist()))
-    assert len(held) > 50
-    assert not held & set(false)
+    keys = prepared.keyframes
+    left = set(map(tuple, keys.frame_idx[prepared.measurements.matches.pairs].tolist()))
+    assert len(left) > 50
+    assert not left & {tuple(keys.frame_idx[keys.nearest[list(pair)]].tolist()) for pair in false}
     assert position_rms_m(prepared.level_from_keys, true[prepared.keyframes.frame_idx]) < 0.08
 
 

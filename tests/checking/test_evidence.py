@@ -12,7 +12,6 @@ from planfit.alignment import Alignment, AlignOptions
 from planfit.geometry import se3
 from planfit.pipeline.align import ScanOnPlan
 from planfit.pipeline.evidence import gather_evidence
-from planfit.pipeline.folds import some_pairs
 from planfit.pipeline.prepare import PreparedScan
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
@@ -121,7 +120,7 @@ def test_frames_that_only_the_tracker_holds_are_predicted_to_be_worse(truth, rng
     prepared, on_plan = world(truth, rng, sees_walls)
     matches = prepared.measurements.matches
     keep = (matches.pairs[:, 1] < 45) | (matches.pairs[:, 1] - matches.pairs[:, 0] > LAP)
-    bare = replace(prepared.measurements, matches=some_pairs(matches, keep))
+    bare = replace(prepared.measurements, matches=matches.of_pairs(keep))
     evidence = evidence_of(replace(prepared, measurements=bare), on_plan)
     held, open_ = evidence.predicted_error_m[:40], evidence.predicted_error_m[50:]
     assert open_.min() > 3 * held.max()

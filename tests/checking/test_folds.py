@@ -15,7 +15,6 @@ from planfit.pipeline.folds import (
     STRETCH_M,
     choose_folds,
     cut_into_stretches,
-    some_pairs,
     without_fold,
 )
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -123,11 +122,11 @@ def test_some_pairs_keep_their_own_matches(measurements, rng):
         matches, start=start, points_a=points, points_b=-points, sigma=np.arange(start[-1]) + 1.0
     )
     keep = rng.random(len(sizes)) < 0.5
-    some = some_pairs(matches, keep)
+    some = matches.of_pairs(keep)
     expected = np.concatenate([np.arange(start[k], start[k + 1]) for k in np.flatnonzero(keep)])
     assert_array_equal(some.sigma, expected + 1.0)
     assert_array_equal(some.points_a, points[expected])
     assert_array_equal(some.points_b, -points[expected])
     assert_array_equal(some.pairs, matches.pairs[keep])
     assert_array_equal(np.diff(some.start), sizes[keep])
-    assert some_pairs(matches, np.zeros(len(sizes), dtype=bool)).n_matches == 0
+    assert matches.of_pairs(np.zeros(len(sizes), dtype=bool)).n_matches == 0

@@ -170,7 +170,9 @@ def _read_plan(
             f"{path}: expected the {n_faces} wall faces that the run read, found "
             f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
         )
-    return floorplan if floorplan.is_metric else metric_plan(floorplan, scale_xy)
+    if floorplan.is_metric and scale_xy == (1.0, 1.0):
+        return floorplan
+    return metric_plan(floorplan, scale_xy)
 
 
 def read_poses(

@@ -71,7 +71,7 @@ class Stretch:
     open_direction: tuple[float, float] | None
     """Unit direction on the plan along which nearly all of it lies; None where it lies all ways."""
     n_patches: int
-    """Wall patches seen."""
+    """Wall patches seen; none where there is no plan to hold them to."""
     near_before: float
     """Share of them within `NEAR_FACE_M` of a face of their side, poses as recorded; NaN without patches."""
     near_kept_out: float
@@ -247,12 +247,15 @@ def _near_plan(
     folds: Folds,
     recorded: Float[np.ndarray, "k 4 4"],
     by_fold: Sequence[Float[np.ndarray, "k 4 4"]],
-) -> Bool[np.ndarray, "w 3"]:
-    """Of each wall patch: near a face as recorded, near one kept out, beside one kept out."""
-    patches = prepared.measurements.structure.walls
+) -> Bool[np.ndarray, "w 3"] | None:
+    """Of each wall patch: near a face as recorded, near one kept out, beside one kept out. None without a
+    plan."""
+    patches, floorplan = prepared.measurements.structure.walls, on_plan.floorplan
+    if floorplan is None:
+        return None
 
     def distances_m(poses: Float[np.ndarray, "k 4 4"]) -> Float[np.ndarray, " w"]:
-        found = associate(patches, on_plan.floorplan, poses, BESIDE_M, options.association)
+        found = associate(patches, floorplan, poses, BESIDE_M, options.association)
         return np.where(found.face_idx >= 0, np.abs(found.distance_m), np.inf)
 
     kept_out_m = np.full(len(patches), np.inf)
@@ -268,13 +271,13 @@ def _stretches(
     prepared: PreparedScan,
     folds: Folds,
     covariance: Float[np.ndarray, "k 3 3"],
-    near: Bool[np.ndarray, "w 3"],
+    near: Bool[np.ndarray, "w 3"] | None,
 ) -> tuple[Stretch, ...]:
     of_patch = folds.stretch[prepared.measurements.structure.walls.frame_idx]
     stretches = []
     for k in range(folds.n_stretches):
         mean = covariance[folds.stretch == k].mean(axis=0)
-        seen = near[of_patch == k]
+        seen = np.zeros((0, 3), dtype=bool) if near is None else near[of_patch == k]
         shares = seen.mean(axis=0) if len(seen) else np.full(3, np.nan)
         stretches.append(
             Stretch(
@@ -351,7 +354,7 @@ def _judge_alignment(
     solved: Float[np.ndarray, "k 4 4"],
     options: AlignOptions,
 ) -> AdjustedAlignment | None:
-    if on_plan.alignment is None:
+    if on_plan.alignment is None or on_plan.floorplan is None:
         return None
     walls = wall_samples(prepared.measurements.structure, solved)
     return judge_adjusted(walls, on_plan.floorplan, on_plan.alignment, options)

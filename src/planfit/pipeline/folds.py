@@ -89,12 +89,18 @@ def cut_into_stretches(
 
 
 def without_fold(
-    measurements: Measurements, correspondences: PlanCorrespondences, folds: Folds, fold: int
-) -> tuple[Measurements, PlanCorrespondences]:
-    """Measurements and plan correspondences without what one fold keeps out."""
+    measurements: Measurements,
+    correspondences: PlanCorrespondences | None,
+    folds: Folds,
+    fold: int,
+) -> tuple[Measurements, PlanCorrespondences | None]:
+    """Measurements and plan correspondences (None without a plan) without what one fold keeps out."""
+    matches = measurements.matches.of_pairs(folds.of_pairs != fold)
+    if correspondences is None:
+        return replace(measurements, matches=matches), None
     keep = folds.of_patches != fold
     structure, walls = measurements.structure, correspondences.walls
-    patches = structure.walls
+    patches, widths = structure.walls, correspondences.widths
     sizes = np.diff(patches.start)
     kept = replace(
         patches,
@@ -104,15 +110,13 @@ def without_fold(
         normals_cam=patches.normals_cam[keep],
         ends_cam=patches.ends_cam[keep],
     )
-    association = Association(walls.face_idx[keep], walls.distance_m[keep])
-    reduced = replace(
-        measurements,
-        matches=measurements.matches.of_pairs(folds.of_pairs != fold),
-        structure=replace(structure, walls=kept),
-    )
-    widths = correspondences.widths
-    return reduced, replace(
-        correspondences, walls=association, widths=None if widths is None else widths[keep]
+    return (
+        replace(measurements, matches=matches, structure=replace(structure, walls=kept)),
+        replace(
+            correspondences,
+            walls=Association(walls.face_idx[keep], walls.distance_m[keep]),
+            widths=None if widths is None else widths[keep],
+        ),
     )
 
 
