@@ -28,7 +28,7 @@ given one where the camera looked through so few of the walls drawn. Plans of ot
 0.5, as much or more elsewhere, and a fifth to a third of the wall is seen through theirs."""
 
 TIE, TIE_SCORE = 0.05, 0.75
-"""Where so much is explained, a place that explains this little more is a tie: symmetric rooms and corridors."""
+"""Where so much is explained, a place that explains this little more is a tie: symmetric rooms, corridors."""
 
 
 @dataclass(frozen=True)
