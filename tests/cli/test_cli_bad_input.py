@@ -153,7 +153,7 @@ def test_stopping_keeps_what_was_finished(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("planfit.pipeline.prepare.close_loops", interrupted)
+    monkeypatch.setattr("planfit.pipeline.prepare.close_loops_untorn", interrupted)
     assert run(["refine", str(small_scan), "-o", str(out)]) == 130
     assert "goes on from there" in capsys.readouterr().err
     monkeypatch.undo()
@@ -211,7 +211,7 @@ def test_poses_in_millimetres_are_refused(
         ["--matching.cycle-consistency.max-sigmas", "nan"],
         ["--align.min-score", "nan"],
         ["--adjust.walls.weight", "-1"],
-        ["--held-out-share", "1.0"],
+        ["--verdict.folds", "1"],
         ["--segmentation.back-end", "geometry", "--segmentation.geometry.normal-radius-px", "500"],
         ["--workers", "0"],
     ],

@@ -79,6 +79,8 @@ class Alignment:
     """Distinct alignments, best first, the taken one among them."""
     is_mirrored: bool = False
     """Whether the scan fits the plan clearly better when left and right are swapped."""
+    is_plan_rescaled: bool = False
+    """Whether a plan in metres was taken at another scale than it is drawn at."""
     evidence: PlanEvidence | None = None
     """What the camera walked and saw through, where that was looked at."""
 

@@ -93,8 +93,11 @@ def find_plan_scale(
     gain = options.min_margin if off > FAR_SHARE else 0.0
     # In a building that repeats itself no place is sure, and every place asks for the same scale.
     is_plain = found.score >= max(CLEAR_SCORE, drawn.score + CLEAR_GAIN) and not drawn.is_sure
-    if off < LOOK_SHARE or not (found.is_sure or is_plain) or found.score <= drawn.score + gain:
+    if not LOOK_SHARE <= off <= np.log1p(slack):
         return None
+    if not (found.is_sure or is_plain) or found.score <= drawn.score + gain:
+        return None
+    found = replace(found, is_plan_rescaled=True)
     if not _is_of_lines(floorplan):
         return found
     if found.score < score_of_centre_lines(walls, floorplan, drawn) + SAME_SCORE:
