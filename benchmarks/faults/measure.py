@@ -112,7 +112,7 @@ def _measure(case: Case, how: How, nothing: Measured) -> Measured:
     inputs = case.spoil(drifted(base_inputs(case.scan, how.cache_dir), case.drift_seed))
     runtime = KeypointsKept(workers=1, cache_dir=how.cache_dir)
     plan = inputs.floorplan if inputs.has_plan else None
-    result = planfit.refine(inputs.scan, plan, how.options, runtime)  # pyright: ignore[reportArgumentType]
+    result = planfit.refine(inputs.scan, plan, how.options, runtime)
     measured = judge(inputs, result, nothing)
     is_comparable = inputs.has_plan and inputs.has_place and not measured.convention
     if not (how.is_optimality and is_comparable):
@@ -124,9 +124,9 @@ def _measure(case: Case, how: How, nothing: Measured) -> Measured:
 def judge(inputs: Inputs, result: RefineResult, nothing: Measured) -> Measured:
     """A result beside the truth; without a plan, positions are first brought as close to it as can be."""
     truth, before = inputs.true_positions(), inputs.recorded_in_true_plan()
-    found = result.plan_from_cams[:, :3, 3]
-    if inputs.has_plan:
-        found = inputs.in_true_plan(found, result.floorplan)
+    found, plan = result.plan_from_cams[:, :3, 3], result.floorplan
+    if plan is not None:
+        found = inputs.in_true_plan(found, plan)
     else:
         before, found = (brought_to(positions, truth) for positions in (before, found))
     errors = np.linalg.norm(found - truth, axis=1)
@@ -143,7 +143,7 @@ def judge(inputs: Inputs, result: RefineResult, nothing: Measured) -> Measured:
         error_m=_rms(errors),
         aligned_m=_rms(np.linalg.norm(brought_to(found, truth) - truth, axis=1)),
         largest_m=float(errors.max()),
-        scale_error=inputs.scale_error(result.floorplan) if inputs.has_plan else None,
+        scale_error=None if plan is None else inputs.scale_error(plan),
         warnings=result.warnings,
         is_recognised=claims,
         moved_seen=seen,

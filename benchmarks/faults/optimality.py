@@ -25,9 +25,10 @@ def compare_with_truth(
 
     Both see what the run saw of the scan and its plan in the end.
     """
-    seen = Observations(result.gravity, result.structure, result.matches)
+    seen = Observations(result.gravity, result.structure, result.matches, result.tracking)
     prepared = prepare(inputs.scan, seen, options)
     measurements, plan = prepared.measurements, result.floorplan
+    assert plan is not None  # without a plan there is nothing to compare on
     frames = prepared.keyframes.frame_idx
     true_plan_from_keys = inputs.true_plan_from_world @ inputs.true_world_from_cams[frames]
     start = true_plan_from_keys.copy()

@@ -28,9 +28,9 @@ given one where the camera looked through so few of the walls drawn. Plans of ot
 0.5, as much or more elsewhere, and a fifth to a third of the wall is seen through theirs."""
 
 RESCALED_EVIDENCE, RESCALED_SCORE = 1.2, 0.9
-"""What score and margin together, or the score alone, must come to where a plan in metres was taken at another
-scale: plans are seldom off, and with the scale free the plans of other buildings fit better (to 0.94 and
-0.69; right ones from 1.12 and, on a building site, 0.74)."""
+"""What score and margin together, or the score alone, must come to where a plan in metres was taken at
+another scale: plans are seldom off, and with the scale free the plans of other buildings fit better (to 0.94
+and 0.69; right ones from 1.12 and, on a building site, 0.74)."""
 
 TIE, TIE_SCORE = 0.05, 0.75
 """Where so much is explained, a place that explains this little more is a tie: symmetric rooms, corridors."""
