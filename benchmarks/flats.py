@@ -162,9 +162,16 @@ def see_walls(
     true: np.ndarray, floorplan: Floorplan, clutter_share: float, rng: np.random.Generator
 ) -> tuple[Structure, np.ndarray]:
     """Floor and wall patches that cameras at true poses see, and the face of each patch (-1: clutter)."""
-    n = len(true)
+    face_idx, frame_idx, ends = _seen_patches(true, floorplan)
+    return _structure_of(true, floorplan, face_idx, frame_idx, ends, clutter_share, rng)
+
+
+def _seen_patches(
+    true: np.ndarray, floorplan: Floorplan
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Face (k,), camera (k,) and ends (k, 2, 2) m of each run of rays that meet one face."""
     patches, frames, faces = [], [], []
-    for i in range(n):
+    for i in range(len(true)):
         eye, ahead = true[i, :2, 3], true[i, :2, 2]
         angle = np.arctan2(ahead[1], ahead[0]) + np.deg2rad(
             np.linspace(-0.5, 0.5, N_RAYS) * FIELD_DEG
@@ -181,7 +188,20 @@ def see_walls(
             patches.append(spots[[0, -1]])
             frames.append(i)
             faces.append(face[run[0]])
-    face_idx, frame_idx, ends = np.array(faces), np.array(frames), np.array(patches)
+    return np.array(faces), np.array(frames), np.array(patches)
+
+
+def _structure_of(
+    true: np.ndarray,
+    floorplan: Floorplan,
+    face_idx: np.ndarray,
+    frame_idx: np.ndarray,
+    ends: np.ndarray,
+    clutter_share: float,
+    rng: np.random.Generator,
+) -> tuple[Structure, np.ndarray]:
+    """Points on floor and patches as a depth camera errs; some patches are clutter before their wall."""
+    n = len(true)
     normals = floorplan.normals[face_idx]
     is_clutter = rng.random(len(face_idx)) < clutter_share
     off = np.where(is_clutter, rng.uniform(0.1, 0.6, len(face_idx)), 0.0)

@@ -7,10 +7,10 @@ from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from planfit.adjust.problem import (
+from planfit.adjust.problem import AdjustmentProblem
+from planfit.adjust.rigid_motion import (
     FREE_TRANSLATION_M,
     FREE_YAW_DEG,
-    AdjustmentProblem,
     horizontal_covariance,
     rigid_information,
 )

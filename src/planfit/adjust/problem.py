@@ -16,6 +16,7 @@ from planfit.adjust.extra_terms import check_extra_terms
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.paper.descent import PaperWeights, descend
+from planfit.adjust.rigid_motion import hold_whole
 from planfit.adjust.terms.effective_observations import as_mean
 from planfit.adjust.terms.levels import LevelTerm, floor_term
 from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
@@ -33,17 +34,12 @@ from planfit.adjust.terms.wall_offsets import (
 from planfit.adjust.terms.walls import WallTerm
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
-from planfit.geometry import se3
-from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.bounded import solve_bounded
 from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Cost, Solution
 from planfit.lsq.term import Term
 from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.segmentation import WallPatches
-
-FREE_TRANSLATION_M, FREE_YAW_DEG = 1.0, 10.0
-"""What is less sure than this (standard deviation) is not held."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +207,7 @@ def build_problem(
         problem = _with_plan(problem, correspondences)
     _require_extra_terms_to_work(problem)
     is_held = problem.walls is not None or problem.columns is not None
-    if not is_held and not _hold_whole(extra, target_from_cams):
+    if not is_held and not hold_whole(extra, target_from_cams):
         problem = replace(problem, gauge=_gauge_prior(target_from_cams, problem.floor is not None))
     return problem
 
@@ -226,36 +222,6 @@ def costs(
     """Robust cost of each term at poses, for reports; faces as drawn."""
     problem = build_problem(measurements, options, target_from_cams, correspondences, extra_terms)
     return problem.costs(target_from_cams)
-
-
-def rigid_information(
-    parts: Sequence[NormalBlocks],
-    target_from_cams: Float[np.ndarray, "n 4 4"],
-    frames: np.ndarray,
-) -> Float[np.ndarray, "6 6"]:
-    """Information (J^T J) of terms on the motion of some frames as one rigid body.
-
-    The motion is (rotation, translation) [rad, m] about the frames' mean; other frames stay where they are.
-    """
-    lever = target_from_cams[frames, :3, 3] - target_from_cams[frames, :3, 3].mean(axis=0)
-    # A body that turns by w and moves by v about its mean: each camera turns by w and moves by v + w x lever.
-    rigid = np.zeros((len(target_from_cams), 6, 6))
-    rigid[frames] = np.eye(6)
-    rigid[frames, 3:, :3] = -se3.skew(lever)
-    total = np.zeros((6, 6))
-    for part in parts:
-        each = np.swapaxes(rigid[part.rows], 1, 2) @ part.blocks @ rigid[part.columns]
-        off_diagonal = each[part.rows != part.columns].sum(axis=0)
-        total += each.sum(axis=0) + off_diagonal.T  # a block off the diagonal stands for two
-    return total
-
-
-def horizontal_covariance(
-    information: Float[np.ndarray, "6 6"],
-) -> Float[np.ndarray, "3 3"]:
-    """Of x, y (m) and yaw (rad) of a rigid motion, from its information; large where nothing holds it."""
-    seen_from_above = information[np.ix_([3, 4, 2], [3, 4, 2])]
-    return np.linalg.inv(seen_from_above + 1e-9 * np.eye(3))
 
 
 def _present(*terms: Term | None) -> list[Term]:
@@ -410,19 +376,6 @@ def _gauge_prior(target_from_cams: Float[np.ndarray, "n 4 4"], has_floor: bool) 
     free = np.inf if has_floor else 1e-3
     sigma = np.array([free, free, 1e-3, 1e-3, 1e-3, free])
     return PosePriorTerm(np.array([0]), target_from_cams[:1], sigma, name="gauge")
-
-
-def _hold_whole(terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 4"]) -> bool:
-    """Whether terms hold where the scan is as a whole, seen from above, so that no prior need do it."""
-    if not terms:
-        return False
-    parts = [term.reweight(target_from_cams)[0].normal_blocks(target_from_cams) for term in terms]
-    every = np.arange(len(target_from_cams))
-    covariance = horizontal_covariance(rigid_information(parts, target_from_cams, every))
-    sigma_m = np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1])
-    return bool(
-        sigma_m < FREE_TRANSLATION_M and np.sqrt(covariance[2, 2]) < np.deg2rad(FREE_YAW_DEG)
-    )
 
 
 def _require_extra_terms_to_work(problem: AdjustmentProblem) -> None:

@@ -3,11 +3,13 @@
 import shutil
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import tyro
+from jaxtyping import Float
 
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.refine import exit_code, refine_into, tell_verdict
@@ -17,7 +19,7 @@ from planfit.floorplan import read_floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
 from planfit.report import TruthErrors
-from planfit.scan import read_scan, read_tum
+from planfit.scan import Scan, read_scan, read_tum
 from planfit.synth import CameraOptions, DriftOptions, SynthOptions, make_scan, write_facap
 
 DEMO_SCAN = SynthOptions(
@@ -59,19 +61,7 @@ def demo_command(arguments: DemoArguments) -> int:
     floorplan = read_floorplan(scan_folder / "floorplan.npy")
     _, true_world_from_cams = read_tum(scan_folder / "groundtruth.tum")
 
-    def truth_of(result: RefineResult) -> TruthErrors:
-        before = position_errors(scan.world_from_cams, true_world_from_cams)
-        after = position_errors(result.world_from_cams, true_world_from_cams)
-        return TruthErrors(
-            before_rms_m=before.rms_m,
-            after_rms_m=after.rms_m,
-            before_aligned_rms_m=before.aligned_rms_m,
-            after_aligned_rms_m=after.aligned_rms_m,
-            after_by_frame_m=np.linalg.norm(
-                (result.world_from_cams - true_world_from_cams)[:, :3, 3], axis=1
-            ),
-        )
-
+    truth_of = partial(_truth_errors, scan, true_world_from_cams)
     result = refine_into(
         run_folder, scan, floorplan, RefineOptions(), arguments.workers, True, truth_of
     )
@@ -103,6 +93,23 @@ def demo_command(arguments: DemoArguments) -> int:
     tell_verdict(result.verdict)
     out.print(f"\n{time.perf_counter() - begin:.0f} s in all. Report: {run_folder / 'report.html'}")
     return exit_code(result.verdict)
+
+
+def _truth_errors(
+    scan: Scan, true_world_from_cams: Float[np.ndarray, "n 4 4"], result: RefineResult
+) -> TruthErrors:
+    """Position errors before and after, in the scan's own axes."""
+    before = position_errors(scan.world_from_cams, true_world_from_cams)
+    after = position_errors(result.world_from_cams, true_world_from_cams)
+    return TruthErrors(
+        before_rms_m=before.rms_m,
+        after_rms_m=after.rms_m,
+        before_aligned_rms_m=before.aligned_rms_m,
+        after_aligned_rms_m=after.aligned_rms_m,
+        after_by_frame_m=np.linalg.norm(
+            (result.world_from_cams - true_world_from_cams)[:, :3, 3], axis=1
+        ),
+    )
 
 
 def _make_way(folder: Path) -> None:

@@ -44,60 +44,81 @@ def compare_views(
         likeness (correlation) of the greys of the former, without the matched blocks.
     """
     result = np.zeros((len(pairs), 3))
-    block = ROWS // is_matched.shape[1] if len(pairs) else 1
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
-        fx, fy, cx, cy = cameras[i, 0], cameras[i, 1], cameras[i, 2], cameras[i, 3]
-        gx, gy, hx, hy = cameras[j, 0], cameras[j, 1], cameras[j, 2], cameras[j, 3]
-        r, t = a_from_b[k, :3, :3], a_from_b[k, :3, 3]
-        n, sum_a, sum_b, sum_aa, sum_bb, sum_ab = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for row in range(ROWS):
-            for column in range(COLUMNS):
-                z = depth_m[i, row, column]
-                if not z > 0:
-                    continue
-                # The cell's point in the first camera, less t; R^T takes it into the second.
-                x, y = (column - cx) / fx * z, (row - cy) / fy * z
-                dx, dy, dz = x - t[0], y - t[1], z - t[2]
-                there = r[0, 2] * dx + r[1, 2] * dy + r[2, 2] * dz
-                if not there > 0.2:
-                    continue
-                u = gx * (r[0, 0] * dx + r[1, 0] * dy + r[2, 0] * dz) / there + hx
-                v = gy * (r[0, 1] * dx + r[1, 1] * dy + r[2, 1] * dz) / there + hy
-                if not (-0.5 <= u < COLUMNS - 0.5 and -0.5 <= v < ROWS - 0.5):
-                    continue
-                column_b, row_b = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
-                nearest, farthest = _range(depth_m[j], row_b, column_b)
-                if not nearest > 0:
-                    continue
-                lever = np.sqrt(
-                    (x - middle_a[k, 0]) ** 2
-                    + (y - middle_a[k, 1]) ** 2
-                    + (z - middle_a[k, 2]) ** 2
-                )
-                allowed = tolerance[0] + tolerance[1] * max(z, there)
-                allowed += tolerance[2] * sigma_rotation[k] * lever
-                if there > farthest + allowed:
-                    continue  # hidden by a nearer surface: says nothing
-                if there < nearest - allowed:
-                    result[k, 1] += 1
-                    continue
-                result[k, 0] += 1
-                if is_matched[k, row // block, column // block]:
-                    continue
-                a, b = float(grey[i, row, column]), float(grey[j, row_b, column_b])
-                n += 1
-                sum_a, sum_b, sum_ab = sum_a + a, sum_b + b, sum_ab + a * b
-                sum_aa, sum_bb = sum_aa + a * a, sum_bb + b * b
-        mean_a, mean_b = sum_a / max(n, 1), sum_b / max(n, 1)
-        contrast = np.sqrt(
-            max(sum_aa / max(n, 1) - mean_a**2, 0.0) * max(sum_bb / max(n, 1) - mean_b**2, 0.0)
+        views = (depth_m[i], grey[i], cameras[i], depth_m[j], grey[j], cameras[j])
+        turning = tolerance[2] * sigma_rotation[k]
+        n_seen, n_past, likeness = _compare_pair(
+            views, a_from_b[k], middle_a[k], is_matched[k], tolerance[0], tolerance[1], turning
         )
-        alike = sum_ab / max(n, 1) - mean_a * mean_b
-        # Blank walls, and few cells, tell nothing either way.
-        likeness = (alike + UNKNOWN * NOISE) / (contrast + NOISE)
-        result[k, 2] = (n * likeness + FEW * UNKNOWN) / (n + FEW)
+        result[k, 0], result[k, 1], result[k, 2] = n_seen, n_past, likeness
     return result
+
+
+@numba.njit(cache=True, nogil=True)
+def _compare_pair(
+    views: tuple,
+    a_from_b: np.ndarray,
+    middle_a: np.ndarray,
+    is_matched: np.ndarray,
+    base_m: float,
+    per_m: float,
+    turning: float,
+) -> tuple:
+    """The three numbers of one pair; departures of `base_m`, and so much more with depth and with the
+    distance from `middle_a`, are allowed."""
+    depth_a, grey_a, camera_a, depth_b, grey_b, camera_b = views
+    block, r, t = ROWS // is_matched.shape[0], a_from_b[:3, :3], a_from_b[:3, 3]
+    n_seen, n_past, sums = 0, 0, np.zeros(6)
+    for row in range(ROWS):
+        for column in range(COLUMNS):
+            z = depth_a[row, column]
+            if not z > 0:
+                continue
+            x = (column - camera_a[2]) / camera_a[0] * z
+            y = (row - camera_a[3]) / camera_a[1] * z
+            # The cell's point in the first camera, less t; R^T takes it into the second.
+            dx, dy, dz = x - t[0], y - t[1], z - t[2]
+            there = r[0, 2] * dx + r[1, 2] * dy + r[2, 2] * dz
+            if not there > 0.2:
+                continue
+            u = camera_b[0] * (r[0, 0] * dx + r[1, 0] * dy + r[2, 0] * dz) / there + camera_b[2]
+            v = camera_b[1] * (r[0, 1] * dx + r[1, 1] * dy + r[2, 1] * dz) / there + camera_b[3]
+            if not (-0.5 <= u < COLUMNS - 0.5 and -0.5 <= v < ROWS - 0.5):
+                continue
+            column_b, row_b = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
+            nearest, farthest = _range(depth_b, row_b, column_b)
+            if not nearest > 0:
+                continue
+            dx, dy, dz = x - middle_a[0], y - middle_a[1], z - middle_a[2]
+            lever = np.sqrt(dx**2 + dy**2 + dz**2)
+            allowed = base_m + per_m * max(z, there) + turning * lever
+            if there > farthest + allowed:
+                continue  # hidden by a nearer surface: says nothing
+            if there < nearest - allowed:
+                n_past += 1
+                continue
+            n_seen += 1
+            if not is_matched[row // block, column // block]:
+                a, b = float(grey_a[row, column]), float(grey_b[row_b, column_b])
+                sums[0] += 1.0
+                sums[1] += a
+                sums[2] += b
+                sums[3] += a * a
+                sums[4] += b * b
+                sums[5] += a * b
+    return n_seen, n_past, _likeness(sums)
+
+
+@numba.njit(cache=True, nogil=True)
+def _likeness(sums: np.ndarray) -> float:
+    """Correlation of greys a and b, from the sums (6,) of 1, a, b, a^2, b^2, ab."""
+    n, mean = sums[0], sums / max(sums[0], 1.0)
+    contrast = np.sqrt(max(mean[3] - mean[1] ** 2, 0.0) * max(mean[4] - mean[2] ** 2, 0.0))
+    alike = mean[5] - mean[1] * mean[2]
+    # Blank walls, and few cells, tell nothing either way.
+    likeness = (alike + UNKNOWN * NOISE) / (contrast + NOISE)
+    return (n * likeness + FEW * UNKNOWN) / (n + FEW)
 
 
 @numba.njit(cache=True, nogil=True)
