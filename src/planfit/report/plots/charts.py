@@ -29,7 +29,14 @@ from planfit.report.plots.drawing import (
     new_figure,
     to_picture,
 )
-from planfit.report.plots.overlay import BOTTOM_IN, LEFT_IN, LEGEND_IN, RIGHT_IN, Entry, add_legend
+from planfit.report.plots.overlay import (
+    BOTTOM_IN,
+    LEFT_IN,
+    LEGEND_IN,
+    Entry,
+    add_legend,
+    view_figure,
+)
 from planfit.report.plots.top_view import Crop, draw_faces, draw_scale, find_gaps, set_up_view
 from planfit.report.walls import SeenFace
 
@@ -181,10 +188,7 @@ def wall_map(
     floorplan: Floorplan, result: RefineResult, faces: list[SeenFace], crop: Crop, width_in: float
 ) -> Picture:
     """Faces of the plan by what the scan says of them; numbers as in the table of walls."""
-    axes_width = width_in - LEFT_IN - RIGHT_IN
-    axes_height = axes_width * crop.height_per_width
-    figure = new_figure(width_in, BOTTOM_IN + axes_height + 0.08)
-    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
+    figure, axes = view_figure(crop, width_in, 0.08)
     set_up_view(axes, crop)
     _, ends = wall_patches_in_plan(result.structure.walls, result.plan_from_cams)
     draw_faces(axes, crop, floorplan.ends, NOT_SEEN, 0.7, 2)

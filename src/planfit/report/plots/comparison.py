@@ -22,7 +22,7 @@ from planfit.report.plots.drawing import (
     new_figure,
     to_picture,
 )
-from planfit.report.plots.overlay import BOTTOM_IN, LEFT_IN, LEGEND_IN, RIGHT_IN, Entry, add_legend
+from planfit.report.plots.overlay import LEGEND_IN, Entry, add_legend, view_figure
 from planfit.report.plots.top_view import Crop, draw_faces, draw_points, draw_scale, set_up_view
 
 COLOR_A, COLOR_B = BEFORE, AFTER
@@ -59,10 +59,7 @@ def draw_paths(
     width_in: float,
 ) -> Picture:
     """Both paths over the plan; a thin line joins the two positions of a frame where they differ most."""
-    axes_width = width_in - LEFT_IN - RIGHT_IN
-    axes_height = axes_width * crop.height_per_width
-    figure = new_figure(width_in, BOTTOM_IN + axes_height + LEGEND_IN)
-    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
+    figure, axes = view_figure(crop, width_in, LEGEND_IN)
     set_up_view(axes, crop, len(plan_ends) > 0)
     draw_faces(axes, crop, plan_ends, GREY, 0.6)
     for stretch in stretches:
@@ -93,10 +90,7 @@ def draw_seen(
     width_in: float,
 ) -> Picture:
     """What was seen at one set of poses, over the plan."""
-    axes_width = width_in - LEFT_IN - RIGHT_IN
-    axes_height = axes_width * crop.height_per_width
-    figure = new_figure(width_in, BOTTOM_IN + axes_height + 0.08)
-    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
+    figure, axes = view_figure(crop, width_in, 0.08)
     set_up_view(axes, crop, len(plan_ends) > 0)
     draw_points(axes, crop, side.points_xy, COLOR_B if is_b else COLOR_A)
     draw_faces(axes, crop, plan_ends, INK)

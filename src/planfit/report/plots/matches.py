@@ -17,7 +17,7 @@ from planfit.report.plots.drawing import (
     new_figure,
     to_picture,
 )
-from planfit.report.plots.overlay import BOTTOM_IN, LEFT_IN, LEGEND_IN, RIGHT_IN, Entry, add_legend
+from planfit.report.plots.overlay import LEGEND_IN, Entry, add_legend, view_figure
 from planfit.report.plots.top_view import Crop, draw_faces, draw_path, draw_scale, set_up_view
 
 _HEIGHT_IN = 2.4
@@ -46,10 +46,7 @@ def loop_closure_map(
     width_in: float,
 ) -> Picture:
     """A line for each loop closure, between the camera centres (m) of its two frames."""
-    axes_width = width_in - LEFT_IN - RIGHT_IN
-    axes_height = axes_width * crop.height_per_width
-    figure = new_figure(width_in, BOTTOM_IN + axes_height + LEGEND_IN)
-    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
+    figure, axes = view_figure(crop, width_in, LEGEND_IN)
     set_up_view(axes, crop, len(plan_ends) > 0)
     draw_faces(axes, crop, plan_ends, LIGHT)
     draw_path(axes, trajectory[:, :2], 0.7)

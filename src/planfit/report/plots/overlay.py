@@ -3,6 +3,7 @@
 from typing import Literal
 
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from planfit.evaluation import NEAR_FACE_M
@@ -109,14 +110,19 @@ def side_picture(
     width_in: float = PANEL_IN,
 ) -> Picture:
     """One side alone, for a page that puts its own words beside it."""
-    axes_width = width_in - LEFT_IN - RIGHT_IN
-    axes_height = axes_width * crop.height_per_width
-    figure = new_figure(width_in, BOTTOM_IN + axes_height + LEGEND_IN)
-    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
+    figure, axes = view_figure(crop, width_in, LEGEND_IN)
     draw_side(axes, floorplan, both, side, crop)
     for mark in marks:
         draw_mark(axes, mark)
     return to_picture(figure)
+
+
+def view_figure(crop: Crop, width_in: float, above_in: float) -> tuple[Figure, Axes]:
+    """A figure with one view of a crop, true to scale, and room above it (inches)."""
+    axes_width = width_in - LEFT_IN - RIGHT_IN
+    axes_height = axes_width * crop.height_per_width
+    figure = new_figure(width_in, BOTTOM_IN + axes_height + above_in)
+    return figure, add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
 
 
 def draw_side(
