@@ -138,8 +138,8 @@ def measure(start: Start, options: AdjustOptions) -> dict:
     )
     task = PlanTask(start.measurements, start.floorplan, options, ceilings_m)
     ends = {
-        "found": best_of_starts(task, start.plan_from_cams),
-        "from truth": best_of_starts(task, start.true_plan_from_cams),
+        "found": best_of_starts(task, start.plan_from_cams).best,
+        "from truth": best_of_starts(task, start.true_plan_from_cams).best,
     }
     row: dict = {"start": start.name}
     row["before_m"] = position_errors(start.plan_from_cams, start.true_plan_from_cams).rms_m

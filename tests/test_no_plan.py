@@ -54,6 +54,8 @@ def test_drift_is_taken_out_without_a_plan(synthetic, alone):
     before = position_errors(synthetic.scan.world_from_cams, truth).aligned_rms_m
     after = position_errors(alone.world_from_cams, truth).aligned_rms_m
     assert after < 0.6 * before
+    assert alone.verdict.is_refined
+    assert alone.evidence.is_alone
 
 
 def test_nothing_of_a_plan_is_in_the_result(alone):

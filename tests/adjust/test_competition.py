@@ -24,6 +24,7 @@ from planfit.adjust.reach import ReachOptions, patch_sigmas
 from planfit.adjust.terms.walls import WallOptions, WallTerm, observations_of
 from planfit.adjust.voting import VotingOptions, vote
 from planfit.errors import OptionError
+from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
@@ -166,12 +167,48 @@ def test_the_cheapest_end_is_taken_and_true_poses_cost_no_less(walk):
     start = aside(bent(poses, 0.1))
     task = task_of(measured(structure, start), floorplan)
     narrow = alternate(task, start, (0.35,))
-    best = best_of_starts(task, start)
-    from_truth = best_of_starts(task, poses)
+    best = best_of_starts(task, start).best
+    from_truth = best_of_starts(task, poses).best
     assert full_cost(task, best) < full_cost(task, narrow)
     assert full_cost(task, best) == pytest.approx(full_cost(task, from_truth), rel=0.01)
     assert is_clear(task, best)
     assert not is_clear(task, narrow)
+
+
+def test_where_else_a_start_ended_is_a_rival_with_what_it_costs_more(walk):
+    poses, floorplan, structure = walk
+    start = aside(bent(poses, 0.1))
+    task = task_of(measured(structure, start), floorplan)
+    found = best_of_starts(task, start)
+    assert found.rivals[0].excess_cost > 1.0
+    assert position_rms_m(found.rivals[0].plan_from_cams, poses) > 0.1  # as aligned
+    assert best_of_starts(task, poses).rivals == ()
+    adjusted = adjust_to_plan(task.measurements, floorplan, start, AdjustOptions())
+    assert len(adjusted.rivals) == len(found.rivals)
+
+
+def test_many_patches_of_one_wall_do_not_outvote_several_walls():
+    # Of four parallel faces, the one that most patches see was moved by 0.3 m.
+    lines = [[[0.0, y], [6.0, y]] for y in (0.0, 3.0, 6.0, 9.0)]
+    floorplan = Floorplan.from_segments(lines, [[0.0, 1.0]] * 4)
+    pose = look([3.0, 4.5, 1.5], 90.0)[None]
+    seen = [0.0, 3.0, 6.0, *[9.3] * 8]
+    x = np.linspace(1.0, 5.0, 240)
+    patches = [
+        (0, np.column_stack([x, np.full(240, y), np.linspace(0.5, 2, 240)]), np.array([0.0, 1.0]))
+        for y in seen
+    ]
+    walls = make_structure(pose, (), patches).walls
+    worth = observations_of(walls, WallOptions())
+    found = {
+        limit: vote(
+            walls, worth, floorplan, pose, AssociationOptions(),
+            VotingOptions(max_observations_per_face=limit),
+        )[0, 1, 3]
+        for limit in (8.0, 1e9)
+    }  # fmt: skip
+    assert found[8.0] == pytest.approx(4.5, abs=0.03)
+    assert found[1e9] == pytest.approx(4.2, abs=0.03)
 
 
 def test_letting_go_of_wall_does_not_pay(world):

@@ -128,3 +128,22 @@ def test_few_contradicted_visits_are_an_accident():
 )
 def test_thresholds_are_options(options, outcome):
     assert judge(make_evidence(), options).outcome == outcome
+
+
+def test_without_a_plan_more_is_allowed_and_few_visits_say_nothing_against():
+    def outcome(is_alone, **changes):
+        return make_verdict(is_alone=is_alone, **changes).outcome
+
+    error = {"predicted_error_m": np.full(50, 0.15)}
+    assert outcome(False, **error) == "improved"
+    assert outcome(True, **error) == "refined"
+    less_moved = {"predicted_error_m": np.full(50, 0.22), "correction_m": np.full(50, 0.3)}
+    assert outcome(False, **less_moved) == "no better"
+    assert outcome(True, **less_moved) == "improved"
+    assert outcome(True, **(less_moved | {"correction_m": np.full(50, 0.2)})) == "no better"
+    apart = make_visit(before_m=0.1, kept_out_m=0.2)
+    assert outcome(False, visits=(apart,)) == "no better"
+    assert outcome(True, visits=(apart,)) == "refined"
+    assert outcome(True, visits=(apart,) * 3) == "no better"
+    judged = judge(make_evidence(is_alone=True, **error), VerdictOptions(alone_factor=1.0))
+    assert judged.outcome == "improved"

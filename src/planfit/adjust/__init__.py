@@ -1,6 +1,8 @@
 """The bundle adjustment: association with the plan, terms, and their order."""
 
 from planfit.adjust.association import PlanCorrespondences as PlanCorrespondences
+from planfit.adjust.competition import Competition as Competition
+from planfit.adjust.competition import Rival as Rival
 from planfit.adjust.extra_terms import check_extra_terms as check_extra_terms
 from planfit.adjust.keyframes import Keyframes as Keyframes
 from planfit.adjust.keyframes import choose_keyframes as choose_keyframes

@@ -5,7 +5,7 @@ can cost, so that letting go of walls never pays.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -25,6 +25,8 @@ from planfit.lsq.robust import loss_value
 
 SAME_COST = 5e-3
 """Costs that differ by less, as a share of what walls cost at most, are those of one optimum."""
+SAME_PLACE_M = 0.03
+"""Ends whose cameras lie closer (RMS) are one optimum."""
 CLEAR_SHARE = 0.5
 """Where every stretch of the walk has this share of its wall explained, no other start is tried."""
 STRETCH = 16
@@ -35,7 +37,25 @@ VOTED_WIDTH = 3.0
 """Factor on the width of losses after a vote: several of its steps."""
 
 
-def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Alternation:
+@dataclass(frozen=True)
+class Rival:
+    """Another optimum that a start ended in: it costs more, though perhaps little."""
+
+    plan_from_cams: Float[np.ndarray, "n 4 4"]
+    excess_cost: float
+    """Full cost above that of the result."""
+
+
+@dataclass(frozen=True)
+class Competition:
+    """The cheapest end, and where the other starts ended."""
+
+    best: Alternation
+    rivals: tuple[Rival, ...] = ()
+    """None where no other start was tried, or the second one ended in the same place."""
+
+
+def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Competition:
     """Adjust from one start after the other, until the best is confirmed or clearly good; the cheapest end.
 
     The second start should look far: two narrow ones agree on the same wrong place. Where two end
@@ -49,18 +69,37 @@ def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -
     first, *others = task.options.starts
     best = _adjust(task, first, plan_from_cams)
     if not others or is_clear(task, best):
-        return without_moved_walls(task, best)
-    same = SAME_COST * float(limits(task).sum())
+        return Competition(without_moved_walls(task, best))
     second = _adjust(task, others[0], plan_from_cams)
-    if abs(full_cost(task, best) - full_cost(task, second)) <= same:
-        return without_moved_walls(task, best)
+    if _is_same(task, best, second):
+        return Competition(without_moved_walls(task, best))
     ends = [without_moved_walls(task, end) for end in (best, second)]
     for name in others[1:]:
         ends.append(without_moved_walls(task, _adjust(task, name, plan_from_cams)))
-        costs = sorted(full_cost(task, end) for end in ends)
-        if costs[1] - costs[0] <= same:
+        cheapest, next_one, *_ = sorted(ends, key=lambda end: full_cost(task, end))
+        if _is_same(task, cheapest, next_one):
             break
-    return min(ends, key=lambda end: full_cost(task, end))
+    return _decided(task, ends)
+
+
+def _is_same(task: PlanTask, first: Alternation, second: Alternation) -> bool:
+    """Whether two ends are one optimum: of one cost, in one place."""
+    same_cost = SAME_COST * float(limits(task).sum())
+    if abs(full_cost(task, first) - full_cost(task, second)) > same_cost:
+        return False
+    apart_m = first.plan_from_cams[:, :3, 3] - second.plan_from_cams[:, :3, 3]
+    return bool(np.mean(np.sum(apart_m**2, axis=1)) < SAME_PLACE_M**2)
+
+
+def _decided(task: PlanTask, ends: list[Alternation]) -> Competition:
+    costs = [full_cost(task, end) for end in ends]
+    first = int(np.argmin(costs))
+    rivals = tuple(
+        Rival(end.plan_from_cams, cost - costs[first])
+        for k, (end, cost) in enumerate(zip(ends, costs, strict=True))
+        if k != first
+    )
+    return Competition(ends[first], rivals)
 
 
 def full_cost(task: PlanTask, end: Alternation) -> float:

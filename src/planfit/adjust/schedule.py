@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from planfit.adjust.alternation import PlanTask, alternate
 from planfit.adjust.association import Association, PlanCorrespondences
 from planfit.adjust.ceilings import find_ceilings
-from planfit.adjust.competition import best_of_starts
+from planfit.adjust.competition import Rival, best_of_starts
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.moved_walls import MovedWall
 from planfit.adjust.observability import describe_observability
@@ -122,6 +122,8 @@ class PlanAdjustment:
     """Faces that stand elsewhere than drawn, the furthest first; they do not hold the poses to the plan."""
     torn_steps: tuple[TornStep, ...] = ()
     """Recorded steps that were not kept, the worst first."""
+    rivals: tuple[Rival, ...] = ()
+    """Where other starts ended, if not in the same place."""
 
     @property
     def association(self) -> Association:
@@ -153,8 +155,10 @@ def adjust_to_plan(
     n = len(plan_from_cams)
     ceilings_m = find_ceilings(measurements.structure, plan_from_cams, options.ceiling_heights)
     task = PlanTask(measurements, floorplan, options, ceilings_m, tuple(extra_terms))
+    rivals: tuple[Rival, ...] = ()
     if options.has_several_starts:
-        end = best_of_starts(task, plan_from_cams)
+        competition = best_of_starts(task, plan_from_cams)
+        end, rivals = competition.best, competition.rivals
     else:
         end = alternate(task, plan_from_cams, options.wall_distances_m)
     unknowns = end.solution.target_from_cams
@@ -175,6 +179,7 @@ def adjust_to_plan(
         covariances(end.problem.terms, unknowns, every) if options.covariances else None,
         _moved_walls(end.correspondences, offsets_m, offset_sigmas_m),
         find_torn_steps(measurements, plan_from_cams, options.odometry),
+        rivals,
     )
 
 

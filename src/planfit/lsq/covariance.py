@@ -1,6 +1,6 @@
 """How well poses are determined: blocks of the inverse of the normal equations."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -8,6 +8,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from planfit.errors import OptionError
+from planfit.geometry import se3
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.term import Term
 
@@ -57,6 +58,31 @@ def position_covariances(
     return _inverse_blocks(terms, target_from_cams, idx, np.arange(3, 6))
 
 
+def aligned_position_covariances(
+    terms: Sequence[Term],
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    idx: Int[np.ndarray, " k"],
+) -> Float[np.ndarray, "k 3 3"]:
+    """Covariances (m^2, target axes) of positions after the rigid motion that brings those asked for closest
+    to the true ones.
+
+    What remains where nothing fixed holds the whole: which pose the gauge holds has no say in it (the
+    S-transformation of geodetic networks, Baarda 1973).
+
+    Args: as for `covariances`; what nothing holds is no error.
+    """
+    rows = (6 * idx[:, None] + np.arange(3, 6)).ravel()
+    whole = _factorised(terms, target_from_cams)(rows)
+    positions = target_from_cams[idx, :3, 3]
+    lever = positions - positions.mean(axis=0)
+    # Positions move by v + w x lever; what lies in the span of that is taken out.
+    rigid = np.concatenate([np.broadcast_to(np.eye(3), (len(idx), 3, 3)), -se3.skew(lever)], axis=2)
+    rigid = rigid.reshape(-1, 6)
+    taken_out = np.eye(len(rows)) - rigid @ np.linalg.pinv(rigid)
+    left = (taken_out @ whole @ taken_out.T).reshape(len(idx), 3, len(idx), 3)
+    return np.einsum("kikj->kij", left)
+
+
 def _inverse_blocks(
     terms: Sequence[Term],
     target_from_cams: Float[np.ndarray, "n 4 4"],
@@ -64,6 +90,14 @@ def _inverse_blocks(
     entries: Int[np.ndarray, " e"],
 ) -> Float[np.ndarray, "k e e"]:
     """Some entries of the tangents' own blocks of the inverse normal equations."""
+    inverse_of = _factorised(terms, target_from_cams)
+    return np.stack([inverse_of(6 * int(i) + entries) for i in idx])
+
+
+def _factorised(
+    terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Callable[[Int[np.ndarray, " r"]], Float[np.ndarray, "r r"]]:
+    """Function that gives some rows and columns of the inverse normal equations."""
     quadratics = [term.reweight(target_from_cams)[0] for term in terms]
     n_poses = len(target_from_cams)
     equations = NormalEquations([q.normal_blocks(target_from_cams) for q in quadratics], n_poses)
@@ -78,11 +112,11 @@ def _inverse_blocks(
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    result = np.zeros((len(idx), len(entries), len(entries)))
-    for k, i in enumerate(idx):
-        columns = np.zeros((size, len(entries)))
-        rows = 6 * int(i) + entries
-        columns[rows, np.arange(len(entries))] = 1.0 / scale[rows]
+
+    def inverse_of(rows: Int[np.ndarray, " r"]) -> Float[np.ndarray, "r r"]:
+        columns = np.zeros((size, len(rows)))
+        columns[rows, np.arange(len(rows))] = 1.0 / scale[rows]
         block = factors.solve(columns)[rows] / scale[rows, None]
-        result[k] = 0.5 * (block + block.T)
-    return result
+        return 0.5 * (block + block.T)
+
+    return inverse_of

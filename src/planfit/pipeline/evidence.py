@@ -17,7 +17,6 @@ from planfit.adjust.association import associate
 from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M, match_distances
 from planfit.lsq import Term
-from planfit.lsq.covariance import position_covariances
 from planfit.pipeline.align import ScanOnPlan, wall_samples
 from planfit.pipeline.folds import (
     NOT_KEPT_OUT,
@@ -26,16 +25,13 @@ from planfit.pipeline.folds import (
     path_steps,
     without_fold,
 )
+from planfit.pipeline.predicted_error import brought_close, predicted_covariance
 from planfit.pipeline.prepare import PreparedScan
 
-MAX_COVARIANCES = 120
-"""Frames whose covariance is taken, evenly along the walk; between them it is interpolated."""
 FOLD_TOLERANCE = 1e-4
 """A fold's solve ends when a round lowers the cost by less than this share of itself."""
 BESIDE_M = 0.6
 """A wall patch this near to a face that looks the same way lies on it or beside it."""
-MAX_STEP_SIGMAS = 5.0
-"""A step that departs by more counts as this much in the misfit of its stretch: the jackknife sees it too."""
 TORN_SIGMAS, TORN_M, TORN_DEG = 15.0, 0.3, 5.0
 """A step is torn that departs from the tracker's by so many sigmas, and by so much."""
 CONTRADICTED_M = 0.3
@@ -95,9 +91,11 @@ class Evidence:
     """What speaks for and against a result; n frames."""
 
     predicted_error_m: Float[np.ndarray, " n"]
-    """Of each camera position, one standard deviation of its length."""
+    """Of each camera position, one standard deviation of its length; where nothing fixed holds the whole,
+    once brought to the truth as one."""
     correction_m: Float[np.ndarray, " n"]
-    """How far each camera was moved from where it was recorded."""
+    """How far each camera was moved from where it was recorded; where nothing fixed holds the whole, once
+    the recorded positions are brought to the refined ones as one."""
     stretches: tuple[Stretch, ...]
     visits: tuple[Visit, ...]
     torn: tuple[TornStep, ...]
@@ -109,6 +107,8 @@ class Evidence:
     it."""
     is_placed: bool = True
     """Whether the scan stands on its plan, if there is one."""
+    is_alone: bool = False
+    """Whether nothing fixed holds the whole: no plan, and no positions that are known."""
 
     @property
     def is_place_sure(self) -> bool:
@@ -181,12 +181,14 @@ def gather_evidence(
         reduced = without_fold(measurements, adjustment.correspondences, folds, fold)
         problem = build_problem(reduced[0], of_folds, solved, reduced[1], extra_terms)
         by_fold.append(problem.solve().target_from_cams[: len(solved)])
-    covariance = _predicted_covariance(
-        prepared, adjustment, options, folds, np.array(by_fold), extra_terms
-    )
+    problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
+    covariance = predicted_covariance(problem, adjustment.rivals, folds, by_fold)
     near = _near_plan(prepared, on_plan, options, folds, recorded, by_fold)
     variance = np.trace(covariance, axis1=1, axis2=2)
-    correction_m = np.linalg.norm(solved[:, :3, 3] - recorded[:, :3, 3], axis=1)
+    before = recorded[:, :3, 3]
+    if problem.gauge is not None:
+        before = brought_close(before, solved[:, :3, 3])
+    correction_m = np.linalg.norm(solved[:, :3, 3] - before, axis=1)
     every, keys = np.arange(len(keyframes.nearest)), keyframes.frame_idx
     return Evidence(
         predicted_error_m=np.interp(every, keys, np.sqrt(variance)),
@@ -197,47 +199,8 @@ def gather_evidence(
         alignment=_judge_alignment(prepared, on_plan, solved, align_options),
         scan_costs=_scan_costs(prepared, solved, options),
         is_placed=on_plan.floorplan is None or on_plan.alignment is not None,
+        is_alone=problem.gauge is not None,
     )
-
-
-def _predicted_covariance(
-    prepared: PreparedScan,
-    adjustment: PlanAdjustment,
-    options: AdjustOptions,
-    folds: Folds,
-    by_fold: Float[np.ndarray, "f k 4 4"],
-    extra_terms: Sequence[Term],
-) -> Float[np.ndarray, "k 3 3"]:
-    """Of camera positions (m^2): what the folds say, and what the sigmas say, scaled by misfit.
-
-    The sigmas know of noise, not of what is wrong; the folds of what pulls differently, not of what nothing
-    measures. Steps that depart by more than their sigma say that the tracker was worse than its sigmas there.
-    """
-    measurements = prepared.measurements
-    solved = adjustment.solution.target_from_cams
-    moved = by_fold[:, :, :3, 3] - solved[:, :3, 3]
-    covariance = np.einsum("fki,fkj->kij", moved, moved) * (folds.count - 1) / folds.count
-    problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
-    if options.averaging == "mean" or problem.odometry is None:
-        return covariance  # there is no sigma to go by, or frames that nothing holds
-    n = len(solved)
-    some = np.unique(np.linspace(0, n - 1, min(n, MAX_COVARIANCES)).astype(int))
-    terms = problem.terms
-    by_sigma = position_covariances(terms, problem.unknowns, some).reshape(len(some), 9)
-    every = np.arange(n)
-    between = np.column_stack([np.interp(every, some, entry) for entry in by_sigma.T])
-    odometry = measurements.odometry
-    rotation, translation = path_steps(odometry.cam_from_next, solved)
-    squares = (rotation / odometry.sigma_rotation) ** 2
-    squares += (translation / odometry.sigma_translation) ** 2
-    # Six numbers a step; that one step is torn says little of how the others were measured.
-    chi_square = np.minimum(squares / 6, MAX_STEP_SIGMAS**2)
-    stretch_of_step = folds.stretch[:-1]
-    mean = np.bincount(stretch_of_step, chi_square, folds.n_stretches) / np.maximum(
-        np.bincount(stretch_of_step, minlength=folds.n_stretches), 1
-    )
-    factor = np.maximum(mean, 1.0)[folds.stretch]
-    return covariance + factor[:, None, None] * between.reshape(n, 3, 3)
 
 
 def _near_plan(

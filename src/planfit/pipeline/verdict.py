@@ -8,7 +8,7 @@ The thresholds were chosen on ConSLAM and synthetic scans spoiled in known ways,
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import groupby
 
@@ -37,6 +37,12 @@ MAX_STRAIN = 1.25
 """Misfit of a term with the walls over that without, at least three a frame. Right plans: 1.00 to 1.07."""
 WORTH_SHARE = 0.35
 """A correction is no improvement when the predicted error is more than this share of it."""
+WORTH_SHARE_ALONE = 1.0
+"""The same without a plan: no wrong place is to be feared there, and what least squares corrects is not
+correlated with what is left."""
+MIN_VISITS_ALONE = 3
+"""Without a plan, the solve without one of fewer visits has next to nothing that closes loops: that it puts
+what the visit saw where the tracker did says nothing of the result."""
 
 
 class Outcome(StrEnum):
@@ -93,6 +99,12 @@ class Verdict:
 
 def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
     """Weigh the evidence."""
+    if evidence.is_alone:
+        options = replace(
+            options,
+            max_error_m=options.alone_factor * options.max_error_m,
+            max_stretch_error_m=options.alone_factor * options.max_stretch_error_m,
+        )
     against = _against(evidence, options)
     reservations = _reservations(evidence, options)
     if against:
@@ -142,7 +154,8 @@ def _against(evidence: Evidence, options: VerdictOptions) -> tuple[str, ...]:
     reasons = []
     if evidence.alignment is not None and evidence.alignment.doubt:
         reasons.append(f"the place on the plan is not certain: {evidence.alignment.doubt}")
-    if evidence.visit_distances_m:
+    is_told = not evidence.is_alone or len(evidence.visits) >= MIN_VISITS_ALONE
+    if evidence.visit_distances_m and is_told:
         before, after = evidence.visit_distances_m
         if is_apart(before, after):
             reasons.append(
@@ -157,7 +170,8 @@ def _against(evidence: Evidence, options: VerdictOptions) -> tuple[str, ...]:
                 "them"
             )
     moved, error = evidence.correction_rms_m, evidence.predicted_rms_m
-    if error > options.max_error_m and error > WORTH_SHARE * moved:
+    share = WORTH_SHARE_ALONE if evidence.is_alone else WORTH_SHARE
+    if error > options.max_error_m and error > share * moved:
         reasons.append(
             f"the predicted error, {error:.2f} m, is too large a part of what was corrected, {moved:.2f} m"
         )
