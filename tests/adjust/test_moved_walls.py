@@ -14,7 +14,7 @@ from builders import (
     position_rms_m,
     room_plan,
 )
-from planfit.adjust import AdjustOptions, adjust_to_plan, describe_moved
+from planfit.adjust import AdjustOptions, adjust_to_plan, describe_moved, name_walls
 from planfit.adjust.association import AssociationOptions, associate, displaced
 from planfit.adjust.moved_walls import MovedWall, MovedWallOptions, find_moved
 from planfit.floorplan import Floorplan
@@ -160,3 +160,22 @@ def test_walls_are_named_with_place_and_direction():
     assert "and 2 more" in many
     slanted = Floorplan.from_segments([[[0, 0], [1, 1]], [[0, 3], [3, 3]], [[3, 0], [3, 3]]])
     assert "towards (" in describe_moved((MovedWall(0, 0.2, 0.01, 3),), slanted)
+
+
+def test_faces_of_one_wall_are_named_as_one():
+    ends = [
+        [[0, 0], [3, 0]],  # one side of a wall with a door,
+        [[3.9, 0], [7, 0]],
+        [[7, 0.2], [0, 0.2]],  # the other side,
+        [[0, 2], [7, 2]],  # another wall
+    ]
+    plan = Floorplan.from_segments(ends, [[0, -1], [0, -1], [0, 1], [0, -1]])
+    alike = tuple(MovedWall(k, off, 0.01, 3 + k) for k, off in enumerate((0.3, 0.32, -0.29)))
+    (name,) = name_walls(alike, plan)
+    assert "(7.0, 0.2)-(0.0, 0.2)" in name  # of the face that most patches saw
+    assert "0.29 m towards -y" in name
+    other = MovedWall(3, 0.3, 0.01, 3)
+    assert len(name_walls((*alike, other), plan)) == 2
+    assert describe_moved((*alike, other), plan).startswith("2 walls stand")
+    unlike = MovedWall(1, -0.3, 0.01, 3)
+    assert len(name_walls((alike[0], unlike, alike[2]), plan)) == 2

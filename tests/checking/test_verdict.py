@@ -147,3 +147,23 @@ def test_without_a_plan_more_is_allowed_and_few_visits_say_nothing_against():
     assert outcome(True, visits=(apart,) * 3) == "no better"
     judged = judge(make_evidence(is_alone=True, **error), VerdictOptions(alone_factor=1.0))
     assert judged.outcome == "improved"
+
+
+def test_walls_are_named_where_the_scan_fits_in_two_ways():
+    walls = tuple(f"the wall at ({k}.0, 0.0)-({k}.0, 3.0): 0.30 m towards +x" for k in range(5))
+    unsure = {"predicted_error_m": np.full(50, 0.25), "correction_m": np.full(50, 2.0)}
+    verdict = make_verdict(rival_error_m=0.2, moved_walls=walls, **unsure)
+    assert verdict.outcome == "improved"
+    first = verdict.reservations[0]
+    assert first.walls == walls
+    assert "0.20 m (RMS) elsewhere" in first.words
+    assert all(name in first.words for name in (*walls[:3], "2 more"))
+    assert walls[3] not in first.words
+    assert "measure one of these walls" in verdict.advice
+    bare = make_verdict(rival_error_m=0.2, **unsure).reservations[0]
+    assert "moved" not in bare.words
+    assert bare.advice.startswith("check the plan")
+
+
+def test_moved_walls_alone_are_no_reservation():
+    assert make_verdict(moved_walls=("the wall at ...",), rival_error_m=0.05).is_refined

@@ -19,6 +19,9 @@ from planfit.segmentation import WallPatches
 
 STEP_M = 0.01
 """Offsets are tried this far apart."""
+PARALLEL, SAME_MOTION_M, MAX_THICKNESS_M, MAX_GAP_M = 0.99, 0.08, 0.6, 1.0
+"""Two faces are of one wall: cosine between their normals, how alike they were moved, how far they lie apart
+across, and along (a door may be between)."""
 OVERHANG_M = 0.1
 """A patch may reach beyond the end of its face by this much and still lie wholly beside it."""
 
@@ -142,19 +145,52 @@ def _nearest_unexplained(
 
 def describe_moved(moved: tuple[MovedWall, ...], floorplan: Floorplan, max_named: int = 5) -> str:
     """One sentence that names the walls: where they are drawn, how far they stand off and which way."""
-    named = [
-        f"the wall at ({x1:.1f}, {y1:.1f})-({x2:.1f}, {y2:.1f}): {abs(each.offset_m):.2f} m "
-        f"{_direction(floorplan.normals[each.face_idx], each.offset_m)}"
-        for each in moved[:max_named]
-        for (x1, y1), (x2, y2) in [floorplan.ends[each.face_idx]]
-    ]
-    if len(moved) > max_named:
-        named.append(f"and {len(moved) - max_named} more")
-    who = "1 wall stands" if len(moved) == 1 else f"{len(moved)} walls stand"
+    walls = name_walls(moved, floorplan)
+    named = list(walls[:max_named])
+    if len(walls) > max_named:
+        named.append(f"and {len(walls) - max_named} more")
+    who = "1 wall stands" if len(walls) == 1 else f"{len(walls)} walls stand"
     return (
         f"{who} elsewhere than drawn: {'; '.join(named)}; poses were not held to "
-        f"{'it' if len(moved) == 1 else 'them'}, correct the plan there"
+        f"{'it' if len(walls) == 1 else 'them'}, correct the plan there"
     )
+
+
+def name_walls(moved: tuple[MovedWall, ...], floorplan: Floorplan) -> tuple[str, ...]:
+    """Each moved wall in words, in the order given: where it is drawn, how far it stands off and which way.
+
+    Both faces of a wall, and faces that go on in its line, are one wall if they were moved alike; it is named
+    by the face that most patches saw.
+    """
+    groups: list[list[MovedWall]] = []
+    for each in moved:
+        own = [group for group in groups if any(_is_one(each, other, floorplan) for other in group)]
+        groups = [group for group in groups if not any(group is one for one in own)]
+        groups.append([*(wall for group in own for wall in group), each])
+    order = {each.face_idx: k for k, each in enumerate(moved)}
+    groups.sort(key=lambda group: min(order[each.face_idx] for each in group))
+    return tuple(_name(max(group, key=lambda each: each.n_patches), floorplan) for group in groups)
+
+
+def _is_one(first: MovedWall, second: MovedWall, floorplan: Floorplan) -> bool:
+    """Whether two faces are of one wall that was moved as a whole."""
+    a, b = first.face_idx, second.face_idx
+    normal, ends = floorplan.normals[a], floorplan.ends
+    if abs(normal @ floorplan.normals[b]) < PARALLEL:
+        return False
+    motion = first.offset_m * normal - second.offset_m * floorplan.normals[b]
+    across_m = abs((ends[b].mean(axis=0) - ends[a, 0]) @ normal)
+    if np.linalg.norm(motion) > SAME_MOTION_M or across_m > MAX_THICKNESS_M:
+        return False
+    along = np.array([-normal[1], normal[0]])
+    at = np.sort((ends[[a, b]] - ends[a, 0]) @ along, axis=1)
+    return bool(at[:, 0].max() - at[:, 1].min() < MAX_GAP_M)
+
+
+def _name(wall: MovedWall, floorplan: Floorplan) -> str:
+    (x1, y1), (x2, y2) = floorplan.ends[wall.face_idx]
+    towards = _direction(floorplan.normals[wall.face_idx], wall.offset_m)
+    return f"the wall at ({x1:.1f}, {y1:.1f})-({x2:.1f}, {y2:.1f}): {abs(wall.offset_m):.2f} m {towards}"
 
 
 def _direction(normal: Float[np.ndarray, " 2"], offset_m: float) -> str:

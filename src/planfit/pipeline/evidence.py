@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.adjust import AdjustOptions, PlanAdjustment, build_problem, costs
+from planfit.adjust import AdjustOptions, PlanAdjustment, build_problem, costs, name_walls
 from planfit.adjust.association import associate
 from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M, match_distances
@@ -25,7 +25,7 @@ from planfit.pipeline.folds import (
     path_steps,
     without_fold,
 )
-from planfit.pipeline.predicted_error import brought_close, predicted_covariance
+from planfit.pipeline.predicted_error import brought_close, predicted_covariance, spread_of_rivals
 from planfit.pipeline.prepare import PreparedScan
 
 FOLD_TOLERANCE = 1e-4
@@ -107,6 +107,11 @@ class Evidence:
     it."""
     is_placed: bool = True
     """Whether the scan stands on its plan, if there is one."""
+    rival_error_m: float = 0.0
+    """Part of the predicted error (RMS) that other optima have in it: where else the scan fits the plan about
+    as well, with other walls taken for moved."""
+    moved_walls: tuple[str, ...] = ()
+    """Walls that were taken for moved, in words: where they are drawn, how far they stand off, which way."""
     is_alone: bool = False
     """Whether nothing fixed holds the whole: no plan, and no positions that are known."""
 
@@ -183,6 +188,7 @@ def gather_evidence(
         by_fold.append(problem.solve().target_from_cams[: len(solved)])
     problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
     covariance = predicted_covariance(problem, adjustment.rivals, folds, by_fold)
+    spread = spread_of_rivals(solved, adjustment.rivals)
     near = _near_plan(prepared, on_plan, options, folds, recorded, by_fold)
     variance = np.trace(covariance, axis1=1, axis2=2)
     before = recorded[:, :3, 3]
@@ -199,8 +205,16 @@ def gather_evidence(
         alignment=_judge_alignment(prepared, on_plan, solved, align_options),
         scan_costs=_scan_costs(prepared, solved, options),
         is_placed=on_plan.floorplan is None or on_plan.alignment is not None,
+        rival_error_m=_rms(np.sqrt(np.trace(spread, axis1=1, axis2=2))),
+        moved_walls=_moved_walls(on_plan, adjustment),
         is_alone=problem.gauge is not None,
     )
+
+
+def _moved_walls(on_plan: ScanOnPlan, adjustment: PlanAdjustment) -> tuple[str, ...]:
+    if on_plan.floorplan is None:
+        return ()
+    return name_walls(adjustment.moved_walls, on_plan.floorplan)
 
 
 def _near_plan(

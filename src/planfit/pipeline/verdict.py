@@ -40,6 +40,10 @@ WORTH_SHARE = 0.35
 WORTH_SHARE_ALONE = 1.0
 """The same without a plan: no wrong place is to be feared there, and what least squares corrects is not
 correlated with what is left."""
+RIVAL_SHARE = 1.0
+"""Other optima are named from this share of the predicted error that is allowed on."""
+MAX_NAMED_WALLS = 3
+"""Walls that a sentence names."""
 MIN_VISITS_ALONE = 3
 """Without a plan, the solve without one of fewer visits has next to nothing that closes loops: that it puts
 what the visit saw where the tracker did says nothing of the result."""
@@ -66,6 +70,8 @@ class Reservation:
     """A sentence without its full stop, the frames named in it."""
     advice: str
     """What to do."""
+    walls: tuple[str, ...] = ()
+    """Walls of the plan that it hangs on: where they are drawn, how far they stand off, which way."""
 
 
 @dataclass(frozen=True)
@@ -181,6 +187,7 @@ def _against(evidence: Evidence, options: VerdictOptions) -> tuple[str, ...]:
 def _reservations(evidence: Evidence, options: VerdictOptions) -> tuple[Reservation, ...]:
     found = [
         *_of_torn_steps(evidence),
+        *_of_rivals(evidence, options),
         *_of_unsure_stretches(evidence, options),
         *_of_unexplained_stretches(evidence),
         *_of_contradicted_visits(evidence),
@@ -220,6 +227,29 @@ def _of_torn_steps(evidence: Evidence) -> list[Reservation]:
             f"the path is torn at frames {frame_ranges(frames)}: the result departs from the recorded motion "
             f"by up to {worst.departure_m:.1f} m and {worst.departure_deg:.0f} deg in one step",
             "look at those frames: either the tracker jumped there, or places were confused",
+        )
+    ]
+
+
+def _of_rivals(evidence: Evidence, options: VerdictOptions) -> list[Reservation]:
+    """The scan fits the plan in another way about as well, depending on which walls were moved."""
+    if evidence.rival_error_m <= RIVAL_SHARE * options.max_error_m:
+        return []
+    stretches, walls = evidence.stretches, evidence.moved_walls
+    taken, check = "", "check the plan"
+    if walls:
+        shown = [*walls[:MAX_NAMED_WALLS]]
+        if len(walls) > MAX_NAMED_WALLS:
+            shown.append(f"{len(walls) - MAX_NAMED_WALLS} more")
+        taken = f", other walls being drawn wrongly then; taken for moved were {'; '.join(shown)}"
+        check = "measure one of these walls in the building and correct the plan there"
+    return [
+        Reservation(
+            ((stretches[0].frames[0], stretches[-1].frames[1]),),
+            f"the scan fits the plan about as well with its frames {evidence.rival_error_m:.2f} m (RMS) "
+            f"elsewhere{taken}",
+            f"{check}, or give control points",
+            walls,
         )
     ]
 
