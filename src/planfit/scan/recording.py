@@ -7,6 +7,7 @@ are `RecordedFiles`. All formats take this way: image files, videos, bags and ar
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path, PurePosixPath
 from typing import Protocol, runtime_checkable
 
@@ -24,6 +25,7 @@ from planfit.scan.images.lens import (
     working_camera,
 )
 from planfit.scan.options import ScanOptions
+from planfit.scan.poses import is_lost
 from planfit.scan.types import Scan
 from planfit.scan.views import MAX_CORRUPT_SHARE
 
@@ -37,6 +39,8 @@ MAX_DISTORTION = 1e3
 """Coefficients of real lenses are below 100."""
 
 MAX_SIZE_PX = 100_000
+MAX_NAMED = 8
+"""Runs of frames that a warning names."""
 
 
 @dataclass(frozen=True)
@@ -221,6 +225,7 @@ def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
         ScanError: no frames are left, or their files contradict each other.
     """
     usable, skipped = _usable_frames(recording)
+    lost = _lost_frames(recording)
     if not usable:
         why = f" ({skipped[0]})" if skipped else ""
         raise ScanError(
@@ -243,8 +248,26 @@ def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
         fingerprint=recording.fingerprint,
         format=recording.format,
         skipped=tuple(skipped),
-        warnings=(*recording.warnings, *recording.images.warnings(frames)),
+        warnings=(*recording.warnings, *lost, *recording.images.warnings(frames)),
     )
+
+
+def _lost_frames(recording: Recording) -> list[str]:
+    """A warning that names the frames for which the tracker had no pose; none where it had all."""
+    is_without = [bool(is_lost(frame.world_from_cam)) for frame in recording.frames]
+    n_lost = sum(is_without)
+    if n_lost == 0:
+        return []
+    ids = [frame.frame_id for frame in recording.frames]
+    grouped = [
+        list(run) for is_out, run in groupby(range(len(ids)), is_without.__getitem__) if is_out
+    ]
+    named = [ids[r[0]] if len(r) == 1 else f"{ids[r[0]]}-{ids[r[-1]]}" for r in grouped]
+    more = f" and {len(named) - MAX_NAMED} more" if len(named) > MAX_NAMED else ""
+    return [
+        f"{recording.path}: {n_lost} of {len(ids)} frames have no pose, as the tracker was lost: frames "
+        f"{', '.join(named[:MAX_NAMED])}{more} are left out"
+    ]
 
 
 def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
@@ -255,8 +278,8 @@ def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
     Raises:
         ScanError: sizes are mixed, or more than one frame in a hundred is corrupt.
     """
-    lost = [frame for frame in recording.frames if not np.isfinite(frame.world_from_cam).all()]
-    posed = [frame for frame in recording.frames if np.isfinite(frame.world_from_cam).all()]
+    lost = [frame for frame in recording.frames if is_lost(frame.world_from_cam)]
+    posed = [frame for frame in recording.frames if not is_lost(frame.world_from_cam)]
     skipped = [*recording.skipped]
     skipped += [f"frame {frame.frame_id}: the tracker had no pose" for frame in lost]
     kept: list[UsableFrame] = []
