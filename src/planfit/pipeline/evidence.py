@@ -109,6 +109,8 @@ class Evidence:
     it."""
     is_placed: bool = True
     """Whether the scan stands on its plan, if there is one."""
+    unplaced: tuple[tuple[int, int], ...] = ()
+    """Runs of frames, first and last, at whose place nothing was tracked or matched."""
 
     @property
     def is_place_sure(self) -> bool:
@@ -117,13 +119,20 @@ class Evidence:
 
     @property
     def predicted_rms_m(self) -> float:
-        """Predicted error of the whole, root mean square."""
-        return _rms(self.predicted_error_m)
+        """Predicted error of the whole but for frames that nothing places, root mean square."""
+        return _rms(self.predicted_error_m[self._is_placed_frame])
 
     @property
     def correction_rms_m(self) -> float:
-        """How far the cameras were moved, root mean square."""
-        return _rms(self.correction_m)
+        """How far the cameras were moved but for frames that nothing places, root mean square."""
+        return _rms(self.correction_m[self._is_placed_frame])
+
+    @property
+    def _is_placed_frame(self) -> Bool[np.ndarray, " n"]:
+        is_placed = np.ones(len(self.predicted_error_m), dtype=bool)
+        for first, last in self.unplaced:
+            is_placed[first : last + 1] = False
+        return is_placed
 
     @property
     def near_shares(self) -> tuple[float, float] | None:
@@ -197,6 +206,7 @@ def gather_evidence(
         alignment=_judge_alignment(prepared, on_plan, solved, align_options),
         scan_costs=_scan_costs(prepared, solved, options),
         is_placed=on_plan.floorplan is None or on_plan.alignment is not None,
+        unplaced=prepared.unplaced,
     )
 
 

@@ -67,6 +67,8 @@ class PreparedScan:
     """Keyframes, loops closed."""
     warnings: tuple[str, ...] = ()
     """Revisits that were given up, a sentence each."""
+    unplaced: tuple[tuple[int, int], ...] = ()
+    """Runs of frames, first and last, whose place nothing tells: tracking was lost there."""
 
 
 def extract_observations(
@@ -175,7 +177,14 @@ def prepare(
     level_from_cams = level @ tracking.recorded_world_from_cams
     level_from_keys = level @ poses[keyframes.frame_idx]
     if not chosen.adjust.loops_first:
-        return PreparedScan(keyframes, measurements, level, level_from_cams, level_from_keys)
+        return PreparedScan(
+            keyframes,
+            measurements,
+            level,
+            level_from_cams,
+            level_from_keys,
+            unplaced=tracking.unplaced,
+        )
     with stages.stage("close loops"):
         closed = close_loops_untorn(
             measurements, level_from_keys, chosen.adjust, chosen.matching.cycle_consistency
@@ -187,4 +196,5 @@ def prepare(
         level_from_cams,
         closed.solution.target_from_cams,
         tuple(visit.sentence for visit in closed.dropped),
+        tracking.unplaced,
     )

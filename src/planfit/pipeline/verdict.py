@@ -166,6 +166,7 @@ def _against(evidence: Evidence, options: VerdictOptions) -> tuple[str, ...]:
 
 def _reservations(evidence: Evidence, options: VerdictOptions) -> tuple[Reservation, ...]:
     found = [
+        *_of_unplaced_frames(evidence),
         *_of_torn_steps(evidence),
         *_of_unsure_stretches(evidence, options),
         *_of_unexplained_stretches(evidence),
@@ -193,6 +194,19 @@ def _reservations(evidence: Evidence, options: VerdictOptions) -> tuple[Reservat
             )
         )
     return tuple(found)
+
+
+def _of_unplaced_frames(evidence: Evidence) -> list[Reservation]:
+    if not evidence.unplaced:
+        return []
+    return [
+        Reservation(
+            evidence.unplaced,
+            f"frames {frame_ranges(evidence.unplaced)} have no place: tracking was lost there, neighbouring "
+            "images do not match, and no place of theirs is surely seen again",
+            "leave these frames out, or scan that part again",
+        )
+    ]
 
 
 def _of_torn_steps(evidence: Evidence) -> list[Reservation]:
