@@ -33,6 +33,16 @@ def test_good_evidence_is_refined():
             ((20, 39),),
             r"frames 20-39 are not fixed along the plan's direction \(1.00, 0.00\): .* off by 0.50 m",
         ),
+        (
+            {"unplaced": ((5, 9), (30, 30))},
+            ((5, 9), (30, 30)),
+            "frames 5-9 and 30 have no place: tracking was lost there",
+        ),
+        (
+            {"tracking_doubt": "poses repeat while the images move: export the scan again"},
+            ((0, 49),),
+            "poses repeat while the images move$",
+        ),
         ({"torn": (TornStep((12, 13), 2.0, 30.0),)}, ((12, 13),), "torn at frames 12-13: .* 2.0 m and"),
         (
             {"stretches": stretches({0, 1}, near_kept_out=0.0), "visits": ()},
@@ -128,3 +138,11 @@ def test_few_contradicted_visits_are_an_accident():
 )
 def test_thresholds_are_options(options, outcome):
     assert judge(make_evidence(), options).outcome == outcome
+
+
+def test_frames_without_a_place_do_not_count_in_the_predicted_error():
+    predicted_m = np.full(50, 0.03)
+    predicted_m[5:10] = 9.0
+    changes = {"predicted_error_m": predicted_m}
+    assert make_verdict(**changes).outcome is Outcome.NO_BETTER
+    assert make_verdict(**changes, unplaced=((5, 9),)).outcome is Outcome.IMPROVED

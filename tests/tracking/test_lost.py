@@ -126,3 +126,13 @@ def test_lost_frames_do_not_make_the_tracker_noisy(rng):
     true, poses = recorded_walk(rng, 120)
     tracking = judged(with_frozen(poses, 31, 70), measure(true, rng))
     assert max(tracking.sigma_factors) < 1.5
+
+
+def test_poses_that_never_change_are_said_to_say_nothing(rng):
+    true, poses = recorded_walk(rng)
+    tracking = judged(np.repeat(poses[:1], 80, axis=0), measure(true, rng))
+    assert tracking.breaks == ()
+    assert "poses of 79 of 80 frames repeat the one before while the images move" in tracking.doubt
+    assert tracking.doubt in tracking.warnings
+    still = np.repeat(poses[:1], 80, axis=0)
+    assert judged(still, measure(still, rng)).doubt == ""

@@ -111,6 +111,8 @@ class Evidence:
     """Whether the scan stands on its plan, if there is one."""
     unplaced: tuple[tuple[int, int], ...] = ()
     """Runs of frames, first and last, at whose place nothing was tracked or matched."""
+    tracking_doubt: str = ""
+    """Why the recorded poses as a whole say nothing of the images, in words."""
 
     @property
     def is_place_sure(self) -> bool:
@@ -207,6 +209,7 @@ def gather_evidence(
         scan_costs=_scan_costs(prepared, solved, options),
         is_placed=on_plan.floorplan is None or on_plan.alignment is not None,
         unplaced=prepared.unplaced,
+        tracking_doubt=prepared.tracking_doubt,
     )
 
 

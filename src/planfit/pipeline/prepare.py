@@ -69,6 +69,8 @@ class PreparedScan:
     """Revisits that were given up, a sentence each."""
     unplaced: tuple[tuple[int, int], ...] = ()
     """Runs of frames, first and last, whose place nothing tells: tracking was lost there."""
+    tracking_doubt: str = ""
+    """Why the recorded poses as a whole say nothing, in words."""
 
 
 def extract_observations(
@@ -136,6 +138,7 @@ def _judge(
             options.poses_convention,
             options.odometry,
             options.tracking,
+            scan.up_world,
         )
 
     tracking = judged(known)
@@ -184,6 +187,7 @@ def prepare(
             level_from_cams,
             level_from_keys,
             unplaced=tracking.unplaced,
+            tracking_doubt=tracking.doubt,
         )
     with stages.stage("close loops"):
         closed = close_loops_untorn(
@@ -197,4 +201,5 @@ def prepare(
         closed.solution.target_from_cams,
         tuple(visit.sentence for visit in closed.dropped),
         tracking.unplaced,
+        tracking.doubt,
     )

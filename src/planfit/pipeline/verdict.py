@@ -166,6 +166,7 @@ def _against(evidence: Evidence, options: VerdictOptions) -> tuple[str, ...]:
 
 def _reservations(evidence: Evidence, options: VerdictOptions) -> tuple[Reservation, ...]:
     found = [
+        *_of_doubted_tracking(evidence),
         *_of_unplaced_frames(evidence),
         *_of_torn_steps(evidence),
         *_of_unsure_stretches(evidence, options),
@@ -194,6 +195,14 @@ def _reservations(evidence: Evidence, options: VerdictOptions) -> tuple[Reservat
             )
         )
     return tuple(found)
+
+
+def _of_doubted_tracking(evidence: Evidence) -> list[Reservation]:
+    if not evidence.tracking_doubt:
+        return []
+    everything = (evidence.stretches[0].frames[0], evidence.stretches[-1].frames[1])
+    what, _, advice = evidence.tracking_doubt.rpartition(": ")
+    return [Reservation((everything,), what, advice)]
 
 
 def _of_unplaced_frames(evidence: Evidence) -> list[Reservation]:

@@ -16,11 +16,13 @@ from planfit.tracking.conventions import (
     ConventionFit,
     apply_convention,
     best_convention,
+    turned_axes,
 )
 from planfit.tracking.fuse import fuse, with_steps_of
 from planfit.tracking.lost import Filled, fill_lost, void_steps
 from planfit.tracking.lost_runs import (
     LostRun,
+    count_repeated,
     find_lost_runs,
     is_identity,
     stands_still,
@@ -58,6 +60,7 @@ def judge_tracking(
     convention: str,
     odometry: OdometryOptions,
     options: TrackingOptions,
+    up_world: Float[np.ndarray, "3"] | None = None,
 ) -> Tracking:
     """Compare the recorded poses with measured motions.
 
@@ -68,14 +71,16 @@ def judge_tracking(
         convention: that of the poses: `recorded`, `auto`, or a name.
         odometry: what is usual of trackers.
         options: see there.
+        up_world: unit vector against gravity, where the scan's format says which axis is up.
 
     Raises:
-        ScanError: another convention explains the measured motions, and `auto` was not asked for.
+        ScanError: another convention explains the measured motions, or another axis is up than the format
+            says, and `auto` was not asked for.
         OptionError: there is no convention of this name.
     """
     told = _over_told_steps(motions, ~stands_still(world_from_cams))
     chosen, fit = _convention(name, world_from_cams, told, convention, odometry)
-    recorded = apply_convention(world_from_cams, chosen)
+    chosen, recorded = _in_axes_of_format(name, world_from_cams, chosen, convention, up_world)
     lost: tuple[LostRun, ...] = ()
     if options.mend:
         lost = find_lost_runs(recorded, is_identity(world_from_cams), motions, options)
@@ -108,7 +113,29 @@ def judge_tracking(
         doubtful_steps=doubtful,
         open_steps=filled.open_steps,
         linked=filled.linked,
+        n_repeated=count_repeated(recorded, motions, options),
     )
+
+
+def _in_axes_of_format(
+    name: str,
+    world_from_cams: Poses,
+    chosen: str,
+    asked: str,
+    up_world: Float[np.ndarray, "3"] | None,
+) -> tuple[str, Poses]:
+    """Name of the convention, and poses whose up axis is that of the format."""
+    poses = apply_convention(world_from_cams, chosen)
+    axes = "" if up_world is None else turned_axes(poses, up_world)
+    if not axes:
+        return chosen, poses
+    if asked != AUTO:
+        raise ScanError(
+            f"{name}: these poses look like {axes}: the walk is level and the images are upright with "
+            "another axis up than the scan's format has; run again with --poses-convention "
+            f"{axes}, or auto"
+        )
+    return (axes if chosen == RECORDED else f"{chosen}, {axes}"), apply_convention(poses, axes)
 
 
 def _over_told_steps(motions: MeasuredMotions, is_told: Bool[np.ndarray, " s"]) -> MeasuredMotions:

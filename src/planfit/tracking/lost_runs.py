@@ -91,6 +91,15 @@ def stands_still(recorded: Poses) -> Bool[np.ndarray, " s"]:
     return np.abs(np.diff(recorded, axis=0)).max(axis=(1, 2)) < SAME
 
 
+def count_repeated(recorded: Poses, motions: MeasuredMotions, options: TrackingOptions) -> int:
+    """How many frames repeat the pose before though the images move, where these are too many to be lost."""
+    is_same = stands_still(recorded)
+    n_steps = np.concatenate([[0], np.cumsum(~is_same)])
+    still = motions[np.flatnonzero(n_steps[motions.pairs[:, 0]] == n_steps[motions.pairs[:, 1]])]
+    is_most = len(is_same) > 0 and is_same.mean() > MAX_SHARE
+    return int(is_same.sum()) if is_most and moves(still, options) else 0
+
+
 def is_identity(poses: Poses) -> Bool[np.ndarray, " n"]:
     """Which poses are exactly the identity."""
     return np.abs(poses - np.eye(4)).max(axis=(1, 2)) < SAME

@@ -58,6 +58,9 @@ class Tracking:
     """Steps about lost frames that nothing tells, neither the tracker nor images: what is beyond may be
     anywhere. Revisits place it, and what they place is taken off the list."""
 
+    n_repeated: int = 0
+    """Frames that repeat the pose before while the images move, where these are most frames; fewer are lost
+    frames among `breaks`."""
     linked: tuple[tuple[int, int], ...] = ()
     """Frames before and after lost ones between which the tracker knew its motion."""
 
@@ -70,18 +73,31 @@ class Tracking:
         return tuple((int(a), int(b) - 1) for a, b in edges.reshape(-1, 2))
 
     @property
+    def doubt(self) -> str:
+        """Why the recorded poses as a whole say nothing of these images, in words; empty where they do."""
+        fit, n = self.convention_fit, len(self.world_from_cams)
+        if self.n_repeated:
+            return (
+                f"the recorded poses of {self.n_repeated} of {n} frames repeat the one before while the "
+                "images move, and say nothing of where the camera was: export the scan with its poses, or "
+                "give those of another tracker with --poses"
+            )
+        if fit is not None and fit.is_unexplained:
+            return (
+                f"the recorded poses explain only {fit.share:.0%} of {fit.n_motions} motions between "
+                "neighbouring images, and no usual convention explains more: check that poses and "
+                "images belong to one recording, in the same order"
+            )
+        return ""
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know of the recorded poses."""
         notes = []
         if self.convention != "recorded":
             notes.append(f"the recorded poses were taken as {self.convention}")
-        fit = self.convention_fit
-        if fit is not None and fit.is_unexplained:
-            notes.append(
-                f"the recorded poses explain only {fit.share:.0%} of {fit.n_motions} motions between "
-                "neighbouring images, and no usual convention explains more: check that poses and "
-                "images belong to one recording"
-            )
+        if self.doubt:
+            notes.append(self.doubt)
         if max(self.sigma_factors) > NOTED_FACTOR:
             notes.append(
                 f"the tracker errs about {max(self.sigma_factors):.1f} times more than usual between "
