@@ -1,5 +1,7 @@
 """Poses as formats have them: axes (docs/conventions.md), text, and what makes a matrix a pose."""
 
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,9 @@ UP_Z = np.array([0.0, 0.0, 1.0])
 
 MAX_ENTRY = 1e9
 """Nothing is further from an origin, not even in millimetres around the Earth's axis."""
+
+MAX_NAMED = 8
+"""Runs of frames that a warning names."""
 
 MAX_ROTATION_DEFECT = 0.02
 """Largest entry of R^T R - I that is taken for rounding. Recorded poses with four decimals are off
@@ -58,6 +63,21 @@ def is_lost(pose: Float[np.ndarray, "*n 4 4"]) -> Bool[np.ndarray, "*n"]:
     return np.asarray(
         ~is_finite | ~np.any(pose[..., :3, :3], axis=(-2, -1))
     )  # one pose is no array
+
+
+def name_lost_frames(ids: Sequence[str], are_lost: Sequence[bool], where: str) -> list[str]:
+    """A warning, beginning with `where`, that names frames by their ids; none where no frame is lost."""
+    if not any(are_lost):
+        return []
+    grouped = [
+        list(run) for is_out, run in groupby(range(len(ids)), are_lost.__getitem__) if is_out
+    ]
+    named = [ids[r[0]] if len(r) == 1 else f"{ids[r[0]]}-{ids[r[-1]]}" for r in grouped]
+    more = f" and {len(named) - MAX_NAMED} runs more" if len(named) > MAX_NAMED else ""
+    return [
+        f"{where}: {sum(are_lost)} of {len(ids)} frames have no pose, as the tracker was lost: frames "
+        f"{', '.join(named[:MAX_NAMED])}{more} are left out"
+    ]
 
 
 def check_recorded_pose(pose: Float[np.ndarray, "..."], where: str) -> None:

@@ -7,7 +7,6 @@ are `RecordedFiles`. All formats take this way: image files, videos, bags and ar
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path, PurePosixPath
 from typing import Protocol, runtime_checkable
 
@@ -25,7 +24,7 @@ from planfit.scan.images.lens import (
     working_camera,
 )
 from planfit.scan.options import ScanOptions
-from planfit.scan.poses import is_lost
+from planfit.scan.poses import is_lost, name_lost_frames
 from planfit.scan.types import Scan
 from planfit.scan.views import MAX_CORRUPT_SHARE
 
@@ -39,8 +38,6 @@ MAX_DISTORTION = 1e3
 """Coefficients of real lenses are below 100."""
 
 MAX_SIZE_PX = 100_000
-MAX_NAMED = 8
-"""Runs of frames that a warning names."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +222,9 @@ def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
         ScanError: no frames are left, or their files contradict each other.
     """
     usable, skipped = _usable_frames(recording)
-    lost = _lost_frames(recording)
+    ids = [frame.frame_id for frame in recording.frames]
+    are_lost = [bool(is_lost(frame.world_from_cam)) for frame in recording.frames]
+    lost = name_lost_frames(ids, are_lost, str(recording.path))
     if not usable:
         why = f" ({skipped[0]})" if skipped else ""
         raise ScanError(
@@ -250,24 +249,6 @@ def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
         skipped=tuple(skipped),
         warnings=(*recording.warnings, *lost, *recording.images.warnings(frames)),
     )
-
-
-def _lost_frames(recording: Recording) -> list[str]:
-    """A warning that names the frames for which the tracker had no pose; none where it had all."""
-    is_without = [bool(is_lost(frame.world_from_cam)) for frame in recording.frames]
-    n_lost = sum(is_without)
-    if n_lost == 0:
-        return []
-    ids = [frame.frame_id for frame in recording.frames]
-    grouped = [
-        list(run) for is_out, run in groupby(range(len(ids)), is_without.__getitem__) if is_out
-    ]
-    named = [ids[r[0]] if len(r) == 1 else f"{ids[r[0]]}-{ids[r[-1]]}" for r in grouped]
-    more = f" and {len(named) - MAX_NAMED} more" if len(named) > MAX_NAMED else ""
-    return [
-        f"{recording.path}: {n_lost} of {len(ids)} frames have no pose, as the tracker was lost: frames "
-        f"{', '.join(named[:MAX_NAMED])}{more} are left out"
-    ]
 
 
 def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
