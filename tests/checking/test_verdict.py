@@ -140,6 +140,17 @@ def test_thresholds_are_options(options, outcome):
     assert judge(make_evidence(), options).outcome == outcome
 
 
+def test_poses_that_say_nothing_are_not_recommended():
+    doubt = "the poses never change: export the scan again"
+    verdict = make_verdict(
+        alignment=AdjustedAlignment(0.9, 0.4, 0.0, doubt="elsewhere"), tracking_doubt=doubt
+    )
+    assert verdict.outcome is Outcome.NO_BETTER
+    assert verdict.headline.endswith("can be used, as the poses never change")
+    assert "use the recorded poses" not in verdict.headline
+    assert verdict.advice == "export the scan again"
+
+
 def test_frames_without_a_place_do_not_count_in_the_predicted_error():
     predicted_m = np.full(50, 0.03)
     predicted_m[5:10] = 9.0

@@ -136,3 +136,12 @@ def test_poses_that_never_change_are_said_to_say_nothing(rng):
     assert tracking.doubt in tracking.warnings
     still = np.repeat(poses[:1], 80, axis=0)
     assert judged(still, measure(still, rng)).doubt == ""
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_images_that_tell_nothing_leave_poses_as_they_are(rng, n):
+    poses = np.repeat(walk(rng, 2)[:1], n, axis=0)
+    none = measure(walk(rng, 8), rng)[np.zeros(0, dtype=int)]
+    tracking = judged(poses, none)
+    assert np.array_equal(tracking.world_from_cams, poses)
+    assert (tracking.breaks, tracking.unplaced, tracking.doubt) == ((), (), "")

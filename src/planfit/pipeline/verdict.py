@@ -74,6 +74,8 @@ class Verdict:
     """What to do next, for the whole."""
     predicted_error_m: Float[np.ndarray, " n"]
     """Of each camera position, one standard deviation of its length."""
+    is_tracked: bool = True
+    """Whether the recorded poses say anything of the images."""
 
     @property
     def is_refined(self) -> bool:
@@ -83,6 +85,9 @@ class Verdict:
     @property
     def headline(self) -> str:
         """The outcome and its main reason, on one line."""
+        if self.outcome is Outcome.NO_BETTER and not self.is_tracked:
+            why = self.reasons[0]
+            return f"{self.outcome.value}: neither recorded nor refined poses can be used, as {why}"
         if self.outcome is Outcome.NO_BETTER:
             return f"{self.outcome.value}: use the recorded poses, as {self.reasons[0]}"
         if self.outcome is Outcome.IMPROVED:
@@ -95,7 +100,10 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
     """Weigh the evidence."""
     against = _against(evidence, options)
     reservations = _reservations(evidence, options)
-    if against:
+    what, _, mend = evidence.tracking_doubt.rpartition(": ")
+    if against and what:
+        outcome, reasons, advice = Outcome.NO_BETTER, (what, *against), mend
+    elif against:
         outcome, reasons = Outcome.NO_BETTER, against
         advice = (
             "use the recorded poses; check that it is the right plan, storey and unit, and see the report "
@@ -107,7 +115,9 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
     else:
         outcome, reasons = Outcome.REFINED, _in_favour(evidence)
         advice = "use the refined poses"
-    return Verdict(outcome, reasons, reservations, advice, evidence.predicted_error_m)
+    return Verdict(
+        outcome, reasons, reservations, advice, evidence.predicted_error_m, is_tracked=not what
+    )
 
 
 def is_apart(before_m: float, after_m: float) -> bool:

@@ -142,7 +142,7 @@ def _over_told_steps(motions: MeasuredMotions, is_told: Bool[np.ndarray, " s"]) 
     """Motions that lead over recorded steps which say something; all, where these are less than half."""
     n_void = np.concatenate([[0], np.cumsum(~is_told)])
     over = n_void[motions.pairs[:, 1]] == n_void[motions.pairs[:, 0]]
-    return motions[np.flatnonzero(over)] if over.mean() >= MIN_TOLD else motions
+    return motions[np.flatnonzero(over)] if over.sum() >= MIN_TOLD * len(over) else motions
 
 
 def _filled(
