@@ -84,11 +84,10 @@ def judge_tracking(
     lost: tuple[LostRun, ...] = ()
     if options.mend:
         lost = find_lost_runs(recorded, is_identity(world_from_cams), motions, options)
-    is_told = ~void_steps(len(recorded), lost)
     factors = (1.0, 1.0)
     if options.adapt_sigmas:
-        usual = make_odometry(recorded, odometry)
-        factors = noise_factors(recorded, usual, _over_told_steps(motions, is_told))
+        told = _over_told_steps(motions, ~void_steps(len(recorded), lost))
+        factors = noise_factors(recorded, make_odometry(recorded, odometry), told)
     filled = _filled(recorded, lost, motions, odometry, factors, options)
     poses, found = filled.poses, []
     if options.mend:
