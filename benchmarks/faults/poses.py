@@ -84,15 +84,22 @@ def zeros(inputs: Inputs, size: int, rng: np.random.Generator) -> Inputs:
 
 
 def not_numbers(inputs: Inputs, size: int, rng: np.random.Generator) -> Inputs:
-    """For a while the pose is NaN.
-
-    Raises:
-        ScanError: scans cannot have such poses.
-    """
+    """For a while the pose is NaN: readers leave such frames out."""
     first, last = _lost_range(len(inputs.scan), size, rng)
-    poses = inputs.scan.world_from_cams.copy()
-    poses[first:last] = np.nan
-    return inputs.with_poses(poses)
+    return without_frames(inputs, first, last, inputs.scan.world_from_cams)
+
+
+def without_frames(inputs: Inputs, first: int, last: int, poses: Poses) -> Inputs:
+    """The scan without the frames from `first` on, up to `last`, which stays."""
+    kept = np.delete(np.arange(len(poses)), np.arange(first, last))
+    return replace(
+        inputs,
+        scan=replace(
+            select_frames(inputs.scan, kept, poses[kept]),
+            fingerprint=f"{inputs.scan.fingerprint} without {first} to {last}",
+        ),
+        true_world_from_cams=inputs.true_world_from_cams[kept],
+    )
 
 
 def gap(inputs: Inputs, size: int, rng: np.random.Generator) -> Inputs:
@@ -103,15 +110,7 @@ def gap(inputs: Inputs, size: int, rng: np.random.Generator) -> Inputs:
     moved = _about_vertical(poses[last, :3, 3], angle, inputs.up_world)
     moved[:3, 3] += 0.5 * _level_direction(inputs.up_world, rng)
     poses[last:] = moved @ poses[last:]
-    kept = np.delete(np.arange(len(poses)), np.arange(first, last))
-    return replace(
-        inputs,
-        scan=replace(
-            select_frames(inputs.scan, kept, poses[kept]),
-            fingerprint=f"{inputs.scan.fingerprint} without {first} to {last}",
-        ),
-        true_world_from_cams=inputs.true_world_from_cams[kept],
-    )
+    return without_frames(inputs, first, last, poses)
 
 
 def delayed(inputs: Inputs, frames: float) -> Inputs:

@@ -33,6 +33,16 @@ def test_good_evidence_is_refined():
             ((20, 39),),
             r"frames 20-39 are not fixed along the plan's direction \(1.00, 0.00\): .* off by 0.50 m",
         ),
+        (
+            {"unplaced": ((5, 9), (30, 30))},
+            ((5, 9), (30, 30)),
+            "frames 5-9 and 30 have no place: tracking was lost there",
+        ),
+        (
+            {"tracking_doubt": "poses repeat while the images move: export the scan again"},
+            ((0, 49),),
+            "poses repeat while the images move$",
+        ),
         ({"torn": (TornStep((12, 13), 2.0, 30.0),)}, ((12, 13),), "torn at frames 12-13: .* 2.0 m and"),
         (
             {"stretches": stretches({0, 1}, near_kept_out=0.0), "visits": ()},
@@ -167,3 +177,22 @@ def test_walls_are_named_where_the_scan_fits_in_two_ways():
 
 def test_moved_walls_alone_are_no_reservation():
     assert make_verdict(moved_walls=("the wall at ...",), rival_error_m=0.05).is_refined
+
+
+def test_poses_that_say_nothing_are_not_recommended():
+    doubt = "the poses never change: export the scan again"
+    verdict = make_verdict(
+        alignment=AdjustedAlignment(0.9, 0.4, 0.0, doubt="elsewhere"), tracking_doubt=doubt
+    )
+    assert verdict.outcome is Outcome.NO_BETTER
+    assert verdict.headline.endswith("can be used, as the poses never change")
+    assert "use the recorded poses" not in verdict.headline
+    assert verdict.advice == "export the scan again"
+
+
+def test_frames_without_a_place_do_not_count_in_the_predicted_error():
+    predicted_m = np.full(50, 0.03)
+    predicted_m[5:10] = 9.0
+    changes = {"predicted_error_m": predicted_m}
+    assert make_verdict(**changes).outcome is Outcome.NO_BETTER
+    assert make_verdict(**changes, unplaced=((5, 9),)).outcome is Outcome.IMPROVED

@@ -466,3 +466,16 @@ def test_compressed_record3d_without_the_library_says_what_to_install(sample, tm
     scan = read_scan(tmp_path / "scan.r3d")
     with pytest.raises(ScanError, match=r"planfit\[record3d\]"):
         scan.files.depth(0)
+
+
+@pytest.mark.parametrize("words", ["nan, nan, nan, nan, nan, nan, nan", "0, 0, 0, 0, 0, 0, 0"])
+def test_lost_tracking_in_stray(sample, tmp_path, words):
+    write_stray(tmp_path, sample)
+    path = tmp_path / "odometry.csv"
+    lines = path.read_text().splitlines()
+    cells = lines[3].split(",")
+    lines[3] = ",".join([*cells[:2], *words.split(","), *cells[9:]])
+    path.write_text("\n".join(lines) + "\n")
+    scan = read_scan(tmp_path)
+    assert len(scan.frame_ids) == len(lines) - 2
+    assert scan.skipped == ("frame 000002: the tracker had no pose",)

@@ -333,20 +333,37 @@ def good_pose():
 
 
 POSES = {
-    "NaN": ([[np.nan, *row[1:]] if i == 0 else row for i, row in enumerate(good_pose())], "NaN"),
-    "infinity": (
-        [[*row[:3], np.inf] if i == 1 else row for i, row in enumerate(good_pose())],
-        "infinity",
-    ),
     "three rows": (good_pose()[:3], "4x4"),
     "five rows": ([*good_pose(), good_pose()[3]], "4x4"),
     "seven numbers": ([[0, 0, 0, 0, 0, 0, 1]], "4x4"),
     "scaled": ((np.diag([2, 2, 2, 1.0]) @ pose_of(1)).tolist(), "rotation"),
     "sheared": ((np.array([[1, 0.1, 0, 0], *np.eye(4)[1:]]) @ pose_of(1)).tolist(), "rotation"),
-    "all zero": (np.zeros((4, 4)).tolist(), "rotation"),
+    "beyond all": (
+        [[1e99, *row[1:]] if i == 0 else row for i, row in enumerate(good_pose())],
+        "1e",
+    ),
     "mirrored": ((pose_of(1) @ np.diag([1, -1, 1, 1.0])).tolist(), "mirrored"),
     "transposed": (pose_of(1).T.tolist(), "last row"),
 }
+
+
+LOST_POSES = {"NaN": np.nan, "infinity": np.inf, "zeros": 0.0}
+
+
+@pytest.mark.parametrize("kind", LOST_POSES)
+def test_frames_of_a_lost_tracker_are_left_out_and_named(folder, kind):
+    lost = np.full((4, 4), LOST_POSES[kind])
+    (folder / "arcore" / "pose-0004.txt").write_text(
+        "\n".join(" ".join(str(v) for v in row) for row in lost)
+    )
+    n_all = len(list((folder / "arcore").glob("pose-*.txt")))
+    scan = read_scan(folder)
+    assert len(scan) == n_all - 1
+    assert "0004" not in scan.frame_ids
+    assert scan.skipped == ("frame 0004: the tracker had no pose",)
+    assert scan.warnings[0] == (
+        f"{folder}: 1 of {n_all} frames have no pose, as the tracker was lost: frames 0004 are left out"
+    )
 
 
 @pytest.mark.parametrize("kind", POSES)

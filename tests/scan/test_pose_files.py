@@ -149,7 +149,7 @@ BAD = {
     "seven numbers": ("1 2 3 4 5 6 7\n", "found lines of 7"),
     "words": ("one two three four five six seven eight nine ten eleven twelve\n", "numbers alone"),
     "no rotation": ("2 0 0 0 0 2 0 0 0 0 2 0\n", "pose 0: expected a rotation"),
-    "NaN": ("nan 0 0 0 0 1 0 0 0 0 1 0\n", "pose 0: expected finite numbers"),
+    "beyond all": ("1e99 0 0 0 0 1 0 0 0 0 1 0\n", "pose 0: expected finite numbers"),
     "a log cut off": ("0 0 1\n1 0 0 0\n0 1 0 0\n", "found lines of 3, 4"),
 }
 

@@ -52,10 +52,9 @@ def test_quaternions_need_not_be_unit(tmp_path):
     [
         "1 2 3",
         "0 0 0 0 0 0 0 1 9",
-        "0 0 0 0 0 0 0 0",
         "0,0,0,0,0,0,0,1",
-        "0 0 nan 0 0 0 0 1",
-        "0 0 0 inf 0 0 0 1",
+        "nan 0 0 0 0 0 0 1",
+        "0 1e300 0 0 0 0 0 1",
         "time x y z a b c d",
     ],
 )
@@ -63,6 +62,12 @@ def test_malformed_lines_are_named_by_number(tmp_path, line):
     (tmp_path / "bad.tum").write_text(f"# header\n0 0 0 0 0 0 0 1\n{line}\n")
     with pytest.raises(ScanError, match=r"bad\.tum, line 3: expected eight"):
         read_tum(tmp_path / "bad.tum")
+
+
+@pytest.mark.parametrize("line", ["1 0 nan 0 0 0 0 1", "1 inf 0 0 0 0 0 1", "1 0 0 0 0 0 0 0"])
+def test_lines_of_a_lost_tracker_are_left_out(tmp_path, line):
+    (tmp_path / "lost.tum").write_text(f"0 0 0 0 0 0 0 1\n{line}\n2 0 0 0 0 0 0 1\n")
+    assert_array_equal(read_tum(tmp_path / "lost.tum")[0], [0, 2])
 
 
 def test_files_without_poses(tmp_path):

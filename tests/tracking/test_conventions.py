@@ -161,3 +161,50 @@ def test_few_motions_tell_no_convention(walked):
     poses, motions = walked
     fit = best_convention(MISTAKES["opengl"](poses), motions[np.arange(10)], OdometryOptions())
     assert (fit.name, fit.is_clear) == ("recorded", False)
+
+
+def level_walk(rng, n=80):
+    """An upright camera, y down in the image, that walks across the floor of a world whose y is up."""
+    yaw = np.cumsum(rng.normal(0.1, 0.2, n))
+    axes = np.stack(
+        [[[-np.cos(a), 0, np.sin(a)], [0, -1, 0], [np.sin(a), 0, np.cos(a)]] for a in yaw]
+    )
+    rotations = np.swapaxes(axes, 1, 2)
+    positions = np.cumsum(0.3 * rotations[:, :, 2] + rng.normal(0, 0.01, (n, 3)), axis=0)
+    return se3.make_transform(rotations, positions)
+
+
+Y, Z = np.array([0.0, 1, 0]), np.array([0.0, 0, 1])
+Z_UP_FROM_Y_UP = se3.make_transform(
+    Rotation.from_euler("x", 90, degrees=True).as_matrix(), np.zeros(3)
+)
+
+
+def judged_with_up(poses, motions, up_world, convention="recorded"):
+    options = OdometryOptions(), TrackingOptions(), up_world
+    return judge_tracking("scan", poses, motions, convention, *options)
+
+
+@pytest.mark.parametrize(
+    ("name", "axes", "up_world"),
+    [("z_up", Z_UP_FROM_Y_UP, Y), ("y_up", np.eye(4), Z)],
+)
+def test_another_axis_that_is_up_is_named_and_undone(name, axes, up_world):
+    true = level_walk(np.random.default_rng(4))
+    motions = measure(true, np.random.default_rng(5))
+    poses = axes @ true
+    with pytest.raises(ScanError, match=f"scan: these poses look like {name}: .* {name}, or auto"):
+        judged_with_up(poses, motions, up_world)
+    for convention in ("auto", name):
+        tracking = judged_with_up(poses, motions, up_world, convention)
+        assert tracking.convention == name
+        up_in_images = -tracking.world_from_cams[:, :3, 1]
+        assert_allclose(up_in_images @ up_world, 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("roll_deg", [0, 30, 90, 180])
+def test_right_axes_are_not_doubted_however_the_camera_is_held(roll_deg):
+    true = level_walk(np.random.default_rng(6)) @ turned(roll_deg)
+    tracking = judged_with_up(true, measure(true, np.random.default_rng(7)), Y)
+    assert tracking.convention == "recorded"
+    assert np.array_equal(tracking.world_from_cams, true)

@@ -43,13 +43,14 @@ class PoseGraph:
         self,
         pairs: Int[np.ndarray, "p 2"],
         a_from_b: Float[np.ndarray, "p 4 4"],
-        sigma_rotation_deg: float,
-        sigma_translation_m: float,
+        sigma_rotation_deg: float | Float[np.ndarray, " p"],
+        sigma_translation_m: float | Float[np.ndarray, " p"],
     ) -> None:
-        """Add edges between frames of the graph, with their motion and its standard deviation, each axis."""
+        """Add edges between frames of the graph, with their motion and its standard deviation, each axis; one
+        for all, or for each."""
         variance = np.zeros((len(pairs), 3))
-        variance[:, 0] = np.deg2rad(sigma_rotation_deg) ** 2
-        variance[:, 1] = sigma_translation_m**2
+        variance[:, 0] = np.square(np.deg2rad(sigma_rotation_deg))
+        variance[:, 1] = np.square(sigma_translation_m)
         variance[:, 2] = np.linalg.norm(a_from_b[:, :3, 3], axis=1)
         # Frame indices to nodes: the frames are sorted, so the place of each is found by bisection.
         self._edges = np.concatenate([self._edges, np.searchsorted(self._frame_idx, pairs)])

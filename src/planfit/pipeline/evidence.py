@@ -114,6 +114,10 @@ class Evidence:
     """Walls that were taken for moved, in words: where they are drawn, how far they stand off, which way."""
     is_alone: bool = False
     """Whether nothing fixed holds the whole: no plan, and no positions that are known."""
+    unplaced: tuple[tuple[int, int], ...] = ()
+    """Runs of frames, first and last, at whose place nothing was tracked or matched."""
+    tracking_doubt: str = ""
+    """Why the recorded poses as a whole say nothing of the images, in words."""
 
     @property
     def is_place_sure(self) -> bool:
@@ -122,13 +126,20 @@ class Evidence:
 
     @property
     def predicted_rms_m(self) -> float:
-        """Predicted error of the whole, root mean square."""
-        return _rms(self.predicted_error_m)
+        """Predicted error of the whole but for frames that nothing places, root mean square."""
+        return _rms(self.predicted_error_m[self._is_placed_frame])
 
     @property
     def correction_rms_m(self) -> float:
-        """How far the cameras were moved, root mean square."""
-        return _rms(self.correction_m)
+        """How far the cameras were moved but for frames that nothing places, root mean square."""
+        return _rms(self.correction_m[self._is_placed_frame])
+
+    @property
+    def _is_placed_frame(self) -> Bool[np.ndarray, " n"]:
+        is_placed = np.ones(len(self.predicted_error_m), dtype=bool)
+        for first, last in self.unplaced:
+            is_placed[first : last + 1] = False
+        return is_placed
 
     @property
     def near_shares(self) -> tuple[float, float] | None:
@@ -208,6 +219,8 @@ def gather_evidence(
         rival_error_m=_rms(np.sqrt(np.trace(spread, axis1=1, axis2=2))),
         moved_walls=_moved_walls(on_plan, adjustment),
         is_alone=problem.gauge is not None,
+        unplaced=prepared.unplaced,
+        tracking_doubt=prepared.tracking_doubt,
     )
 
 

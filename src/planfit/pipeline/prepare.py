@@ -67,6 +67,10 @@ class PreparedScan:
     """Keyframes, loops closed."""
     warnings: tuple[str, ...] = ()
     """Revisits that were given up, a sentence each."""
+    unplaced: tuple[tuple[int, int], ...] = ()
+    """Runs of frames, first and last, whose place nothing tells: tracking was lost there."""
+    tracking_doubt: str = ""
+    """Why the recorded poses as a whole say nothing, in words."""
 
 
 def extract_observations(
@@ -134,6 +138,7 @@ def _judge(
             options.poses_convention,
             options.odometry,
             options.tracking,
+            scan.up_world,
         )
 
     tracking = judged(known)
@@ -175,7 +180,15 @@ def prepare(
     level_from_cams = level @ tracking.recorded_world_from_cams
     level_from_keys = level @ poses[keyframes.frame_idx]
     if not chosen.adjust.loops_first:
-        return PreparedScan(keyframes, measurements, level, level_from_cams, level_from_keys)
+        return PreparedScan(
+            keyframes,
+            measurements,
+            level,
+            level_from_cams,
+            level_from_keys,
+            unplaced=tracking.unplaced,
+            tracking_doubt=tracking.doubt,
+        )
     with stages.stage("close loops"):
         closed = close_loops_untorn(
             measurements, level_from_keys, chosen.adjust, chosen.matching.cycle_consistency
@@ -187,4 +200,6 @@ def prepare(
         level_from_cams,
         closed.solution.target_from_cams,
         tuple(visit.sentence for visit in closed.dropped),
+        tracking.unplaced,
+        tracking.doubt,
     )

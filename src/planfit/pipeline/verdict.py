@@ -86,6 +86,8 @@ class Verdict:
     """What to do next, for the whole."""
     predicted_error_m: Float[np.ndarray, " n"]
     """Of each camera position, one standard deviation of its length."""
+    is_tracked: bool = True
+    """Whether the recorded poses say anything of the images."""
 
     @property
     def is_refined(self) -> bool:
@@ -95,6 +97,9 @@ class Verdict:
     @property
     def headline(self) -> str:
         """The outcome and its main reason, on one line."""
+        if self.outcome is Outcome.NO_BETTER and not self.is_tracked:
+            why = self.reasons[0]
+            return f"{self.outcome.value}: neither recorded nor refined poses can be used, as {why}"
         if self.outcome is Outcome.NO_BETTER:
             return f"{self.outcome.value}: use the recorded poses, as {self.reasons[0]}"
         if self.outcome is Outcome.IMPROVED:
@@ -113,7 +118,10 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
         )
     against = _against(evidence, options)
     reservations = _reservations(evidence, options)
-    if against:
+    what, _, mend = evidence.tracking_doubt.rpartition(": ")
+    if against and what:
+        outcome, reasons, advice = Outcome.NO_BETTER, (what, *against), mend
+    elif against:
         outcome, reasons = Outcome.NO_BETTER, against
         advice = (
             "use the recorded poses; check that it is the right plan, storey and unit, and see the report "
@@ -125,7 +133,9 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
     else:
         outcome, reasons = Outcome.REFINED, _in_favour(evidence)
         advice = "use the refined poses"
-    return Verdict(outcome, reasons, reservations, advice, evidence.predicted_error_m)
+    return Verdict(
+        outcome, reasons, reservations, advice, evidence.predicted_error_m, is_tracked=not what
+    )
 
 
 def is_apart(before_m: float, after_m: float) -> bool:
@@ -186,6 +196,8 @@ def _against(evidence: Evidence, options: VerdictOptions) -> tuple[str, ...]:
 
 def _reservations(evidence: Evidence, options: VerdictOptions) -> tuple[Reservation, ...]:
     found = [
+        *_of_doubted_tracking(evidence),
+        *_of_unplaced_frames(evidence),
         *_of_torn_steps(evidence),
         *_of_rivals(evidence, options),
         *_of_unsure_stretches(evidence, options),
@@ -214,6 +226,27 @@ def _reservations(evidence: Evidence, options: VerdictOptions) -> tuple[Reservat
             )
         )
     return tuple(found)
+
+
+def _of_doubted_tracking(evidence: Evidence) -> list[Reservation]:
+    if not evidence.tracking_doubt:
+        return []
+    everything = (evidence.stretches[0].frames[0], evidence.stretches[-1].frames[1])
+    what, _, advice = evidence.tracking_doubt.rpartition(": ")
+    return [Reservation((everything,), what, advice)]
+
+
+def _of_unplaced_frames(evidence: Evidence) -> list[Reservation]:
+    if not evidence.unplaced:
+        return []
+    return [
+        Reservation(
+            evidence.unplaced,
+            f"frames {frame_ranges(evidence.unplaced)} have no place: tracking was lost there, neighbouring "
+            "images do not match, and no place of theirs is surely seen again",
+            "leave these frames out, or scan that part again",
+        )
+    ]
 
 
 def _of_torn_steps(evidence: Evidence) -> list[Reservation]:

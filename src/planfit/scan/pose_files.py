@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import ScanError
 from planfit.scan.association import poses_at
-from planfit.scan.poses import check_pose, parse_tum
+from planfit.scan.poses import check_recorded_pose, is_lost, parse_tum
 from planfit.scan.tables import shorten
 from planfit.scan.types import Scan
 from planfit.scan.views import select_frames
@@ -70,7 +70,7 @@ def parse_poses(content: str, path: Path) -> PoseTable:
             f"of 3 and four of 4), found lines of {', '.join(map(str, sorted(set(lengths)))) or 'nothing'}"
         )
     for i, pose in enumerate(table.poses):
-        check_pose(pose, f"{path}: pose {i}")
+        check_recorded_pose(pose, f"{path}: pose {i}")
     return table
 
 
@@ -115,7 +115,7 @@ def _for_frames(
     n = len(scan)
     poses, known = np.tile(np.eye(4), (n, 1, 1)), np.zeros(n, dtype=bool)
     if table.kind == "kitti" and len(table.keys) == n:
-        return table.poses, ~known
+        return table.poses, ~is_lost(table.poses)
     numbers = _frame_numbers(scan)
     if table.kind == "kitti" and (numbers is None or len(table.keys) <= numbers.max()):
         raise ScanError(
@@ -127,7 +127,8 @@ def _for_frames(
     row_of = {int(key): row for row, key in enumerate(table.keys)}
     for i, number in enumerate(numbers):
         if int(number) in row_of:
-            poses[i], known[i] = table.poses[row_of[int(number)]], True
+            poses[i] = table.poses[row_of[int(number)]]
+            known[i] = not is_lost(poses[i])
     return poses, known
 
 

@@ -1,9 +1,11 @@
 """Poses as formats have them: axes (docs/conventions.md), text, and what makes a matrix a pose."""
 
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
@@ -20,6 +22,9 @@ UP_Z = np.array([0.0, 0.0, 1.0])
 
 MAX_ENTRY = 1e9
 """Nothing is further from an origin, not even in millimetres around the Earth's axis."""
+
+MAX_NAMED = 8
+"""Runs of frames that a warning names."""
 
 MAX_ROTATION_DEFECT = 0.02
 """Largest entry of R^T R - I that is taken for rounding. Recorded poses with four decimals are off
@@ -52,6 +57,35 @@ def check_pose(pose: Float[np.ndarray, "..."], where: str) -> None:
         raise ScanError(f"{where}: expected the last row 0 0 0 1, found {pose[3].tolist()}")
 
 
+def is_lost(pose: Float[np.ndarray, "*n 4 4"]) -> Bool[np.ndarray, "*n"]:
+    """Whether a pose is what trackers write while they are lost: NaN, infinity, or zeros for the rotation."""
+    is_finite = np.isfinite(pose).all(axis=(-2, -1))
+    return np.asarray(
+        ~is_finite | ~np.any(pose[..., :3, :3], axis=(-2, -1))
+    )  # one pose is no array
+
+
+def name_lost_frames(ids: Sequence[str], are_lost: Sequence[bool], where: str) -> list[str]:
+    """A warning, beginning with `where`, that names frames by their ids; none where no frame is lost."""
+    if not any(are_lost):
+        return []
+    grouped = [
+        list(run) for is_out, run in groupby(range(len(ids)), are_lost.__getitem__) if is_out
+    ]
+    named = [ids[r[0]] if len(r) == 1 else f"{ids[r[0]]}-{ids[r[-1]]}" for r in grouped]
+    more = f" and {len(named) - MAX_NAMED} runs more" if len(named) > MAX_NAMED else ""
+    return [
+        f"{where}: {sum(are_lost)} of {len(ids)} frames have no pose, as the tracker was lost: frames "
+        f"{', '.join(named[:MAX_NAMED])}{more} are left out"
+    ]
+
+
+def check_recorded_pose(pose: Float[np.ndarray, "..."], where: str) -> None:
+    """As `check_pose`, but a pose of a tracker that was lost will do: its frame is left out later on."""
+    if pose.shape != (4, 4) or not is_lost(pose):
+        check_pose(pose, where)
+
+
 def from_opengl(world_from_gl_cams: Float[np.ndarray, "*n 4 4"]) -> Float[np.ndarray, "*n 4 4"]:
     """Poses of cameras with OpenGL axes, as poses of cameras with ours; also the way back."""
     # T diag(s) scales column j by s[j]: as a broadcast product, since in a matrix product infinity (a
@@ -60,13 +94,13 @@ def from_opengl(world_from_gl_cams: Float[np.ndarray, "*n 4 4"]) -> Float[np.nda
 
 
 def read_pose(source: FileSource, name: str) -> Float[np.ndarray, "4 4"]:
-    """A text file of one 4x4 pose; NaN throughout where the tracker was lost (NaN or infinity in the file).
+    """A text file of one 4x4 pose; NaN throughout where the tracker was lost (NaN, infinity or zeros in it).
 
     Raises:
         ScanError: the file is no 4x4 pose.
     """
     pose = read_matrix(source, name, "a 4x4 matrix of numbers")
-    if pose.shape == (4, 4) and not np.isfinite(pose).all():
+    if pose.shape == (4, 4) and is_lost(pose):
         return np.full((4, 4), np.nan)
     check_pose(pose, str(source.path / name))
     return pose
@@ -97,6 +131,8 @@ def parse_tum(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 4 4"]]:
     """As `read_tum`, of the text of a file; `path` is where it came from, for messages.
 
+    Lines of a tracker that was lost (NaN, infinity, or a quaternion of zeros) are left out.
+
     Raises:
         ScanError: it is empty, or not eight numbers a line.
     """
@@ -109,8 +145,10 @@ def parse_tum(
             row = [float(v) for v in text]
         except ValueError:
             row = []
-        ok = len(row) == 8 and np.isfinite(row).all() and np.abs(row[1:]).max() < MAX_ENTRY
-        if not ok or np.abs(row[4:]).max() < 1e-6:
+        ok = len(row) == 8 and np.isfinite(row[0])
+        if ok and (not np.isfinite(row).all() or np.abs(row[4:]).max() < 1e-6):
+            continue  # the tracker was lost: as if it had written nothing
+        if not ok or np.abs(row[1:]).max() >= MAX_ENTRY:
             raise ScanError(
                 f"{path}, line {number}: expected eight finite numbers "
                 f"(time tx ty tz qx qy qz qw), found {line.strip()[:80]!r}"

@@ -24,6 +24,7 @@ from planfit.scan.images.lens import (
     working_camera,
 )
 from planfit.scan.options import ScanOptions
+from planfit.scan.poses import is_lost, name_lost_frames
 from planfit.scan.types import Scan
 from planfit.scan.views import MAX_CORRUPT_SHARE
 
@@ -221,6 +222,9 @@ def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
         ScanError: no frames are left, or their files contradict each other.
     """
     usable, skipped = _usable_frames(recording)
+    ids = [frame.frame_id for frame in recording.frames]
+    are_lost = [bool(is_lost(frame.world_from_cam)) for frame in recording.frames]
+    lost = name_lost_frames(ids, are_lost, str(recording.path))
     if not usable:
         why = f" ({skipped[0]})" if skipped else ""
         raise ScanError(
@@ -243,7 +247,7 @@ def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
         fingerprint=recording.fingerprint,
         format=recording.format,
         skipped=tuple(skipped),
-        warnings=(*recording.warnings, *recording.images.warnings(frames)),
+        warnings=(*recording.warnings, *lost, *recording.images.warnings(frames)),
     )
 
 
@@ -255,8 +259,8 @@ def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
     Raises:
         ScanError: sizes are mixed, or more than one frame in a hundred is corrupt.
     """
-    lost = [frame for frame in recording.frames if not np.isfinite(frame.world_from_cam).all()]
-    posed = [frame for frame in recording.frames if np.isfinite(frame.world_from_cam).all()]
+    lost = [frame for frame in recording.frames if is_lost(frame.world_from_cam)]
+    posed = [frame for frame in recording.frames if not is_lost(frame.world_from_cam)]
     skipped = [*recording.skipped]
     skipped += [f"frame {frame.frame_id}: the tracker had no pose" for frame in lost]
     kept: list[UsableFrame] = []

@@ -224,7 +224,12 @@ def is_large(
     """Whether a displacement is more than what robust losses take care of."""
     way = float(np.linalg.norm(displaced[:3, :3] @ pivot + displaced[:3, 3] - pivot))
     angle = float(np.rad2deg(se3.rotation_angle(displaced[:3, :3])))
-    return way >= options.min_jump_m or angle >= options.min_jump_deg
+    return is_far(way, angle, options)
+
+
+def is_far(way_m: float, angle_deg: float, options: TrackingOptions) -> bool:
+    """Whether a tracker that went astray by so much has jumped."""
+    return way_m >= options.min_jump_m or angle_deg >= options.min_jump_deg
 
 
 def _is_seen_from_both_sides(

@@ -1,8 +1,9 @@
 """What recorded poses may mean: the usual mistakes of export, and which one explains the measured motions.
 
 A convention is a transform of the whole trajectory. Motions between neighbouring frames, measured from images
-and depth, know nothing of it, so they tell which one holds. What turns or mirrors the world as a whole
-(y up or z up) does not change motions, and is found from the floor instead.
+and depth, know nothing of it, so they tell which one holds. What turns the world as a whole (y up or z up)
+does not change motions. Where the format says which axis is up, two others tell whether it is: people walk
+level, and hold cameras upright.
 """
 
 from collections.abc import Callable
@@ -116,6 +117,27 @@ CONVENTIONS: dict[str, Callable[[Poses], Poses]] = {
 poses are those that stand beside an image which the camera took earlier."""
 
 
+def _world_turned(degrees: float) -> Callable[[Poses], Poses]:
+    """A quarter turn of the world about x, by exact quarters."""
+    turn = se3.make_transform(
+        np.round(Rotation.from_euler("x", degrees, degrees=True).as_matrix()), np.zeros(3)
+    )
+    return lambda poses: turn @ poses
+
+
+WORLD_AXES: dict[str, Callable[[Poses], Poses]] = {
+    "z_up": _world_turned(-90.0),
+    "y_up": _world_turned(90.0),
+}
+"""What brings poses whose z (y) is up to the axes of a format whose y (z) is."""
+LEVEL_RATIO = 3.0
+"""A walk spreads so many times as far along a level axis as along the vertical."""
+MIN_SPREAD_M = 0.3
+"""A camera that moved less (standard deviation) tells no axis."""
+UPRIGHT = 0.6
+"""Length of the mean of all image-up directions along the vertical. Where a camera lies on its side, what is
+up in the image turns with whoever walks, and the mean is short."""
+
 _UNITS = ("millimetres", "centimetres", "feet")
 
 
@@ -163,11 +185,35 @@ def apply_convention(world_from_cams: Poses, name: str) -> Poses:
     """
     if name == RECORDED:
         return world_from_cams
-    if name not in CONVENTIONS:
+    known = CONVENTIONS | WORLD_AXES
+    if name not in known:
         raise OptionError(
-            f"poses_convention: expected {RECORDED}, {AUTO}, {', '.join(CONVENTIONS)}, found {name!r}"
+            f"poses_convention: expected {RECORDED}, {AUTO}, {', '.join(known)}, found {name!r}"
         )
-    return CONVENTIONS[name](world_from_cams)
+    return known[name](world_from_cams)
+
+
+def turned_axes(world_from_cams: Poses, up_world: Float[np.ndarray, "3"]) -> str:
+    """The axes that poses are in where these are others than those of the format; empty where they are not.
+
+    Both the walk and how the camera was held must say so: the walk leads up and down along `up_world` but is
+    level across another axis, and that axis is up in the images.
+
+    Args:
+        world_from_cams: as recorded.
+        up_world: unit vector against gravity, as the format has it.
+    """
+    spread_m = float(np.std(world_from_cams[:, :3, 3] @ up_world))
+    up_in_images = -world_from_cams[:, :3, 1].mean(axis=0)
+    if spread_m < MIN_SPREAD_M:
+        return ""
+    for name, change in WORLD_AXES.items():
+        true_up = change(np.eye(4)[None])[0, :3, :3].T @ up_world
+        across_m = float(np.std(world_from_cams[:, :3, 3] @ true_up))
+        is_other = abs(true_up @ up_world) < 0.5
+        if is_other and spread_m > LEVEL_RATIO * across_m and up_in_images @ true_up > UPRIGHT:
+            return name
+    return ""
 
 
 def best_convention(

@@ -28,11 +28,6 @@ def fuse(
     sigma = np.repeat(
         np.column_stack([odometry.sigma_rotation, odometry.sigma_translation]), 3, axis=1
     )
-    # The residual of a relative pose is in the axes of the second frame: R^T times that in the first's.
-    rotation = np.zeros_like(motions.covariance)
-    rotation[:, :3, :3] = rotation[:, 3:, 3:] = motions.a_from_b[:, :3, :3]
-    information = np.swapaxes(rotation, 1, 2) @ np.linalg.inv(motions.covariance) @ rotation
-    information = (information + np.swapaxes(information, 1, 2)) / 2
     terms = [
         BetweenTerm(
             np.column_stack([steps, steps + 1]),
@@ -41,12 +36,22 @@ def fuse(
             loss=LOSS,
             name="recorded",
         ),
-        BetweenTerm(
-            motions.pairs, motions.a_from_b, information=information, loss=LOSS, name="measured"
-        ),
+        measured_term(motions),
         PosePriorTerm(np.array([0]), world_from_cams[:1], np.full(6, 0.01)),
     ]
     return Problem(terms, world_from_cams).solve().target_from_cams
+
+
+def measured_term(motions: MeasuredMotions) -> BetweenTerm:
+    """Measured motions as a term over poses; false ones count little."""
+    # The residual of a relative pose is in the axes of the second frame: R^T times that in the first's.
+    rotation = np.zeros_like(motions.covariance)
+    rotation[:, :3, :3] = rotation[:, 3:, 3:] = motions.a_from_b[:, :3, :3]
+    information = np.swapaxes(rotation, 1, 2) @ np.linalg.inv(motions.covariance) @ rotation
+    information = (information + np.swapaxes(information, 1, 2)) / 2
+    return BetweenTerm(
+        motions.pairs, motions.a_from_b, information=information, loss=LOSS, name="measured"
+    )
 
 
 def with_steps_of(odometry: Odometry, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Odometry:

@@ -1,9 +1,10 @@
 """Judge the recorded poses: convention, noise, breaks; and correct what can be corrected."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
@@ -15,9 +16,18 @@ from planfit.tracking.conventions import (
     ConventionFit,
     apply_convention,
     best_convention,
+    turned_axes,
 )
-from planfit.tracking.frozen import Thawed, thaw
 from planfit.tracking.fuse import fuse, with_steps_of
+from planfit.tracking.lost import Filled, fill_lost, void_steps
+from planfit.tracking.lost_runs import (
+    LostRun,
+    count_repeated,
+    find_lost_runs,
+    is_identity,
+    stands_still,
+    usual_step,
+)
 from planfit.tracking.motions import MeasuredMotions
 from planfit.tracking.noise import noise_factors
 from planfit.tracking.options import TrackingOptions
@@ -26,6 +36,9 @@ from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_
 
 MAX_BREAKS_SHARE = 0.1
 """A tracker with more breaks a frame than this is not mended: what is broken then is no step."""
+
+MIN_TOLD = 0.5
+"""Share of the motions that must lead over steps which say something, to be judged without the others."""
 
 Poses = Float[np.ndarray, "n 4 4"]
 
@@ -47,6 +60,7 @@ def judge_tracking(
     convention: str,
     odometry: OdometryOptions,
     options: TrackingOptions,
+    up_world: Float[np.ndarray, "3"] | None = None,
 ) -> Tracking:
     """Compare the recorded poses with measured motions.
 
@@ -57,22 +71,31 @@ def judge_tracking(
         convention: that of the poses: `recorded`, `auto`, or a name.
         odometry: what is usual of trackers.
         options: see there.
+        up_world: unit vector against gravity, where the scan's format says which axis is up.
 
     Raises:
-        ScanError: another convention explains the measured motions, and `auto` was not asked for.
+        ScanError: another convention explains the measured motions, or another axis is up than the format
+            says, and `auto` was not asked for.
         OptionError: there is no convention of this name.
     """
-    chosen, fit = _convention(name, world_from_cams, motions, convention, odometry)
-    recorded = apply_convention(world_from_cams, chosen)
+    told = _over_told_steps(motions, ~stands_still(world_from_cams))
+    chosen, fit = _convention(name, world_from_cams, told, convention, odometry)
+    chosen, recorded = _in_axes_of_format(name, world_from_cams, chosen, convention, up_world)
+    lost: tuple[LostRun, ...] = ()
+    if options.mend:
+        lost = find_lost_runs(recorded, is_identity(world_from_cams), motions, options)
     factors = (1.0, 1.0)
     if options.adapt_sigmas:
-        factors = noise_factors(recorded, make_odometry(recorded, odometry), motions)
-    thawed, poses, found = Thawed(recorded, {}, ()), recorded, []
+        told = _over_told_steps(motions, ~void_steps(len(recorded), lost))
+        factors = noise_factors(recorded, make_odometry(recorded, odometry), told)
+    filled = _filled(recorded, lost, motions, odometry, factors, options)
+    poses, found = filled.poses, []
     if options.mend:
-        thawed = thaw(recorded, motions, options)
-        poses, found = _mended(thawed, motions, odometry, factors, options)
-    steps = _odometry(poses, odometry, factors, found, thawed.sigmas)
-    doubtful = find_doubtful(poses, steps, motions, options) if options.mend else np.zeros(0, int)
+        poses, found = _mended(filled, motions, odometry, factors, options)
+    steps = _odometry(poses, odometry, factors, found, filled.sigmas)
+    doubtful = filled.open_steps
+    if options.mend:
+        doubtful = np.union1d(doubtful, find_doubtful(poses, steps, motions, options))
     if max(factors) >= options.fuse_above:
         poses = fuse(poses, steps, motions)
         steps = with_steps_of(steps, poses)
@@ -84,10 +107,57 @@ def judge_tracking(
         convention=chosen,
         convention_fit=fit,
         sigma_factors=factors,
-        breaks=tuple(sorted((*thawed.breaks, *displaced), key=lambda b: b.first_frame)),
+        breaks=tuple(sorted((*filled.breaks, *displaced), key=lambda b: b.first_frame)),
         n_motions=len(motions),
         doubtful_steps=doubtful,
+        open_steps=filled.open_steps,
+        linked=filled.linked,
+        n_repeated=count_repeated(recorded, motions, options),
     )
+
+
+def _in_axes_of_format(
+    name: str,
+    world_from_cams: Poses,
+    chosen: str,
+    asked: str,
+    up_world: Float[np.ndarray, "3"] | None,
+) -> tuple[str, Poses]:
+    """Name of the convention, and poses whose up axis is that of the format."""
+    poses = apply_convention(world_from_cams, chosen)
+    axes = "" if up_world is None else turned_axes(poses, up_world)
+    if not axes:
+        return chosen, poses
+    if asked != AUTO:
+        raise ScanError(
+            f"{name}: these poses look like {axes}: the walk is level and the images are upright with "
+            "another axis up than the scan's format has; run again with --poses-convention "
+            f"{axes}, or auto"
+        )
+    return (axes if chosen == RECORDED else f"{chosen}, {axes}"), apply_convention(poses, axes)
+
+
+def _over_told_steps(motions: MeasuredMotions, is_told: Bool[np.ndarray, " s"]) -> MeasuredMotions:
+    """Motions that lead over recorded steps which say something; all, where these are less than half."""
+    n_void = np.concatenate([[0], np.cumsum(~is_told)])
+    over = n_void[motions.pairs[:, 1]] == n_void[motions.pairs[:, 0]]
+    return motions[np.flatnonzero(over)] if over.sum() >= MIN_TOLD * len(over) else motions
+
+
+def _filled(
+    recorded: Poses,
+    lost: Sequence[LostRun],
+    motions: MeasuredMotions,
+    odometry: OdometryOptions,
+    factors: tuple[float, float],
+    options: TrackingOptions,
+) -> Filled:
+    """Lost frames placed, by steps with the sigmas of this tracker."""
+    if not lost:
+        return Filled(recorded)
+    steps = _odometry(recorded, odometry, factors, [], {})
+    usual = usual_step(recorded, ~void_steps(len(recorded), lost))
+    return fill_lost(recorded, lost, motions, steps, usual, options)
 
 
 def _convention(
@@ -106,17 +176,17 @@ def _convention(
 
 
 def _mended(
-    thawed: Thawed,
+    filled: Filled,
     motions: MeasuredMotions,
     options: OdometryOptions,
     factors: tuple[float, float],
     tracking: TrackingOptions,
 ) -> tuple[Poses, list[Displacement]]:
     """Poses with displaced frames put where measured motions say, the surest first."""
-    poses, found = thawed.poses, []
+    poses, found = filled.poses, []
     most = max(3, int(MAX_BREAKS_SHARE * len(poses)))
     while len(found) <= most:
-        odometry = _odometry(poses, options, factors, found, thawed.sigmas)
+        odometry = _odometry(poses, options, factors, found, filled.sigmas)
         displacement = find_displacement(poses, odometry, motions, tracking)
         if displacement is None:
             return poses, found
@@ -124,7 +194,7 @@ def _mended(
         of = slice(displacement.first, displacement.last + 1)
         poses[of] = displacement.world_from_recorded @ poses[of]
         found.append(displacement)
-    return thawed.poses, []
+    return filled.poses, []
 
 
 def _odometry(

@@ -25,7 +25,13 @@ from planfit.tracking.motions import (
     squared_sigmas,
 )
 from planfit.tracking.options import TrackingOptions
-from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of
+from planfit.tracking.types import (
+    Tracking,
+    TrackingBreak,
+    describe_jump,
+    size_of,
+    submaps_of,
+)
 
 USUAL_SHARE = 0.9
 """Share of the steps that are as long as usual, or shorter."""
@@ -125,17 +131,29 @@ def place_submaps(
         options: what a jump is.
     """
     n, doubtful = len(tracking.world_from_cams), tracking.doubtful_steps
-    group = np.searchsorted(doubtful, np.arange(n))
+    group = submaps_of(n, doubtful, tracking.linked)
+    # Revisits say where a submap is however unsure the steps between are: those do not make votes less sure.
+    inside = _with_usual_steps(tracking.odometry, tracking.open_steps)
     placed = _Placed(tracking.world_from_cams, group, np.zeros(n, dtype=int), False, (0.0, 0.0))
     revisits = _revisits(matches, group, verify)
     while True:
-        merged = _merge_surest(placed, revisits, tracking.odometry, options)
+        merged = _merge_surest(placed, revisits, inside, options)
         if merged is None:
             break
         placed = merged
-    if not placed.is_moved:
+    if not placed.is_moved and len(tracking.open_steps) == 0:
         return replace(tracking, doubtful_steps=np.zeros(0, dtype=int))
     return _with_placed(tracking, _chained(tracking, placed), placed)
+
+
+def _with_usual_steps(odometry: Odometry, steps: Int[np.ndarray, " d"]) -> Odometry:
+    """The same with median sigmas of these steps, where theirs are wider."""
+    rotation, translation = (
+        np.where(is_among, np.minimum(sigma, np.median(sigma)), sigma)
+        for is_among in [np.isin(np.arange(len(odometry.sigma_rotation)), steps)]
+        for sigma in (odometry.sigma_rotation, odometry.sigma_translation)
+    )
+    return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
 
 
 def _revisits(matches: Matches, group: np.ndarray, verify: VerifyOptions) -> MeasuredMotions:
@@ -200,6 +218,7 @@ def _chained(tracking: Tracking, placed: _Placed) -> Float[np.ndarray, "n 4 4"]:
     length, angle = _sizes(tracking.odometry.cam_from_next)
     usual = [max(float(np.quantile(s, USUAL_SHARE)), 1e-9) for s in (length, angle)]
     unlikely = np.maximum(length / usual[0], angle / usual[1])
+    unlikely[tracking.open_steps] = np.inf
     doubtful = tracking.doubtful_steps
     for step in doubtful[np.argsort(unlikely[doubtful], kind="stable")]:
         if group[step] == group[step + 1]:
@@ -219,25 +238,42 @@ def _with_placed(tracking: Tracking, poses: np.ndarray, placed: _Placed) -> Trac
     now = se3.inverse(poses[doubtful]) @ poses[doubtful + 1]
     departure = np.abs(now - steps[doubtful]).max(axis=(1, 2))
     changed = doubtful[departure > SAME]
-    # A group that no revisit placed may belong to the one before as well as to the one after.
-    if not (placed.n_votes[changed].all() and placed.n_votes[changed + 1].all()):
+    # A group that no revisit placed may belong to the one before as well as to the one after; about lost
+    # frames nothing is known that could be contradicted.
+    is_open = np.isin(doubtful, tracking.open_steps)
+    is_unsure = (placed.n_votes[changed] == 0) | (placed.n_votes[changed + 1] == 0)
+    if np.any(is_unsure & ~np.isin(changed, tracking.open_steps)):
         return _unplaced(tracking, changed)
+    is_found = placed.group[doubtful] == placed.group[doubtful + 1]
     steps[doubtful] = now
     rotation, translation = odometry.sigma_rotation.copy(), odometry.sigma_translation.copy()
-    rotation[changed] = np.hypot(rotation[changed], placed.sigma[0])
-    translation[changed] = np.hypot(translation[changed], placed.sigma[1])
+    jumps, found = np.setdiff1d(changed, tracking.open_steps), doubtful[is_open & is_found]
+    for sigma, of_votes in zip((rotation, translation), placed.sigma, strict=True):
+        sigma[jumps] = np.hypot(sigma[jumps], of_votes)
+        sigma[found] = max(float(np.median(sigma)), of_votes)
     recorded, votes = tracking.recorded_world_from_cams, placed.n_votes
     breaks = [
         describe_jump(recorded, poses, int(s), int(max(votes[s], votes[s + 1])), "revisits")
-        for s in changed
-    ]
+        for s in jumps
+    ] + [_described_found(int(s), poses, int(votes[s])) for s in found]
     return replace(
         tracking,
         world_from_cams=poses,
         odometry=Odometry(steps, rotation, translation),
         breaks=tuple(sorted((*tracking.breaks, *breaks), key=lambda b: b.first_frame)),
         doubtful_steps=np.zeros(0, dtype=int),
+        open_steps=doubtful[is_open & ~is_found],
     )
+
+
+def _described_found(step: int, poses: np.ndarray, n_votes: int) -> TrackingBreak:
+    """A step about lost frames that revisits told, in words."""
+    size = size_of(se3.inverse(poses[step]) @ poses[step + 1])
+    reason = (
+        f"after frame {step}, where tracking was lost, the walk goes on {size[0]:.1f} m and {size[1]:.0f} "
+        f"degrees further: placed by {n_votes} revisits"
+    )
+    return TrackingBreak("lost", step, step + 1, size, size, n_votes, reason)
 
 
 def _unplaced(tracking: Tracking, changed: np.ndarray) -> Tracking:

@@ -15,10 +15,11 @@ from planfit.tracking.conventions import ConventionFit
 class TrackingBreak:
     """A place where the recorded motion is not believed."""
 
-    kind: Literal["jump", "outlier", "frozen"]
-    """The tracker went astray and stayed there; some frames stand elsewhere; the pose stood still."""
+    kind: Literal["jump", "outlier", "frozen", "lost"]
+    """The tracker went astray and stayed there; some frames stand elsewhere; the pose stood still; frames
+    have no pose, or the identity."""
     first_frame: int
-    """The frame before a jump; the first frame of an outlier or of a frozen stretch."""
+    """The frame before a jump; the first frame of the others."""
     last_frame: int
     """The frame after a jump; the last one of the others."""
     recorded: tuple[float, float]
@@ -53,6 +54,41 @@ class Tracking:
     """Motions between neighbouring frames that were measured."""
     doubtful_steps: Int[np.ndarray, " d"] = field(default_factory=lambda: np.zeros(0, dtype=int))
     """Steps (frame i to i + 1) that no motion confirms and that are as long as a jump; revisits decide."""
+    open_steps: Int[np.ndarray, " o"] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    """Steps about lost frames that nothing tells, neither the tracker nor images: what is beyond may be
+    anywhere. Revisits place it, and what they place is taken off the list."""
+
+    n_repeated: int = 0
+    """Frames that repeat the pose before while the images move, where these are most frames; fewer are lost
+    frames among `breaks`."""
+    linked: tuple[tuple[int, int], ...] = ()
+    """Frames before and after lost ones between which the tracker knew its motion."""
+
+    @property
+    def unplaced(self) -> tuple[tuple[int, int], ...]:
+        """First and last frame of each run of frames whose place against most of the walk nothing tells."""
+        submap = submaps_of(len(self.world_from_cams), self.open_steps, self.linked)
+        is_elsewhere = submap != np.argmax(np.bincount(submap))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], is_elsewhere.astype(int), [0]])))
+        return tuple((int(a), int(b) - 1) for a, b in edges.reshape(-1, 2))
+
+    @property
+    def doubt(self) -> str:
+        """Why the recorded poses as a whole say nothing of these images, in words; empty where they do."""
+        fit, n = self.convention_fit, len(self.world_from_cams)
+        if self.n_repeated:
+            return (
+                f"the recorded poses of {self.n_repeated} of {n} frames repeat the one before while the "
+                "images move, and say nothing of where the camera was: export the scan with its poses, or "
+                "give those of another tracker with --poses"
+            )
+        if fit is not None and fit.is_unexplained:
+            return (
+                f"the recorded poses explain only {fit.share:.0%} of {fit.n_motions} motions between "
+                "neighbouring images, and no usual convention explains more: check that poses and "
+                "images belong to one recording, in the same order"
+            )
+        return ""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -60,13 +96,8 @@ class Tracking:
         notes = []
         if self.convention != "recorded":
             notes.append(f"the recorded poses were taken as {self.convention}")
-        fit = self.convention_fit
-        if fit is not None and fit.is_unexplained:
-            notes.append(
-                f"the recorded poses explain only {fit.share:.0%} of {fit.n_motions} motions between "
-                "neighbouring images, and no usual convention explains more: check that poses and "
-                "images belong to one recording"
-            )
+        if self.doubt:
+            notes.append(self.doubt)
         if max(self.sigma_factors) > NOTED_FACTOR:
             notes.append(
                 f"the tracker errs about {max(self.sigma_factors):.1f} times more than usual between "
@@ -77,6 +108,16 @@ class Tracking:
 
 NOTED_FACTOR = 2.0
 """A tracker that errs by more than this factor is worth a note."""
+
+
+def submaps_of(
+    n: int, cuts: Int[np.ndarray, " d"], linked: tuple[tuple[int, int], ...]
+) -> Int[np.ndarray, " n"]:
+    """Submap of each of n frames: the walk is cut at steps, and joined where frames are linked anyway."""
+    submap = np.searchsorted(np.unique(cuts), np.arange(n))
+    for before, after in linked:
+        submap[submap == submap[after]] = submap[before]
+    return submap
 
 
 def describe_jump(

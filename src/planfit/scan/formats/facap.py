@@ -25,7 +25,7 @@ from planfit.scan.images.decode import decode_image, header_size
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
 from planfit.scan.options import ScanOptions
-from planfit.scan.poses import UP_Y, check_pose, write_pose
+from planfit.scan.poses import UP_Y, read_pose, write_pose
 from planfit.scan.recording import Frame, Recording, Size, make_camera
 from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
@@ -77,7 +77,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         Frame(
             frame_id=i,
             time=float(i),
-            world_from_cam=_read_pose(source, f"{FRAMES}/pose-{i}.txt"),
+            world_from_cam=read_pose(source, f"{FRAMES}/pose-{i}.txt"),
             color=f"{FRAMES}/{color_names[i]}",
             depth=f"{FRAMES}/depth-{i}.png",
             size=(cameras[i].width, cameras[i].height),
@@ -146,13 +146,6 @@ def _check_counts(source: FileSource, frame_ids: list[str]) -> None:
             f"and {len(depth_ids)} depth (depth-{extra[0]}.png has no colour); "
             "copy the missing colour frames or delete the depth without them"
         )
-
-
-def _read_pose(source: FileSource, name: str) -> Float[np.ndarray, "4 4"]:
-    """Unlike elsewhere, a pose that is not finite is an error: this layout has no frames without one."""
-    pose = read_matrix(source, name, "a 4x4 matrix of numbers")
-    check_pose(pose, str(source.path / name))
-    return pose
 
 
 def _read_camera(source: FileSource, name: str) -> Camera:

@@ -19,7 +19,7 @@ from planfit.errors import ScanError
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
 from planfit.scan.options import ScanOptions
-from planfit.scan.poses import check_pose, from_opengl
+from planfit.scan.poses import check_recorded_pose, from_opengl
 from planfit.scan.recording import Frame, Recording, Size, id_of_name, make_camera
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
@@ -86,7 +86,7 @@ def _frame(item: object, number: int, where: str) -> Frame:
         raise ScanError(f"{where}: expected a name as depth_file_path, found another value")
     matrix = number_list(item.get("transform_matrix"), 16, f"{where}, transform_matrix")
     pose = from_opengl(matrix.reshape(4, 4))
-    check_pose(pose, where)
+    check_recorded_pose(pose, where)
     color = str(PurePosixPath(name))
     depth = str(PurePosixPath(item.get("depth_file_path") or ""))
     return Frame(id_of_name(color), float(number), pose, color, depth if depth != "." else "")

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
 from planfit.scan.options import ScanOptions
-from planfit.scan.poses import UP_Y, check_pose, from_opengl
+from planfit.scan.poses import UP_Y, check_recorded_pose, from_opengl
 from planfit.scan.recording import Frame, Recording, Size, make_camera
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
@@ -92,8 +92,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
 def _frame(content: dict[str, Any], stem: str, number: int, colors: str, where: str) -> Frame:
     top = number_list([content.get(key) for key in KEYS], 12, f"{where}, t_00 to t_23")
     pose = from_opengl(np.vstack([top.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]]))
-    if np.isfinite(pose).all():
-        check_pose(pose, where)
+    check_recorded_pose(pose, where)
     return Frame(
         frame_id=stem,
         time=int(stem) / 1e6 if stem.isdigit() else float(number),

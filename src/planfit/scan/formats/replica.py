@@ -20,7 +20,7 @@ from planfit.errors import ScanError
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
 from planfit.scan.options import ScanOptions
-from planfit.scan.poses import UP_Z, check_pose
+from planfit.scan.poses import UP_Z, check_recorded_pose
 from planfit.scan.recording import Frame, Recording, Size, make_camera
 from planfit.scan.source import FileSource, FolderSource
 from planfit.scan.tables import number_list, read_json, read_matrix
@@ -103,8 +103,7 @@ def _list_frames(
         if number >= len(poses):
             skipped.append(f"frame {match[1]}: {POSES} has only {len(poses)} rows")
             continue
-        if np.isfinite(poses[number]).all():
-            check_pose(poses[number], f"{source.path / POSES}, row {number}")
+        check_recorded_pose(poses[number], f"{source.path / POSES}, row {number}")
         depth = f"results/depth{match[1]}.png"
         frames.append(Frame(match[1], float(number), poses[number], f"results/{name}", depth))
     listed = {frame.frame_id for frame in frames}

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
 from planfit.scan.options import ScanOptions
-from planfit.scan.poses import UP_Y, check_pose, from_opengl
+from planfit.scan.poses import UP_Y, check_recorded_pose, from_opengl
 from planfit.scan.recording import Frame, Recording, Size, make_camera
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
@@ -49,8 +49,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         content = read_json(source, name)
         matrix = number_list(content.get("cameraPoseARFrame"), 16, f"{where}, cameraPoseARFrame")
         pose = from_opengl(matrix.reshape(4, 4))
-        if np.isfinite(pose).all():
-            check_pose(pose, where)
+        check_recorded_pose(pose, where)
         k = number_list(content.get("intrinsics"), 9, f"{where}, intrinsics")
         intrinsics[number] = (k[0], k[4], k[2], k[5])
         contents[number] = content

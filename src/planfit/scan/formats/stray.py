@@ -40,6 +40,8 @@ EXPECTS = "rgb.mp4, odometry.csv and camera_matrix.csv"
 VIDEO, POSES, CALIBRATION = "rgb.mp4", "odometry.csv", "camera_matrix.csv"
 COLUMNS = ("timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw")
 PARTS = (VIDEO, POSES, CALIBRATION, "depth/")
+LOST = [float("nan")] * 7
+"""In the place of position and quaternion where the tracker had none."""
 
 
 def recognise(source: FileSource) -> bool:
@@ -111,10 +113,13 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
 
 def _frame(source: FileSource, row: Float[np.ndarray, " columns"], name: str) -> Frame:
     depths = (f"depth/{name}.png", f"depth/{name}.npy")
+    pose = np.full((4, 4), np.nan)
+    if np.isfinite(row[2:9]).all():
+        pose = se3.make_transform(Rotation.from_quat(row[5:9]).as_matrix(), row[2:5])
     return Frame(
         frame_id=name,
         time=float(row[0]),
-        world_from_cam=se3.make_transform(Rotation.from_quat(row[5:9]).as_matrix(), row[2:5]),
+        world_from_cam=pose,
         color=VIDEO,
         depth=next((n for n in depths if source.exists(n)), depths[0]),
         confidence=f"confidence/{name}.png",
@@ -152,10 +157,11 @@ def _read_rows(source: FileSource) -> tuple[list[str], Float[np.ndarray, "n colu
             row = [float(word) for word in line.split(",")]
         except ValueError:
             row = []
-        ok = (
-            len(row) == len(header) and np.isfinite(row).all() and np.abs(row[2:]).max() < MAX_ENTRY
-        )
-        if not ok or np.abs(row[5:9]).max() < 1e-6 or row[1] < 0:
+        is_whole = len(row) == len(header) and np.isfinite([*row[:2], *row[9:]]).all()
+        if is_whole and (not np.isfinite(row[2:9]).all() or np.abs(row[5:9]).max() < 1e-6):
+            row[2:9] = LOST
+        largest = max((abs(v) for v in row[2:] if np.isfinite(v)), default=0.0)
+        if not is_whole or row[1] < 0 or largest >= MAX_ENTRY:
             raise ScanError(
                 f"{source.path / POSES}, line {number}: expected {len(header)} finite numbers "
                 f"({', '.join(header)}), found {shorten(line.strip())!r}"

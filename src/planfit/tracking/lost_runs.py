@@ -1,0 +1,181 @@
+"""Which frames have a pose that says nothing: one that stands still, or the identity.
+
+Trackers that are lost repeat the last pose or write the identity (what they leave out, readers leave out).
+Whether a repeated pose is lost or the camera stood on a tripod, the images tell.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from planfit.geometry import se3
+from planfit.tracking.motions import MeasuredMotions, squared_sigmas
+from planfit.tracking.options import TrackingOptions
+
+SAME = 1e-9
+"""Poses of a camera that is only held still differ by more."""
+MIN_FRAMES = 3
+"""Two equal poses in a row are one pose for two images, as some formats have it."""
+MAX_SHARE = 0.5
+"""A scan with more lost frames has no recorded poses to speak of, and stays as it is."""
+LONG = 1.5
+"""A step longer than so many usual ones (ninth decile) is no step of a tracker that goes on."""
+
+Poses = Float[np.ndarray, "n 4 4"]
+
+
+@dataclass(frozen=True)
+class LostRun:
+    """Frames in a row whose recorded poses say nothing."""
+
+    kind: Literal["frozen", "identity"]
+    first: int
+    last: int
+    """Inclusive; both ends of the scan may be among them."""
+    knows_its_place: bool
+    """Whether the tracker found itself again afterwards: the recorded motion from the frame before to the
+    frame after can be believed. It cannot where the tracker went on from the pose that stood still."""
+
+
+@dataclass(frozen=True)
+class UsualStep:
+    """How far a camera usually moves from frame to frame (ninth decile)."""
+
+    rotation: float
+    """rad."""
+    translation_m: float
+
+    def is_long(self, motion: Float[np.ndarray, "4 4"]) -> bool:
+        """Whether a motion is clearly longer."""
+        angle = float(se3.rotation_angle(motion[:3, :3]))
+        length = float(np.linalg.norm(motion[:3, 3]))
+        return angle > LONG * self.rotation or length > LONG * self.translation_m
+
+
+def find_lost_runs(
+    recorded: Poses,
+    is_at_origin: Bool[np.ndarray, " n"],
+    motions: MeasuredMotions,
+    options: TrackingOptions,
+) -> tuple[LostRun, ...]:
+    """Runs of lost frames, in their order; none where more than half of the frames would be lost.
+
+    Args:
+        recorded: poses.
+        is_at_origin: whether a pose is the identity, as it stood in the file.
+        motions: measured between neighbouring frames.
+        options: when measured motions contradict recorded ones.
+    """
+    is_same = stands_still(recorded)
+    usual, found = usual_step(recorded, ~is_same), []
+    for first, last in runs(is_at_origin):
+        found += _identity_run(recorded, (first, last), motions, usual, options)
+    for first, before_last in runs(is_same & ~is_at_origin[:-1]):
+        last = before_last + 1
+        inside = motions[(motions.pairs[:, 0] >= first) & (motions.pairs[:, 1] <= last)]
+        if last - first + 1 < MIN_FRAMES or not moves(inside, options):
+            continue
+        goes_on = _goes_on(recorded, last, +1, motions, usual, options)
+        # The pose that is repeated was right when it was first recorded.
+        found.append(LostRun("frozen", first + 1, last - goes_on, not goes_on))
+    n_lost = sum(run.last - run.first + 1 for run in found)
+    return (
+        tuple(sorted(found, key=lambda r: r.first)) if n_lost <= MAX_SHARE * len(recorded) else ()
+    )
+
+
+def stands_still(recorded: Poses) -> Bool[np.ndarray, " s"]:
+    """Steps (frame i to i + 1) over which the recorded pose is the same."""
+    return np.abs(np.diff(recorded, axis=0)).max(axis=(1, 2)) < SAME
+
+
+def count_repeated(recorded: Poses, motions: MeasuredMotions, options: TrackingOptions) -> int:
+    """How many frames repeat the pose before though the images move, where these are too many to be lost."""
+    is_same = stands_still(recorded)
+    n_steps = np.concatenate([[0], np.cumsum(~is_same)])
+    still = motions[np.flatnonzero(n_steps[motions.pairs[:, 0]] == n_steps[motions.pairs[:, 1]])]
+    is_most = len(is_same) > 0 and is_same.mean() > MAX_SHARE
+    return int(is_same.sum()) if is_most and moves(still, options) else 0
+
+
+def is_identity(poses: Poses) -> Bool[np.ndarray, " n"]:
+    """Which poses are exactly the identity."""
+    return np.abs(poses - np.eye(4)).max(axis=(1, 2)) < SAME
+
+
+def usual_step(recorded: Poses, is_known: Bool[np.ndarray, " s"]) -> UsualStep:
+    """The usual step among those that are known."""
+    steps = (se3.inverse(recorded[:-1]) @ recorded[1:])[is_known]
+    if len(steps) == 0:
+        return UsualStep(1e-3, 1e-3)
+    angle, length = se3.rotation_angle(steps[:, :3, :3]), np.linalg.norm(steps[:, :3, 3], axis=1)
+    rotation, translation_m = (max(float(np.quantile(s, 0.9)), 1e-3) for s in (angle, length))
+    return UsualStep(rotation, translation_m)
+
+
+def moves(motions: MeasuredMotions, options: TrackingOptions) -> bool:
+    """Whether measured motions say that the camera did not stand still."""
+    still = np.tile(np.eye(4), (len(motions), 1, 1))
+    squared = squared_sigmas(se3.difference(motions.a_from_b, still), motions.covariance)
+    n_inliers = motions.n_inliers[squared > options.max_sigmas**2]
+    return len(n_inliers) >= 2 or bool((n_inliers >= options.min_matches_alone).any())
+
+
+def runs(holds: Bool[np.ndarray, " k"]) -> list[tuple[int, int]]:
+    """First and last index of each run of true values."""
+    edges = np.diff(np.concatenate([[0], holds.astype(int), [0]]))
+    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return list(zip(first.tolist(), last.tolist(), strict=True))
+
+
+def _identity_run(
+    recorded: Poses,
+    run: tuple[int, int],
+    motions: MeasuredMotions,
+    usual: UsualStep,
+    options: TrackingOptions,
+) -> list[LostRun]:
+    """A run of identities as lost frames; nothing where the camera stood at the origin.
+
+    A recording mostly begins at the origin, and may come back: there, motions onto or off it are right.
+    """
+    first, last = run
+    came = first > 0 and _goes_on(recorded, first, -1, motions, usual, options)
+    goes_on = last < len(recorded) - 1 and _goes_on(recorded, last, +1, motions, usual, options)
+    inside = motions[(motions.pairs[:, 0] >= first) & (motions.pairs[:, 1] <= last)]
+    is_still = not moves(inside, options)
+    at_start = first == 0 and not len(_ends_at(motions, last, +1))
+    if (is_still and (came or goes_on or at_start)) or (came and goes_on and first == last):
+        return []
+    begin, end = first + came, last - goes_on
+    return [LostRun("identity", begin, end, not goes_on)] if begin <= end else []
+
+
+def _goes_on(
+    recorded: Poses,
+    frame: int,
+    way: int,
+    motions: MeasuredMotions,
+    usual: UsualStep,
+    options: TrackingOptions,
+) -> bool:
+    """Whether the recorded motion off a frame is right, onwards (way 1) or back (-1).
+
+    Measured motions say so; without any, whether it is as long as usual.
+    """
+    if not 0 <= frame + way < len(recorded):
+        return False
+    of = motions[_ends_at(motions, frame, way)]
+    if len(of) == 0:
+        return not usual.is_long(se3.inverse(recorded[frame]) @ recorded[frame + way])
+    i, j = of.pairs.T
+    residual = se3.difference(of.a_from_b, se3.inverse(recorded[i]) @ recorded[j])
+    # A tracker errs too: twice the sigmas of the measurement alone.
+    return bool(np.median(squared_sigmas(residual, 4 * of.covariance)) < options.max_sigmas**2)
+
+
+def _ends_at(motions: MeasuredMotions, frame: int, way: int) -> Int[np.ndarray, " k"]:
+    """Motions from a frame onwards (way 1), or to it from before (-1)."""
+    return np.flatnonzero(motions.pairs[:, 0 if way > 0 else 1] == frame)
