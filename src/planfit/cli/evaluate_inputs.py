@@ -1,13 +1,14 @@
 """What `planfit evaluate` compares: the poses of a scan before and after, in its own axes and on the plan."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from planfit.alignment import align, metric_plan
+from planfit.alignment import Alignment, WallSamples, align, find_plan_scale, is_off, metric_plan
+from planfit.alignment.options import AlignOptions
 from planfit.cli.run_record import read_present_scan, read_record
 from planfit.errors import FloorplanError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
@@ -75,37 +76,77 @@ def read_run(
     )
 
 
-def read_poses(
-    scan_path: Path,
-    scan_options: ScanOptions,
+@dataclass(frozen=True)
+class PosesSource:
+    """What poses of a file are of: a scan, and the plan to hold them to."""
+
+    scan: Scan
+    floorplan: Floorplan | None
+    """As drawn, or in metres at the scale of a run."""
+    options: RefineOptions
+    max_time_gap_s: float
+    """A frame takes the poses around it in time if both are within this of it."""
+
+
+def scan_source(
+    scan_path: Path, scan_options: ScanOptions, plan_path: Path | None, plan: PlanOptions
+) -> PosesSource:
+    """A scan and its plan; without one given, that inside the scan's folder, if there is one.
+
+    Raises:
+        ScanError: a file cannot be used.
+        FloorplanError: the plan cannot be read.
+    """
+    options = RefineOptions()
+    scan = read_present_scan(scan_path, options.segmentation, scan_options)
+    chosen = plan_path or scan.floorplan_path
+    floorplan = read_floorplan(chosen, plan) if chosen else None
+    return PosesSource(scan, floorplan, options, scan_options.max_time_gap_s)
+
+
+def run_source(
+    folder: Path,
+    scan_path: Path | None,
     plan_path: Path | None,
-    poses_path: Path,
-    poses_frame: Literal["world", "plan"],
     plan: PlanOptions,
-    runtime: Runtime,
+    max_time_gap_s: float,
+) -> PosesSource:
+    """The scan and the plan of a run, read as the run did: the plan in metres, at the run's scale.
+
+    Raises:
+        ScanError: the folder is not that of a run, or the scan is another.
+        FloorplanError: the plan is another.
+    """
+    record = read_record(folder)
+    # The run has judged the scale; what walls alone say of it is not asked again.
+    as_found = replace(record.options.align, metric_scale_tolerance=0.0)
+    options = replace(record.options, align=as_found)
+    floorplan = record.floorplan(plan, plan_path)
+    return PosesSource(record.scan(scan_path), floorplan, options, max_time_gap_s)
+
+
+def read_poses(
+    source: PosesSource, poses_path: Path, poses_frame: Literal["world", "plan"], runtime: Runtime
 ) -> Compared:
     """Poses from a file, after, against those that the scan was recorded with, before.
 
-    The scan is read by `scan_options`. Poses in its own axes are aligned with the plan as `planfit refine`
-    would do it, by the walls they make, and the recorded ones with them by the same motion. Poses in the
-    plan frame stay; the recorded ones are moved onto them by the rigid motion that fits best.
+    Poses in the scan's own axes are aligned with the plan as `planfit refine` would do it, by the walls they
+    make, and the recorded ones with them by the same motion. Poses in the plan frame stay; the recorded ones
+    are moved onto them by the rigid motion that fits best.
 
     Raises:
         ScanError: a file cannot be used, or frames have no pose.
         FloorplanError: the plan cannot be read, or its unit cannot be found.
     """
-    options = RefineOptions()
-    scan = read_present_scan(scan_path, options.segmentation, scan_options)
-    given = poses_of(scan, poses_path, scan_options.max_time_gap_s)
-    plan_path = plan_path or scan.floorplan_path
-    floorplan = read_floorplan(plan_path, plan) if plan_path else None
+    options, scan, floorplan = source.options, source.scan, source.floorplan
+    given = poses_of(scan, poses_path, source.max_time_gap_s)
     recorded = scan.world_from_cams
     if poses_frame == "plan":
         plan_from_world = se3.fit_rigid(recorded[:, :3, 3], given[:, :3, 3])
         if floorplan is not None and not floorplan.is_metric:
             raise FloorplanError(
-                f"{plan_path}: expected a plan in metres, as the poses are in its frame; give its "
-                "unit with --unit or --scale"
+                f"{floorplan.name}: expected a plan in metres, as the poses are in its frame; give its "
+                "unit with --unit or --scale, or the run's folder in place of the scan"
             )
         _, structure = _structure(scan, options.segmentation, runtime)
         on_plan = (plan_from_world @ recorded, given)
@@ -113,22 +154,40 @@ def read_poses(
             scan, floorplan, structure, (recorded, se3.inverse(plan_from_world) @ given), on_plan
         )
     level, structure = _structure(scan, options.segmentation, runtime)
-    notes: list[str] = []
+    notes: tuple[str, ...] = ()
     if floorplan is not None:
         walls = wall_samples(structure, level @ given)
-        claimed = claimed_alignment(scan, floorplan, level)
         if len(walls.xy) == 0:
             raise ScanError(
-                f"{scan_path}: expected walls to align the scan by, found none; give poses in the "
+                f"{scan.name}: expected walls to align the scan by, found none; give poses in the "
                 "plan's frame with --poses-frame plan"
             )
-        alignment = align(walls, floorplan, options.align, claimed)
-        notes += alignment.warnings
+        claimed = claimed_alignment(scan, floorplan, level)
+        alignment = _aligned(walls, floorplan, options.align, claimed)
+        notes = alignment.warnings
         level = alignment.plan_from_level @ level
-        if not floorplan.is_metric:
-            floorplan = metric_plan(floorplan, alignment.scale_xy)
+        floorplan = metric_plan(floorplan, alignment.scale_xy)
     on_plan = (level @ recorded, level @ given)
-    return Compared(scan, floorplan, structure, (recorded, given), on_plan, tuple(notes))
+    return Compared(scan, floorplan, structure, (recorded, given), on_plan, notes)
+
+
+def _aligned(
+    walls: WallSamples,
+    floorplan: Floorplan,
+    options: AlignOptions,
+    claimed: Float[np.ndarray, "4 4"] | None,
+) -> Alignment:
+    """By the walls alone, a plan in metres at the scale that they surely ask for."""
+    drawn = align(walls, floorplan, options, claimed)
+    scaled = find_plan_scale(walls, floorplan, drawn, options, claimed)
+    if scaled is None or not is_off(scaled):
+        return drawn
+    words = (
+        f"by its walls the plan is off in scale: its coordinates were multiplied by "
+        f"{scaled.metres_per_unit:.4f}; where poses are of a run, give its folder in place of the scan, for "
+        "the run's scale"
+    )
+    return replace(scaled, warnings=(*scaled.warnings, words))
 
 
 def _structure(

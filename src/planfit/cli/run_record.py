@@ -129,8 +129,6 @@ def _read_plan(
             f"{path}: expected the {n_faces} wall faces that the run read, found "
             f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
         )
-    if floorplan.is_metric and scale_xy == (1.0, 1.0):
-        return floorplan
     return metric_plan(floorplan, scale_xy)
 
 
