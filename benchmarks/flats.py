@@ -27,6 +27,8 @@ from planfit.synth import DriftOptions, drift_poses
 WALL_M, DOOR_M = 0.2, 0.9
 N_RAYS, FIELD_DEG, REACH_M = 96, 70.0, 5.0
 MIN_RAYS, POINTS_PER_PATCH = 4, 120
+DEPTH_M = 0.01
+"""Error of depth that all points of a wall patch share."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,11 @@ class FlatOptions:
     """Whether places that are seen again are matched."""
     neighbours: int = 1
     """Frames ahead that each frame is matched with; 0: no matches at all."""
+    round_share: float = 0.22
+    """Half the width of the round in each room, as a share of the room."""
+    depth_sigma_share: float = 0.0
+    """Error of depth that a view of a wall shares, as a share of its distance: reflections between walls,
+    which time of flight takes for distance. To it comes 1 cm."""
 
 
 def make_flat(
@@ -58,7 +65,7 @@ def make_flat(
         yaw_deg=2 * percent / np.sqrt(n), translation_m=percent / 100 * walked_m / np.sqrt(2 * n)
     )
     recorded = drift_poses(true, drift, rng, np.array([0.0, 0.0, 1.0]))
-    structure, face_idx = see_walls(true, floorplan, clutter_share, rng)
+    structure, face_idx = see_walls(true, floorplan, clutter_share, rng, chosen.depth_sigma_share)
     matches = _matches(true, chosen, rng)
     odometry = make_odometry(recorded, OdometryOptions())
     return Problem(
@@ -127,7 +134,7 @@ def _walk(options: FlatOptions, rng: np.random.Generator) -> np.ndarray:
     (nx, ny), (width, depth) = options.n_rooms, options.room_m
     ring = [(i, 0) for i in range(nx)] + [(i, ny - 1) for i in range(nx - 1, -1, -1)]
     centres = np.array(ring) * (np.array([width, depth]) + WALL_M) + np.array([width, depth]) / 2
-    half = 0.22 * np.array([width, depth])
+    half = options.round_share * np.array([width, depth])
     stops = []
     for lap in range(2):
         for k, centre in enumerate(centres):
@@ -159,11 +166,17 @@ def _walk(options: FlatOptions, rng: np.random.Generator) -> np.ndarray:
 
 
 def see_walls(
-    true: np.ndarray, floorplan: Floorplan, clutter_share: float, rng: np.random.Generator
+    true: np.ndarray,
+    floorplan: Floorplan,
+    clutter_share: float,
+    rng: np.random.Generator,
+    depth_sigma_share: float = 0.0,
 ) -> tuple[Structure, np.ndarray]:
     """Floor and wall patches that cameras at true poses see, and the face of each patch (-1: clutter)."""
     face_idx, frame_idx, ends = _seen_patches(true, floorplan)
-    return _structure_of(true, floorplan, face_idx, frame_idx, ends, clutter_share, rng)
+    away_m = np.linalg.norm(ends.mean(axis=1) - true[frame_idx, :2, 3], axis=1)
+    sigmas_m = np.hypot(DEPTH_M, depth_sigma_share * away_m)
+    return _structure_of(true, floorplan, face_idx, frame_idx, ends, sigmas_m, clutter_share, rng)
 
 
 def _seen_patches(
@@ -197,6 +210,7 @@ def _structure_of(
     face_idx: np.ndarray,
     frame_idx: np.ndarray,
     ends: np.ndarray,
+    sigmas_m: np.ndarray,
     clutter_share: float,
     rng: np.random.Generator,
 ) -> tuple[Structure, np.ndarray]:
@@ -208,8 +222,8 @@ def _structure_of(
     share = rng.random((len(ends), POINTS_PER_PATCH, 1))
     share[:, 0], share[:, 1] = 0.0, 1.0
     spots = ends[:, :1] * (1 - share) + ends[:, 1:] * share
-    # Each patch errs as a whole by 1 cm (depth calibration), its points by 2 cm.
-    across = off[:, None] + 0.01 * rng.standard_normal((len(ends), 1))
+    # Each patch errs as a whole (depth calibration), its points by 2 cm.
+    across = off[:, None] + sigmas_m[:, None] * rng.standard_normal((len(ends), 1))
     across = across + NOISE_M * rng.standard_normal((len(ends), POINTS_PER_PATCH))
     spots = spots + across[..., None] * normals[:, None]
     wall = np.concatenate([spots, rng.uniform(0.2, 2.5, (*spots.shape[:2], 1))], axis=-1)

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from builders import make_ties, room_plan
-from planfit.adjust import PlanAdjustment
+from planfit.adjust import PlanAdjustment, TornStep
 from planfit.adjust.association import Association
 from planfit.alignment import Alignment
 from planfit.alignment.refine import AlignmentHypothesis
@@ -19,7 +19,6 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.lsq.solver import Cost, Solution, Stop
 from planfit.matching import Matches
-from planfit.pipeline.evidence import TornStep
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.validation import Check
 from planfit.report import TruthErrors, draw_overlay, formatting, make_report
@@ -361,7 +360,7 @@ def test_verdict_does_not_call_the_same_better(floorplan, no_pictures):
     [
         ({}, "Refined: "),
         (
-            {"torn": (TornStep((3, 4), 2.0, 30.0),)},
+            {"torn": (TornStep((3, 4), 0.5, 2.4, 2.0, 30.0, 90.0),)},
             "Improved, with reservations: the path is torn at frames 3-4",
         ),
         ({"visits": (make_visit(kept_out_m=0.9),)}, "No better: use the recorded poses"),
@@ -376,7 +375,7 @@ def test_outcome_is_the_head_line(floorplan, no_pictures, changes, expected):
 
 
 def test_certainty_of_each_frame_is_shown_with_the_truth_where_known(floorplan, no_pictures):
-    torn = (TornStep((3, 4), 2.0, 30.0),)
+    torn = (TornStep((3, 4), 0.5, 2.4, 2.0, 30.0, 90.0),)
     judged = {"verdict": make_verdict(12, torn=torn), "evidence": make_evidence(12, torn=torn)}
     plain = read(floorplan, make_result()).words
     shown = read(floorplan, replace(make_result(), **judged)).words
@@ -393,7 +392,7 @@ def test_certainty_of_each_frame_is_shown_with_the_truth_where_known(floorplan, 
 
 
 def test_certainty_plot_shows_prediction_truth_and_reservations():
-    torn = make_verdict(50, torn=(TornStep((10, 11), 2.0, 30.0),))
+    torn = make_verdict(50, torn=(TornStep((10, 11), 0.5, 2.4, 2.0, 30.0, 90.0),))
     shown = [
         certainty_plot(verdict, true_error_m).png
         for verdict, true_error_m in (

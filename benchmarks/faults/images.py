@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 
 from faults.inputs import Fault, Inputs, Rendered
 from planfit.geometry import segments
 from planfit.scan import ScanFiles
 from planfit.scan.types import Label
+from planfit.scan.views import SelectedFiles
 from planfit.synth import Renderer, make_lights, make_quads
 from planfit.synth.materials import FABRIC_COLORS, Material
 from planfit.synth.mesh import Quads
@@ -25,26 +26,14 @@ POSTERS = ((1, 0.35), (2, 0.7), (4, 1.0))
 
 
 @dataclass(frozen=True)
-class SpoiltFiles:
-    """Images of other frames, or depth longer than it is."""
+class SpoiltFiles(SelectedFiles):
+    """Images of other frames, or depth longer than it is, under each frame's own name."""
 
-    files: ScanFiles
-    shown: Int[np.ndarray, " n"]
-    """The frame whose images each frame shows."""
     depth_factor: float = 1.0
-
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB."""
-        return self.files.color(int(self.shown[frame_idx]))
 
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
         """Depth, float32 m, NaN where nothing was measured."""
-        depth = self.files.depth(int(self.shown[frame_idx]))
-        return depth * np.float32(self.depth_factor)
-
-    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
-        """Label image of `Label`."""
-        return self.files.labels(int(self.shown[frame_idx]))
+        return super().depth(frame_idx) * np.float32(self.depth_factor)
 
     def write_poses(
         self,

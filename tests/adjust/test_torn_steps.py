@@ -124,7 +124,7 @@ def test_a_step_that_the_frames_beside_it_contradict_is_given_up_for_them(walk):
     )  # fmt: skip
     closed = close_loops_untorn(measured(rng, jumped, true_motions(true)), jumped, AdjustOptions())
     assert closed.dropped == ()
-    assert closed.torn_steps[0].frame_idx == 32
+    assert closed.torn_steps[0].frames == (32, 33)
     assert position_rms_m(closed.solution.target_from_cams, true) < 0.06
 
 
@@ -137,7 +137,7 @@ def test_three_visits_that_agree_are_believed_against_a_step(walk):
     motions = {pair: motion for pair, motion in true_motions(true).items() if pair != (35, 36)}
     closed = close_loops_untorn(measured(rng, jumped, motions), jumped, AdjustOptions())
     assert closed.dropped == ()
-    assert closed.torn_steps[0].next_idx == 36
+    assert closed.torn_steps[0].frames == (35, 36)
     assert position_rms_m(closed.solution.target_from_cams, true) < 0.06
 
 

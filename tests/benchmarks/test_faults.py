@@ -303,7 +303,7 @@ def test_images_change_as_named(flat: Inputs, rng: np.random.Generator) -> None:
     focal = images.wrong_focal_length(flat, 1, rng)
     assert focal.scan.cameras[0].fx == pytest.approx(1.03 * flat.scan.cameras[0].fx)
     copied = images.copied_views(flat, 1, rng)
-    shown = copied.scan.files.shown
+    shown = copied.scan.files.selected
     assert (shown != np.arange(len(shown))).sum() == images.COPIED_FRAMES[1]
     target = int(np.flatnonzero(shown != np.arange(len(shown)))[0])
     assert (copied.scan.files.color(target) == flat.scan.files.color(int(shown[target]))).all()

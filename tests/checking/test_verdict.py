@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from planfit.adjust import TornStep
 from planfit.alignment import AdjustedAlignment
-from planfit.pipeline.evidence import TornStep
 from planfit.pipeline.verdict import Outcome, judge
 from planfit.pipeline.verdict_options import VerdictOptions
 from verdicts import make_evidence, make_stretch, make_verdict, make_visit
@@ -43,7 +43,11 @@ def test_good_evidence_is_refined():
             ((0, 49),),
             "poses repeat while the images move$",
         ),
-        ({"torn": (TornStep((12, 13), 2.0, 30.0),)}, ((12, 13),), "torn at frames 12-13: .* 2.0 m and"),
+        (
+            {"torn": (TornStep((12, 13), 0.5, 2.4, 2.0, 30.0, 90.0),)},
+            ((12, 13),),
+            "torn at frames 12-13: .* 2.0 m and",
+        ),
         (
             {"stretches": stretches({0, 1}, near_kept_out=0.0), "visits": ()},
             ((0, 19),),

@@ -106,7 +106,7 @@ def test_warnings_about_the_alignment(world):
 
 def test_the_worst_torn_steps_are_named_and_the_others_counted(world):
     good = plan_adjustment(world, len(world.structure.walls))
-    torn = tuple(TornStep(10 * k, 10 * k + 1, 0.49, 5.67, 250.0 - k) for k in range(5))
+    torn = tuple(TornStep((10 * k, 10 * k + 1), 0.49, 5.67, 5.2, 1.0, 250.0 - k) for k in range(5))
     named = warnings_of_alignment(world, plan_adjustment=replace(good, torn_steps=torn))
     assert len(named) == 4
     assert "step from frame 0 to 1 was changed from 0.49 m as recorded to 5.67 m" in named[0]

@@ -217,7 +217,7 @@ def test_a_scan_that_changed_since_the_run(finished: Path, tmp_path: Path, capsy
     record["scan_options"]["poses"] = None
     (copy / "run.json").write_text(json.dumps(record))
     assert run(["export", str(copy), "--to", "tum", "-o", str(tmp_path / "p.tum")]) == 2
-    assert "expected the 58 frames that the run saw, found 60" in capsys.readouterr().err
+    assert "expected the 58 frames of the run, found 60" in capsys.readouterr().err
     assert not (tmp_path / "p.tum").exists()
 
 

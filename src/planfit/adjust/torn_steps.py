@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.adjust.measurements import Measurements
-from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
+from planfit.adjust.terms.odometry import OdometryTermOptions
+from planfit.geometry import se3
 from planfit.matching import RelativePoses, group_visits, relative_poses_of
 from planfit.matching.loop_closure import CycleConsistencyOptions, is_near
 from planfit.matching.pose_graph import PoseGraph
@@ -25,6 +26,8 @@ MIN_TIMES_USUAL = 5.0
 """Nor is one within so many times the median of the walk: where all steps are off, the sigmas are wrong."""
 MIN_WITNESSES = 3
 """A step is given up for visits only where as many agree with each other without it, and none with it."""
+BROKEN_SIGMAS, BROKEN_M, BROKEN_DEG = 15.0, 0.3, 5.0
+"""The path is broken at a step that departs from the tracker's by so many sigmas, and by so much."""
 LOST_M, LOST_RAD = 1e3, 10.0
 """Sigmas of a step that is left out of a graph."""
 
@@ -33,14 +36,16 @@ LOST_M, LOST_RAD = 1e3, 10.0
 class TornStep:
     """A recorded step that the solved poses do not keep."""
 
-    frame_idx: int
-    """Frame before the step."""
-    next_idx: int
-    """Frame after it."""
+    frames: tuple[int, int]
+    """Before and after it, as numbered in the scan."""
     recorded_m: float
     """Length as recorded."""
     solved_m: float
     """Length as solved."""
+    departure_m: float
+    """How far its end lies from where the recorded step ends."""
+    departure_deg: float
+    """How much it is turned against the recorded one."""
     sigmas: float
     """Departure from the recorded step, norm of six numbers in sigmas."""
 
@@ -76,24 +81,40 @@ def find_torn_steps(
     odometry = measurements.odometry
     if options.weight <= 0 or len(odometry.cam_from_next) == 0:
         return ()
-    between = OdometryTerm(odometry, options).between
-    sigmas = np.linalg.norm(
-        between.residual(target_from_cams[between.pairs]) / between.sigma, axis=1
-    )
+    by_rotation, by_translation = _in_sigmas(odometry, target_from_cams)
+    sigmas = np.hypot(by_rotation, by_translation)
     most = max(MIN_SIGMAS, MIN_TIMES_USUAL * float(np.median(sigmas)))
-    solved = np.linalg.norm(np.diff(target_from_cams[:, :3, 3], axis=0), axis=1)
-    recorded = np.linalg.norm(odometry.cam_from_next[:, :3, 3], axis=1)
-    frame_idx = _frame_idx(measurements, len(target_from_cams))
     torn = np.flatnonzero(sigmas > most)
-    return tuple(
-        TornStep(
-            int(frame_idx[s]),
-            int(frame_idx[s + 1]),
-            float(recorded[s]),
-            float(solved[s]),
-            float(sigmas[s]),
-        )
-        for s in torn[np.argsort(-sigmas[torn], kind="stable")]
+    return _described(
+        measurements, target_from_cams, torn[np.argsort(-sigmas[torn], kind="stable")]
+    )
+
+
+def find_broken_steps(
+    measurements: Measurements, target_from_cams: Float[np.ndarray, "n 4 4"]
+) -> tuple[TornStep, ...]:
+    """Steps where no tracker walked, by decimetres or many degrees, in their order.
+
+    Whatever is usual on this walk, and whether or not the odometry took part: a result's path that is broken
+    there is doubtful.
+    """
+    odometry = measurements.odometry
+    rotation, translation = step_departures(odometry.cam_from_next, target_from_cams)
+    by_rotation, by_translation = _in_sigmas(odometry, target_from_cams)
+    by_angle = (by_rotation > BROKEN_SIGMAS) & (np.rad2deg(rotation) > BROKEN_DEG)
+    by_way = (by_translation > BROKEN_SIGMAS) & (translation > BROKEN_M)
+    return _described(measurements, target_from_cams, np.flatnonzero(by_angle | by_way))
+
+
+def step_departures(
+    recorded: Float[np.ndarray, "s 4 4"], target_from_cams: Float[np.ndarray, "n 4 4"]
+) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
+    """How far (rad, m) each solved step departs from the recorded one; n = s + 1."""
+    solved = se3.inverse(target_from_cams[:-1]) @ target_from_cams[1:]
+    departure = se3.inverse(recorded) @ solved
+    return (
+        np.asarray(se3.rotation_angle(departure[:, :3, :3])),
+        np.linalg.norm(departure[:, :3, 3], axis=1),
     )
 
 
@@ -117,7 +138,7 @@ def visits_that_tear(
     ways = _Ways(edges, visit, recorded_from_cams, measurements.odometry, options)
     is_dropped, dropped = np.zeros(len(edges), dtype=bool), []
     for step in torn:
-        s = int(np.searchsorted(frame_idx, step.frame_idx))
+        s = int(np.searchsorted(frame_idx, step.frames[0]))
         for one in ways.contradicting(s, ~is_dropped):
             is_own = visit == one
             is_dropped |= is_own
@@ -206,6 +227,38 @@ class _Ways:
             sigma_rotation=np.where(is_lost, LOST_RAD, self.odometry.sigma_rotation),
             sigma_translation=np.where(is_lost, LOST_M, self.odometry.sigma_translation),
         )
+
+
+def _in_sigmas(
+    odometry: Odometry, target_from_cams: Float[np.ndarray, "n 4 4"]
+) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
+    """Departures of rotation and translation, norms of three numbers each."""
+    rotation, translation = step_departures(odometry.cam_from_next, target_from_cams)
+    return rotation / odometry.sigma_rotation, translation / odometry.sigma_translation
+
+
+def _described(
+    measurements: Measurements,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    steps: Int[np.ndarray, " t"],
+) -> tuple[TornStep, ...]:
+    odometry = measurements.odometry
+    rotation, translation = step_departures(odometry.cam_from_next, target_from_cams)
+    sigmas = np.hypot(*_in_sigmas(odometry, target_from_cams))
+    solved = np.linalg.norm(np.diff(target_from_cams[:, :3, 3], axis=0), axis=1)
+    recorded = np.linalg.norm(odometry.cam_from_next[:, :3, 3], axis=1)
+    frame_idx = _frame_idx(measurements, len(target_from_cams))
+    return tuple(
+        TornStep(
+            frames=(int(frame_idx[s]), int(frame_idx[s + 1])),
+            recorded_m=float(recorded[s]),
+            solved_m=float(solved[s]),
+            departure_m=float(translation[s]),
+            departure_deg=float(np.rad2deg(rotation[s])),
+            sigmas=float(sigmas[s]),
+        )
+        for s in steps
+    )
 
 
 def _frame_idx(measurements: Measurements, n: int) -> Int[np.ndarray, " n"]:

@@ -242,8 +242,13 @@ def explained(
 
 
 def metric_plan(floorplan: Floorplan, scale_xy: tuple[float, float]) -> Floorplan:
-    """The plan in metres, one unit being `scale_xy` long along its x and its y."""
+    """The plan in metres, one unit being `scale_xy` long along its x and its y.
+
+    The very same plan where that is what it is drawn in.
+    """
     x, y = scale_xy
+    if floorplan.is_metric and x == y == 1.0:
+        return floorplan
     even = floorplan.scaled(float(np.sqrt(x * y)))
     if x == y:
         return even

@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from planfit.cli.evaluate_inputs import RunRecord, poses_of, read_record
+from planfit.cli.evaluate_inputs import poses_of
+from planfit.cli.run_record import MAX_TIME_GAP_S, RunRecord, read_record
 from planfit.errors import ScanError
 from planfit.evaluation.evaluate import RefinedPoses
 from planfit.floorplan import Floorplan, PlanOptions
@@ -78,7 +79,11 @@ def read_pair(folder: Path, given: Given, runtime: Runtime) -> Pair:
     if other is not None:
         notes = _notes(record, other)
         scan_b = scan
-        if other.scan_options != record.scan_options:  # poses of another tracker, say
+        same_reading = (other.scan_options, other.convention) == (
+            record.scan_options,
+            record.convention,
+        )
+        if not same_reading:  # poses of another tracker, say
             scan_b = other.scan(given.scan)
             _require_same_frames(scan, scan_b, other)
         moved = given.plan if other.plan_path == record.plan_path else None
@@ -107,7 +112,9 @@ def _run_poses(
     record: RunRecord, scan: Scan, floorplan: Floorplan | None, structure: Structure
 ) -> RunPoses:
     times, plan_from_cams = record.poses()
-    if len(times) != len(scan) or not np.allclose(times, scan.timestamps, rtol=0, atol=1e-4):
+    if len(times) != len(scan) or not np.allclose(
+        times, scan.timestamps, rtol=0, atol=MAX_TIME_GAP_S
+    ):
         shared = np.intersect1d(np.round(times, 3), np.round(scan.timestamps, 3))
         raise ScanError(
             f"{record.folder}: expected poses of the {len(scan)} frames of {scan.name}, found "

@@ -12,7 +12,13 @@ import tyro
 
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import StageBars, out, table
-from planfit.cli.evaluate_inputs import Compared, read_poses, read_run
+from planfit.cli.evaluate_inputs import (
+    Compared,
+    read_poses,
+    read_run,
+    run_source,
+    scan_source,
+)
 from planfit.errors import require
 from planfit.evaluation import (
     ComparedPoses,
@@ -24,6 +30,7 @@ from planfit.evaluation import (
     evaluate,
     read_true_cloud,
 )
+from planfit.export.run_folder import RECORD
 from planfit.runtime import Runtime
 from planfit.scan import ScanOptions, read_tum
 
@@ -35,12 +42,13 @@ _SHOWN_UNITS: dict[str, str] = {"1": "", "cm^2": "cm²", "deg": "°"}
 @dataclass(frozen=True)
 class EvaluateArguments:
     """How good the poses of a scan are, before and after: by the map they make, against the plan, and against
-    true poses and a true scan where there are any. docs/metrics.md defines each metric. With --poses, which
-    are then those after, a scan is judged instead of a run, and is read by the flags of a scan; a run's scan
-    is read as the run read it."""
+    true poses and a true scan where there are any. docs/metrics.md defines each metric. With --poses, these
+    are those after: of a scan, which is read by the flags of a scan, or of a run's scan, which is read as the
+    run read it and held to the run's plan at the run's scale."""
 
     folder: tyro.conf.Positional[Path]
-    """Output folder of `planfit refine`; or, with --poses, a scan: folder, zip archive of one, or bag."""
+    """Output folder of `planfit refine`; or, with --poses, also a scan: folder, zip archive of one, or
+    bag."""
     scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
         default_factory=ScanOptions
     )
@@ -111,30 +119,32 @@ def make_evaluation(arguments: EvaluateArguments, bars: StageBars) -> dict[str, 
 
 def _compared(arguments: EvaluateArguments, bars: StageBars) -> tuple[Compared, Runtime]:
     """The poses of a run, or of a scan and a file of poses; and the threads and cache for them."""
-    plan_options, poses = arguments.plan_flags.options, arguments.scan_options.poses
-    if poses is None:
+    plan_options, scan_options = arguments.plan_flags.options, arguments.scan_options
+    folder, poses = arguments.folder, scan_options.poses
+    is_run = (folder / RECORD).exists()
+    runtime = Runtime(arguments.workers, folder / "cache" if is_run else None, bars.update)
+    if poses is None or is_run:
+        of_poses = ScanOptions(poses=poses, max_time_gap_s=scan_options.max_time_gap_s)
         require(
-            arguments.scan_options == ScanOptions(),
-            f"{arguments.folder}: expected no flags of how a scan is read, as that of a run is read as the "
+            scan_options == (ScanOptions() if poses is None else of_poses),
+            f"{folder}: expected no flags of how a scan is read, as that of a run is read as the "
             "run did, found some; leave them out, or give --poses and a scan",
         )
-        is_run = (arguments.folder / "run.json").exists()
-        cache = arguments.folder / "cache" if is_run else None
-        runtime = Runtime(arguments.workers, cache, bars.update)
-        run = read_run(arguments.folder, arguments.scan, arguments.plan, plan_options, runtime)
-        return run, runtime
+    if poses is None:
+        return read_run(folder, arguments.scan, arguments.plan, plan_options, runtime), runtime
     if arguments.poses_frame == "plan" and arguments.truth_frame == "world":
         require(
             arguments.truth is None and arguments.true_cloud is None,
             "--truth-frame: expected plan, as poses in the plan's frame do not tell where the "
             "scan's own axes are; give the truth in the plan's frame too",
         )
-    runtime = Runtime(arguments.workers, None, bars.update)
-    given = read_poses(
-        arguments.folder, dataclasses.replace(arguments.scan_options, poses=None), arguments.plan,
-        poses, arguments.poses_frame, plan_options, runtime,
-    )  # fmt: skip
-    return given, runtime
+    if is_run:
+        gap_s = scan_options.max_time_gap_s
+        source = run_source(folder, arguments.scan, arguments.plan, plan_options, gap_s)
+    else:
+        as_recorded = dataclasses.replace(scan_options, poses=None)
+        source = scan_source(folder, as_recorded, arguments.plan, plan_options)
+    return read_poses(source, poses, arguments.poses_frame, runtime), runtime
 
 
 def _truth(arguments: EvaluateArguments, compared: Compared) -> Truth | None:

@@ -1,6 +1,5 @@
 """`planfit export`: poses of a run, or of a scan as recorded, in the forms of other programs."""
 
-import json
 import os
 import shutil
 from dataclasses import dataclass, field
@@ -11,16 +10,17 @@ import numpy as np
 import tyro
 from jaxtyping import Float
 
-from planfit.cli.config import scan_options_of
 from planfit.cli.console import StageBars, out, tell_scan
+from planfit.cli.run_record import read_record
 from planfit.errors import OutputError, ScanError, require_positive
 from planfit.export.cloud import place_cloud, sample_cloud, write_ply
 from planfit.export.datasets import write_colmap, write_nerfstudio
 from planfit.export.mesh import check_suffix, fuse_mesh, load_open3d, write_mesh
+from planfit.export.run_folder import RECORD
 from planfit.export.write import write_kitti, write_pose_graph
 from planfit.geometry import se3
 from planfit.runtime import Runtime
-from planfit.scan import Scan, ScanOptions, read_scan, read_tum, write_tum
+from planfit.scan import Scan, ScanOptions, read_scan, write_tum
 from planfit.scan.formats.redwood import write_log
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
@@ -111,8 +111,7 @@ def _write_file(
 
 def _load(arguments: ExportArguments) -> tuple[Scan, Float[np.ndarray, "n 4 4"]]:
     """The scan, and poses in the axes asked for."""
-    record_path = arguments.source / "run.json"
-    if not record_path.is_file():
+    if not (arguments.source / RECORD).is_file():
         if arguments.frame == "plan":
             raise ScanError(
                 f"{arguments.source}: expected the output folder of planfit refine for --frame plan, "
@@ -120,26 +119,12 @@ def _load(arguments: ExportArguments) -> tuple[Scan, Float[np.ndarray, "n 4 4"]]
             )
         scan = read_scan(arguments.source, options=arguments.scan_options)
         return scan, scan.world_from_cams
-    try:
-        record = json.loads(record_path.read_text())
-        scan_path = record["inputs"]["scan"]
-        world_from_plan = np.array(record["world_from_plan"], dtype=float)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ScanError(
-            f"{record_path}: expected the record of a run, found another file ({error})"
-        ) from error
-    options = arguments.scan_options
-    if options == ScanOptions():
-        options = scan_options_of(record, f"{record_path}: ")
-    scan = read_scan(scan_path, options=options)
-    times, plan_from_cams = read_tum(arguments.source / "trajectory.tum")
-    if len(times) != len(scan) or not np.allclose(times, scan.timestamps, rtol=0, atol=1e-6):
-        raise ScanError(
-            f"{scan_path}: expected the {len(times)} frames that the run saw, found {len(scan)}; has the "
-            "scan changed? Give the flags that the run was given"
-        )
+    record = read_record(arguments.source)
+    as_told = None if arguments.scan_options == ScanOptions() else arguments.scan_options
+    scan = record.scan(options=as_told)
+    _, plan_from_cams = record.poses()
     if arguments.frame == "plan":
         return scan, plan_from_cams
-    world_from_cams = world_from_plan @ plan_from_cams
+    world_from_cams = record.world_from_plan @ plan_from_cams
     world_from_cams[:, :3, :3] = se3.project_to_so3(world_from_cams[:, :3, :3])
     return scan, world_from_cams

@@ -130,8 +130,7 @@ def align_to_plan(
     if not floorplan.is_metric and found.is_sure and found.scale_sigma > 0:
         with timer.stage("refit scale"):
             found = with_refitted_scale(prepared, floorplan, found, options.adjust)
-    is_as_drawn = floorplan.is_metric and found.scale_xy == (1.0, 1.0)
-    metric = floorplan if is_as_drawn else metric_plan(floorplan, found.scale_xy)
+    metric = metric_plan(floorplan, found.scale_xy)
     return ScanOnPlan(metric, found.plan_from_level, found, claimed)
 
 

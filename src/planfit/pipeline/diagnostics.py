@@ -106,7 +106,7 @@ def adjustment_warnings(plan_adjustment: PlanAdjustment) -> tuple[str, ...]:
 def _torn_step_warnings(torn: tuple[TornStep, ...]) -> list[str]:
     """A sentence for each of the worst steps that the result does not keep, and one for the others."""
     warnings = [
-        f"the step from frame {step.frame_idx} to {step.next_idx} was changed from "
+        f"the step from frame {step.frames[0]} to {step.frames[1]} was changed from "
         f"{step.recorded_m:.2f} m as recorded to {step.solved_m:.2f} m ({step.sigmas:.0f} sigmas): "
         "tracking may have failed there, or matches or walls were mistaken; look at these frames"
         for step in torn[:MAX_TORN_STEPS]

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.adjust import AdjustOptions, PlanAdjustment, build_problem, costs, name_walls
+from planfit.adjust import AdjustOptions, PlanAdjustment, TornStep, build_problem, costs, name_walls
 from planfit.adjust.association import associate
+from planfit.adjust.torn_steps import find_broken_steps
 from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M, match_distances
 from planfit.lsq import Term
@@ -22,7 +23,6 @@ from planfit.pipeline.folds import (
     NOT_KEPT_OUT,
     Folds,
     choose_folds,
-    path_steps,
     without_fold,
 )
 from planfit.pipeline.predicted_error import brought_close, predicted_covariance, spread_of_rivals
@@ -32,8 +32,6 @@ FOLD_TOLERANCE = 1e-4
 """A fold's solve ends when a round lowers the cost by less than this share of itself."""
 BESIDE_M = 0.6
 """A wall patch this near to a face that looks the same way lies on it or beside it."""
-TORN_SIGMAS, TORN_M, TORN_DEG = 15.0, 0.3, 5.0
-"""A step is torn that departs from the tracker's by so many sigmas, and by so much."""
 CONTRADICTED_M = 0.3
 """A visit whose matches end further apart (median) is contradicted by the result."""
 DRIFT_COST = 3.0
@@ -77,16 +75,6 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class TornStep:
-    """A step of the path that the result gave up."""
-
-    frames: tuple[int, int]
-    """Of the scan: two that were solved for, one after the other."""
-    departure_m: float
-    departure_deg: float
-
-
-@dataclass(frozen=True)
 class Evidence:
     """What speaks for and against a result; n frames."""
 
@@ -99,6 +87,7 @@ class Evidence:
     stretches: tuple[Stretch, ...]
     visits: tuple[Visit, ...]
     torn: tuple[TornStep, ...]
+    """Steps of the path, in their order, where the result breaks it."""
     alignment: AdjustedAlignment | None
     """Of the adjusted walls; None without a plan or walls."""
     scan_costs: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -212,7 +201,7 @@ def gather_evidence(
         correction_m=np.interp(every, keys, correction_m),
         stretches=_stretches(prepared, folds, covariance, near),
         visits=_visits(prepared, folds, recorded, by_fold, solved),
-        torn=_torn_steps(prepared, solved),
+        torn=find_broken_steps(measurements, solved),
         alignment=_judge_alignment(prepared, on_plan, solved, align_options),
         scan_costs=_scan_costs(prepared, solved, options),
         is_placed=on_plan.floorplan is None or on_plan.alignment is not None,
@@ -321,21 +310,6 @@ def _visits(
         medians = (float(np.median(each[own])) for each in (before_m, kept_out_m, after_m))
         visits.append(Visit(_frames(prepared, folds, a), _frames(prepared, folds, b), *medians))
     return tuple(visits)
-
-
-def _torn_steps(prepared: PreparedScan, solved: Float[np.ndarray, "k 4 4"]) -> tuple[TornStep, ...]:
-    odometry = prepared.measurements.odometry
-    rotation, translation = path_steps(odometry.cam_from_next, solved)
-    rotation_deg = np.rad2deg(rotation)
-    by_angle = (rotation > TORN_SIGMAS * odometry.sigma_rotation) & (rotation_deg > TORN_DEG)
-    by_way = (translation > TORN_SIGMAS * odometry.sigma_translation) & (translation > TORN_M)
-    frames = prepared.keyframes.frame_idx
-    return tuple(
-        TornStep(
-            (int(frames[i]), int(frames[i + 1])), float(translation[i]), float(rotation_deg[i])
-        )
-        for i in np.flatnonzero(by_angle | by_way)
-    )
 
 
 def _judge_alignment(

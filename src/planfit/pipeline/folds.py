@@ -12,7 +12,6 @@ from jaxtyping import Float, Int
 
 from planfit.adjust import Measurements
 from planfit.adjust.association import Association, PlanCorrespondences
-from planfit.geometry import se3
 
 STRETCH_M = 6.0
 """Path length of a stretch: a room, or a piece of a corridor, which the walls beside it hold as one."""
@@ -117,18 +116,6 @@ def without_fold(
             walls=Association(walls.face_idx[keep], walls.distance_m[keep]),
             widths=None if widths is None else widths[keep],
         ),
-    )
-
-
-def path_steps(
-    recorded: Float[np.ndarray, "s 4 4"], solved_from_cams: Float[np.ndarray, "k 4 4"]
-) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
-    """How far (rad, m) each solved step departs from the recorded one."""
-    solved = se3.inverse(solved_from_cams[:-1]) @ solved_from_cams[1:]
-    departure = se3.inverse(recorded) @ solved
-    return (
-        np.asarray(se3.rotation_angle(departure[:, :3, :3])),
-        np.linalg.norm(departure[:, :3, 3], axis=1),
     )
 
 

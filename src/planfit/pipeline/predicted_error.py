@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust import AdjustmentProblem, Rival
+from planfit.adjust.torn_steps import step_departures
 from planfit.geometry import se3
 from planfit.lsq.covariance import aligned_position_covariances, position_covariances
-from planfit.pipeline.folds import Folds, path_steps
+from planfit.pipeline.folds import Folds
 
 MAX_COVARIANCES = 120
 """Frames whose covariance is taken, evenly along the walk; between them it is interpolated."""
@@ -76,7 +77,7 @@ def _misfit(problem: AdjustmentProblem, folds: Folds) -> Float[np.ndarray, " k"]
     was worse than its sigmas in that stretch."""
     odometry = problem.measurements.odometry
     solved = problem.unknowns[: problem.n_cams]
-    rotation, translation = path_steps(odometry.cam_from_next, solved)
+    rotation, translation = step_departures(odometry.cam_from_next, solved)
     squares = (rotation / odometry.sigma_rotation) ** 2
     squares += (translation / odometry.sigma_translation) ** 2
     # Six numbers a step; that one step is torn says little of how the others were measured.

@@ -49,8 +49,9 @@ def believe(world_from_cams: Poses, convention: str, odometry: OdometryOptions) 
     Raises:
         OptionError: there is no convention of this name.
     """
-    poses = apply_convention(world_from_cams, RECORDED if convention == AUTO else convention)
-    return Tracking(poses, poses, make_odometry(poses, odometry), convention)
+    known = RECORDED if convention == AUTO else convention  # nothing here tells another one
+    poses = apply_convention(world_from_cams, known)
+    return Tracking(poses, poses, make_odometry(poses, odometry), known)
 
 
 def judge_tracking(

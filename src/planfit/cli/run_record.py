@@ -1,0 +1,159 @@
+"""The record of a run, and the scan and plan that it names, as the run took them."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.alignment import metric_plan
+from planfit.cli.config import options_of, scan_options_of
+from planfit.errors import FloorplanError, OptionError, ScanError
+from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.prepare import with_poses
+from planfit.scan import Scan, ScanOptions, read_scan, read_tum
+from planfit.segmentation import SegmentationOptions
+from planfit.tracking.conventions import RECORDED, apply_convention
+
+MAX_TIME_GAP_S = 1e-4
+"""Times that differ by more are those of other frames; `trajectory.tum` keeps microseconds."""
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """What `run.json` says of a run, as far as its poses can be judged again."""
+
+    folder: Path
+    scan_path: Path
+    scan_fingerprint: str
+    plan_path: Path | None
+    """None where it was made without a plan."""
+    n_frames: int
+    n_faces: int | None
+    scale_xy: tuple[float, float]
+    """Metres of one unit of the plan."""
+    world_from_plan: Float[np.ndarray, "4 4"]
+    plan_from_world_before: Float[np.ndarray, "4 4"]
+    convention: str
+    """That the scan's poses are in: what the run was told, or found."""
+    options: RefineOptions
+    """As given to the run, but for `poses_convention`: `scan` gives poses in our own."""
+    scan_options: ScanOptions
+
+    def poses(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 4 4"]]:
+        """Times, and refined plan_from_cams."""
+        return read_tum(self.folder / "trajectory.tum")
+
+    def scan(self, moved_to: Path | None = None, options: ScanOptions | None = None) -> Scan:
+        """The scan, read as the run read it, its poses in our convention as the run took them.
+
+        Args:
+            moved_to: where it is now, if it was moved.
+            options: how to read it, if not as the run did.
+
+        Raises:
+            ScanError: it is not there, or has other frames.
+            OptionError: the run's convention has no such name here.
+        """
+        path = moved_to or self.scan_path
+        scan = read_present_scan(path, self.options.segmentation, options or self.scan_options)
+        scan = with_poses(scan, apply_convention(scan.world_from_cams, self.convention))
+        times, n = self.poses()[0], self.n_frames
+        if (len(scan), len(times)) != (n, n) or not np.allclose(
+            times, scan.timestamps, rtol=0, atol=MAX_TIME_GAP_S
+        ):
+            raise ScanError(
+                f"{path}: expected the {n} frames of the run, found {len(scan)}, and {len(times)} refined "
+                "poses, or other times; give the run's own scan, read by the flags that the run was given"
+            )
+        return scan
+
+    def floorplan(self, options: PlanOptions, moved_to: Path | None = None) -> Floorplan | None:
+        """The plan, in metres at the run's scale; None where the run had none.
+
+        Raises:
+            FloorplanError: it cannot be read, or is another.
+        """
+        path = moved_to or self.plan_path
+        return None if path is None else _read_plan(path, options, self.n_faces, self.scale_xy)
+
+
+def read_record(folder: Path) -> RunRecord:
+    """The record of a run of `planfit refine`.
+
+    Raises:
+        ScanError: the folder is not that of a run, or of one of another version.
+    """
+    record, where = _read_record(folder), f"{folder / 'run.json'}: "
+    try:
+        inputs, alignment = record["inputs"], record["alignment"]
+        options = options_of(record["options"], RefineOptions(), where)
+        return RunRecord(
+            folder=folder,
+            scan_path=Path(inputs["scan"]),
+            scan_fingerprint=str(inputs["scan_fingerprint"]),
+            plan_path=Path(inputs["plan"]) if "plan" in inputs else None,
+            n_frames=int(record["frames"]),
+            n_faces=record["plan_faces"],
+            scale_xy=tuple(alignment["metres_per_unit_xy"]) if alignment else (1.0, 1.0),
+            world_from_plan=np.array(record["world_from_plan"], dtype=float).reshape(4, 4),
+            plan_from_world_before=np.array(record["plan_from_world_before"], dtype=float).reshape(
+                4, 4
+            ),
+            convention=record["tracking"]["convention"] if record["tracking"] else RECORDED,
+            options=replace(options, poses_convention=RECORDED),
+            scan_options=scan_options_of(record, where),
+        )
+    except (ValueError, KeyError, TypeError, OptionError) as error:
+        raise ScanError(
+            f"{where}expected the record of a run of this version, found a damaged or an older one; "
+            "run 'planfit refine' again"
+        ) from error
+
+
+def _read_plan(
+    path: Path, options: PlanOptions, n_faces: int | None, scale_xy: tuple[float, float]
+) -> Floorplan:
+    """The plan of a run, in metres."""
+    if n_faces is None:
+        raise FloorplanError(
+            f"{path}: expected no plan, as the run was made without one, found one; leave out --plan, or "
+            "run 'planfit refine' with it"
+        )
+    floorplan = read_floorplan(path, options)
+    if len(floorplan) != n_faces:
+        raise FloorplanError(
+            f"{path}: expected the {n_faces} wall faces that the run read, found "
+            f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
+        )
+    return metric_plan(floorplan, scale_xy)
+
+
+def read_present_scan(path: Path, segmentation: SegmentationOptions, options: ScanOptions) -> Scan:
+    """A scan, with masks only where the segmentation reads them.
+
+    Raises:
+        ScanError: it is not there, or cannot be read.
+    """
+    if not path.exists():
+        raise ScanError(f"{path}: expected the scan, found nothing; say where it is with --scan")
+    return read_scan(path, segmentation.reads_masks, options)
+
+
+def _read_record(folder: Path) -> dict[str, Any]:
+    path = folder / "run.json"
+    if not path.exists():
+        raise ScanError(
+            f"{path}: expected the record of a run, found nothing; give the output folder of "
+            "'planfit refine', or a scan with --poses"
+        )
+    try:
+        record = json.loads(path.read_text())
+    except (ValueError, OSError) as error:
+        raise ScanError(
+            f"{path}: expected the record of a run, found a damaged file; run 'planfit refine' again"
+        ) from error
+    return record if isinstance(record, dict) else {}
