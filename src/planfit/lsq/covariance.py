@@ -1,11 +1,12 @@
 """How well poses are determined: blocks of the inverse of the normal equations."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from planfit.errors import OptionError
 from planfit.lsq.linear.normal_equations import NormalEquations
@@ -67,22 +68,40 @@ def _inverse_blocks(
     quadratics = [term.reweight(target_from_cams)[0] for term in terms]
     n_poses = len(target_from_cams)
     equations = NormalEquations([q.normal_blocks(target_from_cams) for q in quadratics], n_poses)
+    factors = factorised(equations)
+    result = np.zeros((len(idx), len(entries), len(entries)))
+    for k, i in enumerate(idx):
+        columns = np.zeros((6 * n_poses, len(entries)))
+        rows = 6 * int(i) + entries
+        columns[rows, np.arange(len(entries))] = 1.0
+        block = factors.solve(columns)[rows]
+        result[k] = 0.5 * (block + block.T)
+    return result
+
+
+@dataclass(frozen=True)
+class Factors:
+    """Normal equations, factorised once for many right sides."""
+
+    lu: SuperLU
+    scale: Float[np.ndarray, " u"]
+    """Root of the diagonal."""
+
+    def solve(self, right: Float[np.ndarray, "u k"]) -> Float[np.ndarray, "u k"]:
+        """Columns of H^-1 right; huge where nothing holds a direction."""
+        return self.lu.solve(right / self.scale[:, None]) / self.scale[:, None]
+
+
+def factorised(equations: NormalEquations) -> Factors:
+    """Factorise undamped normal equations."""
     scale = np.sqrt(np.maximum(equations.diagonal, 1e-12 * max(equations.diagonal.max(), 1e-300)))
     # To unit diagonal: radians and metres, near and far, then share one floor.
     inverse_scale = sparse.diags_array(1.0 / scale)
     unit = inverse_scale @ equations.matrix.tocsc() @ inverse_scale
-    size = len(scale)
-    factors = splu(
-        (unit + 1e-12 * sparse.eye_array(size)).tocsc(),
+    lu = splu(
+        (unit + 1e-12 * sparse.eye_array(len(scale))).tocsc(),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    result = np.zeros((len(idx), len(entries), len(entries)))
-    for k, i in enumerate(idx):
-        columns = np.zeros((size, len(entries)))
-        rows = 6 * int(i) + entries
-        columns[rows, np.arange(len(entries))] = 1.0 / scale[rows]
-        block = factors.solve(columns)[rows] / scale[rows, None]
-        result[k] = 0.5 * (block + block.T)
-    return result
+    return Factors(lu, scale)

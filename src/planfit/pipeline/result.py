@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust import PlanAdjustment
+from planfit.adjust.calibration import NOT_CALIBRATED, Calibration
 from planfit.alignment import Alignment
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
@@ -55,6 +56,8 @@ class RefineResult:
     """That evidence."""
     tracking: Tracking | None = None
     """How far the recorded poses were believed; None where the observations were a user's own."""
+    calibration: Calibration = NOT_CALIBRATED
+    """What the sensor was found to do; points above are corrected by it."""
 
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
