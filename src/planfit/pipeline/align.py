@@ -47,11 +47,6 @@ class ScanOnPlan:
     """What the scan's format claims, if it does."""
 
     @property
-    def is_scale_searched(self) -> bool:
-        """Whether the plan had no unit, or was off: its scale then follows from the scan's."""
-        return self.alignment is not None and self.alignment.scale_xy != (1.0, 1.0)
-
-    @property
     def recorded_plan_from_level(self) -> Float[np.ndarray, "4 4"]:
         """For the poses as recorded: what the format claims where nothing contradicts it.
 

@@ -9,6 +9,7 @@ from planfit.adjust import AdjustmentProblem, Measurements, PlanAdjustment, adju
 from planfit.adjust.calibration import (
     NOT_CALIBRATED,
     Calibration,
+    CalibrationOptions,
     corrected_matches,
     corrected_structure,
     estimate,
@@ -22,6 +23,8 @@ from planfit.scan import Scan
 
 UNKNOWN_SCALE_SIGMA = 0.05
 """Of a plan's scale that was searched, or found off: walls then say nothing of the metre."""
+PLAN_OFF_SIGMAS = 3.0
+"""A metric plan that is off by more of its and the scan's standard deviations was drawn so."""
 
 
 @dataclass(frozen=True)
@@ -96,11 +99,9 @@ def calibrate_on_plan(
 
     with timer.stage("calibrate"):
         problem, unknowns = _solved(calibrated.prepared.measurements, adjustment, options)
-        priors = options.calibration
-        if on_plan.is_scale_searched:
-            priors = replace(priors, plan_scale_sigma=UNKNOWN_SCALE_SIGMA)
         sensor = calibrated.calibration.sensor
-        found = estimate(measured, problem, unknowns, solve, priors, sensor)
+        priors, departure = _plan_prior(on_plan, calibrated.calibration, options.calibration)
+        found = estimate(measured, problem, unknowns, solve, priors, sensor, departure)
     if found.sensor == sensor:
         return replace(calibrated, calibration=found)
     seen = corrected(calibrated.as_lifted, found.sensor)
@@ -110,6 +111,25 @@ def calibrate_on_plan(
         prepared=prepare(scan, seen, options, timer),
         calibration=found,
     )
+
+
+def _plan_prior(
+    on_plan: ScanOnPlan, calibration: Calibration, priors: CalibrationOptions
+) -> tuple[CalibrationOptions, float]:
+    """Prior of the plan's scale, and how far the plan as it is used departs from it, as a share.
+
+    A metric plan that fits as drawn is right. One that fits a little too large or small may be right, and the
+    scan's depth be corrected not quite enough: one step then says which, and all comes again. One that is
+    further off was drawn so: its scale is free, as that of a plan without unit.
+    """
+    found = on_plan.alignment
+    if found is None or found.scale_xy == (1.0, 1.0):
+        return replace(priors, plan_scale_sigma=0.0), 0.0
+    departure = float(np.log(found.metres_per_unit))
+    sigma = float(np.hypot(priors.plan_scale_sigma, calibration.sigma("depth_scale")))
+    if found.is_plan_rescaled and abs(departure) < PLAN_OFF_SIGMAS * sigma:
+        return replace(priors, max_rounds=1), departure
+    return replace(priors, plan_scale_sigma=UNKNOWN_SCALE_SIGMA), 0.0
 
 
 def prepare_nominal(

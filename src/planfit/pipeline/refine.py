@@ -1,22 +1,21 @@
 """The method on one screen: from a posed scan and a floorplan to poses that fit the plan."""
 
 from collections.abc import Iterable
-from dataclasses import replace
 
-import numpy as np
-from jaxtyping import Float
-
-from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms, choose_keyframes
+from planfit.adjust import adjust_to_plan, check_extra_terms, choose_keyframes
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
-from planfit.pipeline.align import STANDS_ALONE, ScanOnPlan, align_to_plan
-from planfit.pipeline.calibrate import CalibratedScan, calibrate_alone, calibrate_on_plan
+from planfit.pipeline.align import STANDS_ALONE, align_to_plan
+from planfit.pipeline.calibrate import calibrate_alone, calibrate_on_plan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import Observations, extract_observations
 from planfit.pipeline.result import RefineResult, make_result
 from planfit.pipeline.validation import validate
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
+
+LAST_OF_PASSES = (False, False, True)
+"""Passes over what follows from the sensor's points; the first is the last where nothing has to be corrected."""
 
 
 def refine(
@@ -51,39 +50,28 @@ def refine(
     seen = observations or extract_observations(scan, chosen, runtime, timer=timer)
     # Keyframes; loops closed by what needs no plan; the sensor, by the same.
     calibrated = calibrate_alone(scan, seen, chosen, timer)
-    # Rotation, translation and scale of the whole (paper, Sec. III-A).
-    on_plan = STANDS_ALONE
-    if floorplan is not None:
-        on_plan = align_to_plan(scan, calibrated.prepared, floorplan, chosen, timer)
-    # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E); without a
-    # plan all terms but walls. Again, where walls show that the sensor is off.
-    start = on_plan.plan_from_level @ calibrated.prepared.level_from_keys
-    adjustment = _adjust(calibrated, on_plan, start, chosen, own, timer)
-    before, calibrated = calibrated, calibrate_on_plan(
-        scan, calibrated, on_plan, adjustment, chosen, timer
-    )
-    prepared, seen = calibrated.prepared, calibrated.observations
-    if prepared is not before.prepared:
-        start = adjustment.solution.target_from_cams
-        adjustment = _adjust(calibrated, on_plan, start, chosen, own, timer)
+    for is_last in LAST_OF_PASSES:
+        # Rotation, translation and scale of the whole (paper, Sec. III-A).
+        prepared = calibrated.prepared
+        on_plan = STANDS_ALONE
+        if floorplan is not None:
+            on_plan = align_to_plan(scan, prepared, floorplan, chosen, timer)
+        # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E); without
+        # a plan all terms but walls.
+        with timer.stage("adjust"):
+            start = on_plan.plan_from_level @ prepared.level_from_keys
+            measured, plan = prepared.measurements, on_plan.floorplan
+            adjustment = adjust_to_plan(measured, plan, start, chosen.adjust, own)
+        if is_last:
+            break
+        # Walls may show that the sensor is off: then all that follows from its points comes again.
+        calibrated = calibrate_on_plan(scan, calibrated, on_plan, adjustment, chosen, timer)
+        if calibrated.prepared is prepared:
+            break
     # Is it better, by solves that did without a part of the evidence?
     with timer.stage("validate"):
-        validation = validate(prepared, on_plan, adjustment, seen.structure, chosen, own)
-    result = make_result(scan, seen, prepared, on_plan, adjustment, validation, chosen, timer)
-    return replace(result, calibration=calibrated.calibration)
-
-
-def _adjust(
-    calibrated: CalibratedScan,
-    on_plan: ScanOnPlan,
-    start: Float[np.ndarray, "n 4 4"],
-    options: RefineOptions,
-    extra_terms: tuple[Term, ...],
-    timer: StageTimer,
-) -> PlanAdjustment:
-    with timer.stage("adjust"):
-        measured, plan = calibrated.prepared.measurements, on_plan.floorplan
-        return adjust_to_plan(measured, plan, start, options.adjust, extra_terms)
+        validation = validate(prepared, on_plan, adjustment, calibrated.observations.structure, chosen, own)
+    return make_result(scan, calibrated, on_plan, adjustment, validation, chosen, timer)
 
 
 def _require_frames_for(extra_terms: tuple[Term, ...], scan: Scan, options: RefineOptions) -> None:

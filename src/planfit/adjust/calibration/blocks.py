@@ -83,19 +83,22 @@ def _of_planes(
     by_group[:, 3:, :K] = rotations @ of_sensor[0][:, 3:]
     by_self[:K, :K], gradient[:K] = of_sensor[1], of_sensor[2]
     if is_drawn:
-        # A face at offset c stands at s c: the residual's derivative is -c, the same for a group's points.
+        # A face at offset c stands at s c, and its sigma grows with it: the residual's derivative is -c - r.
         moments, _ = groups.moments(target_from_cams)
+        sums = np.asarray(moments.moments)  # of w p~ p~^T
+        levers = np.zeros((k, 6, 4))  # J_pose is levers p~
+        levers[:, :3, :3] = -se3.skew(groups.planes[:, :3]) @ rotations
+        levers[:, 3:, 3] = groups.planes[:, :3]
         drawn = groups.planes[:, 3]  # -c
-        ones = np.asarray(moments.moments)[:, :, 3]  # sums of w p~
-        levers = np.einsum("kij,kj->ki", rotations, ones[:, :3])
-        normals = groups.planes[:, :3]
-        by_group[:, :3, PLAN] = drawn[:, None] * np.cross(levers, normals)
-        by_group[:, 3:, PLAN] = (drawn * ones[:, 3])[:, None] * normals
-        gradient[PLAN] = drawn @ np.einsum("ki,ki->k", planes_cam, ones)
-        by_self[PLAN, PLAN] = drawn**2 @ ones[:, 3]
+        of_one, of_r = sums[:, :, 3], np.einsum("kij,kj->ki", sums, planes_cam)
+        by_plan = drawn[:, None] * of_one - of_r
+        by_group[:, :, PLAN] = np.einsum("kij,kj->ki", levers, by_plan)
+        squares = np.einsum("ki,ki->k", planes_cam, of_r)  # sums of w r^2
+        gradient[PLAN] = drawn @ of_r[:, 3] - squares.sum()
+        by_self[PLAN, PLAN] = drawn**2 @ of_one[:, 3] - 2 * drawn @ of_r[:, 3] + squares.sum()
         # Rows of translation are n sum w J_s, and n is a unit vector.
-        summed = np.einsum("ki,kis->ks", normals, by_group[:, 3:, :K])
-        by_self[PLAN, :K] = by_self[:K, PLAN] = drawn @ summed
+        summed = np.einsum("ki,kis->ks", groups.planes[:, :3], by_group[:, 3:, :K])
+        by_self[PLAN, :K] = by_self[:K, PLAN] = drawn @ summed - gradient[:K]
     return SharedBlocks(sum_by_pose(groups.pose_idx, by_group, n), by_self, gradient)
 
 
@@ -125,11 +128,12 @@ def _of_steps(term: OdometryTerm, target_from_cams: Float[np.ndarray, "n 4 4"]) 
     n, between = len(target_from_cams), term.between
     weighted, _ = term.reweight(target_from_cams)
     recorded = between.first_from_second
-    # The residual's translation is R_m^T (apart - s t_m): its derivative by s is -R_m^T t_m.
-    by_scale = np.zeros((len(recorded), 6))
-    by_scale[:, 3:] = -np.einsum("kji,kj->ki", recorded[:, :3, :3], recorded[:, :3, 3])
     information = weighted.information  # diagonals (k, 6)
     residuals = between.rows.residuals(target_from_cams)
+    # The residual's translation is r = R_m^T (apart - s t_m), its sigma grows with s: -R_m^T t_m - r.
+    by_scale = np.zeros((len(recorded), 6))
+    by_scale[:, 3:] = -np.einsum("kji,kj->ki", recorded[:, :3, :3], recorded[:, :3, 3])
+    by_scale[:, 3:] -= residuals[:, 3:]
     jacobians = between.rows.jacobians(target_from_cams)
     by_ends = np.einsum("kdc,kd->kc", jacobians, information * by_scale)
     by_pose, by_self, gradient = np.zeros((n, 6, S)), np.zeros((S, S)), np.zeros(S)

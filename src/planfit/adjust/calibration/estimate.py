@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -41,6 +42,12 @@ class Calibration:
             return ()
         return tuple(name for name, kept in zip(SHARED, self.is_kept, strict=True) if kept)
 
+    def sigma(self, name: str) -> float:
+        """Standard deviation of a parameter that is kept; 0 of another."""
+        if self.sigmas is None or name not in self.kept:
+            return 0.0
+        return float(self.sigmas[SHARED.index(name)])
+
 
 NOT_CALIBRATED = Calibration()
 """Nothing was looked for: the sensor is as its files say."""
@@ -59,6 +66,7 @@ def estimate(
     solve: Solve,
     options: CalibrationOptions,
     start: SensorCalibration = NOMINAL,
+    plan_departure: float = 0.0,
 ) -> Calibration:
     """Find what the sensor does wrong, from poses that were solved as if it did nothing wrong.
 
@@ -72,14 +80,17 @@ def estimate(
         solve: solves again, with other corrections.
         options: priors, and what is asked of evidence.
         start: what is corrected so far.
+        plan_departure: of the plan in the problem from the one that the prior is about, as a share.
     """
     if not options.is_on:
         return NOT_CALIBRATED
     nominal, sigmas = NOMINAL.vector, options.sigmas
     departures = np.zeros(len(SHARED))
     departures[:ODOMETRY] = start.vector - nominal
+    departures[PLAN] = plan_departure
     poses = unknowns[: problem.n_cams]
-    is_kept = np.zeros(len(SHARED), dtype=bool)
+    is_kept = departures != 0
+    is_kept[[ODOMETRY, PLAN]] = False
     gain = 0.0
     for _ in range(options.max_rounds):
         step = shared_step(problem, unknowns, departures, sigmas)
@@ -89,7 +100,7 @@ def estimate(
         if np.array_equal(wanted, is_kept) and settled.all():
             break
         is_kept = wanted
-        departures = np.where(is_kept, found, 0.0)
+        departures[:ODOMETRY] = np.where(is_kept, found, 0.0)[:ODOMETRY]
         sensor = NOMINAL.with_vector(nominal + departures[:ODOMETRY])
         if not is_kept.any():
             break
@@ -104,43 +115,47 @@ def asked_for(
     step: SharedStep,
     cost: float,
     options: CalibrationOptions,
-) -> tuple[
-    Bool[np.ndarray, " s"], Float[np.ndarray, " s"], Float[np.ndarray, " s"], float
-]:
-    """Which departures the evidence asks for: the one that lowers the cost least is held, then the next.
+) -> tuple[Bool[np.ndarray, " s"], Float[np.ndarray, " s"], Float[np.ndarray, " s"], float]:
+    """Which departures the evidence asks for: of all sets, the one that lowers the cost most beyond its price.
 
-    A departure d of sigma s, the others free, lowers the cost by d^2 / (2 s^2) (Wald's test). Matches share
-    errors that are no sensor's: of depth between the pixels, of exposure, of the rig. So the gain also has to
-    be a share of the whole cost, but for the depth's scale, which recorded steps and walls hold, not matches
-    alone. The scales of odometry and plan are nuisances: free within their priors, never kept here.
+    A departure d of sigma s lowers the cost by d^2 / (2 s^2) (Wald's test). Matches share errors that are no
+    sensor's: of depth between the pixels, of exposure, of the rig. So a parameter's price is a share of the
+    whole cost, but that of the depth's scale, which recorded steps and walls hold, not matches alone. The
+    scales of odometry and plan are nuisances: free within their priors, never kept here.
 
     Returns:
-        which are kept; each one's departure and standard deviation, with those kept (and the nuisances) free;
+        which are kept; each one's departure and standard deviation, all others kept free (and the nuisances);
         and by how much the cost falls for those kept.
     """
     n = len(SHARED)
-    covariance, values = step.covariance.copy(), departures.copy()
-    is_free = np.diagonal(covariance) > 0
-    candidates = is_free.copy()
-    candidates[[ODOMETRY, PLAN]] = False
-    least = np.full(n, max(0.5 * options.min_sigmas**2, options.min_gain_share * cost))
-    least[0] = 0.5 * options.min_sigmas**2
-    found, spread = values.copy(), np.sqrt(np.diagonal(covariance).clip(0))
-    while candidates.any():
-        idx = np.flatnonzero(candidates)
-        gains = 0.5 * values[idx] ** 2 / np.diagonal(covariance)[idx]
-        weakest = idx[np.argmin(gains / least[idx])]
-        is_small = abs(values[weakest]) < options.smallest[weakest]
-        if (gains / least[idx]).min() >= 1.0 and not is_small:
-            break
-        found[weakest], spread[weakest] = values[weakest], np.sqrt(covariance[weakest, weakest])
-        # What the others are, given that this one is nominal.
-        ratio = covariance[:, weakest] / covariance[weakest, weakest]
-        values = values - ratio * values[weakest]
-        covariance = covariance - np.outer(ratio, covariance[weakest])
-        candidates[weakest] = False
-    idx = np.flatnonzero(candidates)
-    found[idx], spread[idx] = values[idx], np.sqrt(np.diagonal(covariance)[idx])
-    block = covariance[np.ix_(idx, idx)]
-    gain = 0.5 * float(values[idx] @ np.linalg.solve(block, values[idx])) if len(idx) else 0.0
-    return candidates, found, spread, gain
+    is_free = np.diagonal(step.covariance) > 0
+    is_free[[ODOMETRY, PLAN]] = False
+    idx = np.flatnonzero(is_free)
+    # Nuisances are marginalised by leaving them out of the covariance.
+    information = np.linalg.inv(step.covariance[np.ix_(idx, idx)])
+    pull = information @ departures[idx]
+    price = np.full(n, max(0.5 * options.min_sigmas**2, options.min_gain_share * cost))
+    price[0] = 0.5 * options.min_sigmas**2
+
+    def solved(chosen: list[int]) -> tuple[np.ndarray, np.ndarray, float]:
+        covariance = np.linalg.inv(information[np.ix_(chosen, chosen)])
+        values = covariance @ pull[chosen]
+        return values, np.sqrt(np.diagonal(covariance)), 0.5 * float(values @ pull[chosen])
+
+    best, best_worth = [], 0.0
+    for size in range(1, len(idx) + 1):
+        for subset in combinations(range(len(idx)), size):
+            values, _, gain = solved(list(subset))
+            worth = gain - price[idx[list(subset)]].sum()
+            is_large = np.abs(values) >= options.smallest[idx[list(subset)]]
+            if worth > best_worth and is_large.all():
+                best, best_worth = list(subset), worth
+    found, spread, gain = np.zeros(n), np.zeros(n), 0.0
+    for k in range(len(idx)):
+        chosen = best if k in best else [*best, k]
+        values, sigmas, total = solved(chosen)
+        found[idx[k]], spread[idx[k]] = values[chosen.index(k)], sigmas[chosen.index(k)]
+        gain = total if k in best else gain
+    is_kept = np.zeros(n, dtype=bool)
+    is_kept[idx[best]] = True
+    return is_kept, found, spread, gain

@@ -32,8 +32,8 @@ class CalibrationOptions:
     """Of the principal point in x and y, as a share of the focal length: 5 px of 500."""
     odometry_scale_sigma: float = 0.003
     """Of the factor on recorded steps: visual-inertial and LiDAR trackers know the metre."""
-    plan_scale_sigma: float = 0.003
-    """Of the factor on a metric plan: drawings do, but for those that `align` finds off."""
+    plan_scale_sigma: float = 0.006
+    """Of the factor on a metric plan that `align` finds a little off."""
     min_sigmas: float = 3.0
     """A parameter is kept where it departs by so many of its standard deviations, the others free."""
     min_gain_share: float = 0.01
