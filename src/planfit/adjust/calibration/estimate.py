@@ -1,7 +1,7 @@
 """The sensor's parameters, solved for in turns with the poses; only what the evidence asks for is kept."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -33,7 +33,9 @@ class Calibration:
     sigmas: Float[np.ndarray, " s"] | None = None
     """Standard deviations of the departures; 0 of what was held."""
     gain: float = 0.0
-    """By how much the robust cost falls for what is kept."""
+    """By how much the robust cost falls for what is kept, or would."""
+    implausible: tuple[str, ...] = ()
+    """Parameters that the evidence asks for by more than a sensor can be off: then nothing is corrected."""
 
     @property
     def kept(self) -> tuple[str, ...]:
@@ -84,30 +86,32 @@ def estimate(
     """
     if not options.is_on:
         return NOT_CALIBRATED
-    nominal, sigmas = NOMINAL.vector, options.sigmas
+    nominal = NOMINAL.vector
     departures = np.zeros(len(SHARED))
     departures[:ODOMETRY] = start.vector - nominal
     departures[PLAN] = plan_departure
-    poses = unknowns[: problem.n_cams]
     is_kept = departures != 0
     is_kept[[ODOMETRY, PLAN]] = False
-    gain = 0.0
-    for _ in range(options.max_rounds):
-        step = shared_step(problem, unknowns, departures, sigmas)
+    rounds = 0
+    while True:
+        step = shared_step(problem, unknowns, departures, options.sigmas)
         cost = sum(problem.costs(unknowns[: problem.n_cams]).values())
-        wanted, found, spread, gain = asked_for(departures + step.change, step, cost, options)
-        settled = np.abs(found - departures)[wanted] <= SETTLED * spread[wanted]
-        if np.array_equal(wanted, is_kept) and settled.all():
+        wanted = asked_for(departures + step.change, step, cost, options)
+        moved = np.abs(wanted.departures - departures)[wanted.is_kept]
+        has_settled = np.all(moved <= SETTLED * wanted.sigmas[wanted.is_kept])
+        is_same = np.array_equal(wanted.is_kept, is_kept)
+        if wanted.implausible or rounds == options.max_rounds or (is_same and has_settled):
             break
-        is_kept = wanted
-        departures[:ODOMETRY] = np.where(is_kept, found, 0.0)[:ODOMETRY]
+        is_kept, rounds = wanted.is_kept, rounds + 1
+        departures[:ODOMETRY] = np.where(is_kept, wanted.departures, 0.0)[:ODOMETRY]
         sensor = NOMINAL.with_vector(nominal + departures[:ODOMETRY])
-        if not is_kept.any():
-            break
-        problem, unknowns = solve(corrected_measurements(measurements, sensor), poses)
         poses = unknowns[: problem.n_cams]
-    sensor = NOMINAL.with_vector(nominal + departures[:ODOMETRY])
-    return Calibration(sensor, is_kept, np.where(is_kept, departures, found), spread, gain)
+        problem, unknowns = solve(corrected_measurements(measurements, sensor), poses)
+    if wanted.implausible:
+        return replace(wanted, is_kept=np.zeros(len(SHARED), dtype=bool))
+    found = np.where(is_kept, departures, wanted.departures)
+    sensor = NOMINAL.with_vector(nominal + np.where(is_kept, departures, 0.0)[:ODOMETRY])
+    return replace(wanted, sensor=sensor, is_kept=is_kept, departures=found)
 
 
 def asked_for(
@@ -115,7 +119,7 @@ def asked_for(
     step: SharedStep,
     cost: float,
     options: CalibrationOptions,
-) -> tuple[Bool[np.ndarray, " s"], Float[np.ndarray, " s"], Float[np.ndarray, " s"], float]:
+) -> Calibration:
     """Which departures the evidence asks for: of all sets, the one that lowers the cost most beyond its price.
 
     A departure d of sigma s lowers the cost by d^2 / (2 s^2) (Wald's test). Matches share errors that are no
@@ -124,8 +128,8 @@ def asked_for(
     scales of odometry and plan are nuisances: free within their priors, never kept here.
 
     Returns:
-        which are kept; each one's departure and standard deviation, all others kept free (and the nuisances);
-        and by how much the cost falls for those kept.
+        departures and standard deviations of each parameter, with those kept (and the nuisances) free; which
+        are kept, and those of them that no sensor needs. The sensor is left nominal.
     """
     n = len(SHARED)
     is_free = np.diagonal(step.covariance) > 0
@@ -158,4 +162,6 @@ def asked_for(
         gain = total if k in best else gain
     is_kept = np.zeros(n, dtype=bool)
     is_kept[idx[best]] = True
-    return is_kept, found, spread, gain
+    is_far = is_kept & (np.abs(found) > options.max_prior_sigmas * options.sigmas)
+    implausible = tuple(name for name, far in zip(SHARED, is_far, strict=True) if far)
+    return Calibration(NOMINAL, is_kept, found, spread, gain, implausible)
