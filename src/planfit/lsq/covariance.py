@@ -1,11 +1,12 @@
 """How well poses are determined: blocks of the inverse of the normal equations."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from planfit.errors import OptionError
 from planfit.geometry import se3
@@ -72,7 +73,7 @@ def aligned_position_covariances(
     Args: as for `covariances`; what nothing holds is no error.
     """
     rows = (6 * idx[:, None] + np.arange(3, 6)).ravel()
-    whole = _factorised(terms, target_from_cams)(rows)
+    whole = _factors(terms, target_from_cams).inverse(rows)
     positions = target_from_cams[idx, :3, 3]
     lever = positions - positions.mean(axis=0)
     # Positions move by v + w x lever; what lies in the span of that is taken out.
@@ -90,33 +91,47 @@ def _inverse_blocks(
     entries: Int[np.ndarray, " e"],
 ) -> Float[np.ndarray, "k e e"]:
     """Some entries of the tangents' own blocks of the inverse normal equations."""
-    inverse_of = _factorised(terms, target_from_cams)
-    return np.stack([inverse_of(6 * int(i) + entries) for i in idx])
+    factors = _factors(terms, target_from_cams)
+    return np.stack([factors.inverse(6 * int(i) + entries) for i in idx])
 
 
-def _factorised(
-    terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Callable[[Int[np.ndarray, " r"]], Float[np.ndarray, "r r"]]:
-    """Function that gives some rows and columns of the inverse normal equations."""
+def _factors(terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 4"]) -> "Factors":
     quadratics = [term.reweight(target_from_cams)[0] for term in terms]
     n_poses = len(target_from_cams)
-    equations = NormalEquations([q.normal_blocks(target_from_cams) for q in quadratics], n_poses)
+    blocks = [q.normal_blocks(target_from_cams) for q in quadratics]
+    return factorised(NormalEquations(blocks, n_poses))
+
+
+@dataclass(frozen=True)
+class Factors:
+    """Normal equations, factorised once for many right sides."""
+
+    lu: SuperLU
+    scale: Float[np.ndarray, " u"]
+    """Root of the diagonal."""
+
+    def solve(self, right: Float[np.ndarray, "u k"]) -> Float[np.ndarray, "u k"]:
+        """Columns of H^-1 right; huge where nothing holds a direction."""
+        return self.lu.solve(right / self.scale[:, None]) / self.scale[:, None]
+
+    def inverse(self, rows: Int[np.ndarray, " r"]) -> Float[np.ndarray, "r r"]:
+        """Some rows and columns of H^-1."""
+        columns = np.zeros((len(self.scale), len(rows)))
+        columns[rows, np.arange(len(rows))] = 1.0
+        block = self.solve(columns)[rows]
+        return 0.5 * (block + block.T)
+
+
+def factorised(equations: NormalEquations) -> Factors:
+    """Factorise undamped normal equations."""
     scale = np.sqrt(np.maximum(equations.diagonal, 1e-12 * max(equations.diagonal.max(), 1e-300)))
     # To unit diagonal: radians and metres, near and far, then share one floor.
     inverse_scale = sparse.diags_array(1.0 / scale)
     unit = inverse_scale @ equations.matrix.tocsc() @ inverse_scale
-    size = len(scale)
-    factors = splu(
-        (unit + 1e-12 * sparse.eye_array(size)).tocsc(),
+    lu = splu(
+        (unit + 1e-12 * sparse.eye_array(len(scale))).tocsc(),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-
-    def inverse_of(rows: Int[np.ndarray, " r"]) -> Float[np.ndarray, "r r"]:
-        columns = np.zeros((size, len(rows)))
-        columns[rows, np.arange(len(rows))] = 1.0 / scale[rows]
-        block = factors.solve(columns)[rows] / scale[rows, None]
-        return 0.5 * (block + block.T)
-
-    return inverse_of
+    return Factors(lu, scale)

@@ -41,7 +41,7 @@ class PlaneMoments:
 
     def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
         """Half the weighted sum of squared distances."""
-        planes_cam = _planes_in_cam(self.planes, target_from_cams[self.pose_idx])
+        planes_cam = planes_in_cam(self.planes, target_from_cams[self.pose_idx])
         return 0.5 * float(np.einsum("ki,kij,kj->", planes_cam, self.moments, planes_cam))
 
     def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
@@ -52,7 +52,7 @@ class PlaneMoments:
         jacobian = np.zeros((len(poses), 6, 4))
         jacobian[:, :3, :3] = -se3.skew(normals) @ poses[:, :3, :3]
         jacobian[:, 3:, 3] = normals
-        planes_cam = _planes_in_cam(self.planes, poses)
+        planes_cam = planes_in_cam(self.planes, poses)
         half = jacobian @ self.moments
         gradients = np.einsum("kaj,kj->ka", half, planes_cam)
         hessians = half @ np.swapaxes(jacobian, 1, 2)
@@ -133,7 +133,7 @@ def plane_moments(
         sigma: standard deviation of a point about its plane, m.
         loss: robust loss of distance / sigma.
     """
-    planes_cam = _planes_in_cam(planes, target_from_cams[pose_idx])
+    planes_cam = planes_in_cam(planes, target_from_cams[pose_idx])
     moments = np.zeros((len(planes), 4, 4))
     shape = (int(loss.kind), float(loss.scale))
     args = (points_cam, start, planes_cam, weight_per_point, float(sigma), *shape)
@@ -187,7 +187,7 @@ def _in_parts(start: np.ndarray, sum_groups: Callable[[int, int], float]) -> flo
         return float(sum(costs))
 
 
-def _planes_in_cam(planes: np.ndarray, target_from_cams: np.ndarray) -> np.ndarray:
+def planes_in_cam(planes: np.ndarray, target_from_cams: np.ndarray) -> np.ndarray:
     """Planes (k, 4) seen from cameras (k, 4, 4): T^T pi."""
     return np.einsum("kji,kj->ki", target_from_cams, planes)
 

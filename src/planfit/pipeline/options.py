@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from planfit.adjust import AdjustOptions
+from planfit.adjust.calibration import CalibrationOptions
 from planfit.alignment import AlignOptions
 from planfit.matching import MatchingOptions
 from planfit.pipeline.verdict_options import VerdictOptions
@@ -30,6 +31,8 @@ class RefineOptions:
     """The scan's alignment with the plan."""
     adjust: AdjustOptions = field(default_factory=AdjustOptions)
     """The bundle adjustment."""
+    calibration: CalibrationOptions = field(default_factory=CalibrationOptions)
+    """What the sensor may be off, and when that is believed."""
     verdict: VerdictOptions = field(default_factory=VerdictOptions)
     """How the result is judged."""
     seed: int = 0

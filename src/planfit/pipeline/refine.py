@@ -2,16 +2,20 @@
 
 from collections.abc import Iterable
 
-from planfit.adjust import adjust_to_plan, check_extra_terms, choose_keyframes
+from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms, choose_keyframes
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
-from planfit.pipeline.align import STANDS_ALONE, align_to_plan
+from planfit.pipeline.align import STANDS_ALONE, ScanOnPlan, align_to_plan
+from planfit.pipeline.calibrate import calibrate_alone, calibrate_on_plan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import Observations, extract_observations, prepare
+from planfit.pipeline.prepare import Observations, PreparedScan, extract_observations
 from planfit.pipeline.result import RefineResult, make_result
 from planfit.pipeline.validation import validate
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
+
+MAX_CORRECTIONS = 2
+"""Times that walls may correct the sensor; most scans need none, others one."""
 
 
 def refine(
@@ -44,22 +48,42 @@ def refine(
     timer = StageTimer(runtime or Runtime())
     # Gravity, floor and walls (paper, Sec. III-A and III-B), matches of keypoints.
     seen = observations or extract_observations(scan, chosen, runtime, timer=timer)
-    # Keyframes; loops closed by what needs no plan.
-    prepared = prepare(scan, seen, chosen, timer)
+    # Keyframes; loops closed by what needs no plan; the sensor, by the same.
+    calibrated = calibrate_alone(scan, seen, chosen, timer)
+    on_plan, adjustment = _place(scan, calibrated.prepared, floorplan, chosen, own, timer)
+    for _ in range(MAX_CORRECTIONS):
+        # Walls may show that the sensor is off: then all that follows from its points comes again.
+        before = calibrated
+        calibrated = calibrate_on_plan(scan, before, on_plan, adjustment, chosen, timer)
+        if calibrated.prepared is before.prepared:
+            break
+        on_plan, adjustment = _place(scan, calibrated.prepared, floorplan, chosen, own, timer)
+    # Is it better, by solves that did without a part of the evidence?
+    with timer.stage("validate"):
+        seen = calibrated.observations
+        validation = validate(calibrated.prepared, on_plan, adjustment, seen.structure, chosen, own)
+    return make_result(scan, calibrated, on_plan, adjustment, validation, chosen, timer)
+
+
+def _place(
+    scan: Scan,
+    prepared: PreparedScan,
+    floorplan: Floorplan | None,
+    options: RefineOptions,
+    extra_terms: tuple[Term, ...],
+    timer: StageTimer,
+) -> tuple[ScanOnPlan, PlanAdjustment]:
+    """Bring a prepared scan onto the plan: as a whole, then each pose."""
     # Rotation, translation and scale of the whole (paper, Sec. III-A).
     on_plan = STANDS_ALONE
     if floorplan is not None:
-        on_plan = align_to_plan(scan, prepared, floorplan, chosen, timer)
+        on_plan = align_to_plan(scan, prepared, floorplan, options, timer)
     # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E); without a
     # plan all terms but walls.
     with timer.stage("adjust"):
         start = on_plan.plan_from_level @ prepared.level_from_keys
         measured, plan = prepared.measurements, on_plan.floorplan
-        adjustment = adjust_to_plan(measured, plan, start, chosen.adjust, own)
-    # Is it better, by solves that did without a part of the evidence?
-    with timer.stage("validate"):
-        validation = validate(prepared, on_plan, adjustment, seen.structure, chosen, own)
-    return make_result(scan, seen, prepared, on_plan, adjustment, validation, chosen, timer)
+        return on_plan, adjust_to_plan(measured, plan, start, options.adjust, extra_terms)
 
 
 def _require_frames_for(extra_terms: tuple[Term, ...], scan: Scan, options: RefineOptions) -> None:

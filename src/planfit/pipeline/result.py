@@ -6,15 +6,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust import PlanAdjustment
+from planfit.adjust.calibration import NOT_CALIBRATED, Calibration
 from planfit.alignment import Alignment
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.align import ScanOnPlan
+from planfit.pipeline.calibrate import CalibratedScan
 from planfit.pipeline.diagnostics import adjustment_warnings, alignment_warnings, scan_warnings
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import Observations, PreparedScan
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
 from planfit.runtime import StageTimer
@@ -55,6 +56,8 @@ class RefineResult:
     """That evidence."""
     tracking: Tracking | None = None
     """How far the recorded poses were believed; None where the observations were a user's own."""
+    calibration: Calibration = NOT_CALIBRATED
+    """What the sensor was found to do; points above are corrected by it."""
 
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
@@ -78,8 +81,7 @@ def to_recorded_axes(
 
 def make_result(
     scan: Scan,
-    observations: Observations,
-    prepared: PreparedScan,
+    calibrated: CalibratedScan,
     on_plan: ScanOnPlan,
     adjustment: PlanAdjustment,
     validation: Validation,
@@ -87,6 +89,7 @@ def make_result(
     timer: StageTimer,
 ) -> RefineResult:
     """All of it together, with what a user should know of it in words."""
+    observations, prepared = calibrated.observations, calibrated.prepared
     structure, matches = observations.structure, observations.matches
     plan_from_world = on_plan.recorded_plan_from_level @ prepared.level_from_world
     neighbours, has_plan = options.matching.pairs.neighbours, on_plan.floorplan is not None
@@ -124,4 +127,5 @@ def make_result(
         verdict=validation.verdict,
         evidence=validation.evidence,
         tracking=observations.tracking,
+        calibration=calibrated.calibration,
     )

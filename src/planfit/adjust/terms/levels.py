@@ -12,10 +12,11 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.terms.effective_observations import Weighting
+from planfit.adjust.terms.groups import PlaneGroups
 from planfit.errors import require_positive
-from planfit.lsq.moments import PlaneMoments, plane_moments
+from planfit.lsq.moments import PlaneMoments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments, plane_moments_on
+from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments
 from planfit.segmentation import LevelPoints, Structure
 
 FLOOR_PLANE = np.array([0.0, 0.0, 1.0, 0.0])
@@ -57,25 +58,29 @@ class LevelTerm:
     def _on_device(self) -> GroupedPoints:
         return GroupedPoints(self.device, self.points.start, self.points.points_cam)
 
+    @property
+    def groups(self) -> PlaneGroups:
+        """The points of each frame on its plane."""
+        start = self.points.start
+        weighting = Weighting(self.options.max_observations, self.options.points_per_observation)
+        information = self.options.weight * weighting.weight_per_point(np.diff(start))
+        return PlaneGroups(
+            self.points.points_cam,
+            start,
+            np.arange(len(start) - 1),
+            level_planes(self.heights_m),
+            np.where(np.isfinite(self.heights_m), information, 0.0),
+            self.options.sigma_m,
+            self.options.loss,
+        )
+
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
         """One pass over the points; see `planfit.lsq.moments`."""
-        start = self.points.start
-        weighting = Weighting(self.options.max_observations, self.options.points_per_observation)
-        is_on = np.isfinite(self.heights_m)
-        information = self.options.weight * weighting.weight_per_point(np.diff(start))
-        rest = (
-            np.arange(len(start) - 1),
-            level_planes(self.heights_m),
-            np.where(is_on, information, 0.0),
-            target_from_cams,
-            self.options.sigma_m,
-            self.options.loss,
+        return self.groups.moments(
+            target_from_cams, None if self.device == "cpu" else self._on_device
         )
-        if self.device != "cpu":
-            return plane_moments_on(self._on_device, *rest)
-        return plane_moments(self.points.points_cam, start, *rest)
 
 
 def floor_term(structure: Structure, options: LevelOptions, device: str = "cpu") -> LevelTerm:

@@ -13,10 +13,11 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.terms.effective_observations import Weighting
+from planfit.adjust.terms.groups import PairGroups
 from planfit.errors import require_positive
-from planfit.lsq.moments import PairMoments, pair_moments
+from planfit.lsq.moments import PairMoments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.torch.moments import GroupedPoints, TorchPairMoments, pair_moments_on
+from planfit.lsq.torch.moments import GroupedPoints, TorchPairMoments
 from planfit.matching import Matches
 
 
@@ -57,24 +58,19 @@ class PointTerm:
         """The same term with the scale of its loss times `factor`, for graduated non-convexity."""
         return replace(self, options=replace(self.options, loss=self.options.loss.widened(factor)))
 
+    @property
+    def groups(self) -> PairGroups:
+        """The matches of each pair."""
+        m = self.matches
+        weighting = Weighting(self.options.max_observations)
+        information = self.options.weight * weighting.weight_per_point(np.diff(m.start))
+        ends = (m.points_a, m.points_b, m.sigma)
+        return PairGroups(*ends, m.start, m.pairs, information, self.options.loss)
+
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple[PairMoments | TorchPairMoments, float]:
         """One pass over the matches; see `planfit.lsq.moments`."""
-        m = self.matches
-        weighting = Weighting(self.options.max_observations)
-        information = self.options.weight * weighting.weight_per_point(np.diff(m.start))
-        if self.device != "cpu":
-            return pair_moments_on(
-                self._on_device, m.pairs, information, target_from_cams, self.options.loss
-            )
-        return pair_moments(
-            m.points_a,
-            m.points_b,
-            m.sigma,
-            m.start,
-            m.pairs,
-            information,
-            target_from_cams,
-            self.options.loss,
+        return self.groups.moments(
+            target_from_cams, None if self.device == "cpu" else self._on_device
         )

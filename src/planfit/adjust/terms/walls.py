@@ -5,7 +5,7 @@ poses are solved for. The paper's formula writes the same letter for the scan's 
 the plan's is meant, else nothing would hold the scan to the plan.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,11 +13,12 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.association import Association
 from planfit.adjust.terms.effective_observations import Weighting
+from planfit.adjust.terms.groups import PlaneGroups
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
-from planfit.lsq.moments import PlaneMoments, plane_moments
+from planfit.lsq.moments import PlaneMoments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments, plane_moments_on
+from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments
 from planfit.segmentation import WallPatches
 
 
@@ -70,54 +71,52 @@ class WallTerm:
     def _on_device(self) -> GroupedPoints:
         return GroupedPoints(self.device, self.patches.start, self.patches.points_cam)
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
-        """One pass over the wall points; see `planfit.lsq.moments`."""
+    @property
+    def groups(self) -> PlaneGroups:
+        """The wall points of each patch on the plane of its face, the loss as it stands."""
         patches, face = self.patches, self.association.face_idx
         planes = face_planes(self.floorplan, face)
         if self.offsets_m is not None:
             planes[:, 3] -= self.offsets_m[face]
         weighting = Weighting(self.options.max_observations, self.options.points_per_observation)
         information = weighting.weight_per_point(np.diff(patches.start))
-        if self.widths is not None:
-            return self._widened(planes, np.where(face >= 0, information, 0.0), target_from_cams)
-        rest = (
+        return PlaneGroups(
+            patches.points_cam,
+            patches.start,
             patches.frame_idx,
             planes,
             self.options.weight * np.where(face >= 0, information, 0.0),
-            target_from_cams,
             self.options.sigma_m,
             self.options.loss,
         )
-        if self.device != "cpu":
-            return plane_moments_on(self._on_device, *rest)
-        return plane_moments(patches.points_cam, patches.start, *rest)
+
+    def reweight(
+        self, target_from_cams: Float[np.ndarray, "n 4 4"]
+    ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
+        """One pass over the wall points; see `planfit.lsq.moments`."""
+        if self.widths is not None:
+            return self._widened(self.widths, target_from_cams)
+        return self.groups.moments(
+            target_from_cams, None if self.device == "cpu" else self._on_device
+        )
 
     def _widened(
-        self,
-        planes: Float[np.ndarray, "k 4"],
-        information: Float[np.ndarray, " k"],
-        target_from_cams: Float[np.ndarray, "n 4 4"],
+        self, by: Float[np.ndarray, " k"], target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple[PlaneMoments, float]:
         """The same, each loss at its own width.
 
         A loss of scale w c is w^2 times that of scale c at a distance w times as small. The weights of the
         points then are those of the small distance, so the factor w^2 is taken out of the moments again.
         """
-        assert self.widths is not None
-        by = self.widths
-        found, cost = plane_moments(
-            self.patches.points_cam,
-            self.patches.start,
-            self.patches.frame_idx,
-            planes / by[:, None],
-            self.options.weight * information * by**2,
-            target_from_cams,
-            self.options.sigma_m,
-            self.options.loss,
+        groups = self.groups
+        smaller = replace(
+            groups,
+            planes=groups.planes / by[:, None],
+            weight_per_point=groups.weight_per_point * by**2,
         )
-        return PlaneMoments(found.pose_idx, planes, found.moments / (by**2)[:, None, None]), cost
+        found, cost = smaller.moments(target_from_cams)
+        moments = found.moments / (by**2)[:, None, None]
+        return PlaneMoments(found.pose_idx, groups.planes, moments), cost
 
 
 def observations_of(patches: WallPatches, options: WallOptions) -> Float[np.ndarray, " k"]:

@@ -1,0 +1,142 @@
+"""Derivatives of terms by what all frames share: the sensor, the odometry's and the plan's scale."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.adjust.calibration.kernels import K, sum_pairs_by_sensor, sum_planes_by_sensor
+from planfit.adjust.problem import AdjustmentProblem
+from planfit.adjust.terms.groups import PairGroups, PlaneGroups
+from planfit.adjust.terms.levels import LevelTerm
+from planfit.adjust.terms.odometry import OdometryTerm
+from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.walls import WallTerm
+from planfit.geometry import se3
+from planfit.geometry.calibration import PARAMETERS
+from planfit.lsq.blocks import relative_pose_jacobians, relative_poses, sum_by_pose
+from planfit.lsq.moments import planes_in_cam
+from planfit.lsq.robust import loss_value
+
+SHARED = (*PARAMETERS, "odometry_scale", "plan_scale")
+"""What all frames share, in the order of vectors and matrices here."""
+ODOMETRY, PLAN = len(PARAMETERS), len(PARAMETERS) + 1
+S = len(SHARED)
+
+
+@dataclass(frozen=True)
+class SharedBlocks:
+    """Normal equations' parts of the shared parameters, robust weights frozen."""
+
+    by_pose: Float[np.ndarray, "n 6 s"]
+    """J_pose^T J_shared, tangents as in `planfit.geometry.se3`."""
+    by_self: Float[np.ndarray, "s s"]
+    """J_shared^T J_shared."""
+    gradient: Float[np.ndarray, " s"]
+    """J_shared^T r."""
+
+
+def shared_blocks(
+    problem: AdjustmentProblem, target_from_cams: Float[np.ndarray, "n 4 4"]
+) -> SharedBlocks:
+    """Of all terms of a problem that know the shared parameters: points, levels, walls, odometry."""
+    n = len(target_from_cams)
+    parts = []
+    for term in problem.terms:
+        if isinstance(term, PointTerm):
+            parts.append(_of_pairs(term.groups, target_from_cams))
+        elif isinstance(term, LevelTerm):
+            parts.append(_of_planes(term.groups, target_from_cams, is_drawn=False))
+        elif isinstance(term, WallTerm):
+            parts.append(_of_planes(term.groups, target_from_cams, is_drawn=True))
+        elif isinstance(term, OdometryTerm):
+            parts.append(_of_steps(term, target_from_cams))
+    return SharedBlocks(
+        sum((part.by_pose for part in parts), np.zeros((n, 6, S))),
+        sum((part.by_self for part in parts), np.zeros((S, S))),
+        sum((part.gradient for part in parts), np.zeros(S)),
+    )
+
+
+def _of_planes(
+    groups: PlaneGroups, target_from_cams: Float[np.ndarray, "n 4 4"], is_drawn: bool
+) -> SharedBlocks:
+    """Points on planes: walls, whose planes grow with the plan, or level surfaces, which do not.
+
+    The sigma of level surfaces grows with the points (see `kernels`); that of walls is mostly how they were
+    drawn and built.
+    """
+    n, k = len(target_from_cams), len(groups.pose_idx)
+    poses = target_from_cams[groups.pose_idx]
+    planes_cam = planes_in_cam(groups.planes, poses)
+    by_group, by_self, gradient = np.zeros((k, 6, S)), np.zeros((S, S)), np.zeros(S)
+    of_sensor = np.zeros((k, 6, K)), np.zeros((K, K)), np.zeros(K)
+    counts = np.diff(groups.start)
+    of_points = np.repeat(planes_cam, counts, axis=0)
+    distances = np.einsum("mi,mi->m", of_points[:, :3], groups.points_cam) + of_points[:, 3]
+    _, weight = loss_value((distances / groups.sigma_m) ** 2, groups.loss)
+    weight *= np.repeat(groups.weight_per_point, counts) / groups.sigma_m**2
+    points = np.asarray(groups.points_cam, dtype=float)
+    sum_planes_by_sensor(points, groups.start, planes_cam, weight, not is_drawn, *of_sensor)
+    rotations = poses[:, :3, :3]
+    by_group[:, :3, :K] = rotations @ of_sensor[0][:, :3]
+    by_group[:, 3:, :K] = rotations @ of_sensor[0][:, 3:]
+    by_self[:K, :K], gradient[:K] = of_sensor[1], of_sensor[2]
+    if is_drawn:
+        # A face at offset c stands at s c, and its sigma grows with it: the residual's derivative is -c - r.
+        moments, _ = groups.moments(target_from_cams)
+        sums = np.asarray(moments.moments)  # of w p~ p~^T
+        levers = np.zeros((k, 6, 4))  # J_pose is levers p~
+        levers[:, :3, :3] = -se3.skew(groups.planes[:, :3]) @ rotations
+        levers[:, 3:, 3] = groups.planes[:, :3]
+        drawn = groups.planes[:, 3]  # -c
+        of_one, of_r = sums[:, :, 3], np.einsum("kij,kj->ki", sums, planes_cam)
+        by_plan = drawn[:, None] * of_one - of_r
+        by_group[:, :, PLAN] = np.einsum("kij,kj->ki", levers, by_plan)
+        squares = np.einsum("ki,ki->k", planes_cam, of_r)  # sums of w r^2
+        gradient[PLAN] = drawn @ of_r[:, 3] - squares.sum()
+        by_self[PLAN, PLAN] = drawn**2 @ of_one[:, 3] - 2 * drawn @ of_r[:, 3] + squares.sum()
+        # Rows of translation are n sum w J_s, and n is a unit vector.
+        summed = np.einsum("ki,kis->ks", groups.planes[:, :3], by_group[:, 3:, :K])
+        by_self[PLAN, :K] = by_self[:K, PLAN] = drawn @ summed - gradient[:K]
+    return SharedBlocks(sum_by_pose(groups.pose_idx, by_group, n), by_self, gradient)
+
+
+def _of_pairs(groups: PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"]) -> SharedBlocks:
+    """Matched points, which know the sensor alone."""
+    n, pairs = len(target_from_cams), groups.pairs
+    of_sensor = np.zeros((len(pairs), 6, K)), np.zeros((K, K)), np.zeros(K)
+    a_from_b, counts = relative_poses(target_from_cams, pairs), np.diff(groups.start)
+    points_a, points_b = (np.asarray(p, dtype=float) for p in (groups.points_a, groups.points_b))
+    moved = se3.transform_each(np.repeat(a_from_b, counts, axis=0), points_b)
+    squared = np.sum((points_a - moved) ** 2, axis=1) / groups.sigma_m**2
+    _, weight = loss_value(squared, groups.loss)
+    weight *= np.repeat(groups.weight_per_point, counts) / groups.sigma_m**2
+    sum_pairs_by_sensor(points_a, points_b, groups.start, a_from_b, weight, *of_sensor)
+    by_ends = np.swapaxes(relative_pose_jacobians(target_from_cams[pairs]), 1, 2) @ of_sensor[0]
+    by_pose, by_self, gradient = np.zeros((n, 6, S)), np.zeros((S, S)), np.zeros(S)
+    by_pose[:, :, :K] = sum_by_pose(pairs[:, 0], by_ends[:, :6], n)
+    by_pose[:, :, :K] += sum_by_pose(pairs[:, 1], by_ends[:, 6:], n)
+    by_self[:K, :K], gradient[:K] = of_sensor[1], of_sensor[2]
+    return SharedBlocks(by_pose, by_self, gradient)
+
+
+def _of_steps(term: OdometryTerm, target_from_cams: Float[np.ndarray, "n 4 4"]) -> SharedBlocks:
+    """Recorded steps, whose translations grow with the odometry's scale."""
+    n, between = len(target_from_cams), term.between
+    weighted, _ = term.reweight(target_from_cams)
+    recorded = between.first_from_second
+    information = weighted.information  # diagonals (k, 6)
+    residuals = between.rows.residuals(target_from_cams)
+    # The residual's translation is r = R_m^T (apart - s t_m), its sigma grows with s: -R_m^T t_m - r.
+    by_scale = np.zeros((len(recorded), 6))
+    by_scale[:, 3:] = -np.einsum("kji,kj->ki", recorded[:, :3, :3], recorded[:, :3, 3])
+    by_scale[:, 3:] -= residuals[:, 3:]
+    jacobians = between.rows.jacobians(target_from_cams)
+    by_ends = np.einsum("kdc,kd->kc", jacobians, information * by_scale)
+    by_pose, by_self, gradient = np.zeros((n, 6, S)), np.zeros((S, S)), np.zeros(S)
+    by_pose[:, :, ODOMETRY] = sum_by_pose(between.pairs[:, 0], by_ends[:, :6], n)
+    by_pose[:, :, ODOMETRY] += sum_by_pose(between.pairs[:, 1], by_ends[:, 6:], n)
+    by_self[ODOMETRY, ODOMETRY] = np.sum(information * by_scale**2)
+    gradient[ODOMETRY] = np.sum(information * by_scale * residuals)
+    return SharedBlocks(by_pose, by_self, gradient)

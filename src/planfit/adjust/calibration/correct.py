@@ -1,0 +1,77 @@
+"""What was measured, as a calibrated sensor and odometry would have measured it."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.adjust.measurements import Measurements
+from planfit.geometry.calibration import SensorCalibration
+from planfit.matching import Matches
+from planfit.scan.odometry import Odometry
+from planfit.segmentation import LevelPoints, Structure, WallPatches
+
+
+def corrected_measurements(
+    measurements: Measurements, sensor: SensorCalibration, odometry_scale: float = 1.0
+) -> Measurements:
+    """Measurements with every lifted point corrected, and recorded steps scaled."""
+    return replace(
+        measurements,
+        matches=corrected_matches(measurements.matches, sensor),
+        structure=corrected_structure(measurements.structure, sensor),
+        odometry=_scaled(measurements.odometry, odometry_scale),
+        cameras=tuple(sensor.camera(camera) for camera in measurements.cameras),
+    )
+
+
+def corrected_matches(matches: Matches, sensor: SensorCalibration) -> Matches:
+    """Matches with both points corrected; their sigmas grow with the points."""
+    if sensor.is_nominal or matches.n_matches == 0:
+        return matches
+    points_a, points_b = sensor.points(matches.points_a), sensor.points(matches.points_b)
+    stretch = (points_a[:, 2] + points_b[:, 2]) / (matches.points_a[:, 2] + matches.points_b[:, 2])
+    return replace(matches, points_a=points_a, points_b=points_b, sigma=matches.sigma * stretch)
+
+
+def corrected_structure(structure: Structure, sensor: SensorCalibration) -> Structure:
+    """Floor, walls, ceiling and columns with their points corrected."""
+    if sensor.is_nominal:
+        return structure
+    return replace(
+        structure,
+        floor=_corrected_level(structure.floor, sensor),
+        walls=_corrected_patches(structure.walls, sensor),
+        unassigned_points_cam=sensor.points(structure.unassigned_points_cam),
+        ceiling=_corrected_level(structure.ceiling, sensor),
+        columns=_corrected_patches(structure.columns, sensor),
+    )
+
+
+def _corrected_level(points: LevelPoints, sensor: SensorCalibration) -> LevelPoints:
+    return replace(points, points_cam=sensor.points(points.points_cam))
+
+
+def _corrected_patches(patches: WallPatches, sensor: SensorCalibration) -> WallPatches:
+    """Patches with points and ends corrected, normals again across the ends and level."""
+    ends = sensor.points(patches.ends_cam)
+    normals = patches.normals_cam
+    if len(patches):
+        along = _unit(patches.ends_cam[:, 1] - patches.ends_cam[:, 0])
+        up = np.cross(normals, along)  # the normal is level, and so are the ends
+        normals = _unit(np.cross(_unit(ends[:, 1] - ends[:, 0]), up))
+    return replace(
+        patches, points_cam=sensor.points(patches.points_cam), ends_cam=ends, normals_cam=normals
+    )
+
+
+def _unit(vectors: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
+
+
+def _scaled(odometry: Odometry, scale: float) -> Odometry:
+    if scale == 1.0:
+        return odometry
+    steps = odometry.cam_from_next.copy()
+    steps[:, :3, 3] *= scale
+    return replace(odometry, cam_from_next=steps)

@@ -1,0 +1,165 @@
+"""The sensor's parameters, solved for in turns with the poses; only what the evidence asks for is kept."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from planfit.adjust.calibration.blocks import ODOMETRY, PLAN, SHARED
+from planfit.adjust.calibration.correct import corrected_measurements
+from planfit.adjust.calibration.options import CalibrationOptions
+from planfit.adjust.calibration.reduced import SharedStep, shared_step
+from planfit.adjust.measurements import Measurements
+from planfit.adjust.problem import AdjustmentProblem
+from planfit.geometry.calibration import NOMINAL, SensorCalibration
+
+SETTLED = 0.1
+"""Parameters that move by less than this share of their standard deviations have settled."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a sensor was found to do, and how sure that is."""
+
+    sensor: SensorCalibration = NOMINAL
+    """Parameters that are not kept are nominal."""
+    is_kept: Bool[np.ndarray, " s"] = field(
+        default_factory=lambda: np.zeros(len(SHARED), dtype=bool)
+    )
+    """Which departures the evidence asks for, in the order of `SHARED`."""
+    departures: Float[np.ndarray, " s"] = field(default_factory=lambda: np.zeros(len(SHARED)))
+    """Of the parameters from their nominal values: as corrected where kept, else as they would be if they
+    alone were free beside those."""
+    sigmas: Float[np.ndarray, " s"] = field(default_factory=lambda: np.zeros(len(SHARED)))
+    """Standard deviations of the departures; 0 of what was held, or not looked for."""
+    gain: float = 0.0
+    """By how much the robust cost falls for what is kept, or would."""
+    implausible: tuple[str, ...] = ()
+    """Parameters that the evidence asks for by more than a sensor can be off: then nothing is corrected."""
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """Names of the parameters that depart."""
+        return tuple(name for name, kept in zip(SHARED, self.is_kept, strict=True) if kept)
+
+    def sigma(self, name: str) -> float:
+        """Standard deviation of a parameter that is kept; 0 of another."""
+        return float(self.sigmas[SHARED.index(name)]) if name in self.kept else 0.0
+
+
+NOT_CALIBRATED = Calibration()
+"""Nothing was looked for: the sensor is as its files say."""
+
+Solve = Callable[
+    [Measurements, Float[np.ndarray, "n 4 4"]],
+    tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]],
+]
+"""From corrected measurements and poses to begin with, to the problem and the unknowns that solve it."""
+
+
+def estimate(
+    measurements: Measurements,
+    problem: AdjustmentProblem,
+    unknowns: Float[np.ndarray, "u 4 4"],
+    solve: Solve,
+    options: CalibrationOptions,
+    start: SensorCalibration = NOMINAL,
+    plan_departure: float = 0.0,
+) -> Calibration:
+    """Find what the sensor does wrong, from poses that were solved as if it did nothing wrong.
+
+    One step of all parameters says which of them the cost asks for. Where it asks for none, that is all;
+    else those are solved for in turns with the poses, and the rest is looked at once more.
+
+    Args:
+        measurements: as lifted by the nominal sensor.
+        problem: built from the measurements as `start` corrects them.
+        unknowns: where its solve ended.
+        solve: solves again, with other corrections.
+        options: priors, and what is asked of evidence.
+        start: what is corrected so far.
+        plan_departure: of the plan in the problem from the one that the prior is about, as a share.
+    """
+    if not options.is_on:
+        return NOT_CALIBRATED
+    nominal = NOMINAL.vector
+    departures = np.zeros(len(SHARED))
+    departures[:ODOMETRY] = start.vector - nominal
+    departures[PLAN] = plan_departure
+    is_kept = departures != 0
+    is_kept[[ODOMETRY, PLAN]] = False
+    rounds = 0
+    while True:
+        step = shared_step(problem, unknowns, departures, options.sigmas)
+        cost = sum(problem.costs(unknowns[: problem.n_cams]).values())
+        wanted = asked_for(departures + step.change, step, cost, options)
+        moved = np.abs(wanted.departures - departures)[wanted.is_kept]
+        has_settled = np.all(moved <= SETTLED * wanted.sigmas[wanted.is_kept])
+        is_same = np.array_equal(wanted.is_kept, is_kept)
+        if wanted.implausible or rounds == options.max_rounds or (is_same and has_settled):
+            break
+        is_kept, rounds = wanted.is_kept, rounds + 1
+        departures[:ODOMETRY] = np.where(is_kept, wanted.departures, 0.0)[:ODOMETRY]
+        sensor = NOMINAL.with_vector(nominal + departures[:ODOMETRY])
+        poses = unknowns[: problem.n_cams]
+        problem, unknowns = solve(corrected_measurements(measurements, sensor), poses)
+    if wanted.implausible:
+        return replace(wanted, is_kept=np.zeros(len(SHARED), dtype=bool))
+    found = np.where(is_kept, departures, wanted.departures)
+    sensor = NOMINAL.with_vector(nominal + np.where(is_kept, departures, 0.0)[:ODOMETRY])
+    return replace(wanted, sensor=sensor, is_kept=is_kept, departures=found)
+
+
+def asked_for(
+    departures: Float[np.ndarray, " s"],
+    step: SharedStep,
+    cost: float,
+    options: CalibrationOptions,
+) -> Calibration:
+    """Which departures the evidence asks for: of all sets the one that lowers the cost most, less its price.
+
+    A departure d of sigma s lowers the cost by d^2 / (2 s^2) (Wald's test). Matches share errors that are no
+    sensor's: of depth between the pixels, of exposure, of the rig. So a parameter's price is a share of the
+    whole cost, but that of the depth's scale, which recorded steps and walls hold, not matches alone. The
+    scales of odometry and plan are nuisances: free within their priors, never kept here.
+
+    Returns:
+        departures and standard deviations of each parameter, with those kept (and the nuisances) free; which
+        are kept, and those of them that no sensor needs. The sensor is left nominal.
+    """
+    n = len(SHARED)
+    is_free = np.diagonal(step.covariance) > 0
+    is_free[[ODOMETRY, PLAN]] = False
+    idx = np.flatnonzero(is_free)
+    # Nuisances are marginalised by leaving them out of the covariance.
+    information = np.linalg.inv(step.covariance[np.ix_(idx, idx)])
+    pull = information @ departures[idx]
+    price = np.full(n, max(0.5 * options.min_sigmas**2, options.min_gain_share * cost))
+    price[0] = 0.5 * options.min_sigmas**2
+
+    def solved(chosen: list[int]) -> tuple[np.ndarray, np.ndarray, float]:
+        covariance = np.linalg.inv(information[np.ix_(chosen, chosen)])
+        values = covariance @ pull[chosen]
+        return values, np.sqrt(np.diagonal(covariance)), 0.5 * float(values @ pull[chosen])
+
+    best, best_worth = [], 0.0
+    for size in range(1, len(idx) + 1):
+        for subset in combinations(range(len(idx)), size):
+            values, _, gain = solved(list(subset))
+            worth = gain - price[idx[list(subset)]].sum()
+            is_large = np.abs(values) >= options.smallest[idx[list(subset)]]
+            if worth > best_worth and is_large.all():
+                best, best_worth = list(subset), worth
+    found, spread, gain = np.zeros(n), np.zeros(n), 0.0
+    for k in range(len(idx)):
+        chosen = best if k in best else [*best, k]
+        values, sigmas, total = solved(chosen)
+        found[idx[k]], spread[idx[k]] = values[chosen.index(k)], sigmas[chosen.index(k)]
+        gain = total if k in best else gain
+    is_kept = np.zeros(n, dtype=bool)
+    is_kept[idx[best]] = True
+    is_far = is_kept & (np.abs(found) > options.max_prior_sigmas * options.sigmas)
+    implausible = tuple(name for name, far in zip(SHARED, is_far, strict=True) if far)
+    return Calibration(NOMINAL, is_kept, found, spread, gain, implausible)

@@ -1,0 +1,60 @@
+"""One Gauss-Newton step of the shared parameters, poses eliminated (Schur complement)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.adjust.calibration.blocks import shared_blocks
+from planfit.adjust.problem import AdjustmentProblem
+from planfit.geometry import se3
+from planfit.lsq.covariance import factorised
+from planfit.lsq.linear.normal_equations import NormalEquations
+
+
+@dataclass(frozen=True)
+class SharedStep:
+    """Where the cost of a problem falls to, once shared parameters may move with the poses."""
+
+    change: Float[np.ndarray, " s"]
+    """Of the shared parameters."""
+    covariance: Float[np.ndarray, "s s"]
+    """Of the shared parameters, poses free, priors included."""
+    target_from_cams: Float[np.ndarray, "n 4 4"]
+    """Poses after the step."""
+
+
+def shared_step(
+    problem: AdjustmentProblem,
+    unknowns: Float[np.ndarray, "u 4 4"],
+    departures: Float[np.ndarray, " s"],
+    sigmas: Float[np.ndarray, " s"],
+) -> SharedStep:
+    """Step of the shared parameters and poses together, from poses that minimise the problem.
+
+    With H over poses and parameters, [[H_xx, H_xs], [H_sx, H_ss]], the parameters' own equations are
+    (H_ss - H_sx H_xx^-1 H_xs) ds = -(g_s - H_sx H_xx^-1 g_x).
+
+    Args:
+        problem: built from points that are corrected by the parameters as they stand.
+        unknowns: where its solve ended.
+        departures: of the parameters as they stand from their nominal values.
+        sigmas: prior standard deviations about the nominal values; 0 holds a parameter.
+    """
+    shared = shared_blocks(problem, unknowns)
+    quadratics = [term.reweight(unknowns)[0] for term in problem.terms]
+    equations = NormalEquations([q.normal_blocks(unknowns) for q in quadratics], len(unknowns))
+    factors = factorised(equations)
+    free = np.flatnonzero(sigmas > 0)
+    across = shared.by_pose.reshape(6 * len(unknowns), -1)[:, free]
+    gradient_x = equations.gradient.ravel()
+    solved = factors.solve(np.column_stack([across, gradient_x]))
+    prior = 1.0 / sigmas[free] ** 2
+    reduced = shared.by_self[np.ix_(free, free)] + np.diag(prior) - across.T @ solved[:, :-1]
+    right = shared.gradient[free] + prior * departures[free] - across.T @ solved[:, -1]
+    covariance = np.zeros((len(sigmas), len(sigmas)))
+    covariance[np.ix_(free, free)] = inverse = np.linalg.inv(0.5 * (reduced + reduced.T))
+    change = np.zeros(len(sigmas))
+    change[free] = -inverse @ right
+    moved = -(solved[:, -1] + solved[:, :-1] @ change[free]).reshape(-1, 6)
+    return SharedStep(change, covariance, se3.retract(unknowns, moved))

@@ -1,0 +1,155 @@
+"""The sensor found from the scan itself: before a plan is looked at, and again on the plan."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.adjust import (
+    AdjustmentProblem,
+    Measurements,
+    PlanAdjustment,
+    adjust_to_plan,
+    build_problem,
+)
+from planfit.adjust.calibration import (
+    NOT_CALIBRATED,
+    Calibration,
+    CalibrationOptions,
+    corrected_matches,
+    corrected_structure,
+    estimate,
+)
+from planfit.geometry.calibration import SensorCalibration
+from planfit.pipeline.align import ScanOnPlan
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.prepare import Observations, PreparedScan, prepare
+from planfit.runtime import StageTimer
+from planfit.scan import Scan
+
+UNKNOWN_SCALE_SIGMA = 0.05
+"""Of a plan's scale that was searched, or found off: walls then say nothing of the metre."""
+PLAN_OFF_SIGMAS = 3.0
+"""A metric plan that is off by more of its and the scan's standard deviations was drawn so."""
+
+
+@dataclass(frozen=True)
+class CalibratedScan:
+    """What a scan says, as its sensor should have measured it."""
+
+    as_lifted: Observations
+    """By the nominal sensor."""
+    observations: Observations
+    """Corrected."""
+    prepared: PreparedScan
+    """Of the corrected observations."""
+    calibration: Calibration = NOT_CALIBRATED
+
+
+def corrected(observations: Observations, sensor: SensorCalibration) -> Observations:
+    """Observations with every lifted point corrected."""
+    return replace(
+        observations,
+        structure=corrected_structure(observations.structure, sensor),
+        matches=corrected_matches(observations.matches, sensor),
+    )
+
+
+def calibrate_alone(
+    scan: Scan, observations: Observations, options: RefineOptions, timer: StageTimer
+) -> CalibratedScan:
+    """Prepare a scan, its sensor corrected by what matches, floor and recorded motion ask for.
+
+    Gross errors (5 % of depth, a wrong focal length) have to be mended before they mislead the alignment.
+    """
+    prepared = prepare(scan, observations, options, timer)
+    if options.adjust.geometric != "points":
+        return CalibratedScan(observations, observations, prepared)
+    measured, poses = prepared.measurements, prepared.level_from_keys
+    with timer.stage("calibrate"):
+        problem = build_problem(measured, options.adjust, poses)
+        held = replace(options.calibration, plan_scale_sigma=0.0)
+
+        def solve(
+            again: Measurements, start: Float[np.ndarray, "n 4 4"]
+        ) -> tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]]:
+            solved = build_problem(again, options.adjust, start)
+            return solved, solved.solve().target_from_cams
+
+        found = estimate(measured, problem, poses, solve, held)
+    if found.sensor.is_nominal:
+        return CalibratedScan(observations, observations, prepared, found)
+    seen = corrected(observations, found.sensor)
+    return CalibratedScan(observations, seen, prepare(scan, seen, options, timer), found)
+
+
+def calibrate_on_plan(
+    scan: Scan,
+    calibrated: CalibratedScan,
+    on_plan: ScanOnPlan,
+    adjustment: PlanAdjustment,
+    options: RefineOptions,
+    timer: StageTimer,
+) -> CalibratedScan:
+    """The same with the plan's walls among the evidence; the very same where they change nothing."""
+    plan, correspondences = on_plan.floorplan, adjustment.correspondences
+    if plan is None or correspondences is None or options.adjust.geometric != "points":
+        return calibrated
+    measured = prepare_nominal(scan, calibrated, options)
+    quick = replace(options.adjust, starts=("aligned",))
+
+    def solve(
+        again: Measurements, start: Float[np.ndarray, "n 4 4"]
+    ) -> tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]]:
+        return _solved(again, adjust_to_plan(again, plan, start, quick), options)
+
+    with timer.stage("calibrate"):
+        problem, unknowns = _solved(calibrated.prepared.measurements, adjustment, options)
+        sensor = calibrated.calibration.sensor
+        priors, departure = _plan_prior(on_plan, calibrated.calibration, options.calibration)
+        found = estimate(measured, problem, unknowns, solve, priors, sensor, departure)
+    if found.sensor == sensor:
+        return replace(calibrated, calibration=found)
+    seen = corrected(calibrated.as_lifted, found.sensor)
+    return replace(
+        calibrated,
+        observations=seen,
+        prepared=prepare(scan, seen, options, timer),
+        calibration=found,
+    )
+
+
+def _plan_prior(
+    on_plan: ScanOnPlan, calibration: Calibration, priors: CalibrationOptions
+) -> tuple[CalibrationOptions, float]:
+    """Prior of the plan's scale, and how far the plan as it is used departs from it, as a share.
+
+    A metric plan that fits as drawn is right. One that fits a little too large or small may be right, and the
+    scan's depth be corrected not quite enough: one step then says which, and all comes again. One that is
+    further off was drawn so: its scale is free, as that of a plan without unit.
+    """
+    found = on_plan.alignment
+    if found is None or found.scale_xy == (1.0, 1.0):
+        return replace(priors, plan_scale_sigma=0.0), 0.0
+    departure = float(np.log(found.metres_per_unit))
+    sigma = float(np.hypot(priors.plan_scale_sigma, calibration.sigma("depth_scale")))
+    if found.is_plan_rescaled and abs(departure) < PLAN_OFF_SIGMAS * sigma:
+        return replace(priors, max_rounds=1), departure
+    return replace(priors, plan_scale_sigma=UNKNOWN_SCALE_SIGMA), 0.0
+
+
+def prepare_nominal(scan: Scan, calibrated: CalibratedScan, options: RefineOptions) -> Measurements:
+    """Measurements of the keyframes as the nominal sensor lifted them."""
+    if calibrated.calibration.sensor.is_nominal:
+        return calibrated.prepared.measurements
+    loose = replace(options, adjust=replace(options.adjust, loops_first=False))
+    return prepare(scan, calibrated.as_lifted, loose).measurements
+
+
+def _solved(
+    measurements: Measurements, adjustment: PlanAdjustment, options: RefineOptions
+) -> tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]]:
+    """The problem that an adjustment to the plan ended with, and its unknowns."""
+    poses = adjustment.solution.target_from_cams
+    problem = build_problem(measurements, options.adjust, poses, adjustment.correspondences)
+    return problem, problem.unknowns
