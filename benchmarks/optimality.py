@@ -14,7 +14,6 @@ Stricter is the excess as a share of what walls can cost: matches are most of th
 """
 
 import argparse
-import dataclasses
 import json
 from pathlib import Path
 
@@ -28,7 +27,6 @@ from planfit.adjust.association import associate, displaced
 from planfit.adjust.ceilings import find_ceilings
 from planfit.adjust.competition import best_of_starts, full_cost, limits
 from planfit.evaluation import position_errors
-from planfit.pipeline.align import find_alignment
 from planfit.pipeline.validation import validate
 from planfit.pipeline.verdict import Outcome
 
@@ -60,15 +58,11 @@ def measure(start: Start, options: AdjustOptions) -> dict:
 
 
 def outcome(start: Start, options: AdjustOptions) -> Outcome:
-    """What a run says of its result from this start."""
+    """What a run says of its result from this start; the place of those made here is given, not searched."""
     chosen = planfit.RefineOptions(adjust=options)
-    prepared, on_plan = start.prepared, start.on_plan
-    if on_plan.alignment is None:
-        found = find_alignment(prepared, start.floorplan, chosen)
-        on_plan = dataclasses.replace(on_plan, alignment=found)
     adjustment = adjust_to_plan(start.measurements, start.floorplan, start.plan_from_cams, options)
     structure = start.measurements.structure
-    return validate(prepared, on_plan, adjustment, structure, chosen).verdict.outcome
+    return validate(start.prepared, start.on_plan, adjustment, structure, chosen).verdict.outcome
 
 
 def named(start: Start, end: Alternation, moved_m: np.ndarray, options: AdjustOptions) -> dict:

@@ -119,6 +119,10 @@ def test_arrays_come_back_as_they_were(tmp_path):
         "nan": np.array([[np.nan, np.inf]]),
         "n_items": np.array(7),
         "a/b": np.array([1.0]),
+        "none": np.array(True),
+        "words": np.array(["one", "three"]),
+        "columns first": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        "every other": np.arange(8)[::2],
     }
     runtime = Runtime(1, tmp_path)
     runtime.map("kept", "key", 1, lambda _: arrays)
@@ -127,6 +131,13 @@ def test_arrays_come_back_as_they_were(tmp_path):
     for name, value in arrays.items():
         assert_array_equal(back[name], value)
         assert back[name].dtype == value.dtype
+        assert back[name].flags.writeable
+        assert back[name].base is None  # what one array holds on to is not the whole chunk
+
+
+def test_objects_are_not_kept(tmp_path):
+    with pytest.raises(TypeError, match="thing: expected an array of plain values, found object"):
+        Runtime(1, tmp_path).map("kept", "key", 1, lambda _: {"thing": np.array([None])})
 
 
 @pytest.mark.parametrize("other", [("squares", "another"), ("cubes", "key")])

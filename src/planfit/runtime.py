@@ -1,6 +1,7 @@
 """The runtime of a run: work over many frames or pairs in parallel, cached, interruptible; timed stages."""
 
 import hashlib
+import json
 import os
 import time
 import zipfile
@@ -12,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import UInt8
 from threadpoolctl import threadpool_limits
 
 from planfit.errors import OutputError, require_positive
@@ -153,23 +155,18 @@ def _load(path: Path, n_items: int) -> list[Arrays] | None:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             if int(data["n_items"]) != n_items:
                 return None
-            items: list[Arrays] = [{} for _ in range(n_items)]
-            for name in data.files:
-                if name != "n_items":
-                    idx, key = name.split("/", 1)
-                    items[int(idx)][key] = data[name]
-            return items
+            return _unpacked(data["index"], data["bytes"], n_items)
     except (OSError, ValueError, TypeError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
         return None
 
 
 def _save(path: Path, items: list[Arrays]) -> None:
     """Write a chunk whole or not at all: under another name first, which a stopped run may leave."""
-    arrays = {f"{i}/{key}": value for i, item in enumerate(items) for key, value in item.items()}
+    index, content = _packed(items)
     temporary = path.with_suffix(".part")
     try:
         with temporary.open("wb") as file:
-            np.savez(file, allow_pickle=False, n_items=np.array(len(items)), **arrays)
+            np.savez(file, n_items=np.array(len(items)), index=index, bytes=content)
         temporary.replace(path)
     except OSError as error:
         temporary.unlink(missing_ok=True)
@@ -177,3 +174,34 @@ def _save(path: Path, items: list[Arrays]) -> None:
             f"{path}: cannot be written ({error.strerror}); free disk space and run again, "
             "finished work is kept"
         ) from error
+
+
+def _packed(items: list[Arrays]) -> tuple[UInt8[np.ndarray, " j"], UInt8[np.ndarray, " b"]]:
+    """All arrays as one, and JSON that tells them apart: item, name, type and shape, in order.
+
+    As members of the file, each costs 0.3 ms to find and to read, and a scan has thousands of small ones.
+    """
+    arrays = [(i, name, array) for i, item in enumerate(items) for name, array in item.items()]
+    for _, name, array in arrays:
+        if array.dtype.hasobject or array.dtype.names:
+            raise TypeError(f"{name}: expected an array of plain values, found {array.dtype}")
+    index = [(i, name, array.dtype.str, array.shape) for i, name, array in arrays]
+    content, at = np.zeros(sum(array.nbytes for _, _, array in arrays), np.uint8), 0
+    for _, _, array in arrays:
+        content[at : at + array.nbytes] = np.frombuffer(array.tobytes(), np.uint8)
+        at += array.nbytes
+    return np.frombuffer(json.dumps(index).encode(), np.uint8), content
+
+
+def _unpacked(
+    index: UInt8[np.ndarray, " j"], content: UInt8[np.ndarray, " b"], n_items: int
+) -> list[Arrays]:
+    """What was packed, each array with memory of its own: what is not kept must not stay for the others."""
+    items: list[Arrays] = [{} for _ in range(n_items)]
+    at = 0
+    for i, name, kind, shape in json.loads(index.tobytes()):
+        array = np.zeros(shape, np.dtype(kind))
+        array.reshape(-1).view(np.uint8)[:] = content[at : at + array.nbytes]
+        items[i][name] = array
+        at += array.nbytes
+    return items

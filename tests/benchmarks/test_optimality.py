@@ -1,11 +1,15 @@
 """The benchmark of optimality: starts are what it says they are, and a miss that goes unsaid is counted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from optimality import summary
+from optimality import outcome, summary
 from optimality_starts import LOUNGE_START_M, flat_starts, lounge_starts
 
+from planfit.adjust import AdjustOptions
 from planfit.evaluation import position_errors
+from planfit.pipeline.verdict import Outcome
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -33,3 +37,12 @@ def test_misses_are_counted_and_those_called_refined_too():
     words = summary("flats", rows)
     assert words.startswith("flats: 4 starts, 50% within 1 %")
     assert words.endswith("of the others 1 called refined")
+
+
+def test_the_verdict_of_a_start_may_be_either():
+    (good,) = flat_starts(0, 1)  # ends 0.03 m off
+    assert outcome(good, AdjustOptions()) is Outcome.REFINED
+    elsewhere = good.on_plan.plan_from_level.copy()
+    elsewhere[:2, 3] += 2.0  # further than any wall reaches for its face
+    lost = replace(good, on_plan=replace(good.on_plan, plan_from_level=elsewhere))
+    assert outcome(lost, AdjustOptions()) is not Outcome.REFINED

@@ -6,7 +6,7 @@ does not change motions. Where the format says which axis is up, two others tell
 level, and hold cameras upright.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -243,8 +243,9 @@ def best_convention(
         if found.cost < best.cost:
             name, best, poses = candidate, found, converted
     share, asked_share = (
-        float(np.mean(_squared(p, motions, options, best.factor)[0] < EXPLAINED_SIGMAS**2))
+        float(np.mean(squared < EXPLAINED_SIGMAS**2))
         for p in (poses, as_asked)
+        for _, squared, _ in _squared(p, motions, options, (best.factor,))
     )
     log_ratio = (of_asked.cost - best.cost) / 2
     return ConventionFit(name, share, asked, asked_share, n_all, log_ratio)
@@ -252,8 +253,7 @@ def best_convention(
 
 def _likelihood(poses: Poses, motions: MeasuredMotions, options: OdometryOptions) -> _Likelihood:
     found = []
-    for factor in NOISE:
-        squared, covariance = _squared(poses, motions, options, factor)
+    for factor, squared, covariance in _squared(poses, motions, options, NOISE):
         tail = (FREEDOM + 6.0) * np.log1p(squared / FREEDOM)
         cost = float(np.mean(tail + np.linalg.slogdet(covariance)[1]))
         found.append((cost, factor))
@@ -261,15 +261,18 @@ def _likelihood(poses: Poses, motions: MeasuredMotions, options: OdometryOptions
 
 
 def _squared(
-    poses: Poses, motions: MeasuredMotions, options: OdometryOptions, factor: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Squared departures (p,) in sigmas of all motions, and their covariance (p, 6, 6)."""
+    poses: Poses, motions: MeasuredMotions, options: OdometryOptions, factors: tuple[float, ...]
+) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+    """Factor on the tracker's sigmas, squared departures (p,) in sigmas of all motions, their covariance
+    (p, 6, 6)."""
     odometry = make_odometry(poses, options)
     # In millimetres steps are a thousand times longer, and so would be their sigmas: any motion would do.
     capped = np.minimum(odometry.sigma_translation, MAX_SIGMA_M)
     odometry = replace(odometry, sigma_translation=capped)
-    covariance = expected_covariance(motions, odometry, (factor, factor))
-    return squared_sigmas(departures(motions, poses), covariance), covariance
+    departed = departures(motions, poses)
+    for factor in factors:
+        covariance = expected_covariance(motions, odometry, (factor, factor))
+        yield factor, squared_sigmas(departed, covariance), covariance
 
 
 def _is_unit(poses: Poses, motions: MeasuredMotions) -> bool:
