@@ -16,9 +16,10 @@ from planfit.adjust import AdjustOptions, PlanAdjustment, build_problem, costs
 from planfit.adjust.association import associate
 from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M, match_distances
+from planfit.geometry import se3
 from planfit.lsq import Term
 from planfit.lsq.covariance import position_covariances
-from planfit.pipeline.align import ScanOnPlan, wall_samples
+from planfit.pipeline.align import wall_samples
 from planfit.pipeline.folds import (
     NOT_KEPT_OUT,
     Folds,
@@ -26,7 +27,9 @@ from planfit.pipeline.folds import (
     path_steps,
     without_fold,
 )
+from planfit.pipeline.on_plan import ScanOnPlan, Storey, Storeys
 from planfit.pipeline.prepare import PreparedScan
+from planfit.segmentation import Structure
 
 MAX_COVARIANCES = 120
 """Frames whose covariance is taken, evenly along the walk; between them it is interpolated."""
@@ -109,6 +112,8 @@ class Evidence:
     it."""
     is_placed: bool = True
     """Whether the scan stands on its plan, if there is one."""
+    without_plan: tuple[Storey, ...] = ()
+    """Storeys that were walked and have no plan, where others have one."""
 
     @property
     def is_place_sure(self) -> bool:
@@ -197,6 +202,7 @@ def gather_evidence(
         alignment=_judge_alignment(prepared, on_plan, solved, align_options),
         scan_costs=_scan_costs(prepared, solved, options),
         is_placed=on_plan.floorplan is None or on_plan.alignment is not None,
+        without_plan=on_plan.storeys.without_plan if on_plan.storeys else (),
     )
 
 
@@ -250,12 +256,13 @@ def _near_plan(
 ) -> Bool[np.ndarray, "w 3"] | None:
     """Of each wall patch: near a face as recorded, near one kept out, beside one kept out. None without a
     plan."""
-    patches, floorplan = prepared.measurements.structure.walls, on_plan.floorplan
+    structure, floorplan = prepared.measurements.structure, on_plan.floorplan
+    patches, storeys = structure.walls, structure.storeys
     if floorplan is None:
         return None
 
     def distances_m(poses: Float[np.ndarray, "k 4 4"]) -> Float[np.ndarray, " w"]:
-        found = associate(patches, floorplan, poses, BESIDE_M, options.association)
+        found = associate(patches, floorplan, poses, BESIDE_M, options.association, storeys)
         return np.where(found.face_idx >= 0, np.abs(found.distance_m), np.inf)
 
     kept_out_m = np.full(len(patches), np.inf)
@@ -354,10 +361,31 @@ def _judge_alignment(
     solved: Float[np.ndarray, "k 4 4"],
     options: AlignOptions,
 ) -> AdjustedAlignment | None:
+    structure = prepared.measurements.structure
+    if on_plan.storeys is not None:
+        return _judge_storeys(structure, on_plan.storeys, solved, options)
     if on_plan.alignment is None or on_plan.floorplan is None:
         return None
-    walls = wall_samples(prepared.measurements.structure, solved)
+    walls = wall_samples(structure, solved)
     return judge_adjusted(walls, on_plan.floorplan, on_plan.alignment, options)
+
+
+def _judge_storeys(
+    structure: Structure,
+    storeys: Storeys,
+    solved: Float[np.ndarray, "k 4 4"],
+    options: AlignOptions,
+) -> AdjustedAlignment:
+    """Each storey on its own plan; of the one that is least sure."""
+    assert structure.storeys is not None
+    judged = []
+    for k, own in storeys.with_plan.items():
+        part = structure.with_walls_of(structure.storeys == k)
+        walls = wall_samples(part, se3.inverse(own.plan_from_own) @ solved)
+        found = judge_adjusted(walls, own.floorplan, own.alignment, options)
+        doubt = f"{storeys.walked[k].name}: {found.doubt}" if found.doubt else ""
+        judged.append(replace(found, doubt=doubt))
+    return min(judged, key=lambda each: (not each.doubt, each.score - each.runner_up_score))
 
 
 def _scan_costs(

@@ -1,14 +1,16 @@
 """The method on one screen: from a posed scan and a floorplan to poses that fit the plan."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from planfit.adjust import adjust_to_plan, check_extra_terms, choose_keyframes
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
-from planfit.pipeline.align import STANDS_ALONE, align_to_plan
+from planfit.pipeline.align import align_to_plan
+from planfit.pipeline.on_plan import STANDS_ALONE
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import Observations, extract_observations, prepare
 from planfit.pipeline.result import RefineResult, make_result
+from planfit.pipeline.storeys import place_on_storeys
 from planfit.pipeline.validation import validate
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
@@ -16,7 +18,7 @@ from planfit.scan import Scan
 
 def refine(
     scan: Scan,
-    floorplan: Floorplan | None,
+    floorplan: Floorplan | Mapping[int, Floorplan] | None,
     options: RefineOptions | None = None,
     runtime: Runtime | None = None,
     observations: Observations | None = None,
@@ -26,9 +28,10 @@ def refine(
 
     Args:
         scan: posed RGB-D frames.
-        floorplan: wall faces, in metres or in a unit that is found here. None: the scan has to agree with
-            itself alone, by closed loops, floors and ceilings; what is called the plan frame is then the
-            level frame: the scan's own axes, turned upright, floor at 0.
+        floorplan: wall faces, in metres or in a unit that is found here. Of a walk through several storeys,
+            the plan of each by its number: of two storeys the higher one has the higher number. None: the
+            scan has to agree with itself alone, by closed loops, floors and ceilings; what is called the plan
+            frame is then the level frame: the scan's own axes, turned upright, floor at 0.
         options: defaults to what works best.
         runtime: threads, cache and progress; by default nothing is kept and nothing is said.
         observations: what `extract_observations` saw in this scan, or a user's own.
@@ -37,6 +40,7 @@ def refine(
     Raises:
         ScanError: a file of the scan cannot be used.
         FloorplanError: the plan is not in the unit that it claims, or its unit cannot be found.
+            Or plans of storeys fit in another order than that of their numbers.
         OptionError: an option cannot work, or an extra term meets frames that are no unknowns.
     """
     chosen, own = options or RefineOptions(), tuple(extra_terms)
@@ -48,8 +52,12 @@ def refine(
     prepared = prepare(scan, seen, chosen, timer)
     # Rotation, translation and scale of the whole (paper, Sec. III-A).
     on_plan = STANDS_ALONE
-    if floorplan is not None:
+    if isinstance(floorplan, Floorplan):
         on_plan = align_to_plan(scan, prepared, floorplan, chosen, timer)
+    elif floorplan is not None:
+        # Each storey alone, then all in one frame (docs/adr/0011-several-storeys.md).
+        placed = place_on_storeys(scan, seen, prepared, floorplan, chosen, timer)
+        seen, prepared, on_plan = placed.observations, placed.prepared, placed.on_plan
     # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E); without a
     # plan all terms but walls.
     with timer.stage("adjust"):
