@@ -97,6 +97,11 @@ def read_record(folder: Path) -> RunRecord:
         ScanError: the folder is not that of a run, or of one of another version.
     """
     record, where = _read_record(folder), f"{folder / 'run.json'}: "
+    if record.get("storeys"):
+        raise ScanError(
+            f"{where}expected a run on one plan, found one on plans by storey, whose metrics it holds itself "
+            "(metrics, storeys); to judge its poses on one plan, give SCAN --poses trajectory.tum --plan FILE"
+        )
     try:
         inputs, alignment = record["inputs"], record["alignment"]
         return RunRecord(

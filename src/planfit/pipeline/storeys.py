@@ -22,6 +22,11 @@ from planfit.pipeline.on_plan import ScanOnPlan, Storey, StoreyOnPlan, Storeys, 
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.plan_choice import choose_plans
 from planfit.pipeline.prepare import Observations, PreparedScan
+from planfit.pipeline.storey_heights import (
+    refit_floors,
+    structure_with_floors,
+    with_floors,
+)
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Structure, number_storeys
@@ -73,6 +78,9 @@ def place_on_storeys(
         options.segmentation.storeys,
     )
     of_keys = of_frames[prepared.keyframes.frame_idx]
+    with timer.stage("floors of storeys"):
+        found_m, floors_m = floors_m, refit_floors(prepared, floors_m, options.adjust)
+        prepared = with_floors(prepared, found_m, floors_m)
     parts = [_only(prepared, of_keys == k) for k in range(len(floors_m))]
     walls = [wall_samples(p.measurements.structure, p.level_from_keys) for p in parts]
     if not any(len(each.xy) > 1 for each in walls):
@@ -103,7 +111,7 @@ def place_on_storeys(
         tuple(sorted(set(plans) - set(numbers.values()))),
     )
     joined = join_storeys({k: own.floorplan.placed(own.plan_from_own) for k, own in owns.items()})
-    structure = _lowered_structure(observations.structure, float(floors_m[lowest]))
+    structure = structure_with_floors(observations.structure, found_m, heights_m)
     measured = prepared.measurements
     on_storeys = _on_storeys(measured.structure, of_keys, storeys)
     return ScanOnStoreys(
@@ -188,17 +196,15 @@ def _on_storeys(
     return replace(structure.with_walls_of(has_plan), storeys=of_frames)
 
 
-def _lowered_structure(structure: Structure, by_m: float) -> Structure:
-    return replace(structure, floor_heights_m=structure.floor_heights_m - by_m)
-
-
 def _lowered(prepared: PreparedScan, by_m: float) -> PreparedScan:
     """Heights above another floor."""
     down = se3.make_transform(np.eye(3), np.array([0.0, 0.0, -by_m]))
     measured = prepared.measurements
+    heights_m = measured.structure.floor_heights_m - by_m
+    structure = replace(measured.structure, floor_heights_m=heights_m)
     return replace(
         prepared,
-        measurements=replace(measured, structure=_lowered_structure(measured.structure, by_m)),
+        measurements=replace(measured, structure=structure),
         level_from_world=down @ prepared.level_from_world,
         level_from_cams=down @ prepared.level_from_cams,
         level_from_keys=down @ prepared.level_from_keys,
