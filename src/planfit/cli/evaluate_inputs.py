@@ -99,8 +99,8 @@ def read_record(folder: Path) -> RunRecord:
     record, where = _read_record(folder), f"{folder / 'run.json'}: "
     if record.get("storeys"):
         raise ScanError(
-            f"{where}expected a run on one plan, found one on plans by storey, whose metrics it holds itself "
-            "(metrics, storeys); to judge its poses on one plan, give SCAN --poses trajectory.tum --plan FILE"
+            f"{where}expected a run on one plan, found one on plans by storey; its metrics are in that file, "
+            "each wall against its storey's plan; or give SCAN --poses trajectory.tum --poses-frame plan"
         )
     try:
         inputs, alignment = record["inputs"], record["alignment"]

@@ -16,7 +16,6 @@ from planfit.adjust import AdjustOptions, PlanAdjustment, build_problem, costs
 from planfit.adjust.association import associate
 from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M, match_distances
-from planfit.geometry import se3
 from planfit.lsq import Term
 from planfit.lsq.covariance import position_covariances
 from planfit.pipeline.align import wall_samples
@@ -27,9 +26,9 @@ from planfit.pipeline.folds import (
     path_steps,
     without_fold,
 )
-from planfit.pipeline.on_plan import ScanOnPlan, Storey, Storeys
+from planfit.pipeline.on_plan import ScanOnPlan, Storey
 from planfit.pipeline.prepare import PreparedScan
-from planfit.segmentation import Structure
+from planfit.pipeline.storeys import judge_storeys
 
 MAX_COVARIANCES = 120
 """Frames whose covariance is taken, evenly along the walk; between them it is interpolated."""
@@ -363,29 +362,11 @@ def _judge_alignment(
 ) -> AdjustedAlignment | None:
     structure = prepared.measurements.structure
     if on_plan.storeys is not None:
-        return _judge_storeys(structure, on_plan.storeys, solved, options)
+        return judge_storeys(structure, on_plan.storeys, solved, options)
     if on_plan.alignment is None or on_plan.floorplan is None:
         return None
     walls = wall_samples(structure, solved)
     return judge_adjusted(walls, on_plan.floorplan, on_plan.alignment, options)
-
-
-def _judge_storeys(
-    structure: Structure,
-    storeys: Storeys,
-    solved: Float[np.ndarray, "k 4 4"],
-    options: AlignOptions,
-) -> AdjustedAlignment:
-    """Each storey on its own plan; of the one that is least sure."""
-    assert structure.storeys is not None
-    judged = []
-    for k, own in storeys.with_plan.items():
-        part = structure.with_walls_of(structure.storeys == k)
-        walls = wall_samples(part, se3.inverse(own.plan_from_own) @ solved)
-        found = judge_adjusted(walls, own.floorplan, own.alignment, options)
-        doubt = f"{storeys.walked[k].name}: {found.doubt}" if found.doubt else ""
-        judged.append(replace(found, doubt=doubt))
-    return min(judged, key=lambda each: (not each.doubt, each.score - each.runner_up_score))
 
 
 def _scan_costs(

@@ -4,14 +4,20 @@ Each storey that was walked is aligned alone with its plan. Then all faces are b
 lowest one, each with its storey, so that what follows sees one plan (docs/adr/0011-several-storeys.md).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from planfit.adjust import follow_keyframes
-from planfit.alignment import AlignmentHypothesis, AlignOptions, WallSamples
+from planfit.alignment import (
+    AdjustedAlignment,
+    AlignmentHypothesis,
+    AlignOptions,
+    WallSamples,
+    judge_adjusted,
+)
 from planfit.alignment.selection import AS_RECORDED_SHARE, SameWithin, is_same
 from planfit.errors import ScanError, require
 from planfit.floorplan import Floorplan
@@ -81,13 +87,8 @@ def place_on_storeys(
     with timer.stage("floors of storeys"):
         found_m, floors_m = floors_m, refit_floors(prepared, floors_m, options.adjust)
         prepared = with_floors(prepared, found_m, floors_m)
-    parts = [_only(prepared, of_keys == k) for k in range(len(floors_m))]
-    walls = [wall_samples(p.measurements.structure, p.level_from_keys) for p in parts]
-    if not any(len(each.xy) > 1 for each in walls):
-        raise ScanError(
-            f"{scan.name}: expected walls to place each storey on its plan by, found none; give wall "
-            "masks, or scan more of the walls"
-        )
+    walls = [_wall_samples(_only(prepared, of_keys == k)) for k in range(len(floors_m))]
+    _require_walls(scan.name, walls)
     with timer.stage("align"):
         numbers = choose_plans(walls, plans, options.align)
     lowest = min(numbers)
@@ -98,27 +99,60 @@ def place_on_storeys(
         for k, number in numbers.items()
     }
     aligned, sharing = in_shared_axes(aligned, dict(enumerate(walls)))
-    owns = {
-        k: _own_plan(numbers[k], own, aligned[lowest], float(heights_m[k]), k in sharing)
-        for k, own in aligned.items()
-    }
-    storeys = Storeys(
-        tuple(
-            Storey(float(heights_m[k]), frame_runs(of_frames == k), owns.get(k))
-            for k in range(len(floors_m))
-        ),
-        of_frames,
-        tuple(sorted(set(plans) - set(numbers.values()))),
+    owns = _own_plans(numbers, aligned, sharing, heights_m)
+    walked = tuple(
+        Storey(float(heights_m[k]), frame_runs(of_frames == k), owns.get(k))
+        for k in range(len(heights_m))
     )
-    joined = join_storeys({k: own.floorplan.placed(own.plan_from_own) for k, own in owns.items()})
+    not_walked = tuple(sorted(set(plans) - set(numbers.values())))
     structure = structure_with_floors(observations.structure, found_m, heights_m)
-    measured = prepared.measurements
+    return _joined(
+        replace(observations, structure=structure),
+        prepared,
+        aligned[lowest],
+        Storeys(walked, of_frames, not_walked),
+    )
+
+
+def _joined(
+    observations: Observations, prepared: PreparedScan, lowest: ScanOnPlan, storeys: Storeys
+) -> ScanOnStoreys:
+    """All plans as one in the frame of the lowest; frames know their storeys."""
+    owns = storeys.with_plan
+    joined = join_storeys({k: own.floorplan.placed(own.plan_from_own) for k, own in owns.items()})
+    of_frames, measured = storeys.of_frames, prepared.measurements
+    of_keys = of_frames[prepared.keyframes.frame_idx]
     on_storeys = _on_storeys(measured.structure, of_keys, storeys)
     return ScanOnStoreys(
-        replace(observations, structure=_on_storeys(structure, of_frames, storeys)),
+        replace(observations, structure=_on_storeys(observations.structure, of_frames, storeys)),
         replace(prepared, measurements=replace(measured, structure=on_storeys)),
-        replace(aligned[lowest], floorplan=joined, storeys=storeys),
+        replace(lowest, floorplan=joined, storeys=storeys),
     )
+
+
+def judge_storeys(
+    structure: Structure,
+    storeys: Storeys,
+    solved: Float[np.ndarray, "k 4 4"],
+    options: AlignOptions,
+) -> AdjustedAlignment:
+    """Judge adjusted walls on the plan of their storey, as `judge_adjusted` does; of the storey least sure.
+
+    Args:
+        structure: of the k frames that were solved for, which know their storeys.
+        storeys: that were walked.
+        solved: plan_from_cams.
+        options: what counts as another alignment.
+    """
+    assert structure.storeys is not None
+    judged = []
+    for k, own in storeys.with_plan.items():
+        part = structure.with_walls_of(structure.storeys == k)
+        walls = wall_samples(part, se3.inverse(own.plan_from_own) @ solved)
+        found = judge_adjusted(walls, own.floorplan, own.alignment, options)
+        doubt = f"{storeys.walked[k].name}: {found.doubt}" if found.doubt else ""
+        judged.append(replace(found, doubt=doubt))
+    return min(judged, key=lambda each: (not each.doubt, each.score - each.runner_up_score))
 
 
 def in_shared_axes(
@@ -168,17 +202,37 @@ def _is_as_drawn(own: ScanOnPlan) -> bool:
     return own.alignment is not None and own.alignment.scale_xy == (1.0, 1.0)
 
 
-def _own_plan(
-    number: int, own: ScanOnPlan, lowest: ScanOnPlan, floor_m: float, shares_axes: bool
-) -> StoreyOnPlan:
-    """A storey's plan in the frame of the lowest one."""
-    assert own.floorplan is not None
-    assert own.alignment is not None
-    plan_from_own = np.eye(4)
-    if own is not lowest and not np.array_equal(own.plan_from_level, lowest.plan_from_level):
-        plan_from_own = lowest.plan_from_level @ se3.inverse(own.plan_from_level)
-    plan_from_own[2, 3] = floor_m
-    return StoreyOnPlan(number, own.floorplan, own.alignment, plan_from_own, shares_axes)
+def _own_plans(
+    numbers: Mapping[int, int],
+    aligned: Mapping[int, ScanOnPlan],
+    sharing: frozenset[int],
+    heights_m: Float[np.ndarray, " k"],
+) -> dict[int, StoreyOnPlan]:
+    """Each storey's plan in the frame of the lowest one, its floor at its height (m)."""
+    lowest, owns = aligned[min(aligned)], {}
+    for k, own in aligned.items():
+        assert own.floorplan is not None
+        assert own.alignment is not None
+        plan_from_own = np.eye(4)
+        if not np.array_equal(own.plan_from_level, lowest.plan_from_level):
+            plan_from_own = lowest.plan_from_level @ se3.inverse(own.plan_from_level)
+        plan_from_own[2, 3] = heights_m[k]
+        owns[k] = StoreyOnPlan(
+            numbers[k], own.floorplan, own.alignment, plan_from_own, k in sharing
+        )
+    return owns
+
+
+def _require_walls(scan_name: str, walls: Sequence[WallSamples]) -> None:
+    if not any(len(each.xy) > 1 for each in walls):
+        raise ScanError(
+            f"{scan_name}: expected walls to place each storey on its plan by, found none; give wall masks, "
+            "or scan more of the walls"
+        )
+
+
+def _wall_samples(prepared: PreparedScan) -> WallSamples:
+    return wall_samples(prepared.measurements.structure, prepared.level_from_keys)
 
 
 def _only(prepared: PreparedScan, frames: Bool[np.ndarray, " k"]) -> PreparedScan:
