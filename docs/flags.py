@@ -32,6 +32,8 @@ class Flag:
     is_computed: bool = False
     is_paired: bool = True
     """Whether a switch can be switched off by `--no-NAME`."""
+    metavar: str = ""
+    """What is written behind it, where its type does not say."""
 
     @property
     def name(self) -> str:
@@ -129,6 +131,7 @@ def group_of(
                 any(m in tyro.conf.Positional[int].__metadata__ for m in marks),
                 default is None and field.default_factory is not dataclasses.MISSING,
                 not any(m in tyro.conf.FlagCreatePairsOff[bool].__metadata__ for m in marks),
+                next((m.metavar for m in marks if getattr(m, "metavar", None)), ""),
             )
         )
     return Group(prefix, cls, words, tuple(flags), tuple(groups), tuple(elsewhere))

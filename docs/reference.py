@@ -91,7 +91,7 @@ def item(flag: Flag, presets: dict[str, Any] | None = None) -> str:
     if flag.type is bool and flag.is_paired:
         own = flag.path[-1].replace("_", "-")
         names.append(f"--{flag.prefix}no-{own}")
-    value = "" if flag.is_positional else takes(flag.type)
+    value = "" if flag.is_positional else flag.metavar or takes(flag.type)
     head = ", ".join(f"`{one}`" for one in names) + (f" `{value}`" if value else "")
     if flag.default is dataclasses.MISSING:
         said = "" if flag.is_positional else "Must be given."
@@ -303,7 +303,7 @@ def help_text(command: Command) -> str:
 
 def _help_entry(flag: Flag) -> list[str]:
     """A flag, its sentence and its default, in two columns."""
-    value = "" if flag.is_positional else takes(flag.type)
+    value = "" if flag.is_positional else flag.metavar or takes(flag.type)
     head = " ".join([", ".join([*flag.aliases, flag.name]), value]).strip()
     words = flag.words.replace("`", "")
     if flag.default is not dataclasses.MISSING and flag.type is not bool:

@@ -10,8 +10,8 @@ from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan, choose_k
 from planfit.adjust.options import KeyframeOptions
 from planfit.alignment import Alignment, AlignOptions
 from planfit.geometry import se3
-from planfit.pipeline.align import ScanOnPlan
 from planfit.pipeline.evidence import gather_evidence
+from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.prepare import PreparedScan
 from planfit.scan.odometry import OdometryOptions, make_odometry
 

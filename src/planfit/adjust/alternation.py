@@ -150,6 +150,7 @@ def without_moved_walls(task: PlanTask, end: Alternation) -> Alternation:
             end.plan_from_cams,
             options.association,
             options.moved_walls,
+            task.measurements.structure.storeys,
         )
         if np.array_equal(np.isfinite(moved_m), _is_moved(end)):
             break

@@ -110,7 +110,7 @@ def associate_with_plan(
         off = np.nan_to_num(moved_m)
         built = displaced(floorplan, off)
     walls, columns = (
-        associate(patches, built, plan_from_cams, max_distance_m, options)
+        associate(patches, built, plan_from_cams, max_distance_m, options, structure.storeys)
         for patches in (structure.walls, structure.columns)
     )
     walls = Association(walls.face_idx, walls.distance_m + off[walls.face_idx])
@@ -132,11 +132,16 @@ def associate(
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     max_distance_m: float,
     options: AssociationOptions,
+    storeys: Int[np.ndarray, " n"] | None = None,
 ) -> Association:
     """Nearest face of each patch that looks the same way and lies beside it, within a distance (m).
 
     A face that looks into a room is matched only by wall seen from inside that room: normals must
-    agree in sign. Faces whose free side is unknown are matched from either side.
+    agree in sign. Faces whose free side is unknown are matched from either side. Where the plan has
+    storeys, only faces of the storey that the patch's frame stands on (`storeys`) are matched.
+
+    Raises:
+        OptionError: the plan has storeys and `storeys` is None.
     """
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
     distance_m, face_idx = nearest_of_segments(
@@ -148,6 +153,7 @@ def associate(
         options.min_overlap,
         options.end_margin_m,
         options.oriented,
+        None if storeys is None else storeys[patches.frame_idx],
     )
     return Association(face_idx, distance_m)
 

@@ -201,6 +201,7 @@ def _voted(
         plan_from_cams,
         options.association,
         replace(voting, max_shift_m=furthest_m),
+        task.measurements.structure.storeys,
     )
     scale_m = options.walls.sigma_m * options.walls.loss.scale
     return narrow(task, voted, _widths(task, np.full(len(patches), VOTED_WIDTH * scale_m)))

@@ -151,6 +151,7 @@ def _reduce_structure(structure: Structure, keyframes: Keyframes) -> Structure:
         unassigned_frame_idx=nearest[structure.unassigned_frame_idx],
         ceiling=_reduce_level(structure.ceiling, keyframes),
         columns=_reduce_patches(structure.columns, keyframes),
+        storeys=None if structure.storeys is None else structure.storeys[keyframes.frame_idx],
     )
 
 

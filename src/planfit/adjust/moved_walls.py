@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from planfit.adjust.association import Association, AssociationOptions, wall_patches_in_plan
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
-from planfit.floorplan.nearest_faces import share_beside
+from planfit.floorplan.nearest_faces import faces_beside, share_beside
 from planfit.segmentation import WallPatches
 
 STEP_M = 0.01
@@ -76,6 +76,7 @@ def find_moved(
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     association: AssociationOptions,
     options: MovedWallOptions,
+    storeys: Int[np.ndarray, " n"] | None = None,
 ) -> Float[np.ndarray, " f"]:
     """Offset (m) of each face that was moved, NaN for those as drawn.
 
@@ -86,13 +87,14 @@ def find_moved(
         plan_from_cams: where the adjustment ended.
         association: which faces a patch may belong to.
         options: see there.
+        storeys: that each frame stands on, where the plan has storeys.
     """
     moved_m = np.full(len(floorplan), np.nan)
     if options.sigma_m == 0 or len(patches) == 0:
         return moved_m
     is_drawn = np.abs(np.nan_to_num(as_drawn.distance_m, nan=np.inf)) < options.min_offset_m
     nearest, off = _nearest_unexplained(
-        patches, ~is_drawn, floorplan, plan_from_cams, association, options.max_offset_m
+        patches, ~is_drawn, floorplan, plan_from_cams, association, options.max_offset_m, storeys
     )
     n_drawn = np.bincount(as_drawn.face_idx[is_drawn], minlength=len(floorplan))
     n_moved = 0
@@ -120,18 +122,23 @@ def _nearest_unexplained(
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     association: AssociationOptions,
     reach_m: float,
+    storeys: Int[np.ndarray, " n"] | None,
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Face that each patch lies beside which none as drawn explains, and the signed distance (m) from it."""
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
     nearest, off = np.full(len(patches), -1), np.full(len(patches), np.nan)
     open_idx = np.flatnonzero(is_open)
-    cosine = normals[open_idx] @ floorplan.normals.T
-    one_sided = floorplan.is_oriented & association.oriented
-    limit = np.cos(np.deg2rad(association.max_angle_deg))
-    looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > limit
-    distance = ends[open_idx].mean(axis=1) @ floorplan.normals.T - floorplan.offsets
-    beside = share_beside(ends[open_idx], floorplan, association.end_margin_m)
-    ok = looks_alike & (np.abs(distance) < reach_m) & (beside >= association.min_overlap)
+    distance, is_beside = faces_beside(
+        ends[open_idx],
+        normals[open_idx],
+        floorplan,
+        association.max_angle_deg,
+        association.min_overlap,
+        association.end_margin_m,
+        association.oriented,
+        None if storeys is None else storeys[patches.frame_idx[open_idx]],
+    )
+    ok = is_beside & (np.abs(distance) < reach_m)
     # A pilaster that moved lies nearer to the line of the wall beside it; but it ends where it is drawn.
     overhang = 1.0 - np.clip(share_beside(ends[open_idx], floorplan, OVERHANG_M), 0.0, 1.0)
     score = np.where(ok, np.abs(distance) + reach_m * overhang, np.inf)

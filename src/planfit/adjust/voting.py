@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from planfit.adjust.association import AssociationOptions, wall_patches_in_plan
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
-from planfit.floorplan.nearest_faces import share_beside
+from planfit.floorplan.nearest_faces import faces_beside
 from planfit.segmentation import WallPatches
 
 
@@ -55,6 +55,7 @@ def vote(
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     association: AssociationOptions,
     options: VotingOptions,
+    storeys: Int[np.ndarray, " n"] | None = None,
 ) -> Float[np.ndarray, "n 4 4"]:
     """Poses with each stretch shifted to where most of its wall finds faces, smoothly in between.
 
@@ -65,12 +66,13 @@ def vote(
         plan_from_cams: aligned with it as a whole.
         association: which faces a patch may belong to.
         options: see there.
+        storeys: that each frame stands on, where the plan has storeys.
     """
     n_stretches = max(1, len(patches) // options.patches_per_stretch)
     stretch = np.arange(len(patches)) * n_stretches // max(len(patches), 1)
     grid = np.arange(-options.max_shift_m, options.max_shift_m + 1e-9, options.step_m)
     patch, face, distance_m = _candidates(
-        patches, floorplan, plan_from_cams, association, options.max_shift_m
+        patches, floorplan, plan_from_cams, association, options.max_shift_m, storeys
     )
     votes = np.zeros((n_stretches, len(grid), len(grid)))
     for k in range(n_stretches):
@@ -98,20 +100,25 @@ def _candidates(
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     association: AssociationOptions,
     reach_m: float,
+    storeys: Int[np.ndarray, " n"] | None,
 ) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"], Float[np.ndarray, " c"]]:
     """Pairs of a patch and a face that it may belong to, and the signed distance (m) across the face."""
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
-    one_sided = floorplan.is_oriented & association.oriented
-    cosine_limit = np.cos(np.deg2rad(association.max_angle_deg))
+    of_patches = None if storeys is None else storeys[patches.frame_idx]
     rows, columns, distances = [], [], []
     for begin in range(0, len(patches), 2048):  # bounds the (patches x faces) tables
         part = slice(begin, min(begin + 2048, len(patches)))
-        cosine = normals[part] @ floorplan.normals.T
-        looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > cosine_limit
-        distance = ends[part].mean(axis=1) @ floorplan.normals.T - floorplan.offsets
-        beside = share_beside(ends[part], floorplan, association.end_margin_m)
-        ok = looks_alike & (np.abs(distance) < 1.5 * reach_m) & (beside >= association.min_overlap)
-        row, column = np.nonzero(ok)
+        distance, is_beside = faces_beside(
+            ends[part],
+            normals[part],
+            floorplan,
+            association.max_angle_deg,
+            association.min_overlap,
+            association.end_margin_m,
+            association.oriented,
+            None if of_patches is None else of_patches[part],
+        )
+        row, column = np.nonzero(is_beside & (np.abs(distance) < 1.5 * reach_m))
         rows.append(row + begin)
         columns.append(column)
         distances.append(distance[row, column])

@@ -13,6 +13,7 @@ from planfit import __version__
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.config import scan_options_record, to_toml
 from planfit.cli.console import StageBars, err, out, table, tell_scan
+from planfit.cli.storeys import plan_inputs, read_plans, tell_storeys
 from planfit.errors import FloorplanError, require
 from planfit.export import RunFolder, make_record, sample_cloud, write_results
 from planfit.export.cloud import Cloud, place_cloud
@@ -21,7 +22,7 @@ from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
-from planfit.report import TruthErrors, draw_overlay, make_report
+from planfit.report import TruthErrors, draw_overlays, make_report
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime
@@ -37,8 +38,11 @@ class RefineArguments:
     """Folder of the scan, zip archive of one, or bag."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for the results."""
-    plan: Path | None = None
-    """Floorplan; by default the one inside the scan's folder."""
+    plan: Annotated[
+        tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="[NUMBER=]FILE")
+    ] = ()
+    """Floorplan; by default the one inside the scan's folder. Of a walk through several storeys, that of each
+    by its number: `--plan 0=ground.pdf --plan 1=first.pdf`."""
     no_plan: tyro.conf.FlagCreatePairsOff[bool] = False
     """Refine without a plan, even if the scan's folder holds one: by closed loops, floors, ceilings alone."""
     preset: str = "default"
@@ -77,27 +81,28 @@ def refine_command(arguments: RefineArguments) -> int:
     return exit_code(result.verdict)
 
 
-def _read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | None:
-    """The plan to refine against; None where the user wants none."""
+def _read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | dict[int, Floorplan] | None:
+    """The plan to refine against, or those of storeys; None where the user wants none."""
     if arguments.no_plan:
         require(
-            arguments.plan is None and arguments.plan_flags == PlanFlags(),
+            not arguments.plan and arguments.plan_flags == PlanFlags(),
             "--no-plan: expected no flags of a plan beside it, found some; leave out one or the other",
         )
         return None
-    plan_path = arguments.plan or scan.floorplan_path
-    if plan_path is None:
+    if arguments.plan:
+        return read_plans(arguments.plan, arguments.plan_flags.options)
+    if scan.floorplan_path is None:
         raise FloorplanError(
             f"{arguments.scan}: expected a floorplan inside the scan's folder, found none; "
             "give one with --plan FILE, or refine by closed loops and floor alone with --no-plan"
         )
-    return read_floorplan(plan_path, arguments.plan_flags.options)
+    return read_floorplan(scan.floorplan_path, arguments.plan_flags.options)
 
 
 def refine_into(
     folder: Path,
     scan: Scan,
-    floorplan: Floorplan | None,
+    floorplan: Floorplan | dict[int, Floorplan] | None,
     options: RefineOptions,
     workers: int,
     overwrite: bool,
@@ -110,9 +115,7 @@ def refine_into(
     `scan_options` are those that the scan was read with, for the record.
     """
     inputs = {"scan": str(Path(scan.name).resolve()), "scan_fingerprint": scan.fingerprint}
-    if floorplan is not None:
-        inputs["plan"] = str(Path(floorplan.name).resolve())
-        inputs["plan_fingerprint"] = floorplan.fingerprint
+    inputs |= plan_inputs(floorplan)
     run = RunFolder.claim(folder, inputs, overwrite)
     with StageBars() as bars:
         runtime = Runtime(workers, run.cache_dir, bars.update)
@@ -124,8 +127,8 @@ def refine_into(
             record["scan_options"] = scan_options_record(scan_options or ScanOptions())
             write_results(staging, scan, result, record, cloud)
             seen = _seen_from_above(cloud, result)
-            overlay = draw_overlay(result.floorplan, result, seen)
-            (staging / "overlay.png").write_bytes(overlay)
+            for name, overlay in draw_overlays(result, seen).items():
+                (staging / name).write_bytes(overlay)
             errors = truth_of(result) if truth_of else None
             text = to_toml(options)
             report = make_report(scan.name, result.floorplan, result, text, errors, seen)
@@ -145,14 +148,20 @@ def _seen_from_above(cloud: Cloud, result: RefineResult) -> CloudXY:
 
 
 def summarise(
-    folder: Path, scan: Scan, floorplan: Floorplan | None, result: RefineResult, seconds: float
+    folder: Path,
+    scan: Scan,
+    floorplan: Floorplan | dict[int, Floorplan] | None,
+    result: RefineResult,
+    seconds: float,
 ) -> None:
     """One screen: what changed, the warnings, where the rest is."""
     rows = []
     for check in result.checks:
         rows.append([check.name, *(_amount(v, check.unit) for v in (check.before, check.after))])
     out.print()
-    plan_name = "none: loops, floor and ceilings alone" if floorplan is None else floorplan.name
+    plan_name = "none: loops, floor and ceilings alone"
+    if result.floorplan is not None:
+        plan_name = result.floorplan.name
     out.print(f"scan {scan.name}\nplan {plan_name}\n", soft_wrap=True)
     out.print(table("", ["", "before", "after"], rows))
     matches, adjustment = result.matches, result.adjustment
@@ -166,7 +175,9 @@ def summarise(
     stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)
     out.print(f"{seconds:.1f} s: {stages}")
     alignment = result.alignment
-    if alignment is not None and floorplan is not None and not floorplan.is_metric:
+    if result.storeys is not None:
+        tell_storeys(result.storeys)
+    if alignment is not None and isinstance(floorplan, Floorplan) and not floorplan.is_metric:
         out.print(
             f"the plan's unit was found to be {alignment.metres_per_unit:.5g} m, within "
             f"{alignment.scale_sigma:.2%} (one standard deviation)"

@@ -88,6 +88,11 @@ def read_record(folder: Path) -> RunRecord:
         ScanError: the folder is not that of a run, or of one of another version.
     """
     record, where = _read_record(folder), f"{folder / 'run.json'}: "
+    if record.get("storeys"):
+        raise ScanError(
+            f"{where}expected a run on one plan, found one on plans by storey; its metrics are in that file, "
+            "each wall against its storey's plan; or give SCAN --poses trajectory.tum --poses-frame plan"
+        )
     try:
         inputs, alignment = record["inputs"], record["alignment"]
         options = options_of(record["options"], RefineOptions(), where)

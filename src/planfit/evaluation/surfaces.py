@@ -121,7 +121,8 @@ def wall_distances(
 ) -> WallDistances | None:
     """Distances of all wall points to the plan, in the order of `wall_points`; None where no wall was seen.
 
-    `workers` (threads) change no bit of the result.
+    Where plan and scan have storeys, each point is held against the faces of its own one. `workers`
+    (threads) change no bit of the result.
     """
     frame_idx, points_cam = _wall_points_cam(structure)
     if len(points_cam) == 0:
@@ -130,7 +131,8 @@ def wall_distances(
     def distances(part: slice) -> Float[np.ndarray, "m 2"]:
         xy = se3.transform_each(plan_from_cams[frame_idx[part]], points_cam[part])[:, :2]
         eyes = plan_from_cams[frame_idx[part], :2, 3]
-        return facing_distances(xy, eyes, floorplan)
+        storeys = None if structure.storeys is None else structure.storeys[frame_idx[part]]
+        return facing_distances(xy, eyes, floorplan, storeys)
 
     with ThreadPoolExecutor(workers) as pool:
         found = np.concatenate(list(pool.map(distances, _chunks(len(points_cam)))))

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 
 from planfit.alignment import Alignment
-from planfit.evaluation import surface_metrics
+from planfit.evaluation import surface_metrics, wall_distances
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
+from planfit.pipeline.on_plan import Storey, Storeys, frame_runs
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
 from planfit.scan import Scan, corrupt_frames
+from planfit.segmentation import NO_STOREY
 from planfit.tracking import Tracking
 
 
@@ -40,6 +42,7 @@ def make_record(
         "tracking": None if result.tracking is None else _tracking_record(result.tracking),
         "matches": _matches_record(result.matches, neighbours),
         "alignment": None if result.alignment is None else _alignment_record(result.alignment),
+        "storeys": None if result.storeys is None else _storeys_record(result, result.storeys),
         **_transforms(scan, result),
         "walls": _walls_record(result),
         "stop": result.adjustment.solution.stop.value,
@@ -140,6 +143,44 @@ def _alignment_record(alignment: Alignment) -> dict[str, Any]:
         "metres_per_unit_xy": list(alignment.scale_xy),
         "metres_per_unit_sigma_share": alignment.scale_sigma,
         "evidence": plain(alignment.evidence),
+    }
+
+
+def _storeys_record(result: RefineResult, storeys: Storeys) -> dict[str, Any]:
+    """Storeys from the lowest, and what became of the plans."""
+    on_stairs = frame_runs(storeys.of_frames == NO_STOREY)
+    return {
+        "walked": [_storey_record(result, k, storey) for k, storey in enumerate(storeys.walked)],
+        "frames_on_stairs": plain(on_stairs),
+        "plans_not_used": list(storeys.not_walked),
+    }
+
+
+def _storey_record(result: RefineResult, index: int, storey: Storey) -> dict[str, Any]:
+    """A storey; with a plan, where that lies, and how much of the wall is near it."""
+    record: dict[str, Any] = {
+        "number": None,
+        "floor_m": storey.floor_m,
+        "frames": plain(storey.frames),
+    }
+    if storey.own is None or result.floorplan is None:
+        return record
+    own = result.structure.with_walls_of(result.structure.storeys == index)
+    near = [
+        wall_distances(own, result.floorplan, poses)
+        for poses in (result.initial_plan_from_cams, result.plan_from_cams)
+    ]
+    return record | {
+        "number": storey.own.number,
+        "plan": storey.own.floorplan.name,
+        "plan_faces": len(storey.own.floorplan),
+        "plan_from_own": storey.own.plan_from_own.tolist(),
+        "shares_axes": storey.own.shares_axes,
+        "alignment": _alignment_record(storey.own.alignment),
+        "wall_near_share": {
+            name: None if found is None else found.near_share
+            for name, found in zip(("before", "after"), near, strict=True)
+        },
     }
 
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.errors import OptionError
 from planfit.floorplan import nearest_kernels
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
@@ -41,12 +42,26 @@ def nearest_distance(
 
 
 def facing_distances(
-    xy: Float[np.ndarray, "m 2"], eyes_xy: Float[np.ndarray, "m 2"], floorplan: Floorplan
+    xy: Float[np.ndarray, "m 2"],
+    eyes_xy: Float[np.ndarray, "m 2"],
+    floorplan: Floorplan,
+    storeys: Int[np.ndarray, " m"] | None = None,
 ) -> Float[np.ndarray, "m 2"]:
     """Distances (m) of points: to the nearest segment, and to the nearest that looks at the point's eye.
 
-    A segment looks at an eye that stands on its free side. The second is infinite where none does.
+    A segment looks at an eye that stands on its free side. The second is infinite where none does. Where the
+    plan has storeys, only faces of a point's own one count; both are infinite where it has no face.
+
+    Raises:
+        OptionError: the plan has storeys and the points have none.
     """
+    if floorplan.storeys is not None:
+        of_points = _known_storeys(storeys)
+        distances = np.full((len(xy), 2), np.inf)
+        for storey in np.unique(floorplan.storeys):
+            own = of_points == storey
+            distances[own] = facing_distances(xy[own], eyes_xy[own], floorplan.of_storey(storey))
+        return distances
     return nearest_kernels.facing_distances(
         np.ascontiguousarray(xy, dtype=float),
         np.ascontiguousarray(eyes_xy, dtype=float),
@@ -100,6 +115,7 @@ def nearest_of_segments(
     min_overlap: float,
     end_margin_m: float = END_MARGIN_M,
     oriented: bool = True,
+    storeys: Int[np.ndarray, " k"] | None = None,
 ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Signed distance (m) from the nearest face to the middle of each segment of wall, and the face.
 
@@ -114,26 +130,70 @@ def nearest_of_segments(
         min_overlap: share of the segment that must lie beside the face.
         end_margin_m: how far the segment may reach beyond the end of the face.
         oriented: whether a face whose free side is known must look to the side the segment was seen from.
+        storeys: of each segment; only faces of the same one count. Needed where the plan has storeys.
+
+    Raises:
+        OptionError: the plan has storeys and the segments have none.
     """
     k = len(ends)
     face_idx, signed = np.full(k, -1), np.full(k, np.nan)
-    one_sided = floorplan.is_oriented & oriented
-    cosine_limit = np.cos(np.deg2rad(max_angle_deg))
     for begin in range(0, k, 2048):  # bounds the (segments x faces) tables
         part = slice(begin, min(begin + 2048, k))
-        cosine = normals[part] @ floorplan.normals.T
-        looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > cosine_limit
-        middle = ends[part].mean(axis=1)
-        distance = middle @ floorplan.normals.T - floorplan.offsets
-        beside = share_beside(ends[part], floorplan, end_margin_m)
-        ok = looks_alike & (np.abs(distance) < max_distance_m) & (beside >= min_overlap)
-        score = np.where(ok, np.abs(distance), np.inf)
+        distance, is_beside = faces_beside(
+            ends[part],
+            normals[part],
+            floorplan,
+            max_angle_deg,
+            min_overlap,
+            end_margin_m,
+            oriented,
+            None if storeys is None else storeys[part],
+        )
+        score = np.where(is_beside & (np.abs(distance) < max_distance_m), np.abs(distance), np.inf)
         rows = np.arange(score.shape[0])
         nearest = np.argmin(score, axis=1)
         found = np.isfinite(score[rows, nearest])
         face_idx[part] = np.where(found, nearest, -1)
         signed[part] = np.where(found, distance[rows, nearest], np.nan)
     return signed, face_idx
+
+
+def faces_beside(
+    ends: Float[np.ndarray, "k 2 2"],
+    normals: Float[np.ndarray, "k 2"],
+    floorplan: Floorplan,
+    max_angle_deg: float,
+    min_overlap: float,
+    end_margin_m: float,
+    oriented: bool,
+    storeys: Int[np.ndarray, " k"] | None = None,
+) -> tuple[Float[np.ndarray, "k n"], Bool[np.ndarray, "k n"]]:
+    """Signed distance (m) from each face to the middle of each segment, and which faces it may belong to.
+
+    Those look its way, lie beside it, and are of its storey. Arguments are those of `nearest_of_segments`.
+
+    Raises:
+        OptionError: the plan has storeys and the segments have none.
+    """
+    one_sided = floorplan.is_oriented & oriented
+    cosine_limit = np.cos(np.deg2rad(max_angle_deg))
+    cosine = normals @ floorplan.normals.T
+    looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > cosine_limit
+    distance = ends.mean(axis=1) @ floorplan.normals.T - floorplan.offsets
+    beside = share_beside(ends, floorplan, end_margin_m)
+    ok = looks_alike & (beside >= min_overlap)
+    if floorplan.storeys is not None:
+        ok &= _known_storeys(storeys)[:, None] == floorplan.storeys
+    return distance, ok
+
+
+def _known_storeys(storeys: Int[np.ndarray, " k"] | None) -> Int[np.ndarray, " k"]:
+    if storeys is None:
+        raise OptionError(
+            "storeys: expected the storey of each piece of wall, as the plan has several, found none; "
+            "place the scan on its storeys first (planfit.pipeline.storeys)"
+        )
+    return storeys
 
 
 def share_beside(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from planfit.errors import FloorplanError
@@ -76,6 +76,8 @@ class Floorplan:
     """Whether lengths are metres."""
     source: PlanSource = field(default_factory=PlanSource)
     """Where it came from."""
+    storeys: Int[np.ndarray, " n"] | None = None
+    """Storey of each face, where plans of several storeys were joined; None: one plan for all frames."""
 
     def __post_init__(self) -> None:
         n = len(self.ends)
@@ -196,6 +198,37 @@ class Floorplan:
             normals=self.normals * (-1.0, 1.0),
             openings=None if self.openings is None else self.openings * (-1.0, 1.0),
             source=replace(source, is_mirrored=not source.is_mirrored),
+        )
+
+    def placed(self, target_from_plan: Float[np.ndarray, "4 4"]) -> "Floorplan":
+        """The same plan in other axes: turned about z and translated (m)."""
+        rotation, translation = target_from_plan[:2, :2], target_from_plan[:2, 3]
+        source = self.source
+        if source.file_from_plan is not None:
+            target_from_own = np.eye(3)
+            target_from_own[:2, :2], target_from_own[:2, 2] = rotation, translation
+            file_from_target = source.file_from_plan @ np.linalg.inv(target_from_own)
+            source = replace(source, file_from_plan=file_from_target)
+        return replace(
+            self,
+            ends=self.ends @ rotation.T + translation,
+            normals=self.normals @ rotation.T,
+            openings=None if self.openings is None else self.openings @ rotation.T + translation,
+            source=source,
+        )
+
+    def of_storey(self, storey: int) -> "Floorplan":
+        """The faces of one storey of joined plans, as a plan of its own."""
+        assert self.storeys is not None
+        own = self.storeys == storey
+        return replace(
+            self,
+            ends=self.ends[own],
+            normals=self.normals[own],
+            is_oriented=self.is_oriented[own],
+            thickness=None if self.thickness is None else self.thickness[own],
+            openings=None,
+            storeys=None,
         )
 
     def with_warning(self, warning: str) -> "Floorplan":

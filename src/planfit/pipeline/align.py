@@ -25,42 +25,12 @@ from planfit.alignment.options import RecordedAxes
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan, extract_observations, prepare
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Structure
-
-
-@dataclass(frozen=True)
-class ScanOnPlan:
-    """Where a prepared scan stands on its plan; or without one, in the level frame."""
-
-    floorplan: Floorplan | None
-    """In metres, at the scale that was found where it had no unit, or was off; None where the scan stands
-    alone."""
-    plan_from_level: Float[np.ndarray, "4 4"]
-    """The identity where there is no plan, or the scan shows no wall and its format claims nothing."""
-    alignment: Alignment | None
-    """None where no wall was seen."""
-    claimed_plan_from_level: Float[np.ndarray, "4 4"] | None
-    """What the scan's format claims, if it does."""
-
-    @property
-    def recorded_plan_from_level(self) -> Float[np.ndarray, "4 4"]:
-        """For the poses as recorded: what the format claims where nothing contradicts it.
-
-        A plan that was drawn at another scale does: its own axes are nowhere in metres.
-        """
-        found = self.alignment
-        is_as_recorded = found is None or (found.is_as_recorded and found.scale_xy == (1.0, 1.0))
-        if self.claimed_plan_from_level is not None and is_as_recorded:
-            return self.claimed_plan_from_level
-        return self.plan_from_level
-
-
-STANDS_ALONE = ScanOnPlan(None, np.eye(4), None, None)
-"""Where there is no plan: what is called the plan frame elsewhere is then the level frame."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from planfit.adjust.calibration import (
     estimate,
 )
 from planfit.geometry.calibration import SensorCalibration
-from planfit.pipeline.align import ScanOnPlan
+from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import Observations, PreparedScan, prepare
 from planfit.runtime import StageTimer
@@ -91,9 +91,13 @@ def calibrate_on_plan(
     options: RefineOptions,
     timer: StageTimer,
 ) -> CalibratedScan:
-    """The same with the plan's walls among the evidence; the very same where they change nothing."""
+    """The same with the plan's walls among the evidence; the very same where they change nothing.
+
+    Not of several storeys: each plan has a scale of its own there.
+    """
     plan, correspondences = on_plan.floorplan, adjustment.correspondences
-    if plan is None or correspondences is None or options.adjust.geometric != "points":
+    is_possible = options.adjust.geometric == "points" and on_plan.storeys is None
+    if plan is None or correspondences is None or not is_possible:
         return calibrated
     measured = prepare_nominal(scan, calibrated, options)
     quick = replace(options.adjust, starts=("aligned",))

@@ -1,8 +1,10 @@
 """What a user should know before trusting a result: each warning in plain words, with what to do."""
 
 from planfit.adjust import PlanAdjustment, TornStep, describe_moved
+from planfit.adjust.observability import frame_ranges
 from planfit.alignment import Alignment
 from planfit.matching import Matches
+from planfit.pipeline.on_plan import Storeys
 from planfit.pipeline.validation import Check
 from planfit.scan import Scan
 from planfit.segmentation import Gravity, Structure
@@ -89,6 +91,24 @@ def alignment_warnings(
         floorplan = plan_adjustment.correspondences.floorplan
         warnings.append(describe_moved(plan_adjustment.moved_walls, floorplan))
     return (*warnings, *adjustment_warnings(plan_adjustment))
+
+
+def storey_warnings(storeys: Storeys) -> tuple[str, ...]:
+    """Warnings about plans by storey: which were not used, which are missed, and what their alignments say
+    (that of the lowest one aside, which `alignment_warnings` tells)."""
+    warnings = [
+        f"no frame stands on storey {number}: its plan was not used; check its number"
+        for number in storeys.not_walked
+    ]
+    warnings += [
+        f"frames {frame_ranges(storey.frames)} stand on {storey.name}: they are held by matches, recorded "
+        "motion and floor alone"
+        for storey in storeys.without_plan
+    ]
+    for k in list(storeys.with_plan)[1:]:
+        own = storeys.with_plan[k]
+        warnings += [f"{storeys.walked[k].name}: {words}" for words in own.alignment.warnings]
+    return tuple(warnings)
 
 
 def adjustment_warnings(plan_adjustment: PlanAdjustment) -> tuple[str, ...]:

@@ -18,15 +18,17 @@ from planfit.adjust.torn_steps import find_broken_steps
 from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M, match_distances
 from planfit.lsq import Term
-from planfit.pipeline.align import ScanOnPlan, wall_samples
+from planfit.pipeline.align import wall_samples
 from planfit.pipeline.folds import (
     NOT_KEPT_OUT,
     Folds,
     choose_folds,
     without_fold,
 )
+from planfit.pipeline.on_plan import ScanOnPlan, Storey
 from planfit.pipeline.predicted_error import brought_close, predicted_covariance, spread_of_rivals
 from planfit.pipeline.prepare import PreparedScan
+from planfit.pipeline.storeys import judge_storeys
 
 FOLD_TOLERANCE = 1e-4
 """A fold's solve ends when a round lowers the cost by less than this share of itself."""
@@ -107,6 +109,8 @@ class Evidence:
     """Runs of frames, first and last, at whose place nothing was tracked or matched."""
     tracking_doubt: str = ""
     """Why the recorded poses as a whole say nothing of the images, in words."""
+    without_plan: tuple[Storey, ...] = ()
+    """Storeys that were walked and have no plan, where others have one."""
 
     @property
     def is_place_sure(self) -> bool:
@@ -210,6 +214,7 @@ def gather_evidence(
         is_alone=problem.gauge is not None,
         unplaced=prepared.unplaced,
         tracking_doubt=prepared.tracking_doubt,
+        without_plan=on_plan.storeys.without_plan if on_plan.storeys else (),
     )
 
 
@@ -229,12 +234,13 @@ def _near_plan(
 ) -> Bool[np.ndarray, "w 3"] | None:
     """Of each wall patch: near a face as recorded, near one kept out, beside one kept out. None without a
     plan."""
-    patches, floorplan = prepared.measurements.structure.walls, on_plan.floorplan
+    structure, floorplan = prepared.measurements.structure, on_plan.floorplan
+    patches, storeys = structure.walls, structure.storeys
     if floorplan is None:
         return None
 
     def distances_m(poses: Float[np.ndarray, "k 4 4"]) -> Float[np.ndarray, " w"]:
-        found = associate(patches, floorplan, poses, BESIDE_M, options.association)
+        found = associate(patches, floorplan, poses, BESIDE_M, options.association, storeys)
         return np.where(found.face_idx >= 0, np.abs(found.distance_m), np.inf)
 
     kept_out_m = np.full(len(patches), np.inf)
@@ -318,9 +324,12 @@ def _judge_alignment(
     solved: Float[np.ndarray, "k 4 4"],
     options: AlignOptions,
 ) -> AdjustedAlignment | None:
+    structure = prepared.measurements.structure
+    if on_plan.storeys is not None:
+        return judge_storeys(structure, on_plan.storeys, solved, options)
     if on_plan.alignment is None or on_plan.floorplan is None:
         return None
-    walls = wall_samples(prepared.measurements.structure, solved)
+    walls = wall_samples(structure, solved)
     return judge_adjusted(walls, on_plan.floorplan, on_plan.alignment, options)
 
 

@@ -99,16 +99,8 @@ def without_fold(
         return replace(measurements, matches=matches), None
     keep = folds.of_patches != fold
     structure, walls = measurements.structure, correspondences.walls
-    patches, widths = structure.walls, correspondences.widths
-    sizes = np.diff(patches.start)
-    kept = replace(
-        patches,
-        points_cam=patches.points_cam[np.repeat(keep, sizes)],
-        start=np.cumsum([0, *sizes[keep]]),
-        frame_idx=patches.frame_idx[keep],
-        normals_cam=patches.normals_cam[keep],
-        ends_cam=patches.ends_cam[keep],
-    )
+    widths = correspondences.widths
+    kept = structure.walls.of(keep)
     return (
         replace(measurements, matches=matches, structure=replace(structure, walls=kept)),
         replace(

@@ -1,15 +1,18 @@
 """The method on one screen: from a posed scan and a floorplan to poses that fit the plan."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms, choose_keyframes
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
-from planfit.pipeline.align import STANDS_ALONE, ScanOnPlan, align_to_plan
-from planfit.pipeline.calibrate import calibrate_alone, calibrate_on_plan
+from planfit.pipeline.align import align_to_plan
+from planfit.pipeline.calibrate import CalibratedScan, calibrate_alone, calibrate_on_plan
+from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import Observations, PreparedScan, extract_observations
+from planfit.pipeline.prepare import Observations, extract_observations
 from planfit.pipeline.result import RefineResult, make_result
+from planfit.pipeline.storeys import place_on_storeys
 from planfit.pipeline.validation import validate
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
@@ -20,7 +23,7 @@ MAX_CORRECTIONS = 2
 
 def refine(
     scan: Scan,
-    floorplan: Floorplan | None,
+    floorplan: Floorplan | Mapping[int, Floorplan] | None,
     options: RefineOptions | None = None,
     runtime: Runtime | None = None,
     observations: Observations | None = None,
@@ -30,9 +33,10 @@ def refine(
 
     Args:
         scan: posed RGB-D frames.
-        floorplan: wall faces, in metres or in a unit that is found here. None: the scan has to agree with
-            itself alone, by closed loops, floors and ceilings; what is called the plan frame is then the
-            level frame: the scan's own axes, turned upright, floor at 0.
+        floorplan: wall faces, in metres or in a unit that is found here. Of a walk through several storeys,
+            the plan of each by its number: of two storeys the higher one has the higher number. None: the
+            scan has to agree with itself alone, by closed loops, floors and ceilings; what is called the plan
+            frame is then the level frame: the scan's own axes, turned upright, floor at 0.
         options: defaults to what works best.
         runtime: threads, cache and progress; by default nothing is kept and nothing is said.
         observations: what `extract_observations` saw in this scan, or a user's own.
@@ -41,6 +45,7 @@ def refine(
     Raises:
         ScanError: a file of the scan cannot be used.
         FloorplanError: the plan is not in the unit that it claims, or its unit cannot be found.
+            Or plans of storeys fit in another order than that of their numbers.
         OptionError: an option cannot work, or an extra term meets frames that are no unknowns.
     """
     chosen, own = options or RefineOptions(), tuple(extra_terms)
@@ -50,14 +55,14 @@ def refine(
     seen = observations or extract_observations(scan, chosen, runtime, timer=timer)
     # Keyframes; loops closed by what needs no plan; the sensor, by the same.
     calibrated = calibrate_alone(scan, seen, chosen, timer)
-    on_plan, adjustment = _place(scan, calibrated.prepared, floorplan, chosen, own, timer)
+    calibrated, on_plan, adjustment = _place(scan, calibrated, floorplan, chosen, own, timer)
     for _ in range(MAX_CORRECTIONS):
         # Walls may show that the sensor is off: then all that follows from its points comes again.
         before = calibrated
         calibrated = calibrate_on_plan(scan, before, on_plan, adjustment, chosen, timer)
         if calibrated.prepared is before.prepared:
             break
-        on_plan, adjustment = _place(scan, calibrated.prepared, floorplan, chosen, own, timer)
+        calibrated, on_plan, adjustment = _place(scan, calibrated, floorplan, chosen, own, timer)
     # Is it better, by solves that did without a part of the evidence?
     with timer.stage("validate"):
         seen = calibrated.observations
@@ -67,23 +72,31 @@ def refine(
 
 def _place(
     scan: Scan,
-    prepared: PreparedScan,
-    floorplan: Floorplan | None,
+    calibrated: CalibratedScan,
+    floorplan: Floorplan | Mapping[int, Floorplan] | None,
     options: RefineOptions,
     extra_terms: tuple[Term, ...],
     timer: StageTimer,
-) -> tuple[ScanOnPlan, PlanAdjustment]:
-    """Bring a prepared scan onto the plan: as a whole, then each pose."""
+) -> tuple[CalibratedScan, ScanOnPlan, PlanAdjustment]:
+    """Bring a prepared scan onto the plan, as a whole, then each pose; of storeys, the scan learns its own."""
     # Rotation, translation and scale of the whole (paper, Sec. III-A).
     on_plan = STANDS_ALONE
-    if floorplan is not None:
+    prepared = calibrated.prepared
+    if isinstance(floorplan, Floorplan):
         on_plan = align_to_plan(scan, prepared, floorplan, options, timer)
+    elif floorplan is not None:
+        # Each storey alone, then all in one frame (docs/adr/0011-several-storeys.md).
+        seen = calibrated.observations
+        placed = place_on_storeys(scan, seen, prepared, floorplan, options, timer)
+        prepared, on_plan = placed.prepared, placed.on_plan
+        calibrated = replace(calibrated, observations=placed.observations, prepared=prepared)
     # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E); without a
     # plan all terms but walls.
     with timer.stage("adjust"):
         start = on_plan.plan_from_level @ prepared.level_from_keys
         measured, plan = prepared.measurements, on_plan.floorplan
-        return on_plan, adjust_to_plan(measured, plan, start, options.adjust, extra_terms)
+        adjustment = adjust_to_plan(measured, plan, start, options.adjust, extra_terms)
+    return calibrated, on_plan, adjustment
 
 
 def _require_frames_for(extra_terms: tuple[Term, ...], scan: Scan, options: RefineOptions) -> None:

@@ -57,6 +57,7 @@ def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Reserv
         *_of_unexplained_stretches(evidence),
         *_of_contradicted_visits(evidence),
         *_of_strained_terms(evidence),
+        *_of_storeys_without_plan(evidence),
     ]
     stretches, error = evidence.stretches, evidence.predicted_rms_m
     everything = (stretches[0].frames[0], stretches[-1].frames[1])
@@ -246,6 +247,18 @@ def _of_strained_terms(evidence: Evidence) -> list[Reservation]:
         )
         for name, (before, after) in evidence.scan_costs.items()
         if after > MAX_STRAIN * before
+    ]
+
+
+def _of_storeys_without_plan(evidence: Evidence) -> list[Reservation]:
+    return [
+        Reservation(
+            storey.frames,
+            f"frames {frame_ranges(storey.frames)} are on {storey.name}: matches, recorded motion and floor "
+            "alone hold them",
+            "give the plan of that storey too (--plan NUMBER=FILE)",
+        )
+        for storey in evidence.without_plan
     ]
 
 

@@ -11,10 +11,15 @@ from planfit.alignment import Alignment
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
-from planfit.pipeline.align import ScanOnPlan
 from planfit.pipeline.calibrate import CalibratedScan
-from planfit.pipeline.diagnostics import adjustment_warnings, alignment_warnings, scan_warnings
+from planfit.pipeline.diagnostics import (
+    adjustment_warnings,
+    alignment_warnings,
+    scan_warnings,
+    storey_warnings,
+)
 from planfit.pipeline.evidence import Evidence
+from planfit.pipeline.on_plan import ScanOnPlan, Storeys
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
@@ -58,6 +63,9 @@ class RefineResult:
     """How far the recorded poses were believed; None where the observations were a user's own."""
     calibration: Calibration = NOT_CALIBRATED
     """What the sensor was found to do; points above are corrected by it."""
+    storeys: Storeys | None = None
+    """Where plans were given by storey: how they lie, and which frames stand on which. `floorplan` holds the
+    faces of all, and `structure` the walls of frames on them."""
 
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
@@ -110,6 +118,7 @@ def make_result(
             *(observations.tracking.warnings if observations.tracking else ()),
             *scan_warnings(scan, observations.gravity, structure, matches, neighbours, has_plan),
             *prepared.warnings,
+            *(storey_warnings(on_plan.storeys) if on_plan.storeys else ()),
             *(
                 alignment_warnings(
                     on_plan.alignment,
@@ -128,4 +137,5 @@ def make_result(
         evidence=validation.evidence,
         tracking=observations.tracking,
         calibration=calibrated.calibration,
+        storeys=on_plan.storeys,
     )

@@ -10,8 +10,8 @@ from planfit.adjust import PlanAdjustment, costs, follow_keyframes
 from planfit.evaluation import NEAR_FACE_M, wall_distances
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
-from planfit.pipeline.align import ScanOnPlan
 from planfit.pipeline.evidence import Evidence, gather_evidence
+from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.verdict import Verdict, is_apart, judge

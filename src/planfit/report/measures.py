@@ -1,9 +1,9 @@
 """The scan before and after, placed once for all plots; its metrics are those of `planfit.evaluation`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from planfit.evaluation import (
     FloorHeights,
@@ -27,7 +27,7 @@ class Measures:
     """The scan at one set of poses, in the plan frame."""
 
     trajectory: Float[np.ndarray, "n 3"]
-    """Camera centres, m."""
+    """Camera centres, m; of one storey, NaN for cameras elsewhere."""
     walls: WallDistances | None
     """Of all wall points; None where no wall was seen."""
     floor: FloorHeights | None
@@ -69,7 +69,10 @@ CloudXY = tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]
 
 
 def measure(
-    floorplan: Floorplan | None, result: RefineResult, cloud: CloudXY | None = None
+    floorplan: Floorplan | None,
+    result: RefineResult,
+    cloud: CloudXY | None = None,
+    frames: Bool[np.ndarray, " n"] | None = None,
 ) -> BeforeAfter:
     """Place walls, floor and cameras of a result at its poses before and after.
 
@@ -77,11 +80,15 @@ def measure(
         floorplan: plan frame, m.
         result: of `planfit.refine` with that plan.
         cloud: what plots show without a plan, in place of wall points.
+        frames: those of the storey that the plan is of, where there are several; all by default.
     """
     poses = (result.initial_plan_from_cams, result.plan_from_cams)
+    structure = result.structure
+    if frames is not None:
+        structure = replace(structure.with_walls_of(frames), storeys=None)
     shown = cloud if floorplan is None and cloud is not None else (None, None)
     before, after = (
-        _measure_at(floorplan, result.structure, p, xy) for p, xy in zip(poses, shown, strict=True)
+        _measure_at(floorplan, structure, p, xy, frames) for p, xy in zip(poses, shown, strict=True)
     )
     return BeforeAfter(
         before,
@@ -97,6 +104,7 @@ def _measure_at(
     structure: Structure,
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     cloud_xy: Float[np.ndarray, "m 2"] | None,
+    frames: Bool[np.ndarray, " n"] | None,
 ) -> Measures:
     walls = None
     if floorplan is not None:
@@ -104,8 +112,9 @@ def _measure_at(
     floor = floor_heights(structure, plan_from_cams)
     floor_points = np.zeros((0, 3)) if floor is None else floor.points
     shown = wall_points(structure, plan_from_cams)[:, :2] if cloud_xy is None else cloud_xy
+    centres = plan_from_cams[:, :3, 3]
     return Measures(
-        trajectory=plan_from_cams[:, :3, 3],
+        trajectory=centres if frames is None else np.where(frames[:, None], centres, np.nan),
         walls=walls,
         floor=floor,
         wall_xy=_thinned(shown),

@@ -8,6 +8,8 @@ from planfit.segmentation.segment import SegmentationOptions as SegmentationOpti
 from planfit.segmentation.segment import choose_back_end as choose_back_end
 from planfit.segmentation.segment import level_from_world as level_from_world
 from planfit.segmentation.segment import segment_scan as segment_scan
+from planfit.segmentation.storeys import number_storeys as number_storeys
+from planfit.segmentation.types import NO_STOREY as NO_STOREY
 from planfit.segmentation.types import LevelPoints as LevelPoints
 from planfit.segmentation.types import Structure as Structure
 from planfit.segmentation.types import WallPatches as WallPatches

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.errors import require_positive, require_share
+from planfit.segmentation.types import NO_STOREY
 
 _BIN_M = 0.1
 _MAX_WORKTOP_M = 1.2
@@ -67,6 +68,32 @@ def find_storeys(
     main = int(np.argmax(np.bincount(per_point[per_point >= 0], minlength=len(levels))))
     above = np.where(is_on, fitted[nearest] - fitted[main], np.nan)
     return float(fitted[main]), above[known]
+
+
+def number_storeys(
+    floor_heights_m: Float[np.ndarray, " n"],
+    camera_heights_m: Float[np.ndarray, " n"],
+    options: StoreyOptions,
+) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " n"]]:
+    """Floors (m) of the storeys that were walked, from the lowest, and which of them each frame stands on.
+
+    From stairs one sees the floor that one comes from or goes to, but is higher or lower over it than a
+    person who stands on it: such frames have `NO_STOREY`.
+
+    Args:
+        floor_heights_m: of the storey whose floor each frame sees, as `find_storeys` gives them.
+        camera_heights_m: in the same frame, loops closed.
+        options: how much heights may drift.
+    """
+    is_known = np.isfinite(floor_heights_m)
+    floors_m, of_known = np.unique(floor_heights_m[is_known], return_inverse=True)
+    above_m = camera_heights_m - floor_heights_m
+    off_m = np.abs(above_m - np.median(above_m[is_known])) if is_known.any() else above_m
+    of_frames = np.full(len(floor_heights_m), NO_STOREY)
+    of_frames[is_known] = of_known
+    with np.errstate(invalid="ignore"):
+        of_frames[off_m > options.max_drift_m] = NO_STOREY
+    return floors_m, of_frames
 
 
 def storey_heights(

@@ -1,9 +1,12 @@
 """What segmentation finds in a scan: points of level surfaces, and flat upright patches."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
+
+NO_STOREY = -1
+"""Storey of frames between two, on stairs."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,17 @@ class WallPatches:
         """Frame of each point."""
         return np.repeat(self.frame_idx, np.diff(self.start))
 
+    def of(self, keep: Bool[np.ndarray, " k"]) -> "WallPatches":
+        """Some of the patches."""
+        sizes = np.diff(self.start)
+        return WallPatches(
+            self.points_cam[np.repeat(keep, sizes)],
+            np.cumsum([0, *sizes[keep]]),
+            self.frame_idx[keep],
+            self.normals_cam[keep],
+            self.ends_cam[keep],
+        )
+
 
 def no_wall_patches() -> WallPatches:
     """Patches of something that was not seen."""
@@ -81,6 +95,14 @@ class Structure:
     """Which back end labelled the pixels: masks, geometry or learned."""
     floor_height_m: float
     """The floor's height in the world turned level, as recorded; NaN where none was seen."""
+    storeys: Int[np.ndarray, " n"] | None = None
+    """Storey that each frame stands on, as faces of joined plans are numbered; `NO_STOREY` on stairs. None:
+    one plan for all frames."""
+
+    @property
+    def wall_storeys(self) -> Int[np.ndarray, " k"] | None:
+        """Storey of each wall patch: that of its frame."""
+        return None if self.storeys is None else self.storeys[self.walls.frame_idx]
 
     @property
     def has_floor(self) -> bool:
@@ -91,6 +113,17 @@ class Structure:
     def has_walls(self) -> bool:
         """Whether any flat patch of wall was seen."""
         return len(self.walls) > 0
+
+    def with_walls_of(self, frames: Bool[np.ndarray, " n"]) -> "Structure":
+        """The same with the walls and columns of some frames alone."""
+        keep = frames[self.unassigned_frame_idx]
+        return replace(
+            self,
+            walls=self.walls.of(frames[self.walls.frame_idx]),
+            unassigned_points_cam=self.unassigned_points_cam[keep],
+            unassigned_frame_idx=self.unassigned_frame_idx[keep],
+            columns=self.columns.of(frames[self.columns.frame_idx]),
+        )
 
     @property
     def n_wall_points(self) -> int:

@@ -12,9 +12,11 @@ from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
+from planfit.report.html.storey_section import storeys
 from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import CloudXY, measure
 from planfit.report.plots.top_view import crop_to_scan
+from planfit.report.storey_measures import measure_storeys
 
 _COLOR = {Outcome.REFINED: "good", Outcome.IMPROVED: "fair", Outcome.NO_BETTER: "bad"}
 
@@ -45,9 +47,12 @@ def make_report(
     if floorplan is not None:
         on_plan, axes = f"on {_last_part(floorplan.name)}", "as in the plan"
         walls_of_plan = sections.walls(floorplan, result, crop)
+    seen_on_plan = sections.overview(floorplan, both, crop)
+    if result.storeys is not None:
+        seen_on_plan = storeys(result.storeys, measure_storeys(result), crop)
     body = [
         _top(scan_name, floorplan, result, numbers, truth),
-        sections.overview(floorplan, both, crop),
+        seen_on_plan,
         sections.certainty(result, truth),
         sections.fit_and_correction(both),
         sections.floor(floorplan, both, crop),
@@ -142,4 +147,5 @@ def _statistics(result: RefineResult, options_text: str) -> str:
 
 
 def _last_part(path: str) -> str:
-    return PurePath(path).name or path
+    """Of a path; of each where plans of storeys are named together."""
+    return " and ".join(PurePath(one).name or one for one in path.split(" and "))

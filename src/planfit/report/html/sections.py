@@ -37,8 +37,8 @@ from planfit.report.walls import (
 )
 
 
-def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
-    """The whole scan on the plan, or alone, before and after, and close-ups."""
+def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop, storey: str = "") -> str:
+    """The whole scan on the plan, or alone, before and after, and close-ups; or a storey of it, by name."""
     marks = choose_close_ups(both, crop)
     pictures = [
         captioned(
@@ -62,7 +62,7 @@ def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
         )
     else:
         words = "Seen from above. The scan was not aligned with the plan, so the plan is not drawn."
-    head = "The scan on the plan" if both.has_plan else "The scan from above"
+    head = storey or ("The scan on the plan" if both.has_plan else "The scan from above")
     html = [f"<h2>{head}</h2><p>{words}</p>{_side_by_side(pictures, crop)}"]
     if marks and floorplan is not None:
         html.append(

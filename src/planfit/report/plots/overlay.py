@@ -34,6 +34,7 @@ from planfit.report.plots.top_view import (
     draw_scale,
     set_up_view,
 )
+from planfit.report.storey_measures import measure_storeys
 
 LEFT_IN, RIGHT_IN, BOTTOM_IN, LEGEND_IN = 0.5, 0.08, 0.42, 0.28
 _TITLE_IN = 0.3
@@ -63,7 +64,21 @@ def draw_overlay(
         cloud: what is drawn without a plan, in place of wall points.
     """
     both = measure(floorplan, result, cloud)
-    crop = crop_to_scan(both)
+    return _before_and_after(floorplan, both, crop_to_scan(both))
+
+
+def draw_overlays(result: RefineResult, cloud: CloudXY | None = None) -> dict[str, bytes]:
+    """The overlay as `draw_overlay` draws it, by the name of its file; one a storey where each has a plan."""
+    if result.storeys is None:
+        return {"overlay.png": draw_overlay(result.floorplan, result, cloud)}
+    crop = crop_to_scan(measure(result.floorplan, result))
+    return {
+        f"overlay_{each.number}.png": _before_and_after(each.floorplan, each.both, crop)
+        for each in measure_storeys(result)
+    }
+
+
+def _before_and_after(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> bytes:
     columns, rows = (1, 2) if is_wide(crop) else (2, 1)
     width = WIDE_IN if is_wide(crop) else 1.3 * PANEL_IN
     axes_width = width - LEFT_IN - RIGHT_IN
