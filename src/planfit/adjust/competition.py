@@ -85,7 +85,8 @@ def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -
 def _let_go(task: PlanTask, end: Alternation) -> Alternation:
     """The end once walls that stand elsewhere than drawn no longer hold poses, unless that costs more.
 
-    Poses that no match holds follow whatever wall is left: 0.29 m off instead of 0.1 on a flat without matches.
+    Poses that no match holds follow whatever wall is left: a flat without matches ended
+    0.99 m off instead of 0.46.
     """
     without = without_moved_walls(task, end)
     return without if full_cost(task, without) <= full_cost(task, end) else end

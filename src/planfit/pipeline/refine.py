@@ -78,7 +78,7 @@ def _place(
     extra_terms: tuple[Term, ...],
     timer: StageTimer,
 ) -> tuple[CalibratedScan, ScanOnPlan, PlanAdjustment]:
-    """Bring a prepared scan onto the plan, as a whole, then each pose; of storeys, the scan learns its own."""
+    """Bring a scan onto its plan, as a whole, then each pose; with storeys, the scan learns its own."""
     # Rotation, translation and scale of the whole (paper, Sec. III-A).
     on_plan = STANDS_ALONE
     prepared = calibrated.prepared
