@@ -6,6 +6,7 @@
 | `facing_distances`    | points     | that of an eye | any       | ends count  | to segment | all         |
 | `nearest_beside`      | points     | of a normal    | an angle  | end margin  | across     | all         |
 | `nearest_of_segments` | segments   | of a normal    | an angle  | by a share  | across     | all         |
+| `distances_of_segments` | segments | of a normal    | an angle  | by a share  | across     | all         |
 | `FaceGrid.nearest`    | of patches | of a normal    | any       | ends count  | to segment | of a cell   |
 
 A face whose free side is unknown (`Floorplan.is_oriented`) is seen from either side, and so is any face where
@@ -91,15 +92,27 @@ def nearest_beside(
     )
 
 
+@dataclass(frozen=True)
+class BesideRule:
+    """When a segment of wall lies beside a face that looks its way."""
+
+    max_distance_m: float
+    """Faces further away from the middle of the segment, across the face, are none."""
+    max_angle_deg: float
+    """Largest angle between a segment and its face."""
+    min_overlap: float
+    """Share of the segment that must lie beside the face."""
+    end_margin_m: float = END_MARGIN_M
+    """How far the segment may reach beyond the end of the face."""
+    oriented: bool = True
+    """Whether a face whose free side is known must look to the side the segment was seen from."""
+
+
 def nearest_of_segments(
     ends: Float[np.ndarray, "k 2 2"],
     normals: Float[np.ndarray, "k 2"],
     floorplan: Floorplan,
-    max_distance_m: float,
-    max_angle_deg: float,
-    min_overlap: float,
-    end_margin_m: float = END_MARGIN_M,
-    oriented: bool = True,
+    rule: BesideRule,
 ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Signed distance (m) from the nearest face to the middle of each segment of wall, and the face.
 
@@ -109,31 +122,38 @@ def nearest_of_segments(
         ends: of the segments, plan frame, metres.
         normals: unit, towards where each segment was seen from.
         floorplan: the faces.
-        max_distance_m: faces further away are none.
-        max_angle_deg: largest angle between a segment and its face.
-        min_overlap: share of the segment that must lie beside the face.
-        end_margin_m: how far the segment may reach beyond the end of the face.
-        oriented: whether a face whose free side is known must look to the side the segment was seen from.
+        rule: which faces count.
     """
     k = len(ends)
     face_idx, signed = np.full(k, -1), np.full(k, np.nan)
-    one_sided = floorplan.is_oriented & oriented
-    cosine_limit = np.cos(np.deg2rad(max_angle_deg))
     for begin in range(0, k, 2048):  # bounds the (segments x faces) tables
         part = slice(begin, min(begin + 2048, k))
-        cosine = normals[part] @ floorplan.normals.T
-        looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > cosine_limit
-        middle = ends[part].mean(axis=1)
-        distance = middle @ floorplan.normals.T - floorplan.offsets
-        beside = share_beside(ends[part], floorplan, end_margin_m)
-        ok = looks_alike & (np.abs(distance) < max_distance_m) & (beside >= min_overlap)
-        score = np.where(ok, np.abs(distance), np.inf)
+        distance = distances_of_segments(ends[part], normals[part], floorplan, rule)
+        score = np.where(np.isnan(distance), np.inf, np.abs(distance))
         rows = np.arange(score.shape[0])
         nearest = np.argmin(score, axis=1)
         found = np.isfinite(score[rows, nearest])
         face_idx[part] = np.where(found, nearest, -1)
         signed[part] = np.where(found, distance[rows, nearest], np.nan)
     return signed, face_idx
+
+
+def distances_of_segments(
+    ends: Float[np.ndarray, "k 2 2"],
+    normals: Float[np.ndarray, "k 2"],
+    floorplan: Floorplan,
+    rule: BesideRule,
+) -> Float[np.ndarray, "k n"]:
+    """Signed distance (m) from each face to the middle of each segment; NaN where the rule does not hold."""
+    one_sided = floorplan.is_oriented & rule.oriented
+    cosine = normals @ floorplan.normals.T
+    looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > np.cos(
+        np.deg2rad(rule.max_angle_deg)
+    )
+    distance = ends.mean(axis=1) @ floorplan.normals.T - floorplan.offsets
+    beside = share_beside(ends, floorplan, rule.end_margin_m) >= rule.min_overlap
+    ok = looks_alike & (np.abs(distance) < rule.max_distance_m) & beside
+    return np.where(ok, distance, np.nan)
 
 
 def share_beside(
