@@ -2,7 +2,7 @@
 
     python benchmarks/run.py [--only PART ...] [--fresh] [--out FILE]
 
-Parts: step, reweight, gtsam, scaling, descent (the paper's solver), real_scan, plan_pictures, metrics, plots.
+Parts: step, reweight, solvers (GTSAM and g2o), scaling, descent (the paper's solver), real_scan, plan_pictures, metrics, plots.
 A part replaces its own records in FILE and leaves the others; a part whose library or data is absent says so
 and is left out.
 Descents are kept between runs: `--fresh` makes them again (a few minutes each).
@@ -29,10 +29,10 @@ def descent_part(fresh: bool) -> list[Record]:
     return descent.records(fresh)
 
 
-def gtsam_part(fresh: bool) -> list[Record]:  # noqa: ARG001
-    import against_gtsam
+def solvers_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import solver_race
 
-    return against_gtsam.records()
+    return solver_race.records()
 
 
 def step_part(fresh: bool) -> list[Record]:  # noqa: ARG001
@@ -96,7 +96,7 @@ def metrics_part(fresh: bool) -> list[Record]:  # noqa: ARG001
 PARTS: dict[str, Callable[[bool], list[Record]]] = {
     "step": step_part,
     "reweight": reweight_part,
-    "gtsam": gtsam_part,
+    "solvers": solvers_part,
     "scaling": scaling_part,
     "descent": descent_part,
     "real_scan": real_scan_part,
@@ -118,7 +118,7 @@ def main() -> None:
         try:
             found = PARTS[part](arguments.fresh)
         except ModuleNotFoundError as error:
-            if error.name not in ("torch", "gtsam"):  # a name that is gone is a fault, not an extra
+            if error.name not in ("torch", "gtsam", "g2opy", "open3d"):  # a name that is gone is a fault, not an extra
                 raise
             print(f"{part}: left out, {error} (pip install -e '.[bench]')")
             continue

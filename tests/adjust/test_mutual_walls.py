@@ -129,7 +129,11 @@ def twin(ends, normals, n_points, plan, rule):
             d = ends[patch].mean(axis=0) @ plan.normals[f] - plan.offsets[f]
             cosine = normals[patch] @ plan.normals[f]
             sees = cosine if rule.oriented and plan.is_oriented[f] else abs(cosine)
-            if sees > limit and abs(d) < rule.max_distance_m and beside[patch, f] >= rule.min_overlap:
+            if (
+                sees > limit
+                and abs(d) < rule.max_distance_m
+                and beside[patch, f] >= rule.min_overlap
+            ):
                 found.append((abs(d), f, d))
         return sorted(found)
 
@@ -201,6 +205,8 @@ def test_the_preset_of_the_paper_asks_for_it(rng):
 def test_faces_in_a_polygon_find_their_plane():
     plan = faces_plan([[0, 0], [6, 0], [6, 4], [0, 4]])
     ends = np.array([[[1, 0.1], [3, 0.1]], [[5.9, 1], [5.9, 3]]])
-    signed, face = mutually_nearest(ends, np.array([[0, 1.0], [-1.0, 0]]), np.array([9, 9]), plan, RULE)
+    signed, face = mutually_nearest(
+        ends, np.array([[0, 1.0], [-1.0, 0]]), np.array([9, 9]), plan, RULE
+    )
     assert face.tolist() == [0, 1]
     assert_allclose(signed, [0.1, 0.1])

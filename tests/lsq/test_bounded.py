@@ -151,7 +151,10 @@ def test_the_bound_is_the_cost_of_residuals_a_twentieth_larger(loss, rng):
 
 def test_terms_without_any_cost_grow_as_squares(rng):
     world = make_world(rng)
-    assert growth_power([floor_term(world.structure, LevelOptions(weight=0.0))], world.plan_from_cams) == 2
+    assert (
+        growth_power([floor_term(world.structure, LevelOptions(weight=0.0))], world.plan_from_cams)
+        == 2
+    )
 
 
 def test_without_the_bound_the_same_terms_exceed_it(rng):

@@ -27,8 +27,8 @@ class AssociationOptions:
     """Match a patch only to faces that look to the side it was seen from, where the plan knows that side.
     The paper does not ask."""
     mutual: bool = False
-    """Match whole walls of the scan to planes of the plan, and only where each is the nearest to the other, as
-    in the paper; see `planfit.adjust.mutual_walls`. Else each patch goes to the face nearest to it."""
+    """Match whole walls of the scan to planes of the plan, and only where each is nearest to the other, as in
+    the paper; see `planfit.adjust.mutual_walls`. Else each patch goes to the face nearest to it."""
 
     def __post_init__(self) -> None:
         require_positive(self, "max_angle_deg")
