@@ -1,16 +1,16 @@
 """The same adjustment solved by g2o (`g2opy`), whose edges for it are all compiled.
 
 `EdgeVVGicp` holds a point of one pose to a point of another with any information matrix: a match with the
-identity's, and a point on a plane with that of its normal, the plan being a pose that is fixed. `EdgeSE3` is the
-odometry. g2o's rotation is half a rotation vector, so its information is four times that of the vector.
+identity's, and a point on a plane with that of its normal, the plan being a pose that is fixed. `EdgeSE3`
+is the odometry. g2o's rotation is half a rotation vector, so its information is four times that of the
+vector.
 
-Two ways: an edge a point, as g2o is used (a million edges); and an edge a *virtual* point. The weighted second
-moments of a pair of frames, 7 x 7 for (p, q, 1), are those of seven pairs of points, too, and a plane's those of
-four points, so seven or four edges stand for any number of points, exactly: planfit's moments, for a solver that
-knows only points.
+Two ways: an edge a point, as g2o is used (a million edges); and an edge a *virtual* point
+(`virtual_points`), seven a pair of frames and four a frame and plane, which stand for any number of
+points, exactly.
 
-Edges are made one by one from Python and not counted; g2o then runs without a call to Python. Gauss-Newton, as
-many iterations as lower the error by more than the tolerance, and one that does not.
+Edges are made one by one from Python and not counted; g2o then runs without a call to Python.
+Gauss-Newton, as many iterations as lower the error by more than the tolerance, and one that does not.
 """
 
 import time
@@ -20,6 +20,7 @@ import g2opy as g2o
 import numpy as np
 from gtsam_reference import FLOOR, POINTS, WALLS, Reference, squared_terms
 from problems import Problem
+from virtual_points import virtual_matches, virtual_points
 
 from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.levels import FLOOR_PLANE
@@ -176,33 +177,3 @@ def _on_planes(groups: Groups, plan: int) -> Edges:
         groups.points_cam.astype(float),
         np.repeat(information, counts, axis=0),
     )
-
-
-def virtual_matches(moments: PairMoments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Seven pairs of points (7k, 3) with the moments of each pair of frames, and their weight (k,)."""
-    # Both points have the same last coordinate, one: (p, q, 1) has all the sums there are.
-    cross = np.concatenate([moments.ab[:, :3, :3], moments.aa[:, :3, 3:]], axis=2)
-    low = np.concatenate([np.swapaxes(moments.ab[:, :3, :3], 1, 2), moments.bb[:, :3]], axis=2)
-    last = np.concatenate([moments.aa[:, 3:, :3], moments.bb[:, 3:]], axis=2)
-    top = np.concatenate([moments.aa[:, :3, :3], cross], axis=2)
-    points, weight = virtual_points(np.concatenate([top, low, last], axis=1))
-    return points[:, :3], points[:, 3:], weight
-
-
-def virtual_points(moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As many points (d k, d - 1) as make the moments (k, d, d) of homogeneous ones, and their weight (k,).
-
-    M = L L^T = (L Q)(L Q)^T for any rotation Q. The last row of L is as long as that of the points wanted, which
-    all weigh the same: the mirror image that takes the one to the other is Q.
-    """
-    d = moments.shape[1]
-    values, vectors = np.linalg.eigh(moments)
-    root = vectors * np.sqrt(values.clip(0))[:, None]
-    weight = moments[:, -1, -1] / d
-    mirror = root[:, -1] - np.sqrt(weight)[:, None]
-    along = np.einsum("kij,kj->ki", root, mirror) / np.maximum(
-        np.sum(mirror**2, axis=1, keepdims=True), 1e-300
-    )
-    turned = root - 2.0 * along[:, :, None] * mirror[:, None]
-    points = np.swapaxes(turned[:, :-1], 1, 2) / np.sqrt(weight)[:, None, None]
-    return points.reshape(-1, d - 1), weight

@@ -135,7 +135,7 @@ def optimise(
 def iterate(
     problem: Problem, graph: gtsam.NonlinearFactorGraph, watch: Stopwatch, relative_tolerance: float
 ) -> Reference:
-    """Linearise, eliminate, retract, until a step is predicted to lower the error by less than the tolerance."""
+    """Linearise, eliminate, retract, until a step is predicted to gain less than the tolerance."""
     values = _values(problem)
     zero = values.zeroVectors()
     watch.cpu_s, iterations, is_done = 0.0, 0, False

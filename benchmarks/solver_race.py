@@ -1,12 +1,13 @@
-"""planfit against GTSAM and g2o on the same problem; the ways are said in `gtsam_reference` and `g2o_reference`.
+"""planfit against GTSAM and g2o on the same problem; the ways are said in `gtsam_reference` and
+`g2o_reference`.
 
-CPU time of the process, all contenders in turns, so that what else the machine does falls on all of them; each
-once before, not counted. What each makes only once (GTSAM's factors, g2o's edges) is not counted, planfit's
-terms, pass over the points and ordering are. All stop at the same relative decrease.
+CPU time of the process, all contenders in turns, so that what else the machine does falls on all of them;
+each once before, not counted. What each makes only once (GTSAM's factors, g2o's edges) is not counted,
+planfit's terms, pass over the points and ordering are. All stop at the same relative decrease.
 
-Two sizes: 100 matches a pair and 2,000 points a frame, as a scan has; and 10 and 60, where sums over points are
-worth the least. g2o with an edge a point is run at the second alone: its Python binding takes time quadratic in
-the number of edges to make them, half an hour for a million.
+Two sizes: 100 matches a pair and 2,000 points a frame, as a scan has; and 10 and 60, where sums over
+points are worth the least. g2o with an edge a point is run at the second alone: its Python binding takes
+time quadratic in the number of edges to make them, half an hour for a million.
 """
 
 from collections.abc import Callable

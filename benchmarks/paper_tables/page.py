@@ -127,7 +127,9 @@ def make_page(results: Results) -> str:
 def _descent(results: Results) -> str:
     """The paper's schedule to its end, beside Levenberg-Marquardt on the same cost."""
     if not results.metrics_of(PAPER_DESCENT.key):
-        return "Not measured here; `make tables` does so with PyTorch (`make .venv/installed-bench`)."
+        return (
+            "Not measured here; `make tables` does so with PyTorch (`make .venv/installed-bench`)."
+        )
     rows = tuple(variant.key for variant in (UNADJUSTED, *DESCENT_VARIANTS[2:], TRUE_POSES))
     words = (
         "One small scan (60 frames, two rooms), as the schedule of 20,000 steps and more is gone through at "
