@@ -176,7 +176,22 @@ def conslam(arguments: argparse.Namespace) -> None:
 
 
 def picture(arguments: argparse.Namespace) -> None:  # noqa: ARG001
-    """The scan with a picture of its whole plan and nothing else; judged in the plan's true frame."""
+    """Print what `on_picture` finds."""
+    run, off, apart = on_picture()
+    assert run.alignment is not None
+    print(
+        f"scale off by {off:+.3%}, position RMS {np.sqrt((apart**2).sum(axis=1).mean()):.3f} m "
+        f"(horizontal {np.sqrt((apart[:, :2] ** 2).sum(axis=1).mean()):.3f} m), score "
+        f"{run.alignment.score:.2f}, {'sure' if run.alignment.is_sure else 'NOT SURE'}"
+    )
+    print(*run.warnings, sep="\n")
+
+
+def on_picture() -> tuple[planfit.RefineResult, float, np.ndarray]:
+    """The scan with a picture of its whole plan and nothing else; judged in the plan's true frame.
+
+    Returns the run, the relative error of the scale, and the errors of the positions (n, 3), m.
+    """
     scan = planfit.read_scan(CONSLAM)
     floorplan = planfit.read_floorplan(CONSLAM / "floorplan.png")
     truth = json.loads((CONSLAM / "floorplan_png_truth.json").read_text())
@@ -187,13 +202,7 @@ def picture(arguments: argparse.Namespace) -> None:  # noqa: ARG001
     xz = (uv + truth["origin_px"]) / truth["pixels_per_metre"] @ np.array(truth["rotation"])
     true = true_world_from_cams[:, [0, 2, 1], 3]  # world y is up
     apart = np.column_stack([xz, run.plan_from_cams[:, 2, 3]]) - true
-    off = run.alignment.metres_per_unit * truth["pixels_per_metre"] - 1
-    print(
-        f"scale off by {off:+.3%}, position RMS {np.sqrt((apart**2).sum(axis=1).mean()):.3f} m "
-        f"(horizontal {np.sqrt((apart[:, :2] ** 2).sum(axis=1).mean()):.3f} m), score "
-        f"{run.alignment.score:.2f}, {'sure' if run.alignment.is_sure else 'NOT SURE'}"
-    )
-    print(*run.warnings, sep="\n")
+    return run, run.alignment.metres_per_unit * truth["pixels_per_metre"] - 1, apart
 
 
 def disguise(floorplan: Floorplan, yaw: float, scale: float, translation: np.ndarray) -> Floorplan:

@@ -34,9 +34,10 @@ class Run:
 
     @property
     def stop_step(self) -> int:
-        """Step at which the paper's test, between consecutive steps, is first met; else the last."""
-        small = np.flatnonzero(np.abs(np.diff(self.loss_m)) < TOLERANCE_M)
-        return int(small[0]) + 1 if len(small) else len(self.loss_m) - 1
+        """Step at which the paper's test, made at the late learning rate only, is first met; or the last."""
+        late = LONGEST.drop_after_steps
+        small = np.flatnonzero(np.abs(np.diff(self.loss_m[late:])) < TOLERANCE_M)
+        return late + int(small[0]) + 1 if len(small) else len(self.loss_m) - 1
 
 
 def cases() -> list[Case]:

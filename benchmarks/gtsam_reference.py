@@ -1,4 +1,4 @@
-"""The same adjustment solved by GTSAM's Levenberg-Marquardt, to compare time, cost and poses.
+"""The same adjustment solved by GTSAM, to compare time, cost and poses: by its optimiser, and directly.
 
 What is compared: squared losses; 3D point error, floor, walls with a given association, odometry;
 the same information on every point. GTSAM gets
@@ -16,8 +16,16 @@ to GTSAM; for a pair at a time, the calls do not dominate. The time that remains
 our Python functions is taken off is reported too: no native factor can be faster than a factor whose
 residuals and Jacobians cost nothing. It is a lower bound for GTSAM with residuals point by point.
 
-Not compared: robust losses (GTSAM's are per factor, so would be per pair here), and GTSAM fed with our
-moments, which would be our method with another linear solver.
+Three ways:
+
+- `optimise`: GTSAM's own Levenberg-Marquardt. Its loop asks for the error of every candidate, which is a
+  second evaluation of all residuals, and damps;
+- `iterate`: the same factors linearised, eliminated and retracted without that loop (Gauss-Newton). The
+  error of the linearised graph is that of the residuals, so nothing is evaluated twice;
+- `iterate_moments`: the blocks that planfit's moments give, handed to GTSAM's elimination. That is planfit's
+  method with another linear solver; it tells what each of the two parts is worth.
+
+Not compared: robust losses (GTSAM's are per factor, so would be per pair here).
 """
 
 import time
@@ -35,6 +43,7 @@ from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm, face_planes
 from planfit.geometry import se3
+from planfit.lsq.blocks import NormalBlocks, sum_by_pose
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.term import Term
 
@@ -59,10 +68,9 @@ class Reference:
 
     plan_from_cams: np.ndarray  # (n, 4, 4)
     iterations: int
-    seconds: float
     cpu_s: float
     python_cpu_s: float
-    """Part of that inside our residual functions."""
+    """Part of that in Python: inside our residual functions, or making blocks of moments."""
 
 
 def squared_terms(problem: Problem) -> list[Term]:
@@ -108,25 +116,93 @@ def make_graph(problem: Problem, watch: Stopwatch) -> gtsam.NonlinearFactorGraph
     return graph
 
 
-def solve_with_gtsam(
+def optimise(
     problem: Problem, graph: gtsam.NonlinearFactorGraph, watch: Stopwatch, relative_tolerance: float
 ) -> Reference:
     """GTSAM's Levenberg-Marquardt with its defaults but for the tolerance."""
-    initial = gtsam.Values()
-    for k, pose in enumerate(problem.initial_plan_from_cams):
-        initial.insert(X(k), gtsam.Pose3(pose))
+    initial = _values(problem)
     params = gtsam.LevenbergMarquardtParams()
     params.setRelativeErrorTol(relative_tolerance)
     params.setAbsoluteErrorTol(0.0)
     watch.cpu_s = 0.0
-    begin, cpu = time.perf_counter(), time.process_time()
+    cpu = time.process_time()
     optimiser = gtsam.LevenbergMarquardtOptimizer(graph, initial, params)
     result = optimiser.optimize()
-    seconds, cpu_s = time.perf_counter() - begin, time.process_time() - cpu
-    poses = np.stack(
-        [result.atPose3(X(k)).matrix() for k in range(len(problem.initial_plan_from_cams))]
-    )
-    return Reference(poses, optimiser.iterations(), seconds, cpu_s, watch.cpu_s)
+    cpu_s = time.process_time() - cpu
+    return Reference(_poses(result, problem), optimiser.iterations(), cpu_s, watch.cpu_s)
+
+
+def iterate(
+    problem: Problem, graph: gtsam.NonlinearFactorGraph, watch: Stopwatch, relative_tolerance: float
+) -> Reference:
+    """Linearise, eliminate, retract, until a step is predicted to gain less than the tolerance."""
+    values = _values(problem)
+    zero = values.zeroVectors()
+    watch.cpu_s, iterations, is_done = 0.0, 0, False
+    cpu = time.process_time()
+    ordering = gtsam.Ordering.ColamdNonlinearFactorGraph(graph)
+    while not is_done:
+        linear = graph.linearize(values)
+        delta = linear.optimize(ordering)
+        before = linear.error(zero)
+        is_done = before - linear.error(delta) < relative_tolerance * before
+        values = values.retract(delta)
+        iterations += 1
+    cpu_s = time.process_time() - cpu
+    return Reference(_poses(values, problem), iterations, cpu_s, watch.cpu_s)
+
+
+def iterate_moments(problem: Problem, relative_tolerance: float) -> Reference:
+    """planfit's moments and blocks, GTSAM's elimination; `python_cpu_s` is all but the elimination."""
+    poses, iterations, is_done, ordering = problem.initial_plan_from_cams, 0, False, None
+    eliminate_s, cpu = 0.0, time.process_time()
+    # Squared losses: the moments of the first pass are those of every step.
+    quadratics, costs = zip(*(t.reweight(poses) for t in squared_terms(problem)), strict=True)
+    total = sum(costs)
+    while not is_done:
+        linear, gradient = _gaussian_graph([q.normal_blocks(poses) for q in quadratics])
+        begin = time.process_time()
+        ordering = ordering or gtsam.Ordering.ColamdGaussianFactorGraph(linear)
+        solution = linear.optimize(ordering)
+        delta = np.stack([solution.at(X(k)) for k in range(len(poses))])
+        eliminate_s += time.process_time() - begin
+        # At the minimum of a quadratic half the slope times the step is what the step gains.
+        is_done = -0.5 * float(np.sum(gradient * delta)) < relative_tolerance * total
+        poses = se3.retract(poses, delta)
+        total = sum(q.cost(poses) for q in quadratics)
+        iterations += 1
+    cpu_s = time.process_time() - cpu
+    return Reference(poses, iterations, cpu_s, cpu_s - eliminate_s)
+
+
+def _gaussian_graph(parts: list[NormalBlocks]) -> tuple[gtsam.GaussianFactorGraph, np.ndarray]:
+    """One Hessian factor a pose and one a pair of poses; also the gradient (n, 6)."""
+    n = len(parts[0].gradient)
+    gradient = np.sum([p.gradient for p in parts], axis=0)
+    keys = np.concatenate([p.rows * n + p.columns for p in parts])
+    at, group = np.unique(keys, return_inverse=True)
+    blocks = sum_by_pose(group, np.concatenate([p.blocks for p in parts]), len(at))
+    graph, nothing, still = gtsam.GaussianFactorGraph(), np.zeros((6, 6)), np.zeros(6)
+    for (i, j), block in zip(np.stack(np.divmod(at, n), axis=1).tolist(), blocks, strict=True):
+        if i == j:
+            graph.push_back(gtsam.HessianFactor(X(i), block, -gradient[i], 0.0))
+        else:
+            pair = X(i), X(j), nothing, block, still, nothing, still, 0.0
+            graph.push_back(gtsam.HessianFactor(*pair))
+    return graph, gradient
+
+
+def _values(problem: Problem) -> gtsam.Values:
+    """Where a solve begins."""
+    values = gtsam.Values()
+    for k, pose in enumerate(problem.initial_plan_from_cams):
+        values.insert(X(k), gtsam.Pose3(pose))
+    return values
+
+
+def _poses(values: gtsam.Values, problem: Problem) -> np.ndarray:
+    n = len(problem.initial_plan_from_cams)
+    return np.stack([values.atPose3(X(k)).matrix() for k in range(n)])
 
 
 def cost(terms: Sequence[Term], plan_from_cams: np.ndarray) -> float:

@@ -10,7 +10,8 @@ import numpy as np
 from problems import make_problem
 
 import planfit
-from planfit.adjust.association import Association, AssociationOptions, associate
+from planfit.adjust import paper_options
+from planfit.adjust.association import Association, associate
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching import Matches
@@ -64,13 +65,18 @@ def real_case() -> Case | None:
     run = planfit.refine(scan, floorplan, planfit.RefineOptions(), Runtime(cache_dir=CACHE))
     _, true_world_from_cams = read_tum(CONSLAM / "groundtruth.tum")
     structure = thinned(run.structure, N_FLOOR, N_WALL)
+    paper = paper_options()
     return Case(
         "ConSLAM scan",
         run.matches,
         structure,
         floorplan,
         associate(
-            structure.walls, floorplan, run.initial_plan_from_cams, 1.2, AssociationOptions()
+            structure.walls,
+            floorplan,
+            run.initial_plan_from_cams,
+            paper.wall_distances_m[-1],
+            paper.association,
         ),
         run.initial_plan_from_cams,
         PLAN_FROM_WORLD @ true_world_from_cams,

@@ -11,6 +11,7 @@ import argparse
 import dataclasses
 import json
 import os
+import resource
 import tempfile
 import time
 from pathlib import Path
@@ -70,6 +71,7 @@ def main() -> None:
                 "aligned_m": after.aligned_rms_m,
                 "rotation_deg": float(np.rad2deg(rotation).mean()),
                 "seconds": seconds,
+                "peak_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
                 "warnings": run.warnings,
             }
             rows.append(row)

@@ -6,8 +6,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,13 @@ def median_times(run: Callable[[], object], repeats: int) -> tuple[float, float]
         times.append((time.perf_counter() - wall, time.process_time() - cpu))
     wall_s, cpu_s = np.median(times, axis=0)
     return float(wall_s), float(cpu_s)
+
+
+def cpu_seconds(run: Callable[[], Result]) -> tuple[float, Result]:
+    """CPU seconds of the process in a call, and what the call returned."""
+    begin = time.process_time()
+    found = run()
+    return time.process_time() - begin, found
 
 
 def machine() -> str:

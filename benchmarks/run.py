@@ -2,7 +2,8 @@
 
     python benchmarks/run.py [--only PART ...] [--fresh] [--out FILE]
 
-Parts: step, reweight, gtsam, scaling, descent (the paper's solver), real_scan, plan_pictures, metrics, plots.
+Parts: step, reweight, solvers (GTSAM and g2o), scaling, descent (the paper's solver), real_scan, picture (the
+real scan on a picture of its plan), without_planfit (Open3D), plan_pictures, metrics, plots.
 A part replaces its own records in FILE and leaves the others; a part whose library or data is absent says so
 and is left out.
 Descents are kept between runs: `--fresh` makes them again (a few minutes each).
@@ -11,6 +12,7 @@ Descents are kept between runs: `--fresh` makes them again (a few minutes each).
 import argparse
 import dataclasses
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -29,10 +31,10 @@ def descent_part(fresh: bool) -> list[Record]:
     return descent.records(fresh)
 
 
-def gtsam_part(fresh: bool) -> list[Record]:  # noqa: ARG001
-    import against_gtsam
+def solvers_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import solver_race
 
-    return against_gtsam.records()
+    return solver_race.records()
 
 
 def step_part(fresh: bool) -> list[Record]:  # noqa: ARG001
@@ -59,11 +61,10 @@ def real_scan_part(fresh: bool) -> list[Record]:  # noqa: ARG001
     if not real_scan.DEFAULT.exists():
         print(f"real_scan: left out, {real_scan.DEFAULT} is absent (set PLANFIT_SHARED)")
         return []
-    with tempfile.TemporaryDirectory() as folder:
-        rows_path = Path(folder) / "rows.json"
-        command = [sys.executable, real_scan.__file__, "--json", str(rows_path)]
-        subprocess.run(command, check=True)
-        shipped, *own = json.loads(rows_path.read_text())
+    shipped, *own = _real_scan_rows(real_scan.__file__)
+    (by_geometry,) = _real_scan_rows(
+        real_scan.__file__, "--back-end", "geometry", "--seeds", "0"
+    )  # fmt: skip
     errors = sorted(row["after_m"] for row in own)
     conditions = "ConSLAM scan, position RMS in the plan's frame, no alignment; "
     drifts = f"{len(own)} drifts of our own of the same size"
@@ -74,9 +75,53 @@ def real_scan_part(fresh: bool) -> list[Record]:  # noqa: ARG001
             "m",
             f"{conditions}as shipped, {shipped['before_m']:.3f} m before",
         ),
+        Record("real_scan_shipped_aligned_m", shipped["aligned_m"], "m", "after rigid alignment"),
+        Record(
+            "real_scan_geometry_m",
+            by_geometry["after_m"],
+            "m",
+            f"{conditions}as shipped, floor and walls without masks",
+        ),
+        Record(
+            "real_scan_s",
+            shipped["seconds"],
+            "s",
+            f"wall, with nothing kept; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
+        ),
+        Record("real_scan_peak_gb", shipped["peak_gb"], "GB", "peak resident memory of that run"),
         Record("real_scan_worst_m", errors[-1], "m", f"{conditions}worst of {drifts}"),
         Record("real_scan_median_m", errors[len(errors) // 2], "m", f"{conditions}of {drifts}"),
     ]
+
+
+def _real_scan_rows(script: str, *arguments: str) -> list[dict]:
+    """In a process of its own, for its memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        rows_path = Path(folder) / "rows.json"
+        command = [sys.executable, script, "--json", str(rows_path), *arguments]
+        subprocess.run(command, check=True)
+        return json.loads(rows_path.read_text())
+
+
+def picture_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import alignment
+
+    if not alignment.CONSLAM.exists():
+        print(f"picture: left out, {alignment.CONSLAM} is absent (set PLANFIT_SHARED)")
+        return []
+    _, scale_off, apart_m = alignment.on_picture()
+    conditions = "ConSLAM scan with a picture of its whole plan at an unknown scale"
+    rms_m = float((apart_m**2).sum(axis=1).mean() ** 0.5)
+    return [
+        Record("picture_scale_off", abs(scale_off), "1", f"{conditions}; relative"),
+        Record("picture_m", rms_m, "m", f"{conditions}; position RMS, no alignment to the truth"),
+    ]
+
+
+def without_planfit_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import without_planfit
+
+    return without_planfit.records()
 
 
 def plan_pictures_part(fresh: bool) -> list[Record]:  # noqa: ARG001
@@ -93,13 +138,16 @@ def metrics_part(fresh: bool) -> list[Record]:  # noqa: ARG001
         return [Record(**row) for row in json.loads(rows_path.read_text())]
 
 
+EXTRAS = ("torch", "gtsam", "g2opy", "open3d")
 PARTS: dict[str, Callable[[bool], list[Record]]] = {
     "step": step_part,
     "reweight": reweight_part,
-    "gtsam": gtsam_part,
+    "solvers": solvers_part,
     "scaling": scaling_part,
     "descent": descent_part,
     "real_scan": real_scan_part,
+    "picture": picture_part,
+    "without_planfit": without_planfit_part,
     "plan_pictures": plan_pictures_part,
     "metrics": metrics_part,
 }
@@ -117,8 +165,9 @@ def main() -> None:
     for part in (name for name in PARTS if name in chosen):
         try:
             found = PARTS[part](arguments.fresh)
-        except ModuleNotFoundError as error:
-            if error.name not in ("torch", "gtsam"):  # a name that is gone is a fault, not an extra
+        except ImportError as error:
+            # A name that is gone is a fault, not an extra. Open3D also needs the system's libraries.
+            if (error.name or "open3d").split(".")[0] not in EXTRAS:
                 raise
             print(f"{part}: left out, {error} (pip install -e '.[bench]')")
             continue

@@ -5,6 +5,7 @@ import platform
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -13,7 +14,7 @@ import tyro
 from paper_tables.page import write_page
 from paper_tables.results import Measured, Results, read_results
 from paper_tables.run import BenchOptions, run_bench
-from paper_tables.scans import paper_scans, small_scans
+from paper_tables.scans import descent_scan, paper_scans, small_scans
 from planfit import __version__
 from planfit.cli.arguments import parse
 from planfit.cli.console import StageBars, out, table
@@ -36,6 +37,9 @@ class PaperArguments:
     """Folders of real scans with their plan (FACaP layout) and `groundtruth.tum`, measured too."""
     small: bool = False
     """Two scans of 60 frames instead of the ten."""
+    descent: bool = field(default_factory=lambda: find_spec("torch") is not None)
+    """Also the paper's own descent, its whole schedule, on a small scan of its own: half an hour. By default
+    where PyTorch is installed."""
     page: Path | None = None
     """Also write the tables as a Markdown page."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
@@ -97,6 +101,7 @@ def _measure(arguments: PaperArguments) -> None:
         out=arguments.out,
         scans=small_scans() if arguments.small else paper_scans(),
         real=arguments.real,
+        descent=descent_scan() if arguments.descent else None,
     )
     conditions = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
     with StageBars() as bars:

@@ -9,7 +9,7 @@ from pathlib import Path
 from paper_tables.measure import MAP, Case, load_case, load_real_case, measure
 from paper_tables.results import Measured, Results, read_results
 from paper_tables.scans import BenchScan
-from paper_tables.variants import VARIANTS, Variant, setup_digest
+from paper_tables.variants import DESCENT_VARIANTS, VARIANTS, Variant, setup_digest
 from planfit.errors import OutputError
 from planfit.runtime import Runtime
 
@@ -24,6 +24,8 @@ class BenchOptions:
     real: tuple[Path, ...] = ()
     """Folders of real scans with their plan and `groundtruth.tum`."""
     variants: tuple[Variant, ...] = VARIANTS
+    descent: BenchScan | None = None
+    """The scan that the paper's own descent is measured on; None: it is not."""
 
 
 def run_bench(
@@ -62,8 +64,8 @@ def run_bench(
             )
     cache = options.out.with_name(options.out.name + ".cache")
     runtime = replace(runtime, cache_dir=cache)
-    for name, load in _loaders(options.scans, options.real):
-        missing = _missing(results, name, options.variants)
+    for name, load, variants in _loaders(options):
+        missing = _missing(results, name, variants)
         if not missing:
             continue
         case = load(runtime)
@@ -77,10 +79,15 @@ def run_bench(
 
 
 def _loaders(
-    scans: Sequence[BenchScan], real: Sequence[Path]
-) -> list[tuple[str, Callable[[Runtime], Case]]]:
-    synthetic = [(scan.name, partial(load_case, scan)) for scan in scans]
-    return [*synthetic, *((path.name, partial(load_real_case, path)) for path in real)]
+    options: BenchOptions,
+) -> list[tuple[str, Callable[[Runtime], Case], Sequence[Variant]]]:
+    """Name of each scan, what loads it, and what is measured on it."""
+    made = [(scan.name, partial(load_case, scan), options.variants) for scan in options.scans]
+    made += [(path.name, partial(load_real_case, path), options.variants) for path in options.real]
+    if options.descent is not None:
+        scan = options.descent
+        made.append((scan.name, partial(load_case, scan), DESCENT_VARIANTS))
+    return made
 
 
 def _missing(results: Results, scan: str, variants: Sequence[Variant]) -> list[Variant]:

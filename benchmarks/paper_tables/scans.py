@@ -17,6 +17,9 @@ from planfit.synth import (
     WalkOptions,
 )
 
+DESCENT_SET = "descent"
+"""Name of the set that `descent_scan` is alone in."""
+
 
 @dataclass(frozen=True)
 class BenchScan:
@@ -42,6 +45,11 @@ def paper_scans() -> tuple[BenchScan, ...]:
 def small_scans() -> tuple[BenchScan, ...]:
     """One small scan of each set, to try the benchmark in a few minutes."""
     return (_redwood(11, 2, 60), _phone(21, 2, 60))
+
+
+def descent_scan() -> BenchScan:
+    """The scan of the paper's own descent: whole descents of larger ones take hours."""
+    return replace(small_scans()[0], set_name=DESCENT_SET, name="redwood-like, small")
 
 
 _CAMERA = CameraOptions(width_px=320, height_px=240)

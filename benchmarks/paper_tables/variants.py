@@ -92,6 +92,11 @@ def _bounded(adjust: AdjustOptions) -> AdjustOptions:
     return replace(adjust, is_bounded=True)
 
 
+def _descent(adjust: AdjustOptions) -> AdjustOptions:
+    """The paper's own solver, its whole schedule, at each alternation of association and solve."""
+    return replace(adjust, method="sgd")
+
+
 def _as_it_is(adjust: AdjustOptions) -> AdjustOptions:
     return adjust
 
@@ -112,6 +117,7 @@ _CHANGES: dict[str, Change] = {
 
 UNADJUSTED = Variant("default", "none", None)
 PAPER_TO_THE_LETTER = Variant("paper", "all, paper's alignment", _as_it_is, paper_alignment=True)
+PAPER_DESCENT = Variant("paper", "all, gradient descent", _descent)
 TRUE_POSES = Variant("default", "true poses", None, has_true_poses=True)
 VARIANTS: tuple[Variant, ...] = (
     TRUE_POSES,
@@ -122,7 +128,16 @@ VARIANTS: tuple[Variant, ...] = (
 )
 
 
+DESCENT_VARIANTS: tuple[Variant, ...] = (
+    *(v for v in VARIANTS if v in (TRUE_POSES, UNADJUSTED) or v.name == "all"),
+    PAPER_DESCENT,
+)
+"""What is measured of the paper's own descent, and beside it."""
+
+
 def setup_digest(*parts: object) -> str:
     """Changes when what any variant does changes, or any of the other `parts`."""
-    options = [(v.key, v.has_true_poses, v.change and v.options(0.5)) for v in VARIANTS]
+    options = [
+        (v.key, v.has_true_poses, v.change and v.options(0.5)) for v in (*VARIANTS, PAPER_DESCENT)
+    ]
     return hashlib.sha256(repr((options, *parts)).encode()).hexdigest()[:16]

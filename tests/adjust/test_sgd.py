@@ -114,14 +114,38 @@ def test_levenberg_marquardt_gets_lower(inputs, start):
     assert paper_cost(inputs, solution.target_from_cams) < found.loss_m[-1]
 
 
-def test_tolerance_stops_it(inputs, start):
+def test_tolerance_stops_it_once_the_late_rate_is_reached(inputs, start):
     needs_torch()
-    found = sgd.descend(*inputs, start, PaperWeights(), replace(QUICK, tolerance=10.0))
-    assert (found.stop, found.steps[-1]) == (DescentStop.TOLERANCE, 1)
-    later = sgd.descend(
-        *inputs, start, PaperWeights(), replace(QUICK, tolerance=10.0, check_every_steps=20)
-    )
-    assert later.steps[-1] == 20
+    # Any change is below this tolerance: only the schedule keeps the descent going.
+    easy = replace(QUICK, tolerance=10.0, max_steps=80)
+    for drop, every, expected in ((0, 1, 1), (30, 1, 31), (30, 20, 50)):
+        options = replace(easy, drop_after_steps=drop, check_every_steps=every)
+        found = sgd.descend(*inputs, start, PaperWeights(), options)
+        assert (found.stop, found.steps[-1]) == (DescentStop.TOLERANCE, expected)
+    never = sgd.descend(*inputs, start, PaperWeights(), replace(easy, drop_after_steps=80))
+    assert (never.stop, never.steps[-1]) == (DescentStop.LIMIT, 80)
+
+
+def test_the_published_schedule():
+    schedule = DescentOptions()
+    assert (schedule.learning_rate, schedule.late_learning_rate) == (1e-3, 1e-4)
+    assert (schedule.drop_after_steps, schedule.tolerance) == (20_000, 1e-5)
+    assert (schedule.check_every_steps, schedule.momentum) == (1, 0.9)
+    assert schedule.max_steps > schedule.drop_after_steps
+
+
+def test_the_stop_is_where_the_first_small_change_is_by_the_losses(inputs, start):
+    needs_torch()
+    # Slow twin: all losses written down, the stop looked up in them.
+    drop = 100
+    kept = replace(QUICK, max_steps=250, drop_after_steps=drop, record_every_steps=1)
+    loss_m = sgd.descend(*inputs, start, PaperWeights(), kept).loss_m
+    changes = np.abs(np.diff(loss_m))  # change k: from step k to k + 1
+    tolerance = float(np.median(changes[drop:]))
+    expected = next(k + 1 for k in range(drop, 250) if changes[k] < tolerance)
+    found = sgd.descend(*inputs, start, PaperWeights(), replace(kept, tolerance=tolerance))
+    assert (found.stop, found.steps[-1]) == (DescentStop.TOLERANCE, expected)
+    assert_allclose(found.loss_m[-1], loss_m[expected])
 
 
 def test_first_frame_may_be_held(inputs, start):

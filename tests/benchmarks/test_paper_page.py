@@ -54,6 +54,26 @@ def test_true_poses_stand_beside_the_presets() -> None:
     assert "| MME | -4.000 | -4.000 | -4.000 |" in page
 
 
+def test_the_papers_own_descent_is_a_section_of_its_own() -> None:
+    assert "Not measured here" in make_page(two_presets())
+    rows = [
+        Measured("descent", "small", variant, {"ate": ate, "step_ms": ms})
+        for variant, ate, ms in (
+            ("paper/all", 0.03, 20.0),
+            ("paper/all, gradient descent", 0.07, 5.0),
+            ("default/all", 0.01, 9.0),
+        )
+    ]
+    page = make_page(replace(two_presets(), measured=(*two_presets().measured, *rows)))
+    assert "2 scans in 1 sets" in page  # it is none of the scans of the tables
+    assert "## Descent" not in page
+    section = page.split("## The paper's own descent")[1].split("\n## ")[0]
+    (ours,) = [x for x in section.splitlines() if x.startswith("| paper: all, gradient descent |")]
+    assert "7.00" in ours
+    assert "5.00" in ours
+    assert "gradient descent" not in page.split("## The paper's own descent")[0]
+
+
 @pytest.mark.parametrize(
     "text", ["", "[]", "{}", '{"planfit": "1", "conditions": "", "measured": [1]}']
 )

@@ -9,8 +9,16 @@ import pytest
 from paper_tables.measure import load_case, measure
 from paper_tables.results import Measured
 from paper_tables.run import BenchOptions, run_bench
-from paper_tables.scans import paper_scans, small_scans
-from paper_tables.variants import TRUE_POSES, UNADJUSTED, VARIANTS, setup_digest
+from paper_tables.scans import descent_scan, paper_scans, small_scans
+from paper_tables.variants import (
+    DESCENT_VARIANTS,
+    PAPER_DESCENT,
+    TRUE_POSES,
+    UNADJUSTED,
+    VARIANTS,
+    setup_digest,
+)
+from planfit.adjust.paper.descent import DescentOptions
 from planfit.errors import OutputError
 from planfit.evaluation import position_errors
 from planfit.lsq.solver import SolverOptions
@@ -59,7 +67,20 @@ def test_each_row_of_the_tables_is_there_once_with_both_presets():
     ]
     assert sides == [False, True, True, False]
     assert options_of("paper/all").walls.weight == 0.6
+    assert options_of("paper/all").association.mutual
+    assert {options_of(key).method for key in BY_KEY if BY_KEY[key].change} == {"lm"}
     assert BY_KEY["paper/all, paper's alignment"].options(0.6).align.method == "paper"
+
+
+def test_the_papers_descent_is_the_papers_cost_by_its_whole_schedule():
+    adjust = PAPER_DESCENT.options(0.6).adjust
+    assert replace(adjust, method="lm") == options_of("paper/all")
+    assert adjust.method == "sgd"
+    assert adjust.descent == DescentOptions()
+    keys = [variant.key for variant in DESCENT_VARIANTS]
+    assert keys[-1] == PAPER_DESCENT.key
+    assert {"paper/all", "default/all", UNADJUSTED.key, TRUE_POSES.key} < set(keys)
+    assert descent_scan().name not in {scan.name for scan in (*paper_scans(), *small_scans())}
 
 
 def test_the_setup_changes_with_the_defaults(monkeypatch):

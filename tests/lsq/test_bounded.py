@@ -13,7 +13,7 @@ from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionT
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.errors import OptionError
 from planfit.lsq import problem
-from planfit.lsq.bounded import BarrierTerm, BoundedOptions, solve_bounded
+from planfit.lsq.bounded import BarrierTerm, BoundedOptions, growth_power, solve_bounded
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import SolverOptions, Stop, solve
@@ -59,7 +59,12 @@ def accepted(monkeypatch):
     return path
 
 
-LOSSES = [Loss(LossKind.SQUARED), Loss(LossKind.CAUCHY, 2.0), Loss(LossKind.GEMAN_MCCLURE, 2.0)]
+LOSSES = [
+    Loss(LossKind.SQUARED),
+    Loss(LossKind.CAUCHY, 2.0),
+    Loss(LossKind.GEMAN_MCCLURE, 2.0),
+    Loss(LossKind.NORM, 1e-3),
+]
 
 
 @pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: loss.kind.name)
@@ -92,6 +97,66 @@ def test_reprojection_never_exceeds_the_bound_at_any_iterate(accepted, seed):
     assert wrong.cost(accepted[-1]) < wrong.cost(accepted[0])
 
 
+def start_of(result):
+    """Where the second round began: the minimum of the bounded terms."""
+    return result.alone.target_from_cams
+
+
+def cost_of_larger_residuals(term, poses, factor):
+    """Residual by residual: the cost of a points term, were all its residuals `factor` times as large."""
+    matches, options, total = term.matches, term.options, 0.0
+    for k, (i, j) in enumerate(matches.pairs):
+        n = matches.start[k + 1] - matches.start[k]
+        for row in range(matches.start[k], matches.start[k + 1]):
+            a = poses[i, :3, :3] @ matches.points_a[row] + poses[i, :3, 3]
+            b = poses[j, :3, :3] @ matches.points_b[row] + poses[j, :3, 3]
+            r = factor * np.linalg.norm(a - b) / matches.sigma[row]
+            c = options.loss.scale
+            rho = {
+                LossKind.SQUARED: r**2,
+                LossKind.HUBER: r**2 if r < c else 2 * c * r - c**2,
+                LossKind.CAUCHY: c**2 * np.log1p((r / c) ** 2),
+                LossKind.NORM: 2 * (np.hypot(r, c) - c),
+            }[options.loss.kind]
+            total += 0.5 * options.weight * min(n, options.max_observations) / n * rho
+    return total
+
+
+@pytest.mark.parametrize(
+    "loss",
+    [
+        Loss(LossKind.SQUARED),
+        Loss(LossKind.HUBER, 1.0),
+        Loss(LossKind.CAUCHY, 2.0),
+        Loss(LossKind.NORM, 1e-6),
+    ],
+    ids=lambda loss: loss.kind.name,
+)
+def test_the_bound_is_the_cost_of_residuals_a_twentieth_larger(loss, rng):
+    world = make_world(rng)
+    points, others = noisy_points(world, rng, loss), disagreeing(world)
+    start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
+    result = solve_bounded([points], others, start, BoundedOptions(slack=1e-9), QUICK)
+    least = cost_of_larger_residuals(points, start_of(result), 1.0)
+    larger = cost_of_larger_residuals(points, start_of(result), 1.05)
+    assert_allclose(result.bounded_cost.before, least, rtol=1e-4)
+    # The power of the growth is taken at the minimum; the loss bends a little within a twentieth.
+    assert_allclose(result.bound - least, larger - least, rtol=0.05)
+    growth = {LossKind.SQUARED: 1.05**2, LossKind.NORM: 1.05}.get(loss.kind)
+    if growth is not None:
+        assert_allclose(result.bound, growth * least, rtol=1e-4)
+    else:
+        assert least < result.bound < 1.05**2 * least
+
+
+def test_terms_without_any_cost_grow_as_squares(rng):
+    world = make_world(rng)
+    assert (
+        growth_power([floor_term(world.structure, LevelOptions(weight=0.0))], world.plan_from_cams)
+        == 2
+    )
+
+
 def test_without_the_bound_the_same_terms_exceed_it(rng):
     world = make_world(rng)
     points, others = noisy_points(world, rng), disagreeing(world, 30.0)
@@ -111,7 +176,7 @@ def test_reports_bound_and_both_rounds(rng):
     assert_array_equal(result.alone.target_from_cams, alone.target_from_cams)
     least = alone.cost_by_term["points"].after
     assert_allclose(result.bounded_cost.before, least)
-    assert_allclose(result.bound, 1.1**2 * least + 0.5)
+    assert_allclose(result.bound, 1.1 ** growth_power([points], start_of(result)) * least + 0.5)
     assert set(result.solution.cost_by_term) == {"floor", "walls", "barrier"}
     after = robust_cost([points], result.solution.target_from_cams)
     assert_allclose(result.bounded_cost.after, after)

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.adjust.mutual_walls import mutually_nearest
 from planfit.errors import require_positive, require_share
 from planfit.floorplan import Floorplan
-from planfit.floorplan.nearest_faces import END_MARGIN_M, nearest_of_segments
+from planfit.floorplan.nearest_faces import END_MARGIN_M, BesideRule, nearest_of_segments
 from planfit.geometry import se3
 from planfit.segmentation import Structure, WallPatches
 
@@ -25,6 +26,9 @@ class AssociationOptions:
     oriented: bool = True
     """Match a patch only to faces that look to the side it was seen from, where the plan knows that side.
     The paper does not ask."""
+    mutual: bool = False
+    """Match whole walls of the scan to planes of the plan, and only where each is nearest to the other, as in
+    the paper; see `planfit.adjust.mutual_walls`. Else each patch goes to the face nearest to it."""
 
     def __post_init__(self) -> None:
         require_positive(self, "max_angle_deg")
@@ -134,20 +138,18 @@ def associate(
     options: AssociationOptions,
     storeys: Int[np.ndarray, " n"] | None = None,
 ) -> Association:
-    """Nearest face of each patch that looks the same way and lies beside it, within a distance (m).
+    """The face of each patch that looks the same way and lies beside it, within a distance (m).
 
-    A face that looks into a room is matched only by wall seen from inside that room: normals must
-    agree in sign. Faces whose free side is unknown are matched from either side. Where the plan has
+    The nearest, or, where the options ask for it, that of the plane mutually nearest to the patch's wall. A
+    face that looks into a room is matched only by wall seen from inside that room: normals must agree in
+    sign. Faces whose free side is unknown are matched from either side. Where the plan has
     storeys, only faces of the storey that the patch's frame stands on (`storeys`) are matched.
 
     Raises:
         OptionError: the plan has storeys and `storeys` is None.
     """
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
-    distance_m, face_idx = nearest_of_segments(
-        ends,
-        normals,
-        floorplan,
+    rule = BesideRule(
         max_distance_m,
         options.max_angle_deg,
         options.min_overlap,
@@ -155,6 +157,11 @@ def associate(
         options.oriented,
         None if storeys is None else storeys[patches.frame_idx],
     )
+    if options.mutual:
+        n_points = np.diff(patches.start)
+        distance_m, face_idx = mutually_nearest(ends, normals, n_points, floorplan, rule)
+    else:
+        distance_m, face_idx = nearest_of_segments(ends, normals, floorplan, rule)
     return Association(face_idx, distance_m)
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from planfit.adjust.association import AssociationOptions, wall_patches_in_plan
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
-from planfit.floorplan.nearest_faces import faces_beside
+from planfit.floorplan.nearest_faces import BesideRule, distances_of_segments
 from planfit.segmentation import WallPatches
 
 
@@ -104,21 +104,19 @@ def _candidates(
 ) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"], Float[np.ndarray, " c"]]:
     """Pairs of a patch and a face that it may belong to, and the signed distance (m) across the face."""
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
-    of_patches = None if storeys is None else storeys[patches.frame_idx]
+    rule = BesideRule(
+        1.5 * reach_m,
+        association.max_angle_deg,
+        association.min_overlap,
+        association.end_margin_m,
+        association.oriented,
+        None if storeys is None else storeys[patches.frame_idx],
+    )
     rows, columns, distances = [], [], []
     for begin in range(0, len(patches), 2048):  # bounds the (patches x faces) tables
         part = slice(begin, min(begin + 2048, len(patches)))
-        distance, is_beside = faces_beside(
-            ends[part],
-            normals[part],
-            floorplan,
-            association.max_angle_deg,
-            association.min_overlap,
-            association.end_margin_m,
-            association.oriented,
-            None if of_patches is None else of_patches[part],
-        )
-        row, column = np.nonzero(is_beside & (np.abs(distance) < 1.5 * reach_m))
+        distance = distances_of_segments(ends[part], normals[part], floorplan, rule.of(part))
+        row, column = np.nonzero(np.isfinite(distance))
         rows.append(row + begin)
         columns.append(column)
         distances.append(distance[row, column])

@@ -6,6 +6,7 @@
 | `facing_distances`    | points     | that of an eye | any       | ends count  | to segment | all         |
 | `nearest_beside`      | points     | of a normal    | an angle  | end margin  | across     | all         |
 | `nearest_of_segments` | segments   | of a normal    | an angle  | by a share  | across     | all         |
+| `distances_of_segments` | segments | of a normal    | an angle  | by a share  | across     | all         |
 | `FaceGrid.nearest`    | of patches | of a normal    | any       | ends count  | to segment | of a cell   |
 
 A face whose free side is unknown (`Floorplan.is_oriented`) is seen from either side, and so is any face where
@@ -15,7 +16,7 @@ along its normal, signed, and do not see its ends.
 The loops are compiled and stand in `planfit.floorplan.nearest_kernels`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -106,16 +107,33 @@ def nearest_beside(
     )
 
 
+@dataclass(frozen=True)
+class BesideRule:
+    """When a segment of wall lies beside a face that looks its way."""
+
+    max_distance_m: float
+    """Faces further away from the middle of the segment, across the face, are none."""
+    max_angle_deg: float
+    """Largest angle between a segment and its face."""
+    min_overlap: float
+    """Share of the segment that must lie beside the face."""
+    end_margin_m: float = END_MARGIN_M
+    """How far the segment may reach beyond the end of the face."""
+    oriented: bool = True
+    """Whether a face whose free side is known must look to the side the segment was seen from."""
+    storeys: Int[np.ndarray, " k"] | None = None
+    """Of each segment; only faces of the same one count. Needed where the plan has storeys."""
+
+    def of(self, part: slice) -> "BesideRule":
+        """The rule for some of the segments."""
+        return self if self.storeys is None else replace(self, storeys=self.storeys[part])
+
+
 def nearest_of_segments(
     ends: Float[np.ndarray, "k 2 2"],
     normals: Float[np.ndarray, "k 2"],
     floorplan: Floorplan,
-    max_distance_m: float,
-    max_angle_deg: float,
-    min_overlap: float,
-    end_margin_m: float = END_MARGIN_M,
-    oriented: bool = True,
-    storeys: Int[np.ndarray, " k"] | None = None,
+    rule: BesideRule,
 ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Signed distance (m) from the nearest face to the middle of each segment of wall, and the face.
 
@@ -125,12 +143,7 @@ def nearest_of_segments(
         ends: of the segments, plan frame, metres.
         normals: unit, towards where each segment was seen from.
         floorplan: the faces.
-        max_distance_m: faces further away are none.
-        max_angle_deg: largest angle between a segment and its face.
-        min_overlap: share of the segment that must lie beside the face.
-        end_margin_m: how far the segment may reach beyond the end of the face.
-        oriented: whether a face whose free side is known must look to the side the segment was seen from.
-        storeys: of each segment; only faces of the same one count. Needed where the plan has storeys.
+        rule: which faces count.
 
     Raises:
         OptionError: the plan has storeys and the segments have none.
@@ -139,17 +152,8 @@ def nearest_of_segments(
     face_idx, signed = np.full(k, -1), np.full(k, np.nan)
     for begin in range(0, k, 2048):  # bounds the (segments x faces) tables
         part = slice(begin, min(begin + 2048, k))
-        distance, is_beside = faces_beside(
-            ends[part],
-            normals[part],
-            floorplan,
-            max_angle_deg,
-            min_overlap,
-            end_margin_m,
-            oriented,
-            None if storeys is None else storeys[part],
-        )
-        score = np.where(is_beside & (np.abs(distance) < max_distance_m), np.abs(distance), np.inf)
+        distance = distances_of_segments(ends[part], normals[part], floorplan, rule.of(part))
+        score = np.where(np.isnan(distance), np.inf, np.abs(distance))
         rows = np.arange(score.shape[0])
         nearest = np.argmin(score, axis=1)
         found = np.isfinite(score[rows, nearest])
@@ -158,33 +162,28 @@ def nearest_of_segments(
     return signed, face_idx
 
 
-def faces_beside(
+def distances_of_segments(
     ends: Float[np.ndarray, "k 2 2"],
     normals: Float[np.ndarray, "k 2"],
     floorplan: Floorplan,
-    max_angle_deg: float,
-    min_overlap: float,
-    end_margin_m: float,
-    oriented: bool,
-    storeys: Int[np.ndarray, " k"] | None = None,
-) -> tuple[Float[np.ndarray, "k n"], Bool[np.ndarray, "k n"]]:
-    """Signed distance (m) from each face to the middle of each segment, and which faces it may belong to.
-
-    Those look its way, lie beside it, and are of its storey. Arguments are those of `nearest_of_segments`.
+    rule: BesideRule,
+) -> Float[np.ndarray, "k n"]:
+    """Signed distance (m) from each face to the middle of each segment; NaN where the rule does not hold.
 
     Raises:
         OptionError: the plan has storeys and the segments have none.
     """
-    one_sided = floorplan.is_oriented & oriented
-    cosine_limit = np.cos(np.deg2rad(max_angle_deg))
+    one_sided = floorplan.is_oriented & rule.oriented
     cosine = normals @ floorplan.normals.T
-    looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > cosine_limit
+    looks_alike = np.where(one_sided, cosine, np.abs(cosine)) > np.cos(
+        np.deg2rad(rule.max_angle_deg)
+    )
     distance = ends.mean(axis=1) @ floorplan.normals.T - floorplan.offsets
-    beside = share_beside(ends, floorplan, end_margin_m)
-    ok = looks_alike & (beside >= min_overlap)
+    beside = share_beside(ends, floorplan, rule.end_margin_m) >= rule.min_overlap
+    ok = looks_alike & (np.abs(distance) < rule.max_distance_m) & beside
     if floorplan.storeys is not None:
-        ok &= _known_storeys(storeys)[:, None] == floorplan.storeys
-    return distance, ok
+        ok &= _known_storeys(rule.storeys)[:, None] == floorplan.storeys
+    return np.where(ok, distance, np.nan)
 
 
 def _known_storeys(storeys: Int[np.ndarray, " k"] | None) -> Int[np.ndarray, " k"]:

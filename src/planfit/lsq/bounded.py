@@ -2,8 +2,15 @@
 
 The bounded terms alone, bundle adjustment's for instance, are brought to their minimum e* first. Then the
 other terms are minimised together with the barrier gamma / (e_t - e), where e is the bounded terms' cost and
-e_t = 1.05^2 e*: it is small while there is room and grows without limit at the bound, so the bounded terms
-pay for the others by at most e_t - e*.
+e_t the bound on it: it is small while there is room and grows without limit at the bound, so the bounded
+terms pay for the others by at most e_t - e*.
+
+The bound is on errors: e_t is what the bounded terms would cost at their minimum, were all of their residuals
+1.05 times as large. Lhuillier's costs are sums of squares, so his e_t is 1.05^2 e*; unsquared norms, the
+paper's, grow as their residuals do, and theirs is 1.05 e*. In general a cost grows as a power of the common
+size c of its residuals: c^p with p = d log e / d log c. With e the sum of rho(s) / 2 over s = residual^2,
+d e / d log c is the sum of rho'(s) s, twice the cost of the frozen squares. So p is twice their cost over
+the robust one: 2 for squares, 1 for norms, and less the more of the cost is that of outliers.
 
 The barrier is judged on the robust cost itself, reweighted at every candidate, and is infinite from
 the bound on. The solver takes no step that raises the cost, hence none across the bound.
@@ -28,11 +35,11 @@ class BoundedOptions:
     """How much the bounded terms may pay for the others."""
 
     error_factor: float = 1.05
-    """Error of the bounded terms at the bound over that at the minimum; its square bounds the cost, as costs
-    are squares of errors, in so far as their losses are."""
+    """Residuals of the bounded terms at the bound over those at the minimum. Its square bounds a cost of
+    squares, itself a cost of unsquared norms; losses between the two are bounded between."""
     slack: float = 1e-3
-    """Added to the bound, in squared sigmas (half): where the bounded terms fit without any error, a bound
-    at a multiple of nothing would leave no room at all."""
+    """Added to the bound, in units of the cost (of squares: half of squared sigmas): where the bounded terms
+    fit without any error, a bound at a multiple of nothing would leave no room at all."""
     barrier_share: float = 0.01
     """Barrier over the cost of the other terms where the second round begins; sets gamma. Less comes
     closer to the bound and takes more rounds: against a plan that disagrees with the scan, 0.1, 0.01 and
@@ -102,6 +109,18 @@ class BarrierTerm:
         )
 
 
+def growth_power(terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+    """Power with which the terms' cost at these poses grows with the common size of their residuals.
+
+    2 for squares, 1 for unsquared norms; see the module's page. 2 where nothing costs anything.
+    """
+    reweighted = [term.reweight(target_from_cams) for term in terms]
+    cost = sum(cost for _, cost in reweighted)
+    if cost <= 0:
+        return 2.0
+    return 2.0 * sum(frozen.cost(target_from_cams) for frozen, _ in reweighted) / cost
+
+
 def solve_bounded(
     bounded_terms: Sequence[Term],
     other_terms: Sequence[Term],
@@ -125,7 +144,8 @@ def solve_bounded(
     alone = Problem(terms, initial_target_from_cams).solve(solver_options)
     start = alone.target_from_cams
     least = robust_cost(terms, start)
-    bound = options.error_factor**2 * least + options.slack
+    growth = options.error_factor ** growth_power(terms, start)
+    bound = growth * least + options.slack
     paid = robust_cost(others, start)
     # Where the others cost nothing any gamma will do.
     gamma = options.barrier_share * (bound - least) * (paid or 1.0)

@@ -105,15 +105,18 @@ def solve(
         pattern: BlockPattern | None = None
         for iterations in range(1, options.max_iterations + 1):
             quadratics = [quadratic for quadratic, _ in reweighted]
-            outcomes = []
+            outcomes, least = [], options.cost_tolerance * total
+            cost = _cost(quadratics, poses)
             for _ in range(options.steps_per_reweighting):
                 equations = _equations(quadratics, poses, pattern)
                 pattern = equations.pattern
-                poses, damping, outcome = _damped_step(
-                    equations, quadratics, poses, damping, rounding, options.linear_solver
+                earlier = cost
+                poses, cost, damping, outcome = _damped_step(
+                    equations, quadratics, (poses, cost), damping, rounding, options.linear_solver
                 )
                 outcomes.append(outcome)
-                if outcome is not _Outcome.MOVED:
+                # After a step that gained next to nothing, the next one with the same weights gains less.
+                if outcome is not _Outcome.MOVED or earlier - cost < least:
                     break
             if outcomes[0] is not _Outcome.MOVED:
                 stop = Stop.COST if outcomes[0] is _Outcome.CONVERGED else Stop.STUCK
@@ -162,18 +165,24 @@ def _equations(
     return NormalEquations([q.normal_blocks(poses) for q in quadratics], len(poses), pattern)
 
 
+def _cost(quadratics: Sequence[Quadratic], poses: Float[np.ndarray, "n 4 4"]) -> float:
+    return sum(q.cost(poses) for q in quadratics)
+
+
 def _damped_step(
     equations: NormalEquations,
     quadratics: Sequence[Quadratic],
-    poses: Float[np.ndarray, "n 4 4"],
+    start: tuple[Float[np.ndarray, "n 4 4"], float],
     damping: float,
     rounding: float,
     linear_solver: LinearSolver,
     max_tries: int = 8,
-) -> tuple[Float[np.ndarray, "n 4 4"], float, _Outcome]:
-    """One accepted step, or the same poses where none of `max_tries` dampings lowers the cost."""
-    cost = sum(q.cost(poses) for q in quadratics)
-    growth = 2.0
+) -> tuple[Float[np.ndarray, "n 4 4"], float, float, _Outcome]:
+    """One accepted step, or the same poses where none of `max_tries` dampings lowers the cost.
+
+    Starts from poses and their cost; returns both, the damping of the next step, and what became of this one.
+    """
+    (poses, cost), growth = start, 2.0
     for _ in range(max_tries):
         try:
             delta = equations.step(damping, linear_solver)
@@ -183,9 +192,11 @@ def _damped_step(
         candidate = se3.retract(poses, delta)
         predicted = equations.predicted_decrease(delta)
         if predicted <= rounding:
-            return poses, damping, _Outcome.CONVERGED
-        gain = (cost - sum(q.cost(candidate) for q in quadratics)) / predicted
+            return poses, cost, damping, _Outcome.CONVERGED
+        new_cost = _cost(quadratics, candidate)
+        gain = (cost - new_cost) / predicted
         if gain > 0:
-            return candidate, damping * max(1 / 3, 1 - (2 * gain - 1) ** 3), _Outcome.MOVED
+            damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
+            return candidate, new_cost, damping, _Outcome.MOVED
         damping, growth = damping * growth, growth * 2
-    return poses, damping, _Outcome.STUCK
+    return poses, cost, damping, _Outcome.STUCK

@@ -239,8 +239,11 @@ def _near_plan(
     if floorplan is None:
         return None
 
+    # Whether wall is near a face does not depend on what else is nearer.
+    each_patch = replace(options.association, mutual=False)
+
     def distances_m(poses: Float[np.ndarray, "k 4 4"]) -> Float[np.ndarray, " w"]:
-        found = associate(patches, floorplan, poses, BESIDE_M, options.association, storeys)
+        found = associate(patches, floorplan, poses, BESIDE_M, each_patch, storeys)
         return np.where(found.face_idx >= 0, np.abs(found.distance_m), np.inf)
 
     kept_out_m = np.full(len(patches), np.inf)

@@ -45,20 +45,21 @@ class PaperWeights:
 
 @dataclass(frozen=True)
 class DescentOptions:
-    """The paper's schedule. Momentum and the longest run are from its authors' code."""
+    """The paper's schedule: so many steps at the first learning rate, then on at the late one until the loss
+    no longer changes. Momentum and the longest run are from its authors' code."""
 
     learning_rate: float = 1e-3
     """Metres or radians a step for a slope of one."""
     late_learning_rate: float = 1e-4
     """The same after `drop_after_steps`."""
     drop_after_steps: int = 20_000
-    """Steps at the first learning rate."""
+    """Steps at the first learning rate. Until they are taken, a loss that no longer changes ends nothing."""
     momentum: float = 0.9
     """Share of the last step that the next one keeps."""
     tolerance: float = 1e-5
-    """Ends when the loss changes by less than this (m) over `check_every_steps`; 0 never ends it."""
+    """Ends when a step at the late learning rate changes the loss by less than this (m); 0 never ends it."""
     check_every_steps: int = 1
-    """Steps between the two losses compared; the paper does not say, 1 is to the letter."""
+    """Steps between the two losses compared; 1 is to the letter."""
     max_steps: int = 25_000
     """Steps at most."""
     record_every_steps: int = 100
@@ -162,9 +163,12 @@ class _Watch:
         o, stop = self._options, None
         if not np.isfinite(value):
             stop = DescentStop.DIVERGED
-        elif step % o.check_every_steps == 0:
-            stop = DescentStop.TOLERANCE if abs(self._checked - value) < o.tolerance else None
-            self._checked = value
+        else:
+            # The first losses compared are those before and after the first step at the late rate.
+            late_steps = step - o.drop_after_steps
+            if late_steps >= 0 and late_steps % o.check_every_steps == 0:
+                stop = DescentStop.TOLERANCE if abs(self._checked - value) < o.tolerance else None
+                self._checked = value
         if stop is None and step >= o.max_steps:
             stop = DescentStop.LIMIT
         if stop is not None or step % o.record_every_steps == 0:

@@ -24,6 +24,7 @@ from planfit.adjust.terms.rays import RayOptions
 from planfit.adjust.terms.reprojection import ReprojectionOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.floorplan import Floorplan
+from planfit.lsq.bounded import BoundedOptions
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.term import Term
 from planfit.matching import Matches
@@ -46,7 +47,9 @@ def paper_options(weights: PaperWeights | None = None) -> AdjustOptions:
         ceiling=LevelOptions(weight=0.0),
         columns=WallOptions(weight=0.0),
         odometry=OdometryTermOptions(weight=0.0),
-        association=AssociationOptions(oriented=False),
+        # The cost is in metres: IBA's bound is 1.05 times the least mean distance, and nothing on top.
+        bounded=BoundedOptions(slack=weights.rounding_m),
+        association=AssociationOptions(oriented=False, mutual=True),
         loops_first=False,
         gnc_schedule=(1.0,),
         # The paper sets no limit; mutually nearest planes of one building are rarely further apart.
