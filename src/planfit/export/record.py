@@ -6,13 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from planfit.adjust.calibration import Calibration
 from planfit.alignment import Alignment
 from planfit.evaluation import surface_metrics
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.geometry.camera import Camera
 from planfit.matching import Matches
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
+from planfit.pipeline.sensor import sensor_parameters
 from planfit.scan import Scan, corrupt_frames
 from planfit.tracking import Tracking
 
@@ -41,6 +44,7 @@ def make_record(
         "matches": _matches_record(result.matches, neighbours),
         "alignment": None if result.alignment is None else _alignment_record(result.alignment),
         **_transforms(scan, result),
+        "sensor": sensor_record(result.calibration, scan.cameras[0]),
         "walls": _walls_record(result),
         "stop": result.adjustment.solution.stop.value,
         "cost_by_term": {
@@ -52,6 +56,26 @@ def make_record(
         "verdict": _verdict_record(result),
         "warnings": list(result.warnings),
         "seconds_by_stage": result.seconds_by_stage,
+    }
+
+
+def sensor_record(calibration: Calibration, camera: Camera) -> dict[str, Any]:
+    """How the scan was corrected, what was found of each parameter, and the first camera, corrected."""
+    return {
+        "correction": plain(calibration.sensor),
+        "parameters": {
+            row.key: {
+                "meaning": row.name,
+                "unit": row.unit,
+                "found": row.found,
+                "departure": row.departure,
+                "sigma": row.sigma,
+                "kept": row.is_kept,
+                "implausible": row.is_implausible,
+            }
+            for row in sensor_parameters(calibration, camera)
+        },
+        "camera": plain(calibration.sensor.camera(camera)),
     }
 
 

@@ -10,12 +10,14 @@ from planfit.adjust.calibration import NOT_CALIBRATED, Calibration
 from planfit.alignment import Alignment
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.geometry.calibration import SensorCalibration
 from planfit.matching import Matches
 from planfit.pipeline.align import ScanOnPlan
 from planfit.pipeline.calibrate import CalibratedScan
 from planfit.pipeline.diagnostics import adjustment_warnings, alignment_warnings, scan_warnings
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.sensor import sensor_warnings
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
 from planfit.runtime import StageTimer
@@ -64,6 +66,11 @@ class RefineResult:
         """Refined poses in the scan's own axes."""
         return self.world_from_plan @ self.plan_from_cams
 
+    @property
+    def sensor(self) -> SensorCalibration:
+        """How the scan's sensor was corrected: for `planfit.scan.calibrated_scan`."""
+        return self.calibration.sensor
+
 
 def to_recorded_axes(
     plan_from_world: Float[np.ndarray, "4 4"],
@@ -108,6 +115,7 @@ def make_result(
         checks=validation.checks,
         warnings=(
             *(observations.tracking.warnings if observations.tracking else ()),
+            *sensor_warnings(calibrated.calibration, scan.cameras[0]),
             *scan_warnings(scan, observations.gravity, structure, matches, neighbours, has_plan),
             *prepared.warnings,
             *(
