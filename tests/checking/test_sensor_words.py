@@ -35,34 +35,41 @@ def found(implausible=(), **departures):
     ],
 )  # fmt: skip
 def test_what_is_kept_is_said_in_words(name, departure, words):
-    (warning,) = sensor_warnings(found(**{name: (departure, 0.001)}), CAMERA)
+    (warning,) = sensor_warnings(sensor_parameters(found(**{name: (departure, 0.001)}), CAMERA))
     assert words in warning
 
 
 def test_two_that_are_kept_are_one_warning():
     both = found(depth_scale=(-0.02, 0.001), focal_scale=(0.03, 0.002))
-    (warning,) = sensor_warnings(both, CAMERA)
+    (warning,) = sensor_warnings(sensor_parameters(both, CAMERA))
     assert warning.count("corrected by") == 2
 
 
 def test_what_no_camera_can_be_is_said_to_be_uncorrected():
     odd = found(("principal_x",), principal_x=(17 / CAMERA.fx, 0.001))
-    (warning,) = sensor_warnings(odd, CAMERA)
+    (warning,) = sensor_warnings(sensor_parameters(odd, CAMERA))
     assert "asks for a principal point in x 17 px off, more than a camera can be off" in warning
     assert "nothing was corrected; colour and depth may not be registered" in warning
-    (warning,) = sensor_warnings(found(("depth_scale",), depth_scale=(0.15, 0.001)), CAMERA)
+    (warning,) = sensor_warnings(
+        sensor_parameters(found(("depth_scale",), depth_scale=(0.15, 0.001)), CAMERA)
+    )
     assert "asks for depth 15.0% off" in warning
     assert "--depth-scale" in warning
     assert "registered" not in warning
 
 
 def test_of_a_sensor_without_fault_nothing_is_said():
-    assert sensor_warnings(NOT_CALIBRATED, CAMERA) == ()
+    assert sensor_warnings(sensor_parameters(NOT_CALIBRATED, CAMERA)) == ()
 
 
 def test_the_record_has_each_parameter_and_the_corrected_camera():
     calibration = found(depth_scale=(-0.02, 0.001), principal_x=(0.01, 0.002))
-    record = json.loads(json.dumps(sensor_record(calibration, CAMERA), allow_nan=False))
+    record = json.loads(
+        json.dumps(
+            sensor_record(calibration.sensor, sensor_parameters(calibration, CAMERA), CAMERA),
+            allow_nan=False,
+        )
+    )
     scale = record["parameters"]["depth_scale"]
     assert (scale["found"], scale["sigma"]) == pytest.approx((0.98, 0.001))
     assert scale["departure"] == pytest.approx(-0.02)
@@ -81,4 +88,9 @@ def test_what_is_not_kept_is_told_as_it_would_be_and_not_applied():
     rows = sensor_parameters(calibration, CAMERA)
     assert not any(row.is_kept for row in rows)
     assert rows[0].found == pytest.approx(1.001)
-    assert sensor_record(calibration, CAMERA)["camera"]["fx"] == CAMERA.fx
+    assert (
+        sensor_record(calibration.sensor, sensor_parameters(calibration, CAMERA), CAMERA)["camera"][
+            "fx"
+        ]
+        == CAMERA.fx
+    )

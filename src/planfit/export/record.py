@@ -1,21 +1,22 @@
 """The record of a run: what went in, what was chosen, what came out, and how sure it is."""
 
 import dataclasses
+from collections.abc import Sequence
 from enum import Enum
 from typing import Any
 
 import numpy as np
 
-from planfit.adjust.calibration import Calibration
 from planfit.alignment import Alignment
 from planfit.evaluation import surface_metrics
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
 from planfit.matching import Matches
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
-from planfit.pipeline.sensor import sensor_parameters
+from planfit.pipeline.sensor import SensorParameter
 from planfit.scan import Scan, corrupt_frames
 from planfit.tracking import Tracking
 
@@ -44,7 +45,7 @@ def make_record(
         "matches": _matches_record(result.matches, neighbours),
         "alignment": None if result.alignment is None else _alignment_record(result.alignment),
         **_transforms(scan, result),
-        "sensor": sensor_record(result.calibration, scan.cameras[0]),
+        "sensor": sensor_record(result.sensor, result.sensor_parameters, scan.cameras[0]),
         "walls": _walls_record(result),
         "stop": result.adjustment.solution.stop.value,
         "cost_by_term": {
@@ -59,10 +60,12 @@ def make_record(
     }
 
 
-def sensor_record(calibration: Calibration, camera: Camera) -> dict[str, Any]:
+def sensor_record(
+    sensor: SensorCalibration, parameters: Sequence[SensorParameter], camera: Camera
+) -> dict[str, Any]:
     """How the scan was corrected, what was found of each parameter, and the first camera, corrected."""
     return {
-        "correction": plain(calibration.sensor),
+        "correction": plain(sensor),
         "parameters": {
             row.key: {
                 "meaning": row.name,
@@ -73,9 +76,9 @@ def sensor_record(calibration: Calibration, camera: Camera) -> dict[str, Any]:
                 "kept": row.is_kept,
                 "implausible": row.is_implausible,
             }
-            for row in sensor_parameters(calibration, camera)
+            for row in parameters
         },
-        "camera": plain(calibration.sensor.camera(camera)),
+        "camera": plain(sensor.camera(camera)),
     }
 
 

@@ -17,7 +17,7 @@ from planfit.pipeline.calibrate import CalibratedScan
 from planfit.pipeline.diagnostics import adjustment_warnings, alignment_warnings, scan_warnings
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.sensor import sensor_warnings
+from planfit.pipeline.sensor import SensorParameter, sensor_parameters, sensor_warnings
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
 from planfit.runtime import StageTimer
@@ -60,6 +60,8 @@ class RefineResult:
     """How far the recorded poses were believed; None where the observations were a user's own."""
     calibration: Calibration = NOT_CALIBRATED
     """What the sensor was found to do; points above are corrected by it."""
+    sensor_parameters: tuple[SensorParameter, ...] = ()
+    """The same, parameter by parameter, in words and units."""
 
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
@@ -99,6 +101,7 @@ def make_result(
     observations, prepared = calibrated.observations, calibrated.prepared
     structure, matches = observations.structure, observations.matches
     plan_from_world = on_plan.recorded_plan_from_level @ prepared.level_from_world
+    found = sensor_parameters(calibrated.calibration, scan.cameras[0])
     neighbours, has_plan = options.matching.pairs.neighbours, on_plan.floorplan is not None
     return RefineResult(
         floorplan=on_plan.floorplan,
@@ -115,7 +118,7 @@ def make_result(
         checks=validation.checks,
         warnings=(
             *(observations.tracking.warnings if observations.tracking else ()),
-            *sensor_warnings(calibrated.calibration, scan.cameras[0]),
+            *sensor_warnings(found),
             *scan_warnings(scan, observations.gravity, structure, matches, neighbours, has_plan),
             *prepared.warnings,
             *(
@@ -136,4 +139,5 @@ def make_result(
         evidence=validation.evidence,
         tracking=observations.tracking,
         calibration=calibrated.calibration,
+        sensor_parameters=found,
     )

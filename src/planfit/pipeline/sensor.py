@@ -1,5 +1,6 @@
 """What was found of the sensor, parameter by parameter, in a client's words and units."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from planfit.adjust.calibration import SHARED, Calibration
@@ -80,9 +81,8 @@ def sensor_parameters(calibration: Calibration, camera: Camera) -> tuple[SensorP
     return tuple(rows)
 
 
-def sensor_warnings(calibration: Calibration, camera: Camera) -> tuple[str, ...]:
+def sensor_warnings(rows: Sequence[SensorParameter]) -> tuple[str, ...]:
     """What a user should know of the sensor: what was corrected, or could not be; mostly nothing."""
-    rows = sensor_parameters(calibration, camera)
     kept = [_correction(row) for row in rows if row.is_kept]
     refused = [row for row in rows if row.is_implausible]
     if kept:
