@@ -57,7 +57,7 @@ def test_a_spoiled_file_is_refused_in_one_line(written, change, message):
     content = json.loads(written.read_text())
     change(content)
     written.write_text(json.dumps(content))
-    with pytest.raises(ScanError, match="device.json") as caught:
+    with pytest.raises(ScanError, match=r"device\.json") as caught:
         take_calibration(scan_of(CAMERA), written)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -69,7 +69,8 @@ def _in_words(rows: Sequence[SensorParameter]) -> str:
 
 
 def _number(row: SensorParameter, value: float) -> str:
-    text = f"{value:.{_DIGITS[row.unit]}f}".replace("-", formatting.MINUS)
+    rounded = round(value, _DIGITS[row.unit]) + 0.0  # + 0.0: no "-0.0"
+    text = f"{rounded:.{_DIGITS[row.unit]}f}".replace("-", formatting.MINUS)
     return f"{text}{formatting.SPACE}{row.unit}" if row.unit else text
 
 
