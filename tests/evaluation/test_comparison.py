@@ -22,6 +22,7 @@ from planfit.evaluation import (
 from planfit.evaluation.evaluate import RefinedPoses
 from planfit.evaluation.free_space import looked_through_share, near_pairs, read_thumbnails
 from planfit.geometry import se3
+from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.report import conclusion
 from planfit.runtime import Runtime
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
@@ -105,6 +106,7 @@ class OnPlan:
     initial_plan_from_cams: np.ndarray
     plan_from_cams: np.ndarray
     world_from_cams: np.ndarray
+    sensor: SensorCalibration = NOMINAL
 
 
 @pytest.fixture(scope="module")

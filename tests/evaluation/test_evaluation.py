@@ -18,6 +18,8 @@ from planfit.evaluation import (
     surface_metrics,
     trajectory_metrics,
 )
+from planfit.geometry.calibration import NOMINAL, SensorCalibration
+from planfit.scan import calibrated_scan
 
 FEW = EvaluateOptions(depth_maps=False)
 
@@ -37,6 +39,7 @@ def result(rng, world):
         initial_plan_from_cams=off,
         plan_from_cams=world.plan_from_cams,
         world_from_cams=world.plan_from_cams,
+        sensor=NOMINAL,
     )
 
 
@@ -59,6 +62,20 @@ def test_a_result_gives_the_metrics_of_its_parts(world, result):
     assert evaluation["ate_rms"].after == pytest.approx(0.0, abs=1e-12)
     assert evaluation["nsd"].difference < 0
     assert evaluation["off_plan"].before > evaluation["off_plan"].after == 0.0
+
+
+def test_the_map_of_a_result_is_that_of_its_corrected_sensor(world, result):
+    sensor = SensorCalibration(depth_scale=0.9, depth_quadratic_per_m=0.01)
+    scan = room_scan(world.plan_from_cams)
+    result.sensor = sensor
+    found = evaluate(scan, result)
+    both = (scan.world_from_cams, result.world_from_cams)
+    on_plan = (result.initial_plan_from_cams, result.plan_from_cams)
+    poses = ComparedPoses(world.structure, both, on_plan, world.floorplan)
+    expected = evaluate(calibrated_scan(scan, sensor), poses)
+    nominal = evaluate(scan, poses)["mme"].after
+    assert found["mme"].after == pytest.approx(expected["mme"].after, abs=1e-4)
+    assert found["mme"].after != pytest.approx(nominal, abs=1e-2)
 
 
 def test_the_truth_is_compared_in_its_frame(world, result):

@@ -12,10 +12,12 @@ from planfit.cli.run_record import MAX_TIME_GAP_S, RunRecord, read_record
 from planfit.errors import ScanError
 from planfit.evaluation.evaluate import RefinedPoses
 from planfit.floorplan import Floorplan, PlanOptions
+from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.matching import Matches
+from planfit.pipeline.calibrate import corrected
 from planfit.pipeline.prepare import extract_observations
 from planfit.runtime import Runtime
-from planfit.scan import Scan
+from planfit.scan import Scan, calibrated_scan
 from planfit.segmentation import Structure
 
 _FAVOUR = (
@@ -33,6 +35,8 @@ class RunPoses:
     initial_plan_from_cams: Float[np.ndarray, "n 4 4"]
     plan_from_cams: Float[np.ndarray, "n 4 4"]
     world_from_cams: Float[np.ndarray, "n 4 4"]
+    sensor: SensorCalibration = NOMINAL
+    """Nothing is left to correct: the scan beside it is corrected as run A did."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +77,9 @@ def read_pair(folder: Path, given: Given, runtime: Runtime) -> Pair:
     other = None if given.b is None else read_record(given.b)
     if other is not None:
         _require_one_scan(record, other)
-    scan = record.scan(given.scan)
-    seen = extract_observations(scan, record.options, runtime)
+    as_read = record.as_read(given.scan)
+    seen = corrected(extract_observations(as_read, record.options, runtime), record.sensor)
+    scan = calibrated_scan(as_read, record.sensor)
     a = _run_poses(record, scan, record.floorplan(given.plan_options, given.plan), seen.structure)
     if other is not None:
         notes = _notes(record, other)
@@ -158,8 +163,14 @@ def _require_same_frames(scan: Scan, scan_b: Scan, other: RunRecord) -> None:
 
 
 def _notes(a: RunRecord, b: RunRecord) -> tuple[str, ...]:
+    notes = []
     if a.options.matching != b.options.matching or a.options.segmentation != b.options.segmentation:
-        return (
-            "A and B looked for matches, floor or walls by other options; those of A judge both here",
+        notes.append(
+            "A and B looked for matches, floor or walls by other options; those of A judge both here"
         )
-    return ()
+    if a.sensor != b.sensor:
+        notes.append(
+            "A and B corrected depth or camera otherwise; as A corrected them, they judge both here, which "
+            "favours A"
+        )
+    return tuple(notes)

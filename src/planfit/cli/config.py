@@ -11,6 +11,8 @@ from planfit.export.record import plain
 from planfit.scan import ScanOptions
 
 Options = TypeVar("Options")
+_FILES_OF_SCAN = ("poses", "calibration")
+"""Fields of `ScanOptions` that are paths."""
 
 
 def read_options(path: Path, defaults: Options) -> Options:
@@ -34,9 +36,10 @@ def to_toml(options: Any) -> str:
 
 
 def scan_options_record(options: ScanOptions) -> dict[str, Any]:
-    """How a scan was read as plain values; a relative path of poses would lead nowhere later."""
+    """How a scan was read as plain values; relative paths of files would lead nowhere later."""
     values = dataclasses.asdict(options)
-    values["poses"] = str(options.poses.resolve()) if options.poses else None
+    for name in _FILES_OF_SCAN:
+        values[name] = str(values[name].resolve()) if values[name] else None
     return values
 
 
@@ -47,8 +50,9 @@ def scan_options_of(record: dict[str, Any], where: str) -> ScanOptions:
         ScanError: the record is of another version; the message begins with `where`.
     """
     values = dict(record.get("scan_options") or {})
-    if values.get("poses"):
-        values["poses"] = Path(values["poses"])
+    for name in _FILES_OF_SCAN:
+        if values.get(name):
+            values[name] = Path(values[name])
     try:
         return ScanOptions(**values)
     except TypeError as error:

@@ -7,16 +7,18 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from planfit.adjust.calibration import corrected_structure
 from planfit.alignment import Alignment, WallSamples, align, find_plan_scale, is_off, metric_plan
 from planfit.alignment.options import AlignOptions
 from planfit.cli.run_record import read_present_scan, read_record
 from planfit.errors import FloorplanError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry import se3
+from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.pipeline.align import claimed_alignment, wall_samples
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime
-from planfit.scan import Scan, ScanOptions
+from planfit.scan import Scan, ScanOptions, calibrated_scan
 from planfit.scan.pose_files import take_poses
 from planfit.segmentation import (
     SegmentationOptions,
@@ -63,12 +65,12 @@ def read_run(
         FloorplanError: the plan is another.
     """
     record = read_record(folder)
-    scan = record.scan(scan_path)
+    scan = record.as_read(scan_path)
     floorplan = record.floorplan(plan, plan_path)
     _, after = record.poses()
-    _, structure = _structure(scan, record.options.segmentation, runtime)
+    _, structure = _structure(scan, record.sensor, record.options.segmentation, runtime)
     return Compared(
-        scan,
+        calibrated_scan(scan, record.sensor),
         floorplan,
         structure,
         (scan.world_from_cams, record.world_from_plan @ after),
@@ -86,6 +88,8 @@ class PosesSource:
     options: RefineOptions
     max_time_gap_s: float
     """A frame takes the poses around it in time if both are within this of it."""
+    sensor: SensorCalibration = NOMINAL
+    """How the run corrected the sensor; the scan here is as it was read."""
 
 
 def scan_source(
@@ -122,7 +126,8 @@ def run_source(
     as_found = replace(record.options.align, metric_scale_tolerance=0.0)
     options = replace(record.options, align=as_found)
     floorplan = record.floorplan(plan, plan_path)
-    return PosesSource(record.scan(scan_path), floorplan, options, max_time_gap_s)
+    scan = record.as_read(scan_path)
+    return PosesSource(scan, floorplan, options, max_time_gap_s, record.sensor)
 
 
 def read_poses(
@@ -141,19 +146,19 @@ def read_poses(
     options, scan, floorplan = source.options, source.scan, source.floorplan
     given = poses_of(scan, poses_path, source.max_time_gap_s)
     recorded = scan.world_from_cams
+    if poses_frame == "plan" and floorplan is not None and not floorplan.is_metric:
+        raise FloorplanError(
+            f"{floorplan.name}: expected a plan in metres, as the poses are in its frame; give its "
+            "unit with --unit or --scale, or the run's folder in place of the scan"
+        )
+    seen = calibrated_scan(scan, source.sensor)
+    level, structure = _structure(scan, source.sensor, options.segmentation, runtime)
     if poses_frame == "plan":
         plan_from_world = se3.fit_rigid(recorded[:, :3, 3], given[:, :3, 3])
-        if floorplan is not None and not floorplan.is_metric:
-            raise FloorplanError(
-                f"{floorplan.name}: expected a plan in metres, as the poses are in its frame; give its "
-                "unit with --unit or --scale, or the run's folder in place of the scan"
-            )
-        _, structure = _structure(scan, options.segmentation, runtime)
         on_plan = (plan_from_world @ recorded, given)
         return Compared(
-            scan, floorplan, structure, (recorded, se3.inverse(plan_from_world) @ given), on_plan
+            seen, floorplan, structure, (recorded, se3.inverse(plan_from_world) @ given), on_plan
         )
-    level, structure = _structure(scan, options.segmentation, runtime)
     notes: tuple[str, ...] = ()
     if floorplan is not None:
         walls = wall_samples(structure, level @ given)
@@ -168,7 +173,7 @@ def read_poses(
         level = alignment.plan_from_level @ level
         floorplan = metric_plan(floorplan, alignment.scale_xy)
     on_plan = (level @ recorded, level @ given)
-    return Compared(scan, floorplan, structure, (recorded, given), on_plan, notes)
+    return Compared(seen, floorplan, structure, (recorded, given), on_plan, notes)
 
 
 def _aligned(
@@ -191,12 +196,16 @@ def _aligned(
 
 
 def _structure(
-    scan: Scan, options: SegmentationOptions, runtime: Runtime
+    scan: Scan, sensor: SensorCalibration, options: SegmentationOptions, runtime: Runtime
 ) -> tuple[Float[np.ndarray, "4 4"], Structure]:
-    """level_from_world, and floor and walls: found once, by the recorded poses, for both."""
+    """level_from_world, and floor and walls: found once, by the recorded poses, for both.
+
+    As in the run they are found in the scan as it was read, and then corrected.
+    """
     gravity = find_gravity(scan, options.gravity, runtime)
     structure = segment_scan(scan, gravity, options, runtime)
-    return level_from_world(gravity, structure.floor_height_m), structure
+    level = level_from_world(gravity, structure.floor_height_m)
+    return level, corrected_structure(structure, sensor)
 
 
 def poses_of(scan: Scan, path: Path, max_gap_s: float) -> Float[np.ndarray, "n 4 4"]:

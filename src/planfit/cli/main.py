@@ -59,7 +59,7 @@ COMMANDS = (
         "SCAN -o OUT [--plan FILE | --no-plan]",
         "refine the camera poses of a scan; OUT/report.html tells how it went",
         (
-            "plan", "no-plan", "unit", "scale", "storey", "poses", "preset", "config",
+            "plan", "no-plan", "unit", "scale", "storey", "poses", "calibration", "preset", "config",
             "overwrite", "workers",
         ),
         keeps_stages=True,
@@ -69,9 +69,15 @@ COMMANDS = (
         "SCAN PLAN -o OUT",
         "align a scan with a plan; a picture of each hypothesis that fits",
         (
-            "candidate", "control-points", "unit", "scale", "storey", "mirror", "poses", "preset", "config",
-            "workers",
+            "candidate", "control-points", "unit", "scale", "storey", "mirror", "poses", "calibration",
+            "preset", "config", "workers",
         ),
+    ),
+    Command(
+        "calibrate",
+        "SCAN -o FILE [--plan FILE]",
+        "find what a depth camera gets wrong; --calibration FILE corrects its other scans",
+        ("plan", "unit", "scale", "storey", "poses", "preset", "config", "workers"),
     ),
     Command(
         "inspect",

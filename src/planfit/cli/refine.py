@@ -26,7 +26,7 @@ from planfit.report import TruthErrors, draw_overlays, make_report
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime
-from planfit.scan import Scan, ScanOptions, read_scan
+from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def refine_into(
     with StageBars() as bars:
         runtime = Runtime(workers, run.cache_dir, bars.update)
         result = refine(scan, floorplan, options, runtime)
-        cloud = sample_cloud(scan, runtime)
+        cloud = sample_cloud(calibrated_scan(scan, result.sensor), runtime)
         with run.writing() as staging:
             bars.update("write results", 0, 0)
             record = make_record(__version__, inputs, scan, result.floorplan, options, result)

@@ -12,9 +12,10 @@ from planfit.alignment import metric_plan
 from planfit.cli.config import options_of, scan_options_of
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
+from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import with_poses
-from planfit.scan import Scan, ScanOptions, read_scan, read_tum
+from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking.conventions import RECORDED, apply_convention
 
@@ -42,13 +43,21 @@ class RunRecord:
     options: RefineOptions
     """As given to the run, but for `poses_convention`: `scan` gives poses in our own."""
     scan_options: ScanOptions
+    sensor: SensorCalibration
+    """As the run corrected it."""
 
     def poses(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 4 4"]]:
         """Times, and refined plan_from_cams."""
         return read_tum(self.folder / "trajectory.tum")
 
     def scan(self, moved_to: Path | None = None, options: ScanOptions | None = None) -> Scan:
+        """The scan as the run left it: read as `as_read` does it, its sensor corrected as the run did."""
+        return calibrated_scan(self.as_read(moved_to, options), self.sensor)
+
+    def as_read(self, moved_to: Path | None = None, options: ScanOptions | None = None) -> Scan:
         """The scan, read as the run read it, its poses in our convention as the run took them.
+
+        What is extracted from it is in the run's cache, by a sensor that is not corrected yet.
 
         Args:
             moved_to: where it is now, if it was moved.
@@ -111,6 +120,7 @@ def read_record(folder: Path) -> RunRecord:
             convention=record["tracking"]["convention"] if record["tracking"] else RECORDED,
             options=replace(options, poses_convention=RECORDED),
             scan_options=scan_options_of(record, where),
+            sensor=SensorCalibration(**record["sensor"]["correction"]),
         )
     except (ValueError, KeyError, TypeError, OptionError) as error:
         raise ScanError(

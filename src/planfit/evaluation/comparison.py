@@ -35,7 +35,7 @@ from planfit.evaluation.surfaces import NEAR_FACE_M, wall_distances, wall_frame_
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.runtime import Runtime
-from planfit.scan import Scan
+from planfit.scan import Scan, calibrated_scan
 from planfit.segmentation import (
     SegmentationOptions,
     Structure,
@@ -138,7 +138,8 @@ def compare(
     """Compare two sets of poses of a scan: where they differ, and which the evidence prefers.
 
     Args:
-        scan: that both are poses of.
+        scan: that both are poses of, as it was refined; its sensor is corrected here as A has it, or B where
+            A is poses alone.
         a: a result of `planfit.refine`, or poses of all frames in the scan's own axes. Beside a result on a
             plan, such poses are put onto it by the walls they make.
         b: likewise.
@@ -153,6 +154,7 @@ def compare(
     chosen, running = options or CompareOptions(), runtime or Runtime()
     _require_all_frames(scan, a, b)
     poses, axes, notes = _side_by_side(scan, a, b, running)
+    scan = _as_corrected(scan, a, b)
     compared = poses.plan_from_cams if axes == "plan" else poses.world_from_cams
     differences = pose_differences(*compared, chosen.align)
     taken = EvaluateOptions(depth_maps=chosen.depth_maps, map=chosen.map, layers=chosen.layers)
@@ -169,6 +171,14 @@ def compare(
     return Comparison(
         axes, poses, differences, stretches, _witnesses(metrics), metrics, tuple(notes)
     )
+
+
+def _as_corrected(scan: Scan, a: Poses, b: Poses) -> Scan:
+    """The scan as the first of the two that is a result has corrected its sensor."""
+    for poses in (a, b):
+        if not isinstance(poses, np.ndarray):
+            return calibrated_scan(scan, poses.sensor)
+    return scan
 
 
 def _require_all_frames(scan: Scan, a: Poses, b: Poses) -> None:

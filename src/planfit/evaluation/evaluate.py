@@ -19,8 +19,9 @@ from planfit.evaluation.metrics import (
 from planfit.evaluation.sampling import MapOptions
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.geometry.calibration import SensorCalibration
 from planfit.runtime import Runtime
-from planfit.scan import Scan
+from planfit.scan import Scan, calibrated_scan
 from planfit.segmentation import (
     SegmentationOptions,
     Structure,
@@ -61,6 +62,8 @@ class RefinedPoses(Protocol):
     def plan_from_cams(self) -> Float[np.ndarray, "n 4 4"]: ...  # noqa: D102
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]: ...  # noqa: D102
+    @property
+    def sensor(self) -> SensorCalibration: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,8 @@ def evaluate(
     """Tell how good poses are, before and after: every metric of docs/metrics.md that can be taken.
 
     Args:
-        scan: whose recorded poses are those before.
+        scan: whose recorded poses are those before, as it was refined: of a result, its sensor is corrected
+            here as the result has it; beside poses compared already, it has to be corrected already.
         poses: those after. A result of `planfit.refine`, with its plan; or poses alone: with a floorplan
             in the plan frame, onto which the recorded ones are moved by the rigid motion that fits best,
             and without one in the scan's own axes; or poses compared already.
@@ -116,6 +120,8 @@ def evaluate(
             truth's frame is not known.
     """
     options, runtime = options or EvaluateOptions(), runtime or Runtime()
+    if not isinstance(poses, np.ndarray | ComparedPoses):
+        scan = calibrated_scan(scan, poses.sensor)
     require_plain_numbers(options)
     compared = _compared(scan, poses, floorplan, truth, runtime)
     in_plan = truth is not None and truth.frame == "plan"

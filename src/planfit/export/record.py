@@ -1,6 +1,7 @@
 """The record of a run: what went in, what was chosen, what came out, and how sure it is."""
 
 import dataclasses
+from collections.abc import Sequence
 from enum import Enum
 from typing import Any
 
@@ -10,10 +11,13 @@ from planfit.alignment import Alignment
 from planfit.evaluation import surface_metrics, wall_distances
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.geometry.calibration import SensorCalibration
+from planfit.geometry.camera import Camera
 from planfit.matching import Matches
 from planfit.pipeline.on_plan import Storey, Storeys, frame_runs
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
+from planfit.pipeline.sensor import SensorParameter
 from planfit.scan import Scan, corrupt_frames
 from planfit.segmentation import NO_STOREY
 from planfit.tracking import Tracking
@@ -44,6 +48,7 @@ def make_record(
         "alignment": None if result.alignment is None else _alignment_record(result.alignment),
         "storeys": None if result.storeys is None else _storeys_record(result, result.storeys),
         **_transforms(scan, result),
+        "sensor": sensor_record(result.sensor, result.sensor_parameters, scan.cameras[0]),
         "walls": _walls_record(result),
         "stop": result.adjustment.solution.stop.value,
         "cost_by_term": {
@@ -55,6 +60,28 @@ def make_record(
         "verdict": _verdict_record(result),
         "warnings": list(result.warnings),
         "seconds_by_stage": result.seconds_by_stage,
+    }
+
+
+def sensor_record(
+    sensor: SensorCalibration, parameters: Sequence[SensorParameter], camera: Camera
+) -> dict[str, Any]:
+    """How the scan was corrected, what was found of each parameter, and the first camera, corrected."""
+    return {
+        "correction": plain(sensor),
+        "parameters": {
+            row.key: {
+                "meaning": row.name,
+                "unit": row.unit,
+                "found": row.found,
+                "departure": row.departure,
+                "sigma": row.sigma,
+                "kept": row.is_kept,
+                "implausible": row.is_implausible,
+            }
+            for row in parameters
+        },
+        "camera": plain(sensor.camera(camera)),
     }
 
 

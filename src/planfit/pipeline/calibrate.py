@@ -14,6 +14,7 @@ from planfit.adjust import (
 )
 from planfit.adjust.calibration import (
     NOT_CALIBRATED,
+    SHARED,
     Calibration,
     CalibrationOptions,
     corrected_matches,
@@ -136,7 +137,9 @@ def _plan_prior(
     if found is None or found.scale_xy == (1.0, 1.0):
         return replace(priors, plan_scale_sigma=0.0), 0.0
     departure = float(np.log(found.metres_per_unit))
-    sigma = float(np.hypot(priors.plan_scale_sigma, calibration.sigma("depth_scale")))
+    # Whether or not it was kept: where the odometry tells little of the metre, depth is doubted first.
+    of_depth = calibration.sigmas[SHARED.index("depth_scale")]
+    sigma = float(np.hypot(priors.plan_scale_sigma, of_depth))
     if found.is_plan_rescaled and abs(departure) < PLAN_OFF_SIGMAS * sigma:
         return replace(priors, max_rounds=1), departure
     return replace(priors, plan_scale_sigma=UNKNOWN_SCALE_SIGMA), 0.0

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms, choose_keyframes
+from planfit.adjust.calibration import Calibration
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
 from planfit.pipeline.align import align_to_plan
@@ -53,21 +54,54 @@ def refine(
     timer = StageTimer(runtime or Runtime())
     # Gravity, floor and walls (paper, Sec. III-A and III-B), matches of keypoints.
     seen = observations or extract_observations(scan, chosen, runtime, timer=timer)
-    # Keyframes; loops closed by what needs no plan; the sensor, by the same.
-    calibrated = calibrate_alone(scan, seen, chosen, timer)
-    calibrated, on_plan, adjustment = _place(scan, calibrated, floorplan, chosen, own, timer)
-    for _ in range(MAX_CORRECTIONS):
-        # Walls may show that the sensor is off: then all that follows from its points comes again.
-        before = calibrated
-        calibrated = calibrate_on_plan(scan, before, on_plan, adjustment, chosen, timer)
-        if calibrated.prepared is before.prepared:
-            break
-        calibrated, on_plan, adjustment = _place(scan, calibrated, floorplan, chosen, own, timer)
+    # Keyframes; loops closed by what needs no plan; the sensor, by the same; plan and sensor in turns.
+    calibrated, on_plan, adjustment = _solve(scan, seen, floorplan, chosen, own, timer)
     # Is it better, by solves that did without a part of the evidence?
     with timer.stage("validate"):
         seen = calibrated.observations
         validation = validate(calibrated.prepared, on_plan, adjustment, seen.structure, chosen, own)
     return make_result(scan, calibrated, on_plan, adjustment, validation, chosen, timer)
+
+
+def calibrate(
+    scan: Scan,
+    floorplan: Floorplan | None = None,
+    options: RefineOptions | None = None,
+    runtime: Runtime | None = None,
+) -> Calibration:
+    """Find what the scan's sensor gets wrong: `refine` without its judgement of the poses.
+
+    Arguments and errors are those of `refine`; without a plan, matches, floor and recorded motion tell.
+    """
+    chosen = options or RefineOptions()
+    timer = StageTimer(runtime or Runtime())
+    seen = extract_observations(scan, chosen, runtime, timer=timer)
+    return _solve(scan, seen, floorplan, chosen, (), timer)[0].calibration
+
+
+def _solve(
+    scan: Scan,
+    seen: Observations,
+    floorplan: Floorplan | Mapping[int, Floorplan] | None,
+    options: RefineOptions,
+    extra_terms: tuple[Term, ...],
+    timer: StageTimer,
+) -> tuple[CalibratedScan, ScanOnPlan, PlanAdjustment]:
+    """The sensor by what needs no plan, the scan on the plan; both again while walls correct the sensor."""
+    calibrated = calibrate_alone(scan, seen, options, timer)
+    calibrated, on_plan, adjustment = _place(
+        scan, calibrated, floorplan, options, extra_terms, timer
+    )
+    for _ in range(MAX_CORRECTIONS):
+        # Walls may show that the sensor is off: then all that follows from its points comes again.
+        before = calibrated
+        calibrated = calibrate_on_plan(scan, before, on_plan, adjustment, options, timer)
+        if calibrated.prepared is before.prepared:
+            break
+        calibrated, on_plan, adjustment = _place(
+            scan, calibrated, floorplan, options, extra_terms, timer
+        )
+    return calibrated, on_plan, adjustment
 
 
 def _place(

@@ -10,6 +10,7 @@ from planfit.adjust.calibration import NOT_CALIBRATED, Calibration
 from planfit.alignment import Alignment
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.geometry.calibration import SensorCalibration
 from planfit.matching import Matches
 from planfit.pipeline.calibrate import CalibratedScan
 from planfit.pipeline.diagnostics import (
@@ -21,6 +22,7 @@ from planfit.pipeline.diagnostics import (
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.on_plan import ScanOnPlan, Storeys
 from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.sensor import SensorParameter, sensor_parameters, sensor_warnings
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
 from planfit.runtime import StageTimer
@@ -66,11 +68,18 @@ class RefineResult:
     storeys: Storeys | None = None
     """Where plans were given by storey: how they lie, and which frames stand on which. `floorplan` holds the
     faces of all, and `structure` the walls of frames on them."""
+    sensor_parameters: tuple[SensorParameter, ...] = ()
+    """The same, parameter by parameter, in words and units."""
 
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
         """Refined poses in the scan's own axes."""
         return self.world_from_plan @ self.plan_from_cams
+
+    @property
+    def sensor(self) -> SensorCalibration:
+        """How the scan's sensor was corrected: for `planfit.scan.calibrated_scan`."""
+        return self.calibration.sensor
 
 
 def to_recorded_axes(
@@ -100,6 +109,7 @@ def make_result(
     observations, prepared = calibrated.observations, calibrated.prepared
     structure, matches = observations.structure, observations.matches
     plan_from_world = on_plan.recorded_plan_from_level @ prepared.level_from_world
+    found = sensor_parameters(calibrated.calibration, scan.cameras[0])
     neighbours, has_plan = options.matching.pairs.neighbours, on_plan.floorplan is not None
     return RefineResult(
         floorplan=on_plan.floorplan,
@@ -116,6 +126,7 @@ def make_result(
         checks=validation.checks,
         warnings=(
             *(observations.tracking.warnings if observations.tracking else ()),
+            *sensor_warnings(found),
             *scan_warnings(scan, observations.gravity, structure, matches, neighbours, has_plan),
             *prepared.warnings,
             *(storey_warnings(on_plan.storeys) if on_plan.storeys else ()),
@@ -138,4 +149,5 @@ def make_result(
         tracking=observations.tracking,
         calibration=calibrated.calibration,
         storeys=on_plan.storeys,
+        sensor_parameters=found,
     )

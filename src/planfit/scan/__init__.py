@@ -8,4 +8,5 @@ from planfit.scan.read import read_scan as read_scan
 from planfit.scan.types import Label as Label
 from planfit.scan.types import Scan as Scan
 from planfit.scan.types import ScanFiles as ScanFiles
+from planfit.scan.views import calibrated_scan as calibrated_scan
 from planfit.scan.views import corrupt_frames as corrupt_frames

@@ -17,6 +17,9 @@ class ScanOptions:
     poses: Path | None = None
     """Poses of another tracker (TUM, KITTI or Open3D log), of the colour camera, that take the place of the
     scan's own; `planfit evaluate` judges them against the scan's own."""
+    calibration: Path | None = None
+    """Calibration of the depth camera, as `planfit calibrate` wrote it from another scan of the same device;
+    what a run finds comes on top."""
     depth_scale: float | None = None
     """Metres of one unit of the stored depth; overrules what the format says."""
     max_time_gap_s: float = 0.02

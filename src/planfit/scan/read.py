@@ -1,6 +1,7 @@
 """`read_scan`: from a path to a scan, whatever its format.
 
-path -> reader of its format -> Recording -> Scan -> poses of another tracker -> corrupt frames tolerated
+path -> reader of its format -> Recording -> Scan -> poses of another tracker -> corrupt frames
+tolerated -> calibration
 """
 
 from dataclasses import replace
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from planfit.errors import OptionError, ScanError
+from planfit.scan.calibration_file import take_calibration
 from planfit.scan.formats import READERS
 from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import take_poses
@@ -45,6 +47,8 @@ def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | N
     if options.poses is not None:
         scan = take_poses(scan, options.poses, options.max_time_gap_s)
     scan = tolerate_corrupt_frames(scan)
+    if options.calibration is not None:
+        scan = take_calibration(scan, options.calibration)
     return replace(scan, warnings=(*scan.warnings, *check_depth_unit(scan)))
 
 

@@ -1,5 +1,6 @@
-"""Scans seen through something: corrupt frames left blank, and a choice of frames."""
+"""Scans seen through something: corrupt frames left blank, a choice of frames, a sensor corrected."""
 
+import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
@@ -8,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError
+from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
 from planfit.scan.types import Scan, ScanFiles
 
@@ -42,6 +44,55 @@ def select_frames(
         world_from_cams=world_from_cams,
         files=SelectedFiles(scan.files, frame_idx),
     )
+
+
+def calibrated_scan(scan: Scan, sensor: SensorCalibration) -> Scan:
+    """The scan as its sensor should have measured it; the very same one where nothing is corrected.
+
+    Points lifted from it are those of the scan, corrected: `sensor.points`. Corrections of a scan that is
+    corrected already come on top. The fingerprint tells corrected scans apart, behind a dash as for other
+    poses, so that nothing of one is taken from the other's cache.
+    """
+    if sensor.is_nominal:
+        return scan
+    digest = hashlib.sha256(repr(sensor.vector.tolist()).encode()).hexdigest()[:16]
+    corrected = {camera: sensor.camera(camera) for camera in dict.fromkeys(scan.cameras)}
+    return replace(
+        scan,
+        cameras=tuple(corrected[camera] for camera in scan.cameras),
+        files=CalibratedFiles(scan.files, sensor),
+        fingerprint=f"{scan.fingerprint}-{digest}" if scan.fingerprint else "",
+    )
+
+
+@dataclass(frozen=True)
+class CalibratedFiles:
+    """A scan's files, depth corrected when it is read; cameras are not theirs to correct."""
+
+    files: ScanFiles
+    sensor: SensorCalibration
+
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
+        return self.files.color(frame_idx)
+
+    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
+        """Depth, float32 m, NaN where nothing was measured, or what was measured is behind the camera."""
+        depth = self.sensor.depths(self.files.depth(frame_idx)).astype(np.float32, copy=False)
+        return np.where(depth > 0, depth, np.float32(np.nan))
+
+    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
+        """Label image of `Label`."""
+        return self.files.labels(frame_idx)
+
+    def write_poses(
+        self,
+        directory: Path,
+        world_from_cams: Float[np.ndarray, "n 4 4"],
+        frame_idx: Int[np.ndarray, " n"] | None = None,
+    ) -> None:
+        """As the format has it."""
+        self.files.write_poses(directory, world_from_cams, frame_idx)
 
 
 @dataclass(frozen=True)
@@ -140,6 +191,8 @@ class TolerantFiles:
 def _corrupt(files: ScanFiles) -> dict[int, str]:
     if isinstance(files, TolerantFiles):
         return files.reasons()
+    if isinstance(files, CalibratedFiles):
+        return _corrupt(files.files)
     if isinstance(files, SelectedFiles):
         reasons = _corrupt(files.files)
         return {k: reasons[int(i)] for k, i in enumerate(files.selected) if int(i) in reasons}

@@ -12,6 +12,7 @@ from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
+from planfit.report.html.sensor import sensor_section
 from planfit.report.html.storey_section import storeys
 from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import CloudXY, measure
@@ -55,6 +56,7 @@ def make_report(
         seen_on_plan,
         sections.certainty(result, truth),
         sections.fit_and_correction(both),
+        sensor_section(result),
         sections.floor(floorplan, both, crop),
         walls_of_plan,
         sections.frame_matches(floorplan, both, result.matches, crop),

@@ -1,0 +1,80 @@
+"""`planfit calibrate`: what a device's depth camera gets wrong, as a file for other scans of it."""
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from planfit.adjust.calibration import SHARED
+from planfit.cli.arguments import PlanFlags
+from planfit.cli.console import StageBars, out, table, tell_scan
+from planfit.errors import OutputError, require
+from planfit.floorplan import read_floorplan
+from planfit.geometry.calibration import PARAMETERS
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.refine import calibrate
+from planfit.pipeline.sensor import SensorParameter, sensor_parameters, sensor_warnings
+from planfit.runtime import Runtime
+from planfit.scan import ScanOptions, read_scan
+from planfit.scan.calibration_file import write_calibration
+
+
+@dataclass(frozen=True)
+class CalibrateArguments:
+    """Find what a device's depth camera gets wrong, from a scan of it, and write it to a file that
+    --calibration takes."""
+
+    scan: tyro.conf.Positional[Path]
+    """Folder of the scan, zip archive of one, or bag."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """File to write (JSON). It must not be there yet."""
+    plan: Path | None = None
+    """Floorplan, whose walls take part; without one, matches, floor and recorded motion alone."""
+    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
+        default_factory=ScanOptions
+    )
+    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    preset: str = "default"
+    """Options to begin with: `default`, or `paper`, the published method to the letter."""
+    config: Path | None = None
+    """TOML file of options, on top of the preset and overruled by flags."""
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Threads."""
+    options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
+
+
+def calibrate_command(arguments: CalibrateArguments) -> int:
+    """Read, calibrate, write, tell. Exit code 1 where the scan asks for more than a camera can be off."""
+    target, options = arguments.out, arguments.options
+    if target.exists() or target.is_symlink():
+        raise OutputError(f"{target}: expected no such file; choose another with -o")
+    require(
+        arguments.scan_options.calibration is None,
+        "--calibration: expected none beside 'planfit calibrate', which makes one; leave it out",
+    )
+    scan = read_scan(arguments.scan, options.segmentation.reads_masks, arguments.scan_options)
+    floorplan = None
+    if arguments.plan is not None:
+        floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
+    with StageBars() as bars:
+        found = calibrate(scan, floorplan, options, Runtime(arguments.workers, None, bars.update))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    sigmas = {name: float(found.sigmas[SHARED.index(name)]) for name in PARAMETERS}
+    write_calibration(target, found.sensor, sigmas, scan.cameras[0])
+    rows = sensor_parameters(found, scan.cameras[0])
+    tell_scan(scan)
+    out.print(table("the sensor", ["parameter", "found", "sigma", ""], [_cells(r) for r in rows]))
+    for warning in sensor_warnings(rows):
+        out.print(f"[yellow]note:[/] {warning}")
+    if found.sensor.is_nominal:
+        out.print("nothing was corrected: the file leaves scans as they are")
+    out.print(f"written: {target}; use it with --calibration", soft_wrap=True)
+    return 1 if found.implausible else 0
+
+
+def _cells(row: SensorParameter) -> list[str]:
+    sigma = "held" if row.sigma is None else f"{row.sigma:.2g} {row.unit}".rstrip()
+    state = "corrected" if row.is_kept else "not believed" if row.is_implausible else "left alone"
+    return [row.name, f"{row.found:.4g} {row.unit}".rstrip(), sigma, state]
