@@ -22,7 +22,7 @@ from calibration_cases import (
     measure,
     shares,
 )
-from faults.battery import digest_of, read_measured, run_battery
+from faults.battery import TIME_LIMIT_S, digest_of, read_measured, run_battery
 from faults.measure import CRASHED, How, Measured
 from faults.scans import SHARED
 
@@ -49,6 +49,8 @@ class RunArguments:
     """Cases at a time, each in a process of its own."""
     cache: Path = Path("faults.cache")
     """Folder for rendered images and keypoints; that of benchmarks/faults may be used."""
+    limit_s: float = TIME_LIMIT_S
+    """A case that takes longer is ended and counts as a crash; more on a machine that is busy."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ truth is known; planfit is told nothing of them. Errors are RMS of positions in 
 alignment to the truth. *Beside* is the same scan with the same drift and no fault; of the faultless rows,
 the same without calibration (`RefineOptions.calibration.is_on`). Parameters are departures from 1 or 0, those
 that undo the fault; in brackets what was estimated and not corrected. What decides what is believed was
-chosen on ConSLAM's drifts 0 and 3, the flat's drift 1 and the kitchen's drift 0, which are not among these."""
+chosen on ConSLAM's drifts 0 and 3, the flat's drift 1 and the kitchen's drift 0: none of these is here."""
 
 
 def main() -> NoReturn:
@@ -160,7 +162,7 @@ def _run(arguments: RunArguments) -> None:
     for name in sorted(absent & {case.scan for case in chosen}):
         out.print(f"left out: {name}, as {SHARED / name} is absent (set PLANFIT_SHARED)")
     here = [case for case in chosen if case.scan not in absent]
-    run_battery(here, arguments.out, how, arguments.jobs, _tell, measure)
+    run_battery(here, arguments.out, how, arguments.jobs, _tell, measure, arguments.limit_s)
     judged = judge_all(here, [m for m in _read(arguments.out) if m.digest == digest])
     rows = [[name, str(some), str(n)] for name, (some, n) in shares(judged).items() if n]
     out.print(table("the sensor's calibration", ["", "of", "cases"], rows))

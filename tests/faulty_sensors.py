@@ -1,4 +1,4 @@
-"""A room seen by rays, and the same as a faulty depth camera has it: the truth that calibration is held to."""
+"""A room seen by rays, and the same as a faulty depth camera has it: the truth for calibration."""
 
 from dataclasses import dataclass, replace
 
