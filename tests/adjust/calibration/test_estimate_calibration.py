@@ -119,6 +119,18 @@ def test_a_plan_whose_scale_is_free_says_nothing_of_the_metre(world):
     assert by_none.sigmas[0] > 2 * by_steps.sigmas[0] > 2 * by_plan.sigmas[0] > 0
 
 
+def test_on_a_plan_whose_scale_was_fitted_to_wrong_depth_recorded_steps_tell_the_metre(world):
+    scale = 1.04
+    faulty = with_sure_steps(world.measured_by(SensorCalibration(depth_scale=scale)))
+    poses = faulty.plan_from_cams.copy()
+    poses[:, :3, 3] /= scale
+    ties = replace(faulty.ties, floorplan=faulty.ties.floorplan.scaled(1 / scale))
+    fitted = replace(faulty, plan_from_cams=poses, ties=ties)
+    found = found_in(fitted, CalibrationOptions(plan_scale_sigma=0.05))
+    assert found.kept == ("depth_scale",)
+    assert_allclose(found.sensor.depth_scale, scale, atol=3 * found.sigmas[0])
+
+
 @pytest.mark.parametrize(
     ("change", "name"),
     [
@@ -181,7 +193,8 @@ def test_what_no_sensor_does_corrects_nothing_and_is_named(world, undone_by, nam
 
 
 @pytest.mark.parametrize(
-    "change", [{"min_sigmas": 0.0}, {"max_rounds": 0}, {"min_gain_share": -0.1}]
+    "change",
+    [{"min_sigmas": 0.0}, {"max_rounds": 0}, {"max_prior_sigmas": 0.0}, {"min_gain_share": -0.1}],
 )
 def test_options_that_cannot_work_are_refused(change):
     with pytest.raises(OptionError, match=next(iter(change))):
