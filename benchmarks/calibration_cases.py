@@ -4,6 +4,7 @@ Depth that a sensor reports too long by 0.01 z^2 is such that true = d - 0.01 d^
 planfit looks for undoes every fault exactly, so what was put in is what should be found.
 """
 
+import time
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -170,6 +171,12 @@ class Calibrated(Measured):
 
 def measure(case: SensorCase, how: How) -> Calibrated:
     """Run planfit on a case; a refusal or an error is recorded, not raised."""
+    begin = time.perf_counter()
+    measured = _measure(case, how)
+    return replace(measured, seconds=round(time.perf_counter() - begin, 2))
+
+
+def _measure(case: SensorCase, how: How) -> Calibrated:
     nothing = Calibrated(case.number, case.name, how.digest, CRASHED)
     try:
         base = drifted(base_inputs(case.scan, how.cache_dir), case.drift_seed)
