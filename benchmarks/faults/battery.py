@@ -31,22 +31,26 @@ _DOES_NOT_MATTER = ("cases.py", "battery.py", "figures.py", "page.py", "command.
 """Which cases there are, and what is made of them; all else is what a case is and how it is measured."""
 
 
-def read_measured(path: Path) -> list[Measured]:
+def read_measured(path: Path, kind: type[Measured] = Measured) -> list[Measured]:
     """All lines of a file; a last line that was cut off is left out.
+
+    Args:
+        path: what `run_battery` wrote; nothing is read where there is no file.
+        kind: what each line becomes: `Measured`, or more than that.
 
     Raises:
         OutputError: the file is another.
     """
     if not path.exists():
         return []
-    names = {field.name for field in fields(Measured)}
+    names = {field.name for field in fields(kind)}
     lines = path.read_text().splitlines()
     found = []
     for k, line in enumerate(lines):
         try:
             values = json.loads(line)
             values["warnings"] = tuple(values["warnings"])
-            found.append(Measured(**{name: values[name] for name in names if name in values}))
+            found.append(kind(**{name: values[name] for name in names if name in values}))
         except (ValueError, KeyError, TypeError) as error:
             if k == len(lines) - 1:
                 break

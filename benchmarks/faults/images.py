@@ -9,6 +9,8 @@ from jaxtyping import Float, Int
 
 from faults.inputs import Fault, Inputs, Rendered
 from planfit.geometry import segments
+from planfit.geometry.calibration import NOMINAL, SensorCalibration
+from planfit.geometry.camera import Camera
 from planfit.scan import ScanFiles
 from planfit.scan.types import Label
 from planfit.scan.views import SelectedFiles
@@ -27,13 +29,14 @@ POSTERS = ((1, 0.35), (2, 0.7), (4, 1.0))
 
 @dataclass(frozen=True)
 class SpoiltFiles(SelectedFiles):
-    """Images of other frames, or depth longer than it is, under each frame's own name."""
+    """Images of other frames, or depth as a faulty sensor has it, under each frame's own name."""
 
-    depth_factor: float = 1.0
+    undone_by: SensorCalibration = NOMINAL
+    """What makes the depths right again."""
 
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
-        """Depth, float32 m, NaN where nothing was measured."""
-        return super().depth(frame_idx) * np.float32(self.depth_factor)
+        """Depth, float32 m, NaN where nothing was measured, or nothing above 0 is left."""
+        return measured_depths(super().depth(frame_idx), self.undone_by)
 
     def write_poses(
         self,
@@ -50,19 +53,50 @@ def _with_files(inputs: Inputs, files: ScanFiles, what: str) -> Inputs:
     return replace(inputs, scan=replace(inputs.scan, files=files, fingerprint=fingerprint))
 
 
+def measured_depths(
+    depths_m: Float[np.ndarray, "h w"], undone_by: SensorCalibration
+) -> Float[np.ndarray, "h w"]:
+    """What a faulty sensor measures where the true depths are these; its calibration gives them back.
+
+    The root of offset + scale m + quadratic m^2 = z that is z without fault.
+    """
+    scale, quadratic = undone_by.depth_scale, undone_by.depth_quadratic_per_m
+    beyond = depths_m.astype(float) - undone_by.depth_offset_m
+    with np.errstate(invalid="ignore"):
+        measured = 2 * beyond / (scale + np.sqrt(scale**2 + 4 * quadratic * beyond))
+        return np.where(measured > 0, measured, np.nan).astype(np.float32)
+
+
+def nominal_camera(true: Camera, undone_by: SensorCalibration) -> Camera:
+    """What a camera's file says wrongly; `undone_by.camera` of it is the true camera."""
+    fx = true.fx / undone_by.focal_scale
+    return replace(
+        true,
+        fx=fx,
+        fy=true.fy / (undone_by.focal_scale * undone_by.focal_aspect),
+        cx=true.cx - fx * undone_by.principal_x,
+        cy=true.cy - fx * undone_by.principal_y,
+    )
+
+
+def with_faulty_sensor(inputs: Inputs, undone_by: SensorCalibration, what: str) -> Inputs:
+    """The same scan, its depth images and cameras wrong; the calibration puts them right."""
+    files = SpoiltFiles(inputs.scan.files, np.arange(len(inputs.scan)), undone_by)
+    cameras = tuple(nominal_camera(camera, undone_by) for camera in inputs.scan.cameras)
+    spoilt = _with_files(inputs, files, what)
+    return replace(spoilt, scan=replace(spoilt.scan, cameras=cameras))
+
+
 def long_depth(inputs: Inputs, size: int, _rng: np.random.Generator) -> Inputs:
     """All depths longer than they are."""
-    everywhere = np.arange(len(inputs.scan))
-    files = SpoiltFiles(inputs.scan.files, everywhere, 1 + DEPTH_ERRORS[size])
-    return _with_files(inputs, files, f"depth {DEPTH_ERRORS[size]}")
+    undone_by = SensorCalibration(depth_scale=1 / (1 + DEPTH_ERRORS[size]))
+    return with_faulty_sensor(inputs, undone_by, f"depth {DEPTH_ERRORS[size]}")
 
 
 def wrong_focal_length(inputs: Inputs, size: int, _rng: np.random.Generator) -> Inputs:
     """A focal length longer than it is."""
-    k = 1 + FOCAL_ERRORS[size]
-    cameras = tuple(replace(c, fx=c.fx * k, fy=c.fy * k) for c in inputs.scan.cameras)
-    fingerprint = f"{inputs.scan.fingerprint} focal {k}"
-    return replace(inputs, scan=replace(inputs.scan, cameras=cameras, fingerprint=fingerprint))
+    undone_by = SensorCalibration(focal_scale=1 / (1 + FOCAL_ERRORS[size]))
+    return with_faulty_sensor(inputs, undone_by, f"focal {FOCAL_ERRORS[size]}")
 
 
 def copied_views(inputs: Inputs, size: int, rng: np.random.Generator) -> Inputs:

@@ -182,6 +182,24 @@ WALKS = tuple(
 NICHES = tuple(BaseScan(f"niches {k}", partial(_drawn, niches, 120 + k, 140)) for k in range(1, 4))
 """Flats whose walls have layers 10 to 20 cm before the others."""
 
+PHONES = (
+    BaseScan(
+        "open plan, phone",
+        partial(
+            _synth,
+            131,
+            150,
+            BuildingOptions(n_rooms=6, is_open_plan=True, n_columns=3),
+            depth_noise=TimeOfFlightNoise(),
+        ),
+    ),
+    BaseScan(
+        "two rooms, phone",
+        partial(_synth, 132, 120, BuildingOptions(n_rooms=2), depth_noise=TimeOfFlightNoise()),
+    ),
+)
+"""More scans of a time-of-flight camera, for `benchmarks/calibration.py`."""
+
 REAL = (
     BaseScan("conslam", conslam, is_rendered=False),
     BaseScan("kitchen", kitchen, is_rendered=False, has_up=False),
@@ -239,7 +257,9 @@ def _in_plan(plan: RealPlan) -> Inputs:
 
 def all_scans() -> dict[str, BaseScan]:
     """By name."""
-    return {scan.name: scan for scan in (*REAL, *SYNTHETIC, *WALKS, *NICHES, *rendered_walks())}
+    return {
+        scan.name: scan for scan in (*REAL, *SYNTHETIC, *PHONES, *WALKS, *NICHES, *rendered_walks())
+    }
 
 
 @dataclass(frozen=True)

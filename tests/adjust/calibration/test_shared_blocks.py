@@ -1,7 +1,204 @@
 """Derivatives by the sensor, the odometry's and the plan's scale, held against differences."""
 
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from builders import nudged
+from faulty_sensors import make_sensor_world
+from planfit.adjust.calibration.blocks import ODOMETRY, PLAN, S, shared_blocks
+from planfit.adjust.calibration.reduced import shared_step
+from planfit.adjust.terms.levels import LevelTerm
+from planfit.adjust.terms.odometry import OdometryTerm
+from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.walls import WallTerm
+from planfit.geometry import se3
+from planfit.geometry.calibration import NOMINAL
+from planfit.lsq.robust import loss_value
+
 STEP = 1e-6
 
 
-class _Planes:
-    """A stand-in for a term, with groups given."""
+@pytest.fixture
+def world(rng):
+    return make_sensor_world(rng, n=6, noise_m=0.0, n_rays=60)
+
+
+def sensor_at(shared):
+    return NOMINAL.with_vector(NOMINAL.vector + shared[:7])
+
+
+def stretch(z, shared):
+    """Of depth, by which sigmas grow."""
+    return np.exp(shared[0] + shared[1] / z + shared[2] * z)
+
+
+def residuals_of(term, poses, shared):
+    """Residuals in sigmas (m, d) of a term and the weight of each row (m,), written out."""
+    sensor = sensor_at(shared)
+    if isinstance(term, OdometryTerm):
+        grown = 1 + shared[ODOMETRY]
+        steps = term.odometry.cam_from_next
+        rows = []
+        for k, step in enumerate(steps):
+            found = se3.inverse(poses[k]) @ poses[k + 1]
+            turn = se3.log_so3((step[:3, :3].T @ found[:3, :3])[None])[0]
+            moved = step[:3, :3].T @ (found[:3, 3] - grown * step[:3, 3]) / grown
+            rows.append(
+                [
+                    *(turn / term.odometry.sigma_rotation[k]),
+                    *(moved / term.odometry.sigma_translation[k]),
+                ]
+            )
+        return np.array(rows), np.full(len(steps), term.options.weight), term.options.loss
+    groups = term.groups
+    counts = np.diff(groups.start)
+    weights = np.repeat(groups.weight_per_point, counts)
+    if isinstance(term, PointTerm):
+        a, b = groups.points_a.astype(float), groups.points_b.astype(float)
+        first, second = (np.repeat(poses[groups.pairs[:, k]], counts, axis=0) for k in (0, 1))
+        there = se3.inverse(first) @ second
+        gaps = sensor.points(a) - se3.transform_each(there, sensor.points(b))
+        gaps = gaps / stretch((a[:, 2] + b[:, 2]) / 2, shared)[:, None]
+        gaps[:, :2] *= np.exp(shared[3])
+        return gaps / groups.sigma_m[:, None], weights, groups.loss
+    points = groups.points_cam.astype(float)
+    of_point = np.repeat(poses[groups.pose_idx], counts, axis=0)
+    planes = np.repeat(groups.planes, counts, axis=0)
+    at = np.sum(planes[:, :3] * se3.transform_each(of_point, sensor.points(points)), axis=1)
+    if isinstance(term, WallTerm):
+        grown = 1 + shared[PLAN]
+        gaps = (at + grown * planes[:, 3]) / grown
+    else:
+        level = np.einsum("mji,mj->mi", of_point[:, :3, :3], planes[:, :3])
+        gaps = (at + planes[:, 3]) / stretch(points[:, 2], shared)
+        gaps *= np.exp(shared[3] * (level[:, 0] ** 2 + level[:, 1] ** 2))
+    return gaps[:, None] / groups.sigma_m, weights, groups.loss
+
+
+ROLES = {PointTerm: "geometric", LevelTerm: "floor", WallTerm: "walls", OdometryTerm: "odometry"}
+
+
+def with_only(problem, kind):
+    """The problem with one of its terms; with none where `kind` is none of them."""
+    return replace(problem, **{role: None for other, role in ROLES.items() if other != kind})
+
+
+def of_kind(problem, kind):
+    return next(term for term in problem.terms if isinstance(term, kind))
+
+
+def cost_of(problem, poses, shared):
+    total = 0.0
+    for term in problem.terms:
+        if not isinstance(term, tuple(ROLES)):
+            continue
+        rows, weights, loss = residuals_of(term, poses, shared)
+        total += 0.5 * weights @ loss_value(np.sum(rows**2, axis=1), loss)[0]
+    return total
+
+
+def dense_rows(term, poses):
+    """Residuals and Jacobian (rows, 6 n + S) of a term by central differences, weights frozen."""
+    rows, weights, loss = residuals_of(term, poses, np.zeros(S))
+    root = np.sqrt(weights * loss_value(np.sum(rows**2, axis=1), loss)[1])[:, None]
+    columns = []
+    for k in range(6 * len(poses) + S):
+        ends = []
+        for way in (STEP, -STEP):
+            delta, shared = np.zeros(6 * len(poses)), np.zeros(S)
+            if k < len(delta):
+                delta[k] = way
+            else:
+                shared[k - len(delta)] = way
+            moved = se3.retract(poses, delta.reshape(-1, 6))
+            ends.append((root * residuals_of(term, moved, shared)[0]).ravel())
+        columns.append((ends[0] - ends[1]) / (2 * STEP))
+    return (root * rows).ravel(), np.stack(columns, axis=1)
+
+
+def dense(problem, poses):
+    """J^T J and J^T r over poses and shared parameters."""
+    known = [t for t in problem.terms if isinstance(t, tuple(ROLES))]
+    n = 6 * len(poses) + S
+    normal, gradient = np.zeros((n, n)), np.zeros(n)
+    for term in known:
+        rows, jacobian = dense_rows(term, poses)
+        normal += jacobian.T @ jacobian
+        gradient += jacobian.T @ rows
+    return normal, gradient
+
+
+@pytest.mark.parametrize("kind", [PointTerm, LevelTerm, WallTerm, OdometryTerm])
+def test_blocks_of_each_term_are_those_of_differences_where_residuals_vanish(world, kind):
+    problem = world.problem()
+    term = of_kind(problem, kind)
+    _, jacobian = dense_rows(term, world.plan_from_cams)
+    n = 6 * len(world.plan_from_cams)
+    normal = jacobian.T @ jacobian
+    found = shared_blocks(with_only(problem, kind), world.plan_from_cams)
+    size = np.abs(normal[n:, n:]).max()
+    assert size > 0
+    assert_allclose(found.by_self, normal[n:, n:], atol=1e-6 * size)
+    assert_allclose(
+        found.by_pose.reshape(n, S), normal[:n, n:], atol=1e-6 * np.abs(normal[:n, n:]).max()
+    )
+
+
+def test_the_gradient_is_that_of_the_robust_cost_with_sigmas_that_grow_with_the_points(world, rng):
+    problem = world.problem()
+    poses = nudged(rng, world.plan_from_cams, 0.4, 0.02)
+    found = shared_blocks(problem, poses).gradient
+    for k in range(S):
+        ends = []
+        for way in (STEP, -STEP):
+            shared = np.zeros(S)
+            shared[k] = way
+            ends.append(cost_of(problem, poses, shared))
+        expected = (ends[0] - ends[1]) / (2 * STEP)
+        assert abs(expected) > 1e-3  # the case tells something of every parameter
+        assert_allclose(found[k], expected, rtol=1e-5, atol=1e-5)
+
+
+def test_terms_that_know_nothing_of_shared_parameters_add_nothing(world):
+    held_alone = with_only(world.problem(walls=False), None)
+    assert [term.name for term in held_alone.terms] == [held_alone.gauge.name]
+    found = shared_blocks(held_alone, world.plan_from_cams)
+    assert not found.by_self.any()
+    assert not found.by_pose.any()
+    assert not found.gradient.any()
+
+
+@pytest.mark.parametrize("held", [(), (4, 7, 8)])
+def test_the_reduced_step_is_a_dense_one_over_poses_and_parameters(world, rng, held):
+    problem = world.problem()
+    # Pose blocks of matches leave out what vanishes with the residuals.
+    poses = nudged(rng, world.plan_from_cams, 1e-4, 1e-5)
+    sigmas = np.array([0.03, 0.02, 0.004, 0.03, 0.02, 0.008, 0.008, 0.003, 0.006])
+    sigmas[list(held)] = 0.0
+    departures = np.where(sigmas > 0, 0.3 * sigmas, 0.0)
+    n = 6 * len(poses)
+    normal, gradient = dense(problem, poses)
+    free = np.concatenate([np.arange(n), n + np.flatnonzero(sigmas > 0)])
+    of_free = np.flatnonzero(sigmas > 0)
+    normal[n + of_free, n + of_free] += 1 / sigmas[of_free] ** 2
+    gradient[n + of_free] += departures[of_free] / sigmas[of_free] ** 2
+    solved = np.zeros(n + S)
+    inverse = np.linalg.inv(normal[np.ix_(free, free)])
+    solved[free] = -inverse @ gradient[free]
+    step = shared_step(problem, poses, departures, sigmas)
+    assert np.abs(solved[n + of_free]).max() > 1e-3
+    assert_allclose(step.change[of_free], solved[n + of_free], rtol=1e-3, atol=2e-6)
+    assert_allclose(
+        step.covariance[np.ix_(of_free, of_free)],
+        inverse[n:, n:],
+        rtol=1e-3,
+        atol=1e-4 * inverse[n:, n:].max(),
+    )
+    moved = se3.retract(poses, solved[:n].reshape(-1, 6))
+    length = np.abs(moved - poses).max()
+    assert length > 1e-4
+    assert_allclose(step.target_from_cams, moved, atol=5e-3 * length)
+    assert not step.change[list(held)].any()

@@ -57,7 +57,7 @@ class CalibrationOptions:
     """Solves of all poses at most, a step of the parameters after each."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "min_sigmas", "max_rounds")
+        require_positive(self, "min_sigmas", "max_prior_sigmas", "max_rounds")
         require_share(self, "min_gain_share")
 
     @property
