@@ -1,4 +1,4 @@
-"""How far the recorded poses can be believed: convention, noise, breaks."""
+"""How far the recorded poses can be believed: convention, clock, noise, breaks."""
 
 from planfit.tracking.clock import ClockOffset as ClockOffset
 from planfit.tracking.judge import believe as believe

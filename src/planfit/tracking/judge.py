@@ -171,7 +171,9 @@ def judge_tracking(
     """
     is_at_origin = is_identity(world_from_cams)
     told = _over_told_steps(motions, ~stands_still(world_from_cams))
-    times = frame_times(np.arange(float(len(world_from_cams))) if timestamps is None else timestamps)
+    times = frame_times(
+        np.arange(float(len(world_from_cams))) if timestamps is None else timestamps
+    )
     clocked = _Clocked(times, is_at_origin, motions, told, odometry, options)
     chosen, fit, clock = _convention(name, world_from_cams, convention, clocked)
     chosen, recorded = _in_axes_of_format(name, world_from_cams, chosen, convention, up_world)
@@ -179,8 +181,7 @@ def judge_tracking(
     read, read_sigmas = clocked.read(recorded, clock)
     tracker = _Tracker(odometry, read_sigmas)
     if options.adapt_sigmas:
-        told = _over_told_steps(motions, ~void_steps(len(recorded), lost))
-        tracker = replace(tracker, factors=noise_factors(read, tracker.steps(read), told))
+        tracker = _adapted(tracker, read, lost, motions)
     filled = _filled(read, lost, motions, tracker, options)
     poses, found = filled.poses, []
     if options.mend:
@@ -248,6 +249,14 @@ def _lost_runs(
     return find_lost_runs(recorded, is_at_origin, motions, options) if options.mend else ()
 
 
+def _adapted(
+    tracker: _Tracker, read: Poses, lost: Sequence[LostRun], motions: MeasuredMotions
+) -> _Tracker:
+    """With the factors on its sigmas that its steps ask for."""
+    told = _over_told_steps(motions, ~void_steps(len(read), lost))
+    return replace(tracker, factors=noise_factors(read, tracker.steps(read), told))
+
+
 def _filled(
     read: Poses,
     lost: Sequence[LostRun],
@@ -275,13 +284,13 @@ def _convention(
     if is_delay and (clock is None or not clock.is_read or clock.is_whole(FRAME_DELAYS[fit.name])):
         base, clock = fit.name, None
     if clock is not None and clock.is_read:
-        again = best_convention(clocked.read(in_base, clock)[0], told, odometry)
-        if again.is_clear:  # what looked like an offset is another convention
+        read = best_convention(clocked.read(in_base, clock)[0], told, odometry)
+        if read.is_clear:  # what looked like an offset is another convention
             base, clock = (fit.name if fit.is_clear else fit.asked), None
         elif base == fit.asked:
-            fit = replace(fit, name=base, share=again.asked_share, asked_share=again.asked_share)
+            fit = replace(fit, name=base, share=read.asked_share, asked_share=read.asked_share)
         else:
-            fit = replace(fit, share=again.asked_share)
+            fit = replace(fit, share=read.asked_share)
     if asked == AUTO or not fit.is_clear:
         return base, fit, clock
     said = "as recorded" if asked == RECORDED else f"taken as {asked}"
