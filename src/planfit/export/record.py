@@ -20,7 +20,7 @@ from planfit.pipeline.result import RefineResult
 from planfit.pipeline.sensor import SensorParameter
 from planfit.scan import Scan, corrupt_frames
 from planfit.segmentation import NO_STOREY
-from planfit.tracking import Tracking
+from planfit.tracking import ClockOffset, Tracking
 
 
 def make_record(
@@ -141,11 +141,23 @@ def _tracking_record(tracking: Tracking) -> dict[str, Any]:
     return {
         "convention": tracking.convention,
         "motions_measured": tracking.n_motions,
+        "clock": None if tracking.clock is None else _clock_record(tracking.clock),
         "sigma_factors": {
             "rotation": tracking.sigma_factors[0],
             "translation": tracking.sigma_factors[1],
         },
         "breaks": [plain(found) for found in tracking.breaks],
+    }
+
+
+def _clock_record(clock: ClockOffset) -> dict[str, Any]:
+    """How much later than their poses images were taken; seconds are None where frames have numbers."""
+    return {
+        "offset_s": clock.offset_s,
+        "sigma_s": clock.sigma_s,
+        "offset_frames": clock.intervals,
+        "sigma_frames": clock.sigma_intervals,
+        "poses_read_at_image_times": clock.is_read,
     }
 
 

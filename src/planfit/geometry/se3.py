@@ -101,6 +101,24 @@ def difference(
     return np.concatenate([log_so3(rotation), translation], axis=-1)
 
 
+def interpolate(
+    before: Float[np.ndarray, "*batch 4 4"],
+    after: Float[np.ndarray, "*batch 4 4"],
+    share: Float[np.ndarray, "*batch"],
+) -> Float[np.ndarray, "*batch 4 4"]:
+    """Poses at constant velocity between two: `before` at share 0, `after` at 1; beyond, extrapolated.
+
+    Rotations R_before exp(share log(R_before^T R_after)), at constant angular velocity; straight positions.
+    """
+    turn = log_so3(np.swapaxes(before[..., :3, :3], -1, -2) @ after[..., :3, :3])
+    result = np.zeros_like(before)
+    result[..., :3, :3] = before[..., :3, :3] @ exp_so3(turn * share[..., None])
+    weight = share[..., None]
+    result[..., :3, 3] = (1 - weight) * before[..., :3, 3] + weight * after[..., :3, 3]
+    result[..., 3, 3] = 1.0
+    return result
+
+
 def project_to_so3(matrices: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3 3"]:
     """Nearest rotations in the Frobenius norm."""
     u, _, vt = np.linalg.svd(matrices)

@@ -139,6 +139,7 @@ def _judge(
             options.odometry,
             options.tracking,
             scan.up_world,
+            scan.timestamps,
         )
 
     tracking = judged(known)

@@ -2,7 +2,6 @@
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial.transform import Rotation
 
 from planfit.geometry import se3
 
@@ -59,14 +58,6 @@ def poses_at(
     total = np.where(is_between, times[after] - times[before], 1.0)
     # How far on the way from the pose before (0) to that after (1); the nearer of both where that is too far.
     share = np.where(is_between, gap_before / total, np.where(gap_before < gap_after, 0.0, 1.0))
-    result = np.repeat(np.eye(4)[None], len(at), axis=0)
-    # Rotations between: R_before exp(share log(R_before^T R_after)), at constant angular velocity.
-    rotation = Rotation.from_matrix(
-        np.swapaxes(poses[before, :3, :3], -1, -2) @ poses[after, :3, :3]
-    ).as_rotvec()
-    result[:, :3, :3] = poses[before, :3, :3] @ se3.exp_so3(rotation * share[:, None])
-    result[:, :3, 3] = (1 - share[:, None]) * poses[before, :3, 3] + share[:, None] * poses[
-        after, :3, 3
-    ]
+    result = se3.interpolate(poses[before], poses[after], share)
     result[~known] = np.eye(4)
     return result, known

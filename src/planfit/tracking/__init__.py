@@ -1,5 +1,6 @@
-"""How far the recorded poses can be believed: convention, noise, breaks."""
+"""How far the recorded poses can be believed: convention, clock, noise, breaks."""
 
+from planfit.tracking.clock import ClockOffset as ClockOffset
 from planfit.tracking.judge import believe as believe
 from planfit.tracking.judge import judge_tracking as judge_tracking
 from planfit.tracking.motions import measured_motions as measured_motions

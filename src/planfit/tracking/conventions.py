@@ -8,6 +8,7 @@ level, and hold cameras upright.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -86,6 +87,14 @@ def _with_centres(poses: Poses) -> Poses:
 
 _FROM_WXYZ, _FROM_XYZW = (1, 2, 3, 0), (3, 0, 1, 2)
 
+FRAME_DELAYS = {
+    "one_frame_late": 1,
+    "two_frames_late": 2,
+    "one_frame_early": -1,
+    "two_frames_early": -2,
+}
+"""Of the conventions, those that are a delay of whole frames."""
+
 CONVENTIONS: dict[str, Callable[[Poses], Poses]] = {
     "camera_from_world": se3.inverse,
     "opengl": from_opengl,
@@ -103,10 +112,7 @@ CONVENTIONS: dict[str, Callable[[Poses], Poses]] = {
     "camera_from_world_quaternion_xyzw": lambda p: se3.inverse(_reordered(p, _FROM_XYZW)),
     "rotation_camera_from_world": _transposed,
     "translation_camera_from_world": _with_centres,
-    "one_frame_late": lambda p: _shifted(p, 1),
-    "two_frames_late": lambda p: _shifted(p, 2),
-    "one_frame_early": lambda p: _shifted(p, -1),
-    "two_frames_early": lambda p: _shifted(p, -2),
+    **{name: partial(_shifted, frames=k) for name, k in FRAME_DELAYS.items()},
     "millimetres": lambda p: _scaled(p, 0.001),
     "centimetres": lambda p: _scaled(p, 0.01),
     "feet": lambda p: _scaled(p, 0.3048),

@@ -1,7 +1,7 @@
-"""Judge the recorded poses: convention, noise, breaks; and correct what can be corrected."""
+"""Judge the recorded poses: convention, clock, noise, breaks; and correct what can be corrected."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -10,8 +10,10 @@ from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.odometry import Odometry, OdometryOptions, make_odometry
 from planfit.tracking.breaks import Displacement, find_displacement
+from planfit.tracking.clock import ClockOffset, find_clock
 from planfit.tracking.conventions import (
     AUTO,
+    FRAME_DELAYS,
     RECORDED,
     ConventionFit,
     apply_convention,
@@ -32,6 +34,13 @@ from planfit.tracking.motions import MeasuredMotions
 from planfit.tracking.noise import noise_factors
 from planfit.tracking.options import TrackingOptions
 from planfit.tracking.submaps import find_doubtful
+from planfit.tracking.trajectory import (
+    LONG_INTERVAL,
+    FrameTimes,
+    frame_times,
+    interpolation_sigmas,
+    read_trajectory,
+)
 from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of
 
 MAX_BREAKS_SHARE = 0.1
@@ -41,6 +50,85 @@ MIN_TOLD = 0.5
 """Share of the motions that must lead over steps which say something, to be judged without the others."""
 
 Poses = Float[np.ndarray, "n 4 4"]
+
+
+@dataclass(frozen=True)
+class _Tracker:
+    """How much a tracker errs over its steps."""
+
+    options: OdometryOptions
+    read_sigmas: Float[np.ndarray, "n 2"] | None = None
+    """rad and m, of poses that were read between the recorded ones."""
+    factors: tuple[float, float] = (1.0, 1.0)
+    """On the sigmas of rotation and translation of all steps."""
+
+    def steps(
+        self,
+        poses: Poses,
+        displaced: Sequence[Displacement] = (),
+        replaced: dict[int, tuple[float, float]] | None = None,
+    ) -> Odometry:
+        """Steps of corrected poses; those that were broken are as sure as what took their place."""
+        odometry = make_odometry(poses, self.options)
+        rotation, translation = odometry.sigma_rotation, odometry.sigma_translation
+        if self.read_sigmas is not None:
+            of_step = np.hypot(self.read_sigmas[:-1], self.read_sigmas[1:])
+            rotation = np.hypot(rotation, of_step[:, 0])
+            translation = np.hypot(translation, of_step[:, 1])
+        rotation, translation = rotation * self.factors[0], translation * self.factors[1]
+        for d in displaced:
+            # The step onto the first displaced frame, and where later frames stayed, that off the last.
+            steps = [d.first - 1] + ([d.last] if d.last < len(poses) - 1 else [])
+            rotation[steps] = np.hypot(rotation[steps], d.sigma_rotation)
+            translation[steps] = np.hypot(translation[steps], d.sigma_translation)
+        for step, sigmas in (replaced or {}).items():
+            rotation[step], translation[step] = sigmas
+        return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
+
+
+@dataclass(frozen=True)
+class _Clocked:
+    """What the time between images and poses is sought by."""
+
+    times: FrameTimes
+    is_at_origin: Bool[np.ndarray, " n"]
+    motions: MeasuredMotions
+    told: MeasuredMotions
+    """Of these, those over steps that say something."""
+    odometry: OdometryOptions
+    options: TrackingOptions
+
+    def find(self, recorded: Poses) -> ClockOffset | None:
+        """The offset, where one is sought and significant."""
+        if not self.options.clock_is_sought:
+            return None
+        is_whole = self._is_tracked(recorded)
+        return find_clock(recorded, self.times, self.told, is_whole, self.odometry, self.options)
+
+    def read(
+        self, recorded: Poses, clock: ClockOffset | None
+    ) -> tuple[Poses, Float[np.ndarray, "n 2"] | None]:
+        """Poses at the images' times, and their sigmas (rad, m); without an offset, as recorded."""
+        if clock is None or not clock.is_read:
+            return recorded, None
+        is_whole = self._is_tracked(recorded)
+        if self.options.mend:
+            tracker = _Tracker(self.odometry)
+            tracker = replace(
+                tracker, factors=noise_factors(recorded, tracker.steps(recorded), self.told)
+            )
+            for d in _mended(Filled(recorded), self.motions, tracker, self.options)[1]:
+                is_whole[[d.first - 1, min(d.last, len(is_whole) - 1)]] = False
+        times = self.times.intervals
+        return (
+            read_trajectory(recorded, times, clock.intervals, is_whole),
+            interpolation_sigmas(recorded, times, clock.intervals, is_whole),
+        )
+
+    def _is_tracked(self, recorded: Poses) -> Bool[np.ndarray, " s"]:
+        """Steps that tracking was not lost over, and no frames are missing in."""
+        lost = _lost_runs(recorded, self.is_at_origin, self.motions, self.options)
+        return ~void_steps(len(recorded), lost) & (np.diff(self.times.intervals) <= LONG_INTERVAL)
 
 
 def believe(world_from_cams: Poses, convention: str, odometry: OdometryOptions) -> Tracking:
@@ -62,6 +150,7 @@ def judge_tracking(
     odometry: OdometryOptions,
     options: TrackingOptions,
     up_world: Float[np.ndarray, "3"] | None = None,
+    timestamps: Float[np.ndarray, " n"] | None = None,
 ) -> Tracking:
     """Compare the recorded poses with measured motions.
 
@@ -73,41 +162,46 @@ def judge_tracking(
         odometry: what is usual of trackers.
         options: see there.
         up_world: unit vector against gravity, where the scan's format says which axis is up.
+        timestamps: of the frames, s, or frame numbers; without, frames are numbered.
 
     Raises:
         ScanError: another convention explains the measured motions, or another axis is up than the format
             says, and `auto` was not asked for.
         OptionError: there is no convention of this name.
     """
+    is_at_origin = is_identity(world_from_cams)
     told = _over_told_steps(motions, ~stands_still(world_from_cams))
-    chosen, fit = _convention(name, world_from_cams, told, convention, odometry)
+    times = frame_times(
+        np.arange(float(len(world_from_cams))) if timestamps is None else timestamps
+    )
+    clocked = _Clocked(times, is_at_origin, motions, told, odometry, options)
+    chosen, fit, clock = _convention(name, world_from_cams, convention, clocked)
     chosen, recorded = _in_axes_of_format(name, world_from_cams, chosen, convention, up_world)
-    lost: tuple[LostRun, ...] = ()
-    if options.mend:
-        lost = find_lost_runs(recorded, is_identity(world_from_cams), motions, options)
-    factors = (1.0, 1.0)
+    lost = _lost_runs(recorded, is_at_origin, motions, options)
+    read, read_sigmas = clocked.read(recorded, clock)
+    tracker = _Tracker(odometry, read_sigmas)
     if options.adapt_sigmas:
-        told = _over_told_steps(motions, ~void_steps(len(recorded), lost))
-        factors = noise_factors(recorded, make_odometry(recorded, odometry), told)
-    filled = _filled(recorded, lost, motions, odometry, factors, options)
+        tracker = _adapted(tracker, read, lost, motions)
+    filled = _filled(read, lost, motions, tracker, options)
     poses, found = filled.poses, []
     if options.mend:
-        poses, found = _mended(filled, motions, odometry, factors, options)
-    steps = _odometry(poses, odometry, factors, found, filled.sigmas)
+        poses, found = _mended(filled, motions, tracker, options)
+    steps = tracker.steps(poses, found, filled.sigmas)
     doubtful = filled.open_steps
     if options.mend:
         doubtful = np.union1d(doubtful, find_doubtful(poses, steps, motions, options))
-    if max(factors) >= options.fuse_above:
+    if max(tracker.factors) >= options.fuse_above:
         poses = fuse(poses, steps, motions)
         steps = with_steps_of(steps, poses)
-    displaced = [_described(recorded, poses, d) for d in found]
+    displaced = [_described(read, poses, d) for d in found]
     return Tracking(
         recorded_world_from_cams=recorded,
         world_from_cams=poses,
         odometry=steps,
         convention=chosen,
         convention_fit=fit,
-        sigma_factors=factors,
+        clock=clock,
+        sigma_factors=tracker.factors,
         breaks=tuple(sorted((*filled.breaks, *displaced), key=lambda b: b.first_frame)),
         n_motions=len(motions),
         doubtful_steps=doubtful,
@@ -145,29 +239,60 @@ def _over_told_steps(motions: MeasuredMotions, is_told: Bool[np.ndarray, " s"]) 
     return motions[np.flatnonzero(over)] if over.sum() >= MIN_TOLD * len(over) else motions
 
 
-def _filled(
+def _lost_runs(
     recorded: Poses,
+    is_at_origin: Bool[np.ndarray, " n"],
+    motions: MeasuredMotions,
+    options: TrackingOptions,
+) -> tuple[LostRun, ...]:
+    """Lost frames, where they are to be mended."""
+    return find_lost_runs(recorded, is_at_origin, motions, options) if options.mend else ()
+
+
+def _adapted(
+    tracker: _Tracker, read: Poses, lost: Sequence[LostRun], motions: MeasuredMotions
+) -> _Tracker:
+    """With the factors on its sigmas that its steps ask for."""
+    told = _over_told_steps(motions, ~void_steps(len(read), lost))
+    return replace(tracker, factors=noise_factors(read, tracker.steps(read), told))
+
+
+def _filled(
+    read: Poses,
     lost: Sequence[LostRun],
     motions: MeasuredMotions,
-    odometry: OdometryOptions,
-    factors: tuple[float, float],
+    tracker: _Tracker,
     options: TrackingOptions,
 ) -> Filled:
     """Lost frames placed, by steps with the sigmas of this tracker."""
     if not lost:
-        return Filled(recorded)
-    steps = _odometry(recorded, odometry, factors, [], {})
-    usual = usual_step(recorded, ~void_steps(len(recorded), lost))
-    return fill_lost(recorded, lost, motions, steps, usual, options)
+        return Filled(read)
+    usual = usual_step(read, ~void_steps(len(read), lost))
+    return fill_lost(read, lost, motions, tracker.steps(read), usual, options)
 
 
 def _convention(
-    name: str, poses: Poses, motions: MeasuredMotions, asked: str, odometry: OdometryOptions
-) -> tuple[str, ConventionFit]:
-    """The convention to apply, and how well it fits."""
-    fit = best_convention(poses, motions, odometry, RECORDED if asked == AUTO else asked)
+    name: str, poses: Poses, asked: str, clocked: _Clocked
+) -> tuple[str, ConventionFit, ClockOffset | None]:
+    """The convention to apply, how well it fits, and the time between images and poses in it."""
+    told, odometry = clocked.told, clocked.odometry
+    fit = best_convention(poses, told, odometry, RECORDED if asked == AUTO else asked)
+    is_delay = fit.is_clear and fit.name in FRAME_DELAYS
+    base = fit.name if fit.is_clear and not is_delay else fit.asked
+    in_base = apply_convention(poses, base)
+    clock = clocked.find(in_base)
+    if is_delay and (clock is None or not clock.is_read or clock.is_whole(FRAME_DELAYS[fit.name])):
+        base, clock = fit.name, None
+    if clock is not None and clock.is_read:
+        read = best_convention(clocked.read(in_base, clock)[0], told, odometry)
+        if read.is_clear:  # what looked like an offset is another convention
+            base, clock = (fit.name if fit.is_clear else fit.asked), None
+        elif base == fit.asked:
+            fit = replace(fit, name=base, share=read.asked_share, asked_share=read.asked_share)
+        else:
+            fit = replace(fit, share=read.asked_share)
     if asked == AUTO or not fit.is_clear:
-        return (fit.name if fit.is_clear else fit.asked), fit
+        return base, fit, clock
     said = "as recorded" if asked == RECORDED else f"taken as {asked}"
     again = "auto" if fit.name == RECORDED else f"{fit.name}, or auto"
     raise ScanError(
@@ -177,18 +302,14 @@ def _convention(
 
 
 def _mended(
-    filled: Filled,
-    motions: MeasuredMotions,
-    options: OdometryOptions,
-    factors: tuple[float, float],
-    tracking: TrackingOptions,
+    filled: Filled, motions: MeasuredMotions, tracker: _Tracker, options: TrackingOptions
 ) -> tuple[Poses, list[Displacement]]:
     """Poses with displaced frames put where measured motions say, the surest first."""
     poses, found = filled.poses, []
     most = max(3, int(MAX_BREAKS_SHARE * len(poses)))
     while len(found) <= most:
-        odometry = _odometry(poses, options, factors, found, filled.sigmas)
-        displacement = find_displacement(poses, odometry, motions, tracking)
+        steps = tracker.steps(poses, found, filled.sigmas)
+        displacement = find_displacement(poses, steps, motions, options)
         if displacement is None:
             return poses, found
         poses = poses.copy()
@@ -196,27 +317,6 @@ def _mended(
         poses[of] = displacement.world_from_recorded @ poses[of]
         found.append(displacement)
     return filled.poses, []
-
-
-def _odometry(
-    poses: Poses,
-    options: OdometryOptions,
-    factors: tuple[float, float],
-    displaced: list[Displacement],
-    replaced: dict[int, tuple[float, float]],
-) -> Odometry:
-    """Steps of corrected poses; those that were broken are as sure as what took their place."""
-    odometry = make_odometry(poses, options)
-    rotation = odometry.sigma_rotation * factors[0]
-    translation = odometry.sigma_translation * factors[1]
-    for d in displaced:
-        # The step onto the first displaced frame, and where later frames stayed, that off the last.
-        steps = [d.first - 1] + ([d.last] if d.last < len(poses) - 1 else [])
-        rotation[steps] = np.hypot(rotation[steps], d.sigma_rotation)
-        translation[steps] = np.hypot(translation[steps], d.sigma_translation)
-    for step, sigmas in replaced.items():
-        rotation[step], translation[step] = sigmas
-    return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
 
 
 def _described(recorded: Poses, corrected: Poses, d: Displacement) -> TrackingBreak:

@@ -26,7 +26,17 @@ class TrackingOptions:
     min_matches_alone: int = 50
     """A measured motion that no other one confirms needs as many matches to correct a step."""
 
+    clock_is_sought: bool = True
+    """Whether a constant time between images and poses is sought, and poses are read at the images' times."""
+    clock_max_s: float = 0.2
+    """Largest time between an image and its pose that is sought, s; at least `clock_max_frames`."""
+    clock_max_frames: float = 2.5
+    """The same in intervals between frames, for scans with few frames a second or without times."""
+    clock_min_sigmas: float = 3.0
+    """A time between images and poses is believed from so many standard deviations on."""
+
     def __post_init__(self) -> None:
         require_positive(
             self, "fuse_above", "max_sigmas", "min_jump_m", "min_jump_deg", "min_matches_alone"
         )
+        require_positive(self, "clock_max_s", "clock_max_frames", "clock_min_sigmas")

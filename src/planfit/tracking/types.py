@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from planfit.geometry import se3
 from planfit.scan.odometry import Odometry
+from planfit.tracking.clock import ClockOffset
 from planfit.tracking.conventions import ConventionFit
 
 
@@ -39,13 +40,15 @@ class Tracking:
     recorded_world_from_cams: Float[np.ndarray, "n 4 4"]
     """As recorded, in our convention."""
     world_from_cams: Float[np.ndarray, "n 4 4"]
-    """The same with breaks corrected."""
+    """The same read at the images' times, with breaks corrected."""
     odometry: Odometry
     """Steps of these, with sigmas that fit this tracker; wide where a step is not known."""
     convention: str = "recorded"
     """The convention that recorded poses were taken to follow."""
     convention_fit: ConventionFit | None = None
     """What measured motions say of it; None where they were not asked."""
+    clock: ClockOffset | None = None
+    """How much later than their poses images were taken; None where no such time is significant."""
     sigma_factors: tuple[float, float] = (1.0, 1.0)
     """On the sigmas of rotation and translation of all steps."""
     breaks: tuple[TrackingBreak, ...] = ()
@@ -96,6 +99,8 @@ class Tracking:
         notes = []
         if self.convention != "recorded":
             notes.append(f"the recorded poses were taken as {self.convention}")
+        if self.clock is not None:
+            notes.append(self.clock.sentence)
         if self.doubt:
             notes.append(self.doubt)
         if max(self.sigma_factors) > NOTED_FACTOR:

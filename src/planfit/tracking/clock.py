@@ -1,0 +1,218 @@
+"""Time between images and poses: the offset that makes recorded motions explain the measured ones best.
+
+Temporal calibration (Furgale, Rehder and Siegwart 2013; Qin and Shen 2018) in one dimension: the recorded
+trajectory is read at the frames' times plus an offset, and compared with motions from images alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from planfit.scan.odometry import OdometryOptions, make_odometry
+from planfit.tracking.motions import MeasuredMotions, departures, expected_covariance
+from planfit.tracking.noise import FREEDOM, noise_factors
+from planfit.tracking.options import TrackingOptions
+from planfit.tracking.trajectory import FrameTimes, joined_frames, read_trajectory
+
+GRID = 0.25
+"""Offsets tried, in frame intervals; half an interval is a whole number of them."""
+HALF = 2
+"""Of them, in half an interval."""
+MIN_MOTIONS, MAX_MOTIONS = 30, 2000
+"""Fewer motions tell no offset; more do not tell it better, and are thinned."""
+MIN_BLOCKS, MAX_BLOCKS, BLOCK_FRAMES = 6, 30, 8
+"""Stretches of the walk, as independent witnesses: motions that share frames share their errors. So many at
+least and at most, and frames in each at least."""
+MIN_INTERVALS, MIN_S = 0.05, 0.002
+"""Smaller offsets are left alone: they move no pose by more than trackers err."""
+MAX_INTERVALS = 15.0
+"""Offsets further off are not searched, however many frames a second there are."""
+
+Poses = Float[np.ndarray, "n 4 4"]
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """How much later than their poses images were taken."""
+
+    intervals: float
+    """In frame intervals; negative where images are earlier."""
+    sigma_intervals: float
+    """Standard deviation, from how much stretches of the walk disagree."""
+    interval_s: float | None
+    """s; None where the scan has frame numbers instead of times."""
+    is_read: bool
+    """Whether poses were read from the trajectory at the images' times. They were not where frames are too
+    far apart: motions read between them explain the images no better."""
+
+    @property
+    def offset_s(self) -> float | None:
+        """s; None where the scan has frame numbers."""
+        return None if self.interval_s is None else self.intervals * self.interval_s
+
+    @property
+    def sigma_s(self) -> float | None:
+        """Standard deviation, s; None where the scan has frame numbers."""
+        return None if self.interval_s is None else self.sigma_intervals * self.interval_s
+
+    def is_whole(self, frames: int) -> bool:
+        """Whether it is as good as so many whole frame intervals."""
+        return abs(self.intervals - frames) < max(
+            MIN_INTERVALS, min(3 * self.sigma_intervals, 0.15)
+        )
+
+    @property
+    def sentence(self) -> str:
+        """For the user."""
+        if self.offset_s is None:
+            size = f"{abs(self.intervals):.2g} frames"
+        else:
+            size = f"{1000 * abs(self.offset_s):.0f} ms"
+        which = "later" if self.intervals > 0 else "earlier"
+        if self.is_read:
+            return (
+                f"images are {size} {which} than their poses: poses were read from the trajectory at the "
+                "images' times"
+            )
+        return (
+            f"images are about {size} {which} than their poses, and frames are too far apart to read poses "
+            "between them: they stay as recorded; export the scan with more frames a second"
+        )
+
+
+@dataclass(frozen=True)
+class _Costs:
+    """Robust costs of the measured motions of each stretch, at each offset tried."""
+
+    offsets: Float[np.ndarray, " g"]
+    by_block: Float[np.ndarray, "b g"]
+
+    def averaged(self) -> Float[np.ndarray, "b g"]:
+        """Each over one frame interval about its offset; without half an interval at both ends.
+
+        Interpolation averages the tracker's noise, most between two frames. What this takes off the cost
+        repeats with every interval, and is gone in the average.
+        """
+        weights = np.full(2 * HALF + 1, 1.0)
+        weights[[0, -1]] = 0.5
+        return np.stack(
+            [np.convolve(row, weights / weights.sum(), mode="valid") for row in self.by_block]
+        )
+
+    def slopes(self) -> Float[np.ndarray, "b g"]:
+        """Derivatives of these, an interval."""
+        return self.by_block[:, 2 * HALF :] - self.by_block[:, : -2 * HALF]
+
+
+def find_clock(
+    world_from_cams: Poses,
+    times: FrameTimes,
+    motions: MeasuredMotions,
+    is_whole: Bool[np.ndarray, " s"],
+    odometry: OdometryOptions,
+    options: TrackingOptions,
+) -> ClockOffset | None:
+    """The offset at which the trajectory explains the measured motions best; None where none is significant.
+
+    Args:
+        world_from_cams: as recorded, in our convention.
+        times: of the frames.
+        motions: measured between neighbouring frames.
+        is_whole: steps (frame i to i + 1) that may be interpolated.
+        odometry: what is usual of trackers.
+        options: how far to search, and what is significant.
+    """
+    reach = _reach(times, options)
+    usable = _inside(motions, times.intervals, is_whole, reach + 1.0)
+    if len(usable) < MIN_MOTIONS or len(world_from_cams) < MIN_BLOCKS * BLOCK_FRAMES:
+        return None
+    usable = usable[np.unique(np.linspace(0, len(usable) - 1, MAX_MOTIONS).astype(int))]
+    found, at = None, 0.0
+    for _ in range(2):  # the noise at the offset, by which departures count, is told only near it
+        costs = _costs(world_from_cams, times.intervals, usable, is_whole, odometry, at, reach)
+        found = _minimum(costs, times, options)
+        if found is None:
+            return None
+        at = found.intervals
+    return found
+
+
+def _reach(times: FrameTimes, options: TrackingOptions) -> float:
+    """Largest offset searched, in frame intervals."""
+    of_time = 0.0 if times.interval_s is None else options.clock_max_s / times.interval_s
+    return min(max(options.clock_max_frames, of_time), MAX_INTERVALS)
+
+
+def _inside(
+    motions: MeasuredMotions,
+    times: Float[np.ndarray, " n"],
+    is_whole: Bool[np.ndarray, " s"],
+    margin: float,
+) -> MeasuredMotions:
+    """Motions whose frames are read, at offsets up to `margin`, from steps that are whole."""
+    first, last = joined_frames(is_whole)
+    i, j = motions.pairs.T
+    holds = (first[i] == first[j]) & (times[i] - margin >= times[first[i]])
+    return motions[np.flatnonzero(holds & (times[j] + margin <= times[last[j]]))]
+
+
+def _costs(
+    poses: Poses,
+    times: Float[np.ndarray, " n"],
+    motions: MeasuredMotions,
+    is_whole: Bool[np.ndarray, " s"],
+    options: OdometryOptions,
+    at: float,
+    reach: float,
+) -> _Costs:
+    """Costs under a t-distribution whose sigmas are those of the noise at the offset `at`."""
+    read = read_trajectory(poses, times, at, is_whole) if at else poses
+    odometry = make_odometry(read, options)
+    covariance = expected_covariance(motions, odometry, noise_factors(read, odometry, motions))
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+    n_blocks = min(MAX_BLOCKS, len(poses) // BLOCK_FRAMES)
+    block = np.minimum(motions.pairs[:, 0] * n_blocks // len(poses), n_blocks - 1)
+    half = int(np.ceil(reach / GRID)) + HALF
+    offsets = GRID * np.arange(-half, half + 1)
+    by_block = np.zeros((n_blocks, len(offsets)))
+    for k, offset in enumerate(offsets):
+        departed = departures(motions, read_trajectory(poses, times, offset, is_whole))
+        squared = np.sum(np.einsum("pij,pj->pi", whiten, departed) ** 2, axis=1)
+        cost = (FREEDOM + 6.0) / 2 * np.log1p(squared / FREEDOM)
+        by_block[:, k] = np.bincount(block, cost, n_blocks)
+    return _Costs(offsets, by_block[np.bincount(block, minlength=n_blocks) > 0])
+
+
+def _minimum(costs: _Costs, times: FrameTimes, options: TrackingOptions) -> ClockOffset | None:
+    """Where the averaged cost is least; None where that is at an end, or the fall is not significant."""
+    averaged, slopes = costs.averaged(), costs.slopes()
+    offsets = costs.offsets[HALF:-HALF]
+    total, slope = averaged.sum(axis=0), slopes.sum(axis=0)
+    k = int(np.argmin(total))
+    if len(averaged) < MIN_BLOCKS or k in (0, len(total) - 1):
+        return None
+    low = k - 1 if slope[k] > 0 else k
+    share = -slope[low] / (slope[low + 1] - slope[low])
+    best = offsets[low] + share * GRID
+    curvature = (slope[low + 1] - slope[low]) / GRID
+    at_best = slopes[:, low] * (1 - share) + slopes[:, low + 1] * share
+    n = len(averaged)
+    sigma = float(np.sqrt(np.sum(at_best**2) * n / (n - 1)) / curvature)
+    zero = len(offsets) // 2
+    fall = _significance(averaged[:, zero] - averaged[:, k])
+    read = costs.by_block[:, HALF:-HALF]
+    gain = _significance(read[:, zero] - read[:, k])
+    least = (
+        MIN_INTERVALS if times.interval_s is None else max(MIN_INTERVALS, MIN_S / times.interval_s)
+    )
+    is_kept = abs(best) > max(least, options.clock_min_sigmas * sigma)
+    if not is_kept or fall < options.clock_min_sigmas:
+        return None
+    return ClockOffset(best, sigma, times.interval_s, gain > options.clock_min_sigmas)
+
+
+def _significance(falls: Float[np.ndarray, " b"]) -> float:
+    """The sum of what stretches fall by, in its standard deviations."""
+    spread = float(np.std(falls, ddof=1) * np.sqrt(len(falls)))
+    return float(falls.sum()) / max(spread, 1e-12)

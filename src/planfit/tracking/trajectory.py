@@ -1,0 +1,101 @@
+"""Recorded poses as a trajectory: read at other times than those of the frames, and how sure that is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from planfit.geometry import se3
+
+LONG_INTERVAL = 3.0
+"""Nothing is interpolated over a time of more frame intervals: frames are missing."""
+
+Poses = Float[np.ndarray, "n 4 4"]
+
+
+@dataclass(frozen=True)
+class FrameTimes:
+    """When frames were taken, in intervals between frames (median)."""
+
+    intervals: Float[np.ndarray, " n"]
+    interval_s: float | None
+    """s; None where the scan has frame numbers instead of times."""
+
+
+def frame_times(timestamps: Float[np.ndarray, " n"]) -> FrameTimes:
+    """Times of frames that follow each other; frames are numbered where times do not grow.
+
+    Whole numbers alone are frame numbers, as formats without times have them.
+    """
+    steps = np.diff(timestamps)
+    if len(steps) == 0 or steps.min() <= 0:
+        return FrameTimes(np.arange(float(len(timestamps))), None)
+    interval = float(np.median(steps))
+    is_numbered = bool(np.all(timestamps == np.round(timestamps)))
+    intervals = (timestamps - timestamps[0]) / interval
+    return FrameTimes(intervals, None if is_numbered else interval)
+
+
+def read_trajectory(
+    world_from_cams: Poses,
+    times: Float[np.ndarray, " n"],
+    offset: float,
+    is_whole: Bool[np.ndarray, " s"],
+) -> Poses:
+    """Poses of a trajectory at the times of its frames plus an offset.
+
+    They are interpolated between the poses around them. At the ends, and at steps (frame i to i + 1) that
+    are not whole, motion goes on at the velocity of the last step.
+    """
+    before, after, share = _brackets(times, offset, is_whole)
+    return se3.interpolate(world_from_cams[before], world_from_cams[after], share)
+
+
+def interpolation_sigmas(
+    world_from_cams: Poses,
+    times: Float[np.ndarray, " n"],
+    offset: float,
+    is_whole: Bool[np.ndarray, " s"],
+) -> Float[np.ndarray, "n 2"]:
+    """How far `read_trajectory` may be off at each frame: rotation (rad) and translation (m), each axis.
+
+    Of linear interpolation at share x of a step the error is x (1 - x) / 2 times the second difference.
+    """
+    before, _, share = _brackets(times, offset, is_whole)
+    steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
+    tangents = np.concatenate([se3.log_so3(steps[:, :3, :3]), steps[:, :3, 3]], axis=1)
+    bends = np.diff(tangents, axis=0) ** 2
+    bends[~(is_whole[:-1] & is_whole[1:])] = 0.0
+    if len(bends) == 0:
+        return np.zeros((len(world_from_cams), 2))
+    # Of the step from frame k: the mean over the bends at frames k and k + 1.
+    at = np.stack([before - 1, before]).clip(0, len(bends) - 1)
+    around = bends[at].mean(axis=0)
+    lever = np.abs(share * (1 - share)) / 2
+    sigma = np.sqrt(around.reshape(-1, 2, 3).mean(axis=2))
+    return lever[:, None] * sigma
+
+
+def _brackets(
+    times: Float[np.ndarray, " n"], offset: float, is_whole: Bool[np.ndarray, " s"]
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Frame before and after the time at which each pose is read, and how far on the way it is."""
+    first, last = joined_frames(is_whole)
+    at = times + offset
+    before = np.searchsorted(times, at, side="right") - 1
+    before = np.clip(before, first, np.maximum(last - 1, first))
+    after = np.minimum(before + 1, last)
+    length = np.where(after > before, times[after] - times[before], 1.0)
+    return before, after, np.where(after > before, (at - times[before]) / length, 0.0)
+
+
+def joined_frames(
+    is_whole: Bool[np.ndarray, " s"],
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """First and last frame that whole steps (frame i to i + 1) join each of the n = s + 1 frames with."""
+    n = len(is_whole) + 1
+    cuts = np.flatnonzero(~is_whole)
+    firsts = np.concatenate([[0], cuts + 1])
+    lasts = np.concatenate([cuts, [n - 1]])
+    segment = np.searchsorted(cuts, np.arange(n))
+    return firsts[segment], lasts[segment]
