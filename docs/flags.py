@@ -34,6 +34,8 @@ class Flag:
     """Whether a switch can be switched off by `--no-NAME`."""
     metavar: str = ""
     """What is written behind it, where its type does not say."""
+    is_repeated: bool = False
+    """Whether several values take the flag once each, not once for all."""
 
     @property
     def name(self) -> str:
@@ -132,6 +134,7 @@ def group_of(
                 default is None and field.default_factory is not dataclasses.MISSING,
                 not any(m in tyro.conf.FlagCreatePairsOff[bool].__metadata__ for m in marks),
                 next((m.metavar for m in marks if getattr(m, "metavar", None)), ""),
+                any(m in tyro.conf.UseAppendAction[int].__metadata__ for m in marks),
             )
         )
     return Group(prefix, cls, words, tuple(flags), tuple(groups), tuple(elsewhere))

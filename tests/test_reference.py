@@ -141,6 +141,8 @@ def _words(flag: Flag) -> list[str]:
     if flag.type is bool:
         own = flag.path[-1].replace("_", "-")
         return [f"--{flag.prefix}{'' if value else 'no-'}{own}"]
+    if flag.is_repeated:
+        return [word for one in value for word in (flag.name, str(one))]
     if isinstance(value, tuple):
         return [flag.name, *(str(one) for one in value)]
     return [flag.name, value.name if isinstance(value, Enum) else str(value)]
