@@ -7,7 +7,7 @@ planfit's terms, pass over the points and ordering are. All stop at the same rel
 
 Two sizes: 100 matches a pair and 2,000 points a frame, as a scan has; and 10 and 60, where sums over
 points are worth the least. g2o with an edge a point is run at the second alone: its Python binding takes
-time quadratic in the number of edges to make them, half an hour for a million.
+time quadratic in the number of edges to make them, hours for a million.
 """
 
 from collections.abc import Callable
@@ -71,7 +71,7 @@ def _of_size(size: Size, n_frames: int) -> list[Record]:
     conditions = (
         f"{size.name}: {n_frames} frames, {len(measurements.matches.pairs)} pairs, "
         f"{measurements.matches.n_matches} matches, {n_points} floor and wall points, squared losses, given "
-        f"association, relative decrease below {TOLERANCE:g}; CPU time, one thread, medians of {REPEATS} in "
+        f"association, relative decrease below {TOLERANCE:g}; CPU time of all threads, medians of {REPEATS} in "
         f"turns; {machine()}"
     )
     made = [

@@ -194,7 +194,7 @@ def _with_planfit(case: Case) -> tuple[Way, float]:
 
 
 def _pose_graph(observations: Observations, preference: float) -> Way:
-    """Open3D's global optimisation; making the edges' motions and informations counts."""
+    """Open3D's global optimisation; making the edges' motions and information counts."""
     tracking, matches = observations.tracking, observations.matches
     assert tracking is not None
     cpu, graph = time.process_time(), registration.PoseGraph()
