@@ -71,8 +71,8 @@ def _of_size(size: Size, n_frames: int) -> list[Record]:
     conditions = (
         f"{size.name}: {n_frames} frames, {len(measurements.matches.pairs)} pairs, "
         f"{measurements.matches.n_matches} matches, {n_points} floor and wall points, squared losses, given "
-        f"association, relative decrease below {TOLERANCE:g}; CPU time of all threads, medians of {REPEATS} in "
-        f"turns; {machine()}"
+        f"association, relative decrease below {TOLERANCE:g}; CPU time of all threads, medians of {REPEATS} "
+        f"in turns; {machine()}"
     )
     made = [
         record

@@ -182,14 +182,7 @@ def gather_evidence(
     recorded = on_plan.recorded_plan_from_level @ prepared.level_from_cams
     recorded = recorded[keyframes.frame_idx]
     folds = choose_folds(measurements, recorded, n_folds, rng)
-    # A fold begins where the result ended; what changes its cost by less moves no pose by a sigma.
-    tolerance = max(FOLD_TOLERANCE, options.solver.cost_tolerance)
-    of_folds = replace(options, solver=replace(options.solver, cost_tolerance=tolerance))
-    by_fold = []
-    for fold in range(n_folds):
-        reduced = without_fold(measurements, adjustment.correspondences, folds, fold)
-        problem = build_problem(reduced[0], of_folds, solved, reduced[1], extra_terms)
-        by_fold.append(problem.solve().target_from_cams[: len(solved)])
+    by_fold = _solve_folds(prepared, adjustment, options, folds, extra_terms)
     problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
     covariance = predicted_covariance(problem, adjustment.rivals, folds, by_fold)
     spread = spread_of_rivals(solved, adjustment.rivals)
@@ -216,6 +209,26 @@ def gather_evidence(
         tracking_doubt=prepared.tracking_doubt,
         without_plan=on_plan.storeys.without_plan if on_plan.storeys else (),
     )
+
+
+def _solve_folds(
+    prepared: PreparedScan,
+    adjustment: PlanAdjustment,
+    options: AdjustOptions,
+    folds: Folds,
+    extra_terms: Sequence[Term],
+) -> list[Float[np.ndarray, "k 4 4"]]:
+    """Poses of each fold's solve."""
+    solved = adjustment.solution.target_from_cams
+    # A fold begins where the result ended; what changes its cost by less moves no pose by a sigma.
+    tolerance = max(FOLD_TOLERANCE, options.solver.cost_tolerance)
+    of_folds = replace(options, solver=replace(options.solver, cost_tolerance=tolerance))
+    by_fold = []
+    for fold in range(folds.count):
+        reduced = without_fold(prepared.measurements, adjustment.correspondences, folds, fold)
+        problem = build_problem(reduced[0], of_folds, solved, reduced[1], extra_terms)
+        by_fold.append(problem.solve().target_from_cams[: len(solved)])
+    return by_fold
 
 
 def _moved_walls(on_plan: ScanOnPlan, adjustment: PlanAdjustment) -> tuple[str, ...]:

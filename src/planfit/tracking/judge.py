@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
@@ -183,16 +183,7 @@ def judge_tracking(
     if options.adapt_sigmas:
         tracker = _adapted(tracker, read, lost, motions)
     filled = _filled(read, lost, motions, tracker, options)
-    poses, found = filled.poses, []
-    if options.mend:
-        poses, found = _mended(filled, motions, tracker, options)
-    steps = tracker.steps(poses, found, filled.sigmas)
-    doubtful = filled.open_steps
-    if options.mend:
-        doubtful = np.union1d(doubtful, find_doubtful(poses, steps, motions, options))
-    if max(tracker.factors) >= options.fuse_above:
-        poses = fuse(poses, steps, motions)
-        steps = with_steps_of(steps, poses)
+    poses, found, steps, doubtful = _corrected(filled, motions, tracker, options)
     displaced = [_described(read, poses, d) for d in found]
     return Tracking(
         recorded_world_from_cams=recorded,
@@ -209,6 +200,23 @@ def judge_tracking(
         linked=filled.linked,
         n_repeated=count_repeated(recorded, motions, options),
     )
+
+
+def _corrected(
+    filled: Filled, motions: MeasuredMotions, tracker: _Tracker, options: TrackingOptions
+) -> tuple[Poses, list[Displacement], Odometry, Int[np.ndarray, " k"]]:
+    """Poses with broken steps mended, what was mended, their steps, and steps that nothing tells surely."""
+    poses, found = filled.poses, []
+    if options.mend:
+        poses, found = _mended(filled, motions, tracker, options)
+    steps = tracker.steps(poses, found, filled.sigmas)
+    doubtful = filled.open_steps
+    if options.mend:
+        doubtful = np.union1d(doubtful, find_doubtful(poses, steps, motions, options))
+    if max(tracker.factors) >= options.fuse_above:
+        poses = fuse(poses, steps, motions)
+        steps = with_steps_of(steps, poses)
+    return poses, found, steps, doubtful
 
 
 def _in_axes_of_format(
