@@ -17,9 +17,9 @@ SIGMA_RAD, SIGMA_M = np.deg2rad(0.02), 0.0005
 
 
 class Handheld:
-    """A continuous walk: a metre a second (times `speed`), looking about, swaying with each step."""
+    """A continuous walk: a metre a second, looking about, swaying with each step."""
 
-    def __init__(self, rng, duration_s, speed=1.0):
+    def __init__(self, rng, duration_s):
         knots = np.arange(-1.0, duration_s + 1.5, 0.25)
         n = len(knots)
         yaw = np.cumsum(rng.normal(0, np.deg2rad(6), n))
@@ -27,7 +27,7 @@ class Handheld:
             [rng.normal(0, np.deg2rad(2), n), yaw, rng.normal(0, np.deg2rad(1.5), n)]
         )
         heading = np.column_stack([np.sin(yaw), 0 * yaw, np.cos(yaw)])
-        place = np.cumsum(0.25 * speed * heading, axis=0) + rng.normal(0, 0.02, (n, 3))
+        place = np.cumsum(0.25 * heading, axis=0) + rng.normal(0, 0.02, (n, 3))
         self._turn, self._place = CubicSpline(knots, turn), CubicSpline(knots, place)
 
     def at(self, times_s):
@@ -43,11 +43,11 @@ def recorded(true, rng):
     return se3.retract(true, rng.normal(size=(len(true), 6)) * sigma)
 
 
-def scanned(seed, late_s, n=180, rate_hz=RATE_HZ, speed=1.0):
+def scanned(seed, late_s, n=180, rate_hz=RATE_HZ):
     """True poses, recorded ones, motions, times: images are taken `late_s` after their poses."""
     rng = np.random.default_rng(seed)
     times = np.arange(n) / rate_hz
-    walk = Handheld(rng, times[-1], speed)
+    walk = Handheld(rng, times[-1])
     true = walk.at(times + late_s)
     return true, recorded(walk.at(times), rng), measure(true, rng), times
 
@@ -106,8 +106,9 @@ def test_frames_without_times_have_an_offset_in_frames():
     assert "images are 1.5 frames later than their poses" in tracking.warnings[0]
 
 
-def test_poses_far_apart_are_not_read_but_the_offset_is_named():
-    _, poses, motions, times = scanned(0, 0.1, speed=10.0)
+def test_poses_far_apart_are_not_read_but_the_offset_is_named(monkeypatch):
+    _, poses, motions, times = scanned(0, 0.02)
+    monkeypatch.setattr("planfit.tracking.clock.MAX_STEP_M", 0.01)  # this walker's steps are 0.03 m
     tracking = judged(poses, motions, times)
     assert tracking.clock is not None
     assert not tracking.clock.is_read

@@ -60,7 +60,7 @@ COMMANDS = (
         "refine the camera poses of a scan; OUT/report.html tells how it went",
         (
             "plan", "no-plan", "unit", "scale", "storey", "poses", "calibration", "preset", "config",
-            "overwrite", "workers",
+            "overwrite",
         ),
         keeps_stages=True,
     ),
