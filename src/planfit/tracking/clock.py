@@ -139,7 +139,7 @@ def find_clock(
             return None
         at = found.intervals
     steps_m = np.linalg.norm(np.diff(world_from_cams[:, :3, 3], axis=0), axis=1)
-    if np.median(steps_m[is_whole]) > MAX_STEP_M:
+    if found is not None and np.median(steps_m[is_whole]) > MAX_STEP_M:
         return replace(found, is_read=False)
     return found
 
