@@ -82,7 +82,9 @@ def _loaders(
     options: BenchOptions,
 ) -> list[tuple[str, Callable[[Runtime], Case], Sequence[Variant]]]:
     """Name of each scan, what loads it, and what is measured on it."""
-    made = [(scan.name, partial(load_case, scan), options.variants) for scan in options.scans]
+    made: list[tuple[str, Callable[[Runtime], Case], Sequence[Variant]]] = [
+        (scan.name, partial(load_case, scan), options.variants) for scan in options.scans
+    ]
     made += [(path.name, partial(load_real_case, path), options.variants) for path in options.real]
     if options.descent is not None:
         scan = options.descent
