@@ -70,9 +70,9 @@ def _of_size(size: Size, n_frames: int) -> list[Record]:
     n_points = len(structure.floor.points_cam) + len(structure.walls.points_cam)
     conditions = (
         f"{size.name}: {n_frames} frames, {len(measurements.matches.pairs)} pairs, "
-        f"{measurements.matches.n_matches} matches, {n_points} floor and wall points, squared losses, given "
-        f"association, relative decrease below {TOLERANCE:g}; CPU time of all threads, medians of {REPEATS} "
-        f"in turns; {machine()}"
+        f"{measurements.matches.n_matches} matches, {n_points} floor and wall points, squared losses, "
+        f"given association, relative decrease below {TOLERANCE:g}; CPU time of all threads, medians of "
+        f"{REPEATS} in turns; {machine()}"
     )
     made = [
         record

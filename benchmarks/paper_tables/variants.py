@@ -28,6 +28,11 @@ class Variant:
     """Nothing is refined: the map is that of the true poses, so it shows what the sensor's noise leaves."""
 
     @property
+    def is_descent(self) -> bool:
+        """Whether it is solved as the paper does, by tens of thousands of steps."""
+        return self.change is not None and self.options(0.5).adjust.method == "sgd"
+
+    @property
     def key(self) -> str:
         """Name in files: `preset/name`."""
         return f"{self.preset}/{self.name}"

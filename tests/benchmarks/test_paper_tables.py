@@ -111,6 +111,21 @@ def test_metrics_of_a_variant(tiny):
     assert default.metrics["step_ms"] > 0
 
 
+def test_a_descent_is_measured_without_a_verdict(tiny):
+    pytest.importorskip("torch", reason="PyTorch is not installed (pip install planfit[torch])")
+
+    def few_steps(adjust):
+        assert PAPER_DESCENT.change is not None
+        descent = DescentOptions(drop_after_steps=20, max_steps=40)
+        return replace(PAPER_DESCENT.change(adjust), descent=descent, max_alternations=1)
+
+    found = measure(tiny, replace(PAPER_DESCENT, change=few_steps), Runtime())
+    none = measure(tiny, UNADJUSTED, Runtime())
+    assert set(none.metrics) | {"solve_s", "step_ms"} == set(found.metrics)
+    assert 0 < found.metrics["step_ms"] * 20 < 1e3 * found.metrics["solve_s"]
+    assert not any(variant.is_descent for variant in VARIANTS)
+
+
 def test_true_poses_are_measured_unrefined(tiny):
     true = measure(tiny, TRUE_POSES, Runtime())
     assert true.metrics["nnd"] == tiny.judge.values(tiny.true_plan_from_cams)["nnd"]
