@@ -2,10 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from faults.inputs import Fault, Inputs, Rendered
 from planfit.geometry import segments
@@ -13,7 +12,7 @@ from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.geometry.camera import Camera
 from planfit.scan import ScanFiles
 from planfit.scan.types import Label
-from planfit.scan.views import SelectedFiles
+from planfit.scan.views import FilesView, SelectedFiles
 from planfit.synth import Renderer, make_lights, make_quads
 from planfit.synth.materials import FABRIC_COLORS, Material
 from planfit.synth.mesh import Quads
@@ -38,14 +37,7 @@ class SpoiltFiles(SelectedFiles):
         """Depth, float32 m, NaN where nothing was measured, or nothing above 0 is left."""
         return measured_depths(super().depth(frame_idx), self.undone_by)
 
-    def write_poses(
-        self,
-        directory: Path,
-        world_from_cams: Float[np.ndarray, "n 4 4"],
-        frame_idx: Int[np.ndarray, " n"] | None = None,
-    ) -> None:
-        """As the format has it."""
-        self.files.write_poses(directory, world_from_cams, frame_idx)
+    write_poses = FilesView.write_poses
 
 
 def _with_files(inputs: Inputs, files: ScanFiles, what: str) -> Inputs:

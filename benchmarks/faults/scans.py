@@ -8,16 +8,16 @@ from inspect import signature
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, UInt8
 
 import planfit
 from faults.inputs import DRIFT, Inputs, Rendered
 from faults.layouts import corridor, hall, niches, same_rooms, scan_of_layout
 from planfit.floorplan import PlanOptions
 from planfit.geometry import se3, segments
-from planfit.scan import Scan, ScanFiles, read_tum
+from planfit.scan import Scan, read_tum
 from planfit.scan.formats.facap import PLAN_FROM_WORLD
-from planfit.scan.views import select_frames
+from planfit.scan.views import FilesView, select_frames
 from planfit.synth import (
     BuildingOptions,
     CameraOptions,
@@ -263,10 +263,9 @@ def all_scans() -> dict[str, BaseScan]:
 
 
 @dataclass(frozen=True)
-class KeptFiles:
+class KeptFiles(FilesView):
     """Images of a scan, rendered once and kept in arrays on disk."""
 
-    files: ScanFiles
     colors: UInt8[np.ndarray, "n h w 3"]
     depths: Float[np.ndarray, "n h w"]
     label_images: UInt8[np.ndarray, "n h w"]
@@ -282,15 +281,6 @@ class KeptFiles:
     def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
         """Label image of `Label`."""
         return np.array(self.label_images[frame_idx])
-
-    def write_poses(
-        self,
-        directory: Path,
-        world_from_cams: Float[np.ndarray, "n 4 4"],
-        frame_idx: Int[np.ndarray, " n"] | None = None,
-    ) -> None:
-        """As the format has it."""
-        self.files.write_poses(directory, world_from_cams, frame_idx)
 
 
 def keep_images(scan: Scan, folder: Path) -> Scan:

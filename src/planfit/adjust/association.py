@@ -30,6 +30,22 @@ class AssociationOptions:
     """Match whole walls of the scan to planes of the plan, and only where each is nearest to the other, as in
     the paper; see `planfit.adjust.mutual_walls`. Else each patch goes to the face nearest to it."""
 
+    def rule(
+        self,
+        max_distance_m: float,
+        frame_idx: Int[np.ndarray, " k"],
+        storeys: Int[np.ndarray, " n"] | None,
+    ) -> BesideRule:
+        """When wall seen by frames lies beside a face within a distance (m), given each frame's storey."""
+        return BesideRule(
+            max_distance_m,
+            self.max_angle_deg,
+            self.min_overlap,
+            self.end_margin_m,
+            self.oriented,
+            None if storeys is None else storeys[frame_idx],
+        )
+
     def __post_init__(self) -> None:
         require_positive(self, "max_angle_deg")
         require_share(self, "min_overlap")
@@ -149,14 +165,7 @@ def associate(
         OptionError: the plan has storeys and `storeys` is None.
     """
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
-    rule = BesideRule(
-        max_distance_m,
-        options.max_angle_deg,
-        options.min_overlap,
-        options.end_margin_m,
-        options.oriented,
-        None if storeys is None else storeys[patches.frame_idx],
-    )
+    rule = options.rule(max_distance_m, patches.frame_idx, storeys)
     if options.mutual:
         n_points = np.diff(patches.start)
         distance_m, face_idx = mutually_nearest(ends, normals, n_points, floorplan, rule)

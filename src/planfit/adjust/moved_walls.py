@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from planfit.adjust.association import Association, AssociationOptions, wall_patches_in_plan
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
-from planfit.floorplan.nearest_faces import BesideRule, distances_of_segments, share_beside
+from planfit.floorplan.nearest_faces import distances_of_segments, share_beside
 from planfit.segmentation import WallPatches
 
 STEP_M = 0.01
@@ -128,14 +128,7 @@ def _nearest_unexplained(
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
     nearest, off = np.full(len(patches), -1), np.full(len(patches), np.nan)
     open_idx = np.flatnonzero(is_open)
-    rule = BesideRule(
-        reach_m,
-        association.max_angle_deg,
-        association.min_overlap,
-        association.end_margin_m,
-        association.oriented,
-        None if storeys is None else storeys[patches.frame_idx[open_idx]],
-    )
+    rule = association.rule(reach_m, patches.frame_idx[open_idx], storeys)
     distance = distances_of_segments(ends[open_idx], normals[open_idx], floorplan, rule)
     # A pilaster that moved lies nearer to the line of the wall beside it; but it ends where it is drawn.
     overhang = 1.0 - np.clip(share_beside(ends[open_idx], floorplan, OVERHANG_M), 0.0, 1.0)

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from planfit.adjust.association import AssociationOptions, wall_patches_in_plan
 from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
-from planfit.floorplan.nearest_faces import BesideRule, distances_of_segments
+from planfit.floorplan.nearest_faces import distances_of_segments
 from planfit.segmentation import WallPatches
 
 
@@ -104,14 +104,7 @@ def _candidates(
 ) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"], Float[np.ndarray, " c"]]:
     """Pairs of a patch and a face that it may belong to, and the signed distance (m) across the face."""
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
-    rule = BesideRule(
-        1.5 * reach_m,
-        association.max_angle_deg,
-        association.min_overlap,
-        association.end_margin_m,
-        association.oriented,
-        None if storeys is None else storeys[patches.frame_idx],
-    )
+    rule = association.rule(1.5 * reach_m, patches.frame_idx, storeys)
     rows, columns, distances = [], [], []
     for begin in range(0, len(patches), 2048):  # bounds the (patches x faces) tables
         part = slice(begin, min(begin + 2048, len(patches)))

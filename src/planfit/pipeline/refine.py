@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 
 from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms, choose_keyframes
 from planfit.adjust.calibration import Calibration
@@ -88,29 +89,25 @@ def _solve(
     timer: StageTimer,
 ) -> tuple[CalibratedScan, ScanOnPlan, PlanAdjustment]:
     """The sensor by what needs no plan, the scan on the plan; both again while walls correct the sensor."""
-    calibrated = calibrate_alone(scan, seen, options, timer)
-    calibrated, on_plan, adjustment = _place(
-        scan, calibrated, floorplan, options, extra_terms, timer
-    )
+    place = partial(_place, scan, floorplan, options, extra_terms, timer)
+    calibrated, on_plan, adjustment = place(calibrate_alone(scan, seen, options, timer))
     for _ in range(MAX_CORRECTIONS):
         # Walls may show that the sensor is off: then all that follows from its points comes again.
         before = calibrated
         calibrated = calibrate_on_plan(scan, before, on_plan, adjustment, options, timer)
         if calibrated.prepared is before.prepared:
             break
-        calibrated, on_plan, adjustment = _place(
-            scan, calibrated, floorplan, options, extra_terms, timer
-        )
+        calibrated, on_plan, adjustment = place(calibrated)
     return calibrated, on_plan, adjustment
 
 
 def _place(
     scan: Scan,
-    calibrated: CalibratedScan,
     floorplan: Floorplan | Mapping[int, Floorplan] | None,
     options: RefineOptions,
     extra_terms: tuple[Term, ...],
     timer: StageTimer,
+    calibrated: CalibratedScan,
 ) -> tuple[CalibratedScan, ScanOnPlan, PlanAdjustment]:
     """Bring a scan onto its plan, as a whole, then each pose; with storeys, the scan learns its own."""
     # Rotation, translation and scale of the whole (paper, Sec. III-A).

@@ -66,20 +66,18 @@ def calibrated_scan(scan: Scan, sensor: SensorCalibration) -> Scan:
 
 
 @dataclass(frozen=True)
-class CalibratedFiles:
-    """A scan's files, depth corrected when it is read; cameras are not theirs to correct."""
+class FilesView:
+    """A scan's files as they are: what sees them through something changes what it has to."""
 
     files: ScanFiles
-    sensor: SensorCalibration
 
     def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
         """Colour image, RGB."""
         return self.files.color(frame_idx)
 
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
-        """Depth, float32 m, NaN where nothing was measured, or what was measured is behind the camera."""
-        depth = self.sensor.depths(self.files.depth(frame_idx)).astype(np.float32, copy=False)
-        return np.where(depth > 0, depth, np.float32(np.nan))
+        """Depth, float32 m, NaN where nothing was measured."""
+        return self.files.depth(frame_idx)
 
     def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
         """Label image of `Label`."""
@@ -96,10 +94,21 @@ class CalibratedFiles:
 
 
 @dataclass(frozen=True)
-class SelectedFiles:
+class CalibratedFiles(FilesView):
+    """A scan's files, depth corrected when it is read; cameras are not theirs to correct."""
+
+    sensor: SensorCalibration
+
+    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
+        """Depth, float32 m, NaN where nothing was measured, or what was measured is behind the camera."""
+        depth = self.sensor.depths(self.files.depth(frame_idx)).astype(np.float32, copy=False)
+        return np.where(depth > 0, depth, np.float32(np.nan))
+
+
+@dataclass(frozen=True)
+class SelectedFiles(FilesView):
     """Some frames of a scan's files."""
 
-    files: ScanFiles
     selected: Int[np.ndarray, " k"]
 
     def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:

@@ -1,4 +1,4 @@
-"""What was measured, as a calibrated sensor and odometry would have measured it."""
+"""What was measured, as a calibrated sensor would have measured it."""
 
 from dataclasses import replace
 
@@ -8,19 +8,15 @@ from jaxtyping import Float
 from planfit.adjust.measurements import Measurements
 from planfit.geometry.calibration import SensorCalibration
 from planfit.matching import Matches
-from planfit.scan.odometry import Odometry
 from planfit.segmentation import LevelPoints, Structure, WallPatches
 
 
-def corrected_measurements(
-    measurements: Measurements, sensor: SensorCalibration, odometry_scale: float = 1.0
-) -> Measurements:
-    """Measurements with every lifted point corrected, and recorded steps scaled."""
+def corrected_measurements(measurements: Measurements, sensor: SensorCalibration) -> Measurements:
+    """Measurements with every lifted point corrected, and cameras."""
     return replace(
         measurements,
         matches=corrected_matches(measurements.matches, sensor),
         structure=corrected_structure(measurements.structure, sensor),
-        odometry=_scaled(measurements.odometry, odometry_scale),
         cameras=tuple(sensor.camera(camera) for camera in measurements.cameras),
     )
 
@@ -67,11 +63,3 @@ def _corrected_patches(patches: WallPatches, sensor: SensorCalibration) -> WallP
 
 def _unit(vectors: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
-
-
-def _scaled(odometry: Odometry, scale: float) -> Odometry:
-    if scale == 1.0:
-        return odometry
-    steps = odometry.cam_from_next.copy()
-    steps[:, :3, 3] *= scale
-    return replace(odometry, cam_from_next=steps)

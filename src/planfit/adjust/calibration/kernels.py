@@ -96,9 +96,8 @@ def sum_pairs_by_sensor(
                 for i in range(3):
                     moved = t[i, 0] * of_b[0, u] + t[i, 1] * of_b[1, u] + t[i, 2] * of_b[2, u]
                     j[i, u] = of_a[i, u] - moved
-            z = 0.5 * (
-                p[2] + q[2]
-            )  # the stretch of the residual's own sigma is that of both points
+            # The stretch of the residual's own sigma is that of both points.
+            z = 0.5 * (p[2] + q[2])
             for i in range(3):
                 j[i, 0] -= e[i]
                 j[i, 1] -= e[i] / z
