@@ -179,6 +179,14 @@ def test_walls_are_named_where_the_scan_fits_in_two_ways():
     assert bare.advice.startswith("check the plan")
 
 
+def test_a_scan_that_fits_in_two_places_is_better_than_recorded_in_either():
+    half_metre = {"correction_m": np.full(50, 0.5), "predicted_error_m": np.full(50, 0.25)}
+    assert make_verdict(rival_error_m=0.24, **half_metre).outcome == "improved"
+    assert make_verdict(rival_error_m=0.1, **half_metre).outcome == "no better"
+    little = {"correction_m": np.full(50, 0.3), "predicted_error_m": np.full(50, 0.25)}
+    assert make_verdict(rival_error_m=0.24, **little).outcome == "no better"
+
+
 def test_moved_walls_alone_are_no_reservation():
     assert make_verdict(moved_walls=("the wall at ...",), rival_error_m=0.05).is_refined
 

@@ -19,9 +19,11 @@ from planfit.adjust.alternation import (
 )
 from planfit.adjust.problem import build_problem
 from planfit.adjust.reach import patch_sigmas
+from planfit.adjust.shifts import Shift, other_places
 from planfit.adjust.terms.walls import observations_of
 from planfit.adjust.voting import vote
 from planfit.lsq.robust import loss_value
+from planfit.lsq.term import robust_cost
 
 SAME_COST = 5e-3
 """Costs that differ by less, as a share of what walls cost at most, are those of one optimum."""
@@ -35,6 +37,11 @@ REACH_SIGMAS = 2.0
 """A loss is made as wide as so many sigmas of the patch's place."""
 VOTED_WIDTH = 3.0
 """Factor on the width of losses after a vote: several of its steps."""
+WALL_COST = 22.0
+"""What each wall costs by which more walls were moved if the scan stands elsewhere. As a rival's odds go with
+exp(-cost / 10), odds of nine to one: of plans that are wrong at all, about one wall in ten is."""
+MAX_SHIFTED_RIVALS = 4
+"""Places elsewhere that are kept, the likeliest."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +50,7 @@ class Rival:
 
     plan_from_cams: Float[np.ndarray, "n 4 4"]
     excess_cost: float
-    """Full cost above that of the result."""
+    """Full cost above that of the result; of the same poses put elsewhere as a whole, `WALL_COST` a wall."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +59,8 @@ class Competition:
 
     best: Alternation
     rivals: tuple[Rival, ...] = ()
-    """None where no other start was tried, or the second one ended in the same place."""
+    """Ends of other starts, where one was tried and did not end in the same place; and where else the whole
+    scan fits, if other walls were moved."""
 
 
 def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Competition:
@@ -66,6 +74,10 @@ def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -
         task: what is adjusted to what.
         plan_from_cams: aligned, loops closed.
     """
+    return _with_other_places(task, _best_of_starts(task, plan_from_cams))
+
+
+def _best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Competition:
     first, *others = task.options.starts
     best = _adjust(task, first, plan_from_cams)
     if not others or is_clear(task, best):
@@ -100,6 +112,54 @@ def _decided(task: PlanTask, ends: list[Alternation]) -> Competition:
         if k != first
     )
     return Competition(ends[first], rivals)
+
+
+def _with_other_places(task: PlanTask, found: Competition) -> Competition:
+    """Also where the whole scan fits if other walls were moved; there, if more walls stand as drawn."""
+    shifts = _other_places(task, found.best)
+    if shifts and shifts[0].n_for > shifts[0].n_against:
+        start = _shifted(found.best.plan_from_cams, shifts[0])
+        again = alternate(task, start, task.options.wall_distances_m[-1:])
+        again = without_moved_walls(task, again)
+        if full_cost(task, again) < full_cost(task, found.best):
+            found = _decided(task, [again, found.best])
+            shifts = _other_places(task, found.best)
+    placed = found.best.plan_from_cams
+    held = robust_cost(task.extra_terms, placed)
+    rivals = []
+    for shift in shifts[:MAX_SHIFTED_RIVALS]:
+        there = _shifted(placed, shift)
+        more = (
+            WALL_COST * (shift.n_against - shift.n_for)
+            + robust_cost(task.extra_terms, there)
+            - held
+        )
+        rivals.append(Rival(there, max(more, 0.0)))
+    return replace(found, rivals=(*found.rivals, *rivals))
+
+
+def _other_places(task: PlanTask, end: Alternation) -> tuple[Shift, ...]:
+    moved_m = end.correspondences.moved_m
+    if moved_m is None:
+        return ()
+    structure = task.measurements.structure
+    return other_places(
+        structure.walls,
+        task.floorplan,
+        end.plan_from_cams,
+        moved_m,
+        task.options.association,
+        task.options.moved_walls,
+        structure.storeys,
+    )
+
+
+def _shifted(
+    plan_from_cams: Float[np.ndarray, "n 4 4"], shift: Shift
+) -> Float[np.ndarray, "n 4 4"]:
+    there = plan_from_cams.copy()
+    there[:, :2, 3] += shift.by_m
+    return there
 
 
 def full_cost(task: PlanTask, end: Alternation) -> float:

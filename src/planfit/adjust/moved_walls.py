@@ -173,15 +173,19 @@ def name_walls(moved: tuple[MovedWall, ...], floorplan: Floorplan) -> tuple[str,
 def _is_one(first: MovedWall, second: MovedWall, floorplan: Floorplan) -> bool:
     """Whether two faces are of one wall that was moved as a whole."""
     a, b = first.face_idx, second.face_idx
-    normal, ends = floorplan.normals[a], floorplan.ends
-    if abs(normal @ floorplan.normals[b]) < PARALLEL:
+    motion = first.offset_m * floorplan.normals[a] - second.offset_m * floorplan.normals[b]
+    return bool(np.linalg.norm(motion) <= SAME_MOTION_M) and is_one_wall(a, b, floorplan)
+
+
+def is_one_wall(face: int, other: int, floorplan: Floorplan) -> bool:
+    """Whether two faces are of one wall: its two sides, or pieces in one line with a door between."""
+    normal, ends = floorplan.normals[face], floorplan.ends
+    if abs(normal @ floorplan.normals[other]) < PARALLEL:
         return False
-    motion = first.offset_m * normal - second.offset_m * floorplan.normals[b]
-    across_m = abs((ends[b].mean(axis=0) - ends[a, 0]) @ normal)
-    if np.linalg.norm(motion) > SAME_MOTION_M or across_m > MAX_THICKNESS_M:
+    if abs((ends[other].mean(axis=0) - ends[face, 0]) @ normal) > MAX_THICKNESS_M:
         return False
     along = np.array([-normal[1], normal[0]])
-    at = np.sort((ends[[a, b]] - ends[a, 0]) @ along, axis=1)
+    at = np.sort((ends[[face, other]] - ends[face, 0]) @ along, axis=1)
     return bool(at[:, 0].max() - at[:, 1].min() < MAX_GAP_M)
 
 

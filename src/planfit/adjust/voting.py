@@ -71,8 +71,8 @@ def vote(
     n_stretches = max(1, len(patches) // options.patches_per_stretch)
     stretch = np.arange(len(patches)) * n_stretches // max(len(patches), 1)
     grid = np.arange(-options.max_shift_m, options.max_shift_m + 1e-9, options.step_m)
-    patch, face, distance_m = _candidates(
-        patches, floorplan, plan_from_cams, association, options.max_shift_m, storeys
+    patch, face, distance_m = beside_faces(
+        patches, floorplan, plan_from_cams, association, 1.5 * options.max_shift_m, storeys
     )
     votes = np.zeros((n_stretches, len(grid), len(grid)))
     for k in range(n_stretches):
@@ -94,7 +94,7 @@ def vote(
     return moved
 
 
-def _candidates(
+def beside_faces(
     patches: WallPatches,
     floorplan: Floorplan,
     plan_from_cams: Float[np.ndarray, "n 4 4"],
@@ -102,9 +102,18 @@ def _candidates(
     reach_m: float,
     storeys: Int[np.ndarray, " n"] | None,
 ) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"], Float[np.ndarray, " c"]]:
-    """Pairs of a patch and a face that it may belong to, and the signed distance (m) across the face."""
+    """Pairs of a patch and a face that it may belong to, and the signed distance (m) across the face.
+
+    Args:
+        patches: of wall.
+        floorplan: the plan.
+        plan_from_cams: poses of all frames.
+        association: which faces a patch may belong to.
+        reach_m: a face lies no further across.
+        storeys: that each frame stands on, where the plan has storeys.
+    """
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
-    rule = association.rule(1.5 * reach_m, patches.frame_idx, storeys)
+    rule = association.rule(reach_m, patches.frame_idx, storeys)
     rows, columns, distances = [], [], []
     for begin in range(0, len(patches), 2048):  # bounds the (patches x faces) tables
         part = slice(begin, min(begin + 2048, len(patches)))

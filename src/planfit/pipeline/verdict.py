@@ -19,6 +19,9 @@ from planfit.pipeline.verdict_options import VerdictOptions
 
 WORTH_SHARE = 0.35
 """A correction is no improvement when the predicted error is more than this share of it."""
+WORTH_SHARE_OF_RIVALS = 0.7
+"""The same of what other optima have in the predicted error: a scan that fits its plan in two places is
+mostly better in either than where it was recorded."""
 WORTH_SHARE_ALONE = 1.0
 """The same without a plan: no wrong place is to be feared there, and what least squares corrects is not
 correlated with what is left."""
@@ -151,7 +154,9 @@ def _against(evidence: Evidence, options: VerdictOptions) -> tuple[str, ...]:
             )
     moved, error = evidence.correction_rms_m, evidence.predicted_rms_m
     share = WORTH_SHARE_ALONE if evidence.is_alone else WORTH_SHARE
-    if error > options.max_error_m and error > share * moved:
+    rival = evidence.rival_error_m
+    is_worthless = np.sqrt(max(error**2 - rival**2, 0.0)) > share * moved
+    if error > options.max_error_m and (is_worthless or rival > WORTH_SHARE_OF_RIVALS * moved):
         reasons.append(
             f"the predicted error, {error:.2f} m, is too large a part of what was corrected, {moved:.2f} m"
         )

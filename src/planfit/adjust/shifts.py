@@ -1,0 +1,133 @@
+"""Where else a whole scan fits the plan, if other walls were moved than those taken for it.
+
+A scan that shows two parallel walls, one of them moved, fits the plan in two places: with either wall as
+drawn and the other elsewhere. No cost of patches tells which, as all patches of a wall err alike. What tells
+is how many walls stand as drawn in either place: one wall, one vote.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from planfit.adjust.association import AssociationOptions
+from planfit.adjust.moved_walls import MovedWallOptions, is_one_wall
+from planfit.adjust.voting import beside_faces
+from planfit.floorplan import Floorplan
+from planfit.segmentation import WallPatches
+
+SAME_SHIFT_M = 0.1
+"""Shifts that differ by less are one."""
+MAX_SHIFTS = 64
+"""So many are tried, those that most wall patches ask for first."""
+ACROSS = 0.5
+"""Two shifts are combined where the cosine between them is below this."""
+
+
+@dataclass(frozen=True)
+class Shift:
+    """The whole scan elsewhere on the plan."""
+
+    by_m: Float[np.ndarray, " 2"]
+    """How far, plan axes."""
+    n_for: int
+    """Walls that stand as drawn there, and do not where the scan was put."""
+    n_against: int
+    """Walls that stand as drawn where the scan was put, and do not there."""
+
+
+def other_places(
+    patches: WallPatches,
+    floorplan: Floorplan,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    moved_m: Float[np.ndarray, " f"],
+    association: AssociationOptions,
+    options: MovedWallOptions,
+    storeys: Int[np.ndarray, " n"] | None = None,
+) -> tuple[Shift, ...]:
+    """Shifts under which walls that were taken for moved stand as drawn, the best supported first.
+
+    Args:
+        patches: of wall.
+        floorplan: as drawn.
+        plan_from_cams: where the adjustment ended.
+        moved_m: offset (m) of each face that was taken for moved, NaN for those as drawn.
+        association: which faces a patch may belong to.
+        options: when a wall is taken for moved.
+        storeys: that each frame stands on, where the plan has storeys.
+    """
+    moved = np.flatnonzero(np.isfinite(moved_m))
+    if len(moved) == 0 or len(patches) == 0:
+        return ()
+    patch, face, distance_m = beside_faces(
+        patches, floorplan, plan_from_cams, association, 1.5 * options.max_offset_m, storeys
+    )
+    tried = _tried(-moved_m[moved, None] * floorplan.normals[moved])
+    shifts = np.concatenate([np.zeros((1, 2)), tried])
+    as_drawn = _as_drawn(patch, face, distance_m, shifts, floorplan.normals, options)
+    wall_of_face, walls = _walls(np.flatnonzero(as_drawn.any(axis=0)), floorplan)
+    stand = np.stack([_any_face(row[walls], wall_of_face) for row in as_drawn])
+    # A wall that the shift runs along stands as drawn before and after: nothing of it is seen across.
+    here = stand[0]
+    found = [
+        Shift(by_m, int((there & ~here).sum()), int((here & ~there).sum()))
+        for by_m, there in zip(tried, stand[1:], strict=True)
+    ]
+    return tuple(sorted(found, key=lambda shift: (shift.n_against - shift.n_for, *abs(shift.by_m))))
+
+
+def _tried(wanted: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "s 2"]:
+    """Distinct shifts among those that moved walls ask for, and of two that stand across each other."""
+    single = _distinct(wanted)
+    both = [
+        a + b
+        for a, b in combinations(single, 2)
+        if abs(a @ b) < ACROSS * np.linalg.norm(a) * np.linalg.norm(b)
+    ]
+    return np.array(_distinct([*single, *both])[:MAX_SHIFTS])
+
+
+def _distinct(shifts: Iterable[Float[np.ndarray, " 2"]]) -> list[Float[np.ndarray, " 2"]]:
+    kept: list[np.ndarray] = []
+    for shift in shifts:
+        if all(np.linalg.norm(shift - other) > SAME_SHIFT_M for other in kept):
+            kept.append(shift)
+    return kept
+
+
+def _as_drawn(
+    patch: Int[np.ndarray, " c"],
+    face: Int[np.ndarray, " c"],
+    distance_m: Float[np.ndarray, " c"],
+    shifts: Float[np.ndarray, "s 2"],
+    normals: Float[np.ndarray, "f 2"],
+    options: MovedWallOptions,
+) -> Bool[np.ndarray, "s f"]:
+    """Whether enough wall patches lie on each face after each shift, each on the nearest."""
+    found = np.zeros((len(shifts), len(normals)), dtype=bool)
+    for k, shift in enumerate(shifts):
+        off_m = np.abs(distance_m + normals[face] @ shift)
+        order = np.lexsort((off_m, patch))
+        is_nearest = np.zeros(len(patch), dtype=bool)
+        is_nearest[order[np.unique(patch[order], return_index=True)[1]]] = True
+        is_on = is_nearest & (off_m < options.within_m)
+        found[k] = np.bincount(face[is_on], minlength=len(normals)) >= options.min_patches
+    return found
+
+
+def _walls(
+    faces: Int[np.ndarray, " k"], floorplan: Floorplan
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Number of the wall that each of some faces is of, and those faces."""
+    wall = np.arange(len(faces))
+    for i, j in combinations(range(len(faces)), 2):
+        if wall[i] != wall[j] and is_one_wall(int(faces[i]), int(faces[j]), floorplan):
+            wall[wall == wall[j]] = wall[i]
+    return np.unique(wall, return_inverse=True)[1].reshape(-1), faces
+
+
+def _any_face(is_on: Bool[np.ndarray, " k"], wall: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " w"]:
+    """Whether any face of each wall stands as drawn."""
+    return np.bincount(wall[is_on], minlength=wall.max(initial=-1) + 1) > 0

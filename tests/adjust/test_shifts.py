@@ -1,0 +1,141 @@
+"""Where else a whole scan fits the plan, if other walls were moved: one wall, one vote."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from builders import look, make_matches, make_structure
+from planfit.adjust import AdjustOptions, Measurements
+from planfit.adjust.alternation import PlanTask
+from planfit.adjust.association import AssociationOptions
+from planfit.adjust.competition import WALL_COST, best_of_starts
+from planfit.adjust.moved_walls import MovedWallOptions
+from planfit.adjust.shifts import other_places
+from planfit.floorplan import Floorplan
+from planfit.lsq.terms.prior import PosePriorTerm
+from planfit.scan.odometry import OdometryOptions, make_odometry
+
+WIDTH_M = 6.0
+MOVED_M = 0.3
+
+
+def parallel_plan(heights_m, crossing=True):
+    """Walls along x at some y, each seen from below; and two across, seen from between."""
+    lines = [[[0.0, y], [WIDTH_M, y]] for y in heights_m]
+    normals = [[0.0, -1.0]] * len(heights_m)
+    if crossing:
+        lines += [[[0.0, -4.0], [0.0, 4.0]], [[WIDTH_M, -4.0], [WIDTH_M, 4.0]]]
+        normals += [[1.0, 0.0], [-1.0, 0.0]]
+    return Floorplan.from_segments(lines, normals)
+
+
+def seen_walls(heights_m, n_patches=5, n_frames=6):
+    """Frames in a row, each of which sees every wall along x where it stands, and those across."""
+    poses = np.stack([look([1.5 + 0.5 * k, 0.0, 1.5], 90.0) for k in range(n_frames)])
+    rng = np.random.default_rng(1)
+    up = rng.uniform(0.3, 2.5, 200)
+    x = np.linspace(1.0, 5.0, 200)
+    patches = []
+    for k in range(n_frames):
+        for y in heights_m:
+            if k < n_patches:
+                patches.append(
+                    (k, np.column_stack([x, np.full(200, y), up]), np.array([0.0, -1.0]))
+                )
+        for wall_x, side in ((0.0, 1.0), (WIDTH_M, -1.0)):
+            on_wall = np.column_stack([np.full(200, wall_x), np.linspace(-2, 2, 200), up])
+            patches.append((k, on_wall, np.array([side, 0.0])))
+    floor = [(k, rng.uniform([0, -2, 0], [6, 2, 0], (60, 3))) for k in range(n_frames)]
+    return poses, make_structure(poses, floor, patches)
+
+
+def places(drawn_m, seen_m, moved_face, offset_m=-MOVED_M, **changes):
+    floorplan = parallel_plan(drawn_m)
+    poses, structure = seen_walls(seen_m, **changes)
+    moved_m = np.full(len(floorplan), np.nan)
+    moved_m[moved_face] = offset_m  # along the normal, which looks down
+    return other_places(
+        structure.walls, floorplan, poses, moved_m, AssociationOptions(), MovedWallOptions()
+    )
+
+
+def test_one_wall_against_one():
+    (shift,) = places([2.0, 6.0], [2.0, 6.0 + MOVED_M], 1)
+    np.testing.assert_allclose(shift.by_m, [0.0, -MOVED_M], atol=1e-9)
+    assert (shift.n_for, shift.n_against) == (1, 1)
+
+
+def test_three_walls_against_one_whichever_was_taken_for_moved():
+    drawn, seen = [2.0, 4.0, 6.0, 8.0], [2.0, 4.0, 6.0, 8.0 + MOVED_M]
+    (shift,) = places(drawn, seen, 3)
+    assert (shift.n_for, shift.n_against) == (1, 3)
+    # Put where the one lies as drawn, and the three were taken for moved.
+    (back,) = places(drawn, [y - MOVED_M for y in seen], [0, 1, 2], offset_m=MOVED_M)
+    np.testing.assert_allclose(back.by_m, [0.0, MOVED_M], atol=1e-9)
+    assert (back.n_for, back.n_against) == (3, 1)
+
+
+def test_pieces_in_one_line_are_one_wall():
+    floorplan = Floorplan.from_segments(
+        [[[0.0, 2.0], [2.6, 2.0]], [[3.4, 2.0], [WIDTH_M, 2.0]], [[0.0, 6.0], [WIDTH_M, 6.0]]],
+        [[0.0, -1.0]] * 3,
+    )
+    poses = np.stack([look([3.0, 0.0, 1.5], 90.0)] * 4)
+    up = np.linspace(0.3, 2.5, 100)
+    patches = [
+        (k, np.column_stack([np.linspace(*x, 100), np.full(100, y), up]), np.array([0.0, -1.0]))
+        for k in range(4)
+        for x, y in (((0.5, 2.0), 2.0), ((4.0, 5.5), 2.0), ((1.0, 5.0), 6.0 + MOVED_M))
+    ]
+    structure = make_structure(poses, (), patches)
+    moved_m = np.array([np.nan, np.nan, -MOVED_M])
+    (shift,) = other_places(
+        structure.walls, floorplan, poses, moved_m, AssociationOptions(), MovedWallOptions()
+    )
+    assert (shift.n_for, shift.n_against) == (1, 1)
+
+
+def test_few_patches_are_no_vote():
+    (shift,) = places([2.0, 6.0], [2.0, 6.0 + MOVED_M], 1, n_patches=2)
+    assert (shift.n_for, shift.n_against) == (0, 0)
+
+
+def test_nothing_moved_is_nothing_elsewhere():
+    floorplan = parallel_plan([2.0, 6.0])
+    poses, structure = seen_walls([2.0, 6.0])
+    nothing = np.full(len(floorplan), np.nan)
+    assert not other_places(
+        structure.walls, floorplan, poses, nothing, AssociationOptions(), MovedWallOptions()
+    )
+
+
+@pytest.fixture
+def one_against_one():
+    floorplan = parallel_plan([2.0, 6.0])
+    poses, structure = seen_walls([2.0, 6.0 + MOVED_M])
+    measured = Measurements(
+        make_matches(poses, [], np.zeros((0, 3))),
+        structure,
+        make_odometry(poses, OdometryOptions()),
+    )
+    return PlanTask(measured, floorplan, AdjustOptions(), np.full(len(poses), np.nan)), poses
+
+
+def test_a_place_as_likely_is_a_rival_that_costs_nothing_more(one_against_one):
+    task, poses = one_against_one
+    found = best_of_starts(task, poses)
+    excess = [rival.excess_cost for rival in found.rivals]
+    apart = [
+        np.abs(rival.plan_from_cams[:, 1, 3] - found.best.plan_from_cams[:, 1, 3]).mean()
+        for rival in found.rivals
+    ]
+    assert min(excess) == pytest.approx(0.0)
+    assert apart[int(np.argmin(excess))] == pytest.approx(MOVED_M, abs=0.02)
+
+
+def test_control_points_speak_against_another_place(one_against_one):
+    task, poses = one_against_one
+    held = PosePriorTerm(np.arange(len(poses)), poses, np.full(6, 0.01))
+    found = best_of_starts(replace(task, extra_terms=(held,)), poses)
+    assert all(rival.excess_cost > WALL_COST for rival in found.rivals)
