@@ -121,6 +121,7 @@ def refine_into(
         runtime = Runtime(workers, run.cache_dir, bars.update)
         result = refine(scan, floorplan, options, runtime)
         cloud = sample_cloud(calibrated_scan(scan, result.sensor), runtime)
+        cloud = cloud.without(result.evidence.unplaced)
         with run.writing() as staging:
             bars.update("write results", 0, 0)
             record = make_record(__version__, inputs, scan, result.floorplan, options, result)

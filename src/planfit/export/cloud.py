@@ -1,5 +1,6 @@
 """Coloured point clouds of a scan, sampled once and placed by any poses."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,6 +23,16 @@ class Cloud:
     """RGB"""
     start: Int[np.ndarray, " starts"]
     """(n_frames + 1,): points of frame i are start[i]:start[i + 1]."""
+
+    def without(self, runs: Sequence[tuple[int, int]]) -> "Cloud":
+        """The cloud without the points of runs of frames, first and last."""
+        n_points = np.diff(self.start)
+        is_kept = np.ones(len(n_points), dtype=bool)
+        for first, last in runs:
+            is_kept[first : last + 1] = False
+        of_point = np.repeat(is_kept, n_points)
+        start = np.concatenate([[0], np.cumsum(np.where(is_kept, n_points, 0))])
+        return Cloud(self.points_cam[of_point], self.colors[of_point], start)
 
 
 def sample_cloud(

@@ -1,0 +1,60 @@
+"""Clouds of a run: points by frame, and frames that are left out of them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_array_equal
+
+import planfit
+import planfit.cli.refine as command
+from planfit.export.cloud import Cloud, place_cloud
+from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
+
+
+def make_cloud(sizes):
+    frame = np.repeat(np.arange(len(sizes)), sizes)
+    points = np.column_stack([frame, np.zeros((len(frame), 2))]).astype(float)
+    colors = np.repeat(frame[:, None], 3, axis=1).astype(np.uint8)
+    return Cloud(points, colors, np.cumsum([0, *sizes]))
+
+
+def test_runs_of_frames_are_left_out():
+    cloud = make_cloud([2, 3, 0, 4, 1])
+    less = cloud.without([(1, 2), (4, 4)])
+    assert_array_equal(less.points_cam[:, 0], [0, 0, 3, 3, 3, 3])
+    assert_array_equal(less.colors[:, 0], [0, 0, 3, 3, 3, 3])
+    assert_array_equal(less.start, [0, 2, 2, 2, 6, 6])
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    assert len(place_cloud(less, poses)) == 6
+    assert_array_equal(cloud.without([]).start, cloud.start)
+
+
+@pytest.fixture(scope="module")
+def small_run():
+    synthetic = make_scan(
+        SynthOptions(
+            building=BuildingOptions(n_rooms=1),
+            walk=WalkOptions(n_frames=12),
+            camera=CameraOptions(width_px=160, height_px=120),
+        )
+    )
+    plan = synthetic.floorplans[0]
+    return synthetic.scan, plan, planfit.refine(synthetic.scan, plan)
+
+
+def test_a_run_leaves_frames_without_place_out_of_its_clouds(small_run, tmp_path, monkeypatch):
+    scan, floorplan, result = small_run
+    evidence = replace(result.evidence, unplaced=((2, 4),))
+    monkeypatch.setattr(command, "refine", lambda *_: replace(result, evidence=evidence))
+    command.refine_into(tmp_path / "out", scan, floorplan, planfit.RefineOptions(), 1, False)
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert record["verdict"]["frames_without_place"] == [[2, 4]]
+    monkeypatch.setattr(command, "refine", lambda *_: result)
+    command.refine_into(tmp_path / "whole", scan, floorplan, planfit.RefineOptions(), 1, False)
+    some, whole = (
+        len(trimesh.load(tmp_path / name / "cloud_after.ply").vertices) for name in ("out", "whole")
+    )
+    assert 0 < some < whole
