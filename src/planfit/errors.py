@@ -9,6 +9,13 @@ PlanfitError
 
 import dataclasses
 import math
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+MAX_REASON = 160
+"""Characters of a library's own words that an error repeats."""
 
 
 class PlanfitError(Exception):
@@ -29,6 +36,43 @@ class OptionError(PlanfitError):
 
 class OutputError(PlanfitError):
     """Results cannot be written where they were asked for."""
+
+
+def printable(text: str, keep: str = "") -> str:
+    """Text as a terminal or a message may show it: control characters and marks that turn its direction,
+    which file and layer names may hold, as their escapes; those in `keep` stay."""
+    return "".join(
+        c if c in keep or unicodedata.category(c) not in ("Cc", "Cf", "Cs") else
+        c.encode("unicode_escape").decode()
+        for c in text
+    )  # fmt: skip
+
+
+@contextmanager
+def told_as(kind: type[PlanfitError], path: Path, expected: str) -> Iterator[None]:
+    """Whatever parsing a file raises becomes an error of the file: libraries raise what they come across.
+
+    What the operating system says of files, and errors of planfit, pass.
+
+    Args:
+        kind: of the error.
+        path: of the file.
+        expected: what it should be, "an IFC model".
+    """
+    try:
+        yield
+    except PlanfitError:
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        why = str(error).strip().split("\n")[0][:MAX_REASON]
+        found = f"{type(error).__name__}: {why}" if why else type(error).__name__
+        raise kind(
+            printable(
+                f"{path}: expected {expected}, found a file that cannot be read ({found}); export it again"
+            )
+        ) from error
 
 
 def require(is_met: bool, message: str) -> None:

@@ -8,10 +8,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
+from rich.text import Text
 
 from planfit.alignment import Alignment, AlignmentHypothesis, WallSamples, metric_plan
 from planfit.cli.arguments import PlanFlags
-from planfit.cli.console import StageBars, out, table, tell_scan
+from planfit.cli.console import StageBars, note, out, table, tell_scan
 from planfit.errors import OutputError
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.align import align
@@ -188,7 +189,7 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
         )
     out.print(f"margin over the next hypothesis: {100 * alignment.margin:.0f} percentage points")
     for warning in alignment.warnings:
-        out.print(f"[yellow]note:[/] {warning}")
-    verdict = "aligned" if alignment.is_sure else "[red]not sure[/]"
+        note(warning)
+    verdict = Text("aligned") if alignment.is_sure else Text("not sure", "red")
     folder = pictures[0].parent if pictures else Path()
-    out.print(f"{verdict}: look at {folder / 'candidate_1.png'}", soft_wrap=True)
+    out.print(verdict.append(f": look at {folder / 'candidate_1.png'}", "none"), soft_wrap=True)

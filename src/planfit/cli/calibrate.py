@@ -9,7 +9,7 @@ import tyro
 
 from planfit.adjust.calibration import SHARED
 from planfit.cli.arguments import PlanFlags
-from planfit.cli.console import StageBars, out, table, tell_scan
+from planfit.cli.console import StageBars, note, out, table, tell_scan
 from planfit.errors import OutputError, require
 from planfit.floorplan import read_floorplan
 from planfit.geometry.calibration import PARAMETERS
@@ -67,7 +67,7 @@ def calibrate_command(arguments: CalibrateArguments) -> int:
     tell_scan(scan)
     out.print(table("the sensor", ["parameter", "found", "sigma", ""], [_cells(r) for r in rows]))
     for warning in sensor_warnings(rows):
-        out.print(f"[yellow]note:[/] {warning}")
+        note(warning)
     if found.sensor.is_nominal:
         out.print("nothing was corrected: the file leaves scans as they are")
     out.print(f"written: {target}; use it with --calibration", soft_wrap=True)

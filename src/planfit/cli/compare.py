@@ -11,7 +11,7 @@ import tyro
 
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.compare_inputs import Given, Pair, read_pair
-from planfit.cli.console import StageBars, out, table
+from planfit.cli.console import StageBars, note, out, table
 from planfit.errors import OutputError, require
 from planfit.evaluation import CompareOptions, Comparison, Metric, Witness, compare
 from planfit.export.cloud import place_cloud, sample_cloud
@@ -230,8 +230,8 @@ def _tell(name_a: str, pair: Pair, comparison: Comparison, folder: Path | None) 
         out.print(table("", heads, rows))
     axes = "the plan's axes" if comparison.axes == "plan" else "the scan's own axes"
     out.print(f"\ndistances in {axes}. {whole_in_words(comparison)}")
-    for note in (*pair.notes, *comparison.notes):
-        out.print(f"[yellow]note:[/] {note}")
+    for words in (*pair.notes, *comparison.notes):
+        note(words)
     out.print(f"\n{conclusion(comparison)}")
     if folder is not None:
         out.print(f"\nwritten: {folder / PAGE}", soft_wrap=True)

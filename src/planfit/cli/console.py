@@ -1,11 +1,14 @@
 """What a user sees in the terminal: progress while it runs, a table at the end."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from rich.console import Console as RichConsole
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
+from planfit.errors import printable
 from planfit.scan import Scan, corrupt_frames
 
 _NAMED = 3
@@ -13,15 +16,26 @@ _NAMED = 3
 
 
 class Console(RichConsole):
-    """A console that leaves a closed pipe to the one who ends the program."""
+    """A console that shows text as it is, and leaves a closed pipe to the one who ends the program.
+
+    No mark-up: names of files, layers and rooms may hold brackets. Colours are given as styles.
+    """
+
+    def __init__(self, stderr: bool = False) -> None:
+        super().__init__(stderr=stderr, highlight=False, markup=False, emoji=False)
+
+    def print(self, *objects: Any, **how: Any) -> None:
+        """As rich does, without control characters in text."""
+        safe = (printable(o, keep="\n") if isinstance(o, str) else o for o in objects)
+        super().print(*safe, **how)
 
     def on_broken_pipe(self) -> None:
         """Called while `BrokenPipeError` is handled; rich would exit with code 1 here."""
         raise
 
 
-out = Console(highlight=False)
-err = Console(stderr=True, highlight=False)
+out = Console()
+err = Console(stderr=True)
 
 
 class StageBars:
@@ -56,22 +70,31 @@ class StageBars:
             self._progress.update(task, completed=known, total=known)
 
 
-def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str | Text]]) -> Table:
     """A plain table: the first column to the left, numbers to the right."""
     result = Table(
-        title=title or None, title_justify="left", box=None, pad_edge=False, title_style="bold"
+        title=printable(title) or None,
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+        title_style="bold",
     )
     for i, column in enumerate(columns):
         result.add_column(column, justify="left" if i == 0 else "right")
     for row in rows:
-        result.add_row(*row)
+        result.add_row(*(printable(cell) if isinstance(cell, str) else cell for cell in row))
     return result
+
+
+def note(words: str) -> None:
+    """What a user should know, on a line of its own that is not wrapped."""
+    out.print(Text.assemble(("note:", "yellow"), " ", printable(words)), soft_wrap=True)
 
 
 def tell_scan(scan: Scan) -> None:
     """Warnings, frames that were left out, frames that could not be decoded; nothing where all is well."""
     for warning in scan.warnings:
-        out.print(f"[yellow]note:[/] {_plain(warning)}", soft_wrap=True)
+        note(warning)
     if scan.skipped:
         n = len(scan.skipped)
         _tell_list(f"{n} of {n + len(scan)} frames are left out", scan.skipped)
@@ -85,8 +108,4 @@ def tell_scan(scan: Scan) -> None:
 def _tell_list(begin: str, lines: tuple[str, ...] | list[str]) -> None:
     named = "; ".join(lines[:_NAMED])
     more = f"; and {len(lines) - _NAMED} more" if len(lines) > _NAMED else ""
-    out.print(f"[yellow]note:[/] {begin}: {_plain(named)}{more}", soft_wrap=True)
-
-
-def _plain(text: str) -> str:
-    return text.replace("[", "\\[")  # brackets in names are no mark-up
+    note(f"{begin}: {named}{more}")

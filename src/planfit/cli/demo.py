@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 from jaxtyping import Float
 
-from planfit.cli.console import StageBars, out, table
+from planfit.cli.console import StageBars, note, out, table
 from planfit.cli.refine import exit_code, refine_into, tell_verdict
 from planfit.errors import OutputError
 from planfit.evaluation import position_errors, surface_metrics
@@ -89,7 +89,7 @@ def demo_command(arguments: DemoArguments) -> int:
     out.print()
     out.print(table("time per stage", ["", ""], stages))
     for warning in result.warnings:
-        out.print(f"[yellow]note:[/] {warning}")
+        note(warning)
     tell_verdict(result.verdict)
     out.print(f"\n{time.perf_counter() - begin:.0f} s in all. Report: {run_folder / 'report.html'}")
     return exit_code(result.verdict)

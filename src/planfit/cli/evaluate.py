@@ -9,9 +9,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
+from rich.text import Text
 
 from planfit.cli.arguments import PlanFlags
-from planfit.cli.console import StageBars, out, table
+from planfit.cli.console import StageBars, note, out, table
 from planfit.cli.evaluate_inputs import (
     Compared,
     read_poses,
@@ -85,8 +86,8 @@ def evaluate_command(arguments: EvaluateArguments) -> int:
         out.print_json(json.dumps(report, allow_nan=False))
         return 0
     out.print(_table(report))
-    for note in report["notes"]:
-        out.print(f"[yellow]note:[/] {note}")
+    for words in report["notes"]:
+        note(words)
     return 0
 
 
@@ -195,9 +196,10 @@ def _table(report: dict[str, Any]) -> Any:
         unit = _SHOWN_UNITS.get(str(metric["unit"]), str(metric["unit"]))
         texts = [_amount(metric[name], unit) for name in ("before", "after")]
         difference = metric["difference"]
-        colour = "" if not difference else "[green]" if difference < 0 else "[red]"
+        colour = "" if not difference else "green" if difference < 0 else "red"
         sign = "+" if difference is not None and difference >= 0 else ""
-        rows.append([metric["meaning"], *texts, f"{colour}{sign}{_amount(difference, unit)}"])
+        change = Text(f"{sign}{_amount(difference, unit)}", colour)
+        rows.append([metric["meaning"], *texts, change])
     title = f"{report['of']}: {report['frames']} frames"
     if report["compared"] is not None:
         title += f", {report['compared']} with a true pose, {report['truth_frame']} frame"

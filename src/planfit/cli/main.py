@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from planfit import __version__
-from planfit.errors import PlanfitError
+from planfit.errors import PlanfitError, printable
 
 EXIT_OK, EXIT_NOT_BETTER, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
 EXIT_CLOSED_PIPE = 141
@@ -205,13 +205,14 @@ def in_one_line(action: Callable[[], int], kept: str) -> int:
     except SystemExit as stop:  # the parser has told what was wrong, or printed its help
         return stop.code if isinstance(stop.code, int) else EXIT_BAD_INPUT
     except PlanfitError as error:
-        print(f"planfit: {error}", file=sys.stderr)
+        print(f"planfit: {printable(str(error))}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except BrokenPipeError:
         raise  # no fault of the input; see `exit_with`
     except OSError as error:
-        print(f"planfit: {error.filename}: {error.strerror}; check the path, the rights and the disk",
-              file=sys.stderr)  # fmt: skip
+        what = f"{printable(str(error.filename))}: " if error.filename is not None else ""
+        why = error.strerror or str(error)
+        print(f"planfit: {what}{why}; check the path, the rights and the disk", file=sys.stderr)
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print(f"planfit: stopped; {kept}", file=sys.stderr)

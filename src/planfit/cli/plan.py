@@ -10,7 +10,7 @@ import tyro
 from jaxtyping import Float
 
 from planfit.cli.arguments import PlanFlags
-from planfit.cli.console import out, table
+from planfit.cli.console import note, out, table
 from planfit.errors import OutputError
 from planfit.export.plan_files import write_plan_dxf, write_plan_svg
 from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
@@ -94,7 +94,7 @@ def summarise(floorplan: Floorplan) -> None:
     text.show_header = False
     out.print(text)
     for warning in source.warnings:
-        out.print(f"[yellow]note:[/] {warning}", soft_wrap=True)
+        note(warning)
 
 
 def _thicknesses(floorplan: Floorplan) -> Float[np.ndarray, " 3"]:

@@ -12,7 +12,7 @@ import tyro
 from planfit import __version__
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.config import scan_options_record, to_toml
-from planfit.cli.console import StageBars, err, out, table, tell_scan
+from planfit.cli.console import StageBars, err, note, out, table, tell_scan
 from planfit.cli.storeys import plan_inputs, read_plans, tell_storeys
 from planfit.errors import FloorplanError, require
 from planfit.export import RunFolder, make_record, sample_cloud, write_results
@@ -185,7 +185,7 @@ def summarise(
         )
     tell_scan(scan)
     for warning in result.warnings:
-        out.print(f"[yellow]note:[/] {warning}")
+        note(warning)
     tell_verdict(result.verdict)
     out.print(f"report: {folder / 'report.html'}", soft_wrap=True)
 
@@ -193,7 +193,7 @@ def summarise(
 def tell_verdict(verdict: Verdict) -> None:
     """The outcome, why, which frames are less sure, and what to do."""
     color = {Outcome.REFINED: "green", Outcome.IMPROVED: "yellow", Outcome.NO_BETTER: "red"}
-    out.print(f"\n[{color[verdict.outcome]}]{verdict.headline}[/]")
+    out.print(f"\n{verdict.headline}", style=color[verdict.outcome])
     for reason in verdict.reasons:
         if reason not in verdict.headline:
             out.print(f"  {reason}")

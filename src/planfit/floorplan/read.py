@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from planfit.errors import FloorplanError
+from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.formats import find_reader
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
@@ -18,7 +18,9 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
     path, options = Path(path), options or PlanOptions()
     if not path.exists():
         raise FloorplanError(f"{path}: expected a floorplan, found nothing; check the path")
-    floorplan = find_reader(path)(path, options)
+    reader = find_reader(path)
+    with told_as(FloorplanError, path, f"a plan as {path.suffix or 'IMDF'}"):
+        floorplan = reader(path, options)
     extent = max(floorplan.size)
     if floorplan.is_metric and not MIN_SIZE_M <= extent <= MAX_SIZE_M:
         raise FloorplanError(

@@ -22,17 +22,19 @@ from jaxtyping import Float
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.dxf_blocks import check_expansion
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import METRES_PER_FILE_UNIT
-from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
+from planfit.floorplan.vector.drawing import ABSURD, DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.plan import plan_of_drawing
 
 _UNITS = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 10: "yd", 14: "dm", 21: "US survey ft"}
 """Names of `METRES_PER_FILE_UNIT` by the number in the header ($INSUNITS)."""
+FINEST_SHARE = 1e-5
+"""Curves are flattened to this share of their size at the finest: a full circle has 700 pieces then."""
 _CURVED = {"ARC", "CIRCLE", "ELLIPSE", "SPLINE", "HELIX"}
 _PATHS = {"LINE", "LWPOLYLINE", "POLYLINE", *_CURVED}
-_MAX_ENTITIES = 2_000_000
 _HARMLESS = {
     AuditError.INVALID_LAYER_NAME,
     AuditError.BLOCK_NAME_MISMATCH,
@@ -71,6 +73,7 @@ def read_dxf(path: Path, options: PlanOptions) -> Floorplan:
     # ezdxf warns of every odd table entry; what matters comes back as an error or in `dropped`.
     logging.getLogger("ezdxf").setLevel(logging.ERROR)
     document, lost = _open(path)
+    check_expansion(path, document)
     drawing = _drawing(document)
     floorplan = plan_of_drawing(
         drawing, path, fingerprint_of(path), options, "DXF drawing", np.eye(3)
@@ -117,9 +120,7 @@ def _drawing(document: Document) -> VectorDrawing:
     space = document.modelspace()
     flatten = _flattening_distance(space)
     seen_hidden: set[str] = set()
-    for count, (entity, layer) in enumerate(_entities(space)):
-        if count > _MAX_ENTITIES:
-            break
+    for entity, layer in _entities(space):
         if layer in hidden:
             seen_hidden.add(layer)
         elif not entity.dxf.get("invisible", 0):
@@ -155,7 +156,9 @@ def _add(builder: DrawingBuilder, entity: DXFGraphic, layer: str, flatten: float
     elif kind in ("HATCH", "MPOLYGON"):
         rings = []
         for boundary in ezpath.from_hatch(entity):  # type: ignore[arg-type]
-            rings.append(_xy(boundary.flattening(flatten)))
+            size = _size(boundary)
+            if size < ABSURD:
+                rings.append(_xy(boundary.flattening(max(flatten, FINEST_SHARE * size))))
         builder.add_fill(rings, layer, _colour(entity))
     elif kind in ("SOLID", "TRACE", "3DFACE"):
         corners = _xy(entity.wcs_vertices())  # type: ignore[attr-defined]
@@ -168,10 +171,13 @@ def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten:
     """Straight and curved segments of a path apart: an arc between two walls is a door."""
     if len(made) == 0:
         return
+    size = _size(made)
+    flatten = max(flatten, FINEST_SHARE * size)
     points, is_curved = [np.array(made.start)[:2]], []
     at = made.start
     for command in made.commands():
-        if command.type == ezpath.Command.LINE_TO or command.type == ezpath.Command.MOVE_TO:
+        is_line = command.type == ezpath.Command.LINE_TO or size == math.inf
+        if is_line or command.type == ezpath.Command.MOVE_TO:
             points.append(np.array(command.end)[:2])
             is_curved.append(command.type == ezpath.Command.MOVE_TO)
         else:
@@ -184,6 +190,12 @@ def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten:
             is_curved.extend([is_bent] * len(flat))
         at = command.end
     builder.add_polyline(np.array(points), np.array(is_curved), layer, style)
+
+
+def _size(made) -> float:
+    """Larger side of a path's box; its control points count."""
+    corners = _xy(made.control_vertices())
+    return float(np.ptp(corners, axis=0).max()) if np.isfinite(corners).all() else math.inf
 
 
 def _single(start, command):

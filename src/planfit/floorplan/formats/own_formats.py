@@ -4,6 +4,7 @@ import json
 import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -42,7 +43,8 @@ def read_npy(path: Path, options: PlanOptions) -> Floorplan:
     try:
         with path.open("rb") as file:  # numpy leaves it open where it is no array
             values = np.load(file, allow_pickle=False)
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+    # A damaged header is parsed as Python, or claims more than there is memory for.
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile, MemoryError, TokenError) as error:
         raise FloorplanError(
             f"{path}: expected a NumPy array of numbers saved by numpy.save, found something else"
         ) from error

@@ -1,6 +1,8 @@
 """PDF: the vector paths of a page as it is shown, or its picture where the page holds no more."""
 
 import ctypes
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +24,29 @@ MIN_PARTS = 20
 """A page with fewer lines and areas, and a picture on it, is the picture."""
 PICTURE_DPI = 300.0
 MAX_PICTURE_PX = 10_000
+MAX_OPEN_S = 15.0
+MAX_OPEN_BYTES = 2_000_000_000
+"""What opening a page may take."""
+MAX_OBJECTS = 2_000_000
+"""Objects of a page with all its forms drawn out; large plans have some hundred thousand."""
 _MAX_FORM_DEPTH = 12
+_CANNOT_TELL = 7
+_OPEN_PAGE = f"""
+import sys
+try:
+    import pypdfium2 as pdfium
+except ImportError:
+    sys.exit({_CANNOT_TELL})
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[3]),) * 2)
+except ImportError:
+    pass  # Windows: time alone bounds it
+try:
+    pdfium.PdfDocument(sys.argv[1])[int(sys.argv[2]) - 1]
+except (pdfium.PdfiumError, IndexError):
+    sys.exit({_CANNOT_TELL})  # whoever reads the page tells why
+"""
 
 
 def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
@@ -34,13 +58,14 @@ def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
     """
     document = _open(path)
     try:
+        _check_page_opens(path, options.page)
         if options.page > len(document):
             raise FloorplanError(
                 f"{path}: expected a page {options.page}, found {len(document)} pages; "
                 "pass a page that there is"
             )
         page = document[options.page - 1]
-        drawing, has_picture = _drawing(page)
+        drawing, has_picture = _drawing(page, path)
         if has_picture and len(drawing.lines) + len(drawing.fills) < MIN_PARTS:
             return _read_as_picture(page, path, options)
     finally:
@@ -67,6 +92,31 @@ def _open(path: Path) -> pdfium.PdfDocument:
     return document
 
 
+def _check_page_opens(path: Path, page: int) -> None:
+    """Open a page in a process of its own first, where it may hold forms within forms.
+
+    PDFium draws those out as it opens the page: ten levels of ten are a kilobyte in the file, and no call
+    of it can be stopped.
+    """
+    data = path.read_bytes()
+    if b"/Form" not in data and b"/ObjStm" not in data:
+        return
+    command = [sys.executable, "-c", _OPEN_PAGE, str(path), str(page), str(MAX_OPEN_BYTES)]
+    try:
+        ended = subprocess.run(command, timeout=MAX_OPEN_S, capture_output=True, check=False)
+    except subprocess.TimeoutExpired:
+        found = f"more than {MAX_OPEN_S:g} s"
+    else:
+        if ended.returncode in (0, _CANNOT_TELL):
+            return
+        found = f"more than {MAX_OPEN_BYTES / 1e9:.0f} GB"
+    limits = f"{MAX_OPEN_S:g} s and {MAX_OPEN_BYTES / 1e9:.0f} GB"
+    raise FloorplanError(
+        f"{path}: expected a page that opens within {limits}, found one that takes {found} (drawings "
+        "repeated within drawings?); print it to a new PDF"
+    )
+
+
 def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> Floorplan:
     # Here, not above: drawings need no OpenCV.
     from planfit.floorplan.formats.picture import fingerprint_with_mask, read_image
@@ -81,17 +131,24 @@ def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> 
     )
 
 
-def _drawing(page: pdfium.PdfPage) -> tuple[VectorDrawing, bool]:
+def _drawing(page: pdfium.PdfPage, path: Path) -> tuple[VectorDrawing, bool]:
     builder = DrawingBuilder()
     shown_from_page = _shown_from_page(page)
     has_picture = False
     clips = _Clips()
     stack = [(page.raw, None, shown_from_page, 0)]
+    n_objects = 0
     while stack:
         owner, form, transform, depth = stack.pop()
         count = (
             raw.FPDFPage_CountObjects(owner) if form is None else raw.FPDFFormObj_CountObjects(form)
         )
+        n_objects += count
+        if n_objects > MAX_OBJECTS:
+            raise FloorplanError(
+                f"{path}: expected a page of at most {MAX_OBJECTS:,} objects, found more once its forms are "
+                "drawn out; print the floor alone to a new PDF"
+            )
         for i in range(count):
             item = (
                 raw.FPDFPage_GetObject(owner, i)

@@ -1,0 +1,100 @@
+"""Files that once hung a reader of plans, filled the memory, or ended in a traceback: one line each now."""
+
+from pathlib import Path
+
+import ezdxf
+import numpy as np
+import pytest
+
+import planfit
+from planfit.cli.main import run
+from planfit.errors import FloorplanError, PlanfitError, printable, told_as
+from planfit.floorplan.formats import dxf_blocks, pdf
+
+BAD_PLANS = Path(__file__).parent.parent / "data" / "bad_plans"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("expo.dxf", "1,000,000,000 once blocks are drawn out"),
+        ("minsert.dxf", "900,000,000 once blocks are drawn out, 900,000,000 by one insertion"),
+        ("rec.dxf", "found 'a' inside itself"),
+        ("pdf_laughs.pdf", "drawings repeated within drawings"),
+        ("pdf-1-14.pdf", "cannot be read"),
+        ("npy-1-138.npy", "expected a NumPy array"),
+        ("npy_huge.npy", "expected a NumPy array"),
+        ("far.ply", "cannot be read"),
+        ("ply-1-18.ply", "cannot be read"),
+        ("glb-3-2.glb", "cannot be read"),
+        ("obj-1-16.obj", "cannot be read"),
+        ("svg-1-44.svg", "cannot be read"),
+        ("ifc-1-3.ifc", "cannot be read"),
+        ("bigint2.geojson", "found 0 features"),
+    ],
+)
+def test_a_bad_file_is_told_in_one_line(name, words, capsys, monkeypatch):
+    if name.endswith(".ifc"):
+        pytest.importorskip("ifcopenshell", reason="ifcopenshell is not installed (planfit[ifc])")
+    monkeypatch.setattr(pdf, "MAX_OPEN_S", 3.0)
+    assert run(["plan", str(BAD_PLANS / name)]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert words in told
+
+
+def test_a_circle_larger_than_the_country_leaves_the_rest_to_read():
+    plan = planfit.read_floorplan(BAD_PLANS / "circle1e+12.dxf")
+    assert len(plan) >= 4
+    assert np.abs(plan.ends).max() < 100.0
+
+
+def test_mark_up_in_names_is_shown_as_it_is(capsys):
+    assert run(["plan", str(BAD_PLANS / "markup.geojson")]) == 0
+    assert "WALL[/red]x" in capsys.readouterr().out
+
+
+def test_insertions_are_counted_as_they_are_drawn():
+    document = ezdxf.new()
+    inner = document.blocks.new("inner")
+    for k in range(3):
+        inner.add_line((0, k), (1, k))
+    outer = document.blocks.new("outer")
+    outer.add_blockref("inner", (0, 0))
+    outer.add_blockref("inner", (0, 5), dxfattribs={"row_count": 4, "column_count": 5})
+    space = document.modelspace()
+    space.add_blockref("outer", (0, 0))
+    space.add_line((0, 0), (1, 1))
+    drawn = 3 + 3 * 20 + 1
+    path = Path("plan.dxf")
+    for limit in (drawn, drawn - 1):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(dxf_blocks, "MAX_ENTITIES", limit)
+            if limit == drawn:
+                dxf_blocks.check_expansion(path, document)
+            else:
+                with pytest.raises(FloorplanError, match=f"found {drawn} once blocks"):
+                    dxf_blocks.check_expansion(path, document)
+
+
+def test_what_libraries_raise_names_the_file_and_what_the_system_says_passes():
+    path = Path("plan.obj")
+    as_mesh = told_as(FloorplanError, path, "a mesh")
+    with (
+        pytest.raises(FloorplanError, match=r"plan.obj: expected a mesh, found .*KeyError: .faces"),
+        as_mesh,
+    ):
+        {}["faces"]
+    as_mesh = told_as(FloorplanError, path, "a mesh")
+    with pytest.raises(FloorplanError, match=r"^mine$"), as_mesh:
+        raise FloorplanError("mine")
+    with pytest.raises(PermissionError), told_as(FloorplanError, path, "a mesh"):
+        raise PermissionError(13, "Permission denied", "plan.obj")
+    with pytest.raises(PlanfitError, match="KeyError: "), told_as(PlanfitError, path, "a mesh"):
+        raise KeyError("a\x1b[31m\nb" * 500)
+
+
+def test_control_characters_are_shown_and_letters_of_all_scripts_stay():
+    assert printable("Büro – 会議室 [x]") == "Büro – 会議室 [x]"
+    assert printable("a\x1b[31mb\nc\u202ed") == "a\\x1b[31mb\\nc\\u202ed"
+    assert printable("a\nb", keep="\n") == "a\nb"
