@@ -1,6 +1,7 @@
 """Work over many items: order, cache, damage, interruption, progress, a full disk."""
 
 import errno
+import io
 import itertools
 import threading
 import time
@@ -11,6 +12,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from threadpoolctl import threadpool_info
 
+from planfit.chunks import read_chunk, write_chunk
 from planfit.errors import OutputError
 from planfit.runtime import Runtime, StageTimer, blas_on_one_thread, cache_key
 
@@ -171,6 +173,9 @@ def test_what_has_no_fingerprint_is_not_kept(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+_archive = io.BytesIO()
+np.savez(_archive, n_items=np.array(4), square=np.arange(4))
+ARCHIVE = _archive.getvalue()
 DAMAGE = {
     "cut in half": lambda data: data[: len(data) // 2],
     "empty": lambda _: b"",
@@ -178,6 +183,8 @@ DAMAGE = {
     "starts like one": lambda _: b"PK\x03\x04garbage",
     "bits flipped": lambda data: data[:100] + bytes(b ^ 0xFF for b in data[100:140]) + data[140:],
     "nothing but zeros": lambda data: bytes(len(data)),
+    "a longer one": lambda data: data + b"\0",
+    "an archive": lambda _: ARCHIVE,
 }
 
 
@@ -185,7 +192,7 @@ DAMAGE = {
 def test_a_corrupt_chunk_is_made_again_and_the_others_are_not(tmp_path, damage):
     runtime = Runtime(1, tmp_path)
     runtime.map("squares", "key", 12, Counter(), 4)
-    chunk = sorted(tmp_path.rglob("*.npz"))[1]
+    chunk = sorted(tmp_path.rglob("*.chunk"))[1]
     chunk.write_bytes(DAMAGE[damage](chunk.read_bytes()))
     count = Counter()
     items = runtime.map("squares", "key", 12, count, 4)
@@ -196,10 +203,37 @@ def test_a_corrupt_chunk_is_made_again_and_the_others_are_not(tmp_path, damage):
     assert again.asked == []
 
 
+def test_no_flipped_bit_is_believed(tmp_path, rng):
+    items = [
+        {"pose": np.eye(4), "idx": np.arange(3)},
+        {},
+        {"empty": np.zeros((0, 2)), "pose": np.ones((4, 4))},
+    ]
+    path = tmp_path / "000000.chunk"
+    write_chunk(path, items)
+    whole = path.read_bytes()
+    for _ in range(10_000):
+        data = bytearray(whole)
+        for at in rng.choice(len(data), rng.integers(1, 4), replace=False):
+            data[at] ^= 1 << int(rng.integers(8))
+        path.write_bytes(data)
+        assert read_chunk(path, 3) is None
+    path.write_bytes(whole)
+    again = read_chunk(path, 3)
+    assert again is not None
+    for before, after in zip(items, again, strict=True):
+        assert list(before) == list(after)
+        for name, array in before.items():
+            assert array.dtype == after[name].dtype
+            np.testing.assert_array_equal(array, after[name])
+    assert read_chunk(path, 2) is None
+    assert read_chunk(tmp_path / "absent.chunk", 3) is None
+
+
 def test_a_chunk_that_holds_a_bare_array_is_made_again(tmp_path):
     runtime = Runtime(1, tmp_path)
     runtime.map("squares", "key", 3, Counter())
-    chunk = next(tmp_path.rglob("*.npz"))
+    chunk = next(tmp_path.rglob("*.chunk"))
     with chunk.open("wb") as file:
         np.save(file, np.zeros(3))
     count = Counter()
@@ -299,8 +333,10 @@ def test_a_full_disk_is_an_output_error_and_leaves_no_partial_file(tmp_path, mon
     assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_disk_that_fills_while_writing(tmp_path, monkeypatch):
-    monkeypatch.setattr(np, "savez", full_disk)
+    always_full = Path("/dev/full").open
+    monkeypatch.setattr(Path, "open", lambda _, mode: always_full(mode))
     with pytest.raises(OutputError, match="No space left"):
         Runtime(1, tmp_path).map("squares", "key", 3, Counter())
     assert [p for p in tmp_path.rglob("*") if p.is_file()] == []

@@ -1,10 +1,8 @@
 """The runtime of a run: work over many frames or pairs in parallel, cached, interruptible; timed stages."""
 
 import hashlib
-import json
 import os
 import time
-import zipfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -12,13 +10,12 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
-from jaxtyping import UInt8
 from threadpoolctl import threadpool_limits
 
+from planfit.chunks import SUFFIX, read_chunk, write_chunk
+from planfit.chunks import Arrays as Arrays
 from planfit.errors import OutputError, require_positive
 
-Arrays = dict[str, np.ndarray]
 Progress = Callable[[str, int, int], None]
 """Called with the stage's name, how many items are done, and of how many (0: not known)."""
 
@@ -84,13 +81,13 @@ class Runtime:
         def one_chunk(start: int) -> list[Arrays]:
             items = [compute(i) for i in range(start, min(start + chunk_size, n_items))]
             if folder:  # at once: what is finished stays, even where another chunk fails
-                _save(folder / f"{start:06d}.npz", items)
+                write_chunk(folder / f"{start:06d}{SUFFIX}", items)
             return items
 
         missing = []
         for start in starts:
             n_chunk = min(chunk_size, n_items - start)
-            kept = _load(folder / f"{start:06d}.npz", n_chunk) if folder else None
+            kept = read_chunk(folder / f"{start:06d}{SUFFIX}", n_chunk) if folder else None
             if kept is None:
                 missing.append(start)
             else:
@@ -145,64 +142,3 @@ class StageTimer:
         # A stage may come again: each storey is aligned with its own plan.
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
         self._runtime.report(name, 1, 0)
-
-
-def _load(path: Path, n_items: int) -> list[Arrays] | None:
-    """A kept chunk of `n_items`, or None where there is none or the file is damaged or of another
-    length (it is then made again)."""
-    if not path.exists():
-        return None
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            if int(data["n_items"]) != n_items:
-                return None
-            return _unpacked(data["index"], data["bytes"], n_items)
-    except (OSError, ValueError, TypeError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
-        return None
-
-
-def _save(path: Path, items: list[Arrays]) -> None:
-    """Write a chunk whole or not at all: under another name first, which a stopped run may leave."""
-    index, content = _packed(items)
-    temporary = path.with_suffix(".part")
-    try:
-        with temporary.open("wb") as file:
-            np.savez(file, n_items=np.array(len(items)), index=index, bytes=content)
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise OutputError(
-            f"{path}: cannot be written ({error.strerror}); free disk space and run again, "
-            "finished work is kept"
-        ) from error
-
-
-def _packed(items: list[Arrays]) -> tuple[UInt8[np.ndarray, " j"], UInt8[np.ndarray, " b"]]:
-    """All arrays as one, and JSON that tells them apart: item, name, type and shape, in order.
-
-    As members of the file, each costs 0.3 ms to find and to read, and a scan has thousands of small ones.
-    """
-    arrays = [(i, name, array) for i, item in enumerate(items) for name, array in item.items()]
-    for _, name, array in arrays:
-        if array.dtype.hasobject or array.dtype.names:
-            raise TypeError(f"{name}: expected an array of plain values, found {array.dtype}")
-    index = [(i, name, array.dtype.str, array.shape) for i, name, array in arrays]
-    content, at = np.zeros(sum(array.nbytes for _, _, array in arrays), np.uint8), 0
-    for _, _, array in arrays:
-        content[at : at + array.nbytes] = np.frombuffer(array.tobytes(), np.uint8)
-        at += array.nbytes
-    return np.frombuffer(json.dumps(index).encode(), np.uint8), content
-
-
-def _unpacked(
-    index: UInt8[np.ndarray, " j"], content: UInt8[np.ndarray, " b"], n_items: int
-) -> list[Arrays]:
-    """What was packed, each array with memory of its own: what is not kept must not stay for the others."""
-    items: list[Arrays] = [{} for _ in range(n_items)]
-    at = 0
-    for i, name, kind, shape in json.loads(index.tobytes()):
-        array = np.zeros(shape, np.dtype(kind))
-        array.reshape(-1).view(np.uint8)[:] = content[at : at + array.nbytes]
-        items[i][name] = array
-        at += array.nbytes
-    return items

@@ -93,7 +93,7 @@ def test_bad_scan_is_one_clear_line(
     assert names_file in message
     assert says in message
     left = {path.name for path in out.iterdir()} if out.exists() else set()
-    assert left <= {"cache"}
+    assert left <= {"cache", ".planfit.json", ".planfit.lock"}
 
 
 def test_folder_of_another_run_is_refused(
@@ -135,7 +135,7 @@ def test_full_disk_leaves_nothing_half_written(
     message = capsys.readouterr().err.splitlines()[-1]
     assert "No space left on device" in message
     assert "free disk space" in message
-    assert {path.name for path in out.iterdir()} == {"cache"}
+    assert {path.name for path in out.iterdir()} == {"cache", ".planfit.json", ".planfit.lock"}
     monkeypatch.undo()
     assert run(["refine", str(small_scan), "-o", str(out)]) == 0
 
@@ -155,10 +155,12 @@ def test_stopping_keeps_what_was_finished(
     assert run(["refine", str(small_scan), "-o", str(out)]) == 130
     assert "goes on from there" in capsys.readouterr().err
     monkeypatch.undo()
-    kept = {p: p.stat().st_mtime_ns for p in (out / "cache").rglob("*.npz")}
+    kept = {p: p.stat().st_mtime_ns for p in (out / "cache").rglob("*.chunk")}
     assert kept
     assert run(["refine", str(small_scan), "-o", str(out)]) == 0
-    assert kept.items() <= {p: p.stat().st_mtime_ns for p in (out / "cache").rglob("*.npz")}.items()
+    assert (
+        kept.items() <= {p: p.stat().st_mtime_ns for p in (out / "cache").rglob("*.chunk")}.items()
+    )
 
 
 def test_missing_plan_says_how_to_give_one(

@@ -196,10 +196,10 @@ def test_evaluate_says_what_does_not_belong_together(
 
 
 def test_the_same_run_again_reuses_its_stages(finished: Path, small_scan: Path) -> None:
-    before = {p: p.stat().st_mtime_ns for p in (finished / "cache").rglob("*.npz")}
+    before = {p: p.stat().st_mtime_ns for p in (finished / "cache").rglob("*.chunk")}
     poses = (finished / "trajectory.tum").read_bytes()
     assert run(["refine", str(small_scan), "-o", str(finished)]) == 0
-    after = {p: p.stat().st_mtime_ns for p in (finished / "cache").rglob("*.npz")}
+    after = {p: p.stat().st_mtime_ns for p in (finished / "cache").rglob("*.chunk")}
     assert after == before
     assert (finished / "trajectory.tum").read_bytes() == poses
 

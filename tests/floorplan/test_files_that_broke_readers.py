@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-import ezdxf
 import numpy as np
 import pytest
+from ezdxf.filemanagement import new as new_dxf
 
 import planfit
 from planfit.cli.main import run
@@ -55,7 +55,7 @@ def test_mark_up_in_names_is_shown_as_it_is(capsys):
 
 
 def test_insertions_are_counted_as_they_are_drawn():
-    document = ezdxf.new()
+    document = new_dxf()
     inner = document.blocks.new("inner")
     for k in range(3):
         inner.add_line((0, k), (1, k))

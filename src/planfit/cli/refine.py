@@ -116,8 +116,7 @@ def refine_into(
     """
     inputs = {"scan": str(Path(scan.name).resolve()), "scan_fingerprint": scan.fingerprint}
     inputs |= plan_inputs(floorplan)
-    run = RunFolder.claim(folder, inputs, overwrite)
-    with StageBars() as bars:
+    with RunFolder.claimed(folder, inputs, overwrite) as run, StageBars() as bars:
         runtime = Runtime(workers, run.cache_dir, bars.update)
         result = refine(scan, floorplan, options, runtime)
         cloud = sample_cloud(calibrated_scan(scan, result.sensor), runtime)

@@ -1,17 +1,28 @@
-"""The output folder of a run: claimed once, written whole or not at all."""
+"""The output folder of a run: one process at a time, results written whole or not at all.
+
+Results are written into a folder beside the old ones, which a rename turns into one to be moved in: from
+then on they hold, whatever happens. A process that dies before leaves the old results, one that dies while
+they are moved in leaves the rest to whoever takes the folder next.
+"""
 
 import json
+import os
+import platform
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
 
 from planfit.errors import OutputError
 
 RECORD = "run.json"
-_INPUTS = "inputs.json"
-_STAGING = ".writing"
+_CACHE = "cache"
+_OWNER, _LOCK = ".planfit.json", ".planfit.lock"
+_STAGING, _READY = ".writing", ".ready"
 
 
 @dataclass(frozen=True)
@@ -19,41 +30,47 @@ class RunFolder:
     """A folder that belongs to one scan and one plan, or to a scan without one."""
 
     path: Path
+    inputs: dict[str, str]
+    """What the run reads, by name and fingerprint."""
 
     @property
     def cache_dir(self) -> Path:
         """Where stages keep their results between runs."""
-        return self.path / "cache"
+        return self.path / _CACHE
 
     @staticmethod
-    def claim(path: Path, inputs: dict[str, str], overwrite: bool) -> "RunFolder":
-        """Take a folder for a run; it is made if it is not there.
+    @contextmanager
+    def claimed(path: Path, inputs: dict[str, str], overwrite: bool) -> Iterator["RunFolder"]:
+        """Take a folder for a run, which no other process may take meanwhile; it is made if it is not there.
 
         Args:
             path: the folder.
-            inputs: what the run reads, by name and fingerprint. The same inputs may come back, with
-                other options too: finished stages are then reused.
+            inputs: what the run reads. The same inputs may come back, with other options too: finished
+                stages are then reused.
             overwrite: whether another run's results may be replaced; files that are no run's never.
 
         Raises:
-            OutputError: the folder holds another run or other files, or cannot be written.
+            OutputError: the folder holds another run or other files, another process writes to it, or it
+                cannot be written.
         """
-        folder = RunFolder(path)
         if path.exists() and not path.is_dir():
             raise OutputError(
                 f"{path}: expected a folder for results, found a file; choose another"
             )
         if path.is_dir():
-            folder._check_owner(inputs, overwrite)
-        try:
-            folder.cache_dir.mkdir(parents=True, exist_ok=True)
-            (folder.cache_dir / _INPUTS).write_text(json.dumps(inputs, indent=1))
-            shutil.rmtree(path / _STAGING, ignore_errors=True)
-        except OSError as error:
-            raise OutputError(
-                f"{path}: cannot be written ({error.strerror}); choose another folder with -o"
-            ) from error
-        return folder
+            _check_owner(path, inputs, overwrite)
+        with _locked(path):
+            folder = RunFolder(path, inputs)
+            try:
+                # Once more: another process may have finished a run between the look and the lock.
+                _check_owner(path, inputs, overwrite)
+                _move_in(path)
+                shutil.rmtree(path / _STAGING, ignore_errors=True)
+                folder._write_owner(_results(path))
+                folder.cache_dir.mkdir(exist_ok=True)
+            except OSError as error:
+                raise _unwritable(path, error) from error
+            yield folder
 
     @contextmanager
     def writing(self) -> Iterator[Path]:
@@ -68,11 +85,8 @@ class RunFolder:
         try:
             staging.mkdir()
             yield staging
-            for item in sorted(staging.iterdir()):
-                target = self.path / item.name
-                if target.is_dir():
-                    shutil.rmtree(target)
-                item.replace(target)
+            staging.rename(self.path / _READY)  # from here on, these are the results
+            _move_in(self.path)
         except OSError as error:
             name = error.filename or self.path
             raise OutputError(
@@ -82,25 +96,115 @@ class RunFolder:
         finally:
             shutil.rmtree(staging, ignore_errors=True)
 
-    def _check_owner(self, inputs: dict[str, str], overwrite: bool) -> None:
-        """Raise `OutputError` where the folder holds something that is not to be replaced.
+    def _write_owner(self, results: list[str]) -> None:
+        process = {"id": os.getpid(), "host": platform.node()}
+        _write_json(
+            self.path / _OWNER, {"inputs": self.inputs, "process": process, "results": results}
+        )
 
-        A run is told by the paths of its scan and plan: the same files may have changed since.
-        """
-        names = {item.name for item in self.path.iterdir()} - {_STAGING}
-        if not names or (names == {"cache"} and (self.cache_dir / _INPUTS).exists()):
-            return  # nothing yet, or a run that never finished
-        try:
-            owner = json.loads((self.path / RECORD).read_text())["inputs"]
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise OutputError(
-                f"{self.path}: expected an empty folder or an earlier run of planfit, found other "
-                "files; choose another folder with -o"
-            ) from error
-        same = all(owner.get(name) == inputs.get(name) for name in ("scan", "plan"))
-        if not same and not overwrite:
-            raise OutputError(
-                f"{self.path}: expected an empty folder, found the results of another run "
-                f"({owner.get('scan', 'unknown scan')} with {owner.get('plan') or 'no plan'})"
-                "; choose another folder with -o, or pass --overwrite"
-            )
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """The folder, made, for this process alone; the system frees it when the process ends or dies."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(path / _LOCK, timeout=0)
+        lock.acquire()
+    except Timeout as error:
+        process = _owner(path).get("process", {})
+        raise OutputError(
+            f"{path}: expected a folder that no other run writes to, found one in use by process "
+            f"{process.get('id', '?')} on {process.get('host', '?')}; wait for it, or choose another with -o"
+        ) from error
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _move_in(path: Path) -> None:
+    """Put finished results in their place, and take away those of the run before that they do not replace.
+
+    Begun by the process that wrote them, or ended by the next one: each step may be done again.
+    """
+    ready = path / _READY
+    if not ready.is_dir():
+        return
+    owner = _owner(path)
+    new = owner.get("moving") or sorted(item.name for item in ready.iterdir())
+    _write_json(path / _OWNER, owner | {"moving": new})
+    for name in [*_results(path), *new]:
+        target = path / name
+        is_new = (ready / name).exists()
+        if target.is_dir() and (is_new or name not in new):
+            shutil.rmtree(target)
+        elif name not in new or (ready / name).is_dir():
+            target.unlink(missing_ok=True)
+        if is_new:
+            (ready / name).replace(target)
+    # What was moved is told until the next run takes the folder: an empty folder of results means none.
+    _write_json(path / _OWNER, owner | {"results": new, "moving": new})
+    ready.rmdir()
+
+
+def _check_owner(path: Path, inputs: dict[str, str], overwrite: bool) -> None:
+    """Raise `OutputError` where the folder holds something that is not to be replaced.
+
+    A run is told by the paths of its scan and plan: the same files may have changed since.
+    """
+    ours = {_CACHE, _OWNER, _LOCK, _STAGING, _READY, f"{_OWNER}.part"}
+    if not {item.name for item in path.iterdir()} - ours:
+        return  # nothing yet, or a run that never finished
+    owner = _owner(path).get("inputs") or _recorded_inputs(path)
+    if owner is None:
+        raise OutputError(
+            f"{path}: expected an empty folder or an earlier run of planfit, found other "
+            "files; choose another folder with -o"
+        )
+    same = all(owner.get(name) == inputs.get(name) for name in ("scan", "plan"))
+    if not same and not overwrite:
+        raise OutputError(
+            f"{path}: expected an empty folder, found the results of another run "
+            f"({owner.get('scan', 'unknown scan')} with {owner.get('plan') or 'no plan'})"
+            "; choose another folder with -o, or pass --overwrite"
+        )
+
+
+def _results(path: Path) -> list[str]:
+    """Names of the results that lie in the folder."""
+    names = _owner(path).get("results", [])
+    # Only what lies in the folder itself: the names are removed.
+    return [name for name in names if isinstance(name, str) and Path(name).name == name]
+
+
+def _recorded_inputs(path: Path) -> dict[str, Any] | None:
+    """What the run of a folder without an owner's file says that it read."""
+    try:
+        inputs = json.loads((path / RECORD).read_text())["inputs"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return inputs if isinstance(inputs, dict) else None
+
+
+def _owner(path: Path) -> dict[str, Any]:
+    """What the folder says of itself; nothing where it is new."""
+    try:
+        owner = json.loads((path / _OWNER).read_text())
+    except (OSError, ValueError):
+        return {}
+    return owner if isinstance(owner, dict) else {}
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    """Whole or not at all."""
+    part = path.with_name(f"{path.name}.part")
+    part.write_text(json.dumps(content, indent=1))
+    part.replace(path)
+
+
+def _unwritable(path: Path, error: OSError) -> OutputError:
+    return OutputError(
+        f"{path}: cannot be written ({error.strerror}); choose another folder with -o"
+    )
