@@ -193,22 +193,27 @@ def write_nerfstudio(folder, s):
     )  # fmt: skip
 
 
-def write_video(path, images, fps=30, gop=3):
+def write_video(path, images, fps=30, gop=3, first=0):
+    """Frames at the times first, first + 1, ...; an edit list hides those before 0."""
     import av
 
-    with av.open(str(path), "w") as container:
+    unchanged = {"avoid_negative_ts": "disabled"}
+    with av.open(str(path), "w", options=unchanged) as container:
         stream = container.add_stream("libx264", rate=fps)
         stream.width, stream.height, stream.pix_fmt = (
             images[0].shape[1],
             images[0].shape[0],
             "yuv420p",
         )
-        stream.options = {"crf": "8", "g": str(gop), "bf": "2"}
-        for image in images:
-            for packet in stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")):
+        stream.options = {"crf": "8", "g": str(gop), "bf": "2" if first == 0 else "0"}
+        for i in range(len(images) + 1):
+            image = (
+                av.VideoFrame.from_ndarray(images[i], format="rgb24") if i < len(images) else None
+            )
+            for packet in stream.encode(image):
+                step = int(first / (fps * packet.time_base))
+                packet.pts, packet.dts = packet.pts + step, packet.dts + step
                 container.mux(packet)
-        for packet in stream.encode():
-            container.mux(packet)
 
 
 def write_stray(folder, s):

@@ -1,5 +1,6 @@
 """Bad input in every format: one line that names the file, what was looked for, and what to do."""
 
+import gc
 import hashlib
 import json
 import os
@@ -13,6 +14,7 @@ from numpy.testing import assert_array_equal
 from planfit.errors import ScanError
 from planfit.scan import ScanOptions, corrupt_frames, read_scan
 from planfit.scan.formats import READERS
+from planfit.synth import SynthOptions, WalkOptions, make_scan, write_facap
 from scan_samples import (
     HEIGHT,
     WIDTH,
@@ -101,11 +103,14 @@ def test_an_archive_that_is_cut_off(sample, tmp_path):
 @pytest.mark.parametrize(
     "kind",
     ["tum", "7-scenes", "scannet", "polycam", "scanner-app", "redwood", "nerfstudio", "replica",
-     "colmap"],
+     "colmap", "stray", "facap"],
 )  # fmt: skip
 def test_a_zipped_folder_reads_like_the_folder(kind, sample, tmp_path):
     folder, path = tmp_path / "scan", tmp_path / "scan.zip"
-    WRITERS[kind](folder, sample)
+    if kind == "facap":
+        write_facap(folder, make_scan(SynthOptions(walk=WalkOptions(n_frames=N))))
+    else:
+        WRITERS[kind](folder, sample)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted(folder.rglob("*")):
             archive.write(file, file.relative_to(tmp_path))
@@ -116,12 +121,18 @@ def test_a_zipped_folder_reads_like_the_folder(kind, sample, tmp_path):
     assert_array_equal(plain.files.color(N - 1), zipped.files.color(N - 1))
 
 
-def test_a_zipped_scan_with_a_video_says_to_unpack_it(sample, tmp_path):
-    write_stray(tmp_path / "scan", sample)
-    with zipfile.ZipFile(tmp_path / "scan.zip", "w") as archive:
-        for file in sorted((tmp_path / "scan").rglob("*")):
+def test_a_zipped_plan_is_the_plan_of_the_folder(tmp_path):
+    folder, path = tmp_path / "scan", tmp_path / "scan.zip"
+    write_facap(folder, make_scan(SynthOptions(walk=WalkOptions(n_frames=2))))
+    with zipfile.ZipFile(path, "w") as archive:
+        for file in sorted(folder.rglob("*")):
             archive.write(file, file.relative_to(tmp_path))
-    refused(tmp_path / "scan.zip", "scan.zip", "unpack the archive first")
+    scan = read_scan(path)
+    assert scan.floorplan_path.read_bytes() == (folder / "floorplan.npy").read_bytes()
+    unpacked = scan.floorplan_path.parent
+    del scan
+    gc.collect()
+    assert not unpacked.exists()
 
 
 @pytest.mark.parametrize("kind", WRITERS)
@@ -204,6 +215,68 @@ def test_odometry_of_another_shape(sample, tmp_path):
     refused(tmp_path, "odometry.csv, line 4", "9 finite numbers")
     path.write_text("x,y,z\n1,2,3\n")
     refused(tmp_path, "odometry.csv", "expected columns timestamp")
+
+
+def write_current_stray(folder, sample, cells=", , "):
+    """Fifteen columns, as the app writes them today: a lens for each frame, and two that are empty."""
+    write_stray(folder, sample)
+    path = folder / "odometry.csv"
+    header, *rows = path.read_text().splitlines()
+    names = "fx, fy, cx, cy, distortion_center_x, distortion_center_y"
+    c = sample.camera
+    lens = [f"{c.fx + i}, {c.fy + i}, {c.cx}, {c.cy}{cells}" for i in range(len(rows))]
+    lines = [f"{header}, {names}", *(f"{row}, {k}" for row, k in zip(rows, lens, strict=True))]
+    path.write_text("\n".join(lines) + "\n")
+    return lines
+
+
+def test_empty_cells_of_stray_are_missing_values(sample, tmp_path):
+    lines = write_current_stray(tmp_path, sample)
+    scan = read_scan(tmp_path)
+    assert len(scan) == N
+    assert scan.skipped == ()
+    assert [k.fx - sample.camera.fx for k in scan.cameras] == pytest.approx(range(N), abs=1e-9)
+    out = tmp_path / "out"
+    out.mkdir()
+    scan.files.write_poses(out, scan.world_from_cams)
+    written = (out / "odometry.csv").read_text().splitlines()
+    assert written[0] == lines[0]
+    for old, new in zip(lines[1:], written[1:], strict=True):
+        old, new = (line.split(", ") for line in (old, new))
+        assert old[:2] + old[9:] == new[:2] + new[9:]
+
+
+def test_a_row_of_stray_without_a_lens_takes_the_shared_one(sample, tmp_path):
+    lines = write_current_stray(tmp_path, sample)
+    cells = lines[3].split(",")
+    lines[3] = ",".join([*cells[:9], " ", *cells[10:]])
+    lines[4] = ",".join([*cells[:1], " 000003", *[" "] * 7, *cells[9:]])
+    (tmp_path / "odometry.csv").write_text("\n".join(lines) + "\n")
+    scan = read_scan(tmp_path)
+    assert scan.cameras[1].fx == pytest.approx(sample.camera.fx + 1)
+    assert scan.cameras[2].fx == pytest.approx(sample.camera.fx)
+    assert scan.skipped == ("frame 000003: the tracker had no pose",)
+
+
+@pytest.mark.parametrize("words", ["", "x", "inf"])
+def test_a_row_of_stray_without_time_or_with_words(words, sample, tmp_path):
+    lines = write_current_stray(tmp_path, sample)
+    column = 0 if not words else 12
+    cells = lines[2].split(",")
+    cells[column] = words
+    (tmp_path / "odometry.csv").write_text("\n".join([*lines[:2], ",".join(cells)]) + "\n")
+    refused(tmp_path, "odometry.csv, line 3", "15 finite numbers")
+
+
+def test_a_video_whose_first_frame_is_hidden(sample, tmp_path):
+    """Stray Scanner counts frames from -1: an edit list hides the first, and what players show is late."""
+    write_stray(tmp_path, sample)
+    plain = [read_scan(tmp_path).files.color(i) for i in range(N)]
+    write_video(tmp_path / "rgb.mp4", sample.color, first=-1)
+    scan = read_scan(tmp_path)
+    assert scan.skipped == ()
+    for i in (0, N - 1, 2):
+        assert np.abs(scan.files.color(i).astype(int) - plain[i]).mean() < 2
 
 
 # Frames that lack something.

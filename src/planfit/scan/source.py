@@ -2,9 +2,13 @@
 
 import hashlib
 import os
+import shutil
 import stat
+import tempfile
+import weakref
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -14,6 +18,9 @@ from planfit.errors import ScanError
 
 MAX_ENTRY_BYTES = 500_000_000
 """An archive's entry that unpacks to more is no image and no table."""
+
+MAX_UNPACKED_BYTES = 16_000_000_000
+"""No video of a scan is longer; an archive may claim anything."""
 
 HEAD_BYTES, TAIL_BYTES = 32_768, 4096
 
@@ -57,6 +64,14 @@ class FileSource(Protocol):
 
     def stamp(self, name: str) -> str:
         """Size and time of a file, for the fingerprint."""
+        ...
+
+    def on_disk(self, name: str) -> Path:
+        """Where the content of a file lies on this disk, for libraries that open nothing but files.
+
+        Raises:
+            ScanError: it is missing or cannot be unpacked.
+        """
         ...
 
 
@@ -106,6 +121,10 @@ class FolderSource:
         status = (self.path / name).stat()
         return f"{status.st_size} {status.st_mtime_ns}"
 
+    def on_disk(self, name: str) -> Path:
+        """See `FileSource`."""
+        return self.path / name
+
 
 @dataclass(frozen=True)
 class ZipSource:
@@ -154,22 +173,14 @@ class ZipSource:
 
     def read(self, name: str) -> bytes:
         """See `FileSource`."""
-        entry = self._entries.get(name)
-        if entry is None:
-            raise ScanError(f"{self.path}: expected {name} in the archive, found none")
+        entry = self._entry(name)
         if entry.file_size > MAX_ENTRY_BYTES:
             raise ScanError(
                 f"{self.path}: expected files below {MAX_ENTRY_BYTES // 1_000_000} MB in the archive, "
                 f"found {name} of {entry.file_size // 1_000_000} MB; unpack the archive first"
             )
-        try:
+        with self._unpacking(name):
             return self._lock_free.read(entry)
-        except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, ValueError) as error:
-            raise ScanError(
-                f"{self.path}: {name} in the archive cannot be read ({error}); export it again"
-            ) from error
-        except Exception as error:  # zlib.error and its like have no common base
-            raise ScanError(f"{self.path}: {name} in the archive is damaged ({error})") from error
 
     def ends(self, name: str) -> tuple[bytes, bytes]:
         """See `FileSource`."""
@@ -180,6 +191,48 @@ class ZipSource:
         """See `FileSource`."""
         entry = self._entries[name]
         return f"{entry.file_size} {entry.CRC}"
+
+    def on_disk(self, name: str) -> Path:
+        """See `FileSource`; unpacked into a temporary folder that lives as long as the source."""
+        entry = self._entry(name)
+        # The archive says beforehand what is unpacked, and zipfile unpacks no more than that.
+        if entry.file_size > MAX_UNPACKED_BYTES:
+            raise ScanError(
+                f"{self.path}: expected files below {MAX_UNPACKED_BYTES // 10**9} GB in the archive, found "
+                f"{name} of {entry.file_size // 10**9} GB; unpack the archive first"
+            )
+        path = self._unpacked / f"{entry.CRC:08x}{PurePosixPath(name).suffix}"
+        if not path.exists():
+            with (
+                self._unpacking(name),
+                self._lock_free.open(entry) as packed,
+                path.open("wb") as out,
+            ):
+                shutil.copyfileobj(packed, out)
+        return path
+
+    def _entry(self, name: str) -> zipfile.ZipInfo:
+        if name not in self._entries:
+            raise ScanError(f"{self.path}: expected {name} in the archive, found none")
+        return self._entries[name]
+
+    @contextmanager
+    def _unpacking(self, name: str) -> Iterator[None]:
+        """Whatever unpacking raises, as `ScanError`."""
+        try:
+            yield
+        except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, ValueError) as error:
+            raise ScanError(
+                f"{self.path}: {name} in the archive cannot be read ({error}); export it again"
+            ) from error
+        except Exception as error:  # zlib.error and its like have no common base
+            raise ScanError(f"{self.path}: {name} in the archive is damaged ({error})") from error
+
+    @cached_property
+    def _unpacked(self) -> Path:
+        folder = Path(tempfile.mkdtemp(prefix="planfit-"))
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        return folder
 
     @cached_property
     def _entries(self) -> dict[str, zipfile.ZipInfo]:

@@ -87,7 +87,6 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     masks = _list_masks(source, frames) if options.use_masks else []
     images = ImageFiles(source, metres_per_unit=1e-3)
     tables = [f"{FRAMES}/{kind}-{i}.txt" for i in frame_ids for kind in ("pose", "cam_params")]
-    plan = source.path / PLAN
 
     def lens(frame: Frame, _: Size) -> Lens:
         return Lens(cameras[frame.frame_id])
@@ -103,7 +102,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         labels=partial(_read_labels, source) if masks else None,
         up_world=UP_WORLD,
         plan_from_world_axes=PLAN_FROM_WORLD,
-        floorplan_path=plan if plan.exists() else None,
+        floorplan_path=source.on_disk(PLAN) if source.exists(PLAN) else None,
     )
 
 

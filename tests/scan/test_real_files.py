@@ -1,0 +1,58 @@
+"""Tables that the apps themselves wrote, with images of the right size beside them where those were left out.
+
+The images are made: what is tested is that nothing in a real table is refused, and what it says.
+"""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from planfit.scan import read_scan
+from scan_samples import png, put, write_video
+
+DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
+REAL = DATA / "real_files"
+
+pytestmark = [
+    pytest.mark.shared,
+    pytest.mark.skipif(not REAL.is_dir(), reason="no real files: set PLANFIT_SHARED"),
+]
+
+
+def gray(width, height, value=90):
+    return np.full((height, width, 3), value, np.uint8)
+
+
+def depth_mm(width, height):
+    return np.full((height, width), 2000, np.uint16)
+
+
+@pytest.mark.parametrize("kind", ["eyeq_9col", "srivabhi22_15col"])
+def test_stray_scanner(kind, tmp_path):
+    folder = tmp_path / "scan"
+    shutil.copytree(REAL / "stray_scanner" / kind, folder, copy_function=shutil.copy)
+    lines = (folder / "odometry.csv").read_text().splitlines()
+    rows = [[word.strip() for word in line.split(",")] for line in lines[1:7]]
+    put(folder / "odometry.csv", "\n".join(lines[:7]) + "\n")
+    write_video(folder / "rgb.mp4", [gray(1920, 1440, 20 * i) for i in range(6)], first=-1)
+    for i in range(6):
+        if not (folder / "depth" / f"{i:06d}.png").exists():
+            put(folder / "depth" / f"{i:06d}.png", png(depth_mm(256, 192)))
+    scan = read_scan(folder)
+    assert scan.skipped == ()
+    assert scan.frame_ids == tuple(f"{i:06d}" for i in range(6))
+    assert_allclose(scan.timestamps, [float(row[0]) for row in rows])
+    assert_allclose(scan.world_from_cams[:, :3, 3], np.array([row[2:5] for row in rows], float))
+    scale = 1920 / scan.cameras[0].width
+    shared = float((folder / "camera_matrix.csv").read_text().split(",")[0])
+    expected = [float(row[9]) for row in rows] if len(rows[0]) == 15 else [shared] * 6
+    assert_allclose([camera.fx * scale for camera in scan.cameras], expected)
+    # Neither looks at the sky. The first phone is held across: its picture's down is the world's.
+    assert (np.abs(scan.world_from_cams[:, 1, 2]) < 0.8).all()
+    if kind == "eyeq_9col":
+        assert (scan.world_from_cams[:, 1, 1] < -0.99).all()
+    assert np.nanmedian(scan.files.depth(1)) == 2.0
