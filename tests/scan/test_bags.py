@@ -12,6 +12,7 @@ from bag_writer import (
     write_tf,
 )
 from numpy.testing import assert_allclose, assert_array_equal
+from rtabmap_writer import inverse_png, rvl
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
@@ -52,6 +53,41 @@ def test_a_bag_with_tf(kind, compressed, sample, tmp_path):
     assert scan.format == "bag"
     assert scan.warnings == ()
     assert_is_sample(scan, sample)
+
+
+def compressed_rvl(depth_mm):
+    return bytes(12) + rvl(depth_mm)[8:], "16UC1; compressedDepth rvl"
+
+
+def compressed_inverse(depth_mm):
+    """Metres as 32FC1: quantised inverse depth, by two numbers in the header."""
+    data = inverse_png(depth_mm)
+    return bytes(4) + data[8:16] + data[16:], "32FC1; compressedDepth png"
+
+
+@pytest.mark.parametrize(
+    ("compressed_depth", "relative"), [(compressed_rvl, 1e-6), (compressed_inverse, 2e-3)]
+)
+def test_every_code_of_compressed_depth(compressed_depth, relative, sample, tmp_path):
+    def images(bag):
+        write_images(bag, sample, compressed=True, compressed_depth=compressed_depth)
+
+    path = write_bag(tmp_path, "sqlite", images, lambda bag: write_tf(bag, sample))
+    depth = sample.depth_mm[1] / 1000
+    assert_allclose(
+        read_scan(path).files.depth(1), np.where(depth > 0, depth, np.nan), rtol=relative
+    )
+
+
+def test_compressed_depth_that_is_damaged(sample, tmp_path):
+    def images(bag):
+        write_images(
+            bag, sample, True, lambda mm: (compressed_rvl(mm)[0][:60], "16UC1; compressedDepth rvl")
+        )
+
+    path = write_bag(tmp_path, "sqlite", images, lambda bag: write_tf(bag, sample))
+    with pytest.raises(ScanError, match="128 x 96 px of depth in RVL code, found a damaged one"):
+        read_scan(path)
 
 
 def test_the_old_name_of_tf(sample, tmp_path):

@@ -14,7 +14,7 @@ import numpy as np
 
 from planfit.errors import OptionError, ScanError
 from planfit.scan.calibration_file import take_calibration
-from planfit.scan.formats import READERS
+from planfit.scan.formats import OWN_FILES, READERS
 from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import take_poses
 from planfit.scan.recording import scan_from_recording
@@ -102,11 +102,12 @@ def _check_path(path: Path) -> None:
 def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
     if name not in ("auto", *READERS):
         raise OptionError(f"format: expected auto, {', '.join(READERS)}, found {name!r}")
-    bag = import_module("planfit.scan.formats.bag")
-    if name == "bag" or (name == "auto" and bag.is_bag(path)):
-        return bag, bag.BagSource(path)
+    own = {n: import_module(f"planfit.scan.formats.{READERS[n]}") for n in OWN_FILES}
+    for kind, module in own.items():
+        if name == kind or (name == "auto" and module.claims(path)):
+            return module, module.open_own(path)
     source = open_source(path)
-    names = [name] if name != "auto" else [n for n in READERS if n != "bag"]
+    names = [name] if name != "auto" else [n for n in READERS if n not in own]
     modules = [import_module(f"planfit.scan.formats.{READERS[n]}") for n in names]
     for module in modules:
         if module.recognise(source):
@@ -119,7 +120,7 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
     below = [n for n in source.folders() if n.startswith(("seq-", "room", "office", "scene"))][:3]
     hint = f" Is it one of the folders inside: {', '.join(below)}?" if below else ""
     looked = "; ".join(
-        f"{n}: {m.EXPECTS}" for n, m in zip([*names, "bag"], [*modules, bag], strict=True)
+        f"{n}: {m.EXPECTS}" for n, m in [*zip(names, modules, strict=True), *own.items()]
     )
     raise ScanError(
         f"{path}: expected a scan, found none{_nearest(source, names, modules)}; looked for {looked}; "

@@ -118,8 +118,7 @@ class FolderSource:
 
     def stamp(self, name: str) -> str:
         """See `FileSource`."""
-        status = (self.path / name).stat()
-        return f"{status.st_size} {status.st_mtime_ns}"
+        return fingerprint_of_file(self.path / name)
 
     def on_disk(self, name: str) -> Path:
         """See `FileSource`."""
@@ -253,6 +252,12 @@ class ZipSource:
             folder, _, last = name.rpartition("/")
             found.setdefault(folder, []).append(last)
         return found
+
+
+def fingerprint_of_file(path: Path) -> str:
+    """Size and time of a file on this disk."""
+    status = path.stat()
+    return f"{status.st_size} {status.st_mtime_ns}"
 
 
 def open_source(path: Path) -> FileSource:
