@@ -103,7 +103,7 @@ def test_an_archive_that_is_cut_off(sample, tmp_path):
 @pytest.mark.parametrize(
     "kind",
     ["tum", "7-scenes", "scannet", "polycam", "scanner-app", "redwood", "nerfstudio", "replica",
-     "colmap", "stray", "facap"],
+     "colmap", "stray", "facap", "arkit-scenes", "scannetpp"],
 )  # fmt: skip
 def test_a_zipped_folder_reads_like_the_folder(kind, sample, tmp_path):
     folder, path = tmp_path / "scan", tmp_path / "scan.zip"
@@ -484,9 +484,13 @@ def test_a_trajectory_that_is_too_short(sample, tmp_path):
 
 def test_depth_that_is_not_registered(sample, tmp_path):
     write_scannet(tmp_path, sample)
-    put(tmp_path / "intrinsic" / "extrinsic_depth.txt",
-        "1 0 0 0.05\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")  # fmt: skip
-    refused(tmp_path, "extrinsic_depth.txt", "register depth to colour")
+    moved = "1 0 0 0.05\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+    put(tmp_path / "intrinsic" / "extrinsic_color.txt", moved)
+    refused(tmp_path, "extrinsic_color.txt", "register depth to colour")
+    (tmp_path / "intrinsic" / "extrinsic_color.txt").unlink()
+    put(tmp_path / "intrinsic" / "extrinsic_depth.txt", moved)
+    (tmp_path / "intrinsic" / "intrinsic_depth.txt").unlink()
+    refused(tmp_path, "intrinsic_depth.txt", "extrinsic_depth.txt", "found none")
 
 
 def test_a_colmap_model_that_is_cut_off(sample, tmp_path):

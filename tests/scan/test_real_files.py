@@ -7,12 +7,13 @@ import os
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from planfit.scan import read_scan
-from scan_samples import png, put, write_video
+from scan_samples import jpg, png, put, write_video
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
 REAL = DATA / "real_files"
@@ -56,3 +57,35 @@ def test_stray_scanner(kind, tmp_path):
     if kind == "eyeq_9col":
         assert (scan.world_from_cams[:, 1, 1] < -0.99).all()
     assert np.nanmedian(scan.files.depth(1)) == 2.0
+
+
+def test_record3d_as_exr_and_jpg():
+    pytest.importorskip("OpenEXR")
+    scan = read_scan(REAL / "record3d" / "exr_rgb" / "EXR_RGBD")
+    assert scan.frame_ids == ("0", "1")  # the others were left out of the copy
+    assert len(scan.skipped) == 343
+    assert 0.2 < np.nanmedian(scan.files.depth(0)) < 0.3
+    assert scan.files.color(0).shape[0] > scan.files.color(0).shape[1]
+    # Portrait images, and poses of them: up in the picture is up in the world.
+    assert (scan.world_from_cams[:, 1, 1] < -0.5).all()
+
+
+@pytest.mark.parametrize(("kind", "frame", "n"), [("corridor", 156, 1), ("chair_scan", 0, 0)])
+def test_scanner_app(kind, frame, n, tmp_path):
+    """Two of three frames have no picture in the corridor; the chair's was left out of the copy."""
+    folder = tmp_path / "scan"
+    shutil.copytree(REAL / "scanner3d_app" / kind, folder, copy_function=shutil.copy)
+    if n == 0:
+        put(folder / f"frame_{frame:05d}.jpg", jpg(gray(1920, 1440)))
+    scan = read_scan(folder)
+    assert scan.frame_ids == (f"{frame:05d}",)
+    assert all("is missing" in line for line in scan.skipped)
+    depth = scan.files.depth(0)
+    assert 0.5 < np.nanmedian(depth) < 5.0
+    # Held across: the picture's down is the world's; confidence 0 is left out.
+    assert scan.world_from_cams[0, 1, 1] < -0.7
+    confidence = cv2.imread(str(folder / f"conf_{frame:05d}.png"), -1)
+    assert set(np.unique(confidence)) <= {0, 1, 2}
+    small = depth[1::2, 1::2] if depth.shape[0] == 2 * confidence.shape[0] else None
+    if small is not None:
+        assert not np.isfinite(small[confidence == 0]).any()

@@ -17,7 +17,7 @@ from scan_samples import WRITERS, N, write_colmap, write_zip
 PLACE = {
     "7-scenes": "", "tum": "", "redwood": "", "scannet": "pose", "replica": "", "nerfstudio": "",
     "stray": "", "scanner-app": "", "polycam": "keyframes/cameras", "colmap": "sparse/0",
-    "facap": "arcore",
+    "facap": "arcore", "arkit-scenes": "", "scannetpp": "iphone",
 }  # fmt: skip
 """Folder of each format that its poses lie in."""
 

@@ -9,6 +9,8 @@ READERS = {
     "tum": "tum",
     "7-scenes": "seven_scenes",
     "scannet": "scannet",
+    "arkit-scenes": "arkit_scenes",
+    "scannetpp": "scannetpp",
     "replica": "replica",
     "redwood": "redwood",
     "nerfstudio": "nerfstudio",

@@ -88,8 +88,8 @@ def _compressed_depth(
     if start >= 0:
         raw = decode_image(data[start:], Path(topic), cv2.IMREAD_UNCHANGED)
     elif "rvl" in words and len(data) >= _HEADER.size + _RVL_SIZE.size:
-        size = _RVL_SIZE.unpack_from(data, _HEADER.size)
-        raw = decode_rvl(data[_HEADER.size + _RVL_SIZE.size :], *size, Path(topic))
+        width, height = _RVL_SIZE.unpack_from(data, _HEADER.size)
+        raw = decode_rvl(data[_HEADER.size + _RVL_SIZE.size :], width, height, Path(topic))
     else:
         raise ScanError(
             f"{topic}: expected compressed depth as PNG or RVL, found {message.format!r}; give another "
