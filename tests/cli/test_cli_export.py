@@ -52,11 +52,22 @@ def test_another_trackers_poses_are_refined(finished: Path, small_scan: Path, re
 
 @pytest.mark.parametrize("kind", ["tum", "kitti", "open3d"])
 def test_trajectories_are_read_back(kind, finished: Path, refined, tmp_path: Path) -> None:
-    path = tmp_path / "poses.txt"
+    path = tmp_path / ("poses.log" if kind == "open3d" else "poses.txt")
     assert run(["export", str(finished), "--to", kind, "-o", str(path)]) == 0
     table = read_poses(path)
     assert table.kind == {"tum": "tum", "kitti": "kitti", "open3d": "log"}[kind]
     assert_allclose(table.poses, refined, atol=1e-6)
+
+
+def test_open3d_gets_the_suffix_it_asks_for(finished: Path, tmp_path: Path, capsys) -> None:
+    assert run(["export", str(finished), "--to", "open3d", "-o", str(tmp_path / "poses")]) == 0
+    assert [p.name for p in tmp_path.iterdir()] == ["poses.log"]
+    assert "poses.log" in capsys.readouterr().out.replace("\n", "")
+    assert run(["export", str(finished), "--to", "open3d", "-o", str(tmp_path / "poses.txt")]) == 2
+    assert "expected a file of .log" in capsys.readouterr().err
+    open3d = pytest.importorskip("open3d", reason="Open3D is not installed")
+    read = open3d.io.read_pinhole_camera_trajectory(str(tmp_path / "poses.log"))
+    assert len(read.parameters) == 58
 
 
 def test_plan_axes(finished: Path, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from rtabmap_writer import inverse_png, rvl
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan import ScanOptions, read_scan, read_tum
+from planfit.scan import ScanOptions, read_scan, read_tum, write_tum
 from scan_samples import HEIGHT, WIDTH, N
 
 KINDS = {"ros1": (1, None), "sqlite": (2, "sqlite"), "mcap": (2, "mcap")}
@@ -229,6 +229,30 @@ def test_refined_poses_are_written_as_tum(sample, tmp_path):
     assert_allclose(times, sample.times, atol=1e-6)
     assert_allclose(poses, sample.poses, atol=1e-8)
     assert path.read_bytes() == before
+
+
+def test_a_bag_of_a_camera_alone_takes_a_trajectory_beside_it(sample, tmp_path):
+    path = write_bag(tmp_path, "ros1", lambda b: write_images(b, sample))
+    write_tum(tmp_path / "slam.tum", sample.times, sample.poses)
+    scan = read_scan(path, options=ScanOptions(poses=tmp_path / "slam.tum"))
+    assert_is_sample(scan, sample)
+    assert scan.warnings == ()
+
+
+def test_topics_of_librealsenses_recorder(sample, tmp_path):
+    """Names as its ros_file_format.h has them; the recorder knows no poses."""
+    color, depth = "/device_0/sensor_1/Color_0", "/device_0/sensor_0/Depth_0"
+
+    def images(bag):
+        for i, time in enumerate(sample.times):
+            bag.image(f"{color}/image/data", time, "", sample.color[i], "rgb8")
+            bag.image(f"{depth}/image/data", time + 0.003, "", sample.depth_mm[i], "mono16")
+            bag.info(f"{color}/info/camera_info", time, "", sample.camera)
+            bag.info(f"{depth}/info/camera_info", time, "", sample.camera)
+
+    path = write_bag(tmp_path, "ros1", images)
+    write_tum(tmp_path / "slam.tum", sample.times, sample.poses)
+    assert_is_sample(read_scan(path, options=ScanOptions(poses=tmp_path / "slam.tum")), sample)
 
 
 def test_a_bag_without_poses(sample, tmp_path):

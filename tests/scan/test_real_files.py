@@ -13,6 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from planfit.scan import read_scan
+from planfit.scan.pose_files import read_poses
 from scan_samples import jpg, png, put, write_video
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
@@ -89,3 +90,23 @@ def test_scanner_app(kind, frame, n, tmp_path):
     small = depth[1::2, 1::2] if depth.shape[0] == 2 * confidence.shape[0] else None
     if small is not None:
         assert not np.isfinite(small[confidence == 0]).any()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "n", "first"),
+    [
+        ("trajectory/evo/KITTI_00_gt.txt", "kitti", 200, 0),
+        ("trajectory/evo/fr2_desk_groundtruth.txt", "tum", 197, 1311868163.8696),
+        ("trajectory/evo/freiburg1_xyz-ORB_kf_mono.txt", "tum", 32, 1305031110.043299),
+        ("trajectory/evo/V102_groundtruth.csv", "tum", 199, 1403715524.907143),
+        ("trajectory/open3d/trajectory.log", "log", 211, 0),
+        ("rtabmap/rtabmap_poses_tum.txt", "tum", 267, 0.002667),
+    ],
+)
+def test_trajectories_of_other_programs(name, kind, n, first):
+    table = read_poses(REAL / name)
+    assert (table.kind, len(table.poses)) == (kind, n)
+    assert table.keys[0] == pytest.approx(first, abs=1e-3)
+    # All of these begin or go on as rigid motions of a few metres a step at most.
+    steps = np.linalg.norm(np.diff(table.poses[:, :3, 3], axis=0), axis=1)
+    assert np.median(steps) < 2.0

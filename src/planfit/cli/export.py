@@ -54,7 +54,7 @@ class ExportArguments:
 
 def export_command(arguments: ExportArguments) -> int:
     """Read, write, tell."""
-    target = arguments.out
+    target = _named(arguments.out, arguments.to)
     if target.exists() or target.is_symlink():
         raise OutputError(f"{target}: expected no such file or folder; choose another with -o")
     if arguments.to == "mesh":
@@ -83,6 +83,22 @@ def export_command(arguments: ExportArguments) -> int:
     tell_scan(scan)
     out.print(f"written: {target}, {len(scan)} frames, {arguments.frame} axes", soft_wrap=True)
     return 0
+
+
+def _named(target: Path, kind: str) -> Path:
+    """The name to write; Open3D tells a trajectory by `.log` alone, so a name without a suffix gets it.
+
+    Raises:
+        OutputError: it has another suffix.
+    """
+    if kind != "open3d" or target.suffix.lower() == ".log":
+        return target
+    if target.suffix:
+        raise OutputError(
+            f"{target}: expected a file of .log, by which Open3D tells a trajectory, found {target.suffix}; "
+            "choose another name with -o"
+        )
+    return target.with_name(f"{target.name}.log")
 
 
 def _write_file(

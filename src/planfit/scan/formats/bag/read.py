@@ -154,9 +154,13 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
     times = listing.color_times[mine]
     camera_frame = listing.first[topics.color].header.frame_id
     tree = read_tf(reader)
-    poses, known, warnings = poses_of_bag(
-        path, reader, tree, topics.pose, camera_frame, times, options.max_time_gap_s
-    )
+    if options.poses is None:
+        poses, known, warnings = poses_of_bag(
+            path, reader, tree, topics.pose, camera_frame, times, options.max_time_gap_s
+        )
+    else:  # others take their place: a bag of a camera alone (RealSense, Azure Kinect) has none
+        poses, known = np.tile(np.eye(4), (len(times), 1, 1)), np.ones(len(times), dtype=bool)
+        warnings = []
     color_from_depth, mount_warnings = _mount_of_depth(listing.first, topics, tree)
     sizes = (
         _size(color_of_message(listing.first[topics.color], topics.color)),
