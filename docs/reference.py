@@ -336,6 +336,13 @@ def scans_page() -> str:
         name: import_module(f"planfit.scan.formats.{module}") for name, module in READERS.items()
     }
     lines += [f"| [{name}](#{name}) | {module.EXPECTS} |" for name, module in modules.items()]
+    lines += [
+        "", "## Where the layouts are known from", "",
+        "A reader counts when it reads what others wrote. Tests read the real files where they have them "
+        "(`tests/scan/test_real_files.py`), with made images where a copy left these out.", "",
+        "| format | specification or real file | checked with it |", "| --- | --- | --- |",
+    ]  # fmt: skip
+    lines += [f"| {name} | {' | '.join(module.CHECKED)} |" for name, module in modules.items()]
     for name, module in modules.items():
         lines += ["", f"## {name}", "", inspect.cleandoc(module.__doc__ or "")]
     return tidy(lines)

@@ -20,6 +20,7 @@ from scan_samples import (
     put,
     record3d_files,
     write_arkit_scenes,
+    write_nerfstudio,
     write_scannet,
     write_scannetpp,
     write_video,
@@ -200,3 +201,27 @@ def test_exr_without_the_library_says_what_to_install(sample, tmp_path, monkeypa
         put(tmp_path / "depth" / f"{i}.exr", b"v/1")
     with pytest.raises(ScanError, match=r"found none; install planfit\[record3d\]"):
         read_scan(tmp_path).files.depth(0)
+
+
+def test_depth_as_instant_ngp_and_nerfcapture_name_it(sample, tmp_path):
+    """`depth_path`, a scale of its own, and images named without their suffix."""
+    write_nerfstudio(tmp_path, sample)
+    path = tmp_path / "transforms.json"
+    content = json.loads(path.read_text())
+    content["integer_depth_scale"] = 4.0 / 65535
+    for i, frame in enumerate(content["frames"]):
+        frame["depth_path"] = frame.pop("depth_file_path")
+        frame["file_path"] = "./" + frame["file_path"].removesuffix(".png")
+        units = np.rint(sample.depth_mm[i] / 1000 * 65535 / 4.0).clip(0, 65534).astype(np.uint16)
+        put(tmp_path / frame["depth_path"], png(units))
+    path.write_text(json.dumps(content))
+    scan = read_scan(tmp_path)
+    assert (len(scan), scan.skipped, scan.warnings) == (N, (), ())
+    depth = sample.depth_mm[2] / 1000
+    expected = np.where((depth > 0) & (depth < 3.99), depth, np.nan)
+    found = np.where(depth < 3.99, scan.files.depth(2), np.nan)
+    assert_allclose(found, expected, atol=1e-4)
+    for bad in (0, "x", -1, None, [1, 2]):
+        path.write_text(json.dumps({**content, "integer_depth_scale": bad}))
+        with pytest.raises(ScanError, match="integer_depth_scale"):
+            read_scan(tmp_path)

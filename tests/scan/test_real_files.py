@@ -12,8 +12,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from planfit.errors import ScanError
 from planfit.scan import read_scan
+from planfit.scan.formats.bag.poses import read_tf
+from planfit.scan.formats.bag.read import open_bag
+from planfit.scan.formats.colmap_model import read_model, write_model
 from planfit.scan.pose_files import read_poses
+from planfit.scan.source import FolderSource
 from scan_samples import jpg, png, put, write_video
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
@@ -110,3 +115,41 @@ def test_trajectories_of_other_programs(name, kind, n, first):
     # All of these begin or go on as rigid motions of a few metres a step at most.
     steps = np.linalg.norm(np.diff(table.poses[:, :3, 3], axis=0), axis=1)
     assert np.median(steps) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "children"),
+    [
+        ("tf_example.bag", {"base_link", "odom"}),
+        ("tf_example", {"base_link", "odom"}),
+        ("nav2_turtlebot.mcap", {"base_link"}),
+    ],
+)
+def test_transforms_of_real_bags(name, children):
+    path = REAL / "ros_bag" / "evo" / name
+    reader = open_bag(path)
+    tree = read_tf(reader)
+    reader.close()
+    assert tree
+    for edge in tree.values():
+        turns = np.array(edge.parent_from_child)[:, :3, :3]
+        assert_allclose(
+            turns @ turns.transpose(0, 2, 1), np.tile(np.eye(3), (len(turns), 1, 1)), atol=1e-6
+        )
+    with pytest.raises(ScanError, match="expected image topics of colour and depth, found /"):
+        read_scan(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "n_seen"), [("splatam_bin_cut", 10, 1430), ("arkit_text", 20, 0)]
+)
+def test_colmap_models(name, n, n_seen, tmp_path):
+    source = FolderSource(REAL / "colmap" / name)
+    cameras, images = read_model(source, observations=True)
+    assert (len(images), len(images[0].uv)) == (n, n_seen)
+    write_model(tmp_path, list(cameras.values()), images)
+    again_cameras, again = read_model(FolderSource(tmp_path), observations=True)
+    assert again_cameras == cameras
+    for old, new in zip(images, again, strict=True):
+        assert (old.name, old.camera_id) == (new.name, new.camera_id)
+        assert_allclose(old.world_from_cam, new.world_from_cam, atol=1e-8)

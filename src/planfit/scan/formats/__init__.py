@@ -19,7 +19,8 @@ READERS = {
     "bag": "bag",
 }
 """Module of this package that reads each format, in the order in which they are tried. Each has `EXPECTS`
-(what the format is told by, in words), `recognise(source)` and `read(source, options)`, which gives a
+(what the format is told by, in words), `CHECKED` (where the layout is known from, and what was checked with
+it), `recognise(source)` and `read(source, options)`, which gives a
 `Recording`, and `PARTS` where several files (or folders, with a slash) make the format. They are imported
 when they are asked for, and import the libraries of their own (video, bags) only when they read."""
 

@@ -32,6 +32,12 @@ from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
 
 EXPECTS = "lowres_wide.traj with folders lowres_depth/ and lowres_wide/ (vga_wide/, wide/)"
+CHECKED = (
+    "Apple's DATA.md, raw/README.md and tenFpsDataLoader.py "
+    "(github.com/apple/ARKitScenes). No real file",
+    "direction and form of poses, rates, names a millisecond apart, intrinsics, units",
+)
+"""Where the layout is known from, and what was checked with it."""
 POSES, DEPTH, CONFIDENCE = "lowres_wide.traj", "lowres_depth", "confidence"
 COLORS = ("vga_wide", "lowres_wide", "wide")
 """Colour of the same camera, best first: VGA at 30 Hz; 256 x 192 at 60 Hz; 1920 x 1440, but only of frames

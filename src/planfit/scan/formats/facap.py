@@ -32,6 +32,11 @@ from planfit.scan.tables import read_matrix
 from planfit.scan.types import Label
 
 EXPECTS = "a folder arcore/ with frame-NNNN.jpg, depth-NNNN.png, pose-NNNN.txt, cam_params-NNNN.txt"
+CHECKED = (
+    "a real scan of 249 frames in this layout (ConSLAM)",
+    "read whole; masks and axes against its depth, poses against its plan",
+)
+"""Where the layout is known from, and what was checked with it."""
 FRAMES, MASKS_FOLDER, PLAN = "arcore", "segmentation", "floorplan.npy"
 
 PLAN_FROM_WORLD = np.array(

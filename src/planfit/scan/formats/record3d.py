@@ -33,6 +33,12 @@ from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json, shorten
 
 EXPECTS = "metadata and rgbd/N.jpg, N.depth (a .r3d), or metadata.json, rgb/N.jpg and depth/N.exr"
+CHECKED = (
+    "nerfstudio's record3d_utils.py; a real export as EXR and JPG (345 poses, 2 frames). "
+    "No real .r3d",
+    "order of quaternions, K by column, poses of upright images, half floats in metres",
+)
+"""Where the layout is known from, and what was checked with it."""
 PARTS = ("metadata", "rgbd/")
 
 

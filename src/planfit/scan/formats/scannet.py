@@ -26,6 +26,12 @@ from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
 
 EXPECTS = "intrinsic/intrinsic_color.txt with folders color/, depth/, pose/"
+CHECKED = (
+    "SensReader's exports as six programs write them, and ScanNet's own calibrator "
+    "(calibration of .sens files). No real file",
+    "names, lost poses, what extrinsic_depth maps to what",
+)
+"""Where the layout is known from, and what was checked with it."""
 COLOR, DEPTH = "intrinsic/intrinsic_color.txt", "intrinsic/intrinsic_depth.txt"
 EXTRINSICS = ("intrinsic/extrinsic_color.txt", "intrinsic/extrinsic_depth.txt")
 PARTS = (COLOR, "color/", "depth/", "pose/")

@@ -30,6 +30,12 @@ from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
 
 EXPECTS = "pose_intrinsic_imu.json (in iphone/) with rgb/ or rgb.mkv, and depth/"
+CHECKED = (
+    "the set's toolkit (github.com/scannetpp/scannetpp, prepare_iphone_data.py) and three"
+    " loaders by others. No real file",
+    "names, axes of aligned_pose, units, what is unpacked",
+)
+"""Where the layout is known from, and what was checked with it."""
 NAME = "pose_intrinsic_imu.json"
 VIDEOS = ("rgb.mkv", "rgb.mp4")
 PARTS = (NAME, "rgb/", "depth/")

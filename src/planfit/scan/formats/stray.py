@@ -40,6 +40,14 @@ from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import read_matrix, shorten
 
 EXPECTS = "rgb.mp4, odometry.csv and camera_matrix.csv"
+CHECKED = (
+    "the app's docs/format.md, OdometryEncoder, VideoEncoder and DatasetEncoder "
+    "(github.com/strayrobots/scanner and a fork of its current version); tables of two "
+    "real recordings, of 9 and of 15 columns",
+    "columns, empty cells, axes, units, the lens of each frame, which image of the video "
+    "a row belongs to",
+)
+"""Where the layout is known from, and what was checked with it."""
 VIDEO, POSES, CALIBRATION = "rgb.mp4", "odometry.csv", "camera_matrix.csv"
 COLUMNS = ("timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw")
 INTRINSICS = ("fx", "fy", "cx", "cy")

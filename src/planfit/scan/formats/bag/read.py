@@ -139,7 +139,7 @@ def read(source: BagSource, options: ScanOptions) -> Recording:
         ScanError: topics are missing, or their times never match.
     """
     path = source.path
-    reader = _open(path)
+    reader = open_bag(path)
     try:
         return _read(path, reader, options)
     except BaseException:
@@ -273,7 +273,12 @@ def _lenses(first: dict[str, Any], topics: Topics, sizes: tuple[Size, Size]) -> 
     return color, camera_info_lens(info, topics.depth_info, topics.depth, sizes[1])
 
 
-def _open(path: Path) -> Any:
+def open_bag(path: Path) -> Any:
+    """The library's reader of a bag, open.
+
+    Raises:
+        ScanError: it cannot be read, or the library is missing.
+    """
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
