@@ -4,7 +4,9 @@
     SCAN/images/ (or color/, rgb/)       colour, by the names of the model
     SCAN/depth/ (or depths/)             NAME.png 16-bit millimetres, or NAME.npy metres
 
-The model must be in metres, as the depth is: structure from motion alone does not know its scale.
+The model must be in metres, as the depth is: structure from motion alone does not know its scale. Refined
+poses are written with what the images observed, and without points, which `colmap point_triangulator` finds
+again.
 """
 
 from collections.abc import Sequence
@@ -80,10 +82,15 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     def write_poses(
         directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
     ) -> None:
-        refined = [
-            ColmapImage(old.image_id, old.camera_id, old.name, pose)
-            for old, pose in zip((image_of[f.color] for f in written), poses, strict=True)
-        ]
+        # What images observe stays; the points were where the old poses put them, so that none is kept:
+        # point_triangulator finds them again.
+        _, whole = read_model(source, folder, observations=True)
+        uv_of = {image.image_id: image.uv for image in whole}
+        refined = []
+        for old, pose in zip((image_of[f.color] for f in written), poses, strict=True):
+            uv = uv_of[old.image_id]
+            none = np.full(0 if uv is None else len(uv), -1)
+            refined.append(ColmapImage(old.image_id, old.camera_id, old.name, pose, uv, none))
         write_model(directory, list(cameras.values()), refined)
 
     tables = [f"{folder}/{name}".lstrip("/") for name in (cameras_file, images_file)]

@@ -27,8 +27,8 @@ from planfit.scan.tables import number_list, read_json, read_matrix
 
 EXPECTS = "traj.txt with results/frameNNNNNN.jpg and results/depthNNNNNN.png"
 CHECKED = (
-    "the configurations of iMAP's and NICE-SLAM's renderings. No real file",
-    "layout and scale of depth",
+    "the camera and png_depth_scale in programs that read NICE-SLAM's renderings. No real file",
+    "size, focal length and scale of depth",
 )
 """Where the layout is known from, and what was checked with it."""
 POSES, CALIBRATION = "traj.txt", "cam_params.json"

@@ -31,7 +31,7 @@ from planfit.scan.tables import number_list, read_json
 
 EXPECTS = "pose_intrinsic_imu.json (in iphone/) with rgb/ or rgb.mkv, and depth/"
 CHECKED = (
-    "the set's toolkit (github.com/scannetpp/scannetpp, prepare_iphone_data.py) and three"
+    "the set's toolkit (github.com/scannetpp/scannetpp, prepare_iphone_data.py) and two"
     " loaders by others. No real file",
     "names, axes of aligned_pose, units, what is unpacked",
 )
