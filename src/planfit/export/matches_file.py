@@ -35,7 +35,8 @@ def read_matches(folder: Path) -> Matches | None:
     if not path.is_file():
         return None
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        # numpy leaves a file open that it cannot read.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             pairs, start = stored["pairs"], stored["start"]
             points = [stored[name].astype(float) for name in ("points_a", "points_b", "sigma")]
         if start.shape != (len(pairs) + 1,) or {len(p) for p in points} != {int(start[-1])}:
