@@ -167,7 +167,8 @@ def test_a_cloud(finished: Path, tmp_path: Path) -> None:
 
 
 def test_a_mesh_lies_on_the_building(finished: Path, tmp_path: Path) -> None:
-    pytest.importorskip("open3d", reason="Open3D is not installed (pip install planfit[map])")
+    reason = "Open3D is not installed (pip install planfit[map]), or a library of the system that it needs"
+    pytest.importorskip("open3d", reason=reason, exc_type=ImportError)
     path = tmp_path / "mesh.ply"
     words = ["export", str(finished), "--to", "mesh", "--frame", "plan", "--voxel-m", "0.04"]
     assert run([*words, "-o", str(path)]) == 0
