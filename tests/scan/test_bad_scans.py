@@ -121,6 +121,42 @@ def test_a_zipped_folder_reads_like_the_folder(kind, sample, tmp_path):
     assert_array_equal(plain.files.color(N - 1), zipped.files.color(N - 1))
 
 
+def zip_of(path, folder):
+    with zipfile.ZipFile(path, "w") as archive:
+        for file in sorted(folder.rglob("*")):
+            if file.is_file():
+                archive.write(file, file.relative_to(folder))
+
+
+def test_several_sessions_in_one_archive(sample, tmp_path):
+    write_stray(tmp_path / "all" / "monday" / "71de12f9", sample)
+    write_scannet(tmp_path / "all" / "tuesday", sample)
+    put(tmp_path / "all" / "readme.txt", b"notes")
+    path = tmp_path / "scans.zip"
+    zip_of(path, tmp_path / "all")
+    refused(
+        path, "expected one scan in the archive, found 2", f"{path}/monday/71de12f9, {path}/tuesday"
+    )
+    monday, tuesday = read_scan(path / "monday"), read_scan(path / "tuesday")
+    assert (monday.format, tuesday.format) == ("stray", "scannet")
+    assert monday.name == str(path / "monday" / "71de12f9")
+    assert_array_equal(monday.files.color(3).shape, (96, 128, 3))
+    again = read_scan(monday.name)
+    assert_array_equal(again.world_from_cams, monday.world_from_cams)
+    assert monday.fingerprint == again.fingerprint
+    refused(path / "friday", str(path / "friday"), "expected a scan, found none")
+    refused(tmp_path / "nothing.zip" / "friday", "expected the folder of a scan, found nothing")
+
+
+def test_the_only_scan_of_an_archive_is_read_however_deep_it_lies(sample, tmp_path):
+    write_stray(tmp_path / "all" / "export" / "2024" / "office", sample)
+    put(tmp_path / "all" / "__MACOSX" / "x", b"")
+    put(tmp_path / "all" / "readme.txt", b"notes")
+    zip_of(tmp_path / "scan.zip", tmp_path / "all")
+    scan = read_scan(tmp_path / "scan.zip")
+    assert (scan.format, len(scan)) == ("stray", N)
+
+
 def test_a_zipped_plan_is_the_plan_of_the_folder(tmp_path):
     folder, path = tmp_path / "scan", tmp_path / "scan.zip"
     write_facap(folder, make_scan(SynthOptions(walk=WalkOptions(n_frames=2))))

@@ -16,6 +16,7 @@ from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import with_poses
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum
+from planfit.scan.source import archive_of
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking.conventions import RECORDED, apply_convention
 
@@ -153,7 +154,7 @@ def read_present_scan(path: Path, segmentation: SegmentationOptions, options: Sc
     Raises:
         ScanError: it is not there, or cannot be read.
     """
-    if not path.exists():
+    if not path.exists() and archive_of(path) is None:
         raise ScanError(f"{path}: expected the scan, found nothing; say where it is with --scan")
     return read_scan(path, segmentation.reads_masks, options)
 

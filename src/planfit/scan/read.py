@@ -18,7 +18,7 @@ from planfit.scan.formats import OWN_FILES, READERS
 from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import take_poses
 from planfit.scan.recording import scan_from_recording
-from planfit.scan.source import FileSource, open_source
+from planfit.scan.source import FileSource, ZipSource, archive_of, open_source
 from planfit.scan.types import Scan
 from planfit.scan.views import tolerate_corrupt_frames
 
@@ -89,10 +89,11 @@ def check_depth_unit(scan: Scan) -> list[str]:
 def _check_path(path: Path) -> None:
     try:
         path.stat()
-    except FileNotFoundError:
-        raise ScanError(
-            f"{path}: expected the folder of a scan, found nothing; check the path"
-        ) from None
+    except (FileNotFoundError, NotADirectoryError):
+        if archive_of(path) is None:
+            raise ScanError(
+                f"{path}: expected the folder of a scan, found nothing; check the path"
+            ) from None
     except OSError as error:  # links that lead in a circle, rights
         raise ScanError(
             f"{path}: expected the folder of a scan, cannot be opened ({error.strerror})"
@@ -112,6 +113,14 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
     for module in modules:
         if module.recognise(source):
             return module, source
+    inside = _inside(source, modules)
+    if len(inside) == 1:
+        return inside[0]
+    if inside:
+        named = ", ".join(str(one.path) for _, one in inside)
+        raise ScanError(
+            f"{path}: expected one scan in the archive, found {len(inside)}; name one of them: {named}"
+        )
     if name != "auto":
         raise ScanError(
             f"{path}: expected a scan of the format {name}: {modules[0].EXPECTS}; found none"
@@ -126,6 +135,21 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
         f"{path}: expected a scan, found none{_nearest(source, names, modules)}; looked for {looked}; "
         f"see docs/formats.md.{hint}"
     )
+
+
+def _inside(source: FileSource, modules: list[ModuleType]) -> list[tuple[ModuleType, ZipSource]]:
+    """Scans in the folders of an archive, which nobody can name otherwise; those in others are left out."""
+    if not isinstance(source, ZipSource):
+        return []
+    found: list[tuple[ModuleType, ZipSource]] = []
+    for folder in source.all_folders():
+        one = source.inside(folder)
+        if any(one.path.is_relative_to(other.path) for _, other in found):
+            continue
+        module = next((m for m in modules if m.recognise(one)), None)
+        if module is not None:
+            found.append((module, one))
+    return found
 
 
 def _nearest(source: FileSource, names: list[str], modules: list[ModuleType]) -> str:

@@ -127,14 +127,21 @@ class FolderSource:
 
 @dataclass(frozen=True)
 class ZipSource:
-    """A zip archive, read in place; a single folder at its top is taken as the top."""
+    """A zip archive, or a folder in it, read in place; a single folder at its top is taken as the top."""
 
     path: Path
+    """Of the archive; with the folder inside behind it, where one was asked for."""
     _lock_free: zipfile.ZipFile = field(repr=False)  # reading entries is safe from several threads
+    _inner: str = ""
+    """The folder inside."""
 
     @staticmethod
-    def open(path: Path) -> "ZipSource":
+    def open(path: Path, inner: str = "") -> "ZipSource":
         """Open an archive.
+
+        Args:
+            path: the archive.
+            inner: a folder in it, which is taken as the top.
 
         Raises:
             ScanError: it is damaged, or holds names that point outside of it.
@@ -156,7 +163,17 @@ class ZipSource:
                     f"{path}: expected files inside the archive, found {entry.filename!r}, which "
                     "points outside of it; do not trust this archive, export the scan again"
                 )
-        return ZipSource(path, archive)
+        return ZipSource(path / inner, archive, inner)
+
+    def inside(self, folder: str) -> "ZipSource":
+        """A folder of it as a source of its own."""
+        whole = self._prefix + folder
+        return ZipSource(self.path / folder, self._lock_free, whole)
+
+    def all_folders(self) -> list[str]:
+        """Names of all folders that hold anything, at every depth, sorted."""
+        found = {str(parent) for name in self._entries for parent in PurePosixPath(name).parents}
+        return sorted(found - {"."})
 
     def names(self, folder: str = "") -> list[str]:
         """See `FileSource`."""
@@ -240,10 +257,25 @@ class ZipSource:
             for entry in self._lock_free.infolist()
             if not entry.is_dir() and not entry.filename.startswith("__MACOSX/")
         ]
-        tops = {entry.filename.split("/")[0] for entry in files}
-        has_one_top = len(tops) == 1 and all("/" in entry.filename for entry in files)
-        skip = len(next(iter(tops))) + 1 if has_one_top else 0
-        return {entry.filename[skip:]: entry for entry in files}
+        prefix = self._prefix
+        return {
+            entry.filename[len(prefix) :]: entry
+            for entry in files
+            if entry.filename.startswith(prefix)
+        }
+
+    @cached_property
+    def _prefix(self) -> str:
+        """Of the names of the files in it."""
+        if self._inner:
+            return f"{self._inner.strip('/')}/"
+        names = [
+            entry.filename
+            for entry in self._lock_free.infolist()
+            if not entry.is_dir() and not entry.filename.startswith("__MACOSX/")
+        ]
+        tops = {name.split("/")[0] for name in names}
+        return f"{tops.pop()}/" if len(tops) == 1 and all("/" in name for name in names) else ""
 
     @cached_property
     def _by_folder(self) -> dict[str, list[str]]:
@@ -260,6 +292,14 @@ def fingerprint_of_file(path: Path) -> str:
     return f"{status.st_size} {status.st_mtime_ns}"
 
 
+def archive_of(path: Path) -> Path | None:
+    """The zip archive that a path is or leads into (`scans.zip/office`); None where there is none."""
+    for part in (path, *path.parents):
+        if part.is_file():
+            return part if zipfile.is_zipfile(part) else None
+    return None
+
+
 def open_source(path: Path) -> FileSource:
     """The files at a path.
 
@@ -268,8 +308,10 @@ def open_source(path: Path) -> FileSource:
     """
     if path.is_dir():
         return FolderSource(path)
-    if zipfile.is_zipfile(path):
-        return ZipSource.open(path)
+    archive = archive_of(path)
+    if archive is not None:
+        inner = path.relative_to(archive).as_posix()
+        return ZipSource.open(archive, "" if inner == "." else inner)
     raise ScanError(f"{path}: expected the folder of a scan or a zip archive of one, found a file")
 
 

@@ -82,16 +82,8 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     def write_poses(
         directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
     ) -> None:
-        # What images observe stays; the points were where the old poses put them, so that none is kept:
-        # point_triangulator finds them again.
-        _, whole = read_model(source, folder, observations=True)
-        uv_of = {image.image_id: image.uv for image in whole}
-        refined = []
-        for old, pose in zip((image_of[f.color] for f in written), poses, strict=True):
-            uv = uv_of[old.image_id]
-            none = np.full(0 if uv is None else len(uv), -1)
-            refined.append(ColmapImage(old.image_id, old.camera_id, old.name, pose, uv, none))
-        write_model(directory, list(cameras.values()), refined)
+        olds = [image_of[frame.color] for frame in written]
+        write_model(directory, list(cameras.values()), _refined(source, folder, olds, poses))
 
     tables = [f"{folder}/{name}".lstrip("/") for name in (cameras_file, images_file)]
     stored = ImageFiles(source, options.depth_scale or 1e-3)
@@ -105,6 +97,24 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         fingerprint=stored.fingerprint(tables, frames, options),
         skipped=skipped,
     )
+
+
+def _refined(
+    source: FileSource,
+    folder: str,
+    olds: Sequence[ColmapImage],
+    poses: Float[np.ndarray, "k 4 4"],
+) -> list[ColmapImage]:
+    """Images with other poses. What they observe stays, the points do not: they lay where the old poses put
+    them, and point_triangulator finds them again."""
+    _, whole = read_model(source, folder, observations=True)
+    uv_of = {image.image_id: image.uv for image in whole}
+    refined = []
+    for old, pose in zip(olds, poses, strict=True):
+        uv = uv_of[old.image_id]
+        none = np.full(0 if uv is None else len(uv), -1)
+        refined.append(ColmapImage(old.image_id, old.camera_id, old.name, pose, uv, none))
+    return refined
 
 
 def _model_folder(source: FileSource) -> str | None:

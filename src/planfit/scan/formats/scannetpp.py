@@ -38,7 +38,7 @@ CHECKED = (
 """Where the layout is known from, and what was checked with it."""
 NAME = "pose_intrinsic_imu.json"
 VIDEOS = ("rgb.mkv", "rgb.mp4")
-PARTS = (NAME, "rgb/", "depth/")
+PARTS = (f"iphone/{NAME}", "iphone/rgb/", "iphone/depth/")
 _FRAME = re.compile(r"frame_(\d{1,9})")
 
 
