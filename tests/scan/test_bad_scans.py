@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from planfit.errors import ScanError
+from planfit.errors import FloorplanError, ScanError
+from planfit.floorplan import read_floorplan
 from planfit.scan import ScanOptions, corrupt_frames, read_scan
-from planfit.scan.formats import READERS
+from planfit.scan.formats import READERS, stray
+from planfit.scan.source import open_source
 from planfit.synth import SynthOptions, WalkOptions, make_scan, write_facap
 from scan_samples import (
     HEIGHT,
@@ -164,9 +166,24 @@ def test_a_zipped_plan_is_the_plan_of_the_folder(tmp_path):
         for file in sorted(folder.rglob("*")):
             archive.write(file, file.relative_to(tmp_path))
     scan = read_scan(path)
-    assert scan.floorplan_path.read_bytes() == (folder / "floorplan.npy").read_bytes()
-    unpacked = scan.floorplan_path.parent
-    del scan
+    assert scan.floorplan_path == path / "scan" / "floorplan.npy"
+    plan, zipped = (read_floorplan(p) for p in (folder / "floorplan.npy", scan.floorplan_path))
+    assert zipped.name == str(scan.floorplan_path)
+    assert zipped.fingerprint == plan.fingerprint
+    assert_array_equal(zipped.ends, plan.ends)
+    with pytest.raises(FloorplanError, match="expected a floorplan, found nothing"):
+        read_floorplan(path / "scan" / "other.npy")
+
+
+def test_what_is_unpacked_goes_with_the_scan(sample, tmp_path):
+    write_stray(tmp_path / "scan", sample)
+    zip_of(tmp_path / "scan.zip", tmp_path / "scan")
+    recording = stray.read(open_source(tmp_path / "scan.zip"), ScanOptions())
+    video = recording.images.video
+    assert video.path == tmp_path / "scan.zip" / "rgb.mp4"
+    assert video.file.read_bytes() == (tmp_path / "scan" / "rgb.mp4").read_bytes()
+    unpacked = video.file.parent
+    del recording, video
     gc.collect()
     assert not unpacked.exists()
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment import metric_plan
+from planfit.archives import archive_of
 from planfit.cli.config import options_of, scan_options_of
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
@@ -16,7 +17,6 @@ from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import with_poses
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum
-from planfit.scan.source import archive_of
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking.conventions import RECORDED, apply_convention
 

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from planfit.archives import archive_of
 from planfit.errors import OptionError, ScanError
 from planfit.scan.calibration_file import take_calibration
 from planfit.scan.formats import OWN_FILES, READERS
 from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import take_poses
 from planfit.scan.recording import scan_from_recording
-from planfit.scan.source import FileSource, ZipSource, archive_of, open_source
+from planfit.scan.source import FileSource, ZipSource, open_source
 from planfit.scan.types import Scan
 from planfit.scan.views import tolerate_corrupt_frames
 

@@ -14,6 +14,7 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Protocol, runtime_checkable
 
+from planfit.archives import archive_of
 from planfit.errors import ScanError
 
 MAX_ENTRY_BYTES = 500_000_000
@@ -64,6 +65,10 @@ class FileSource(Protocol):
 
     def stamp(self, name: str) -> str:
         """Size and time of a file, for the fingerprint."""
+        ...
+
+    def locate(self, name: str) -> Path:
+        """A path that names a file for good; one that leads into an archive (`planfit.archives`), too."""
         ...
 
     def on_disk(self, name: str) -> Path:
@@ -119,6 +124,10 @@ class FolderSource:
     def stamp(self, name: str) -> str:
         """See `FileSource`."""
         return fingerprint_of_file(self.path / name)
+
+    def locate(self, name: str) -> Path:
+        """See `FileSource`."""
+        return self.path / name
 
     def on_disk(self, name: str) -> Path:
         """See `FileSource`."""
@@ -208,6 +217,10 @@ class ZipSource:
         entry = self._entries[name]
         return f"{entry.file_size} {entry.CRC}"
 
+    def locate(self, name: str) -> Path:
+        """See `FileSource`."""
+        return Path(str(self._lock_free.filename)) / self._entry(name).filename
+
     def on_disk(self, name: str) -> Path:
         """See `FileSource`; unpacked into a temporary folder that lives as long as the source."""
         entry = self._entry(name)
@@ -290,14 +303,6 @@ def fingerprint_of_file(path: Path) -> str:
     """Size and time of a file on this disk."""
     status = path.stat()
     return f"{status.st_size} {status.st_mtime_ns}"
-
-
-def archive_of(path: Path) -> Path | None:
-    """The zip archive that a path is or leads into (`scans.zip/office`); None where there is none."""
-    for part in (path, *path.parents):
-        if part.is_file():
-            return part if zipfile.is_zipfile(part) else None
-    return None
 
 
 def open_source(path: Path) -> FileSource:

@@ -107,7 +107,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         labels=partial(_read_labels, source) if masks else None,
         up_world=UP_WORLD,
         plan_from_world_axes=PLAN_FROM_WORLD,
-        floorplan_path=source.on_disk(PLAN) if source.exists(PLAN) else None,
+        floorplan_path=source.locate(PLAN) if source.exists(PLAN) else None,
     )
 
 

@@ -87,6 +87,10 @@ class DatabaseSource:
         """See `FileSource`: that of the whole file."""
         return f"{self._length(name)} {self._stamp}"
 
+    def locate(self, name: str) -> Path:
+        """See `FileSource`."""
+        return self.path / name
+
     def on_disk(self, name: str) -> Path:
         """See `FileSource`; nothing of a database needs it."""
         raise ScanError(f"{self.path}: expected {name} as a file, found it in a database")
