@@ -322,12 +322,13 @@ def scans_page() -> str:
     """docs/scan-formats.md: what each reader says of its format."""
     lines = [
         NOTE.replace("docstrings of the options", "readers' docstrings"), "", "# Scans", "",
-        "A scan is a folder, a zip archive of one, or a bag. The format is told by what lies in it; "
+        "A scan is a folder, a zip archive of one, a bag, or a database. Of several scans in an archive one "
+        "is named by its folder inside, `scans.zip/office`. The format is told by what lies in it; "
         "`--format` names one. `planfit inspect SCAN -o SCAN.png` tells what is found.", "",
         "All need colour, depth and a pose of each frame. Frames that lack one are left out and named. Poses "
-        "of another tracker take the place of the scan's own with `--poses FILE` (TUM, KITTI, Open3D log). "
-        "Lenses are undone and colour is shrunk when a frame is read. Refined poses are written in the form "
-        "of the scan.", "",
+        "of another tracker take the place of the scan's own with `--poses FILE` (TUM, KITTI, EuRoC, Open3D "
+        "log). Lenses are undone and colour is shrunk when a frame is read. Refined poses are written in "
+        "the form of the scan.", "",
         "Some need a library more: video (stray) `planfit[video]`, bags `planfit[bag]`, record3d "
         "`planfit[record3d]`.", "",
         "| format | told by |", "| --- | --- |",
@@ -336,6 +337,13 @@ def scans_page() -> str:
         name: import_module(f"planfit.scan.formats.{module}") for name, module in READERS.items()
     }
     lines += [f"| [{name}](#{name}) | {module.EXPECTS} |" for name, module in modules.items()]
+    lines += [
+        "", "## Where the layouts are known from", "",
+        "A reader counts when it reads what others wrote. Tests read the real files where they have them "
+        "(`tests/scan/test_real_files.py`), with made images where a copy left these out.", "",
+        "| format | specification or real file | checked with it |", "| --- | --- | --- |",
+    ]  # fmt: skip
+    lines += [f"| {name} | {' | '.join(module.CHECKED)} |" for name, module in modules.items()]
     for name, module in modules.items():
         lines += ["", f"## {name}", "", inspect.cleandoc(module.__doc__ or "")]
     return tidy(lines)

@@ -193,22 +193,27 @@ def write_nerfstudio(folder, s):
     )  # fmt: skip
 
 
-def write_video(path, images, fps=30, gop=3):
+def write_video(path, images, fps=30, gop=3, first=0):
+    """Frames at the times first, first + 1, ...; an edit list hides those before 0."""
     import av
 
-    with av.open(str(path), "w") as container:
+    unchanged = {"avoid_negative_ts": "disabled"}
+    with av.open(str(path), "w", options=unchanged) as container:
         stream = container.add_stream("libx264", rate=fps)
         stream.width, stream.height, stream.pix_fmt = (
             images[0].shape[1],
             images[0].shape[0],
             "yuv420p",
         )
-        stream.options = {"crf": "8", "g": str(gop), "bf": "2"}
-        for image in images:
-            for packet in stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")):
+        stream.options = {"crf": "8", "g": str(gop), "bf": "2" if first == 0 else "0"}
+        for i in range(len(images) + 1):
+            image = (
+                av.VideoFrame.from_ndarray(images[i], format="rgb24") if i < len(images) else None
+            )
+            for packet in stream.encode(image):
+                step = int(first / (fps * packet.time_base))
+                packet.pts, packet.dts = packet.pts + step, packet.dts + step
                 container.mux(packet)
-        for packet in stream.encode():
-            container.mux(packet)
 
 
 def write_stray(folder, s):
@@ -330,6 +335,38 @@ def write_colmap(folder, s, binary=False):
         put(model / "images.txt", "\n".join(images) + "\n")
 
 
+def write_arkit_scenes(folder, s):
+    lines = []
+    for i, pose in enumerate(s.poses):
+        name = f"41048190_{s.times[i]:.3f}"
+        put(folder / "lowres_wide" / f"{name}.png", png(s.color[i]))
+        put(folder / "lowres_depth" / f"{name}.png", png(s.small_mm[i]))
+        put(folder / "confidence" / f"{name}.png", png(confidence_of(s.small_mm[i])))
+        c = s.camera
+        numbers = f"{WIDTH} {HEIGHT} {c.fx:.9f} {c.fy:.9f} {c.cx:.9f} {c.cy:.9f}"
+        # As in the set, a millisecond off by name.
+        other = f"41048190_{s.times[i] + 0.001 * (i % 2):.3f}"
+        put(folder / "lowres_wide_intrinsics" / f"{other}.pincam", numbers)
+        cam_from_world = np.linalg.inv(pose)
+        turn = Rotation.from_matrix(cam_from_world[:3, :3]).as_rotvec()
+        words = " ".join(f"{v:.9f}" for v in (*turn, *cam_from_world[:3, 3]))
+        lines.append(f"{s.times[i]:.3f} {words}")
+    put(folder / "lowres_wide.traj", "\n".join(lines) + "\n")
+
+
+def write_scannetpp(folder, s):
+    content = {}
+    for i, pose in enumerate(s.poses):
+        name = f"frame_{i:06d}"
+        put(folder / "iphone" / "rgb" / f"{name}.jpg", jpg(s.color[i]))
+        put(folder / "iphone" / "depth" / f"{name}.png", png(s.small_mm[i]))
+        content[name] = {
+            "timestamp": s.times[i], "pose": (pose @ GL).tolist(), "aligned_pose": pose.tolist(),
+            "intrinsic": k_of(s.camera).tolist(), "imu": {"gyro": [0.125, 0.25, 0.375]},
+        }  # fmt: skip
+    put(folder / "iphone" / "pose_intrinsic_imu.json", json.dumps(content))
+
+
 WRITERS = {
     "tum": write_tum,
     "redwood": write_redwood,
@@ -342,7 +379,9 @@ WRITERS = {
     "scanner-app": write_scanner_app,
     "polycam": write_polycam,
     "colmap": write_colmap,
+    "arkit-scenes": write_arkit_scenes,
+    "scannetpp": write_scannetpp,
 }
-HALF_DEPTH = {"scannet", "stray", "record3d", "scanner-app", "polycam"}
+HALF_DEPTH = {"scannet", "stray", "record3d", "scanner-app", "polycam", "arkit-scenes", "scannetpp"}
 LOSSY_COLOR = HALF_DEPTH | {"replica"}
-HAS_CONFIDENCE = HALF_DEPTH - {"scannet"}
+HAS_CONFIDENCE = HALF_DEPTH - {"scannet", "scannetpp"}

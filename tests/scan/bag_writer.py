@@ -108,15 +108,17 @@ class BagWriter:
             "geometry_msgs/msg/PoseStamped", self.header(time, frame), self.pose(pose)))  # fmt: skip
 
 
-def write_images(bag, s, compressed=False):
+def compressed_png(depth_mm):
+    return bytes(12) + png(depth_mm), "16UC1; compressedDepth png"
+
+
+def write_images(bag, s, compressed=False, compressed_depth=compressed_png):
     for i, time in enumerate(s.times):
         if compressed:
             bag.compressed("/camera/color/image_raw/compressed", time, COLOR_FRAME, png(s.color[i]),
                            "rgb8; png compressed bgr8")  # fmt: skip
-            header = bytes(12)
             bag.compressed("/camera/aligned_depth_to_color/image_raw/compressedDepth", time + 0.002,
-                           COLOR_FRAME, header + png(s.depth_mm[i]),
-                           "16UC1; compressedDepth png")  # fmt: skip
+                           COLOR_FRAME, *compressed_depth(s.depth_mm[i]))  # fmt: skip
         else:
             bgr = np.ascontiguousarray(s.color[i][..., ::-1])
             bag.image("/camera/color/image_raw", time, COLOR_FRAME, bgr, "bgr8", padding=8)

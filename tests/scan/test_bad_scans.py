@@ -1,5 +1,6 @@
 """Bad input in every format: one line that names the file, what was looked for, and what to do."""
 
+import gc
 import hashlib
 import json
 import os
@@ -10,9 +11,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from planfit.errors import ScanError
+from planfit.errors import FloorplanError, ScanError
+from planfit.floorplan import read_floorplan
 from planfit.scan import ScanOptions, corrupt_frames, read_scan
-from planfit.scan.formats import READERS
+from planfit.scan.formats import READERS, stray
+from planfit.scan.source import open_source
+from planfit.synth import SynthOptions, WalkOptions, make_scan, write_facap
 from scan_samples import (
     HEIGHT,
     WIDTH,
@@ -101,11 +105,14 @@ def test_an_archive_that_is_cut_off(sample, tmp_path):
 @pytest.mark.parametrize(
     "kind",
     ["tum", "7-scenes", "scannet", "polycam", "scanner-app", "redwood", "nerfstudio", "replica",
-     "colmap"],
+     "colmap", "stray", "facap", "arkit-scenes", "scannetpp"],
 )  # fmt: skip
 def test_a_zipped_folder_reads_like_the_folder(kind, sample, tmp_path):
     folder, path = tmp_path / "scan", tmp_path / "scan.zip"
-    WRITERS[kind](folder, sample)
+    if kind == "facap":
+        write_facap(folder, make_scan(SynthOptions(walk=WalkOptions(n_frames=N))))
+    else:
+        WRITERS[kind](folder, sample)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted(folder.rglob("*")):
             archive.write(file, file.relative_to(tmp_path))
@@ -116,12 +123,69 @@ def test_a_zipped_folder_reads_like_the_folder(kind, sample, tmp_path):
     assert_array_equal(plain.files.color(N - 1), zipped.files.color(N - 1))
 
 
-def test_a_zipped_scan_with_a_video_says_to_unpack_it(sample, tmp_path):
-    write_stray(tmp_path / "scan", sample)
-    with zipfile.ZipFile(tmp_path / "scan.zip", "w") as archive:
-        for file in sorted((tmp_path / "scan").rglob("*")):
+def zip_of(path, folder):
+    with zipfile.ZipFile(path, "w") as archive:
+        for file in sorted(folder.rglob("*")):
+            if file.is_file():
+                archive.write(file, file.relative_to(folder))
+
+
+def test_several_sessions_in_one_archive(sample, tmp_path):
+    write_stray(tmp_path / "all" / "monday" / "71de12f9", sample)
+    write_scannet(tmp_path / "all" / "tuesday", sample)
+    put(tmp_path / "all" / "readme.txt", b"notes")
+    path = tmp_path / "scans.zip"
+    zip_of(path, tmp_path / "all")
+    refused(
+        path, "expected one scan in the archive, found 2", f"{path}/monday/71de12f9, {path}/tuesday"
+    )
+    monday, tuesday = read_scan(path / "monday"), read_scan(path / "tuesday")
+    assert (monday.format, tuesday.format) == ("stray", "scannet")
+    assert monday.name == str(path / "monday" / "71de12f9")
+    assert_array_equal(monday.files.color(3).shape, (96, 128, 3))
+    again = read_scan(monday.name)
+    assert_array_equal(again.world_from_cams, monday.world_from_cams)
+    assert monday.fingerprint == again.fingerprint
+    refused(path / "friday", str(path / "friday"), "expected a scan, found none")
+    refused(tmp_path / "nothing.zip" / "friday", "expected the folder of a scan, found nothing")
+
+
+def test_the_only_scan_of_an_archive_is_read_however_deep_it_lies(sample, tmp_path):
+    write_stray(tmp_path / "all" / "export" / "2024" / "office", sample)
+    put(tmp_path / "all" / "__MACOSX" / "x", b"")
+    put(tmp_path / "all" / "readme.txt", b"notes")
+    zip_of(tmp_path / "scan.zip", tmp_path / "all")
+    scan = read_scan(tmp_path / "scan.zip")
+    assert (scan.format, len(scan)) == ("stray", N)
+
+
+def test_a_zipped_plan_is_the_plan_of_the_folder(tmp_path):
+    folder, path = tmp_path / "scan", tmp_path / "scan.zip"
+    write_facap(folder, make_scan(SynthOptions(walk=WalkOptions(n_frames=2))))
+    with zipfile.ZipFile(path, "w") as archive:
+        for file in sorted(folder.rglob("*")):
             archive.write(file, file.relative_to(tmp_path))
-    refused(tmp_path / "scan.zip", "scan.zip", "unpack the archive first")
+    scan = read_scan(path)
+    assert scan.floorplan_path == path / "scan" / "floorplan.npy"
+    plan, zipped = (read_floorplan(p) for p in (folder / "floorplan.npy", scan.floorplan_path))
+    assert zipped.name == str(scan.floorplan_path)
+    assert zipped.fingerprint == plan.fingerprint
+    assert_array_equal(zipped.ends, plan.ends)
+    with pytest.raises(FloorplanError, match="expected a floorplan, found nothing"):
+        read_floorplan(path / "scan" / "other.npy")
+
+
+def test_what_is_unpacked_goes_with_the_scan(sample, tmp_path):
+    write_stray(tmp_path / "scan", sample)
+    zip_of(tmp_path / "scan.zip", tmp_path / "scan")
+    recording = stray.read(open_source(tmp_path / "scan.zip"), ScanOptions())
+    video = recording.images.video
+    assert video.path == tmp_path / "scan.zip" / "rgb.mp4"
+    assert video.file.read_bytes() == (tmp_path / "scan" / "rgb.mp4").read_bytes()
+    unpacked = video.file.parent
+    del recording, video
+    gc.collect()
+    assert not unpacked.exists()
 
 
 @pytest.mark.parametrize("kind", WRITERS)
@@ -204,6 +268,68 @@ def test_odometry_of_another_shape(sample, tmp_path):
     refused(tmp_path, "odometry.csv, line 4", "9 finite numbers")
     path.write_text("x,y,z\n1,2,3\n")
     refused(tmp_path, "odometry.csv", "expected columns timestamp")
+
+
+def write_current_stray(folder, sample, cells=", , "):
+    """Fifteen columns, as the app writes them today: a lens for each frame, and two that are empty."""
+    write_stray(folder, sample)
+    path = folder / "odometry.csv"
+    header, *rows = path.read_text().splitlines()
+    names = "fx, fy, cx, cy, distortion_center_x, distortion_center_y"
+    c = sample.camera
+    lens = [f"{c.fx + i}, {c.fy + i}, {c.cx}, {c.cy}{cells}" for i in range(len(rows))]
+    lines = [f"{header}, {names}", *(f"{row}, {k}" for row, k in zip(rows, lens, strict=True))]
+    path.write_text("\n".join(lines) + "\n")
+    return lines
+
+
+def test_empty_cells_of_stray_are_missing_values(sample, tmp_path):
+    lines = write_current_stray(tmp_path, sample)
+    scan = read_scan(tmp_path)
+    assert len(scan) == N
+    assert scan.skipped == ()
+    assert [k.fx - sample.camera.fx for k in scan.cameras] == pytest.approx(range(N), abs=1e-9)
+    out = tmp_path / "out"
+    out.mkdir()
+    scan.files.write_poses(out, scan.world_from_cams)
+    written = (out / "odometry.csv").read_text().splitlines()
+    assert written[0] == lines[0]
+    for old, new in zip(lines[1:], written[1:], strict=True):
+        old, new = (line.split(", ") for line in (old, new))
+        assert old[:2] + old[9:] == new[:2] + new[9:]
+
+
+def test_a_row_of_stray_without_a_lens_takes_the_shared_one(sample, tmp_path):
+    lines = write_current_stray(tmp_path, sample)
+    cells = lines[3].split(",")
+    lines[3] = ",".join([*cells[:9], " ", *cells[10:]])
+    lines[4] = ",".join([*cells[:1], " 000003", *[" "] * 7, *cells[9:]])
+    (tmp_path / "odometry.csv").write_text("\n".join(lines) + "\n")
+    scan = read_scan(tmp_path)
+    assert scan.cameras[1].fx == pytest.approx(sample.camera.fx + 1)
+    assert scan.cameras[2].fx == pytest.approx(sample.camera.fx)
+    assert scan.skipped == ("frame 000003: the tracker had no pose",)
+
+
+@pytest.mark.parametrize("words", ["", "x", "inf"])
+def test_a_row_of_stray_without_time_or_with_words(words, sample, tmp_path):
+    lines = write_current_stray(tmp_path, sample)
+    column = 0 if not words else 12
+    cells = lines[2].split(",")
+    cells[column] = words
+    (tmp_path / "odometry.csv").write_text("\n".join([*lines[:2], ",".join(cells)]) + "\n")
+    refused(tmp_path, "odometry.csv, line 3", "15 finite numbers")
+
+
+def test_a_video_whose_first_frame_is_hidden(sample, tmp_path):
+    """Stray Scanner counts frames from -1: an edit list hides the first, and what players show is late."""
+    write_stray(tmp_path, sample)
+    plain = [read_scan(tmp_path).files.color(i) for i in range(N)]
+    write_video(tmp_path / "rgb.mp4", sample.color, first=-1)
+    scan = read_scan(tmp_path)
+    assert scan.skipped == ()
+    for i in (0, N - 1, 2):
+        assert np.abs(scan.files.color(i).astype(int) - plain[i]).mean() < 2
 
 
 # Frames that lack something.
@@ -411,9 +537,13 @@ def test_a_trajectory_that_is_too_short(sample, tmp_path):
 
 def test_depth_that_is_not_registered(sample, tmp_path):
     write_scannet(tmp_path, sample)
-    put(tmp_path / "intrinsic" / "extrinsic_depth.txt",
-        "1 0 0 0.05\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")  # fmt: skip
-    refused(tmp_path, "extrinsic_depth.txt", "register depth to colour")
+    moved = "1 0 0 0.05\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+    put(tmp_path / "intrinsic" / "extrinsic_color.txt", moved)
+    refused(tmp_path, "extrinsic_color.txt", "register depth to colour")
+    (tmp_path / "intrinsic" / "extrinsic_color.txt").unlink()
+    put(tmp_path / "intrinsic" / "extrinsic_depth.txt", moved)
+    (tmp_path / "intrinsic" / "intrinsic_depth.txt").unlink()
+    refused(tmp_path, "intrinsic_depth.txt", "extrinsic_depth.txt", "found none")
 
 
 def test_a_colmap_model_that_is_cut_off(sample, tmp_path):

@@ -12,10 +12,11 @@ from bag_writer import (
     write_tf,
 )
 from numpy.testing import assert_allclose, assert_array_equal
+from rtabmap_writer import inverse_png, rvl
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan import ScanOptions, read_scan, read_tum
+from planfit.scan import ScanOptions, read_scan, read_tum, write_tum
 from scan_samples import HEIGHT, WIDTH, N
 
 KINDS = {"ros1": (1, None), "sqlite": (2, "sqlite"), "mcap": (2, "mcap")}
@@ -52,6 +53,41 @@ def test_a_bag_with_tf(kind, compressed, sample, tmp_path):
     assert scan.format == "bag"
     assert scan.warnings == ()
     assert_is_sample(scan, sample)
+
+
+def compressed_rvl(depth_mm):
+    return bytes(12) + rvl(depth_mm)[8:], "16UC1; compressedDepth rvl"
+
+
+def compressed_inverse(depth_mm):
+    """Metres as 32FC1: quantised inverse depth, by two numbers in the header."""
+    data = inverse_png(depth_mm)
+    return bytes(4) + data[8:16] + data[16:], "32FC1; compressedDepth png"
+
+
+@pytest.mark.parametrize(
+    ("compressed_depth", "relative"), [(compressed_rvl, 1e-6), (compressed_inverse, 2e-3)]
+)
+def test_every_code_of_compressed_depth(compressed_depth, relative, sample, tmp_path):
+    def images(bag):
+        write_images(bag, sample, compressed=True, compressed_depth=compressed_depth)
+
+    path = write_bag(tmp_path, "sqlite", images, lambda bag: write_tf(bag, sample))
+    depth = sample.depth_mm[1] / 1000
+    assert_allclose(
+        read_scan(path).files.depth(1), np.where(depth > 0, depth, np.nan), rtol=relative
+    )
+
+
+def test_compressed_depth_that_is_damaged(sample, tmp_path):
+    def images(bag):
+        write_images(
+            bag, sample, True, lambda mm: (compressed_rvl(mm)[0][:60], "16UC1; compressedDepth rvl")
+        )
+
+    path = write_bag(tmp_path, "sqlite", images, lambda bag: write_tf(bag, sample))
+    with pytest.raises(ScanError, match="128 x 96 px of depth in RVL code, found a damaged one"):
+        read_scan(path)
 
 
 def test_the_old_name_of_tf(sample, tmp_path):
@@ -193,6 +229,30 @@ def test_refined_poses_are_written_as_tum(sample, tmp_path):
     assert_allclose(times, sample.times, atol=1e-6)
     assert_allclose(poses, sample.poses, atol=1e-8)
     assert path.read_bytes() == before
+
+
+def test_a_bag_of_a_camera_alone_takes_a_trajectory_beside_it(sample, tmp_path):
+    path = write_bag(tmp_path, "ros1", lambda b: write_images(b, sample))
+    write_tum(tmp_path / "slam.tum", sample.times, sample.poses)
+    scan = read_scan(path, options=ScanOptions(poses=tmp_path / "slam.tum"))
+    assert_is_sample(scan, sample)
+    assert scan.warnings == ()
+
+
+def test_topics_of_librealsenses_recorder(sample, tmp_path):
+    """Names as its ros_file_format.h has them; the recorder knows no poses."""
+    color, depth = "/device_0/sensor_1/Color_0", "/device_0/sensor_0/Depth_0"
+
+    def images(bag):
+        for i, time in enumerate(sample.times):
+            bag.image(f"{color}/image/data", time, "", sample.color[i], "rgb8")
+            bag.image(f"{depth}/image/data", time + 0.003, "", sample.depth_mm[i], "mono16")
+            bag.info(f"{color}/info/camera_info", time, "", sample.camera)
+            bag.info(f"{depth}/info/camera_info", time, "", sample.camera)
+
+    path = write_bag(tmp_path, "ros1", images)
+    write_tum(tmp_path / "slam.tum", sample.times, sample.poses)
+    assert_is_sample(read_scan(path, options=ScanOptions(poses=tmp_path / "slam.tum")), sample)
 
 
 def test_a_bag_without_poses(sample, tmp_path):

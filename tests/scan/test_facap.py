@@ -122,7 +122,7 @@ def test_a_zipped_folder_reads_like_the_folder(folder, tmp_path):
     for i in range(3):
         assert_array_equal(zipped.files.depth(i), plain.files.depth(i))
         assert_array_equal(zipped.files.labels(i), plain.files.labels(i))
-    assert zipped.floorplan_path is None  # a plan is read from a file of its own
+    assert zipped.floorplan_path == path / folder.name / "floorplan.npy"
 
 
 def test_images_can_be_made_smaller_with_their_masks(folder):

@@ -52,6 +52,40 @@ def take(scan_path, tmp_path, text, **options):
     return read_scan(scan_path, options=ScanOptions(poses=path, **options))
 
 
+def euroc_text(times, poses):
+    """As EuRoC's ground truth: nanoseconds, w first, and columns behind that are no pose."""
+    lines = [
+        "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y []"
+    ]
+    for time, pose in zip(times, poses, strict=True):
+        x, y, z, w = quaternion(pose)
+        numbers = ",".join(f"{v:.9f}" for v in (*pose[:3, 3], w, x, y, z, *[0.125] * 9))
+        lines.append(f"{round(time * 1e9)},{numbers}")
+    return "\n".join(lines) + "\n"
+
+
+def test_eurocs_table_and_rtabmaps_numbers(sample, tmp_path):
+    poses = other_poses(sample)
+    numbered = tum_text(sample.times, poses).splitlines()
+    numbered = [numbered[0], *(f"{line} {i + 7}" for i, line in enumerate(numbered[1:]))]
+    for text in (euroc_text(sample.times, poses), "\n".join(numbered)):
+        path = tmp_path / "poses.csv"
+        path.write_text(text)
+        table = read_poses(path)
+        assert table.kind == "tum"
+        assert_allclose(table.keys, sample.times, rtol=0, atol=1e-6)
+        assert_allclose(table.poses, poses, atol=1e-8)
+
+
+def test_a_damaged_table_of_euroc(sample, tmp_path):
+    path = tmp_path / "poses.csv"
+    rows = euroc_text(sample.times, sample.poses).splitlines()
+    for row in (rows[1].replace("0.125000000", "x").replace(",", ",x", 1), "1,2,3,4,5,6,7,8"):
+        path.write_text("\n".join([rows[0], rows[1], row]) + "\n")
+        with pytest.raises(ScanError, match=r"poses\.csv, line 2"):
+            read_poses(path)
+
+
 def test_kinds_are_told_by_their_lines(sample, tmp_path):
     poses = other_poses(sample)
     for kind, text in (

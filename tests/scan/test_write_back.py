@@ -11,13 +11,15 @@ from numpy.testing import assert_allclose
 
 from planfit.geometry import se3
 from planfit.scan import ScanOptions, read_scan
+from planfit.scan.formats.colmap_model import read_model
+from planfit.scan.source import FolderSource
 from planfit.synth import BuildingOptions, SynthOptions, WalkOptions, make_scan, write_facap
 from scan_samples import WRITERS, N, write_colmap, write_zip
 
 PLACE = {
     "7-scenes": "", "tum": "", "redwood": "", "scannet": "pose", "replica": "", "nerfstudio": "",
     "stray": "", "scanner-app": "", "polycam": "keyframes/cameras", "colmap": "sparse/0",
-    "facap": "arcore",
+    "facap": "arcore", "arkit-scenes": "", "scannetpp": "iphone",
 }  # fmt: skip
 """Folder of each format that its poses lie in."""
 
@@ -97,6 +99,23 @@ def test_of_a_binary_model(sample, tmp_path):
     shutil.rmtree(folder / "sparse" / "0")
     shutil.copytree(out, folder / "sparse" / "0")
     assert_allclose(read_scan(folder).world_from_cams, refined, atol=1e-6)
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_a_model_keeps_what_its_images_observed(binary, sample, tmp_path):
+    """But not the points, which lay where the old poses put them."""
+    folder, out = tmp_path / "scan", tmp_path / "out"
+    write_colmap(folder, sample, binary=binary)
+    out.mkdir()
+    scan = read_scan(folder)
+    scan.files.write_poses(out, moved(scan.world_from_cams))
+    _, images = read_model(FolderSource(out), observations=True)
+    assert len(images) == N
+    for image in images:
+        assert_allclose(image.uv, [[10.5, 20.5], [30.25, 40.0]])
+        assert image.point_id.tolist() == [-1, -1]
+    points = (out / "points3D.txt").read_text().splitlines()
+    assert all(line.startswith("#") for line in points)
 
 
 def test_of_a_bag(sample, tmp_path):

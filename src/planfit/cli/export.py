@@ -15,6 +15,7 @@ from planfit.cli.run_record import read_record
 from planfit.errors import OutputError, ScanError, require_positive
 from planfit.export.cloud import place_cloud, sample_cloud, write_ply
 from planfit.export.datasets import write_colmap, write_nerfstudio
+from planfit.export.matches_file import read_matches
 from planfit.export.mesh import check_suffix, fuse_mesh, load_open3d, write_mesh
 from planfit.export.run_folder import RECORD
 from planfit.export.write import write_kitti, write_pose_graph
@@ -54,7 +55,7 @@ class ExportArguments:
 
 def export_command(arguments: ExportArguments) -> int:
     """Read, write, tell."""
-    target = arguments.out
+    target = _named(arguments.out, arguments.to)
     if target.exists() or target.is_symlink():
         raise OutputError(f"{target}: expected no such file or folder; choose another with -o")
     if arguments.to == "mesh":
@@ -68,8 +69,12 @@ def export_command(arguments: ExportArguments) -> int:
         try:
             if arguments.to in FOLDERS:
                 partial.mkdir(parents=True)
-                write = write_colmap if arguments.to == "colmap" else write_nerfstudio
-                write(partial, scan, poses, sample_cloud(scan, runtime, 100_000), runtime)
+                cloud = sample_cloud(scan, runtime, 100_000)
+                if arguments.to == "colmap":
+                    matches = read_matches(arguments.source)
+                    write_colmap(partial, scan, poses, cloud, runtime, matches)
+                else:
+                    write_nerfstudio(partial, scan, poses, cloud, runtime)
             else:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 _write_file(arguments, partial, scan, poses, runtime)
@@ -83,6 +88,22 @@ def export_command(arguments: ExportArguments) -> int:
     tell_scan(scan)
     out.print(f"written: {target}, {len(scan)} frames, {arguments.frame} axes", soft_wrap=True)
     return 0
+
+
+def _named(target: Path, kind: str) -> Path:
+    """The name to write; Open3D tells a trajectory by `.log` alone, so a name without a suffix gets it.
+
+    Raises:
+        OutputError: it has another suffix.
+    """
+    if kind != "open3d" or target.suffix.lower() == ".log":
+        return target
+    if target.suffix:
+        raise OutputError(
+            f"{target}: expected a file of .log, by which Open3D tells a trajectory, found {target.suffix}; "
+            "choose another name with -o"
+        )
+    return target.with_name(f"{target.name}.log")
 
 
 def _write_file(
@@ -100,7 +121,8 @@ def _write_file(
     elif kind == "open3d":
         write_log(path, range(len(scan)), poses)
     elif kind == "g2o":
-        write_pose_graph(path, poses, make_odometry(scan.world_from_cams, OdometryOptions()))
+        odometry = make_odometry(scan.world_from_cams, OdometryOptions())
+        write_pose_graph(path, poses, odometry, read_matches(arguments.source))
     elif kind == "mesh":
         mesh = fuse_mesh(scan, poses, arguments.voxel_m, arguments.max_depth_m, runtime)
         write_mesh(path, mesh, arguments.out.suffix)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment import metric_plan
+from planfit.archives import archive_of
 from planfit.cli.config import options_of, scan_options_of
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
@@ -153,7 +154,7 @@ def read_present_scan(path: Path, segmentation: SegmentationOptions, options: Sc
     Raises:
         ScanError: it is not there, or cannot be read.
     """
-    if not path.exists():
+    if not path.exists() and archive_of(path) is None:
         raise ScanError(f"{path}: expected the scan, found nothing; say where it is with --scan")
     return read_scan(path, segmentation.reads_masks, options)
 

@@ -9,6 +9,8 @@ from jaxtyping import Float, UInt8, UInt16
 
 from planfit.errors import OutputError
 from planfit.export.cloud import Cloud, place_cloud, write_ply
+from planfit.export.observations import Observations, observe
+from planfit.matching import Matches
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.scan.formats.colmap_model import ColmapCamera, ColmapImage, write_model
@@ -23,10 +25,12 @@ def write_colmap(
     target_from_cams: Float[np.ndarray, "n 4 4"],
     cloud: Cloud,
     runtime: Runtime,
+    matches: Matches | None = None,
 ) -> None:
-    """`sparse/0` (text), `images/`, and `depth/` in millimetres, in an empty folder; `cloud` becomes points.
+    """`sparse/0` (text), `images/`, and `depth/` in millimetres, in an empty folder.
 
-    Images are undistorted and of the size that planfit works on, so cameras are PINHOLE.
+    Images are undistorted and of the size that planfit works on, so cameras are PINHOLE. Points are those
+    that `matches` make, with tracks, then `cloud`, which no image observes.
 
     Raises:
         OSError: a file cannot be written.
@@ -42,16 +46,41 @@ def write_colmap(
         )
         for camera, number in id_of.items()
     ]
-    images = [
-        ColmapImage(i + 1, id_of[camera], f"{frame_id}.jpg", pose)
-        for i, (camera, frame_id, pose) in enumerate(
-            zip(scan.cameras, scan.frame_ids, target_from_cams, strict=True)
-        )
-    ]
+    none = Matches.from_arrays(np.zeros((0, 2), int), np.zeros((0, 3)), np.zeros((0, 3)), 0.01)
+    seen = observe(scan, target_from_cams, matches or none)
+    span = np.searchsorted(seen.frame_idx, np.arange(len(scan) + 1))
+    images = []
+    for i, (camera, frame_id, pose) in enumerate(
+        zip(scan.cameras, scan.frame_ids, target_from_cams, strict=True)
+    ):
+        mine = slice(span[i], span[i + 1])
+        uv, points = seen.uv[mine] + 0.5, seen.point_idx[mine] + 1
+        images.append(ColmapImage(i + 1, id_of[camera], f"{frame_id}.jpg", pose, uv, points))
     model = folder / "sparse" / "0"
     model.mkdir(parents=True)
-    write_model(model, cameras, images, place_cloud(cloud, target_from_cams), cloud.colors)
+    write_model(
+        model,
+        cameras,
+        images,
+        np.concatenate([seen.points, place_cloud(cloud, target_from_cams)]),
+        np.concatenate([_colors(scan, seen), cloud.colors]),
+        np.concatenate([seen.error_px, np.zeros(len(cloud.colors))]),
+    )
     _write_images(folder, scan, runtime)
+
+
+def _colors(scan: Scan, seen: Observations) -> UInt8[np.ndarray, "p 3"]:
+    """Of each point, in the last image that sees it."""
+    colors = np.zeros((len(seen.points), 3), dtype=np.uint8)
+    for i in np.unique(seen.frame_idx):
+        mine = seen.frame_idx == i
+        camera = scan.cameras[i]
+        u, v = np.rint(seen.uv[mine]).astype(int).T
+        image = scan.files.color(int(i))
+        colors[seen.point_idx[mine]] = image[
+            v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)
+        ]
+    return colors
 
 
 def write_nerfstudio(

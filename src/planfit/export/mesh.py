@@ -10,6 +10,7 @@ import trimesh
 from jaxtyping import Float
 
 from planfit.errors import OutputError
+from planfit.export.mesh_tiles import BLOCK_VOXELS, Tile, cut_tiles
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Scan
@@ -20,6 +21,8 @@ TRUNCATION_VOXELS = 4.0
 noise of a depth camera at 4 m, and less than a thin wall, whose two sides must not cancel each other."""
 LEAST_FRAMES = 3
 """A surface that fewer frames saw is mostly noise at the edges of things."""
+SEAM_DIGITS = 5
+"""Of a vertex, m: two sides of a seam agree to single precision."""
 BLOCKS = 2000
 """Room for this many blocks of 16 voxels a side to begin with, 160 MB; it grows where they do not suffice."""
 
@@ -52,7 +55,8 @@ def fuse_mesh(
 ) -> trimesh.Trimesh:
     """Coloured triangles in the target frame.
 
-    Frames are read one after another: memory grows with the surface, not with the frames.
+    Frames are read one after another, and large scans are fused tile by tile (`mesh_tiles`), so that memory
+    grows with neither.
 
     Args:
         scan: whose images are fused.
@@ -63,19 +67,29 @@ def fuse_mesh(
 
     Raises:
         OutputError: Open3D is missing, or no frame has depth that is near enough.
+        ScanError: an image cannot be read.
     """
     open3d = load_open3d()
-    volume = _empty_volume(open3d, voxel_m)
-    n_seen = 0
-    for i, pose in enumerate(target_from_cams):
-        n_seen += _integrate(open3d, volume, scan, i, pose, max_depth_m)
-        runtime.report("mesh", i + 1, len(scan))
-    if n_seen == 0:
+    truncation_m = TRUNCATION_VOXELS * voxel_m
+    tiles = cut_tiles(scan, target_from_cams, voxel_m, max_depth_m, truncation_m)
+    if not tiles:
         raise OutputError(
             f"{scan.name}: expected surfaces to fuse, found no depth below {max_depth_m:g} m in any frame"
         )
+    n_seen = len(np.unique(np.concatenate([tile.frame_idx for tile in tiles])))
     least = min(LEAST_FRAMES, n_seen)
-    mesh = _extract(volume, least)
+    n_steps, done, parts = sum(len(tile.frame_idx) for tile in tiles), 0, []
+    for tile in tiles:
+        volume = _empty_volume(open3d, voxel_m)
+        for i in tile.frame_idx:
+            _integrate(open3d, volume, scan, int(i), target_from_cams[i], max_depth_m, tile)
+            done += 1
+            runtime.report("mesh", done, n_steps)
+        parts.append(_extract(volume, least))
+        parts[-1].update_faces(tile.owns(parts[-1].triangles_center, BLOCK_VOXELS * voxel_m))
+        parts[-1].remove_unreferenced_vertices()
+        del volume  # before the next one is made
+    mesh = parts[0] if len(parts) == 1 else _joined(parts)
     if len(mesh.faces) == 0:
         raise OutputError(
             f"{scan.name}: expected surfaces that {least} frames agree on, found none; take larger "
@@ -92,7 +106,7 @@ def _empty_volume(open3d: ModuleType, voxel_m: float) -> Any:
         attr_dtypes=(core.float32, core.float32, core.float32),
         attr_channels=((1,), (1,), (3,)),
         voxel_size=voxel_m,
-        block_resolution=16,
+        block_resolution=BLOCK_VOXELS,
         block_count=BLOCKS,
         device=core.Device("CPU:0"),
     )
@@ -105,21 +119,21 @@ def _integrate(
     i: int,
     target_from_cam: Float[np.ndarray, "4 4"],
     max_depth_m: float,
-) -> bool:
-    """Fuse frame i into the volume; False where it has no depth that is near enough."""
+    tile: Tile,
+) -> None:
+    """Fuse what frame i sees of a tile into the volume."""
     core, image = open3d.core, open3d.t.geometry.Image
     metres = np.nan_to_num(scan.files.depth(i), nan=0.0).astype(np.float32)
-    if not ((metres > 0) & (metres < max_depth_m)).any():
-        return False
     # Open3D rounds to the nearest pixel: an integer is a pixel centre there too.
     lens = core.Tensor(scan.cameras[i].matrix)
     cam_from_target = core.Tensor(np.ascontiguousarray(se3.inverse(target_from_cam)))
     depth = image(core.Tensor(metres[..., None]))
     color = image(core.Tensor(scan.files.color(i).astype(np.float32) / 255))
     view = (1.0, max_depth_m, TRUNCATION_VOXELS)
-    blocks = volume.compute_unique_block_coordinates(depth, lens, cam_from_target, *view)
-    volume.integrate(blocks, depth, color, lens, lens, cam_from_target, *view)
-    return True
+    blocks = volume.compute_unique_block_coordinates(depth, lens, cam_from_target, *view).numpy()
+    inside = np.ascontiguousarray(blocks[tile.touches(blocks)])
+    if len(inside):
+        volume.integrate(core.Tensor(inside), depth, color, lens, lens, cam_from_target, *view)
 
 
 def _extract(volume: Any, least_frames: int) -> trimesh.Trimesh:
@@ -133,6 +147,14 @@ def _extract(volume: Any, least_frames: int) -> trimesh.Trimesh:
         vertex_colors=colors,
         process=False,
     )
+
+
+def _joined(parts: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    """One mesh; vertices on the seams, which both sides computed from the same voxels, become one."""
+    mesh = trimesh.util.concatenate(parts)
+    assert isinstance(mesh, trimesh.Trimesh)
+    mesh.merge_vertices(digits_vertex=SEAM_DIGITS)
+    return mesh
 
 
 def check_suffix(path: Path) -> None:

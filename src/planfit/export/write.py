@@ -8,7 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.export.cloud import Cloud, place_cloud, write_ply
+from planfit.export.loops import loop_edges
+from planfit.export.matches_file import MATCHES, write_matches
 from planfit.lsq.g2o import PoseGraph, write_g2o
+from planfit.matching import Matches
 from planfit.pipeline.result import RefineResult
 from planfit.scan import Scan, write_tum
 from planfit.scan.odometry import Odometry
@@ -32,6 +35,7 @@ def write_results(
     ):
         points = place_cloud(cloud, plan_from_cams)
         write_ply(folder / f"cloud_{name}.ply", points, cloud.colors)
+    write_matches(folder / MATCHES, result.matches)
     if result.adjustment.covariances is not None:
         np.savez(
             folder / "covariances.npz",
@@ -48,13 +52,22 @@ def write_kitti(path: Path, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Non
 
 
 def write_pose_graph(
-    path: Path, target_from_cams: Float[np.ndarray, "n 4 4"], odometry: Odometry
+    path: Path,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    odometry: Odometry,
+    matches: Matches | None = None,
 ) -> None:
-    """g2o's file: poses as vertices, the recorded steps as edges, the first pose fixed."""
+    """g2o's file: poses as vertices, the recorded steps and the motions that matches give as edges, the first
+    pose fixed."""
     steps = np.arange(len(odometry.cam_from_next))
     sigma = np.repeat(
         [odometry.sigma_rotation, odometry.sigma_translation], 3, axis=0
     ).T  # (n - 1, 6)
     information = sigma[:, :, None] ** -2.0 * np.eye(6)
-    pairs = np.stack([steps, steps + 1], axis=1)
-    write_g2o(path, PoseGraph(target_from_cams, pairs, odometry.cam_from_next, information))
+    pairs, motions = np.stack([steps, steps + 1], axis=1), odometry.cam_from_next
+    if matches is not None:
+        loops = loop_edges(matches)
+        pairs = np.concatenate([pairs, loops.pairs])
+        motions = np.concatenate([motions, loops.first_from_second])
+        information = np.concatenate([information, loops.information])
+    write_g2o(path, PoseGraph(target_from_cams, pairs, motions, information))

@@ -1,7 +1,9 @@
 """`read_floorplan`: from a path to wall faces, whatever the format."""
 
+from dataclasses import replace
 from pathlib import Path
 
+from planfit.archives import unpacked
 from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.formats import find_reader
 from planfit.floorplan.options import PlanOptions
@@ -17,7 +19,14 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
     """
     path, options = Path(path), options or PlanOptions()
     if not path.exists():
-        raise FloorplanError(f"{path}: expected a floorplan, found nothing; check the path")
+        try:
+            with unpacked(path) as copy:
+                floorplan = replace(read_floorplan(copy, options), name=str(path))
+        except OSError as error:
+            raise FloorplanError(
+                f"{path}: expected a floorplan, found nothing; check the path"
+            ) from error
+        return floorplan
     reader = find_reader(path)
     with told_as(FloorplanError, path, f"a plan as {path.suffix or 'IMDF'}"):
         floorplan = reader(path, options)

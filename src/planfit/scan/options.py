@@ -15,8 +15,8 @@ class ScanOptions:
     use_masks: bool = True
     """Whether floor and wall masks that lie beside the images are used."""
     poses: Path | None = None
-    """Poses of another tracker (TUM, KITTI or Open3D log), of the colour camera, that take the place of the
-    scan's own; `planfit evaluate` judges them against the scan's own."""
+    """Poses of another tracker (TUM, KITTI, EuRoC or Open3D log), of the colour camera, that take the place
+    of the scan's own; `planfit evaluate` judges them against the scan's own."""
     calibration: Path | None = None
     """Calibration of the depth camera, as `planfit calibrate` wrote it from another scan of the same device;
     what a run finds comes on top."""

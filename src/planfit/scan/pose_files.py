@@ -1,4 +1,4 @@
-"""Poses of another tracker, which take the place of a scan's own: TUM, KITTI, Open3D log."""
+"""Poses of another tracker, which take the place of a scan's own: TUM, KITTI, EuRoC, Open3D log."""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -14,15 +14,18 @@ from planfit.scan.tables import shorten
 from planfit.scan.types import Scan
 from planfit.scan.views import select_frames
 
+MIN_NS_DIGITS = 15
+"""Nanoseconds since 1970 have nineteen digits; no time in seconds has so many before its point."""
+
 
 @dataclass(frozen=True)
 class PoseTable:
     """Poses out of a file, and what tells the frames they belong to."""
 
     kind: str
-    """`tum`, `kitti` or `log`."""
+    """`tum` (of EuRoC too), `kitti` or `log`."""
     keys: Shaped[np.ndarray, " n"]
-    """Times (TUM), numbers (log), or rows (KITTI)."""
+    """Times (TUM, EuRoC), numbers (log), or rows (KITTI)."""
     poses: Float[np.ndarray, "n 4 4"]
     """target_from_cam, OpenCV camera axes."""
 
@@ -53,6 +56,11 @@ def parse_poses(content: str, path: Path) -> PoseTable:
         if (text := line.split("#")[0].replace(",", " ")).strip()
     ]
     lengths = [len(row) for row in rows]
+    if lengths and set(lengths) == {9}:  # RTAB-Map's export adds the node's number to TUM's eight
+        content = "\n".join(" ".join(row[:8]) for row in rows)
+        return PoseTable("tum", *parse_tum(content, path))
+    if lengths and min(lengths) >= 8 and "," in content and _is_euroc(rows[0]):
+        return PoseTable("tum", *parse_tum(_tum_of_euroc(rows), path))
     if lengths and set(lengths) == {8}:
         return PoseTable("tum", *parse_tum(content, path))
     values = _numbers(rows, path)
@@ -66,12 +74,27 @@ def parse_poses(content: str, path: Path) -> PoseTable:
         table = PoseTable("log", np.array([row[0] for row in values[::5]]), poses)
     else:
         raise ScanError(
-            f"{path}: expected poses as TUM (8 numbers a line), KITTI (12 a line) or Open3D log (a line "
-            f"of 3 and four of 4), found lines of {', '.join(map(str, sorted(set(lengths)))) or 'nothing'}"
+            f"{path}: expected poses as TUM (8 numbers a line), KITTI (12 a line), EuRoC (csv) or Open3D "
+            f"log (a line of 3 and four of 4), found lines of "
+            f"{', '.join(map(str, sorted(set(lengths)))) or 'nothing'}"
         )
     for i, pose in enumerate(table.poses):
         check_recorded_pose(pose, f"{path}: pose {i}")
     return table
+
+
+def _is_euroc(row: list[str]) -> bool:
+    """Whether a row begins with whole nanoseconds since 1970: no other kind has commas and such times."""
+    return row[0].isdigit() and len(row[0]) > MIN_NS_DIGITS
+
+
+def _tum_of_euroc(rows: list[list[str]]) -> str:
+    """EuRoC's table (time ns, x y z, quaternion with w first, then velocities and biases) as TUM's."""
+    lines = []
+    for ns, x, y, z, w, *xyz in (row[:8] for row in rows):
+        time = f"{ns[:-9]}.{ns[-9:]}" if _is_euroc([ns]) else "nan"
+        lines.append(" ".join([time, x, y, z, *xyz, w]))
+    return "\n".join(lines)
 
 
 def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from planfit.archives import archive_of
 from planfit.errors import OptionError, ScanError
 from planfit.scan.calibration_file import take_calibration
-from planfit.scan.formats import READERS
+from planfit.scan.formats import OWN_FILES, READERS
 from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import take_poses
 from planfit.scan.recording import scan_from_recording
-from planfit.scan.source import FileSource, open_source
+from planfit.scan.source import FileSource, ZipSource, open_source
 from planfit.scan.types import Scan
 from planfit.scan.views import tolerate_corrupt_frames
 
@@ -89,10 +90,11 @@ def check_depth_unit(scan: Scan) -> list[str]:
 def _check_path(path: Path) -> None:
     try:
         path.stat()
-    except FileNotFoundError:
-        raise ScanError(
-            f"{path}: expected the folder of a scan, found nothing; check the path"
-        ) from None
+    except (FileNotFoundError, NotADirectoryError):
+        if archive_of(path) is None:
+            raise ScanError(
+                f"{path}: expected the folder of a scan, found nothing; check the path"
+            ) from None
     except OSError as error:  # links that lead in a circle, rights
         raise ScanError(
             f"{path}: expected the folder of a scan, cannot be opened ({error.strerror})"
@@ -102,15 +104,24 @@ def _check_path(path: Path) -> None:
 def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
     if name not in ("auto", *READERS):
         raise OptionError(f"format: expected auto, {', '.join(READERS)}, found {name!r}")
-    bag = import_module("planfit.scan.formats.bag")
-    if name == "bag" or (name == "auto" and bag.is_bag(path)):
-        return bag, bag.BagSource(path)
+    own = {n: import_module(f"planfit.scan.formats.{READERS[n]}") for n in OWN_FILES}
+    for kind, module in own.items():
+        if name == kind or (name == "auto" and module.claims(path)):
+            return module, module.open_own(path)
     source = open_source(path)
-    names = [name] if name != "auto" else [n for n in READERS if n != "bag"]
+    names = [name] if name != "auto" else [n for n in READERS if n not in own]
     modules = [import_module(f"planfit.scan.formats.{READERS[n]}") for n in names]
     for module in modules:
         if module.recognise(source):
             return module, source
+    inside = _inside(source, modules)
+    if len(inside) == 1:
+        return inside[0]
+    if inside:
+        named = ", ".join(str(one.path) for _, one in inside)
+        raise ScanError(
+            f"{path}: expected one scan in the archive, found {len(inside)}; name one of them: {named}"
+        )
     if name != "auto":
         raise ScanError(
             f"{path}: expected a scan of the format {name}: {modules[0].EXPECTS}; found none"
@@ -119,12 +130,27 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
     below = [n for n in source.folders() if n.startswith(("seq-", "room", "office", "scene"))][:3]
     hint = f" Is it one of the folders inside: {', '.join(below)}?" if below else ""
     looked = "; ".join(
-        f"{n}: {m.EXPECTS}" for n, m in zip([*names, "bag"], [*modules, bag], strict=True)
+        f"{n}: {m.EXPECTS}" for n, m in [*zip(names, modules, strict=True), *own.items()]
     )
     raise ScanError(
         f"{path}: expected a scan, found none{_nearest(source, names, modules)}; looked for {looked}; "
         f"see docs/formats.md.{hint}"
     )
+
+
+def _inside(source: FileSource, modules: list[ModuleType]) -> list[tuple[ModuleType, ZipSource]]:
+    """Scans in the folders of an archive, which nobody can name otherwise; those in others are left out."""
+    if not isinstance(source, ZipSource):
+        return []
+    found: list[tuple[ModuleType, ZipSource]] = []
+    for folder in source.all_folders():
+        one = source.inside(folder)
+        if any(one.path.is_relative_to(other.path) for _, other in found):
+            continue
+        module = next((m for m in modules if m.recognise(one)), None)
+        if module is not None:
+            found.append((module, one))
+    return found
 
 
 def _nearest(source: FileSource, names: list[str], modules: list[ModuleType]) -> str:

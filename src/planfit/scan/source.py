@@ -2,18 +2,26 @@
 
 import hashlib
 import os
+import shutil
 import stat
+import tempfile
+import weakref
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Protocol, runtime_checkable
 
+from planfit.archives import archive_of
 from planfit.errors import ScanError
 
 MAX_ENTRY_BYTES = 500_000_000
 """An archive's entry that unpacks to more is no image and no table."""
+
+MAX_UNPACKED_BYTES = 16_000_000_000
+"""No video of a scan is longer; an archive may claim anything."""
 
 HEAD_BYTES, TAIL_BYTES = 32_768, 4096
 
@@ -57,6 +65,18 @@ class FileSource(Protocol):
 
     def stamp(self, name: str) -> str:
         """Size and time of a file, for the fingerprint."""
+        ...
+
+    def locate(self, name: str) -> Path:
+        """A path that names a file for good; one that leads into an archive (`planfit.archives`), too."""
+        ...
+
+    def on_disk(self, name: str) -> Path:
+        """Where the content of a file lies on this disk, for libraries that open nothing but files.
+
+        Raises:
+            ScanError: it is missing or cannot be unpacked.
+        """
         ...
 
 
@@ -103,20 +123,34 @@ class FolderSource:
 
     def stamp(self, name: str) -> str:
         """See `FileSource`."""
-        status = (self.path / name).stat()
-        return f"{status.st_size} {status.st_mtime_ns}"
+        return fingerprint_of_file(self.path / name)
+
+    def locate(self, name: str) -> Path:
+        """See `FileSource`."""
+        return self.path / name
+
+    def on_disk(self, name: str) -> Path:
+        """See `FileSource`."""
+        return self.path / name
 
 
 @dataclass(frozen=True)
 class ZipSource:
-    """A zip archive, read in place; a single folder at its top is taken as the top."""
+    """A zip archive, or a folder in it, read in place; a single folder at its top is taken as the top."""
 
     path: Path
+    """Of the archive; with the folder inside behind it, where one was asked for."""
     _lock_free: zipfile.ZipFile = field(repr=False)  # reading entries is safe from several threads
+    _inner: str = ""
+    """The folder inside."""
 
     @staticmethod
-    def open(path: Path) -> "ZipSource":
+    def open(path: Path, inner: str = "") -> "ZipSource":
         """Open an archive.
+
+        Args:
+            path: the archive.
+            inner: a folder in it, which is taken as the top.
 
         Raises:
             ScanError: it is damaged, or holds names that point outside of it.
@@ -138,7 +172,17 @@ class ZipSource:
                     f"{path}: expected files inside the archive, found {entry.filename!r}, which "
                     "points outside of it; do not trust this archive, export the scan again"
                 )
-        return ZipSource(path, archive)
+        return ZipSource(path / inner, archive, inner)
+
+    def inside(self, folder: str) -> "ZipSource":
+        """A folder of it as a source of its own."""
+        whole = self._prefix + folder
+        return ZipSource(self.path / folder, self._lock_free, whole)
+
+    def all_folders(self) -> list[str]:
+        """Names of all folders that hold anything, at every depth, sorted."""
+        found = {str(parent) for name in self._entries for parent in PurePosixPath(name).parents}
+        return sorted(found - {"."})
 
     def names(self, folder: str = "") -> list[str]:
         """See `FileSource`."""
@@ -154,22 +198,14 @@ class ZipSource:
 
     def read(self, name: str) -> bytes:
         """See `FileSource`."""
-        entry = self._entries.get(name)
-        if entry is None:
-            raise ScanError(f"{self.path}: expected {name} in the archive, found none")
+        entry = self._entry(name)
         if entry.file_size > MAX_ENTRY_BYTES:
             raise ScanError(
                 f"{self.path}: expected files below {MAX_ENTRY_BYTES // 1_000_000} MB in the archive, "
                 f"found {name} of {entry.file_size // 1_000_000} MB; unpack the archive first"
             )
-        try:
+        with self._unpacking(name):
             return self._lock_free.read(entry)
-        except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, ValueError) as error:
-            raise ScanError(
-                f"{self.path}: {name} in the archive cannot be read ({error}); export it again"
-            ) from error
-        except Exception as error:  # zlib.error and its like have no common base
-            raise ScanError(f"{self.path}: {name} in the archive is damaged ({error})") from error
 
     def ends(self, name: str) -> tuple[bytes, bytes]:
         """See `FileSource`."""
@@ -181,6 +217,52 @@ class ZipSource:
         entry = self._entries[name]
         return f"{entry.file_size} {entry.CRC}"
 
+    def locate(self, name: str) -> Path:
+        """See `FileSource`."""
+        return Path(str(self._lock_free.filename)) / self._entry(name).filename
+
+    def on_disk(self, name: str) -> Path:
+        """See `FileSource`; unpacked into a temporary folder that lives as long as the source."""
+        entry = self._entry(name)
+        # The archive says beforehand what is unpacked, and zipfile unpacks no more than that.
+        if entry.file_size > MAX_UNPACKED_BYTES:
+            raise ScanError(
+                f"{self.path}: expected files below {MAX_UNPACKED_BYTES // 10**9} GB in the archive, found "
+                f"{name} of {entry.file_size // 10**9} GB; unpack the archive first"
+            )
+        path = self._unpacked / f"{entry.CRC:08x}{PurePosixPath(name).suffix}"
+        if not path.exists():
+            with (
+                self._unpacking(name),
+                self._lock_free.open(entry) as packed,
+                path.open("wb") as out,
+            ):
+                shutil.copyfileobj(packed, out)
+        return path
+
+    def _entry(self, name: str) -> zipfile.ZipInfo:
+        if name not in self._entries:
+            raise ScanError(f"{self.path}: expected {name} in the archive, found none")
+        return self._entries[name]
+
+    @contextmanager
+    def _unpacking(self, name: str) -> Iterator[None]:
+        """Whatever unpacking raises, as `ScanError`."""
+        try:
+            yield
+        except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, ValueError) as error:
+            raise ScanError(
+                f"{self.path}: {name} in the archive cannot be read ({error}); export it again"
+            ) from error
+        except Exception as error:  # zlib.error and its like have no common base
+            raise ScanError(f"{self.path}: {name} in the archive is damaged ({error})") from error
+
+    @cached_property
+    def _unpacked(self) -> Path:
+        folder = Path(tempfile.mkdtemp(prefix="planfit-"))
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        return folder
+
     @cached_property
     def _entries(self) -> dict[str, zipfile.ZipInfo]:
         files = [
@@ -188,10 +270,25 @@ class ZipSource:
             for entry in self._lock_free.infolist()
             if not entry.is_dir() and not entry.filename.startswith("__MACOSX/")
         ]
-        tops = {entry.filename.split("/")[0] for entry in files}
-        has_one_top = len(tops) == 1 and all("/" in entry.filename for entry in files)
-        skip = len(next(iter(tops))) + 1 if has_one_top else 0
-        return {entry.filename[skip:]: entry for entry in files}
+        prefix = self._prefix
+        return {
+            entry.filename[len(prefix) :]: entry
+            for entry in files
+            if entry.filename.startswith(prefix)
+        }
+
+    @cached_property
+    def _prefix(self) -> str:
+        """Of the names of the files in it."""
+        if self._inner:
+            return f"{self._inner.strip('/')}/"
+        names = [
+            entry.filename
+            for entry in self._lock_free.infolist()
+            if not entry.is_dir() and not entry.filename.startswith("__MACOSX/")
+        ]
+        tops = {name.split("/")[0] for name in names}
+        return f"{tops.pop()}/" if len(tops) == 1 and all("/" in name for name in names) else ""
 
     @cached_property
     def _by_folder(self) -> dict[str, list[str]]:
@@ -202,6 +299,12 @@ class ZipSource:
         return found
 
 
+def fingerprint_of_file(path: Path) -> str:
+    """Size and time of a file on this disk."""
+    status = path.stat()
+    return f"{status.st_size} {status.st_mtime_ns}"
+
+
 def open_source(path: Path) -> FileSource:
     """The files at a path.
 
@@ -210,8 +313,10 @@ def open_source(path: Path) -> FileSource:
     """
     if path.is_dir():
         return FolderSource(path)
-    if zipfile.is_zipfile(path):
-        return ZipSource.open(path)
+    archive = archive_of(path)
+    if archive is not None:
+        inner = path.relative_to(archive).as_posix()
+        return ZipSource.open(archive, "" if inner == "." else inner)
     raise ScanError(f"{path}: expected the folder of a scan or a zip archive of one, found a file")
 
 

@@ -144,10 +144,12 @@ def write_model(
     images: Sequence[ColmapImage],
     points: Float[np.ndarray, "k 3"] | None = None,
     colors: UInt8[np.ndarray, "k 3"] | None = None,
+    error_px: Float[np.ndarray, " k"] | None = None,
 ) -> None:
     """cameras.txt, images.txt and points3D.txt in an existing folder.
 
-    `points`, in m, with `colors` are points without observations.
+    `points`, in m, with `colors` have the numbers 1 to k; where images observe them (`uv`, `point_id`), their
+    tracks are written, and `error_px` with them.
     """
     lines = ["# Camera list: CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     for camera in cameras:
@@ -157,21 +159,29 @@ def write_model(
         )
     (directory / "cameras.txt").write_text("\n".join(lines) + "\n")
     lines = ["# Image list with two lines an image: IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID,"
-             " NAME; then POINTS2D[] as (X, Y, POINT3D_ID), empty here"]  # fmt: skip
+             " NAME; then POINTS2D[] as (X, Y, POINT3D_ID)"]  # fmt: skip
+    seen_in: dict[int, list[str]] = {}
     for image in images:
         cam_from_world = se3.inverse(image.world_from_cam)
         x, y, z, w = Rotation.from_matrix(cam_from_world[:3, :3]).as_quat(canonical=True)
         numbers = " ".join(f"{v:.12g}" for v in (w, x, y, z, *cam_from_world[:3, 3]))
-        lines += [f"{image.image_id} {numbers} {image.camera_id} {image.name}", ""]
+        seen = []
+        if image.uv is not None and image.point_id is not None:
+            for k, ((u, v), point) in enumerate(zip(image.uv, image.point_id, strict=True)):
+                seen.append(f"{u:.4f} {v:.4f} {point}")
+                seen_in.setdefault(int(point), []).append(f"{image.image_id} {k}")
+        lines += [f"{image.image_id} {numbers} {image.camera_id} {image.name}", " ".join(seen)]
     (directory / "images.txt").write_text("\n".join(lines) + "\n")
     lines = [
         "# 3D point list: POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"
     ]
     if points is not None and colors is not None:
-        lines += [
-            f"{i} {x:.6f} {y:.6f} {z:.6f} {r} {g} {b} 0"
-            for i, ((x, y, z), (r, g, b)) in enumerate(zip(points, colors, strict=True), start=1)
-        ]
+        errors = np.zeros(len(points)) if error_px is None else error_px
+        for i, ((x, y, z), (r, g, b), error) in enumerate(
+            zip(points, colors, errors, strict=True), start=1
+        ):
+            words = [f"{i} {x:.6f} {y:.6f} {z:.6f} {r} {g} {b} {error:.4g}", *seen_in.get(i, [])]
+            lines.append(" ".join(words))
     (directory / "points3D.txt").write_text("\n".join(lines) + "\n")
 
 

@@ -32,6 +32,11 @@ from planfit.scan.tables import read_matrix
 from planfit.scan.types import Label
 
 EXPECTS = "a folder arcore/ with frame-NNNN.jpg, depth-NNNN.png, pose-NNNN.txt, cam_params-NNNN.txt"
+CHECKED = (
+    "a real scan of 249 frames in this layout (ConSLAM)",
+    "read whole; masks and axes against its depth, poses against its plan",
+)
+"""Where the layout is known from, and what was checked with it."""
 FRAMES, MASKS_FOLDER, PLAN = "arcore", "segmentation", "floorplan.npy"
 
 PLAN_FROM_WORLD = np.array(
@@ -87,7 +92,6 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     masks = _list_masks(source, frames) if options.use_masks else []
     images = ImageFiles(source, metres_per_unit=1e-3)
     tables = [f"{FRAMES}/{kind}-{i}.txt" for i in frame_ids for kind in ("pose", "cam_params")]
-    plan = source.path / PLAN
 
     def lens(frame: Frame, _: Size) -> Lens:
         return Lens(cameras[frame.frame_id])
@@ -103,7 +107,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         labels=partial(_read_labels, source) if masks else None,
         up_world=UP_WORLD,
         plan_from_world_axes=PLAN_FROM_WORLD,
-        floorplan_path=plan if plan.exists() else None,
+        floorplan_path=source.locate(PLAN) if source.exists(PLAN) else None,
     )
 
 

@@ -1,10 +1,12 @@
-"""nerfstudio and Instant-NGP: `transforms.json` with depth.
+"""nerfstudio, Instant-NGP and NeRFCapture: `transforms.json` with depth.
 
-Each frame has `file_path`, `depth_file_path` and `transform_matrix`: world_from_cam with OpenGL camera
-axes. Intrinsics `fl_x fl_y cx cy w h` and distortion `k1 k2 p1 p2 k3 k4` with `camera_model` stand at the
-top or in a frame, which wins. There cx and cy count from the corner of the first pixel: half a pixel more
-than ours. Depth is 16-bit in millimetres (nerfstudio's default), or `.npy` in metres. The axes of the
-world are anyone's.
+Each frame has `file_path`, `depth_file_path` (Instant-NGP: `depth_path`) and `transform_matrix`:
+world_from_cam with OpenGL camera axes. Intrinsics `fl_x fl_y cx cy w h` and distortion `k1 k2 p1 p2 k3 k4`
+with `camera_model` stand at the top or in a frame, which wins. There cx and cy count from the corner of the
+first pixel: half a pixel more than ours. Depth is 16-bit in millimetres (nerfstudio's default), or in units
+of `integer_depth_scale` metres where the file has that (Instant-NGP, NeRFCapture, SplaTAM's captures), or
+`.npy` in metres. A `file_path` without suffix is a .png or .jpg, as in Instant-NGP. The axes of the world are
+anyone's.
 """
 
 import json
@@ -24,8 +26,15 @@ from planfit.scan.recording import Frame, Recording, Size, id_of_name, make_came
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
 
-EXPECTS = "transforms.json with frames that have depth_file_path"
+EXPECTS = "transforms.json with frames that have depth_file_path (or depth_path)"
+CHECKED = (
+    "nerfstudio_dataparser.py, and three exporters that write integer_depth_scale "
+    "(NeRFCapture, SplaTAM, Instant-NGP). No real file",
+    "keys, half pixels, units of depth",
+)
+"""Where the layout is known from, and what was checked with it."""
 NAME = "transforms.json"
+DEPTH_KEYS = ("depth_file_path", "depth_path")
 KINDS = ("", "OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE")
 
 
@@ -45,12 +54,12 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     listed = content.get("frames")
     if not isinstance(listed, list) or not listed:
         raise ScanError(f"{path}: expected a list `frames`, found none")
-    if not any(isinstance(f, dict) and f.get("depth_file_path") for f in listed):
+    if not any(isinstance(f, dict) and any(f.get(key) for key in DEPTH_KEYS) for f in listed):
         raise ScanError(
             f"{path}: expected frames with depth_file_path, found none; planfit needs depth, process "
             "the capture with depth"
         )
-    frames = [_frame(item, i, f"{path}, frame {i}") for i, item in enumerate(listed)]
+    frames = [_frame(source, item, i, f"{path}, frame {i}") for i, item in enumerate(listed)]
     item_of = {frame.color: item for frame, item in zip(frames, listed, strict=True)}
 
     def lens(frame: Frame, size: Size) -> Lens:
@@ -66,7 +75,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         text = json.dumps({**content, "frames": refined}, indent=1)
         (directory / NAME).write_text(text + "\n")
 
-    images = ImageFiles(source, options.depth_scale or 1e-3)
+    images = ImageFiles(source, options.depth_scale or _metres_per_unit(content, str(path)))
     return Recording(
         format="nerfstudio",
         path=source.path,
@@ -78,17 +87,33 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     )
 
 
-def _frame(item: object, number: int, where: str) -> Frame:
+def _metres_per_unit(content: dict[str, Any], where: str) -> float:
+    stored = content.get("integer_depth_scale", 1e-3)
+    scale = float(number_list(stored, 1, f"{where}, integer_depth_scale")[0])
+    if not 0 < scale < np.inf:
+        raise ScanError(f"{where}: expected an integer_depth_scale above 0, found {scale:g}")
+    return scale
+
+
+def _image_name(source: FileSource, name: str) -> str:
+    """A file of this name, with the suffix that it leaves out."""
+    path = PurePosixPath(name)
+    others = [str(path) + suffix for suffix in ("", ".png", ".jpg", ".jpeg")]
+    return next((n for n in others if source.exists(n)), str(path))
+
+
+def _frame(source: FileSource, item: object, number: int, where: str) -> Frame:
     name = item.get("file_path") if isinstance(item, dict) else None
     if not isinstance(item, dict) or not isinstance(name, str) or not PurePosixPath(name).name:
         raise ScanError(f"{where}: expected an object with file_path, found none")
-    if not isinstance(item.get("depth_file_path") or "", str):
+    depth_name = next((item[key] for key in DEPTH_KEYS if item.get(key)), "")
+    if not isinstance(depth_name, str):
         raise ScanError(f"{where}: expected a name as depth_file_path, found another value")
     matrix = number_list(item.get("transform_matrix"), 16, f"{where}, transform_matrix")
     pose = from_opengl(matrix.reshape(4, 4))
     check_recorded_pose(pose, where)
-    color = str(PurePosixPath(name))
-    depth = str(PurePosixPath(item.get("depth_file_path") or ""))
+    color = _image_name(source, name)
+    depth = str(PurePosixPath(depth_name))
     return Frame(id_of_name(color), float(number), pose, color, depth if depth != "." else "")
 
 

@@ -1,6 +1,6 @@
 """Polycam's raw data export (developer mode).
 
-    SCAN/keyframes/images/TIME.jpg, cameras/TIME.json         TIME in microseconds
+    SCAN/keyframes/images/TIME.jpg, cameras/TIME.json         TIME in microseconds; not undistorted
     SCAN/keyframes/corrected_images/, corrected_cameras/   after Polycam's optimisation: used where present
     SCAN/keyframes/depth/TIME.png, confidence/TIME.png        16-bit millimetres; confidence 0, 127, 255
 
@@ -24,10 +24,17 @@ from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
 
 EXPECTS = "keyframes/cameras/ (or corrected_cameras/) with keyframes/images/ and keyframes/depth/"
+CHECKED = (
+    "Polycam's own description (github.com/PolyCam/polyform) and nerfstudio's "
+    "polycam_utils.py. No real file",
+    "folders, corrected cameras, rows of the pose, world y-up, units, confidence",
+)
+"""Where the layout is known from, and what was checked with it."""
 TOP = "keyframes"
 KEYS = tuple(f"t_{row}{column}" for row in range(3) for column in range(4))
-LEAST_STORED = (0, 64, 192)
-"""Stored confidence that is at least low, medium, high."""
+LEAST_STORED = (0, 27, 192)
+"""Stored confidence that is at least low, medium, high. Polycam documents 0, 127, 255; where a program took
+these for sRGB and made them linear, medium is 54."""
 PARTS = (f"{TOP}/cameras/", f"{TOP}/images/", f"{TOP}/depth/")
 
 

@@ -1,11 +1,13 @@
-"""Record3D's `.r3d`: a zip archive, or the folder it unpacks to.
+"""Record3D: its `.r3d`, a zip archive or the folder it unpacks to, and its export as EXR and JPG.
 
-    metadata                  JSON: w h, dw dh, K (3x3 by column), perFrameIntrinsicCoeffs [[fx fy cx cy]],
-                              poses [[qx qy qz qw tx ty tz]] (world_from_cam, ARKit), frameTimestamps or fps
-    rgbd/N.jpg, N.depth, N.conf     colour; float32 metres and uint8 confidence (0 1 2), LZFSE, dh x dw
+    metadata, metadata.json   JSON: w h, dw dh, K (3x3 by column), perFrameIntrinsicCoeffs [[fx fy cx cy]],
+                              poses [[qx qy qz qw tx ty tz]] (world_from_cam, axes of OpenGL as the image is
+                              stored, upright too), frameTimestamps or fps
+    rgbd/N.jpg, N.depth, N.conf     .r3d: colour; float32 metres and uint8 confidence (0 1 2), LZFSE, dh x dw
+    rgb/N.jpg (.png), depth/N.exr   EXR and JPG: colour; one channel of half floats, metres
 
 Intrinsics are those of the colour image. Whether the world is level is not told, so gravity is found from
-the depth. The app's export as EXR and JPG is not read: share the `.r3d`.
+the depth. Recordings of the front camera have no poses: all of them are the identity.
 """
 
 import json
@@ -28,11 +30,37 @@ from planfit.scan.options import ScanOptions
 from planfit.scan.poses import MAX_ENTRY, from_opengl
 from planfit.scan.recording import Frame, Recording, Size, check_proportions, make_camera
 from planfit.scan.source import FileSource
-from planfit.scan.tables import number_list, read_json
+from planfit.scan.tables import number_list, read_json, shorten
 
-EXPECTS = "metadata and rgbd/N.jpg, N.depth (a .r3d)"
-METADATA = "metadata"
-PARTS = (METADATA, "rgbd/")
+EXPECTS = "metadata and rgbd/N.jpg, N.depth (a .r3d), or metadata.json, rgb/N.jpg and depth/N.exr"
+CHECKED = (
+    "nerfstudio's record3d_utils.py; a real export as EXR and JPG (345 poses, 2 frames). "
+    "No real .r3d",
+    "order of quaternions, K by column, poses of upright images, half floats in metres",
+)
+"""Where the layout is known from, and what was checked with it."""
+PARTS = ("metadata", "rgbd/")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names of what an export consists of; frames are numbered from 0."""
+
+    metadata: str
+    color: str
+    depth: str
+    confidence: str = ""
+
+    def frame_names(self, number: int) -> tuple[str, str, str]:
+        """Colour, depth and confidence of a frame."""
+        return tuple(name.format(number) for name in (self.color, self.depth, self.confidence))  # type: ignore[return-value]
+
+
+R3D = Layout("metadata", "rgbd/{}.jpg", "rgbd/{}.depth", "rgbd/{}.conf")
+EXR = (
+    Layout("metadata.json", "rgb/{}.jpg", "depth/{}.exr"),
+    Layout("metadata.json", "rgb/{}.png", "depth/{}.exr"),
+)
 
 _END, _PLAIN = b"bvx$", b"bvx-"
 """Marks of an LZFSE stream: its end, and a block stored without compression."""
@@ -40,7 +68,18 @@ _END, _PLAIN = b"bvx$", b"bvx-"
 
 def recognise(source: FileSource) -> bool:
     """Whether an archive or folder has this layout."""
-    return source.exists(METADATA) and any(n.endswith(".depth") for n in source.names("rgbd"))
+    return _layout(source) is not None
+
+
+def _layout(source: FileSource) -> Layout | None:
+    if source.exists(R3D.metadata) and any(n.endswith(".depth") for n in source.names("rgbd")):
+        return R3D
+    if not source.exists(EXR[0].metadata) or not any(
+        name.endswith(".exr") for name in source.names("depth")
+    ):
+        return None
+    has_png = any(name.endswith(".png") for name in source.names("rgb"))
+    return EXR[1] if has_png else EXR[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +95,10 @@ class Record3dImages(ImageFiles):
 
     def depth(self, frame: Frame) -> Float[np.ndarray, "h w"]:
         """float32 m, NaN where nothing was measured or the confidence is too low."""
-        values = self._plane(frame.depth, np.dtype("<f4"))
+        if frame.depth.endswith(".exr"):
+            values = _read_exr(self.source.on_disk(frame.depth), self.source.path / frame.depth)
+        else:
+            values = self._plane(frame.depth, np.dtype("<f4"))
         depth = depth_from_metres(values * np.float32(self.metres_per_unit))
         if self.uses_confidence(frame):
             confidence = self._plane(frame.confidence, np.dtype("u1"))
@@ -77,8 +119,10 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
     """
-    where = str(source.path / METADATA)
-    content = read_json(source, METADATA)
+    layout = _layout(source)
+    assert layout is not None
+    where = str(source.path / layout.metadata)
+    content = read_json(source, layout.metadata)
     poses = _poses(content, where)
     times = _times(content, len(poses), where)
     width, height = color_size = _size(content, ("w", "h"), (720, 960), where)
@@ -86,14 +130,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     depth_size = _size(content, ("dw", "dh"), (192, 256) if height > width else (256, 192), where)
     check_proportions(color_size, depth_size, where)
     frames = [
-        Frame(
-            frame_id=str(i),
-            time=float(time),
-            world_from_cam=pose,
-            color=f"rgbd/{i}.jpg",
-            depth=f"rgbd/{i}.depth",
-            confidence=f"rgbd/{i}.conf",
-        )
+        Frame(str(i), float(time), pose, *layout.frame_names(i))
         for i, (time, pose) in enumerate(zip(times, poses, strict=True))
     ]
     _check_first_image(source, frames, color_size)
@@ -111,7 +148,8 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     def write_poses(
         directory: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"]
     ) -> None:
-        _write(directory / METADATA, content, [int(frame.frame_id) for frame in written], refined)
+        numbers = [int(frame.frame_id) for frame in written]
+        _write(directory / layout.metadata, content, numbers, refined)
 
     return Recording(
         format="record3d",
@@ -120,7 +158,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         images=images,
         color_lens=lens,
         write_poses=write_poses,
-        fingerprint=images.fingerprint([METADATA], frames, options),
+        fingerprint=images.fingerprint([layout.metadata], frames, options),
     )
 
 
@@ -186,6 +224,31 @@ def _write(
     for number, pose, xyzw in zip(numbers, gl_poses, quaternions, strict=True):
         listed[number] = [*xyzw.tolist(), *pose[:3, 3].tolist()]
     path.write_text(json.dumps({**content, "poses": listed}) + "\n")
+
+
+def _read_exr(file: Path, path: Path) -> Float[np.ndarray, "h w"]:
+    """The one channel of an OpenEXR file; messages call it `path`.
+
+    Raises:
+        ScanError: the file is none, or the library OpenEXR is missing.
+    """
+    try:
+        import OpenEXR  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise ScanError(
+            f"{path}: expected the library OpenEXR for depth of Record3D, found none; install "
+            "planfit[record3d]"
+        ) from error
+    try:
+        with OpenEXR.File(str(file)) as image:
+            channels = [channel.pixels for channel in image.channels().values()]
+    except Exception as error:  # the library's own error class is not documented
+        raise ScanError(
+            f"{path}: expected an OpenEXR image, found a damaged file ({shorten(error)})"
+        ) from error
+    if len(channels) != 1 or channels[0].ndim != 2:
+        raise ScanError(f"{path}: expected one channel of depth, found {len(channels)} channels")
+    return np.asarray(channels[0], dtype=np.float32)
 
 
 def _decompress(data: bytes, n_bytes: int, path: Path) -> bytes:

@@ -26,6 +26,11 @@ from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json, read_rows, shorten
 
 EXPECTS = "trajectory.log (or scene/trajectory.log) with folders color/ (image/, rgb/) and depth/"
+CHECKED = (
+    "a real trajectory.log of Open3D's tests (211 poses)",
+    "blocks and numbers; Open3D reads what `export --to open3d` writes",
+)
+"""Where the layout is known from, and what was checked with it."""
 LOGS = ("trajectory.log", "scene/trajectory.log")
 COLOR_FOLDERS = ("color", "image", "rgb")
 INTRINSICS = ("camera_intrinsic.json", "intrinsic.json", "camera_intrinsics.json")

@@ -26,6 +26,11 @@ from planfit.scan.source import FileSource, FolderSource
 from planfit.scan.tables import number_list, read_json, read_matrix
 
 EXPECTS = "traj.txt with results/frameNNNNNN.jpg and results/depthNNNNNN.png"
+CHECKED = (
+    "the camera and png_depth_scale in programs that read NICE-SLAM's renderings. No real file",
+    "size, focal length and scale of depth",
+)
+"""Where the layout is known from, and what was checked with it."""
 POSES, CALIBRATION = "traj.txt", "cam_params.json"
 PUBLISHED = {"fx": 600.0, "fy": 600.0, "cx": 599.5, "cy": 339.5, "scale": 6553.5}
 

@@ -25,6 +25,12 @@ from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
 
 EXPECTS = "frame_NNNNN.json with cameraPoseARFrame, frame_NNNNN.jpg and depth_NNNNN.png"
+CHECKED = (
+    "the maker's own sample and a corridor scanned by others "
+    "(github.com/laanlabs/3dScannerApp_samples and a fork), 3 frames with depth",
+    "axes, intrinsics by row, units, confidence, frames without a picture",
+)
+"""Where the layout is known from, and what was checked with it."""
 _COLOR = re.compile(r"frame_(\d+)\.jpg$")
 _FRAME = re.compile(r"frame_(\d+)\.json$")
 

@@ -3,9 +3,11 @@
     SCAN/color/N.jpg, depth/N.png, pose/N.txt       depth 16-bit millimetres; poses world_from_cam, OpenCV,
                                                     all minus infinity where tracking was lost
     SCAN/intrinsic/intrinsic_color.txt, intrinsic_depth.txt     4x4, of each camera
-    SCAN/intrinsic/extrinsic_color.txt, extrinsic_depth.txt     4x4, the identity in ScanNet
+    SCAN/intrinsic/extrinsic_color.txt, extrinsic_depth.txt     4x4, the identity in ScanNet (optional)
 
-Colour (1296 x 968) and depth (640 x 480) have intrinsics of their own.
+Colour (1296 x 968) and depth (640 x 480) have intrinsics of their own. Scans that were not calibrated have an
+extrinsic_depth, which maps points of the depth camera to the colour camera's axes, as ScanNet's own
+calibrator uses it: depth is then registered to colour, of which the poses are.
 """
 
 from collections.abc import Sequence
@@ -18,12 +20,18 @@ from planfit.errors import ScanError
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
 from planfit.scan.options import ScanOptions
-from planfit.scan.poses import read_pose, write_pose
+from planfit.scan.poses import check_pose, read_pose, write_pose
 from planfit.scan.recording import Frame, Recording, Size, make_camera, matrix_intrinsics
 from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
 
 EXPECTS = "intrinsic/intrinsic_color.txt with folders color/, depth/, pose/"
+CHECKED = (
+    "SensReader's exports as six programs write them, and ScanNet's own calibrator "
+    "(calibration of .sens files). No real file",
+    "names, lost poses, what extrinsic_depth maps to what",
+)
+"""Where the layout is known from, and what was checked with it."""
 COLOR, DEPTH = "intrinsic/intrinsic_color.txt", "intrinsic/intrinsic_depth.txt"
 EXTRINSICS = ("intrinsic/extrinsic_color.txt", "intrinsic/extrinsic_depth.txt")
 PARTS = (COLOR, "color/", "depth/", "pose/")
@@ -40,7 +48,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
     """
-    _check_extrinsics(source)
+    color_from_depth = _color_from_depth(source)
     frames, skipped = [], []
     names = [n for n in source.names("color") if Path(n).stem.isdigit()]
     for name in sorted(names, key=lambda n: int(Path(n).stem)):
@@ -74,21 +82,34 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         images=images,
         color_lens=color_lens,
         depth_lens=depth_lens if depth else None,
+        color_from_depth=color_from_depth,
         write_poses=_write_poses,
         fingerprint=images.fingerprint(tables, frames, options),
         skipped=skipped,
     )
 
 
-def _check_extrinsics(source: FileSource) -> None:
+def _color_from_depth(source: FileSource) -> Float[np.ndarray, "4 4"] | None:
+    """Where depth is a camera of its own, from its axes to those of the colour camera."""
+    found = {}
     for name in EXTRINSICS:
         if source.exists(name):
-            matrix = read_matrix(source, name, "a 4x4 matrix")
-            if matrix.shape != (4, 4) or not np.allclose(matrix, np.eye(4), atol=1e-4):
-                raise ScanError(
-                    f"{source.path / name}: expected the identity (depth registered to colour), found "
-                    "another matrix; register depth to colour first"
-                )
+            found[name] = read_matrix(source, name, "a 4x4 matrix")
+            check_pose(found[name], str(source.path / name))
+    moved = [name for name, pose in found.items() if not np.allclose(pose, np.eye(4), atol=1e-4)]
+    if not moved:
+        return None
+    if moved != [EXTRINSICS[1]]:
+        raise ScanError(
+            f"{source.path / EXTRINSICS[0]}: expected the identity (poses of the colour camera), found "
+            "another matrix; register depth to colour first"
+        )
+    if not source.exists(DEPTH):
+        raise ScanError(
+            f"{source.path / DEPTH}: expected intrinsics of the depth camera, which stands beside the colour "
+            f"camera by {EXTRINSICS[1]}, found none"
+        )
+    return found[EXTRINSICS[1]]
 
 
 def _intrinsics(source: FileSource, name: str) -> tuple[float, float, float, float]:

@@ -31,6 +31,11 @@ from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
 
 EXPECTS = "frame-NNNNNN.color.png, .depth.png and .pose.txt"
+CHECKED = (
+    "the real red kitchen, every fourth of 1,000 frames",
+    "axes and units, and where the colour camera stands (benchmarks)",
+)
+"""Where the layout is known from, and what was checked with it."""
 PUBLISHED = (585.0, 585.0, 320.0, 240.0)
 KINECT_SIZE = (640, 480)
 KINECT_COLOR = (525.0, 525.0, 320.0, 240.0)

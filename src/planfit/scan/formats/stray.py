@@ -1,13 +1,16 @@
 """Stray Scanner: LiDAR iPhones and iPads.
 
     SCAN/rgb.mp4                 colour, HEVC, 1920 x 1440
-    SCAN/odometry.csv            timestamp, frame, x, y, z, qx, qy, qz, qw [, fx, fy, cx, cy]: world_from_cam,
-                                 OpenCV camera axes, world y-up (ARKit's)
-    SCAN/camera_matrix.csv       3x3, of the colour
+    SCAN/odometry.csv            timestamp, frame, x, y, z, qx, qy, qz, qw [, fx, fy, cx, cy
+                                 [, distortion_center_x, distortion_center_y]]: world_from_cam, OpenCV camera
+                                 axes, world y-up (ARKit's); cells may be empty
+    SCAN/camera_matrix.csv       3x3, of the colour; the last frame's
     SCAN/depth/NNNNNN.png        256 x 192, 16-bit millimetres (or .npy, millimetres)
     SCAN/confidence/NNNNNN.png   0 low, 1 medium, 2 high
 
-Rows of odometry.csv belong to frames of the video by the column `frame`, and so do depth and confidence.
+Rows of odometry.csv belong to frames of the video by the column `frame`, and so do depth and confidence. The
+app counts the video's frames from -1, so that an edit list hides the first one: tools that follow the list
+find the video a frame short, and each colour image one frame late. All frames of the file are read here.
 """
 
 from collections.abc import Sequence
@@ -37,8 +40,17 @@ from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import read_matrix, shorten
 
 EXPECTS = "rgb.mp4, odometry.csv and camera_matrix.csv"
+CHECKED = (
+    "the app's docs/format.md, OdometryEncoder, VideoEncoder and DatasetEncoder "
+    "(github.com/strayrobots/scanner and a fork of its current version); tables of two "
+    "real recordings, of 9 and of 15 columns",
+    "columns, empty cells, axes, units, the lens of each frame, which image of the video "
+    "a row belongs to",
+)
+"""Where the layout is known from, and what was checked with it."""
 VIDEO, POSES, CALIBRATION = "rgb.mp4", "odometry.csv", "camera_matrix.csv"
 COLUMNS = ("timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw")
+INTRINSICS = ("fx", "fy", "cx", "cy")
 PARTS = (VIDEO, POSES, CALIBRATION, "depth/")
 LOST = [float("nan")] * 7
 """In the place of position and quaternion where the tracker had none."""
@@ -70,40 +82,31 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
     """
-    if not source.path.is_dir():
-        raise ScanError(
-            f"{source.path}: expected this layout in a folder; unpack the archive first"
-        )
-    header, rows = _read_rows(source)
-    video = Video.open(source.path / VIDEO)
-    names = [f"{int(row[1]):06d}" for row in rows]
-    in_video = [int(row[1]) < len(video) for row in rows]
-    frames = [
-        _frame(source, row, name)
-        for row, name, is_there in zip(rows, names, in_video, strict=True)
-        if is_there
-    ]
+    table = _read_table(source)
+    video = Video.open(source.path / VIDEO, source.on_disk(VIDEO))
+    listed = table.rows.items()
+    frames = [_frame(source, row, name) for name, row in listed if row.number < len(video)]
     skipped = [
         f"frame {name}: the video ends after {len(video)} frames"
-        for name, is_there in zip(names, in_video, strict=True)
-        if not is_there
+        for name, row in listed
+        if row.number >= len(video)
     ]
-    last = int(rows[:, 1].max()) if len(rows) else -1
+    last = max((row.number for row in table.rows.values()), default=-1)
     skipped += [f"frame {n:06d}: {POSES} has no row" for n in range(last + 1, len(video))]
-    row_of = dict(zip(names, rows, strict=True))
     images = VideoImages(source, options.depth_scale or 1e-3, options.min_confidence, video=video)
 
     def write_poses(
         directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
     ) -> None:
-        _write(directory / POSES, header, [row_of[f.frame_id] for f in written], poses)
+        rows = [table.rows[frame.frame_id] for frame in written]
+        _write(directory / POSES, table.header, rows, poses)
 
     return Recording(
         format="stray",
         path=source.path,
         frames=frames,
         images=images,
-        color_lens=_lens_of_frame(source, header, row_of),
+        color_lens=_lens_of_frame(source, table),
         write_poses=write_poses,
         fingerprint=images.fingerprint([POSES, CALIBRATION], frames, options),
         up_world=UP_Y,
@@ -111,14 +114,16 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     )
 
 
-def _frame(source: FileSource, row: Float[np.ndarray, " columns"], name: str) -> Frame:
+def _frame(source: FileSource, row: "_Row", name: str) -> Frame:
     depths = (f"depth/{name}.png", f"depth/{name}.npy")
     pose = np.full((4, 4), np.nan)
-    if np.isfinite(row[2:9]).all():
-        pose = se3.make_transform(Rotation.from_quat(row[5:9]).as_matrix(), row[2:5])
+    if np.isfinite(row.pose).all():
+        pose = se3.make_transform(
+            Rotation.from_quat(row.pose[3:]).as_matrix(), np.array(row.pose[:3])
+        )
     return Frame(
         frame_id=name,
-        time=float(row[0]),
+        time=row.time,
         world_from_cam=pose,
         color=VIDEO,
         depth=next((n for n in depths if source.exists(n)), depths[0]),
@@ -126,24 +131,49 @@ def _frame(source: FileSource, row: Float[np.ndarray, " columns"], name: str) ->
     )
 
 
-def _lens_of_frame(
-    source: FileSource, header: list[str], row_of: dict[str, Float[np.ndarray, " columns"]]
-) -> LensOfFrame:
+def _lens_of_frame(source: FileSource, table: "_Table") -> LensOfFrame:
     """Intrinsics of its own row where the table has them, else those that all frames share."""
     matrix = read_matrix(source, CALIBRATION, "a 3x3 matrix of intrinsics", ",")
     shared = matrix_intrinsics(matrix, str(source.path / CALIBRATION))
-    own = [header.index(name) for name in ("fx", "fy", "cx", "cy") if name in header]
 
     def lens(frame: Frame, size: Size) -> Lens:
-        if len(own) == 4:
-            numbers = row_of[frame.frame_id][own].tolist()
-            return Lens(make_camera(*size, numbers, str(source.path / POSES)))
+        own = table.intrinsics(frame.frame_id)
+        if own is not None:
+            return Lens(make_camera(*size, own, str(source.path / POSES)))
         return Lens(make_camera(*size, shared, str(source.path / CALIBRATION)))
 
     return lens
 
 
-def _read_rows(source: FileSource) -> tuple[list[str], Float[np.ndarray, "n columns"]]:
+@dataclass(frozen=True)
+class _Row:
+    """One row of odometry.csv."""
+
+    time: float
+    number: int
+    pose: list[float]
+    """x y z qx qy qz qw; NaN where the tracker was lost."""
+    words: list[str]
+    """All cells as written, so that what is not the pose goes back as it came."""
+
+
+@dataclass(frozen=True)
+class _Table:
+    """odometry.csv."""
+
+    header: list[str]
+    rows: dict[str, _Row]
+    """By the frame's id."""
+
+    def intrinsics(self, frame_id: str) -> list[float] | None:
+        """fx fy cx cy of a frame; nothing where the table lacks a column or the row leaves one empty."""
+        columns = [self.header.index(name) for name in INTRINSICS if name in self.header]
+        words = self.rows[frame_id].words
+        cells = [words[c] for c in columns if c < len(words) and words[c]]
+        return [float(cell) for cell in cells] if len(cells) == len(INTRINSICS) else None
+
+
+def _read_table(source: FileSource) -> _Table:
     lines = [line for line in read_text(source, POSES).splitlines() if line.strip()]
     header = [word.strip() for word in lines[0].split(",")] if lines else []
     if tuple(header[: len(COLUMNS)]) != COLUMNS:
@@ -151,36 +181,43 @@ def _read_rows(source: FileSource) -> tuple[list[str], Float[np.ndarray, "n colu
             f"{source.path / POSES}: expected columns {', '.join(COLUMNS)}, found "
             f"{shorten(', '.join(header)) or 'an empty file'}"
         )
-    rows = []
+    rows = {}
     for number, line in enumerate(lines[1:], start=2):
-        try:
-            row = [float(word) for word in line.split(",")]
-        except ValueError:
-            row = []
-        is_whole = len(row) == len(header) and np.isfinite([*row[:2], *row[9:]]).all()
-        if is_whole and (not np.isfinite(row[2:9]).all() or np.abs(row[5:9]).max() < 1e-6):
-            row[2:9] = LOST
-        largest = max((abs(v) for v in row[2:] if np.isfinite(v)), default=0.0)
-        if not is_whole or row[1] < 0 or largest >= MAX_ENTRY:
+        row = _parse_row(line, len(header))
+        if row is None:
             raise ScanError(
                 f"{source.path / POSES}, line {number}: expected {len(header)} finite numbers "
                 f"({', '.join(header)}), found {shorten(line.strip())!r}"
             )
-        rows.append(row)
-    return header, np.array(rows).reshape(len(rows), len(header))
+        rows[f"{row.number:06d}"] = row
+    return _Table(header, rows)
+
+
+def _parse_row(line: str, n_columns: int) -> _Row | None:
+    """A row; None where it is none. Empty cells are missing values: only time and number must be there."""
+    words = [word.strip() for word in line.split(",")]
+    try:
+        values = [float(word) if word else np.nan for word in words]
+    except ValueError:
+        return None
+    is_known = [np.isfinite(v) or not word for v, word in zip(values, words, strict=True)]
+    if len(words) != n_columns or not all(is_known[9:]) or not np.isfinite(values[:2]).all():
+        return None
+    if max((abs(v) for v in values[2:] if np.isfinite(v)), default=0.0) >= MAX_ENTRY:
+        return None
+    pose = values[2:9]
+    if not np.isfinite(pose).all() or max(abs(v) for v in pose[3:]) < 1e-6:
+        pose = LOST
+    return _Row(values[0], int(values[1]), pose, words) if values[1] >= 0 else None
 
 
 def _write(
-    path: Path,
-    header: Sequence[str],
-    rows: Sequence[Float[np.ndarray, " columns"]],
-    poses: Float[np.ndarray, "k 4 4"],
+    path: Path, header: Sequence[str], rows: Sequence[_Row], poses: Float[np.ndarray, "k 4 4"]
 ) -> None:
-    """odometry.csv of some rows with poses in place of their own; what follows the poses stays."""
+    """odometry.csv of some rows with poses in place of their own; all other cells stay as they came."""
     quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat(canonical=True)
     lines = [", ".join(header)]
     for row, pose, xyzw in zip(rows, poses, quaternions, strict=True):
-        words = [np.format_float_positional(row[0], trim="-"), f"{int(row[1]):06d}"]
-        words += [f"{v:.9f}" for v in (*pose[:3, 3], *xyzw)] + [f"{v:.9g}" for v in row[9:]]
-        lines.append(", ".join(words))
+        refined = [f"{v:.9f}" for v in (*pose[:3, 3], *xyzw)]
+        lines.append(", ".join([*row.words[:2], *refined, *row.words[9:]]))
     path.write_text("\n".join(lines) + "\n")

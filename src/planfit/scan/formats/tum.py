@@ -27,6 +27,12 @@ from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import read_matrix, read_rows, shorten
 
 EXPECTS = "rgb.txt, depth.txt and groundtruth.txt"
+CHECKED = (
+    "real ground truth of fr2_desk and a trajectory of ORB-SLAM "
+    "(github.com/MichaelGrupp/evo, test/data)",
+    "columns and comments of trajectories",
+)
+"""Where the layout is known from, and what was checked with it."""
 POSES, CALIBRATION = "groundtruth.txt", "calibration.txt"
 METRES_PER_UNIT = 1 / 5000
 

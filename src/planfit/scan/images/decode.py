@@ -4,11 +4,15 @@ import io
 from pathlib import Path
 
 import cv2
+import numba
 import numpy as np
 from jaxtyping import Float, Shaped, UInt8
 from PIL import Image, UnidentifiedImageError
 
 from planfit.errors import ScanError
+
+MAX_PIXELS = 100_000_000
+"""No depth camera has more; a damaged header may claim anything."""
 
 
 def decode_image(data: bytes, path: Path, flags: int) -> Shaped[np.ndarray, "h w *channels"]:
@@ -72,6 +76,65 @@ def depth_from_metres(depth: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w
     depth = np.array(depth, dtype=np.float32)
     depth[~(np.isfinite(depth) & (depth > 0))] = np.nan
     return depth
+
+
+def depth_from_inverse(raw: np.ndarray, a: float, b: float) -> Float[np.ndarray, "h w"]:
+    """Depth a / (raw - b) as float32 m, as ROS and RTAB-Map quantise it; 0 where nothing was measured."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.where(raw > 0, a / (raw.astype(np.float32) - np.float32(b)), np.nan)
+    return depth_from_metres(depth)
+
+
+def decode_rvl(data: bytes, width: int, height: int, path: Path) -> Shaped[np.ndarray, "h w"]:
+    """16-bit depth in Wilson's RVL code (Fast Lossless Depth Image Compression, ISS 2017): runs of zeros and
+    of differences, as numbers of a varying count of nibbles in 32-bit words.
+
+    Raises:
+        ScanError: it ends early, or is longer than the image.
+    """
+    count = width * height
+    words = np.frombuffer(data[: len(data) // 4 * 4], "<u4")
+    pixels = np.zeros(count if count < MAX_PIXELS else 0, np.uint16)
+    if not len(pixels) or not _unpack_rvl(words, pixels):
+        raise ScanError(
+            f"{path}: expected {width} x {height} px of depth in RVL code, found a damaged one; copy it "
+            "again from the source"
+        )
+    return pixels.reshape(height, width)
+
+
+@numba.njit(cache=True)
+def _unpack_rvl(words: np.ndarray, pixels: np.ndarray) -> bool:
+    """Fill the pixels; whether the words are those of so many."""
+    at, previous, nibble = 0, 0, 0
+    while at < len(pixels):
+        n_zeros, nibble = _rvl_number(words, nibble)
+        n_differences, nibble = _rvl_number(words, nibble)
+        at += n_zeros
+        if min(n_zeros, n_differences) < 0 or at + n_differences > len(pixels):
+            return False
+        for _ in range(n_differences):
+            value, nibble = _rvl_number(words, nibble)
+            if value < 0:
+                return False
+            previous += (value >> 1) ^ -(value & 1)
+            pixels[at] = previous
+            at += 1
+    return True
+
+
+@numba.njit(cache=True)
+def _rvl_number(words: np.ndarray, nibble: int) -> tuple[int, int]:
+    """A number of three bits a nibble, lowest first, and the nibble behind it; -1 where the words end."""
+    value, shift = 0, 0
+    while nibble < 8 * len(words) and shift < 30:
+        four = (int(words[nibble // 8]) >> (28 - 4 * (nibble % 8))) & 15
+        nibble += 1
+        value |= (four & 7) << shift
+        shift += 3
+        if four < 8:
+            return value, nibble
+    return -1, nibble
 
 
 def header_size(data: bytes, path: Path) -> tuple[int, int]:

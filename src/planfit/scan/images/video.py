@@ -12,6 +12,11 @@ from jaxtyping import Int, UInt8
 
 from planfit.errors import ScanError
 
+ALL_FRAMES = {"ignore_editlist": "1"}
+"""Option of FFmpeg's mp4 reader. Phones write edit lists: Stray Scanner counts the first frame as -1, before
+the session's start, which the list then hides. Players show one frame less than was recorded, and every
+frame that is shown is then taken for the one before it."""
+
 
 @dataclass(frozen=True)
 class Video:
@@ -22,28 +27,42 @@ class Video:
     """
 
     path: Path
+    """What messages call it."""
     width: int
     height: int
     pts: Int[np.ndarray, " n"]
     """Presentation times in order; frame i is the one at pts[i]."""
     key_pts: Int[np.ndarray, " k"]
     """Of key frames, in order."""
+    key_dts: Int[np.ndarray, " k"]
+    """When these are decoded, which is what a file is searched by: where frames are shown in another order
+    than they are stored, before they are shown."""
+    file: Path
+    """Where it lies on this disk: another place than `path` where that is inside an archive."""
     _threads: threading.local = field(default_factory=threading.local, repr=False)
 
     @staticmethod
-    def open(path: Path) -> "Video":
-        """List the frames of a video without decoding them.
+    def open(path: Path, file: Path | None = None) -> "Video":
+        """List the frames of a video without decoding them, those that an edit list hides too.
+
+        Args:
+            path: the file.
+            file: where its content lies, for a `path` inside an archive, which messages then name.
 
         Raises:
             ScanError: PyAV is not installed, or the file is no whole video.
         """
         av = _pyav()
         try:
-            with av.open(str(path)) as container:
+            with av.open(str(file or path), options=ALL_FRAMES) as container:
                 stream = container.streams.video[0]
                 size = (stream.codec_context.width, stream.codec_context.height)
                 found = [
-                    (packet.pts, packet.is_keyframe)
+                    (
+                        packet.pts,
+                        packet.pts if packet.dts is None else packet.dts,
+                        packet.is_keyframe,
+                    )
                     for packet in container.demux(stream)
                     if packet.pts is not None
                 ]
@@ -52,11 +71,12 @@ class Video:
                 f"{path}: expected a video, found a file that cannot be read as one ({error}); "
                 "the recording may have been cut off, copy it again from the phone"
             ) from error
-        pts = np.array(sorted(p for p, _ in found), dtype=np.int64)
-        keys = np.array(sorted(p for p, is_key in found if is_key), dtype=np.int64)
+        pts = np.array(sorted(p for p, _, _ in found), dtype=np.int64)
+        keys = sorted((p, d) for p, d, is_key in found if is_key)
+        key_pts, key_dts = np.array(keys, dtype=np.int64).reshape(-1, 2).T
         if len(pts) == 0:
             raise ScanError(f"{path}: expected frames in the video, found none; copy it again")
-        return Video(path, *size, pts, keys)
+        return Video(path, *size, pts, key_pts, key_dts, file or path)
 
     def __len__(self) -> int:
         return len(self.pts)
@@ -75,10 +95,10 @@ class Video:
             if last is not None and last == wanted:
                 return state["image"]
             # The last key frame at or before it: decoding can only begin at one.
-            key = self.key_pts[max(0, np.searchsorted(self.key_pts, wanted, side="right") - 1)]
+            key = max(0, np.searchsorted(self.key_pts, wanted, side="right") - 1)
             # Going on costs less than a jump unless a key frame lies between.
-            if last is None or wanted < last or key > last:
-                state["frames"] = self._decode_from(av, int(key), state)
+            if last is None or wanted < last or self.key_pts[key] > last:
+                state["frames"] = self._decode_from(av, int(self.key_dts[key]), state)
             for image, pts in state["frames"]:
                 state["last_pts"], state["image"] = pts, image
                 if pts >= wanted:
@@ -97,16 +117,16 @@ class Video:
         )
 
     def _decode_from(
-        self, av: ModuleType, pts: int, state: dict[str, Any]
+        self, av: ModuleType, dts: int, state: dict[str, Any]
     ) -> Iterator[tuple[np.ndarray, int]]:
-        """Frames from the key frame at `pts` on, in the order they are shown."""
+        """Frames from the key frame at `dts` on, in the order they are shown."""
         if "container" in state:
             state["container"].close()
-        container = av.open(str(self.path))
+        container = av.open(str(self.file), options=ALL_FRAMES)
         state.clear()
         state["container"] = container
         stream = container.streams.video[0]
-        container.seek(pts, stream=stream)
+        container.seek(dts, stream=stream)
         return (
             (frame.to_ndarray(format="rgb24"), frame.pts)
             for frame in container.decode(stream)

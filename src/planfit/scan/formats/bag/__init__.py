@@ -7,8 +7,15 @@ that is not registered to colour is, by the static tf between the two cameras. R
 `trajectory.tum`, world_from_cam: a bag is not rewritten.
 """
 
-from planfit.scan.formats.bag.read import EXPECTS as EXPECTS
-from planfit.scan.formats.bag.read import BagSource as BagSource
-from planfit.scan.formats.bag.read import is_bag as is_bag
-from planfit.scan.formats.bag.read import read as read
-from planfit.scan.formats.bag.read import recognise as recognise
+from planfit.scan.formats.bag.read import EXPECTS, read, recognise
+from planfit.scan.formats.bag.read import BagSource as open_own
+from planfit.scan.formats.bag.read import is_bag as claims
+
+CHECKED = (
+    "ROS 1, ROS 2 and MCAP files of evo's tests, without images; names of librealsense's "
+    "recorder; compressed_depth_image_transport's codes",
+    "tf of the real files; images of all codes by bags that rosbags writes",
+)
+"""Where the layout is known from, and what was checked with it."""
+
+__all__ = ["CHECKED", "EXPECTS", "claims", "open_own", "read", "recognise"]

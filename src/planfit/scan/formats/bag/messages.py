@@ -1,5 +1,6 @@
 """ROS messages of images and cameras as arrays and lenses."""
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,14 @@ import numpy as np
 from jaxtyping import Float, Shaped, UInt8
 
 from planfit.errors import ScanError
-from planfit.scan.images.decode import decode_color, decode_image, depth_from_metres, depth_from_raw
+from planfit.scan.images.decode import (
+    decode_color,
+    decode_image,
+    decode_rvl,
+    depth_from_inverse,
+    depth_from_metres,
+    depth_from_raw,
+)
 from planfit.scan.images.lens import Lens
 from planfit.scan.recording import Size, make_camera
 
@@ -26,6 +34,7 @@ _COLORS: dict[str, tuple[int, int | None]] = {
 }
 _DEPTHS = {"16uc1": np.uint16, "mono16": np.uint16, "32fc1": np.float32}
 _PNG = b"\x89PNG\r\n\x1a\n"
+_HEADER, _RVL_SIZE = struct.Struct("<i2f"), struct.Struct("<2I")
 
 
 def color_of_message(message: Any, topic: str) -> UInt8[np.ndarray, "h w 3"]:
@@ -56,15 +65,7 @@ def depth_of_message(
         ScanError: it is damaged or of an encoding that is not read.
     """
     if hasattr(message, "format"):
-        data = bytes(message.data)
-        start = data.find(_PNG, 0, 64)  # compressedDepth has a header of 12 bytes before the PNG
-        if start < 0 or "32fc1" in message.format.lower():
-            raise ScanError(
-                f"{topic}: expected compressed depth as 16-bit PNG, found {message.format!r}; "
-                "give another --depth-topic"
-            )
-        raw = decode_image(data[start:], Path(topic), cv2.IMREAD_UNCHANGED)
-        return depth_from_raw(raw, metres_per_unit or 1e-3, Path(topic))
+        return _compressed_depth(message, topic, metres_per_unit)
     kind = _DEPTHS.get(message.encoding.lower())
     if kind is None:
         raise ScanError(
@@ -75,6 +76,29 @@ def depth_of_message(
     if kind is np.float32:
         return depth_from_metres(raw * np.float32(metres_per_unit or 1.0))
     return depth_from_raw(np.ascontiguousarray(raw), metres_per_unit or 1e-3, Path(topic))
+
+
+def _compressed_depth(
+    message: Any, topic: str, metres_per_unit: float | None
+) -> Float[np.ndarray, "h w"]:
+    """Depth as compressed_depth_image_transport stores it: a header of a number and two quantities, then a
+    PNG or RVL code of 16-bit millimetres, or (32FC1) of inverse depth in steps that the two give."""
+    data, words = bytes(message.data), message.format.lower()
+    start = data.find(_PNG, 0, 64)
+    if start >= 0:
+        raw = decode_image(data[start:], Path(topic), cv2.IMREAD_UNCHANGED)
+    elif "rvl" in words and len(data) >= _HEADER.size + _RVL_SIZE.size:
+        width, height = _RVL_SIZE.unpack_from(data, _HEADER.size)
+        raw = decode_rvl(data[_HEADER.size + _RVL_SIZE.size :], width, height, Path(topic))
+    else:
+        raise ScanError(
+            f"{topic}: expected compressed depth as PNG or RVL, found {message.format!r}; give another "
+            "--depth-topic"
+        )
+    if "32fc1" not in words:
+        return depth_from_raw(raw, metres_per_unit or 1e-3, Path(topic))
+    _, a, b = _HEADER.unpack_from(data)
+    return depth_from_inverse(raw, a, b) * np.float32(metres_per_unit or 1.0)
 
 
 def _rows(

@@ -139,7 +139,7 @@ def read(source: BagSource, options: ScanOptions) -> Recording:
         ScanError: topics are missing, or their times never match.
     """
     path = source.path
-    reader = _open(path)
+    reader = open_bag(path)
     try:
         return _read(path, reader, options)
     except BaseException:
@@ -154,9 +154,13 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
     times = listing.color_times[mine]
     camera_frame = listing.first[topics.color].header.frame_id
     tree = read_tf(reader)
-    poses, known, warnings = poses_of_bag(
-        path, reader, tree, topics.pose, camera_frame, times, options.max_time_gap_s
-    )
+    if options.poses is None:
+        poses, known, warnings = poses_of_bag(
+            path, reader, tree, topics.pose, camera_frame, times, options.max_time_gap_s
+        )
+    else:  # others take their place: a bag of a camera alone (RealSense, Azure Kinect) has none
+        poses, known = np.tile(np.eye(4), (len(times), 1, 1)), np.ones(len(times), dtype=bool)
+        warnings = []
     color_from_depth, mount_warnings = _mount_of_depth(listing.first, topics, tree)
     sizes = (
         _size(color_of_message(listing.first[topics.color], topics.color)),
@@ -269,7 +273,12 @@ def _lenses(first: dict[str, Any], topics: Topics, sizes: tuple[Size, Size]) -> 
     return color, camera_info_lens(info, topics.depth_info, topics.depth, sizes[1])
 
 
-def _open(path: Path) -> Any:
+def open_bag(path: Path) -> Any:
+    """The library's reader of a bag, open.
+
+    Raises:
+        ScanError: it cannot be read, or the library is missing.
+    """
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore

@@ -72,7 +72,7 @@ def choose_topics(path: Path, connections: Iterable[Any], options: ScanOptions) 
     has_tf = any(kind in TF_TYPES for kind in types.values())
     poses = [t for t, kind in types.items() if kind in POSE_TYPES]
     pose = options.pose_topic or ("" if has_tf else _best(poses, ("pose", "odom", "path")))
-    if not pose and not has_tf:
+    if not pose and not has_tf and options.poses is None:
         raise ScanError(
             f"{path}: expected poses (tf, PoseStamped, Odometry or Path), found {_list(types)}; "
             "record them, or give another tracker's as TUM with --poses"
@@ -98,9 +98,10 @@ def _info_beside(topic: str, infos: list[str]) -> str:
     """The CameraInfo in the deepest namespace that holds the topic."""
     parts = topic.split("/")
     for length in range(len(parts) - 1, 0, -1):
-        name = "/".join([*parts[:length], "camera_info"])
-        if name in infos:
-            return name
+        # librealsense's recorder has one folder more: Color_0/image/data, Color_0/info/camera_info.
+        for end in (["camera_info"], ["info", "camera_info"]):
+            if (name := "/".join([*parts[:length], *end])) in infos:
+                return name
     return ""
 
 

@@ -1,0 +1,158 @@
+"""ScanNet++: the iPhone's recording of a scene, depth as the set's toolkit unpacks it.
+
+    SCENE/iphone/pose_intrinsic_imu.json    by frame: timestamp, aligned_pose (world_from_cam, 4x4, OpenCV
+                                            axes, m), intrinsic (3x3, of the colour)
+    SCENE/iphone/rgb/frame_NNNNNN.jpg       colour, 1920 x 1440; else the video rgb.mkv or rgb.mp4
+    SCENE/iphone/depth/frame_NNNNNN.png     256 x 192, 16-bit millimetres
+
+SCENE or its folder iphone/ may be named. `depth.bin` is unpacked by the toolkit's prepare_iphone_data.py
+(extract_depth). `aligned_pose` is ARKit's in the axes and scale of the laser scan; whether those are level is
+not told. Refined poses take its place in `pose_intrinsic_imu.json`.
+"""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from planfit.errors import ScanError
+from planfit.scan.images.files import ImageFiles, whole_image_size
+from planfit.scan.images.lens import Lens
+from planfit.scan.images.video import Video
+from planfit.scan.options import ScanOptions
+from planfit.scan.poses import check_recorded_pose
+from planfit.scan.recording import Frame, Recording, Size, make_camera, matrix_intrinsics
+from planfit.scan.source import FileSource
+from planfit.scan.tables import number_list, read_json
+
+EXPECTS = "pose_intrinsic_imu.json (in iphone/) with rgb/ or rgb.mkv, and depth/"
+CHECKED = (
+    "the set's toolkit (github.com/scannetpp/scannetpp, prepare_iphone_data.py) and two"
+    " loaders by others. No real file",
+    "names, axes of aligned_pose, units, what is unpacked",
+)
+"""Where the layout is known from, and what was checked with it."""
+NAME = "pose_intrinsic_imu.json"
+VIDEOS = ("rgb.mkv", "rgb.mp4")
+PARTS = (f"iphone/{NAME}", "iphone/rgb/", "iphone/depth/")
+_FRAME = re.compile(r"frame_(\d{1,9})")
+
+
+def recognise(source: FileSource) -> bool:
+    """Whether a folder has this layout."""
+    return _folder(source) is not None
+
+
+def _folder(source: FileSource) -> str | None:
+    return next((folder for folder in ("", "iphone/") if source.exists(folder + NAME)), None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoColor(ImageFiles):
+    """Colour out of a video by the frame's number."""
+
+    video: Video
+
+    def sizes(self, frame: Frame) -> tuple[Size, Size]:
+        """Of the video, and of the depth from its header."""
+        return (self.video.width, self.video.height), whole_image_size(self.source, frame.depth)
+
+    def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
+        return self.video.frame(_number(frame.frame_id))
+
+
+def _number(frame_id: str) -> int:
+    match = _FRAME.fullmatch(frame_id)
+    return int(match[1]) if match else -1
+
+
+def read(source: FileSource, options: ScanOptions) -> Recording:
+    """List a scan.
+
+    Raises:
+        ScanError: its files are missing, unreadable, or contradict each other.
+    """
+    folder = _folder(source)
+    assert folder is not None
+    where = str(source.path / folder / NAME)
+    content = read_json(source, folder + NAME)
+    entries = {name: entry for name, entry in content.items() if _FRAME.fullmatch(name)}
+    if not entries:
+        raise ScanError(f"{where}: expected objects frame_NNNNNN, found none")
+    _check_depth(source, folder)
+    video_name, video = _video(source, folder)
+    frames, skipped = [], []
+    for name in _unpacked(source, folder, sorted(entries)):
+        if video is not None and _number(name) >= len(video):
+            skipped.append(f"frame {name}: the video ends after {len(video)} frames")
+            continue
+        color = folder + (f"rgb/{name}.jpg" if video is None else video_name)
+        frames.append(_frame(name, entries[name], color, f"{folder}depth/{name}.png", where))
+
+    def lens(frame: Frame, size: Size) -> Lens:
+        at = f"{where}, {frame.frame_id}"
+        numbers = number_list(entries[frame.frame_id].get("intrinsic"), 9, f"{at}, intrinsic")
+        return Lens(make_camera(*size, matrix_intrinsics(numbers.reshape(3, 3), at), at))
+
+    def write_poses(
+        directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
+    ) -> None:
+        refined = {
+            frame.frame_id: {**entries[frame.frame_id], "aligned_pose": pose.tolist()}
+            for frame, pose in zip(written, poses, strict=True)
+        }
+        (directory / NAME).write_text(json.dumps({**content, **refined}) + "\n")
+
+    if video is None:
+        images: ImageFiles = ImageFiles(source, options.depth_scale or 1e-3)
+    else:
+        images = VideoColor(source, options.depth_scale or 1e-3, video=video)
+    return Recording(
+        format="scannetpp",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=lens,
+        write_poses=write_poses,
+        fingerprint=images.fingerprint([folder + NAME], frames, options),
+        skipped=skipped,
+    )
+
+
+def _check_depth(source: FileSource, folder: str) -> None:
+    if not source.names(f"{folder}depth") and source.exists(f"{folder}depth.bin"):
+        raise ScanError(
+            f"{source.path / folder / 'depth'}: expected depth/frame_NNNNNN.png, found depth.bin alone; "
+            "unpack it with the toolkit's prepare_iphone_data.py (extract_depth: true)"
+        )
+
+
+def _video(source: FileSource, folder: str) -> tuple[str, Video | None]:
+    """The video, where colour was not unpacked of it."""
+    name = next((n for n in VIDEOS if source.exists(folder + n)), "")
+    if source.names(f"{folder}rgb") or not name:
+        return "", None
+    return name, Video.open(source.path / folder / name, source.on_disk(folder + name))
+
+
+def _unpacked(source: FileSource, folder: str, names: list[str]) -> list[str]:
+    """Frames of which the toolkit unpacked anything: the others, which it was not asked for, lack nothing."""
+    stems = {Path(name).stem for kind in ("depth", "rgb") for name in source.names(folder + kind)}
+    return [name for name in names if name in stems] or names
+
+
+def _frame(name: str, entry: object, color: str, depth: str, where: str) -> Frame:
+    at = f"{where}, {name}"
+    if not isinstance(entry, dict):
+        raise ScanError(
+            f"{at}: expected an object with aligned_pose and intrinsic, found another value"
+        )
+    pose = number_list(entry.get("aligned_pose"), 16, f"{at}, aligned_pose").reshape(4, 4)
+    check_recorded_pose(pose, at)
+    time = number_list(entry.get("timestamp", _number(name) / 60), 1, f"{at}, timestamp")
+    return Frame(name, float(time[0]), pose, color, depth)
