@@ -26,8 +26,9 @@ class PlanFlags:
     """Metres of one unit of the file (a pixel, a point); overrules --unit."""
     storey: str = ""
     """Name or number (from 0) of the storey to read where a file holds several."""
-    layer: tuple[str, ...] = ()
-    """Layers that hold the walls (`*` stands for anything); without, a guess from names and line work."""
+    layer: tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]] = ()
+    """Layers that hold the walls (`*` stands for anything), `--layer A B` or `--layer A --layer B`; without,
+    a guess from names and line work."""
     page: int = 1
     """Page of a PDF."""
     cut_height_m: float = 1.2
@@ -49,7 +50,7 @@ class PlanFlags:
             self.unit,
             self.scale,
             self.storey,
-            self.layer,
+            tuple(name for names in self.layer for name in names),
             self.page,
             self.cut_height_m,
             self.wall_mask,
