@@ -13,13 +13,16 @@ from planfit.geometry import segments
 
 SINGLE_SHARE = 0.3
 """Where less became faces than this share of the long lines left, walls are drawn as single lines."""
+FEW_SHARE = 0.25
+"""The same of lines longer than a tenth of the drawing, which furniture is not."""
 
 
 def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> LineFaces:
     """Long lines where walls are drawn as such, as faces whose free side is unknown.
 
     Of layers called wall, those of which little became faces. Of a drawing without such layers all, where
-    what became faces is little beside the rest and fills little of its room: a counter, a staircase.
+    what became faces is little beside the very long ones, or is little beside the rest and fills little of
+    its room: a counter, a staircase.
 
     Args:
         candidates: all lines that were looked at.
@@ -43,8 +46,10 @@ def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> Lin
         at = own[rest.is_called_wall[own] & is_single[rest.layer[own]]]
     else:
         total = segments.lengths(faces.ends).sum()
-        is_single = total < SINGLE_SHARE * left.sum() and _room(faces.ends) < 0.5 * _room(
-            rest.ends[own]
+        very_long = length[own][length[own] > 0.1 * extent].sum()
+        is_corner = _room(faces.ends) < 0.5 * _room(rest.ends[own])
+        is_single = total < FEW_SHARE * very_long or (
+            is_corner and total < SINGLE_SHARE * left.sum()
         )
         at = own if is_single or len(faces.ends) == 0 else own[:0]
     ends, n = rest.ends[at], len(at)
