@@ -2,7 +2,7 @@
 
 import json
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 
 from planfit.alignment import Alignment, AlignmentHypothesis, WallSamples, metric_plan
-from planfit.cli.arguments import PlanFlags
+from planfit.cli.arguments import AlignmentFlags, PlanFlags
 from planfit.cli.console import StageBars, out, table, tell_scan
 from planfit.errors import OutputError
 from planfit.floorplan import Floorplan, read_floorplan
@@ -35,10 +35,9 @@ class AlignArguments:
         default_factory=ScanOptions
     )
     plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
-    candidate: int = 1
-    """Which of the alignment hypotheses is taken, 1 the best."""
-    control_points: tuple[str, ...] = ()
-    """Known pairs "x,y,z=u,v": a point of the scan in its own axes (m) and the same point on the plan."""
+    alignment_flags: Annotated[AlignmentFlags, tyro.conf.arg(name="")] = field(
+        default_factory=AlignmentFlags
+    )
     preset: str = "default"
     """Options to begin with: `default`, or `paper`, the published method to the letter."""
     config: Path | None = None
@@ -50,13 +49,7 @@ class AlignArguments:
 
 def align_command(arguments: AlignArguments) -> int:
     """Read, align, draw, report. Exit code 1 where the alignment is not sure."""
-    options = arguments.options
-    chosen = replace(
-        options.align,
-        candidate=arguments.candidate if arguments.candidate != 1 else options.align.candidate,
-        control_points=options.align.control_points + arguments.control_points,
-    )
-    options = replace(options, align=chosen)
+    options = arguments.alignment_flags.added_to(arguments.options)
     folder = _claim(arguments.out)
     scan = read_scan(arguments.scan, options.segmentation.reads_masks, arguments.scan_options)
     floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)

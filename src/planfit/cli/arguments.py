@@ -1,10 +1,10 @@
 """From words to arguments: how the parser reads flags, presets and files of options."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -12,6 +12,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 from planfit.cli.config import choices_of, member_of, read_options
 from planfit.floorplan import PlanOptions
 from planfit.floorplan.units import Unit
+from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.presets import preset
 
 
@@ -56,6 +57,29 @@ class PlanFlags:
             self.wall_mask,
             self.mirror,
         )
+
+
+@dataclass(frozen=True)
+class AlignmentFlags:
+    """What is known of the alignment."""
+
+    candidate: int = 1
+    """Which of the alignment hypotheses is taken, 1 the best, as numbered by `planfit align`."""
+    control_points: Annotated[
+        tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]], tyro.conf.arg(aliases=["--pin"])
+    ] = ()
+    """Known pairs "x,y,z=X,Y": a point of the scan in its own axes (m) and the same point on the plan, in the
+    coordinates at the rim of `planfit plan -o plan.png`; "x,y,z=file:X,Y" in the file's own."""
+
+    def added_to(self, options: RefineOptions) -> RefineOptions:
+        """Options with these in place of `align.candidate`, and beside `align.control_points`."""
+        points = tuple(point for points in self.control_points for point in points)
+        chosen = replace(
+            options.align,
+            candidate=self.candidate if self.candidate != 1 else options.align.candidate,
+            control_points=options.align.control_points + points,
+        )
+        return replace(options, align=chosen)
 
 
 def parse(arguments_type: Any, prog: str, argv: list[str]) -> Any:

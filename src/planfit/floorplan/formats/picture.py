@@ -1,6 +1,7 @@
 """PNG, JPEG and TIFF pictures of plans, as a viewer shows them."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,8 @@ def read_picture(path: Path, options: PlanOptions) -> Floorplan:
         FloorplanError: no picture, too large or too small, blank, a photograph, or without walls.
     """
     fingerprint = fingerprint_with_mask(path, options)
-    return read_image(load_picture(path), str(path), fingerprint, options, "raster picture")
+    plan = read_image(load_picture(path), str(path), fingerprint, options, "raster picture")
+    return replace(plan, source=replace(plan.source, is_picture=True))
 
 
 def read_image(

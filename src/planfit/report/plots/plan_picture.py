@@ -8,6 +8,7 @@ from PIL import Image, ImageOps
 
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
+from planfit.report.plots.rim import with_rim
 
 _SIDE_PX = 1600
 _MARGIN_PX = 40
@@ -21,7 +22,8 @@ _FACE, _OPENING, _UNORIENTED, _DROPPED = (0, 94, 213), (178, 114, 0), (158, 115,
 
 
 def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
-    """PNG: faces with ticks towards their free side, openings, and what was left out.
+    """PNG: faces with ticks towards their free side, openings, and what was left out; at the rim, the
+    coordinates in which points of the plan are given.
 
     Over the drawing, made pale, where the file is a picture; else over its line work in light grey.
 
@@ -54,6 +56,9 @@ def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
         _draw(canvas, np.stack([middle, tips], axis=1)[long], _FACE, 1)
     if floorplan.openings is not None and len(floorplan.openings):
         _draw(canvas, _moved(floorplan.openings, uv_from_plan), _OPENING, 2)
+    canvas = with_rim(
+        canvas, uv_from_plan @ np.linalg.inv(source.rim_from_plan), _rim_words(floorplan)
+    )
     canvas = _with_key(canvas, floorplan)
     return cv2.imencode(".png", canvas)[1].tobytes()
 
@@ -115,6 +120,13 @@ def _draw(canvas: np.ndarray, ends: np.ndarray, color: tuple[int, int, int], wid
     # Fixed point with four fractional bits, for lines between pixels; far ends must not overflow.
     points = np.round(np.clip(ends, -1e5, 1e5) * 16).astype(np.int32)
     cv2.polylines(canvas, list(points), False, color, width, cv2.LINE_AA, 4)
+
+
+def _rim_words(floorplan: Floorplan) -> str:
+    """Whose coordinates are at the rim."""
+    if floorplan.source.is_picture:
+        return "pixels of the picture, u right, v down"
+    return "plan frame, m" if floorplan.is_metric else "plan frame, units of the drawing"
 
 
 def _with_key(canvas: np.ndarray, floorplan: Floorplan) -> np.ndarray:
