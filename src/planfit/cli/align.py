@@ -14,6 +14,7 @@ from planfit.cli.arguments import AlignmentFlags, PlanFlags
 from planfit.cli.console import StageBars, out, table, tell_scan
 from planfit.errors import OutputError
 from planfit.floorplan import Floorplan, read_floorplan
+from planfit.geometry import se3
 from planfit.pipeline.align import align
 from planfit.pipeline.options import RefineOptions
 from planfit.report import draw_alignment
@@ -82,7 +83,7 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
         "is_as_recorded": alignment.is_as_recorded,
         "candidates": [
             {
-                "yaw_deg": float(np.rad2deg(hypothesis.yaw)),
+                "yaw_deg": se3.wrapped_deg(hypothesis.yaw),
                 "plan_from_level": hypothesis.plan_from_level.tolist(),
                 "metres_per_unit_xy": list(hypothesis.scale_xy),
                 "score": hypothesis.score,
@@ -142,7 +143,7 @@ def _title(number: int, hypothesis: AlignmentHypothesis, floorplan: Floorplan) -
     scale = "" if is_as_drawn else f", {_scale(hypothesis.scale_xy)}"
     return (
         f"hypothesis {number}: {hypothesis.score:.0%} of the scanned wall explained, yaw "
-        f"{np.rad2deg(hypothesis.yaw):.1f}°{scale}"
+        f"{se3.wrapped_deg(hypothesis.yaw):.1f}°{scale}"
     )
 
 
@@ -166,7 +167,7 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
             [
                 f"{i}{' (taken)' if is_taken else ''}",
                 f"{hypothesis.score:.0%}",
-                f"{np.rad2deg(hypothesis.yaw):.2f} deg",
+                f"{se3.wrapped_deg(hypothesis.yaw):.2f} deg",
                 f"{x:.2f}, {y:.2f} m",
                 "as given"
                 if _is_as_drawn(floorplan, hypothesis.scale_xy)

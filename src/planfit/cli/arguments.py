@@ -1,6 +1,8 @@
 """From words to arguments: how the parser reads flags, presets and files of options."""
 
 import dataclasses
+import math
+import re
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -10,6 +12,7 @@ import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from planfit.cli.config import choices_of, member_of, read_options
+from planfit.errors import OptionError
 from planfit.floorplan import PlanOptions
 from planfit.floorplan.units import Unit
 from planfit.pipeline.options import RefineOptions
@@ -23,8 +26,9 @@ class PlanFlags:
     unit: Unit = "auto"
     """Unit of the plan's coordinates; `auto` takes what the file says, `unknown` leaves the scale to the
     alignment."""
-    scale: float | None = None
-    """Metres of one unit of the file (a pixel, a point); overrules --unit."""
+    scale: Annotated[str | None, tyro.conf.arg(metavar="METRES|1:N")] = None
+    """Metres of one unit of the file (a pixel, a point), or the scale on paper as 1:100 (PDF, SVG, pictures
+    with dpi); overrules --unit."""
     storey: str = ""
     """Name or number (from 0) of the storey to read where a file holds several."""
     layer: tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]] = ()
@@ -47,16 +51,38 @@ class PlanFlags:
         Raises:
             OptionError: a value cannot work.
         """
+        metres, paper = parse_scale(self.scale)
         return PlanOptions(
-            self.unit,
-            self.scale,
-            self.storey,
-            tuple(name for names in self.layer for name in names),
-            self.page,
-            self.cut_height_m,
-            self.wall_mask,
-            self.mirror,
+            unit=self.unit,
+            metres_per_unit=metres,
+            paper_scale=paper,
+            storey=self.storey,
+            layers=tuple(name for names in self.layer for name in names),
+            page=self.page,
+            cut_height_m=self.cut_height_m,
+            wall_mask=self.wall_mask,
+            mirror=self.mirror,
         )
+
+
+def parse_scale(text: str | None) -> tuple[float | None, float | None]:
+    """Metres of one unit, or N of a scale on paper 1:N.
+
+    Raises:
+        OptionError: it is neither.
+    """
+    if text is None:
+        return None, None
+    ratio = re.fullmatch(r"\s*1\s*[:/]\s*(\d+(?:\.\d+)?)\s*", text)
+    try:
+        number = float(ratio[1] if ratio else text)
+    except ValueError:
+        number = math.nan
+    if not (math.isfinite(number) and number > 0):
+        raise OptionError(
+            f"--scale: expected metres of one unit of the file, as 0.02, or a scale as 1:100, found {text!r}"
+        )
+    return (None, number) if ratio else (number, None)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.formats import find_reader
+from planfit.floorplan.formats import PAPER_SUFFIXES, find_reader
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
@@ -18,7 +18,13 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
     path, options = Path(path), options or PlanOptions()
     if not path.exists():
         raise FloorplanError(f"{path}: expected a floorplan, found nothing; check the path")
-    floorplan = find_reader(path)(path, options)
+    reader = find_reader(path)
+    if options.paper_scale is not None and path.suffix.lower() not in PAPER_SUFFIXES:
+        raise FloorplanError(
+            f"{path}: expected a file with a size on paper (PDF, SVG, a picture with dpi) for the scale "
+            f"1:{options.paper_scale:g}, found {path.suffix}; give --unit, or --scale METRES of one unit"
+        )
+    floorplan = reader(path, options)
     extent = max(floorplan.size)
     if floorplan.is_metric and not MIN_SIZE_M <= extent <= MAX_SIZE_M:
         raise FloorplanError(

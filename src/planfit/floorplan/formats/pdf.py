@@ -22,6 +22,7 @@ MIN_PARTS = 20
 """A page with fewer lines and areas, and a picture on it, is the picture."""
 PICTURE_DPI = 300.0
 MAX_PICTURE_PX = 10_000
+METRES_PER_POINT = 0.0254 / 72
 _MAX_FORM_DEPTH = 12
 
 
@@ -45,7 +46,8 @@ def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
             return _read_as_picture(page, path, options)
     finally:
         document.close()
-    return plan_of_drawing(drawing, path, fingerprint_of(path), options, "PDF drawing", np.eye(3))
+    on_paper = options.on_paper(METRES_PER_POINT)
+    return plan_of_drawing(drawing, path, fingerprint_of(path), on_paper, "PDF drawing", np.eye(3))
 
 
 def _open(path: Path) -> pdfium.PdfDocument:
@@ -77,7 +79,11 @@ def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> 
     picture = bitmap.to_numpy()[..., :3]
     fingerprint = fingerprint_with_mask(path, options)
     return read_image(
-        np.ascontiguousarray(picture), str(path), fingerprint, options, "picture in a PDF"
+        np.ascontiguousarray(picture),
+        str(path),
+        fingerprint,
+        options.on_paper(METRES_PER_POINT / scale),
+        "picture in a PDF",
     )
 
 

@@ -12,7 +12,6 @@ from planfit.report.plots.rim import with_rim
 
 _SIDE_PX = 1600
 _MARGIN_PX = 40
-_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _GROW = 0.5
 """Line work is shown around the faces as far as this share of their longer side: a wing that was missed is,
 a title block far off is not."""
@@ -36,7 +35,7 @@ def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
         _in_plan(floorplan, source.drawn_lines),
         _in_plan(floorplan, source.dropped_lines),
     )
-    if path.suffix.lower() in _PICTURES and source.file_from_plan is not None:
+    if source.is_picture and source.file_from_plan is not None:
         canvas, zoom = _pale(path)
         uv_from_plan = _zoomed(source.file_from_plan, zoom)
     else:

@@ -73,7 +73,8 @@ def _name_axes(axes: Axes, level_from_world: Float[np.ndarray, "3 3"]) -> None:
     for row, axis in ((level_from_world[0], axes.xaxis), (level_from_world[1], axes.yaxis)):
         k = int(np.argmax(np.abs(row)))
         if abs(row[k]) < _LEVEL_COSINE:
-            continue  # a tilted world has no such numbers
+            axis.set_label_text(f"{axis.get_label_text()}, turned level: not the scan's own axes")
+            continue
         sign = float(np.sign(row[k]))
         axis.set_major_formatter(lambda value, _, sign=sign: f"{sign * value + 0.0:g}")
         axis.set_label_text(f"{'xyz'[k]} of the scan (m)")
