@@ -108,20 +108,8 @@ def _surfaces(path: Path, content: dict[str, Any], kind: str) -> list[Surface]:
     Raises:
         FloorplanError: one has no transform and dimensions of numbers.
     """
-    listed = content.get(kind)
-    if not listed and isinstance(content.get("rooms"), list):
-        listed = [
-            item
-            for room in content["rooms"]
-            if isinstance(room, dict)
-            for item in room.get(kind) or []
-        ]
-    if not isinstance(listed or [], list) or len(listed or []) > MAX_SURFACES:
-        raise FloorplanError(
-            f"{path}: expected a list of {kind}, found another value; export it again"
-        )
     found = []
-    for number, item in enumerate(listed or []):
+    for number, item in enumerate(_listed(path, content, kind)):
         try:
             found.append(_surface(item))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -130,6 +118,29 @@ def _surfaces(path: Path, content: dict[str, Any], kind: str) -> list[Surface]:
                 f"number {number + 1} damaged ({type(error).__name__}); export it again"
             ) from error
     return [surface for surface in found if segments.lengths(surface.ends[None])[0] > MIN_FACE_M]
+
+
+def _listed(path: Path, content: dict[str, Any], kind: str) -> list[Any]:
+    """Entries of a room, or of all rooms of a structure where it lists none itself.
+
+    Raises:
+        FloorplanError: there is something else than a list.
+    """
+    rooms = content.get("rooms")
+    rooms = [room for room in rooms if isinstance(room, dict)] if isinstance(rooms, list) else []
+    lists = [content.get(kind) or []]
+    if not lists[0]:
+        lists = [room.get(kind) or [] for room in rooms]
+    if not all(isinstance(each, list) for each in lists):
+        raise FloorplanError(
+            f"{path}: expected a list of {kind}, found another value; export it again"
+        )
+    found = [item for each in lists for item in each]
+    if len(found) > MAX_SURFACES:
+        raise FloorplanError(
+            f"{path}: expected at most {MAX_SURFACES} {kind}, found {len(found)}; export one room"
+        )
+    return found
 
 
 def _surface(item: dict[str, Any]) -> Surface:
@@ -198,12 +209,8 @@ def _wall_of(hole: Surface, walls: list[Surface]) -> int | None:
 
 def _floor(path: Path, content: dict[str, Any], storey: int) -> BaseGeometry:
     """Area of the floors of a storey; empty where none has an outline."""
-    rooms = content.get("rooms")
-    listed = list(content.get("floors") or [])
-    if not listed and isinstance(rooms, list):
-        listed = [f for room in rooms if isinstance(room, dict) for f in room.get("floors") or []]
     areas = []
-    for number, item in enumerate(listed):
+    for number, item in enumerate(_listed(path, content, "floors")):
         try:
             if int(item.get("story") or 0) != storey:
                 continue
