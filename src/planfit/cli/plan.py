@@ -79,7 +79,11 @@ def summarise(floorplan: Floorplan) -> None:
         low, middle, high = _thicknesses(floorplan)
         rows.append(["thickness", f"{low:.3g} to {high:.3g}, median {middle:.3g} {unit}"])
     if floorplan.openings is not None:
-        rows.append(["openings", f"{len(floorplan.openings)} gaps of doors and windows in faces"])
+        kinds = f" ({', '.join(source.opening_kinds)})" if source.opening_kinds else ""
+        gaps = f"{len(floorplan.openings)} gaps of doors and windows in faces{kinds}"
+        rows.append(["openings", gaps])
+    if source.map_words:
+        rows.append(["on the map", source.map_words])
     if source.is_mirrored:
         rows.append(["mirrored", "left and right of the file are swapped (--mirror)"])
     if source.storeys:

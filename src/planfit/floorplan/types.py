@@ -46,6 +46,10 @@ class PlanSource:
     was or it has no place."""
     is_mirrored: bool = False
     """Whether left and right of the file are swapped in the plan frame, as the user asked."""
+    opening_kinds: tuple[str, ...] = ()
+    """What the openings are, counted: "5 doors", "11 windows"; empty where the file does not tell."""
+    map_words: str = ""
+    """Where on a map the plan lies, in words; empty where the file does not tell."""
     is_picture: bool = False
     """Whether the file's own coordinates are pixels of a picture: points of the plan are then given in these
     (u right, v down), else in the plan frame."""

@@ -34,7 +34,7 @@ READERS = {
     **dict.fromkeys((".svg", ".svgz"), "svg:read_svg"),
     ".dxf": "dxf:read_dxf",
     ".pdf": "pdf:read_pdf",
-    ".ifc": "ifc:read_ifc",
+    **dict.fromkeys((".ifc", ".ifczip"), "ifc:read_ifc"),
     **dict.fromkeys((".geojson", ".zip"), "geojson:read_geojson"),
     **dict.fromkeys((".ply", ".obj", ".glb", ".gltf", ".stl", ".off"), "mesh:read_mesh"),
 }
