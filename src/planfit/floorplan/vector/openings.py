@@ -34,9 +34,20 @@ def arcs_of_lines(lines: Lines) -> tuple[Float[np.ndarray, "k 2 2"], Float[np.nd
     A run goes on from one path to the next where it keeps its course: some programs write one arc as
     several splines. The arcs of a double door meet at a point, but turn back there.
     """
-    if not lines.is_curved.any():
+    at, run = curve_runs(lines)
+    if len(at) == 0:
         return np.zeros((0, 2, 2)), np.zeros(0)
+    ends, is_first = lines.ends[at], np.diff(run, prepend=-1) > 0
+    is_last = np.diff(run, append=len(run)) > 0
+    length = np.bincount(run, segments.lengths(ends))
+    return np.stack([ends[is_first, 0], ends[is_last, 1]], axis=1), length
+
+
+def curve_runs(lines: Lines) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
+    """Index of each segment of a curve, in the order of the file, and the number of the run it is in."""
     at = np.flatnonzero(lines.is_curved)
+    if len(at) == 0:
+        return at, at
     ends, along = lines.ends[at], segments.directions(lines.ends[at])
     gap = np.linalg.norm(ends[1:, 0] - ends[:-1, 1], axis=1)
     joined = (
@@ -44,10 +55,7 @@ def arcs_of_lines(lines: Lines) -> tuple[Float[np.ndarray, "k 2 2"], Float[np.nd
         & (gap <= 1e-3 * segments.lengths(ends)[1:])
         & (np.einsum("ni,ni->n", along[1:], along[:-1]) > 0.5)
     )
-    is_first, is_last = np.concatenate([[True], ~joined]), np.concatenate([~joined, [True]])
-    # The count of beginnings up to a segment is the number of its run, from 1 on.
-    length = np.bincount(np.cumsum(is_first) - 1, segments.lengths(ends))
-    return np.stack([ends[is_first, 0], ends[is_last, 1]], axis=1), length
+    return at, np.cumsum(np.concatenate([[True], ~joined])) - 1
 
 
 def is_door_leaf(

@@ -31,7 +31,7 @@ def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> Lin
     """
     if len(candidates) == 0:
         return LineFaces.together([])
-    rest = candidates.cut(*cut_out(candidates.ends, _body(faces, extent), 0.01 * extent))
+    rest = candidates.cut(*cut_out(candidates.ends, body_of_faces(faces, extent), 0.01 * extent))
     length = segments.lengths(rest.ends)
     is_long = length > 0.02 * extent
     own = np.flatnonzero(is_long & (rest.layer >= 0))
@@ -67,7 +67,7 @@ def _nearest_line(
     return np.asarray(shapely.STRtree(line_strings(lines)).nearest(middles), dtype=int)
 
 
-def _body(faces: LineFaces, extent: float) -> BaseGeometry:
+def body_of_faces(faces: LineFaces, extent: float) -> BaseGeometry:
     """Walls behind faces, with the faces themselves."""
     if len(faces.ends) == 0:
         return shapely.Polygon()

@@ -8,7 +8,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import line_strings
+from planfit.floorplan.faces import line_strings, weighted_median
 from planfit.floorplan.vector.areas import (
     edges_of_rooms,
     hatched_areas,
@@ -18,6 +18,7 @@ from planfit.floorplan.vector.areas import (
 )
 from planfit.floorplan.vector.candidates import Candidates
 from planfit.floorplan.vector.closed_pieces import ClosedPieces, closed_pieces, joined
+from planfit.floorplan.vector.doors import OpenedDoors, find_door_swings, open_doors
 from planfit.floorplan.vector.double_lines import (
     LineFaces,
     estimate_thickness,
@@ -30,7 +31,7 @@ from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
 from planfit.floorplan.vector.regions import faces_of_regions
-from planfit.floorplan.vector.single_lines import single_lines
+from planfit.floorplan.vector.single_lines import body_of_faces, single_lines
 from planfit.geometry import segments
 
 MAIN_SHARE = 0.35
@@ -110,6 +111,11 @@ def walls_of_drawing(
         dropped.append(f"line work inside {len(rooms)} filled or hatched rooms")
     found = _faces_of_all(solids, pieces, rooms, candidates, metres_per_unit, extent)
     faces, apart = _main_part(LineFaces.together(found.parts), extent)
+    doors = _open_doors(faces, lines, metres_per_unit, bounds[1], extent)
+    faces = doors.faces
+    if doors.n_doors:
+        doors_are = "1 door" if doors.n_doors == 1 else f"{doors.n_doors} doors"
+        dropped.append(f"lines that ran through {doors_are} drawn as quarter circles")
     if len(apart):
         dropped.append(f"{len(apart)} faces apart from the building (legend, title block, details)")
     by_layer = _lengths_by_layer(drawing, roles, found.candidates, faces)
@@ -123,9 +129,21 @@ def walls_of_drawing(
         found.warnings,
         is_left_out,
         apart,
-        windows.openings,
+        np.concatenate([windows.openings, doors.openings]),
         by_layer,
     )
+
+
+def _open_doors(
+    faces: LineFaces, lines: Lines, metres_per_unit: float | None, most: float, extent: float
+) -> OpenedDoors:
+    """Faces cut where doors are drawn in them."""
+    known = np.isfinite(faces.thickness)
+    if not known.any() or not lines.is_curved.any():
+        return OpenedDoors(faces, np.zeros((0, 2, 2)), 0)
+    usual = weighted_median(faces.thickness[known], segments.lengths(faces.ends[known]))
+    swings = find_door_swings(lines, metres_per_unit, usual)
+    return open_doors(faces, swings, body_of_faces(faces, extent), most)
 
 
 def _lengths_by_layer(
