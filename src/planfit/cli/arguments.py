@@ -41,6 +41,8 @@ class PlanFlags:
     wall_mask: Path | None = None
     """Picture of the size of the plan, white where there is wall; takes the place of planfit's
     interpretation of the picture."""
+    plan_edits: Path | None = None
+    """JSON file of corrections of the plan as read, written by `planfit plan --write-edits`."""
     mirror: bool = False
     """Swap left and right of the plan: for one that was drawn or exported mirrored."""
 
@@ -61,6 +63,7 @@ class PlanFlags:
             page=self.page,
             cut_height_m=self.cut_height_m,
             wall_mask=self.wall_mask,
+            edits=self.plan_edits,
             mirror=self.mirror,
         )
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.edits import edited, read_edits
 from planfit.floorplan.formats import PAPER_SUFFIXES, find_reader
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
@@ -32,4 +33,7 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
             f"found {floorplan.size[0]:.4g} x {floorplan.size[1]:.4g}; "
             "convert it from its own unit to metres, or give --unit or --scale"
         )
-    return floorplan.mirrored() if options.mirror else floorplan
+    floorplan = floorplan.mirrored() if options.mirror else floorplan
+    if options.edits is None:
+        return floorplan
+    return edited(floorplan, read_edits(options.edits), str(options.edits))

@@ -60,6 +60,8 @@ def find_openings(
             whole.append(area)
             gone = area.difference(solid.buffer(_SKIN_M, join_style="mitre"))
             voids += [v for v in shapely.get_parts(gone) if v.area > 0]
+    if not voids:
+        return Openings(np.zeros((0, 2, 2)), ())
     sides, kinds = [], Counter()
     fillings = _fillings(ifcopenshell, walls, unit_scale)
     uncut = shapely.boundary(shapely.union_all(whole))

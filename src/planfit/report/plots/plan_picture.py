@@ -20,7 +20,7 @@ _FACE, _OPENING, _UNORIENTED, _DROPPED = (0, 94, 213), (178, 114, 0), (158, 115,
 """BGR; Okabe and Ito's palette."""
 
 
-def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
+def draw_plan_picture(floorplan: Floorplan, path: Path, has_numbers: bool = False) -> bytes:
     """PNG: faces with ticks towards their free side, openings, and what was left out; at the rim, the
     coordinates in which points of the plan are given.
 
@@ -29,6 +29,7 @@ def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
     Args:
         floorplan: as read.
         path: of the file that it was read from.
+        has_numbers: whether faces are numbered, as `planfit plan --drop` counts them.
     """
     source = floorplan.source
     drawn, left_out = (
@@ -55,6 +56,12 @@ def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
         _draw(canvas, np.stack([middle, tips], axis=1)[long], _FACE, 1)
     if floorplan.openings is not None and len(floorplan.openings):
         _draw(canvas, _moved(floorplan.openings, uv_from_plan), _OPENING, 2)
+    if has_numbers:
+        for number, middle in enumerate(_moved(floorplan.ends, uv_from_plan).mean(axis=1)):
+            at = tuple(np.round(np.clip(middle, -1e5, 1e5)).astype(int).tolist())
+            cv2.putText(
+                canvas, str(number), at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (150, 0, 0), 1, cv2.LINE_AA
+            )
     canvas = with_rim(
         canvas, uv_from_plan @ np.linalg.inv(source.rim_from_plan), _rim_words(floorplan)
     )
