@@ -31,7 +31,9 @@ class PlanFlags:
     with dpi); overrules --unit."""
     storey: str = ""
     """Name or number (from 0) of the storey to read where a file holds several."""
-    layer: tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]] = ()
+    layer: Annotated[
+        tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]], tyro.conf.arg(metavar="NAME ...")
+    ] = ()
     """Layers that hold the walls (`*` stands for anything), `--layer A B` or `--layer A --layer B`; without,
     a guess from names and line work."""
     page: int = 1
@@ -95,7 +97,8 @@ class AlignmentFlags:
     candidate: int = 1
     """Which of the alignment hypotheses is taken, 1 the best, as numbered by `planfit align`."""
     control_points: Annotated[
-        tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]], tyro.conf.arg(aliases=["--pin"])
+        tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]],
+        tyro.conf.arg(aliases=["--pin"], metavar="X,Y,Z=X,Y ..."),
     ] = ()
     """Known pairs "x,y,z=X,Y": a point of the scan in its own axes (m) and the same point on the plan, in the
     coordinates at the rim of `planfit plan -o plan.png`; "x,y,z=file:X,Y" in the file's own."""

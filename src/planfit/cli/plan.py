@@ -26,9 +26,13 @@ class PlanArguments:
     """File of the plan."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File to write: `.png` (faces over the drawing), `.svg`, `.dxf`, or `.json` (lossless)."""
-    drop: tyro.conf.UseAppendAction[tuple[tuple[int, ...], ...]] = ()
+    drop: Annotated[
+        tyro.conf.UseAppendAction[tuple[tuple[int, ...], ...]], tyro.conf.arg(metavar="N ...")
+    ] = ()
     """Faces to leave out, by the numbers that --numbers shows."""
-    keep_region: tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]] = ()
+    keep_region: Annotated[
+        tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]], tyro.conf.arg(metavar="X,Y,X,Y ...")
+    ] = ()
     """Keep what lies in a region alone: "x0,y0,x1,y1", or its corners "x,y,x,y,x,y", in the coordinates at
     the rim of the picture."""
     write_edits: Path | None = None
