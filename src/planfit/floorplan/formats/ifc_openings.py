@@ -81,7 +81,7 @@ def find_openings(
 
 def _sides_of(void: BaseGeometry, near_face: BaseGeometry) -> Float[np.ndarray, "k 2 2"]:
     """Edges of a void that lie on faces of the wall."""
-    outline = shapely.simplify(shapely.Polygon(void.exterior), 2 * _SKIN_M)
+    outline = shapely.simplify(shapely.get_exterior_ring(void), 2 * _SKIN_M)
     points = shapely.get_coordinates(outline)
     edges = np.stack([points[:-1], points[1:]], axis=1)
     edges = edges[segments.lengths(edges) > MIN_SIDE_M]

@@ -268,21 +268,20 @@ def faces_of_cells(
     Returns pixels (u, v) of the picture; integer pixels are centres of cells.
     """
     free = _rooms(cells, resolution_m)
-    near = cv2.dilate(cells.is_occupied.astype(np.uint8), _disc(REACH_CELLS)) > 0
+    near = np.asarray(cv2.dilate(cells.is_occupied.astype(np.uint8), _disc(REACH_CELLS))) > 0
     contours, _ = cv2.findContours(free.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     least = max(MIN_FACE_M / resolution_m, MIN_FACE_CELLS)
     ends, normals = [], []
     for contour in contours:
-        points = contour[:, 0, :]
+        points = np.asarray(contour)[:, 0, :].astype(int)
         for run in _runs(near[points[:, 1], points[:, 0]]):
             for start, stop in _straight(points[run]):
                 fitted = _fitted(points[run][start : stop + 1].astype(float))
                 if fitted is None or np.linalg.norm(fitted[1] - fitted[0]) < least:
                     continue
                 normal = _into_free(free, fitted)
-                ends.append(
-                    fitted - 0.5 * normal
-                )  # from the middle of the last free cell to its border
+                # From the middle of the last free cell to its border.
+                ends.append(fitted - 0.5 * normal)
                 normals.append(normal)
     return np.array(ends).reshape(-1, 2, 2), np.array(normals).reshape(-1, 2)
 
@@ -292,12 +291,15 @@ def _rooms(cells: Cells, resolution_m: float) -> Bool[np.ndarray, "h w"]:
     free = cv2.medianBlur(cells.is_free.astype(np.uint8), 3)
     free = cv2.morphologyEx(free, cv2.MORPH_OPEN, _disc(1.0))
     count, labels, statistics, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
-    large = statistics[:, cv2.CC_STAT_AREA] * resolution_m**2 >= MIN_ROOM_M2
+    large = np.asarray(statistics)[:, cv2.CC_STAT_AREA] * resolution_m**2 >= MIN_ROOM_M2
     large[0] = False
-    rooms = (large[labels] if count > 1 else np.zeros(free.shape, dtype=bool)).astype(np.uint8)
+    rooms = np.zeros(free.shape, dtype=bool)
+    if count > 1:
+        rooms = large[np.asarray(labels)]
     for _ in range(GROW_CELLS):
-        rooms = cv2.dilate(rooms, _disc(1.0)) & ~cells.is_occupied
-    return rooms > 0
+        grown = np.asarray(cv2.dilate(rooms.astype(np.uint8), _disc(1.0))) > 0
+        rooms = grown & ~cells.is_occupied
+    return rooms
 
 
 def _disc(radius: float) -> np.ndarray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.vector.arcs import fit_circle
@@ -152,8 +152,7 @@ def _closed_tip(swing: DoorSwing, body: BaseGeometry) -> Float[np.ndarray, "2"] 
 
 
 def _share_in(body: BaseGeometry, points: Float[np.ndarray, "n 2"], near: float) -> float:
-    is_in: Bool[np.ndarray, " n"] = shapely.dwithin(body, shapely.points(points), near)
-    return float(is_in.mean())
+    return float(np.mean(shapely.dwithin(body, shapely.points(points), near)))
 
 
 def _cut(faces: LineFaces, cuts: dict[int, list[tuple[float, float]]], n_doors: int) -> OpenedDoors:
