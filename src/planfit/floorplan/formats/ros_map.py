@@ -295,7 +295,7 @@ def _rooms(cells: Cells, resolution_m: float) -> Bool[np.ndarray, "h w"]:
     large[0] = False
     rooms = np.zeros(free.shape, dtype=bool)
     if count > 1:
-        rooms = large[np.asarray(labels)]
+        rooms = large[np.asarray(labels, dtype=np.int64)]
     for _ in range(GROW_CELLS):
         grown = np.asarray(cv2.dilate(rooms.astype(np.uint8), _disc(1.0))) > 0
         rooms = grown & ~cells.is_occupied

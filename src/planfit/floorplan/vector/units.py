@@ -1,7 +1,7 @@
 """How long one unit of a drawing is: from the user, the file, its dimension texts, or not at all."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -94,9 +94,7 @@ def unit_of_drawing(
                 f"{extent:.3g} m: not used",
             )
             if by_dimensions is None:
-                guessed = _guess(size, usual_thickness)
-                is_sure = guessed.metres_per_unit is not None
-                return replace(guessed, warnings=(*warnings, *guessed.warnings[: int(is_sure)]))
+                return UnitFound(None, "unknown", "", warnings)
     if by_dimensions is not None:
         return UnitFound(
             by_dimensions.metres_per_unit, by_dimensions.unit, by_dimensions.unit_from, warnings
