@@ -45,8 +45,9 @@ def test_short_help_shows_flags_that_the_parser_has_with_their_defaults(command:
     shown = {}
     for entry in entries:
         words = re.findall(r"--[a-z][\w.-]*|^[A-Z]+", entry.split("\n")[0])
-        assert words[0] in flags, entry
-        shown[words[0]] = " ".join(entry.split("\n\n")[0].split())
+        name = next((word for word in words if word in flags), None)  # after its aliases
+        assert name is not None, entry
+        shown[name] = " ".join(entry.split("\n\n")[0].split())
     needed = {name for name, flag in flags.items() if flag.default is dataclasses.MISSING}
     assert set(shown) == needed | {f"--{name}" for name in command.flags}
     for name in needed:

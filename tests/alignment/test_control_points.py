@@ -14,15 +14,34 @@ from planfit.floorplan import PlanSource
 from planfit.geometry import se3
 
 
-def test_a_control_point_is_levelled_and_taken_out_of_the_files_coordinates():
+def test_a_control_point_is_levelled_and_on_the_plan_frame():
     level_from_world = se3.make_transform(np.eye(3), np.array([1.0, 2.0, 3.0]))
     file_from_plan = np.array([[2.0, 0, 10], [0, -2.0, 20], [0, 0, 1]])
     plan = replace(room_plan(), source=PlanSource(file_from_plan=file_from_plan))
-    (point,) = read_control_points(("5,6,7=14,16",), level_from_world, plan)
-    assert_allclose(point.level_xy, [6, 8])
-    assert_allclose(point.plan_xy, [2, 2])
-    (plain,) = read_control_points(("5,6,7=14,16",), level_from_world, room_plan())
-    assert_allclose(plain.plan_xy, [14, 16])
+    texts = ("5,6,7=2,3", "5,6,7=file:14,14")
+    for point in read_control_points(texts, level_from_world, plan):
+        assert_allclose(point.level_xy, [6, 8])
+        assert_allclose(point.plan_xy, [2, 3])
+    picture = replace(plan, source=replace(plan.source, is_picture=True))
+    (point,) = read_control_points(("5,6,7=14,14",), level_from_world, picture)
+    assert_allclose(point.plan_xy, [2, 3])
+
+
+def test_a_point_in_other_axes_is_refused_with_what_to_write():
+    """A plan far from where its file has it: the two systems cannot be mixed up."""
+    file_from_plan = np.array([[1.0, 0, 1000], [0, 1, 2000], [0, 0, 1]])
+    plan = replace(room_plan(), source=PlanSource(file_from_plan=file_from_plan))
+    with pytest.raises(OptionError) as error:
+        read_control_points(("5,6,7=1002,2003",), np.eye(4), plan)
+    assert str(error.value) == (
+        "align.control-points: expected points on the plan, which spans 0 to 6 by 0 to 4 (m), found "
+        "(1002, 2003) in '5,6,7=1002,2003'; if it is in the file's own coordinates, write "
+        "5,6,7=file:1002,2003"
+    )
+    with pytest.raises(OptionError, match="read it off the rim of `planfit plan"):
+        read_control_points(("5,6,7=-50,3",), np.eye(4), plan)
+    (garden,) = read_control_points(("5,6,7=-2,3",), np.eye(4), plan)
+    assert_allclose(garden.plan_xy, [-2, 3])
 
 
 def control_points_of(yaw, scale, translation, points):

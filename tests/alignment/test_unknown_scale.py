@@ -316,6 +316,14 @@ def test_a_plan_that_claims_metres_is_questioned_in_its_own_unit(office, scan, m
     assert found[1] == pytest.approx(metres, rel=2e-3)
 
 
+def test_a_plan_that_fits_elsewhere_than_the_control_points_say_is_not_questioned(office, scan):
+    """No factor near 1 is another unit: the points are wrong, or of other axes."""
+    misled = replace(align(scan, office, AlignOptions()), score=0.1)
+    assert find_unit(scan, office, misled, AlignOptions()) is None
+    stretched = replace(office, ends=office.ends * 1.05)
+    assert find_unit(scan, stretched, misled, AlignOptions()) is None
+
+
 def test_a_plan_in_metres_is_not_questioned(office, scan):
     assert find_unit(scan, office, align(scan, office, AlignOptions()), AlignOptions()) is None
 

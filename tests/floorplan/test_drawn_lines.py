@@ -90,7 +90,7 @@ def test_layers_of_no_walls_are_left_out_lines(tmp_path: Path) -> None:
 
 def test_layers_that_were_not_chosen_are_left_out_lines(tmp_path: Path) -> None:
     def add_paving(document: ezdxf.document.Drawing) -> None:
-        document.modelspace().add_line((0, -9), (9, -9), dxfattribs={"layer": "PAVING"})
+        document.modelspace().add_line((0, -9), (9, -9), dxfattribs={"layer": "GROUND"})
 
     path = write_dxf(tmp_path / "a.dxf", WALLS, extra=add_paving)
     plan, chosen = read_floorplan(path), read_floorplan(path, PlanOptions(layers=("A-WALL",)))

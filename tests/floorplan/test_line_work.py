@@ -149,7 +149,7 @@ def furniture(layer):
 def test_layers_of_furniture_are_left_out(tmp_path):
     plan = read_floorplan(write_dxf(tmp_path / "a.dxf", WALLS, extra=furniture("Furniture")))
     assert precision(plan) > 0.999
-    assert plan.source.dropped == ("8 lines on layers of no walls: Furniture",)
+    assert plan.source.dropped == ("8 lines on layers of no walls: Furniture (9.6 m)",)
 
 
 def test_the_user_chooses_layers_with_wildcards(tmp_path):

@@ -20,20 +20,29 @@ class ControlPoint:
     """Plan frame, in the plan's unit."""
 
 
-def parse_control_point(text: str) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 2"]]:
-    """World point (m) and plan point (the file's coordinates) of "x,y,z=u,v".
+OF_FILE = "file:"
+"""Before a point of the plan that is given in the file's own coordinates."""
+OUTSIDE_SHARE = 0.5
+"""A point of the plan may lie so far outside of its faces, as a share of their extent: control points stand
+in gardens and on pavements."""
+
+
+def parse_control_point(text: str) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 2"], bool]:
+    """World point (m), plan point, and whether that is in the file's own coordinates, of "x,y,z=X,Y" or
+    "x,y,z=file:X,Y".
 
     Raises:
         OptionError: it is not of this form.
     """
     scan, separator, plan = text.partition("=")
-    world, on_plan = _numbers(scan), _numbers(plan)
+    is_of_file = plan.strip().startswith(OF_FILE)
+    world, on_plan = _numbers(scan), _numbers(plan.strip().removeprefix(OF_FILE))
     if not separator or world is None or on_plan is None or (len(world), len(on_plan)) != (3, 2):
         raise OptionError(
             f"align.control-points: expected x,y,z=u,v (a point of the scan = the same point on the plan), "
             f"found {text!r}"
         )
-    return np.array(world), np.array(on_plan)
+    return np.array(world), np.array(on_plan), is_of_file
 
 
 def parse_start(text: str) -> tuple[Float[np.ndarray, " 2"], float]:
@@ -53,17 +62,60 @@ def parse_start(text: str) -> tuple[Float[np.ndarray, " 2"], float]:
 def read_control_points(
     texts: tuple[str, ...], level_from_world: Float[np.ndarray, "4 4"], floorplan: Floorplan
 ) -> tuple[ControlPoint, ...]:
-    """Control points of texts: the scan's side levelled, the plan's side out of the file's coordinates."""
+    """Control points of texts: the scan's side levelled, the plan's side in the plan frame.
+
+    Raises:
+        OptionError: a point lies far outside of the plan, as one in other axes does.
+    """
+    source = floorplan.source
+    plan_from_rim = np.linalg.inv(source.rim_from_plan)
+    plan_from_file = plan_from_rim
+    if source.file_from_plan is not None:
+        plan_from_file = np.linalg.inv(source.file_from_plan)
     control_points = []
-    plan_from_file = np.eye(3)
-    if floorplan.source.file_from_plan is not None:
-        plan_from_file = np.linalg.inv(floorplan.source.file_from_plan)
     for text in texts:
-        world, file_uv = parse_control_point(text)
+        world, given, is_of_file = parse_control_point(text)
         level = level_from_world[:3, :3] @ world + level_from_world[:3, 3]
-        on_plan = plan_from_file @ np.array([*file_uv, 1.0])
-        control_points.append(ControlPoint(level[:2], on_plan[:2] / on_plan[2]))
+        on_plan = _moved(given, plan_from_file if is_of_file else plan_from_rim)
+        if not _is_near(on_plan, floorplan):
+            is_in_file = not is_of_file and _is_near(_moved(given, plan_from_file), floorplan)
+            raise OptionError(_outside_words(text, given, floorplan, is_in_file))
+        control_points.append(ControlPoint(level[:2], on_plan))
     return tuple(control_points)
+
+
+def _moved(
+    point: Float[np.ndarray, " 2"], there_from_here: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, " 2"]:
+    there = there_from_here @ np.array([*point, 1.0])
+    return there[:2] / there[2]
+
+
+def _is_near(point: Float[np.ndarray, " 2"], floorplan: Floorplan) -> bool:
+    corners = floorplan.ends.reshape(-1, 2)
+    margin = OUTSIDE_SHARE * max(floorplan.size)
+    low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
+    return bool(((point >= low) & (point <= high)).all())
+
+
+def _outside_words(
+    text: str, given: Float[np.ndarray, " 2"], floorplan: Floorplan, is_in_file: bool
+) -> str:
+    """Where the plan lies, and what to write."""
+    rim = floorplan.source.rim_from_plan
+    corners = floorplan.ends.reshape(-1, 2) @ rim[:2, :2].T + rim[:2, 2]
+    (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
+    unit = (
+        "px, v down" if floorplan.source.is_picture else "m" if floorplan.is_metric else "its units"
+    )
+    advice = "read it off the rim of `planfit plan FILE -o plan.png`"
+    if is_in_file:
+        scan = text.partition("=")[0]
+        advice = f"if it is in the file's own coordinates, write {scan}={OF_FILE}{given[0]:g},{given[1]:g}"
+    return (
+        f"align.control-points: expected points on the plan, which spans {x0:.5g} to {x1:.5g} by {y0:.5g} to "
+        f"{y1:.5g} ({unit}), found ({given[0]:g}, {given[1]:g}) in {text!r}; {advice}"
+    )
 
 
 def fit_control_points(

@@ -48,8 +48,9 @@ class AlignOptions:
     two_scales: bool = False
     """Look for a scale along each axis of the plan: drawings that were stretched."""
     control_points: tuple[str, ...] = ()
-    """Known pairs "x,y,z=u,v": a point of the scan in its own axes (m) and the same point on the plan
-    (pixels of a picture, else the plan frame in the plan's unit)."""
+    """Known pairs "x,y,z=X,Y": a point of the scan in its own axes (m) and the same point on the plan, in the
+    coordinates at the rim of `planfit plan -o plan.png`: pixels of a picture (v down), else the plan frame,
+    in metres where its unit is known. "x,y,z=file:X,Y": in the file's own coordinates."""
     control_point_tolerance_m: float = 1.0
     """How far off a control point may end."""
     start: str = ""

@@ -56,6 +56,8 @@ METRES_PER_UNIT = {
 }
 NEAR_UNIT = 0.02
 """A scale this near to a unit, as a share, is that unit."""
+SAME_UNIT = 0.2
+"""A plan that fits at a scale this near to 1, as a share, is in metres: no unit is so near to another."""
 BETTER_SCORE = 0.2
 """What another unit must explain beyond what metres do."""
 
@@ -129,7 +131,8 @@ def find_unit(
     walls: WallSamples, floorplan: Floorplan, alignment: Alignment, options: AlignOptions
 ) -> tuple[str, float] | None:
     """The unit, in words, and its metres, in which a plan that claims metres fits although it does not
-    in metres. None where the plan fits as it is, has no unit, or fits in none clearly better.
+    in metres. None where the plan fits as it is, has no unit, fits in none clearly better, or about as it is
+    drawn: then it fits elsewhere than the user said.
     """
     if not floorplan.is_metric or alignment.score >= options.min_score:
         return None
@@ -139,6 +142,8 @@ def find_unit(
     if not found.is_sure or found.score < alignment.score + BETTER_SCORE:
         return None
     scale = found.metres_per_unit
+    if abs(np.log(scale)) <= np.log1p(SAME_UNIT):
+        return None
     unit = min(METRES_PER_UNIT, key=lambda name: abs(np.log(scale / METRES_PER_UNIT[name])))
     if abs(np.log(scale / METRES_PER_UNIT[unit])) < NEAR_UNIT:
         return unit, METRES_PER_UNIT[unit]

@@ -2,7 +2,7 @@
 
 import json
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,10 +11,11 @@ import tyro
 from rich.text import Text
 
 from planfit.alignment import Alignment, AlignmentHypothesis, WallSamples, metric_plan
-from planfit.cli.arguments import PlanFlags
+from planfit.cli.arguments import AlignmentFlags, PlanFlags
 from planfit.cli.console import StageBars, note, out, table, tell_scan
 from planfit.errors import OutputError
 from planfit.floorplan import Floorplan, read_floorplan
+from planfit.geometry import se3
 from planfit.pipeline.align import align
 from planfit.pipeline.options import RefineOptions
 from planfit.report import draw_alignment
@@ -36,10 +37,9 @@ class AlignArguments:
         default_factory=ScanOptions
     )
     plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
-    candidate: int = 1
-    """Which of the alignment hypotheses is taken, 1 the best."""
-    control_points: tuple[str, ...] = ()
-    """Known pairs "x,y,z=u,v": a point of the scan in its own axes (m) and the same point on the plan."""
+    alignment_flags: Annotated[AlignmentFlags, tyro.conf.arg(name="")] = field(
+        default_factory=AlignmentFlags
+    )
     preset: str = "default"
     """Options to begin with: `default`, or `paper`, the published method to the letter."""
     config: Path | None = None
@@ -51,13 +51,7 @@ class AlignArguments:
 
 def align_command(arguments: AlignArguments) -> int:
     """Read, align, draw, report. Exit code 1 where the alignment is not sure."""
-    options = arguments.options
-    chosen = replace(
-        options.align,
-        candidate=arguments.candidate if arguments.candidate != 1 else options.align.candidate,
-        control_points=options.align.control_points + arguments.control_points,
-    )
-    options = replace(options, align=chosen)
+    options = arguments.alignment_flags.added_to(arguments.options)
     folder = _claim(arguments.out)
     scan = read_scan(arguments.scan, options.segmentation.reads_masks, arguments.scan_options)
     floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
@@ -90,7 +84,7 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
         "is_as_recorded": alignment.is_as_recorded,
         "candidates": [
             {
-                "yaw_deg": float(np.rad2deg(hypothesis.yaw)),
+                "yaw_deg": se3.wrapped_deg(hypothesis.yaw),
                 "plan_from_level": hypothesis.plan_from_level.tolist(),
                 "metres_per_unit_xy": list(hypothesis.scale_xy),
                 "score": hypothesis.score,
@@ -150,7 +144,7 @@ def _title(number: int, hypothesis: AlignmentHypothesis, floorplan: Floorplan) -
     scale = "" if is_as_drawn else f", {_scale(hypothesis.scale_xy)}"
     return (
         f"hypothesis {number}: {hypothesis.score:.0%} of the scanned wall explained, yaw "
-        f"{np.rad2deg(hypothesis.yaw):.1f}°{scale}"
+        f"{se3.wrapped_deg(hypothesis.yaw):.1f}°{scale}"
     )
 
 
@@ -174,7 +168,7 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
             [
                 f"{i}{' (taken)' if is_taken else ''}",
                 f"{hypothesis.score:.0%}",
-                f"{np.rad2deg(hypothesis.yaw):.2f} deg",
+                f"{se3.wrapped_deg(hypothesis.yaw):.2f} deg",
                 f"{x:.2f}, {y:.2f} m",
                 "as given"
                 if _is_as_drawn(floorplan, hypothesis.scale_xy)

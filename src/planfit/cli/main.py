@@ -90,7 +90,8 @@ COMMANDS = (
         "PLAN [-o FILE.png|svg|dxf|json]",
         "show what is read of a floorplan",
         (
-            "out", "unit", "scale", "storey", "layer", "page", "cut-height-m", "wall-mask", "mirror",
+            "out", "unit", "scale", "storey", "layer", "page", "cut-height-m", "wall-mask", "mirror", "drop",
+            "keep-region", "write-edits", "numbers", "plan-edits",
         ),
     ),
     Command(

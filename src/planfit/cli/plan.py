@@ -14,6 +14,7 @@ from planfit.cli.console import note, out, table
 from planfit.errors import OutputError
 from planfit.export.plan_files import write_plan_dxf, write_plan_svg
 from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
+from planfit.floorplan.edits import edited, edits_of_words, write_edits
 from planfit.report import draw_plan_picture
 
 
@@ -25,11 +26,28 @@ class PlanArguments:
     """File of the plan."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File to write: `.png` (faces over the drawing), `.svg`, `.dxf`, or `.json` (lossless)."""
+    drop: Annotated[
+        tyro.conf.UseAppendAction[tuple[tuple[int, ...], ...]], tyro.conf.arg(metavar="N ...")
+    ] = ()
+    """Faces to leave out, by the numbers that --numbers shows."""
+    keep_region: Annotated[
+        tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]], tyro.conf.arg(metavar="X,Y,X,Y ...")
+    ] = ()
+    """Keep what lies in a region alone: "x0,y0,x1,y1", or its corners "x,y,x,y,x,y", in the coordinates at
+    the rim of the picture."""
+    write_edits: Path | None = None
+    """JSON file for --drop and --keep-region, for `--plan-edits` of all commands that read a plan."""
+    numbers: bool = False
+    """Number the faces in the picture."""
     flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
 
 
 def _write_png(path: Path, floorplan: Floorplan) -> None:
     path.write_bytes(draw_plan_picture(floorplan, Path(floorplan.name)))
+
+
+def _write_numbered_png(path: Path, floorplan: Floorplan) -> None:
+    path.write_bytes(draw_plan_picture(floorplan, Path(floorplan.name), has_numbers=True))
 
 
 WRITERS: dict[str, Callable[[Path, Floorplan], None]] = {
@@ -55,8 +73,22 @@ def plan_command(arguments: PlanArguments) -> int:
                 f"{arguments.out}: expected another file than the plan itself; choose another name"
             )
     floorplan = read_floorplan(arguments.plan, arguments.flags.options)
+    drop = tuple(number for numbers in arguments.drop for number in numbers)
+    regions = tuple(region for words in arguments.keep_region for region in words)
+    if drop or regions:
+        edits = edits_of_words(floorplan, drop, regions)
+        floorplan = edited(floorplan, edits, "--drop and --keep-region")
+        if arguments.write_edits is not None:
+            write_edits(arguments.write_edits, edits)
+            out.print(f"written: {arguments.write_edits}", soft_wrap=True)
+    elif arguments.write_edits is not None:
+        raise OutputError(
+            "--write-edits: expected --drop or --keep-region beside it, found neither"
+        )
     summarise(floorplan)
     if writer is not None and arguments.out is not None:
+        if arguments.numbers and writer is _write_png:
+            writer = _write_numbered_png
         writer(arguments.out, floorplan)
         out.print(f"written: {arguments.out}", soft_wrap=True)
     return 0
@@ -79,7 +111,11 @@ def summarise(floorplan: Floorplan) -> None:
         low, middle, high = _thicknesses(floorplan)
         rows.append(["thickness", f"{low:.3g} to {high:.3g}, median {middle:.3g} {unit}"])
     if floorplan.openings is not None:
-        rows.append(["openings", f"{len(floorplan.openings)} gaps of doors and windows in faces"])
+        kinds = f" ({', '.join(source.opening_kinds)})" if source.opening_kinds else ""
+        gaps = f"{len(floorplan.openings)} gaps of doors and windows in faces{kinds}"
+        rows.append(["openings", gaps])
+    if source.map_words:
+        rows.append(["on the map", source.map_words])
     if source.is_mirrored:
         rows.append(["mirrored", "left and right of the file are swapped (--mirror)"])
     if source.storeys:

@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from planfit import __version__
-from planfit.cli.arguments import PlanFlags
+from planfit.cli.arguments import AlignmentFlags, PlanFlags
 from planfit.cli.config import scan_options_record, to_toml
 from planfit.cli.console import StageBars, err, note, out, table, tell_scan
 from planfit.cli.storeys import plan_inputs, read_plans, tell_storeys
@@ -51,6 +51,9 @@ class RefineArguments:
         default_factory=ScanOptions
     )
     plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    alignment_flags: Annotated[AlignmentFlags, tyro.conf.arg(name="")] = field(
+        default_factory=AlignmentFlags
+    )
     config: Path | None = None
     """TOML file of options, on top of the preset and overruled by flags."""
     overwrite: bool = False
@@ -72,7 +75,7 @@ def refine_command(arguments: RefineArguments) -> int:
         arguments.out,
         scan,
         floorplan,
-        arguments.options,
+        arguments.alignment_flags.added_to(arguments.options),
         arguments.workers,
         arguments.overwrite,
         scan_options=arguments.scan_options,
@@ -85,7 +88,9 @@ def _read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | dict[int, 
     """The plan to refine against, or those of storeys; None where the user wants none."""
     if arguments.no_plan:
         require(
-            not arguments.plan and arguments.plan_flags == PlanFlags(),
+            not arguments.plan
+            and arguments.plan_flags == PlanFlags()
+            and arguments.alignment_flags == AlignmentFlags(),
             "--no-plan: expected no flags of a plan beside it, found some; leave out one or the other",
         )
         return None

@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from planfit.adjust.observability import frame_ranges
 from planfit.cli.console import out
 from planfit.errors import FloorplanError, OptionError, require
@@ -82,7 +80,7 @@ def tell_storeys(storeys: Storeys) -> None:
         lies = ""
         if storey.own is not None:
             x, y, _ = storey.own.plan_from_own[:3, 3]
-            yaw_deg = np.rad2deg(se3.yaw_of(storey.own.plan_from_own))
+            yaw_deg = se3.wrapped_deg(float(se3.yaw_of(storey.own.plan_from_own)))
             lies = f", its plan turned by {yaw_deg:.2f} deg and moved by ({x:.2f}, {y:.2f}) m"
             if storey.own.shares_axes:
                 lies = ", its plan as drawn, in shared axes"

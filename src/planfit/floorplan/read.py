@@ -5,7 +5,8 @@ from pathlib import Path
 
 from planfit.archives import unpacked
 from planfit.errors import FloorplanError, told_as
-from planfit.floorplan.formats import find_reader
+from planfit.floorplan.edits import edited, read_edits
+from planfit.floorplan.formats import PAPER_SUFFIXES, find_reader
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
@@ -28,6 +29,11 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
             ) from error
         return floorplan
     reader = find_reader(path)
+    if options.paper_scale is not None and path.suffix.lower() not in PAPER_SUFFIXES:
+        raise FloorplanError(
+            f"{path}: expected a file with a size on paper (PDF, SVG, a picture with dpi) for the scale "
+            f"1:{options.paper_scale:g}, found {path.suffix}; give --unit, or --scale METRES of one unit"
+        )
     with told_as(FloorplanError, path, f"a plan as {path.suffix or 'IMDF'}"):
         floorplan = reader(path, options)
     extent = max(floorplan.size)
@@ -37,4 +43,7 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
             f"found {floorplan.size[0]:.4g} x {floorplan.size[1]:.4g}; "
             "convert it from its own unit to metres, or give --unit or --scale"
         )
-    return floorplan.mirrored() if options.mirror else floorplan
+    floorplan = floorplan.mirrored() if options.mirror else floorplan
+    if options.edits is None:
+        return floorplan
+    return edited(floorplan, read_edits(options.edits), str(options.edits))

@@ -46,6 +46,21 @@ class PlanSource:
     was or it has no place."""
     is_mirrored: bool = False
     """Whether left and right of the file are swapped in the plan frame, as the user asked."""
+    opening_kinds: tuple[str, ...] = ()
+    """What the openings are, counted: "5 doors", "11 windows"; empty where the file does not tell."""
+    map_words: str = ""
+    """Where on a map the plan lies, in words; empty where the file does not tell."""
+    is_picture: bool = False
+    """Whether the file's own coordinates are pixels of a picture: points of the plan are then given in these
+    (u right, v down), else in the plan frame."""
+
+    @property
+    def rim_from_plan(self) -> Float[np.ndarray, "3 3"]:
+        """From homogeneous plan x-y to the coordinates that a user gives and reads, at the rim of the picture
+        of `planfit plan`: pixels of a picture, else the plan frame itself."""
+        if self.is_picture and self.file_from_plan is not None:
+            return self.file_from_plan
+        return np.eye(3)
 
 
 @dataclass(frozen=True)

@@ -172,6 +172,11 @@ def wrap_angle(angle: np.ndarray | float) -> np.ndarray | np.float64:
     return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi
 
 
+def wrapped_deg(angle_rad: float) -> float:
+    """An angle as it is told: degrees in (-180, 180], never -0."""
+    return float(-np.rad2deg(wrap_angle(-angle_rad))) + 0.0
+
+
 def fit_rigid(
     source: Float[np.ndarray, "n 3"],
     target: Float[np.ndarray, "n 3"],

@@ -155,6 +155,12 @@ def find_alignment(
             f"{floorplan.size[1]:.4g} that fits the scan in {unit[0]}; "
             f"multiply its coordinates by {unit[1]:g}"
         )
+    if chosen.control_points and drawn.score < chosen.min_score:
+        words = (
+            f"with the control points given, the plan explains only {drawn.score:.0%} of the wall: check "
+            "their numbers, or leave them out"
+        )
+        return replace(drawn, warnings=(*drawn.warnings, words))
     return drawn
 
 

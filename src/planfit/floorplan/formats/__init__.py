@@ -22,19 +22,34 @@ class PlanReader(Protocol):
         ...
 
 
+PICTURE_SUFFIXES = (
+    ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".pbm", ".ppm", ".bmp",
+)  # fmt: skip
+
 READERS = {
     ".npy": "own_formats:read_npy",
-    ".json": "own_formats:read_json",
-    **dict.fromkeys((".png", ".jpg", ".jpeg", ".tif", ".tiff"), "picture:read_picture"),
+    ".json": "json_file:read_json",
+    **dict.fromkeys((".yaml", ".yml"), "ros_map:read_ros_map"),
+    **dict.fromkeys(PICTURE_SUFFIXES, "picture:read_picture"),
     **dict.fromkeys((".svg", ".svgz"), "svg:read_svg"),
     ".dxf": "dxf:read_dxf",
     ".pdf": "pdf:read_pdf",
-    ".ifc": "ifc:read_ifc",
+    **dict.fromkeys((".ifc", ".ifczip"), "ifc:read_ifc"),
     **dict.fromkeys((".geojson", ".zip"), "geojson:read_geojson"),
     **dict.fromkeys((".ply", ".obj", ".glb", ".gltf", ".stl", ".off"), "mesh:read_mesh"),
 }
 """Module and function of this package that read each kind of file, by suffix. They are imported when
 they are asked for: together they bring half a dozen libraries."""
+PAPER_SUFFIXES = {".pdf", ".svg", ".svgz", *PICTURE_SUFFIXES}
+"""Files that have a size on paper."""
+_CONVERT = {
+    ".dwg": "a DWG drawing; save it as DXF in your CAD program (DXFOUT, SAVEAS), or convert it with the ODA "
+    "File Converter or with LibreDWG's dwg2dxf",
+    ".rvt": "a Revit model; export it as IFC or as DXF",
+    ".skp": "a SketchUp model; export it as DXF, OBJ or IFC",
+    ".usdz": "a USDZ model; give the JSON that RoomPlan writes beside it (its CapturedRoom)",
+}
+"""What nothing here reads, and how to make it another."""
 FOLDER_READER = "geojson:read_geojson"
 """A folder is IMDF."""
 
@@ -45,6 +60,9 @@ def find_reader(path: Path) -> PlanReader:
     Raises:
         FloorplanError: nothing reads files of this suffix; the message lists those that are read.
     """
+    hint = _CONVERT.get(path.suffix.lower())
+    if hint is not None and not path.is_dir():
+        raise FloorplanError(f"{path}: expected a plan that planfit reads, found {hint}")
     name = FOLDER_READER if path.is_dir() else READERS.get(path.suffix.lower())
     if name is None:
         raise FloorplanError(

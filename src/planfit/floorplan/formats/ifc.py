@@ -9,6 +9,8 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.ifc_openings import find_openings
+from planfit.floorplan.formats.ifc_places import map_words
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import name_of_unit
@@ -52,7 +54,9 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
             f"{names[chosen] if chosen is not None else 'the model'!r}, found none; "
             "choose another storey or height of the cut"
         )
-    faces = faces_of_regions(_without_seams(areas), TOLERANCE_M, MIN_FACE_M)
+    solid = _without_seams(areas)
+    faces = faces_of_regions(solid, TOLERANCE_M, MIN_FACE_M)
+    found = find_openings(ifcopenshell, walls, solid, floor + options.cut_height_m, unit_scale)
     has_units = len(model.by_type("IfcUnitAssignment")) > 0
     return Floorplan(
         str(path),
@@ -61,6 +65,7 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
         np.ones(len(faces.ends), dtype=bool),
         fingerprint_of(path),
         thickness=faces.thickness,
+        openings=found.sides if len(found.sides) else None,
         source=PlanSource(
             kind=f"IFC model ({model.schema})",
             unit=name_of_unit(unit_scale),
@@ -70,8 +75,25 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
             dropped=(f"{n_failed} elements without geometry",) if n_failed else (),
             file_from_plan=np.diag([1 / unit_scale, 1 / unit_scale, 1.0]),
             drawn_lines=longest(outlines(areas)) / unit_scale,
+            opening_kinds=found.kinds,
+            warnings=_warnings(walls, by_storey, storeys, chosen),
+            map_words=map_words(model, unit_scale),
         ),
     )
+
+
+def _warnings(
+    walls: list[Any], by_storey: dict[int, list[Any]], storeys: list[Any], chosen: int | None
+) -> tuple[str, ...]:
+    """On glass, which many depth cameras do not see."""
+    here = walls if chosen is None else by_storey.get(storeys[chosen].id(), [])
+    n_curtain = sum(wall.is_a("IfcCurtainWall") for wall in here)
+    if not n_curtain:
+        return ()
+    walls_are = (
+        "curtain wall is read as a wall" if n_curtain == 1 else "curtain walls are read as walls"
+    )
+    return (f"{n_curtain} {walls_are}: glass, which depth cameras may not see",)
 
 
 def _ifcopenshell(path: Path) -> Any:

@@ -29,6 +29,7 @@ MAX_OPEN_BYTES = 2_000_000_000
 """What opening a page may take."""
 MAX_OBJECTS = 2_000_000
 """Objects of a page with all its forms drawn out; large plans have some hundred thousand."""
+METRES_PER_POINT = 0.0254 / 72
 _MAX_FORM_DEPTH = 12
 _CANNOT_TELL = 7
 _OPEN_PAGE = f"""
@@ -70,7 +71,8 @@ def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
             return _read_as_picture(page, path, options)
     finally:
         document.close()
-    return plan_of_drawing(drawing, path, fingerprint_of(path), options, "PDF drawing", np.eye(3))
+    on_paper = options.on_paper(METRES_PER_POINT)
+    return plan_of_drawing(drawing, path, fingerprint_of(path), on_paper, "PDF drawing", np.eye(3))
 
 
 def _open(path: Path) -> pdfium.PdfDocument:
@@ -127,7 +129,11 @@ def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> 
     picture = bitmap.to_numpy()[..., :3]
     fingerprint = fingerprint_with_mask(path, options)
     return read_image(
-        np.ascontiguousarray(picture), str(path), fingerprint, options, "picture in a PDF"
+        np.ascontiguousarray(picture),
+        str(path),
+        fingerprint,
+        options.on_paper(METRES_PER_POINT / scale),
+        "picture in a PDF",
     )
 
 

@@ -1,6 +1,7 @@
 """PNG, JPEG and TIFF pictures of plans, as a viewer shows them."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.georeference import find_georeference, place_on_map
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster import MAX_PIXELS, check_size, plan_of_picture
 from planfit.floorplan.types import Floorplan
@@ -23,7 +25,54 @@ def read_picture(path: Path, options: PlanOptions) -> Floorplan:
         FloorplanError: no picture, too large or too small, blank, a photograph, or without walls.
     """
     fingerprint = fingerprint_with_mask(path, options)
-    return read_image(load_picture(path), str(path), fingerprint, options, "raster picture")
+    is_told = options.unit != "auto" or options.metres_per_unit is not None
+    warnings = _doubts(path, options)
+    if options.paper_scale is not None:
+        options = options.on_paper(0.0254 / _dots_per_inch(path))
+        is_told = True
+    georeference = None if is_told else find_georeference(path)
+    plan = read_image(load_picture(path), str(path), fingerprint, options, "raster picture")
+    plan = replace(plan, source=replace(plan.source, is_picture=True))
+    for warning in warnings:
+        plan = plan.with_warning(warning)
+    return plan if georeference is None else place_on_map(plan, georeference)
+
+
+def _dots_per_inch(path: Path) -> float:
+    """What the picture's metadata say.
+
+    Raises:
+        FloorplanError: they say nothing, or differ along both sides.
+    """
+    try:
+        with Image.open(path) as file:
+            found = [float(value) for value in file.info.get("dpi", ())]
+    except (OSError, ValueError, SyntaxError, TypeError, ZeroDivisionError):
+        found = []
+    is_one = len(found) == 2 and min(found) > 1 and max(found) < 1.01 * min(found)
+    if not (is_one and np.isfinite(found).all()):
+        raise FloorplanError(
+            f"{path}: expected the picture's dots an inch (dpi) for a scale 1:N, found "
+            f"{'none' if not found else ' x '.join(f'{v:g}' for v in found)} in its metadata; give the "
+            "metres of a pixel: --scale 0.0254 * N / dpi"
+        )
+    return sum(found) / 2
+
+
+def _doubts(path: Path, options: PlanOptions) -> tuple[str, ...]:
+    """What to look at before the scale is trusted."""
+    if options.paper_scale is not None:
+        dpi = _dots_per_inch(path)
+        if min(abs(dpi - usual) for usual in (72.0, 96.0)) < 0.5:
+            return (
+                f"the picture says {dpi:.0f} dpi, which programs write where they know none: check a length",
+            )
+    beside = next(
+        (p for p in (path.with_suffix(s) for s in (".yaml", ".yml")) if p.is_file()), None
+    )
+    if path.suffix.lower() in (".pgm", ".png") and beside is not None:
+        return (f"{beside.name} beside it may be a ROS map: give that file, which tells the scale",)
+    return ()
 
 
 def read_image(

@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool
 
+from planfit.floorplan.vector.arcs import arc_segments
 from planfit.floorplan.vector.drawing import ABSURD, Lines, VectorDrawing
 from planfit.floorplan.vector.line_work import usual_extent
 from planfit.geometry import segments
@@ -40,7 +41,7 @@ def cleaned(drawing: VectorDrawing) -> tuple[VectorDrawing, tuple[str, ...]]:
             notes.append(f"{_count(len(lines) - len(first), 'line')} drawn twice")
     lines = _simplified(lines)
     lines = lines.take(segments.lengths(lines.ends) > 0)
-    lines = replace(lines, is_curved=lines.is_curved | curve_segments(lines))
+    lines = replace(lines, is_curved=lines.is_curved | curve_segments(lines) | arc_segments(lines))
     return replace(drawing, lines=lines), tuple(notes)
 
 

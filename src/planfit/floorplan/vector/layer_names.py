@@ -1,6 +1,7 @@
 """What the names of layers say, in the languages that drawings are mostly made in."""
 
 import re
+import unicodedata
 from enum import IntEnum
 from fnmatch import fnmatchcase
 from functools import cache
@@ -18,49 +19,138 @@ class Role(IntEnum):
     WALL = 3
 
 
-# Whole words. What is no wall wins over an opening, and that over a wall: "wall text" holds text.
+# Words, folded: in lower case and without accents; ä, ö, ü also as ae, oe, ue, which is left to the reader of
+# these lists. What is no wall wins over an opening, and that over a wall: "wall text" holds text.
 _WALL = """
-    wall walls partition partitions structure structural shearwall column columns mur murs
-    cloison cloisons voile poteau porteur wand wande wände waende innenwand aussenwand außenwand
-    mauer mauern trennwand tragwand stutze stütze parede paredes alvenaria muro muros pared
-    tabique tabiques muratura muri parete pareti tramezzo tramezzi pilastro pilastri muur muren
-    binnenmuur buitenmuur vagg vägg vaggar vegg seina sciana sciany ściana ściany stena steny
-    stěna zid zidovi perete pereti duvar стена стены перегородка перегородки 壁 墙 墙体 벽 קיר קירות
+    wall walls partition partitions prtn structure structural shearwall firewall drywall facade
+    column columns cols colm pier piers pillar pillars brickwork masonry blockwork concrete
+    mur murs cloison cloisons voile voiles refend refends poteau poteaux maconnerie gros-oeuvre beton doublage
+    wand wande waende mauer mauern mauerwerk stutze stutzen stuetze stuetzen pfeiler saule saulen saeule
+    saeulen fassade trockenbau rohbau tragwerk tragend nichttragend nichttragende tragende
+    parede paredes alvenaria pilar pilares muro muros pared tabique tabiques tabiqueria cerramiento
+    cerramientos muratura murature muri parete pareti tramezzo tramezzi tramezzature tamponamento
+    tamponamenti pilastro pilastri setto setti colonna colonne fachada fachadas facciata columna columnas
+    muur muren wanden scheidingswand kolom kolommen gevel gevels metselwerk
+    vagg vaggar vegg vegger vaeg vaegge seina seinat sciana sciany stena steny zid zidovi perete pereti duvar
+    duvarlar pelare pilier piliers słup słupy sloup sloupy kolon kolona
+    стена стены перегородка перегородки колонна колонны 壁 柱 墙 墙体 벽 기둥
+    קיר קירות עמוד עמודים מחיצה מחיצות
 """
+_WALL_ENDS = """
+    wand wande waende mauer mauern mauerwerk stutze stutzen stuetze stuetzen pfeiler
+    saule saulen saeule saeulen muur muren wanden kolom kolommen vagg vaggar
+    vegg vegger wall walls fassade gevel
+"""
+"""Of compounds: Innenwände, Stahlbetonstützen, buitenmuren, innervägg, firewalls."""
 _OPENING = """
-    door doors window windows glaz glazing opening porte portes fenetre fenêtre fenetres baie
-    tur tür turen türen tuer fenster porta portas janela janelas puerta puertas ventana ventanas
-    finestra finestre serramenti infissi deur deuren raam ramen dorr dörr fonster fönster drzwi
-    okno okna dvere dveře дверь двери окно окна ドア 窓 门 窗 문 창
+    door doors window windows wind wndw wdw glaz glazing opening openings porte portes fenetre fenetres baie
+    baies tur turen tuer tueren tuere fenster offnung offnungen oeffnung oeffnungen porta portas janela
+    janelas puerta puertas ventana ventanas carpinteria hueco huecos finestra finestre porte serramento
+    serramenti infisso infissi deur deuren raam ramen kozijn kozijnen dorr dorrar fonster dør dører drzwi okno
+    okna dvere menuiserie menuiseries дверь двери окно окна ドア 窓 门 窗 문 창 דלת דלתות חלון חלונות
 """
+_OPENING_ENDS = """
+    tuer tueren innentur innenturen aussentur aussenturen zimmertur zimmerturen fenster offnung offnungen
+    oeffnung oeffnungen deur deuren raam ramen
+"""
+"""Not `tur`, which ends Architektur and Struktur."""
 _NO_WALL = """
-    furniture furn fixture sanitary plumbing equipment dimension dimensions dim dims text texts
-    annotation anno note notes hatch hatching title titleblock border frame viewport defpoints
-    leader grid gridline axis axes stair stairs step virtual storage power lighting light
-    electrical elec hvac mechanical duct ceiling roof landscape vegetation tree trees car cars
-    people table tables chair chairs shelf shelves couch benches bench desk desks kitchen symbol
-    symbols room-text area areas mobilier meuble meubles cote cotes cotation texte escalier
-    hachure hachures cartouche axe mobel möbel moebel bemassung bemaßung bemassungen masse maße
-    treppe treppen schraffur beschriftung achse achsen sanitar sanitär kuche küche mobiliario
-    mobiliário moveis móveis cota cotas texto textos escalera escada eje ejes eixo mobili arredo
-    arredi quota quote testo testi scala scale assi meubilair maat maten tekst trap mebel meble
-    wymiary schody nabytek nábytek koty мебель размеры текст оси лестница 家具 尺寸 文字 寸法 轴 가구 치수
+    furniture furn fixture fixtures fixt sanitary plumbing equipment eqpm dimension dimensions dim dims text
+    texts txt annotation annotations anno note notes iden label labels hatch hatching hatches patt pattern
+    title titleblock ttlb border frame viewport vport vpno defpoints leader legend legende leyenda legenda
+    grid gridline gridlines axis axes stair stairs strs step steps virtual storage power lighting light
+    lights lite electrical elec hvac mechanical duct ceiling ceilings clng roof roofing landscape vegetation
+    planting plnt tree trees car cars vehicle vehicles people table tables chair chairs shelf shelves couch
+    benches bench desk desks kitchen symbol symbols room-text area areas flooring tiles tiling paving carpet
+    handrail handrails hral railing railings overhead ovhd above case casework appl cntr centerline
+    centreline header lintel demo demolition sketch projection
+    mobilier mobiliers meuble meubles cote cotes cotation cotations texte textes escalier escaliers hachure
+    hachures cartouche axe dallage carrelage sanitaire sanitaires plomberie faux-plafond plafond toiture
+    garde-corps
+    mobel moebel mobiliar bemassung bemassungen bemaung masse masslinie masslinien masskette massketten treppe
+    treppen gelander gelaender schraffur schraffuren beschriftung beschriftungen raumstempel achse achsen
+    raster sanitar sanitaer kuche kueche decke decken unterdecke dach plankopf rahmen einrichtung
+    ausstattung schrankwand duschwand leinwand abbruch projektion
+    mobiliario moveis cota cotas texto textos escalera escaleras escada escadas eje ejes eixo eixos
+    sombreado sombreados trama tramas sanitario sanitarios pavimento pavimentos baldosas cubierta techo techos
+    falso-techo cajetin marco aparatos barandilla
+    mobili arredo arredi quota quote quotatura quotature testo testi scala scale assi campitura campiture
+    retino retini tratteggio sanitari pavimenti controsoffitto copertura cartiglio squadratura ringhiera
+    meubilair meubels maat maten maatvoering maatlijnen tekst teksten trap trappen arcering arceringen
+    stramien plafonds plafond dak sanitair inrichting onderhoek
+    mebel meble wymiary schody nabytek koty matt mattsattning trappa trappor mobler mobel inredning
+    мебель размеры текст оси лестница лестницы штриховка 家具 尺寸 文字 寸法 轴 가구 치수
+    ריהוט מידות טקסט מדרגות צירים סניטריה רהיטים
+"""
+_NO_WALL_ENDS = """
+    mobel moebel bemassung beschriftung schraffur treppe treppen text texte gelander gelaender decke decken
+    achse achsen raster leuchte leuchten lampe lampen schrank schranke schraenke belag belage
+    stempel dammung daemmung maatvoering arcering tekst trap trappen meubilair verkleidung
 """
 _WORD = re.compile(r"[^\W\d_]+")
-_CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
+_CAMEL = re.compile(r"(?<=[a-zà-ÿ])(?=[A-Z])")
+_ISO_13567 = re.compile(
+    r"[A-Z][0-9_-](?P<element>[A-Z0-9_-]{6})(?P<presentation>[A-Z][_-]|[_-]{2})"
+)
+"""Agent 2, element 6, presentation 2 characters, then optional fields; `-` and `_` fill (ISO 13567-2)."""
+_SFB_WALLS = {"16", "17", "21", "22", "28"}
+"""Of SfB, table 1, and NL-SfB: foundations, external and internal walls, frames."""
+_SFB_OPENINGS = {"31", "32"}
+_SFB = re.compile(r"(?:^|[-_ (])(?P<code>[1-9]\d)(?![\d])")
+
+
+def role_of(name: str) -> Role:
+    """Role of a layer going by its name: `A-WALL-FULL`, `015 Innenwände`, `OuterWalls`, `Mobilier`.
+
+    Names of ISO 13567 with elements of SfB (`A-21----E-`) are told by their fields.
+    """
+    return _role_of(unicodedata.normalize("NFC", name))
 
 
 @cache
-def role_of(name: str) -> Role:
-    """Role of a layer going by its name: `A-WALL-FULL`, `Wand (neu)`, `OuterWalls`, `Mobilier`."""
-    words = set(_WORD.findall(_CAMEL.sub(" ", name).lower()))
-    if words & set(_NO_WALL.split()):
+def _role_of(name: str) -> Role:
+    words = {folded(word) for word in _WORD.findall(_CAMEL.sub(" ", name))}
+    joined = {folded(word) for word in re.findall(r"[^\W\d_]+(?:-[^\W\d_]+)+", name)}
+    every = words | joined
+    if every & _words(_NO_WALL) or _ends(words, _NO_WALL_ENDS):
         return Role.NO_WALL
-    if words & set(_OPENING.split()):
+    if every & _words(_OPENING) or _ends(words, _OPENING_ENDS):
         return Role.OPENING
-    if words & set(_WALL.split()) or any(ideogram in name for ideogram in "壁墙벽"):
+    if every & _words(_WALL) or _ends(words, _WALL_ENDS) or any(i in name for i in "壁墙벽"):
         return Role.WALL
-    return Role.UNKNOWN
+    return _role_by_fields(name)
+
+
+def _role_by_fields(name: str) -> Role:
+    """By the fields of ISO 13567; a name of another form is unknown."""
+    fields = _ISO_13567.match(name.upper())
+    if fields is None:
+        return Role.UNKNOWN
+    code = _SFB.search(fields["element"])
+    if code is None:
+        return Role.UNKNOWN
+    presentation = fields["presentation"].strip("-_")
+    if presentation not in ("", "E"):
+        return Role.NO_WALL  # text, hatching, dimensions, marks, grids, borders
+    if code["code"] in _SFB_WALLS:
+        return Role.WALL
+    return Role.OPENING if code["code"] in _SFB_OPENINGS else Role.NO_WALL
+
+
+def folded(word: str) -> str:
+    """Lower case, without accents: Wände and WANDE are wande, außen is aussen."""
+    letters = unicodedata.normalize("NFKD", word.casefold())
+    return "".join(letter for letter in letters if not unicodedata.combining(letter))
+
+
+@cache
+def _words(listed: str) -> frozenset[str]:
+    return frozenset(folded(word) for word in listed.split())
+
+
+def _ends(words: set[str], listed: str) -> bool:
+    ends = tuple(_words(listed))
+    return any(word.endswith(ends) for word in words)
 
 
 def chosen_layers(path: Path, patterns: tuple[str, ...], names: tuple[str, ...]) -> list[bool]:

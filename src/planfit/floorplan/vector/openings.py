@@ -23,6 +23,8 @@ TOLERANCE = 0.12
 """Of a leaf's length: leaves are up to 6 cm thick, and arcs are drawn to either edge."""
 MAX_LENGTH = 12.0
 """Of an opening, in thicknesses of its wall: 4.8 m in one of 40 cm."""
+LAYERED_LENGTH = 8.0
+"""Of a box with one line within, in thicknesses of its wall: longer ones are layers of the wall."""
 _CROSS_SINE, _PARALLEL_SINE = 0.94, 0.035
 
 
@@ -32,9 +34,20 @@ def arcs_of_lines(lines: Lines) -> tuple[Float[np.ndarray, "k 2 2"], Float[np.nd
     A run goes on from one path to the next where it keeps its course: some programs write one arc as
     several splines. The arcs of a double door meet at a point, but turn back there.
     """
-    if not lines.is_curved.any():
+    at, run = curve_runs(lines)
+    if len(at) == 0:
         return np.zeros((0, 2, 2)), np.zeros(0)
+    ends, is_first = lines.ends[at], np.diff(run, prepend=-1) > 0
+    is_last = np.diff(run, append=len(run)) > 0
+    length = np.bincount(run, segments.lengths(ends))
+    return np.stack([ends[is_first, 0], ends[is_last, 1]], axis=1), length
+
+
+def curve_runs(lines: Lines) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
+    """Index of each segment of a curve, in the order of the file, and the number of the run it is in."""
     at = np.flatnonzero(lines.is_curved)
+    if len(at) == 0:
+        return at, at
     ends, along = lines.ends[at], segments.directions(lines.ends[at])
     gap = np.linalg.norm(ends[1:, 0] - ends[:-1, 1], axis=1)
     joined = (
@@ -42,10 +55,7 @@ def arcs_of_lines(lines: Lines) -> tuple[Float[np.ndarray, "k 2 2"], Float[np.nd
         & (gap <= 1e-3 * segments.lengths(ends)[1:])
         & (np.einsum("ni,ni->n", along[1:], along[:-1]) > 0.5)
     )
-    is_first, is_last = np.concatenate([[True], ~joined]), np.concatenate([~joined, [True]])
-    # The count of beginnings up to a segment is the number of its run, from 1 on.
-    length = np.bincount(np.cumsum(is_first) - 1, segments.lengths(ends))
-    return np.stack([ends[is_first, 0], ends[is_last, 1]], axis=1), length
+    return at, np.cumsum(np.concatenate([[True], ~joined])) - 1
 
 
 def is_door_leaf(
@@ -158,7 +168,11 @@ def _boxes(
                 seen |= {(a, b), (b, a)}
                 found.append(ends[p][[0, 1, 1, 0]] + np.outer([low, low, high, high], left[p]))
     rows = _in_rows(np.array(found).reshape(-1, 4, 2), tolerance)
-    return _outermost(rows[[_is_in_wall(box, ends, tree, tolerance) for box in rows]], tolerance)
+    is_opening = [
+        _is_in_wall(box, ends, tree, tolerance) and not _is_layered(box, ends, tree, tolerance)
+        for box in rows
+    ]
+    return _outermost(rows[is_opening], tolerance)
 
 
 def _in_rows(boxes: Float[np.ndarray, "n 4 2"], tolerance: float) -> Float[np.ndarray, "k 4 2"]:
@@ -216,6 +230,29 @@ def _is_in_wall(
         if is_parallel[crossing].any():
             return False
     return True
+
+
+def _is_layered(
+    box: Float[np.ndarray, "4 2"],
+    ends: Float[np.ndarray, "n 2 2"],
+    tree: shapely.STRtree,
+    tolerance: float,
+) -> bool:
+    """Whether a long box between two faces drawn through holds one line alone: two leaves of a wall. A window
+    so long has a frame, or panes that mullions part."""
+    along, across = box[1] - box[0], box[3] - box[0]
+    length, width = float(np.linalg.norm(along)), float(np.linalg.norm(across))
+    if length < LAYERED_LENGTH * width:
+        return False
+    near = tree.query(shapely.Polygon(box), predicate="dwithin", distance=2 * tolerance)
+    local = (ends[near] - box[0]) @ np.stack([along / length, across / width], axis=1)
+    covered = np.minimum(local[..., 0].max(axis=1), length) - np.maximum(
+        local[..., 0].min(axis=1), 0
+    )
+    is_through = (covered > 0.8 * length) & (np.ptp(local[..., 1], axis=1) < 2 * tolerance)
+    at = local[is_through, :, 1].mean(axis=1)
+    is_low, is_high = at < 2 * tolerance, at > width - 2 * tolerance
+    return bool(is_low.any() and is_high.any() and (~is_low & ~is_high).sum() == 1)
 
 
 def _outermost(boxes: Float[np.ndarray, "n 4 2"], tolerance: float) -> Float[np.ndarray, "k 4 2"]:

@@ -14,6 +14,7 @@ from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.cleaning import cleaned
 from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
+from planfit.floorplan.vector.layer_words import words_on_layers
 from planfit.floorplan.vector.line_work import longest, moved, outlines
 from planfit.floorplan.vector.units import UnitFound, unit_of_drawing
 from planfit.floorplan.vector.walls import DrawnWalls, walls_of_drawing
@@ -56,6 +57,12 @@ def plan_of_drawing(
     if drawing.hidden_layers:
         hidden = f"layers that are off or frozen: {', '.join(drawing.hidden_layers)}"
         walls = replace(walls, dropped=(*walls.dropped, hidden))
+    by_layer = words_on_layers(walls.by_layer, unit.metres_per_unit, bool(options.layers))
+    walls = replace(
+        walls,
+        dropped=(*by_layer.dropped, *walls.dropped),
+        warnings=(*walls.warnings, *by_layer.warnings),
+    )
     drawn, left_out = shown_lines(drawing, roles, walls.is_left_out, walls.apart, file_from_drawing)
     faces, origin = walls.faces, _origin(walls.faces.ends)
     scale = unit.metres_per_unit or 1.0

@@ -1,14 +1,14 @@
 """From a drawing to wall faces: fills, hatches and double lines, each read as what it is."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
 import shapely
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import line_strings
+from planfit.floorplan.faces import line_strings, weighted_median
 from planfit.floorplan.vector.areas import (
     edges_of_rooms,
     hatched_areas,
@@ -16,6 +16,9 @@ from planfit.floorplan.vector.areas import (
     outside_rooms,
     sort_fills,
 )
+from planfit.floorplan.vector.candidates import Candidates
+from planfit.floorplan.vector.closed_pieces import ClosedPieces, closed_pieces, joined
+from planfit.floorplan.vector.doors import OpenedDoors, find_door_swings, open_doors
 from planfit.floorplan.vector.double_lines import (
     LineFaces,
     estimate_thickness,
@@ -28,7 +31,11 @@ from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
 from planfit.floorplan.vector.regions import faces_of_regions
+from planfit.floorplan.vector.single_lines import body_of_faces, single_lines
 from planfit.geometry import segments
+
+MAIN_SHARE = 0.35
+"""Solid walls with this share of the length of double lines beside them are the walls of the drawing."""
 
 
 @dataclass(frozen=True)
@@ -45,32 +52,30 @@ class DrawnWalls:
     """Faces left out because they stand apart from the building."""
     openings: Float[np.ndarray, "k 2 2"]
     """Windows along the faces they interrupt, as far as they were drawn as such."""
+    by_layer: "tuple[LayerLength, ...]" = ()
+    """What became of the line work of each layer."""
 
 
 @dataclass(frozen=True)
-class _Candidates:
-    """Lines that may be faces of walls, merged: no two lie on one another."""
+class LayerLength:
+    """Line work of a layer, in the drawing's own unit."""
 
-    ends: Float[np.ndarray, "n 2 2"]
-    is_called_wall: Bool[np.ndarray, " n"]
-    """Whether the name of the layer, or a room that begins there, makes the line a wall."""
-    layer: Int[np.ndarray, " n"]
-    """Index of the layer, -1 for edges of rooms."""
-    free_side: Int[np.ndarray, " n"]
-    """1 where the left side is known to be free, 0 where nothing is."""
+    name: str
+    role: Role
+    n_lines: int
+    drawn: float
+    """Length of lines that were looked at as faces; of all of them where the layer holds no walls."""
+    taken: float
+    """Length of the faces among them."""
 
-    def __len__(self) -> int:
-        return len(self.ends)
 
-    def take(self, keep: Shaped[np.ndarray, " k"]) -> "_Candidates":
-        """Those of a mask or an index."""
-        return _Candidates(
-            self.ends[keep], self.is_called_wall[keep], self.layer[keep], self.free_side[keep]
-        )
+@dataclass(frozen=True)
+class _Found:
+    """Faces by the way they are drawn, and the lines that were looked at."""
 
-    def cut(self, ends: Float[np.ndarray, "m 2 2"], line: Int[np.ndarray, " m"]) -> "_Candidates":
-        """Parts of the lines: `ends` of each, and the line that it is of."""
-        return replace(self.take(line), ends=ends)
+    parts: list[LineFaces]
+    candidates: Candidates
+    warnings: tuple[str, ...]
 
 
 def walls_of_drawing(
@@ -88,46 +93,83 @@ def walls_of_drawing(
     extent = _extent(drawing, role)
     looked_at = np.flatnonzero(role != Role.NO_WALL)
     lines = drawing.lines.take(looked_at)
-    dropped = _words_on_layers(drawing, role)
+    dropped: list[str] = []
     is_row = _are_in_rows(lines, extent, metres_per_unit)
+    bounds = thickness_bounds(metres_per_unit, extent)
     solids, rooms = _solids_and_rooms(drawing, roles, lines, is_row, extent)
+    pieces = closed_pieces(lines, roles, bounds[1])
     has_form, words = _have_form_of_faces(lines, is_row)
     dropped += words
     is_left_out = np.ones(len(drawing.lines), dtype=bool)
     is_left_out[looked_at[has_form]] = False
     candidates = _merged(lines.take(has_form), role[looked_at[has_form]], extent)
-    bounds = thickness_bounds(metres_per_unit, extent)
     windows = take_out_windows(candidates.ends, *bounds, 2e-4 * extent)
     candidates = candidates.cut(windows.ends, windows.line)
     if len(windows.openings):
         dropped.append(f"panes and sills of {len(windows.openings) // 2} windows in double lines")
     if rooms:
         dropped.append(f"line work inside {len(rooms)} filled or hatched rooms")
-    parts, used, warnings = _faces_of_all(solids, rooms, candidates, metres_per_unit, extent)
-    faces, apart = _main_part(LineFaces.together(parts), extent)
+    found = _faces_of_all(solids, pieces, rooms, candidates, metres_per_unit, extent)
+    faces, apart = _main_part(LineFaces.together(found.parts), extent)
+    doors = _open_doors(faces, lines, metres_per_unit, bounds[1], extent)
+    faces = doors.faces
+    if doors.n_doors:
+        doors_are = "1 door" if doors.n_doors == 1 else f"{doors.n_doors} doors"
+        dropped.append(f"lines that ran through {doors_are} drawn as quarter circles")
     if len(apart):
         dropped.append(f"{len(apart)} faces apart from the building (legend, title block, details)")
-    names = [drawing.layers[i] for i in used if i >= 0]
-    if solids or rooms:
-        names += sorted({drawing.layers[fill.layer] for fill in drawing.fills})
+    by_layer = _lengths_by_layer(drawing, roles, found.candidates, faces)
+    names = [drawing.layers[fill.layer] for fill in drawing.fills] if solids or rooms else []
+    names += [drawing.layers[i] for i in np.unique(pieces.layer)]
+    used = [each.name for each in by_layer if each.taken > 0]
     return DrawnWalls(
         faces,
-        tuple(dict.fromkeys(names)),
+        tuple(dict.fromkeys([*used, *sorted(set(names))])),
         tuple(dropped),
-        warnings,
+        found.warnings,
         is_left_out,
         apart,
-        windows.openings,
+        np.concatenate([windows.openings, doors.openings]),
+        by_layer,
     )
 
 
-def _words_on_layers(drawing: VectorDrawing, role: Int[np.ndarray, " n"]) -> list[str]:
-    """What was left out because its layer holds no walls."""
-    is_no_wall = role == Role.NO_WALL
-    if not is_no_wall.any():
-        return []
-    names = sorted({drawing.layers[i] for i in np.unique(drawing.lines.layer[is_no_wall])})
-    return [f"{is_no_wall.sum()} lines on layers of no walls: {_listed(names)}"]
+def _open_doors(
+    faces: LineFaces, lines: Lines, metres_per_unit: float | None, most: float, extent: float
+) -> OpenedDoors:
+    """Faces cut where doors are drawn in them."""
+    known = np.isfinite(faces.thickness)
+    if not known.any() or not lines.is_curved.any():
+        return OpenedDoors(faces, np.zeros((0, 2, 2)), 0)
+    usual = weighted_median(faces.thickness[known], segments.lengths(faces.ends[known]))
+    swings = find_door_swings(lines, metres_per_unit, usual)
+    return open_doors(faces, swings, body_of_faces(faces, extent), most)
+
+
+def _lengths_by_layer(
+    drawing: VectorDrawing, roles: list[Role], candidates: Candidates, faces: LineFaces
+) -> tuple[LayerLength, ...]:
+    """What was looked at of each layer that is to be, all line work of the others, and what became faces."""
+    n = len(drawing.layers)
+    lines = drawing.lines
+    count = np.bincount(lines.layer, minlength=n)
+    whole = np.bincount(lines.layer, segments.lengths(lines.ends), minlength=n)
+    own = candidates.layer >= 0
+    drawn = np.bincount(candidates.layer[own], segments.lengths(candidates.ends[own]), minlength=n)
+    on_line = faces.line >= 0
+    layer = candidates.layer[faces.line[on_line]]
+    length = segments.lengths(faces.ends[on_line])
+    taken = np.bincount(layer[layer >= 0], length[layer >= 0], minlength=n)
+    return tuple(
+        LayerLength(
+            name,
+            roles[i],
+            int(count[i]),
+            float(whole[i] if roles[i] == Role.NO_WALL else drawn[i]),
+            float(taken[i]),
+        )
+        for i, name in enumerate(drawing.layers)
+    )
 
 
 def _are_in_rows(
@@ -178,63 +220,75 @@ def _have_form_of_faces(
     return ~is_row & ~lines.is_curved & ~is_leaf, words
 
 
-def _merged(lines: Lines, role: Int[np.ndarray, " n"], extent: float) -> _Candidates:
+def _merged(lines: Lines, role: Int[np.ndarray, " n"], extent: float) -> Candidates:
     """Lines on one another as one: a wall if one of them is called so, on the layer of the last."""
     ends, group = merge_collinear(lines.ends, 3e-5 * extent)
     is_called_wall = np.zeros(len(ends), dtype=bool)
     is_called_wall[group[role == Role.WALL]] = True
     layer = np.zeros(len(ends), dtype=int)
     layer[group] = lines.layer
-    return _Candidates(ends, is_called_wall, layer, np.zeros(len(ends), dtype=int))
+    return Candidates(ends, is_called_wall, layer, np.zeros(len(ends), dtype=int))
 
 
 def _faces_of_all(
     solids: list[BaseGeometry],
+    pieces: ClosedPieces,
     rooms: list[BaseGeometry],
-    candidates: _Candidates,
+    candidates: Candidates,
     metres_per_unit: float | None,
     extent: float,
-) -> tuple[list[LineFaces], Int[np.ndarray, " u"], tuple[str, ...]]:
-    """Faces of solid walls, of double lines, and of the edges of rooms; where there are none, single lines.
-
-    Also the layers, ascending, whose lines are faces, and warnings.
-    """
+) -> _Found:
+    """Faces of solid walls and columns, of double lines, of the edges of rooms, and of single lines where
+    walls are drawn so."""
     parts: list[LineFaces] = []
-    if solids:
+    if solids or pieces.areas:
         solid = shapely.union_all(solids)
+        if pieces.areas:
+            solid = joined([*solids, *pieces.areas], 2e-4 * extent)
+            alone = np.array(shapely.get_parts(solid), dtype=object)
+            size = np.ptp(shapely.bounds(alone).reshape(-1, 2, 2), axis=1).max(axis=1)
+            is_column = size <= pieces.column_size
+            parts += [_faces_of_column(column) for column in alone[is_column]]
+            solid = shapely.union_all(alone[~is_column])
         parts.append(_faces_of_solid(solid, extent))
-        around = shapely.buffer(solid, 1e-3 * extent)
+        around = shapely.buffer(shapely.union_all([*solids, *pieces.areas]), 1e-3 * extent)
         candidates = candidates.take(~shapely.contains(around, line_strings(candidates.ends)))
+    solid_length = sum(float(segments.lengths(part.ends).sum()) for part in parts)
     if rooms:
         candidates = _around_rooms(candidates, rooms, extent)
     thickness = None
     if len(candidates):
         thickness = estimate_thickness(candidates.ends, metres_per_unit, extent)
-    used, paired = np.zeros(0, dtype=int), None
-    # Beside solid walls, line work is furniture and windows, unless a layer calls it wall.
-    if thickness is not None and not (solids and not candidates.is_called_wall.any()):
+    paired = LineFaces.together([])
+    if thickness is not None:
         paired, _ = faces_of_lines(
             candidates.ends, thickness, candidates.is_called_wall, candidates.free_side
         )
+        # Beside solid walls, line work is furniture and windows, unless a layer calls it wall, or the solid
+        # ones are few: columns, the walls of a shaft.
+        is_clutter = solid_length > MAIN_SHARE * segments.lengths(paired.ends).sum()
+        if is_clutter and not candidates.is_called_wall.any():
+            paired = LineFaces.together([])
         parts.append(paired)
-        used = np.unique(candidates.layer[paired.line])
     if rooms:
         parts.append(_bare_edges(candidates, paired))
-    if len(candidates) and sum(len(part.ends) for part in parts) == 0:
-        single = _single_lines(candidates, extent)
-        if len(single.ends):
-            used = np.unique(candidates.layer[single.line])
-            warning = "walls are drawn as single lines: which side of them is free is unknown"
-            return [single], used, (warning,)
-    return parts, used, ()
+    is_taken = LineFaces.together(parts)
+    single = single_lines(candidates, is_taken, extent)
+    if len(single.ends) == 0:
+        return _Found(parts, candidates, ())
+    length = segments.lengths(single.ends).sum()
+    share = length / (length + segments.lengths(is_taken.ends).sum())
+    few = "" if share > 0.995 else f" ({share:.0%} of the length of faces)"
+    warning = f"walls are drawn as single lines{few}: which side of them is free is unknown"
+    return _Found([*parts, single], candidates, (warning,))
 
 
-def _around_rooms(candidates: _Candidates, rooms: list[BaseGeometry], extent: float) -> _Candidates:
+def _around_rooms(candidates: Candidates, rooms: list[BaseGeometry], extent: float) -> Candidates:
     """Lines outside rooms, and the edges of these, which look into their room on the left."""
     outside = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
     edges = edges_of_rooms(rooms, 4e-4 * extent)
     n = len(edges)
-    return _Candidates(
+    return Candidates(
         np.concatenate([outside.ends, edges]),
         np.concatenate([outside.is_called_wall, np.ones(n, dtype=bool)]),
         np.concatenate([outside.layer, np.full(n, -1)]),
@@ -261,33 +315,30 @@ def _faces_of_solid(solid: BaseGeometry, extent: float) -> LineFaces:
     )
 
 
-def _bare_edges(candidates: _Candidates, paired: LineFaces | None) -> LineFaces:
+def _faces_of_column(column: BaseGeometry) -> LineFaces:
+    """Round ones have nine faces or so, off by a thirtieth of their diameter."""
+    size = float(np.ptp(np.array(column.bounds).reshape(2, 2), axis=0).max())
+    faces = faces_of_regions(column, 0.03 * size, 0.1 * size)
+    n = len(faces.ends)
+    return LineFaces(
+        faces.ends, faces.normals, np.ones(n, dtype=bool), faces.thickness, np.full(n, -1)
+    )
+
+
+def _bare_edges(candidates: Candidates, paired: LineFaces) -> LineFaces:
     """Edges of rooms with nothing beside them: the outside of a building drawn without thickness."""
     is_edge = candidates.free_side != 0
-    if paired is not None:
-        is_edge[paired.line] = False
+    is_edge[paired.line] = False
     at = np.flatnonzero(is_edge)
     normals = segments.left_normals(candidates.ends[at]) * candidates.free_side[at, None]
     n = len(at)
     return LineFaces(candidates.ends[at], normals, np.ones(n, dtype=bool), np.full(n, np.nan), at)
 
 
-def _single_lines(candidates: _Candidates, extent: float) -> LineFaces:
-    """Long lines, of walls by name where any is, as faces whose free side is unknown."""
-    long, is_called_wall = (
-        segments.lengths(candidates.ends) > 0.02 * extent,
-        candidates.is_called_wall,
-    )
-    at = np.flatnonzero(long & is_called_wall if is_called_wall.any() else long)
-    ends, n = candidates.ends[at], len(at)
-    return LineFaces(
-        ends, segments.left_normals(ends), np.zeros(n, dtype=bool), np.full(n, np.nan), at
-    )
-
-
 def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, Float[np.ndarray, "a 2 2"]]:
     """Faces without groups that stand apart by a twentieth of the drawing and hold less than a
-    twentieth of the largest group's length; and the ends of those."""
+    twentieth of the largest group's length; and the ends of those. What stands inside of the largest is a
+    column or a wall on its own."""
     if len(faces.ends) == 0:
         return faces, faces.ends
     lines = line_strings(faces.ends)
@@ -296,9 +347,7 @@ def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, Float[np.nda
     graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
     count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
     total = np.bincount(group, segments.lengths(faces.ends), minlength=count)
-    keep = (total > 0.05 * total.max())[group]
+    largest = shapely.convex_hull(shapely.union_all(lines[group == total.argmax()]))
+    is_inside = np.bincount(group, ~shapely.covers(largest, lines), minlength=count) == 0
+    keep = ((total > 0.05 * total.max()) | is_inside)[group]
     return faces.take(keep), faces.ends[~keep]
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")

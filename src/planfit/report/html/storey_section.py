@@ -45,7 +45,7 @@ def _row(storey: Storey, near: dict[int, StoreyMeasures]) -> tuple[str, ...]:
     if storey.own is None:
         return "", "none given", floor, frames, "", ""
     own, both = storey.own, near[storey.own.number].both
-    yaw_deg = float(np.rad2deg(se3.yaw_of(own.plan_from_own)))
+    yaw_deg = se3.wrapped_deg(float(se3.yaw_of(own.plan_from_own)))
     x, y, _ = own.plan_from_own[:3, 3]
     lies = "as drawn, in shared axes" if own.shares_axes else (
         f"turned by {yaw_deg:.2f}{formatting.SPACE}deg, moved by ({x:.2f}, {y:.2f}){formatting.SPACE}m"

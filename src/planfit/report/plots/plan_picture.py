@@ -8,10 +8,10 @@ from PIL import Image, ImageOps
 
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
+from planfit.report.plots.rim import with_rim
 
 _SIDE_PX = 1600
 _MARGIN_PX = 40
-_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _GROW = 0.5
 """Line work is shown around the faces as far as this share of their longer side: a wing that was missed is,
 a title block far off is not."""
@@ -20,21 +20,23 @@ _FACE, _OPENING, _UNORIENTED, _DROPPED = (0, 94, 213), (178, 114, 0), (158, 115,
 """BGR; Okabe and Ito's palette."""
 
 
-def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
-    """PNG: faces with ticks towards their free side, openings, and what was left out.
+def draw_plan_picture(floorplan: Floorplan, path: Path, has_numbers: bool = False) -> bytes:
+    """PNG: faces with ticks towards their free side, openings, and what was left out; at the rim, the
+    coordinates in which points of the plan are given.
 
     Over the drawing, made pale, where the file is a picture; else over its line work in light grey.
 
     Args:
         floorplan: as read.
         path: of the file that it was read from.
+        has_numbers: whether faces are numbered, as `planfit plan --drop` counts them.
     """
     source = floorplan.source
     drawn, left_out = (
         _in_plan(floorplan, source.drawn_lines),
         _in_plan(floorplan, source.dropped_lines),
     )
-    if path.suffix.lower() in _PICTURES and source.file_from_plan is not None:
+    if source.is_picture and source.file_from_plan is not None:
         canvas, zoom = _pale(path)
         uv_from_plan = _zoomed(source.file_from_plan, zoom)
     else:
@@ -54,6 +56,15 @@ def draw_plan_picture(floorplan: Floorplan, path: Path) -> bytes:
         _draw(canvas, np.stack([middle, tips], axis=1)[long], _FACE, 1)
     if floorplan.openings is not None and len(floorplan.openings):
         _draw(canvas, _moved(floorplan.openings, uv_from_plan), _OPENING, 2)
+    if has_numbers:
+        for number, middle in enumerate(_moved(floorplan.ends, uv_from_plan).mean(axis=1)):
+            at = tuple(np.round(np.clip(middle, -1e5, 1e5)).astype(int).tolist())
+            cv2.putText(
+                canvas, str(number), at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (150, 0, 0), 1, cv2.LINE_AA
+            )
+    canvas = with_rim(
+        canvas, uv_from_plan @ np.linalg.inv(source.rim_from_plan), _rim_words(floorplan)
+    )
     canvas = _with_key(canvas, floorplan)
     return cv2.imencode(".png", canvas)[1].tobytes()
 
@@ -115,6 +126,13 @@ def _draw(canvas: np.ndarray, ends: np.ndarray, color: tuple[int, int, int], wid
     # Fixed point with four fractional bits, for lines between pixels; far ends must not overflow.
     points = np.round(np.clip(ends, -1e5, 1e5) * 16).astype(np.int32)
     cv2.polylines(canvas, list(points), False, color, width, cv2.LINE_AA, 4)
+
+
+def _rim_words(floorplan: Floorplan) -> str:
+    """Whose coordinates are at the rim."""
+    if floorplan.source.is_picture:
+        return "pixels of the picture, u right, v down"
+    return "plan frame, m" if floorplan.is_metric else "plan frame, units of the drawing"
 
 
 def _with_key(canvas: np.ndarray, floorplan: Floorplan) -> np.ndarray:

@@ -23,6 +23,8 @@ from planfit.report.plots.top_view import Crop, draw_points, draw_scale, set_up_
 
 LOW_M, HIGH_M = -1.1, 0.5
 """Heights against the camera between which points are drawn: walls and furniture, no floor and no ceiling."""
+_LEVEL_COSINE = 0.9998
+"""Axes within 1 deg of level: 50 m away, points are then a metre off at most."""
 _MARGIN_M = 0.5
 _DOTTED = (0, (1, 2))
 _TITLE_IN, _LEFT_IN, _BOTTOM_IN = 0.55, 0.5, 0.5
@@ -36,7 +38,8 @@ def draw_scan_view(
     gaps: Int[np.ndarray, " g"],
     jumps: Int[np.ndarray, " j"],
 ) -> bytes:
-    """PNG of the scan seen from above, in metres.
+    """PNG of the scan seen from above, in metres; the numbers at its rim are those of the scan's own axes
+    where these are level.
 
     Args:
         title: a line above the picture.
@@ -57,11 +60,24 @@ def draw_scan_view(
     figure = new_figure(width, _BOTTOM_IN + axes_height + _TITLE_IN)
     axes = add_axes(figure, _LEFT_IN, _BOTTOM_IN, axes_width, axes_height)
     set_up_view(axes, crop, is_aligned=False)
+    _name_axes(axes, level_from_world)
     draw_points(axes, crop, xy, AFTER)
     _draw_path(axes, centres, gaps, jumps)
     draw_scale(axes, crop)
     _add_title_and_legend(figure, title, len(gaps) > 0, len(jumps) > 0)
     return to_picture(figure).png
+
+
+def _name_axes(axes: Axes, level_from_world: Float[np.ndarray, "3 3"]) -> None:
+    """Numbers in the scan's own axes, in which points of the scan are given, where these stand level."""
+    for row, axis in ((level_from_world[0], axes.xaxis), (level_from_world[1], axes.yaxis)):
+        k = int(np.argmax(np.abs(row)))
+        if abs(row[k]) < _LEVEL_COSINE:
+            axis.set_label_text(f"{axis.get_label_text()}, turned level: not the scan's own axes")
+            continue
+        sign = float(np.sign(row[k]))
+        axis.set_major_formatter(lambda value, _, sign=sign: f"{sign * value + 0.0:g}")
+        axis.set_label_text(f"{'xyz'[k]} of the scan (m)")
 
 
 def at_camera_height(

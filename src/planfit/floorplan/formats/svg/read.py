@@ -69,7 +69,12 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     # The file's y points down.
     file_from_drawing = np.diag([1.0, -1.0, 1.0])
     floorplan = plan_of_drawing(
-        drawing, path, fingerprint_of(path), options, "SVG drawing", file_from_drawing
+        drawing,
+        path,
+        fingerprint_of(path),
+        options.on_paper(0.0254 / PIXELS_PER_INCH),
+        "SVG drawing",
+        file_from_drawing,
     )
     return floorplan.with_warning(not_followed) if n_references else floorplan
 

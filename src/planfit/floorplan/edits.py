@@ -1,0 +1,249 @@
+"""Corrections of a plan that was read: faces left out, regions kept, walls added; in a file of their own.
+
+Faces are told by where they lie, not by number: a number changes when anything about the reading does.
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from shapely.geometry.base import BaseGeometry
+
+from planfit.errors import FloorplanError, OptionError
+from planfit.floorplan.faces import line_strings
+from planfit.floorplan.types import Floorplan
+from planfit.geometry import segments
+
+SAME_SHARE = 0.002
+"""A face is the one that an edit names where its ends lie within this share of the plan's size."""
+MAX_ENTRIES = 100_000
+
+
+@dataclass(frozen=True)
+class PlanEdits:
+    """In the coordinates at the rim of `planfit plan -o plan.png`."""
+
+    drop: Float[np.ndarray, "d 2 2"]
+    """Ends of faces that are left out."""
+    keep: tuple[Float[np.ndarray, "_ 2"], ...] = ()
+    """Corners of regions; what lies outside of all of them is left out, unless there are none."""
+    add: Float[np.ndarray, "a 2 2"] | None = None
+    """Ends of walls that were missed, seen from either side."""
+
+
+def read_edits(path: Path) -> PlanEdits:
+    """Edits of a JSON file; see docs/formats.md.
+
+    Raises:
+        FloorplanError: the file is missing, or holds something else.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise FloorplanError(
+            f"{path}: expected a JSON file of plan edits, found {type(error).__name__}; write one with "
+            "`planfit plan PLAN --drop N --write-edits FILE`"
+        ) from error
+    known = {"planfit_edits", "drop", "keep_regions", "add"}
+    if not isinstance(content, dict) or content.get("planfit_edits") != 1 or set(content) - known:
+        raise FloorplanError(
+            f"{path}: expected plan edits of version 1 ({', '.join(sorted(known))}), found others; see "
+            "docs/formats.md"
+        )
+    try:
+        ends = [_ends(content.get(name) or []) for name in ("drop", "add")]
+        keep = tuple(_region(corners) for corners in content.get("keep_regions") or [])
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FloorplanError(
+            f"{path}: expected pairs of ends [[x, y], [x, y]] and regions of three corners or more, found "
+            f"{error}; see docs/formats.md"
+        ) from error
+    return PlanEdits(ends[0], keep, ends[1])
+
+
+def write_edits(path: Path, edits: PlanEdits) -> None:
+    """Write what `read_edits` reads."""
+    content = {
+        "planfit_edits": 1,
+        "drop": np.round(edits.drop, 6).tolist(),
+        "keep_regions": [corners.tolist() for corners in edits.keep],
+        "add": [] if edits.add is None else edits.add.tolist(),
+    }
+    path.write_text(json.dumps(content, indent=1) + "\n")
+
+
+def edits_of_words(
+    floorplan: Floorplan, drop: tuple[int, ...], keep_regions: tuple[str, ...]
+) -> PlanEdits:
+    """Edits of a command line: numbers of faces, and regions "x0,y0,x1,y1" or "x,y,x,y,x,y,...".
+
+    Raises:
+        OptionError: there is no face of a number, or a region is of another form.
+    """
+    for number in drop:
+        if not 0 <= number < len(floorplan):
+            raise OptionError(
+                f"--drop: expected numbers of faces from 0 to {len(floorplan) - 1}, found {number}; see them "
+                "in `planfit plan PLAN --numbers -o plan.png`"
+            )
+    rim = floorplan.source.rim_from_plan
+    ends = floorplan.ends[np.array(drop, dtype=int)]
+    regions = []
+    for text in keep_regions:
+        try:
+            values = np.array([float(word) for word in text.split(",")])
+            corners = values.reshape(-1, 2)
+            if len(corners) == 2:
+                (x0, y0), (x1, y1) = corners
+                corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+            regions.append(_region(corners.tolist()))
+        except ValueError as error:
+            raise OptionError(
+                f"--keep-region: expected x0,y0,x1,y1 or the corners x,y,x,y,x,y, found {text!r}"
+            ) from error
+    return PlanEdits(ends @ rim[:2, :2].T + rim[:2, 2], tuple(regions))
+
+
+def edited(floorplan: Floorplan, edits: PlanEdits, name: str) -> Floorplan:
+    """The plan with corrections.
+
+    Args:
+        floorplan: as read.
+        edits: corrections.
+        name: of the edits, for messages.
+
+    Raises:
+        FloorplanError: a face that is to be left out is not there, or none is left.
+    """
+    plan_from_rim = np.linalg.inv(floorplan.source.rim_from_plan)
+    before = floorplan.lengths.sum()
+    kept = np.ones(len(floorplan), dtype=bool)
+    kept[_found(floorplan, _moved(edits.drop, plan_from_rim), name)] = False
+    plan = _taken(floorplan, np.flatnonzero(kept), floorplan.ends[kept])
+    if edits.keep and len(plan.ends):
+        corners = [_moved(c, plan_from_rim) for c in edits.keep]
+        plan = _within(
+            plan, shapely.union_all([shapely.make_valid(shapely.Polygon(c)) for c in corners])
+        )
+    n_added = 0 if edits.add is None else len(edits.add)
+    if edits.add is not None and n_added:
+        plan = _with_walls(plan, _moved(edits.add, plan_from_rim))
+    if len(plan.ends) == 0:
+        raise FloorplanError(
+            f"{name}: expected edits that leave a wall, found none left; keep more"
+        )
+    gone = before - sum(segments.lengths(plan.ends)[: len(plan.ends) - n_added])
+    unit = "m" if floorplan.is_metric else "units"
+    words = f"{gone:.3g} {unit} of faces by {name}" + (f", which adds {n_added}" if n_added else "")
+    digest = hashlib.sha256()
+    for part in (edits.drop, *edits.keep, np.zeros((0, 2, 2)) if edits.add is None else edits.add):
+        digest.update(np.ascontiguousarray(part).tobytes() + str(part.shape).encode())
+    source = replace(plan.source, dropped=(*plan.source.dropped, words))
+    mark = digest.hexdigest()[:8]
+    return replace(plan, source=source, fingerprint=f"{floorplan.fingerprint} edited {mark}")
+
+
+def _ends(values: object) -> Float[np.ndarray, "n 2 2"]:
+    ends = np.array(values, dtype=float)
+    ends = ends.reshape(0, 2, 2) if ends.size == 0 else ends
+    if ends.ndim != 3 or ends.shape[1:] != (2, 2) or len(ends) > MAX_ENTRIES:
+        raise ValueError(f"an array of shape {ends.shape}")
+    if not (np.isfinite(ends).all() and (segments.lengths(ends) > 0).all()):
+        raise ValueError("no finite numbers, or a face without length")
+    return ends
+
+
+def _region(values: object) -> Float[np.ndarray, "k 2"]:
+    corners = np.array(values, dtype=float)
+    if corners.ndim != 2 or corners.shape[1:] != (2,) or not 3 <= len(corners) <= MAX_ENTRIES:
+        raise ValueError(f"a region of shape {corners.shape}")
+    if not np.isfinite(corners).all() or shapely.Polygon(corners).area == 0:
+        raise ValueError("a region without area")
+    return corners
+
+
+def _moved(
+    points: Float[np.ndarray, "*n 2"], there_from_here: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "*n 2"]:
+    return points @ there_from_here[:2, :2].T + there_from_here[:2, 2]
+
+
+def _found(floorplan: Floorplan, ends: Float[np.ndarray, "d 2 2"], name: str) -> np.ndarray:
+    """Indices of the faces that lie at these ends.
+
+    Raises:
+        FloorplanError: one does not.
+    """
+    near = SAME_SHARE * max(floorplan.size)
+    found = []
+    for each in ends:
+        apart = np.minimum(
+            np.abs(floorplan.ends - each).max(axis=(1, 2)),
+            np.abs(floorplan.ends - each[::-1]).max(axis=(1, 2)),
+        )
+        if apart.min() > near:
+            raise FloorplanError(
+                f"{name}: expected a face from {np.round(each[0], 3).tolist()} to "
+                f"{np.round(each[1], 3).tolist()} (plan frame) to leave out, found none; the plan is read "
+                "otherwise than when the edits were made: make them again"
+            )
+        found.append(int(apart.argmin()))
+    return np.array(found, dtype=int)
+
+
+def _taken(floorplan: Floorplan, of: np.ndarray, ends: Float[np.ndarray, "n 2 2"]) -> Floorplan:
+    """Parts of faces: `ends` of each, and the face it is of. May have none."""
+    changed = {
+        "ends": ends,
+        "normals": floorplan.normals[of],
+        "is_oriented": floorplan.is_oriented[of],
+        "thickness": None if floorplan.thickness is None else floorplan.thickness[of],
+        "storeys": None if floorplan.storeys is None else floorplan.storeys[of],
+    }
+    if len(ends) == 0:
+        raise FloorplanError(
+            f"{floorplan.name}: expected edits that leave a wall, found none left; keep more"
+        )
+    return replace(floorplan, **changed)
+
+
+def _within(floorplan: Floorplan, region: BaseGeometry) -> Floorplan:
+    """Parts of faces and openings inside a region."""
+    ends, of = _clipped(floorplan.ends, region, 1e-3 * max(floorplan.size))
+    openings = floorplan.openings
+    if openings is not None:
+        openings, _ = _clipped(openings, region, 0.0)
+    return replace(_taken(floorplan, of, ends), openings=openings)
+
+
+def _clipped(
+    ends: Float[np.ndarray, "n 2 2"], region: BaseGeometry, least: float
+) -> tuple[Float[np.ndarray, "m 2 2"], np.ndarray]:
+    if len(ends) == 0:
+        return ends, np.zeros(0, dtype=int)
+    parts, of = shapely.get_parts(
+        shapely.intersection(line_strings(ends), region), return_index=True
+    )
+    long = shapely.length(parts) > least
+    parts, of = parts[long], of[long]
+    cut = [shapely.get_coordinates(part)[[0, -1]] for part in parts]
+    # Overlays may turn a line round; its face looks the way it did.
+    return np.array(cut).reshape(-1, 2, 2), of
+
+
+def _with_walls(floorplan: Floorplan, ends: Float[np.ndarray, "a 2 2"]) -> Floorplan:
+    n = len(ends)
+    thickness = floorplan.thickness
+    storeys = floorplan.storeys
+    return replace(
+        floorplan,
+        ends=np.concatenate([floorplan.ends, ends]),
+        normals=np.concatenate([floorplan.normals, segments.left_normals(ends)]),
+        is_oriented=np.concatenate([floorplan.is_oriented, np.zeros(n, dtype=bool)]),
+        thickness=None if thickness is None else np.concatenate([thickness, np.full(n, np.nan)]),
+        storeys=None if storeys is None else np.concatenate([storeys, np.zeros(n, dtype=int)]),
+    )

@@ -1,0 +1,118 @@
+"""Doors and windows of an IFC model: where walls would go on without them, and what fills them."""
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.vector.regions import section_area
+from planfit.geometry import segments
+
+MIN_SIDE_M = 0.15
+"""Narrower openings are shafts and pipes."""
+_SKIN_M = 0.004
+_NEAR_M = 0.6
+"""A door or window stands within so much of the middle of its opening, or on it."""
+_KINDS = (("IfcDoor", "door"), ("IfcWindow", "window"))
+
+
+@dataclass(frozen=True)
+class Openings:
+    """At the height of a cut, m."""
+
+    sides: Float[np.ndarray, "k 2 2"]
+    """Along the faces that they interrupt."""
+    kinds: tuple[str, ...]
+    """Counted, in words: "5 doors"."""
+
+
+def find_openings(
+    ifcopenshell: Any, walls: list[Any], solid: BaseGeometry, height_m: float, unit_scale: float
+) -> Openings:
+    """What walls with openings are cut to without them, less what stands.
+
+    Args:
+        ifcopenshell: the package.
+        walls: of the model.
+        solid: area of all walls at the height, m, openings left out.
+        height_m: of the cut.
+        unit_scale: metres of the model's unit.
+    """
+    whole, voids = [], []
+    settings = ifcopenshell.geom.settings()
+    settings.set("use-world-coords", True)
+    settings.set("disable-opening-subtractions", True)
+    for wall in walls:
+        if not getattr(wall, "HasOpenings", ()) or wall.Representation is None:
+            continue
+        try:
+            shape = ifcopenshell.geom.create_shape(settings, wall)
+        except RuntimeError:
+            continue  # it has no geometry with openings either, which is told
+        corners = np.array(shape.geometry.verts, dtype=float).reshape(-1, 3)
+        triangles = np.array(shape.geometry.faces, dtype=int).reshape(-1, 3)
+        area = section_area(corners, triangles, height_m)
+        if not area.is_empty:
+            whole.append(area)
+            gone = area.difference(solid.buffer(_SKIN_M, join_style="mitre"))
+            voids += [v for v in shapely.get_parts(gone) if v.area > 0]
+    if not voids:
+        return Openings(np.zeros((0, 2, 2)), ())
+    sides, kinds = [], Counter()
+    fillings = _fillings(ifcopenshell, walls, unit_scale)
+    uncut = shapely.boundary(shapely.union_all(whole))
+    near = uncut.buffer(_SKIN_M)
+    for void in voids:
+        found = _sides_of(void, near)
+        if len(found):
+            sides.append(found)
+            kinds[_kind_of(void, fillings, height_m)] += 1
+    listed = [
+        f"{kinds[word]} {word}{'' if kinds[word] == 1 else 's'}"
+        for word in ("door", "window", "opening")
+        if kinds[word]
+    ]
+    return Openings(np.concatenate([*sides, np.zeros((0, 2, 2))]), tuple(listed))
+
+
+def _sides_of(void: BaseGeometry, near_face: BaseGeometry) -> Float[np.ndarray, "k 2 2"]:
+    """Edges of a void that lie on faces of the wall."""
+    outline = shapely.simplify(shapely.get_exterior_ring(void), 2 * _SKIN_M)
+    points = shapely.get_coordinates(outline)
+    edges = np.stack([points[:-1], points[1:]], axis=1)
+    edges = edges[segments.lengths(edges) > MIN_SIDE_M]
+    lines = shapely.linestrings(edges)
+    on_face = shapely.length(shapely.intersection(lines, near_face)) > 0.9 * shapely.length(lines)
+    return edges[on_face]
+
+
+def _fillings(
+    ifcopenshell: Any, walls: list[Any], unit_scale: float
+) -> list[tuple[str, Float[np.ndarray, "3"]]]:
+    """Doors and windows in the openings of walls: their kind, and where they stand, m."""
+    result = []
+    for wall in walls:
+        for relation in getattr(wall, "HasOpenings", ()) or ():
+            for filled in getattr(relation.RelatedOpeningElement, "HasFillings", ()) or ():
+                element = filled.RelatedBuildingElement
+                kind = next((word for name, word in _KINDS if element.is_a(name)), "opening")
+                place = ifcopenshell.util.placement.get_local_placement(element.ObjectPlacement)
+                result.append((kind, place[:3, 3] * unit_scale))
+    return result
+
+
+def _kind_of(
+    void: BaseGeometry, fillings: list[tuple[str, Float[np.ndarray, "3"]]], height_m: float
+) -> str:
+    """Of the nearest door or window that begins below the cut, on this storey."""
+    nearest, kind = _NEAR_M, "opening"
+    for word, at in fillings:
+        if height_m - 2.5 < at[2] <= height_m:
+            distance = void.distance(shapely.Point(at[:2]))
+            if distance < nearest:
+                nearest, kind = distance, word
+    return kind

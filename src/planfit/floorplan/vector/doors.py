@@ -1,0 +1,178 @@
+"""Doors drawn as a quarter circle in a wall whose lines run on: outlines of rooms, thresholds."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.vector.arcs import fit_circle
+from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.floorplan.vector.drawing import Lines
+from planfit.floorplan.vector.openings import TOLERANCE, curve_runs
+from planfit.geometry import segments
+
+RADIUS_M = (0.45, 1.6)
+RADIUS_THICKNESSES = (2.5, 25.0)
+"""Of leaves where the unit is unknown, in thicknesses of the usual wall."""
+SWEEP_DEG = (65.0, 115.0)
+BESIDE = 0.15
+"""A closed leaf lies in its wall, or beside a face by this share of its length: arcs begin at either edge."""
+IN_WALL_SHARE = 0.6
+MARGIN = 0.04
+"""Of a leaf's length, at both ends of its opening: frames."""
+
+
+@dataclass(frozen=True)
+class DoorSwing:
+    """The quarter circle of a leaf, in the drawing's unit."""
+
+    hinge: Float[np.ndarray, "2"]
+    tips: Float[np.ndarray, "2 2"]
+    """Ends of the arc: the leaf's tip when open and when closed, in no order."""
+    radius: float
+    has_leaf: tuple[bool, bool]
+    """Whether a line as long as the leaf goes from the hinge to each tip: the leaf is drawn open."""
+
+
+@dataclass(frozen=True)
+class OpenedDoors:
+    """Faces without those that ran through doors."""
+
+    faces: LineFaces
+    openings: Float[np.ndarray, "k 2 2"]
+    """What was cut from them."""
+    n_doors: int
+
+
+def find_door_swings(
+    lines: Lines, metres_per_unit: float | None, usual_thickness: float
+) -> list[DoorSwing]:
+    """Arcs of about a quarter circle as long as doors are.
+
+    Args:
+        lines: of the drawing, in the order of the file.
+        metres_per_unit: None where it is unknown.
+        usual_thickness: of its walls, in its unit; it tells how long doors may be where the unit is unknown.
+    """
+    least, most = np.array(RADIUS_THICKNESSES) * usual_thickness
+    if metres_per_unit is not None:
+        least, most = np.array(RADIUS_M) / metres_per_unit
+    at, run = curve_runs(lines)
+    straight = lines.ends[~lines.is_curved]
+    starts = np.flatnonzero(np.diff(run, prepend=-1))
+    found = []
+    for start, stop in zip(starts, np.append(starts[1:], len(run)), strict=True):
+        ends = lines.ends[at[start:stop]]
+        points = np.concatenate([ends[:, 0], ends[-1:, 1]])
+        swing = _swing_of(points, straight)
+        if swing is not None and least < swing.radius < most:
+            found.append(swing)
+    return found
+
+
+def _swing_of(
+    points: Float[np.ndarray, "n 2"], straight: Float[np.ndarray, "m 2 2"]
+) -> DoorSwing | None:
+    """The circle through points, where they are a quarter of one; leaves are among the straight lines."""
+    if len(points) < 4:
+        return None
+    circle = fit_circle(points)
+    if circle is None:
+        return None
+    spokes = (points[[0, -1]] - circle.centre) / circle.radius
+    sweep = np.rad2deg(np.arccos(np.clip(spokes[0] @ spokes[1], -1.0, 1.0)))
+    if not SWEEP_DEG[0] < sweep < SWEEP_DEG[1]:
+        return None
+    tips = points[[0, -1]]
+    near = TOLERANCE * circle.radius
+    from_hinge = np.linalg.norm(straight - circle.centre, axis=2) < near
+    has_leaf = [
+        bool((from_hinge & (np.linalg.norm(straight - tip, axis=2) < near)[:, ::-1]).any())
+        for tip in tips
+    ]
+    return DoorSwing(circle.centre, tips, circle.radius, (has_leaf[0], has_leaf[1]))
+
+
+def open_doors(
+    faces: LineFaces, swings: list[DoorSwing], body: BaseGeometry, most: float
+) -> OpenedDoors:
+    """Cut faces where a closed leaf lies in their wall.
+
+    Args:
+        faces: found among the lines of the drawing.
+        swings: of its doors.
+        body: walls behind the faces.
+        most: how thick walls may be.
+    """
+    shapely.prepare(body)
+    cuts: dict[int, list[tuple[float, float]]] = {}
+    n_doors = 0
+    length, along = segments.lengths(faces.ends), segments.directions(faces.ends)
+    left = segments.left_normals(faces.ends)
+    for swing in swings:
+        tip = _closed_tip(swing, body)
+        if tip is None:
+            continue
+        leaf = np.array([swing.hinge, tip])
+        across = np.einsum("nij,nj->ni", leaf[None] - faces.ends[:, :1], left)
+        at = np.sort(np.einsum("nij,nj->ni", leaf[None] - faces.ends[:, :1], along), axis=1)
+        is_parallel = np.abs(across[:, 1] - across[:, 0]) < 0.1 * swing.radius
+        depth = np.where(np.isfinite(faces.thickness), faces.thickness, 0.0)
+        reach = np.minimum(depth, most) + BESIDE * swing.radius
+        low, high = at[:, 0] + MARGIN * swing.radius, at[:, 1] - MARGIN * swing.radius
+        overlap = np.minimum(high, length) - np.maximum(low, 0.0)
+        is_cut = is_parallel & (np.abs(across).max(axis=1) < reach) & (overlap > 0.3 * swing.radius)
+        if is_cut.any():
+            n_doors += 1
+        for i in np.flatnonzero(is_cut):
+            cuts.setdefault(int(i), []).append((float(low[i]), float(high[i])))
+    if not cuts:
+        return OpenedDoors(faces, np.zeros((0, 2, 2)), 0)
+    return _cut(faces, cuts, n_doors)
+
+
+def _closed_tip(swing: DoorSwing, body: BaseGeometry) -> Float[np.ndarray, "2"] | None:
+    """The end of the arc to which the leaf lies in a wall; None where neither does. Where both do, by a
+    corner, the one to which no leaf is drawn; None where that does not tell."""
+    shares = np.linspace(0.2, 0.8, 9)[:, None]
+    inside = []
+    for tip in swing.tips:
+        points = (1 - shares) * swing.hinge + shares * tip
+        inside.append(_share_in(body, points, 0.5 * BESIDE * swing.radius))
+    best = int(np.argmax(inside))
+    if inside[best] < IN_WALL_SHARE:
+        return None
+    if inside[best] > inside[1 - best] + 0.3:
+        return swing.tips[best]
+    if swing.has_leaf[0] == swing.has_leaf[1]:
+        return None
+    return swing.tips[int(swing.has_leaf[0])]
+
+
+def _share_in(body: BaseGeometry, points: Float[np.ndarray, "n 2"], near: float) -> float:
+    return float(np.mean(shapely.dwithin(body, shapely.points(points), near)))
+
+
+def _cut(faces: LineFaces, cuts: dict[int, list[tuple[float, float]]], n_doors: int) -> OpenedDoors:
+    whole = np.ones(len(faces.ends), dtype=bool)
+    whole[list(cuts)] = False
+    kept, openings, source = [], [], []
+    for i, gaps in cuts.items():
+        start, direction = faces.ends[i, 0], segments.directions(faces.ends[i][None])[0]
+        length = float(segments.lengths(faces.ends[i][None])[0])
+        least = 0.02 * length
+        at = 0.0
+        for low, high in [*sorted(gaps), (length, length)]:
+            low, high = float(np.clip(low, 0, length)), float(np.clip(high, 0, length))
+            if low - at > least:
+                kept.append(start + np.outer([at, low], direction))
+                source.append(i)
+            if high > low:
+                openings.append(start + np.outer([low, high], direction))
+            at = max(at, high)
+    parts = faces.take(np.array(source, dtype=int))
+    parts = replace(parts, ends=np.array(kept).reshape(-1, 2, 2))
+    both = LineFaces.together([faces.take(whole), parts])
+    return OpenedDoors(both, np.array(openings).reshape(-1, 2, 2), n_doors)

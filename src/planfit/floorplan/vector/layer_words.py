@@ -1,0 +1,70 @@
+"""What became of each layer of a drawing, in words: what was left out, with its length."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from planfit.floorplan.vector.layer_names import Role
+from planfit.floorplan.vector.walls import LayerLength
+
+MOST_NAMED = 6
+LITTLE = 0.3
+"""A layer that is called wall and of which less became faces is questioned."""
+
+
+@dataclass(frozen=True)
+class LayerWords:
+    """Sentences for `PlanSource`."""
+
+    dropped: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def words_on_layers(
+    layers: Sequence[LayerLength], metres_per_unit: float | None, is_chosen: bool = False
+) -> LayerWords:
+    """Layers that were left out by name, line work that was taken for no wall, and layers called wall that
+    gave few faces.
+
+    Args:
+        layers: lengths in the unit of the drawing.
+        metres_per_unit: None where it is unknown.
+        is_chosen: whether the user named the layers that hold walls.
+    """
+
+    def length(amount: float) -> str:
+        return (
+            f"{amount:.3g} units"
+            if metres_per_unit is None
+            else f"{amount * metres_per_unit:.3g} m"
+        )
+
+    def listed(left: list[tuple[LayerLength, float]]) -> str:
+        left = sorted(left, key=lambda pair: -pair[1])
+        words = [
+            f"{each.name or 'no layer'} ({length(amount)})" for each, amount in left[:MOST_NAMED]
+        ]
+        return ", ".join(words) + (
+            f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
+        )
+
+    dropped, warnings = [], []
+    no_wall = [(each, each.drawn) for each in layers if each.role == Role.NO_WALL and each.n_lines]
+    if no_wall:
+        count = sum(each.n_lines for each, _ in no_wall)
+        why = "layers that were not chosen" if is_chosen else "layers of no walls"
+        dropped.append(f"{count} lines on {why}: {listed(no_wall)}")
+    longest = max((each.drawn for each in layers), default=0.0)
+    looked_at = [each for each in layers if each.role != Role.NO_WALL]
+    left = [(each, each.drawn - each.taken) for each in looked_at]
+    left = [(each, amount) for each, amount in left if amount > 0.05 * each.drawn > 0]
+    if left:
+        dropped.append(f"line work taken for no wall: {listed(left)}")
+    for each in looked_at:
+        is_little = each.taken < LITTLE * each.drawn and each.drawn > 0.02 * longest
+        if each.role == Role.WALL and is_little:
+            called = "was chosen" if is_chosen else "is called wall"
+            warnings.append(
+                f"layer {each.name!r} {called}, but of its {length(each.drawn)} of lines only "
+                f"{length(each.taken)} became faces: compare the overlay (-o FILE.png) with the drawing"
+            )
+    return LayerWords(tuple(dropped), tuple(warnings))

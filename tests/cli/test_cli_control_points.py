@@ -1,0 +1,76 @@
+"""Known points on the command line, in the axes that the pictures show."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from planfit.cli import run
+from planfit.floorplan import read_floorplan
+from planfit.report.plots.rim import BOTTOM_PX, RIGHT_PX, with_rim
+
+
+def true_points(scan: Path) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Recorded places (world, y up, m) of the first and a later camera, and the same points on the plan: the
+    axes of the layout are those of the plan, u = x and v = z, and the plan frame has (u, -v)."""
+    poses = [np.loadtxt(path) for path in sorted((scan / "arcore").glob("pose-*.txt"))]
+    return [(p[:3, 3], np.array([p[0, 3], -p[2, 3]])) for p in (poses[0], poses[len(poses) // 3])]
+
+
+def words(world: np.ndarray, plan: np.ndarray, prefix: str = "") -> str:
+    return ",".join(f"{v:.4f}" for v in world) + "=" + prefix + ",".join(f"{v:.4f}" for v in plan)
+
+
+@pytest.mark.parametrize("form", ["plan", "file", "together"])
+def test_points_in_the_axes_of_the_plan_are_taken(
+    small_scan: Path, tmp_path: Path, form: str
+) -> None:
+    points = true_points(small_scan)
+    if form == "file":
+        pins = [words(world, plan * (1, -1), "file:") for world, plan in points]
+    else:
+        pins = [words(world, plan) for world, plan in points]
+    flags = [f"--pin={pin}" for pin in pins] if form != "together" else ["--pin", *pins]
+    plan = str(small_scan / "floorplan.npy")
+    out = tmp_path / "out"
+    assert run(["align", str(small_scan), plan, "-o", str(out), *flags]) == 0
+    record = json.loads((out / "alignment.json").read_text())
+    assert record["is_as_recorded"]
+    assert record["metres_per_unit"] == 1.0
+
+
+def test_refine_takes_points_and_a_candidate(small_scan: Path, tmp_path: Path, capsys) -> None:
+    (world, plan), _ = true_points(small_scan)
+    out = tmp_path / "out"
+    far = words(world, plan + 500.0)
+    assert run(["refine", str(small_scan), "-o", str(out), "--pin", far]) == 2
+    assert "expected points on the plan, which spans" in capsys.readouterr().err
+    assert run(["refine", str(small_scan), "-o", str(out), "--candidate", "99"]) == 2
+    assert "align.candidate: expected 1 to" in capsys.readouterr().err
+    assert run(["refine", str(small_scan), "-o", str(out), "--no-plan", "--candidate", "2"]) == 2
+    assert "--no-plan: expected no flags of a plan" in capsys.readouterr().err
+
+
+def test_the_rim_has_the_numbers_of_the_plan() -> None:
+    """Ticks at the right pixels, with v down or y up; the picture itself is left as it is."""
+    canvas = np.full((400, 600, 3), 255, np.uint8)
+    uv_from_xy = np.array([[50.0, 0, 100], [0, -50.0, 350], [0, 0, 1]])
+    made = with_rim(canvas, uv_from_xy, "plan frame, m")
+    assert made.shape == (400 + BOTTOM_PX, 600 + RIGHT_PX, 3)
+    assert (made[1:399, 1:599] == 255).all()
+    below, beside = made[403, :600, 0] < 100, made[:400, 603, 0] < 100
+    assert np.flatnonzero(below).tolist() == [100, 350]  # x = 0 and 5
+    assert np.flatnonzero(beside).tolist() == [100, 350]  # y = 5 and 0
+
+
+def test_the_picture_of_a_plan_shows_pixels_of_a_picture(tmp_path: Path) -> None:
+    image = np.full((400, 700, 3), 255, np.uint8)
+    image[50:350, 50:650] = 0
+    image[70:330, 70:630] = 255
+    cv2.imwrite(str(tmp_path / "room.png"), image)
+    plan = read_floorplan(tmp_path / "room.png")
+    assert plan.source.is_picture
+    corner = plan.source.rim_from_plan @ [*plan.ends.reshape(-1, 2).min(axis=0), 1.0]
+    np.testing.assert_allclose(corner[:2], [49.5, 349.5], atol=1.0)

@@ -1,0 +1,83 @@
+"""Doors drawn in walls whose lines run through them, and arcs that a file holds as rough polylines."""
+
+from pathlib import Path
+
+import ezdxf
+import numpy as np
+import pytest
+import shapely
+
+from plan_files import VILLA_DOORS, door_lines, make_villa, write_dxf
+from planfit.floorplan import read_floorplan
+from planfit.floorplan.vector.arcs import fit_circle
+
+OUTER = shapely.box(0, 0, 10, 8).difference(shapely.box(0.3, 0.3, 9.7, 7.7))
+WALL = shapely.box(5, 0.3, 5.12, 7.7)
+
+
+def closed_rooms(path: Path, rounded: float, leaf: bool = True, corner: bool = False) -> Path:
+    """Two rooms whose outlines run through a door of 0.9 m in the wall between them, m."""
+
+    def add(document: ezdxf.document.Drawing) -> None:
+        space = document.modelspace()
+        low = 0.3 if corner else 3.0
+        t = np.linspace(0, np.pi / 2, 12)
+        hinge = np.array([5.12, low])
+        arc = hinge + 0.9 * np.stack([np.sin(t), np.cos(t)], axis=1)
+        arc = np.round(arc / rounded) * rounded if rounded else arc
+        space.add_lwpolyline(arc, dxfattribs={"layer": "PLAN"})
+        if leaf:
+            space.add_line(hinge, hinge + np.array([0.9, 0.0]), dxfattribs={"layer": "PLAN"})
+
+    return write_dxf(path, shapely.union(OUTER, WALL), layer="PLAN", extra=add)
+
+
+@pytest.mark.parametrize("rounded", [0.0, 0.01])
+@pytest.mark.parametrize("corner", [False, True])
+def test_a_door_is_open_though_lines_run_through_it(tmp_path: Path, rounded, corner) -> None:
+    plan = read_floorplan(closed_rooms(tmp_path / "a.dxf", rounded, corner=corner))
+    low = 0.3 if corner else 3.0
+    gap = shapely.box(4.9, low + 0.1, 5.2, low + 0.8)
+    assert not shapely.intersects(gap, shapely.multilinestrings(shapely.linestrings(plan.ends)))
+    openings = plan.openings[np.argsort(plan.openings[:, 0, 0])]
+    np.testing.assert_allclose(openings[:, :, 0], [[5.0, 5.0], [5.12, 5.12]], atol=1e-6)
+    np.testing.assert_allclose(np.abs(np.diff(openings[..., 1])), 0.9, atol=0.1)
+    assert any("ran through 1 door drawn" in words for words in plan.source.dropped)
+    whole = shapely.union(OUTER, WALL).length
+    assert plan.lengths.sum() == pytest.approx(whole - 1.8, abs=0.2)
+
+
+def test_an_arc_in_a_room_opens_nothing(tmp_path: Path) -> None:
+    def add(document: ezdxf.document.Drawing) -> None:
+        document.modelspace().add_arc((2.5, 4), 0.9, 0, 90, dxfattribs={"layer": "PLAN"})
+
+    walls = shapely.union(OUTER, WALL)
+    plan = read_floorplan(write_dxf(tmp_path / "a.dxf", walls, layer="PLAN", extra=add))
+    assert plan.openings is None
+
+
+def test_doors_that_are_gaps_already_stay_as_they_are(tmp_path: Path) -> None:
+    leaves, arcs = door_lines("line")
+
+    def add(document: ezdxf.document.Drawing) -> None:
+        space = document.modelspace()
+        for leaf in leaves:
+            space.add_line(*leaf, dxfattribs={"layer": "PLAN"})
+        for centre, radius, start, end in arcs:
+            space.add_arc(centre, radius, start, end, dxfattribs={"layer": "PLAN"})
+
+    villa = make_villa()
+    bare = read_floorplan(write_dxf(tmp_path / "a.dxf", villa, layer="PLAN"))
+    doors = read_floorplan(write_dxf(tmp_path / "b.dxf", villa, layer="PLAN", extra=add))
+    assert len(arcs) == len(VILLA_DOORS)
+    assert doors.lengths.sum() == pytest.approx(bare.lengths.sum(), abs=0.3)
+
+
+def test_a_circle_through_points() -> None:
+    t = np.linspace(0.3, 1.9, 9)
+    points = np.array([3.0, -2.0]) + 5.0 * np.stack([np.cos(t), np.sin(t)], axis=1)
+    circle = fit_circle(points)
+    assert circle is not None
+    np.testing.assert_allclose([*circle.centre, circle.radius], [3, -2, 5], atol=1e-9)
+    assert fit_circle(np.array([[0, 0], [1, 0], [2, 0], [3, 0.0]])) is None
+    assert fit_circle(np.array([[0, 0], [4, 0], [4, 1], [0, 3.0]])) is None
