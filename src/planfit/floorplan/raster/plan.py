@@ -19,12 +19,17 @@ from planfit.floorplan.raster.interpretation import (
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import (
     Upright,
+    check_size,
+    content_box,
+    drawn_box,
     make_darkness,
     make_upright,
+    moved_from,
     without_frame,
 )
 from planfit.floorplan.raster.storeys import find_storeys, storey_words
 from planfit.floorplan.raster.trace import settle_faces
+from planfit.floorplan.raster.walls_alone import STYLE, find_walls_alone
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
 from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
@@ -60,16 +65,20 @@ def plan_of_picture(
     Raises:
         FloorplanError: too large or too small, blank, a photograph, or without walls.
     """
-    darkness = make_darkness(image_bgr, name, must_be_drawing=wall_mask is None)
-    upright = make_upright(darkness if wall_mask is None else wall_mask.astype(np.float32))
+    check_size(name, image_bgr.shape[1], image_bgr.shape[0])
+    upright = _upright(image_bgr, name) if wall_mask is None else make_upright(
+        wall_mask.astype(np.float32))  # fmt: skip
     if wall_mask is not None:
+        darkness = make_darkness(image_bgr, name, must_be_drawing=False)
         upright = replace(upright, darkness=_rotated(darkness, upright))
     side = max(upright.darkness.shape)
     shrink = side / WORK_SIDE_PX if side > 1.5 * WORK_SIDE_PX else 1.0
     small = _shrunk(upright.darkness, shrink)
     if wall_mask is None:
         small = without_frame(small)
-        interpretation = choose(find_candidates(small), find_extent(small))
+        interpretation = find_walls_alone(small, upright.darkness)
+        if interpretation is None:
+            interpretation = choose(find_candidates(small), find_extent(small))
     else:
         rotated = _shrunk(_rotated(wall_mask.astype(np.float32), upright), shrink)
         given = Candidate("as given", (rotated > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
@@ -94,6 +103,15 @@ class _Found:
     storeys: tuple[str, ...]
 
 
+def _upright(image_bgr: UInt8[np.ndarray, "h w 3"], name: str) -> Upright:
+    """What is drawn, without the paper around it."""
+    page = drawn_box(image_bgr)
+    darkness = make_darkness(np.ascontiguousarray(image_bgr[page]), name)
+    box = content_box(darkness)
+    upright = make_upright(np.ascontiguousarray(darkness[box]))
+    return moved_from(moved_from(upright, box), page)
+
+
 def _checked(
     name: str, interpretation: Interpretation | None, shape: tuple[int, ...]
 ) -> Interpretation:
@@ -107,7 +125,8 @@ def _checked(
     if interpretation.candidate.edge != "mask":
         if interpretation.straight_share < _LEAST_STRAIGHT:
             raise _no_walls(name, "shapes without straight sides")
-        if _long_share(interpretation) < _LEAST_LONG_SHARE:
+        is_alone = interpretation.candidate.style == STYLE  # of which straightness is asked before
+        if not is_alone and _long_share(interpretation) < _LEAST_LONG_SHARE:
             raise _no_walls(name, "short strokes, as of letters or curves")
     length = float(sum(shapely.length(np.array(interpretation.walls, dtype=object))))
     if length < 0.5 * max(shape):
@@ -147,7 +166,9 @@ def _shrunk(values: Float[np.ndarray, "h w"], shrink: float) -> Float[np.ndarray
 def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _Found:
     """Faces of each storey, where the ink of the full picture has them."""
     walls = np.array(interpretation.walls, dtype=object)
-    least_px = max(0.5 * interpretation.thickness_px, 5.0)
+    is_alone = interpretation.candidate.style == STYLE
+    # Of walls of many thicknesses, what is short is known for wall where nothing else is drawn.
+    least_px = 3.0 if is_alone else max(0.5 * interpretation.thickness_px, 5.0)
     faces = faces_of_regions(shapely.GeometryCollection(list(walls)), 0.6, least_px)
     openings = find_openings(faces.ends, faces.normals, faces.thickness)
     small = _shrunk(upright.darkness, shrink)
