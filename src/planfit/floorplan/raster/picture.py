@@ -8,7 +8,12 @@ from jaxtyping import Bool, Float, UInt8
 
 from planfit.errors import FloorplanError
 
-MAX_SIDE_PX, MAX_PIXELS = 20_000, 100_000_000
+MAX_SIDE_PX, MAX_PIXELS = 65_000, 178_000_000
+"""Larger files are refused before they are unpacked; 178 million pixels is Pillow's own limit, and A0 at
+300 dpi has 140."""
+READ_SIDE_PX, READ_PIXELS = 20_000, 50_000_000
+"""Larger pictures are read shrunk: walls of a sheet as large are tens of pixels thick, and a picture of float
+numbers takes four bytes a pixel, several times over."""
 MIN_SIDE_PX = 60
 _PAPER = 0.12
 """Darkness below this is paper."""
@@ -60,6 +65,14 @@ def check_size(name: str, width: int, height: int) -> None:
             f"{name}: expected a picture of at least {MIN_SIDE_PX} px a side, "
             f"found {width} x {height}; scan the plan at a higher resolution"
         )
+
+
+def shrink_for_reading(width: int, height: int) -> int:
+    """Whole number of times that a picture is shrunk before it is read; 1 for all but huge ones."""
+    factor = 1
+    while max(width, height) > factor * READ_SIDE_PX or width * height > factor**2 * READ_PIXELS:
+        factor += 1
+    return factor
 
 
 def make_darkness(
@@ -254,7 +267,8 @@ def content_box(darkness: Float[np.ndarray, "h w"]) -> tuple[slice, slice]:
 
     Nothing that follows then depends on how much paper there is around a drawing.
     """
-    rows, columns = (np.flatnonzero((darkness > _DARK).sum(axis=k) > 1) for k in (1, 0))
+    is_dark = darkness > _DARK
+    rows, columns = np.flatnonzero(is_dark.sum(axis=1) > 1), np.flatnonzero(is_dark.sum(axis=0) > 1)
     if len(rows) == 0 or len(columns) == 0:
         return slice(0, darkness.shape[0]), slice(0, darkness.shape[1])
     pad = int(_PAD * max(np.ptp(rows), np.ptp(columns))) + 8

@@ -10,9 +10,10 @@ from jaxtyping import Bool, Float, Int, UInt8
 from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
+from planfit.floorplan.raster.choice import choose
+from planfit.floorplan.raster.ink import InkAccount, account_for
 from planfit.floorplan.raster.interpretation import (
     Interpretation,
-    choose,
     interpret,
     straight_length,
 )
@@ -41,6 +42,8 @@ as large again are not shrunk: shrinking by a little blurs thin lines the most."
 _LEAST_STRAIGHT = 0.35
 _LEAST_LONG_SHARE = 0.25
 _SURELY_STRAIGHT = 0.6
+_DOUBTFUL_SHARE = 0.35
+"""Of the ink, what walls are at least: drawings full of furniture and words have 0.43 and more."""
 
 
 def plan_of_picture(
@@ -50,6 +53,7 @@ def plan_of_picture(
     options: PlanOptions,
     kind: str,
     wall_mask: Bool[np.ndarray, "h w"] | None = None,
+    pixels_per_read: int = 1,
 ) -> Floorplan:
     """Wall faces of a picture of a plan; x-y are the picture's (u, -v) in pixels, or metres where the options
     tell the scale.
@@ -61,6 +65,7 @@ def plan_of_picture(
         options: unit, scale and storey are used.
         kind: of the file, in words.
         wall_mask: where there is wall; None where the picture is to tell.
+        pixels_per_read: pixels of the file to one of the image; the plan is in those of the file.
 
     Raises:
         FloorplanError: too large or too small, blank, a photograph, or without walls.
@@ -78,19 +83,50 @@ def plan_of_picture(
         small = without_frame(small)
         interpretation = find_walls_alone(small, upright.darkness)
         if interpretation is None:
-            interpretation = choose(find_candidates(small), find_extent(small))
+            interpretation = choose(
+                find_candidates(small), find_extent(small), (small > LINE).astype(np.uint8)
+            )
     else:
         rotated = _shrunk(_rotated(wall_mask.astype(np.float32), upright), shrink)
         given = Candidate("as given", (rotated > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
         interpretation = interpret(given, float(max(small.shape)), is_given=True)
     interpretation = _checked(name, interpretation, small.shape)
     found = _faces(interpretation, upright, shrink)
-    plan = _to_floorplan(name, fingerprint, found, interpretation, upright, options)
+    plan = _to_floorplan(name, fingerprint, found, interpretation, upright, options, shrink)
     drawn = f"{kind}, walls {interpretation.candidate.style}"
-    dropped = _moved(_outlines(interpretation, shrink), _picture_from(upright))
+    ink = None if wall_mask is not None else account_for(interpretation, small)
+    dropped = _moved(_left_out(interpretation, ink, shrink), _picture_from(upright))
     plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
+    if ink is not None:
+        plan = _with_account(plan, ink, interpretation, shrink)
+    plan = _enlarged(plan, pixels_per_read)
     metres = choose_unit(options.unit, options.metres_per_unit).metres
     return plan if metres is None else plan.scaled(metres)
+
+
+def _enlarged(plan: Floorplan, factor: int) -> Floorplan:
+    """The plan of a picture that was read shrunk, in pixels of the file."""
+    if factor == 1:
+        return plan
+    # Centres of pixels are integers before and after; y goes up.
+    offset = (factor - 1) / 2 * np.array([1.0, -1.0])
+    source, openings = plan.source, plan.openings
+    dropped = source.dropped_lines
+    words = (
+        f"the picture is huge and was read shrunk {factor} times; walls thinner than {3 * factor} px may be "
+        "missed"
+    )
+    return replace(
+        plan,
+        ends=factor * plan.ends + offset,
+        thickness=None if plan.thickness is None else factor * plan.thickness,
+        openings=None if openings is None else factor * openings + offset,
+        source=replace(
+            source,
+            dropped_lines=None if dropped is None else factor * dropped + np.abs(offset),
+            warnings=(*source.warnings, words),
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -196,6 +232,7 @@ def _to_floorplan(
     interpretation: Interpretation,
     upright: Upright,
     options: PlanOptions,
+    shrink: float,
 ) -> Floorplan:
     """The storey that is asked for, or all, in pixels of the picture, y up."""
     kept = np.ones(len(found.faces.ends), dtype=bool)
@@ -223,7 +260,7 @@ def _to_floorplan(
             storeys=tuple(f"{k}: {w}" for k, w in enumerate(found.storeys))
             if len(found.storeys) > 1
             else (),
-            dropped=_dropped_words(interpretation),
+            dropped=_dropped_words(interpretation, shrink),
             warnings=_warnings(found, interpretation, upright, options),
             file_from_plan=np.diag([1.0, -1.0, 1.0]),
         ),
@@ -270,24 +307,52 @@ def _storey_number(name: str, asked: str, storeys: tuple[str, ...]) -> int:
     )
 
 
-def _dropped_words(interpretation: Interpretation) -> tuple[str, ...]:
+def _dropped_words(interpretation: Interpretation, shrink: float) -> tuple[str, ...]:
     if not interpretation.dropped:
         return ()
-    return (
-        f"{len(interpretation.dropped)} marks of the tone and thickness of walls, but not of their form "
-        "(letters, arrows, furniture, frames)",
+    # The outline goes up one side of a stroke and down the other.
+    length = sum(region.length for region in interpretation.dropped) / 2 * shrink
+    kind = (
+        "specks"
+        if interpretation.candidate.style == STYLE
+        else "marks of the tone and thickness of walls, but not of their form (letters, arrows, furniture, "
+        "frames)"
     )
+    return (f"{len(interpretation.dropped)} {kind}, {length:.0f} px long in all",)
 
 
-def _outlines(interpretation: Interpretation, shrink: float) -> Float[np.ndarray, "k 2 2"]:
-    """Edges of what was dropped, px of the upright picture."""
-    parts = [np.zeros((0, 2, 2))]
+def _left_out(
+    interpretation: Interpretation, ink: InkAccount | None, shrink: float
+) -> Float[np.ndarray, "k 2 2"]:
+    """Edges of what was dropped, and of longer strokes that were no candidates, px of the upright picture."""
+    parts = [np.zeros((0, 2, 2)) if ink is None else ink.left_lines]
     for region in interpretation.dropped:
         for ring in (region.exterior, *region.interiors):
-            points = (np.asarray(ring.coords) + 0.5) * shrink - 0.5
+            points = np.asarray(ring.coords)
             parts.append(np.stack([points[:-1], points[1:]], axis=1))
-    edges = np.concatenate(parts)
+    edges = (np.concatenate(parts) + 0.5) * shrink - 0.5
     return edges[segments.lengths(edges) > 0]
+
+
+def _with_account(
+    plan: Floorplan, ink: InkAccount, interpretation: Interpretation, shrink: float
+) -> Floorplan:
+    """The plan with what became of the picture's ink, and a warning where little of it became wall."""
+    source = plan.source
+    read = f"{100 * ink.share:.0f} % of the ink is read as wall"
+    words = f"{read}; strokes of {ink.left_px * shrink:.0f} px in all are not"
+    if interpretation.candidate.style != STYLE:
+        words += " (thinner or paler than walls, or of other form: furniture, words, dimensions)"
+    warnings = source.warnings
+    if ink.share < _DOUBTFUL_SHARE:
+        warnings += (
+            f"only {read}: the picture may be no floorplan, or drawn in a way that planfit does not know; "
+            "compare the overlay (-o FILE.png) with the drawing, or give a picture of its walls with "
+            "--wall-mask",
+        )
+    return replace(
+        plan, source=replace(source, dropped=(words, *source.dropped), warnings=warnings)
+    )
 
 
 def _moved(

@@ -9,6 +9,7 @@ in thicknesses of the stroke itself.
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
+from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
@@ -62,6 +63,8 @@ def _edges(regions: list[BaseGeometry]) -> Float[np.ndarray, "n 2 2"]:
     """Edges of polygons, the inside to their left."""
     parts = [np.zeros((0, 2, 2))]
     for region in regions:
+        if not isinstance(region, Polygon):
+            continue
         polygon = orient(region)
         for ring in (polygon.exterior, *polygon.interiors):
             points = np.asarray(ring.coords)[:, :2]

@@ -75,8 +75,8 @@ def _finely(
     height, width = darkness.shape
     near = cv2.dilate(mask, np.ones((3, 3), np.uint8))
     near = cv2.resize(near, (width, height), interpolation=cv2.INTER_NEAREST)
-    walls = near & (darkness > INK)
-    regions = trace_regions(np.ascontiguousarray(walls, dtype=np.uint8), 0.0)
+    walls = (np.asarray(near) > 0) & (darkness > INK)
+    regions = trace_regions(walls.astype(np.uint8), 0.0)
     across, down = mask.shape[1] / width, mask.shape[0] / height
     matrix = [across, 0, 0, down, 0.5 * across - 0.5, 0.5 * down - 0.5]
     return [affinity.affine_transform(region, matrix) for region in regions]
