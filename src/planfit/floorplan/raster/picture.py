@@ -25,7 +25,7 @@ _APART_BINS = 16
 """Peaks are at least so many quarters of a degree apart."""
 _SAME_DEG = 3.0
 """Edges belong to a direction up to this angle from it."""
-_MAX_WINDOWS = 3
+_MAX_WINDOWS = 8
 """Windows of 1.2 deg that the skew is looked for in, each about the end of the one before."""
 _LONG_LINE = 1 / 12
 """Walls have lines longer than this share of the drawing; hatching, as long as walls are thick, has none."""
@@ -249,9 +249,8 @@ def drawn_box(image_bgr: UInt8[np.ndarray, "h w 3"]) -> tuple[slice, slice]:
     shrink = _COARSE if min(h, w) >= 8 * _COARSE else 1
     small = cv2.resize(image_bgr, (w // shrink, h // shrink), interpolation=cv2.INTER_AREA)
     rim = np.concatenate([small[0], small[-1], small[:, 0], small[:, -1]])
-    differs = (cv2.absdiff(small, np.full_like(small, np.median(rim, axis=0))) > _DIFFERS).any(
-        axis=2
-    )
+    apart = cv2.absdiff(small, np.full_like(small, np.median(rim, axis=0)))
+    differs = np.asarray(apart).max(axis=2) > _DIFFERS
     rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
     if len(rows) == 0:
         return slice(0, h), slice(0, w)

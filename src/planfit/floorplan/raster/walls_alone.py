@@ -24,8 +24,7 @@ _MOST_TWINS = 0.18
 _LEAST_BLACK = 0.5
 """Of the ink; the rest are the soft edges of thin walls, or pale furniture."""
 _LEAST_STRAIGHT = 0.4
-"""Of the outline, in edges at least three times as long as walls are thick; circles and photographs have
-less, sites with piers of many corners 0.7."""
+"""Of the outline, in edges at least half as long again as walls are thick: circles have less."""
 _FINE_SIDE_PX, _MOST_ZOOM = 5000, 4
 """Outlines are found in a picture of about this size at least, enlarged this many times at most."""
 _SPECK_PX = 3
@@ -54,7 +53,7 @@ def find_walls_alone(
     length = shapely.length(walls)
     thickness = 2 * shapely.area(walls) / np.maximum(length, 1e-6)
     usual = weighted_median(thickness, length)
-    straight = sum(straight_length(wall, max(3.0 * usual, 6.0)) for wall in walls)
+    straight = sum(straight_length(wall, max(1.5 * usual, 6.0)) for wall in walls)
     share = straight / float(length.sum())
     if share < _LEAST_STRAIGHT:
         return None
