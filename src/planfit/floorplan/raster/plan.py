@@ -11,6 +11,7 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
 from planfit.floorplan.raster.choice import choose
+from planfit.floorplan.raster.doubts import MOST_STOREYS, find_doubts
 from planfit.floorplan.raster.ink import InkAccount, account_for
 from planfit.floorplan.raster.interpretation import (
     Interpretation,
@@ -137,6 +138,7 @@ class _Found:
     storey: Int[np.ndarray, " n"]
     """Number of the storey of each face."""
     storeys: tuple[str, ...]
+    doubts: tuple[str, ...]
 
 
 def _upright(image_bgr: UInt8[np.ndarray, "h w 3"], name: str) -> Upright:
@@ -222,7 +224,11 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
             candidate.edge == "stroke",
             max(1.5, 1.2 * shrink, 0.75 * abs(candidate.grow_px) * shrink),
         )
-    return _Found(faces, storey, storey_words(walls, storey_of))
+    words = storey_words(walls, storey_of)
+    doubts = find_doubts(faces.ends, openings, interpretation.walls, len(words))
+    if len(words) > MOST_STOREYS:
+        storey, words = np.zeros_like(storey), ("all",)
+    return _Found(faces, storey, words, () if candidate.edge == "mask" else doubts)
 
 
 def _to_floorplan(
@@ -271,7 +277,7 @@ def _warnings(
     found: _Found, interpretation: Interpretation, upright: Upright, options: PlanOptions
 ) -> tuple[str, ...]:
     """What a user should look at before trusting the plan."""
-    result = []
+    result = list(found.doubts)
     if len(found.storeys) > 1 and not options.storey:
         words = ", ".join(f"{k} ({where})" for k, where in enumerate(found.storeys))
         result.append(
