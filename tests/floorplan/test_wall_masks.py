@@ -198,3 +198,22 @@ def test_circles_alone_are_no_walls() -> None:
         cv2.circle(image, (100 + 110 * k, 300), 40, (0, 0, 0), 14, cv2.LINE_AA)
     with pytest.raises(FloorplanError, match="is it a floorplan"):
         read(image)
+
+
+@pytest.mark.parametrize("style", ["black", "grey"])
+def test_tiny_drawings_are_enlarged(style: str) -> None:
+    # Partitions of 3 px and lines of 1 px: a whole number of pixels parted them wrongly, or not at all.
+    rng = np.random.default_rng(5)
+    drawing = draw_building(
+        make_building(BuildingOptions(n_rooms=5), rng),
+        DrawingOptions(style=style, pixels_per_metre=90, line_px=2.0),
+        rng,
+    )
+    size = 0.3
+    small = cv2.resize(drawing.image, None, fx=size, fy=size, interpolation=cv2.INTER_AREA)
+    assert max(small.shape) < 600
+    plan = read(small)
+    wall = drawing.ends_uv[drawing.is_wall]
+    outline = segments.sample((wall + 0.5) * size - 0.5, 1.0)[0]
+    recall, _ = recall_and_precision(plan, outline, 2.0)
+    assert recall > 0.95

@@ -40,6 +40,9 @@ from planfit.geometry import segments
 WORK_SIDE_PX = 2000
 """Walls are found in a picture of about this size and their faces placed in the full one. Pictures up to half
 as large again are not shrunk: shrinking by a little blurs thin lines the most."""
+TINY_SIDE_PX, MOST_ENLARGED = 600, 3
+"""Smaller drawings are enlarged to twice this, or so many times: thicknesses of walls of 3 px and of lines
+differ by less than a pixel there, and no least thickness in pixels parts them."""
 _LEAST_STRAIGHT = 0.35
 _LEAST_LONG_SHARE = 0.25
 _SURELY_STRAIGHT = 0.6
@@ -77,8 +80,7 @@ def plan_of_picture(
     if wall_mask is not None:
         darkness = make_darkness(image_bgr, name, must_be_drawing=False)
         upright = replace(upright, darkness=_rotated(darkness, upright))
-    side = max(upright.darkness.shape)
-    shrink = side / WORK_SIDE_PX if side > 1.5 * WORK_SIDE_PX else 1.0
+    shrink = _shrink(max(upright.darkness.shape), may_enlarge=wall_mask is None)
     small = _shrunk(upright.darkness, shrink)
     if wall_mask is None:
         small = without_frame(small)
@@ -195,10 +197,22 @@ def _rotated(values: Float[np.ndarray, "h w"], upright: Upright) -> Float[np.nda
     return cv2.warpAffine(values, upright.upright_from_picture, (w, h), flags=cv2.INTER_LINEAR)
 
 
+def _shrink(side_px: int, may_enlarge: bool) -> float:
+    """Pixels of the picture to one of that in which walls are looked for."""
+    if side_px > 1.5 * WORK_SIDE_PX:
+        return side_px / WORK_SIDE_PX
+    if may_enlarge and side_px <= TINY_SIDE_PX:
+        return 1.0 / min(int(np.ceil(2 * TINY_SIDE_PX / side_px)), MOST_ENLARGED)
+    return 1.0
+
+
 def _shrunk(values: Float[np.ndarray, "h w"], shrink: float) -> Float[np.ndarray, "a b"]:
     if shrink == 1.0:
         return values
-    return cv2.resize(values, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    if shrink > 1.0:
+        return cv2.resize(values, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    large = cv2.resize(values, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_CUBIC)
+    return np.clip(large, 0.0, 1.0)
 
 
 def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _Found:

@@ -19,8 +19,9 @@ from planfit.floorplan.raster.trace import trace_regions
 from planfit.floorplan.raster.twins import twin_share
 
 STYLE = "solid black, nothing else drawn"
-_MOST_TWINS = 0.18
-"""Between 0.09 (the most of masks) and 0.28 (the least of drawings), see `twin_share`."""
+_MOST_TWINS, _MOST_TWINS_TINY = 0.18, 0.13
+"""Between 0.09 (the most of masks) and 0.28 (the least of drawings), see `twin_share`; in tiny drawings that
+were enlarged, words are blots without twins: one of 435 px has 0.17, of 290 px 0.14, masks 0.04."""
 _LEAST_BLACK = 0.5
 """Of the ink; the rest are the soft edges of thin walls, or pale furniture."""
 _LEAST_STRAIGHT = 0.4
@@ -45,7 +46,8 @@ def find_walls_alone(
     mask = opened(black, 2)
     if n_dark == 0 or mask.sum() < _LEAST_BLACK * n_dark:
         return None
-    if twin_share(black, trace_regions(black, 0.0)) > _MOST_TWINS:
+    most = _MOST_TWINS_TINY if small.shape[0] > full.shape[0] else _MOST_TWINS
+    if twin_share(black, trace_regions(black, 0.0)) > most:
         return None
     walls, specks = _parted(_finely(mask, full))
     if not walls:
