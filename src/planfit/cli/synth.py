@@ -1,7 +1,7 @@
 """`planfit synth`: a synthetic scan, written in the FACaP layout with its plan and its truth."""
 
 import shutil
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +10,7 @@ import tyro
 
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import StageBars, out
-from planfit.errors import OutputError
+from planfit.errors import OptionError, OutputError
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.synth import SyntheticScan, SynthOptions, make_scan, write_facap
 
@@ -24,6 +24,8 @@ class SynthArguments:
     """Folder for the scan; must not exist or be empty."""
     plan: Path | None = None
     """Floorplan whose walls are built, in metres; without, a building is made up."""
+    walk_file: Path | None = None
+    """TUM trajectory in the plan's axes, m, to walk along through the plan, as `--walk.path` does."""
     plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
     options: Annotated[SynthOptions, tyro.conf.arg(name="")] = field(default_factory=SynthOptions)
 
@@ -35,8 +37,15 @@ def synth_command(arguments: SynthArguments) -> int:
     floorplan: Floorplan | None = None
     if arguments.plan is not None:
         floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
+    options = arguments.options
+    if arguments.walk_file is not None:
+        if options.walk.path is not None:
+            raise OptionError(
+                "--walk-file: expected one walk, found --walk.path too; leave one out"
+            )
+        options = replace(options, walk=replace(options.walk, path=arguments.walk_file))
     with StageBars() as bars:
-        synthetic = make_scan(arguments.options, floorplan)
+        synthetic = make_scan(options, floorplan)
         try:
             write_facap(
                 arguments.out, synthetic, lambda done, total: bars.update("render", done, total)

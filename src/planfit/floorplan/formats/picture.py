@@ -12,7 +12,7 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.georeference import find_georeference, place_on_map
 from planfit.floorplan.options import PlanOptions
-from planfit.floorplan.raster import MAX_PIXELS, check_size, plan_of_picture
+from planfit.floorplan.raster import MAX_PIXELS, check_size, plan_of_picture, shrink_for_reading
 from planfit.floorplan.types import Floorplan
 
 
@@ -31,7 +31,8 @@ def read_picture(path: Path, options: PlanOptions) -> Floorplan:
         options = options.on_paper(0.0254 / _dots_per_inch(path))
         is_told = True
     georeference = None if is_told else find_georeference(path)
-    plan = read_image(load_picture(path), str(path), fingerprint, options, "raster picture")
+    image, shrink = load_picture(path)
+    plan = read_image(image, str(path), fingerprint, options, "raster picture", shrink)
     plan = replace(plan, source=replace(plan.source, is_picture=True))
     for warning in warnings:
         plan = plan.with_warning(warning)
@@ -81,6 +82,7 @@ def read_image(
     fingerprint: str,
     options: PlanOptions,
     kind: str,
+    shrink: int = 1,
 ) -> Floorplan:
     """Wall faces of a picture that is loaded, with the wall mask that the options name.
 
@@ -90,11 +92,12 @@ def read_image(
         fingerprint: of the file and the mask.
         options: unit, scale, storey and wall mask are used.
         kind: of the file, in words.
+        shrink: pixels of the file to one of the image.
     """
     mask = None
     if options.wall_mask is not None:
         mask = load_wall_mask(options.wall_mask, image_bgr.shape[:2], name)
-    return plan_of_picture(image_bgr, name, fingerprint, options, kind, mask)
+    return plan_of_picture(image_bgr, name, fingerprint, options, kind, mask, shrink)
 
 
 def fingerprint_with_mask(path: Path, options: PlanOptions) -> str:
@@ -104,8 +107,9 @@ def fingerprint_with_mask(path: Path, options: PlanOptions) -> str:
     return fingerprint_of(path, _existing(options.wall_mask))
 
 
-def load_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
-    """BGR, as a viewer shows it: transparent is white, EXIF rotations are made.
+def load_picture(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
+    """BGR, as a viewer shows it: transparent is white, EXIF rotations are made; and how many times it was
+    shrunk: 1 for all but huge pictures.
 
     Raises:
         FloorplanError: not a picture, damaged, or too large to be read in reasonable time.
@@ -114,12 +118,17 @@ def load_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
         # Pillow's own limit warns from 89 million pixels on and raises from twice that.
         with warnings.catch_warnings(action="ignore"), Image.open(path) as file:
             check_size(str(path), file.width, file.height)
+            shrink = shrink_for_reading(file.width, file.height)
             upright = ImageOps.exif_transpose(file)
             if upright.mode.startswith("I") or upright.mode == "F":  # 16 and 32 bits a pixel
                 values = np.asarray(upright, dtype=float)
                 top = max(float(values.max()), 1.0)
                 top = 65535.0 if 255.0 < top <= 65535.0 else max(top, 255.0)
                 upright = Image.fromarray(np.round(values / top * 255).astype(np.uint8))
+            if shrink > 1:  # before the picture takes four bytes a pixel
+                if upright.mode in ("1", "P"):  # numbers of colours have no mean
+                    upright = upright.convert("L" if upright.mode == "1" else "RGBA")
+                upright = upright.reduce(shrink)
             rgba = upright.convert("RGBA")
             page = Image.new("RGBA", rgba.size, "white")
             page.alpha_composite(rgba)
@@ -128,8 +137,7 @@ def load_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
         raise
     except Image.DecompressionBombError as error:
         raise FloorplanError(
-            f"{path}: expected a picture of at most {MAX_PIXELS // 1_000_000} million pixels, found "
-            f"more than {2 * (Image.MAX_IMAGE_PIXELS or MAX_PIXELS) // 1_000_000} million; "
+            f"{path}: expected a picture of at most {MAX_PIXELS // 1_000_000} million pixels, found more; "
             "scale it down until walls are 10 to 30 px thick"
         ) from error
     except (OSError, ValueError, SyntaxError, UnidentifiedImageError) as error:  # fmt: skip
@@ -137,7 +145,7 @@ def load_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
             f"{path}: expected a picture (PNG, JPEG, TIFF), found a damaged or other file; "
             "open it in a viewer and save it again"
         ) from error
-    return np.ascontiguousarray(rgb[..., ::-1])
+    return np.ascontiguousarray(rgb[..., ::-1]), shrink
 
 
 def load_wall_mask(path: Path, shape: tuple[int, ...], name: str) -> Bool[np.ndarray, "h w"]:
@@ -146,7 +154,7 @@ def load_wall_mask(path: Path, shape: tuple[int, ...], name: str) -> Bool[np.nda
     Raises:
         FloorplanError: it is missing, of another size, or all of one tone.
     """
-    mask = load_picture(_existing(path)).mean(axis=2) > 127
+    mask = load_picture(_existing(path))[0].mean(axis=2) > 127
     if mask.shape != shape:
         h, w = shape
         raise FloorplanError(

@@ -19,6 +19,10 @@ INK = 0.5
 LINE = 0.3
 """Darkness from which a pixel is part of a line; a thin line covers half of each of two pixels."""
 _TONE_WIDTH = 0.07
+_FINE_PX = [3, 5, 7]
+_COARSE_SHARE = 1 / 75
+"""Least thicknesses that are tried where those of the widths are all larger than this share of the drawing: a
+house of 820 px whose partitions of 9 px were its most usual line had 14."""
 _LEAST_WALL_PX = 4
 """Thinner strokes may be lines, whatever else there is."""
 _MAX_LINE_SHARE = 0.02
@@ -126,6 +130,9 @@ def _black(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) ->
     widths = _least_widths(ink, line_px, extent)
     if _is_bare(ink, extent):
         widths.append(2)
+    if not widths or min(widths) > _COARSE_SHARE * extent:
+        # Where lines are pale, the usual width is that of partitions, and all of them would be left out.
+        widths += _FINE_PX
     return [Candidate("solid black", opened(ink, size), "edge", INK, 0.0, size) for size in widths]
 
 

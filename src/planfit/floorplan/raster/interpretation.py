@@ -5,7 +5,6 @@ Walls are straight, long, of few thicknesses, and explain most of the ink.
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Shaped
@@ -99,42 +98,6 @@ def _joined(walls: Shaped[np.ndarray, " n"], candidate: Candidate) -> tuple[shap
         for part in shapely.get_parts(joined)
         if isinstance(part, shapely.Polygon) and part.area > 0
     )
-
-
-def choose(candidates: list[Candidate], extent_px: float) -> Interpretation | None:
-    """The best interpretation; None where there is no candidate."""
-    interpretations = [interpret(candidate, extent_px) for candidate in candidates]
-    if not interpretations:
-        return None
-    scores = []
-    pairs = [r for r in interpretations if r.candidate.style.startswith("double lines") and r.walls]
-    best_pairs = max(pairs, key=lambda r: r.score, default=None)
-    for found in interpretations:
-        score = found.score
-        if found.candidate.style.startswith("solid") and best_pairs is not None:
-            score *= 1.0 - _outline_share(found, best_pairs)
-        if found.candidate.style == "hatched":
-            # Filling gaps makes walls of other things too, unless the same lines fill them everywhere.
-            score *= 0.5 + 0.6 * found.candidate.hatched_share
-        if found.candidate.style == "filled, outlined":
-            score *= (
-                1.15  # says more of the drawing than the other interpretations of the same walls
-            )
-        if found.candidate.style == "double lines":
-            score *= 0.6  # furniture and dimensions have parallel lines too
-        if found.candidate.style == "double lines, closed":
-            score *= 0.8  # furniture is closed too, but little of it is so long and thin
-        scores.append(score)
-    return interpretations[int(np.argmax(scores))]
-
-
-def _outline_share(solid: Interpretation, pairs: Interpretation) -> float:
-    """Share of the solid walls that are the outlines of walls drawn as two lines."""
-    reach = 2 * round(pairs.candidate.grow_px * 2) + 3
-    beside = cv2.dilate(pairs.candidate.mask, np.ones((reach, reach), np.uint8))
-    n = int(solid.candidate.mask.sum())
-    share = float((solid.candidate.mask & beside).sum()) / max(n, 1)
-    return min(1.0, 2 * share) if share > 0.25 else 0.0
 
 
 def straight_length(region: shapely.Polygon, least_px: float) -> float:

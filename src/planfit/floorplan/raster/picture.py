@@ -1,6 +1,6 @@
 """A picture made ready for interpretation: as darkness over its paper, upright, without its frame."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -8,7 +8,12 @@ from jaxtyping import Bool, Float, UInt8
 
 from planfit.errors import FloorplanError
 
-MAX_SIDE_PX, MAX_PIXELS = 20_000, 100_000_000
+MAX_SIDE_PX, MAX_PIXELS = 65_000, 178_000_000
+"""Larger files are refused before they are unpacked; 178 million pixels is Pillow's own limit, and A0 at
+300 dpi has 140."""
+READ_SIDE_PX, READ_PIXELS = 20_000, 50_000_000
+"""Larger pictures are read shrunk: walls of a sheet as large are tens of pixels thick, and a picture of float
+numbers takes four bytes a pixel, several times over."""
 MIN_SIDE_PX = 60
 _PAPER = 0.12
 """Darkness below this is paper."""
@@ -20,11 +25,16 @@ _APART_BINS = 16
 """Peaks are at least so many quarters of a degree apart."""
 _SAME_DEG = 3.0
 """Edges belong to a direction up to this angle from it."""
-_MAX_WINDOWS = 3
+_MAX_WINDOWS = 8
 """Windows of 1.2 deg that the skew is looked for in, each about the end of the one before."""
 _LONG_LINE = 1 / 12
 """Walls have lines longer than this share of the drawing; hatching, as long as walls are thick, has none."""
 _DARK = 0.3
+_COARSE, _DIFFERS = 8, 10
+"""Blocks of so many pixels are looked at; a line of one pixel changes the grey of a block by 30."""
+_PAGE_PAD = 0.08
+_PAD = 0.02
+"""Paper around a drawing, as a share of its size."""
 _WIDE, _ALIKE = 0.08, 1.4
 """The outer line of a building of double lines is as far from the next line on all four sides, up to the
 factor; a frame is not, or is further away than this share of the sheet."""
@@ -55,6 +65,14 @@ def check_size(name: str, width: int, height: int) -> None:
             f"{name}: expected a picture of at least {MIN_SIDE_PX} px a side, "
             f"found {width} x {height}; scan the plan at a higher resolution"
         )
+
+
+def shrink_for_reading(width: int, height: int) -> int:
+    """Whole number of times that a picture is shrunk before it is read; 1 for all but huge ones."""
+    factor = 1
+    while max(width, height) > factor * READ_SIDE_PX or width * height > factor**2 * READ_PIXELS:
+        factor += 1
+    return factor
 
 
 def make_darkness(
@@ -220,6 +238,50 @@ def _sharpness(small: Float[np.ndarray, "h w"], angle_deg: float) -> float:
     rotated = cv2.warpAffine(small, matrix, (w, h), flags=cv2.INTER_LINEAR)
     rows, columns = rotated.sum(axis=1), rotated.sum(axis=0)
     return float((np.diff(rows) ** 2).sum() + (np.diff(columns) ** 2).sum())
+
+
+def drawn_box(image_bgr: UInt8[np.ndarray, "h w 3"]) -> tuple[slice, slice]:
+    """Rows and columns of what differs from the page, with much paper around: quick, for large sheets.
+
+    The page is what most of the rim is like; under uneven light the box is the whole picture.
+    """
+    h, w = image_bgr.shape[:2]
+    shrink = _COARSE if min(h, w) >= 8 * _COARSE else 1
+    small = cv2.resize(image_bgr, (w // shrink, h // shrink), interpolation=cv2.INTER_AREA)
+    rim = np.concatenate([small[0], small[-1], small[:, 0], small[:, -1]])
+    apart = cv2.absdiff(small, np.full_like(small, np.median(rim, axis=0)))
+    differs = np.asarray(apart).max(axis=2) > _DIFFERS
+    rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
+    if len(rows) == 0:
+        return slice(0, h), slice(0, w)
+    pad = _PAGE_PAD * max(np.ptp(rows), np.ptp(columns)) + 2
+    (v0, v1), (u0, u1) = (
+        (int((k[0] - pad) * shrink), int((k[-1] + pad + 1) * shrink)) for k in (rows, columns)
+    )
+    return slice(max(v0, 0), min(v1, h)), slice(max(u0, 0), min(u1, w))
+
+
+def content_box(darkness: Float[np.ndarray, "h w"]) -> tuple[slice, slice]:
+    """Rows and columns of what is drawn, with a little paper around.
+
+    Nothing that follows then depends on how much paper there is around a drawing.
+    """
+    is_dark = darkness > _DARK
+    rows, columns = np.flatnonzero(is_dark.sum(axis=1) > 1), np.flatnonzero(is_dark.sum(axis=0) > 1)
+    if len(rows) == 0 or len(columns) == 0:
+        return slice(0, darkness.shape[0]), slice(0, darkness.shape[1])
+    pad = int(_PAD * max(np.ptp(rows), np.ptp(columns))) + 8
+    return (
+        slice(max(int(rows[0]) - pad, 0), int(rows[-1]) + pad + 1),
+        slice(max(int(columns[0]) - pad, 0), int(columns[-1]) + pad + 1),
+    )
+
+
+def moved_from(upright: Upright, box: tuple[slice, slice]) -> Upright:
+    """The same for the whole picture, of which `box` was made upright."""
+    matrix = upright.upright_from_picture.copy()
+    matrix[:, 2] -= matrix[:, :2] @ np.array([box[1].start, box[0].start])
+    return replace(upright, upright_from_picture=matrix)
 
 
 def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:

@@ -10,21 +10,28 @@ from jaxtyping import Bool, Float, Int, UInt8
 from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
+from planfit.floorplan.raster.choice import choose
+from planfit.floorplan.raster.doubts import MOST_STOREYS, find_doubts
+from planfit.floorplan.raster.ink import InkAccount, account_for
 from planfit.floorplan.raster.interpretation import (
     Interpretation,
-    choose,
     interpret,
     straight_length,
 )
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import (
     Upright,
+    check_size,
+    content_box,
+    drawn_box,
     make_darkness,
     make_upright,
+    moved_from,
     without_frame,
 )
 from planfit.floorplan.raster.storeys import find_storeys, storey_words
 from planfit.floorplan.raster.trace import settle_faces
+from planfit.floorplan.raster.walls_alone import STYLE, find_walls_alone
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
 from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
@@ -33,9 +40,14 @@ from planfit.geometry import segments
 WORK_SIDE_PX = 2000
 """Walls are found in a picture of about this size and their faces placed in the full one. Pictures up to half
 as large again are not shrunk: shrinking by a little blurs thin lines the most."""
+TINY_SIDE_PX, MOST_ENLARGED = 600, 3
+"""Smaller drawings are enlarged to twice this, or so many times: thicknesses of walls of 3 px and of lines
+differ by less than a pixel there, and no least thickness in pixels parts them."""
 _LEAST_STRAIGHT = 0.35
 _LEAST_LONG_SHARE = 0.25
 _SURELY_STRAIGHT = 0.6
+_DOUBTFUL_SHARE = 0.35
+"""Of the ink, what walls are at least: drawings full of furniture and words have 0.43 and more."""
 
 
 def plan_of_picture(
@@ -45,6 +57,7 @@ def plan_of_picture(
     options: PlanOptions,
     kind: str,
     wall_mask: Bool[np.ndarray, "h w"] | None = None,
+    pixels_per_read: int = 1,
 ) -> Floorplan:
     """Wall faces of a picture of a plan; x-y are the picture's (u, -v) in pixels, or metres where the options
     tell the scale.
@@ -56,32 +69,67 @@ def plan_of_picture(
         options: unit, scale and storey are used.
         kind: of the file, in words.
         wall_mask: where there is wall; None where the picture is to tell.
+        pixels_per_read: pixels of the file to one of the image; the plan is in those of the file.
 
     Raises:
         FloorplanError: too large or too small, blank, a photograph, or without walls.
     """
-    darkness = make_darkness(image_bgr, name, must_be_drawing=wall_mask is None)
-    upright = make_upright(darkness if wall_mask is None else wall_mask.astype(np.float32))
+    check_size(name, image_bgr.shape[1], image_bgr.shape[0])
+    upright = _upright(image_bgr, name) if wall_mask is None else make_upright(
+        wall_mask.astype(np.float32))  # fmt: skip
     if wall_mask is not None:
+        darkness = make_darkness(image_bgr, name, must_be_drawing=False)
         upright = replace(upright, darkness=_rotated(darkness, upright))
-    side = max(upright.darkness.shape)
-    shrink = side / WORK_SIDE_PX if side > 1.5 * WORK_SIDE_PX else 1.0
+    shrink = _shrink(max(upright.darkness.shape), may_enlarge=wall_mask is None)
     small = _shrunk(upright.darkness, shrink)
     if wall_mask is None:
         small = without_frame(small)
-        interpretation = choose(find_candidates(small), find_extent(small))
+        interpretation = find_walls_alone(small, upright.darkness)
+        if interpretation is None:
+            interpretation = choose(
+                find_candidates(small), find_extent(small), (small > LINE).astype(np.uint8)
+            )
     else:
         rotated = _shrunk(_rotated(wall_mask.astype(np.float32), upright), shrink)
         given = Candidate("as given", (rotated > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
         interpretation = interpret(given, float(max(small.shape)), is_given=True)
     interpretation = _checked(name, interpretation, small.shape)
     found = _faces(interpretation, upright, shrink)
-    plan = _to_floorplan(name, fingerprint, found, interpretation, upright, options)
+    plan = _to_floorplan(name, fingerprint, found, interpretation, upright, options, shrink)
     drawn = f"{kind}, walls {interpretation.candidate.style}"
-    dropped = _moved(_outlines(interpretation, shrink), _picture_from(upright))
+    ink = None if wall_mask is not None else account_for(interpretation, small)
+    dropped = _moved(_left_out(interpretation, ink, shrink), _picture_from(upright))
     plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
+    if ink is not None:
+        plan = _with_account(plan, ink, interpretation, shrink)
+    plan = _enlarged(plan, pixels_per_read)
     metres = choose_unit(options.unit, options.metres_per_unit).metres
     return plan if metres is None else plan.scaled(metres)
+
+
+def _enlarged(plan: Floorplan, factor: int) -> Floorplan:
+    """The plan of a picture that was read shrunk, in pixels of the file."""
+    if factor == 1:
+        return plan
+    # Centres of pixels are integers before and after; y goes up.
+    offset = (factor - 1) / 2 * np.array([1.0, -1.0])
+    source, openings = plan.source, plan.openings
+    dropped = source.dropped_lines
+    words = (
+        f"the picture is huge and was read shrunk {factor} times; walls thinner than {3 * factor} px may be "
+        "missed"
+    )
+    return replace(
+        plan,
+        ends=factor * plan.ends + offset,
+        thickness=None if plan.thickness is None else factor * plan.thickness,
+        openings=None if openings is None else factor * openings + offset,
+        source=replace(
+            source,
+            dropped_lines=None if dropped is None else factor * dropped + np.abs(offset),
+            warnings=(*source.warnings, words),
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -92,6 +140,16 @@ class _Found:
     storey: Int[np.ndarray, " n"]
     """Number of the storey of each face."""
     storeys: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+def _upright(image_bgr: UInt8[np.ndarray, "h w 3"], name: str) -> Upright:
+    """What is drawn, without the paper around it."""
+    page = drawn_box(image_bgr)
+    darkness = make_darkness(np.ascontiguousarray(image_bgr[page]), name)
+    box = content_box(darkness)
+    upright = make_upright(np.ascontiguousarray(darkness[box]))
+    return moved_from(moved_from(upright, box), page)
 
 
 def _checked(
@@ -107,7 +165,8 @@ def _checked(
     if interpretation.candidate.edge != "mask":
         if interpretation.straight_share < _LEAST_STRAIGHT:
             raise _no_walls(name, "shapes without straight sides")
-        if _long_share(interpretation) < _LEAST_LONG_SHARE:
+        is_alone = interpretation.candidate.style == STYLE  # of which straightness is asked before
+        if not is_alone and _long_share(interpretation) < _LEAST_LONG_SHARE:
             raise _no_walls(name, "short strokes, as of letters or curves")
     length = float(sum(shapely.length(np.array(interpretation.walls, dtype=object))))
     if length < 0.5 * max(shape):
@@ -138,16 +197,30 @@ def _rotated(values: Float[np.ndarray, "h w"], upright: Upright) -> Float[np.nda
     return cv2.warpAffine(values, upright.upright_from_picture, (w, h), flags=cv2.INTER_LINEAR)
 
 
+def _shrink(side_px: int, may_enlarge: bool) -> float:
+    """Pixels of the picture to one of that in which walls are looked for."""
+    if side_px > 1.5 * WORK_SIDE_PX:
+        return side_px / WORK_SIDE_PX
+    if may_enlarge and side_px <= TINY_SIDE_PX:
+        return 1.0 / min(int(np.ceil(2 * TINY_SIDE_PX / side_px)), MOST_ENLARGED)
+    return 1.0
+
+
 def _shrunk(values: Float[np.ndarray, "h w"], shrink: float) -> Float[np.ndarray, "a b"]:
     if shrink == 1.0:
         return values
-    return cv2.resize(values, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    if shrink > 1.0:
+        return cv2.resize(values, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    large = cv2.resize(values, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_CUBIC)
+    return np.clip(large, 0.0, 1.0)
 
 
 def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _Found:
     """Faces of each storey, where the ink of the full picture has them."""
     walls = np.array(interpretation.walls, dtype=object)
-    least_px = max(0.5 * interpretation.thickness_px, 5.0)
+    is_alone = interpretation.candidate.style == STYLE
+    # Of walls of many thicknesses, what is short is known for wall where nothing else is drawn.
+    least_px = 3.0 if is_alone else max(0.5 * interpretation.thickness_px, 5.0)
     faces = faces_of_regions(shapely.GeometryCollection(list(walls)), 0.6, least_px)
     openings = find_openings(faces.ends, faces.normals, faces.thickness)
     small = _shrunk(upright.darkness, shrink)
@@ -165,7 +238,11 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
             candidate.edge == "stroke",
             max(1.5, 1.2 * shrink, 0.75 * abs(candidate.grow_px) * shrink),
         )
-    return _Found(faces, storey, storey_words(walls, storey_of))
+    words = storey_words(walls, storey_of)
+    doubts = find_doubts(faces.ends, openings, interpretation.walls, len(words))
+    if len(words) > MOST_STOREYS:
+        storey, words = np.zeros_like(storey), ("all",)
+    return _Found(faces, storey, words, () if candidate.edge == "mask" else doubts)
 
 
 def _to_floorplan(
@@ -175,6 +252,7 @@ def _to_floorplan(
     interpretation: Interpretation,
     upright: Upright,
     options: PlanOptions,
+    shrink: float,
 ) -> Floorplan:
     """The storey that is asked for, or all, in pixels of the picture, y up."""
     kept = np.ones(len(found.faces.ends), dtype=bool)
@@ -202,7 +280,7 @@ def _to_floorplan(
             storeys=tuple(f"{k}: {w}" for k, w in enumerate(found.storeys))
             if len(found.storeys) > 1
             else (),
-            dropped=_dropped_words(interpretation),
+            dropped=_dropped_words(interpretation, shrink),
             warnings=_warnings(found, interpretation, upright, options),
             file_from_plan=np.diag([1.0, -1.0, 1.0]),
         ),
@@ -213,7 +291,7 @@ def _warnings(
     found: _Found, interpretation: Interpretation, upright: Upright, options: PlanOptions
 ) -> tuple[str, ...]:
     """What a user should look at before trusting the plan."""
-    result = []
+    result = list(found.doubts)
     if len(found.storeys) > 1 and not options.storey:
         words = ", ".join(f"{k} ({where})" for k, where in enumerate(found.storeys))
         result.append(
@@ -249,24 +327,52 @@ def _storey_number(name: str, asked: str, storeys: tuple[str, ...]) -> int:
     )
 
 
-def _dropped_words(interpretation: Interpretation) -> tuple[str, ...]:
+def _dropped_words(interpretation: Interpretation, shrink: float) -> tuple[str, ...]:
     if not interpretation.dropped:
         return ()
-    return (
-        f"{len(interpretation.dropped)} marks of the tone and thickness of walls, but not of their form "
-        "(letters, arrows, furniture, frames)",
+    # The outline goes up one side of a stroke and down the other.
+    length = sum(region.length for region in interpretation.dropped) / 2 * shrink
+    kind = (
+        "specks"
+        if interpretation.candidate.style == STYLE
+        else "marks of the tone and thickness of walls, but not of their form (letters, arrows, furniture, "
+        "frames)"
     )
+    return (f"{len(interpretation.dropped)} {kind}, {length:.0f} px long in all",)
 
 
-def _outlines(interpretation: Interpretation, shrink: float) -> Float[np.ndarray, "k 2 2"]:
-    """Edges of what was dropped, px of the upright picture."""
-    parts = [np.zeros((0, 2, 2))]
+def _left_out(
+    interpretation: Interpretation, ink: InkAccount | None, shrink: float
+) -> Float[np.ndarray, "k 2 2"]:
+    """Edges of what was dropped, and of longer strokes that were no candidates, px of the upright picture."""
+    parts = [np.zeros((0, 2, 2)) if ink is None else ink.left_lines]
     for region in interpretation.dropped:
         for ring in (region.exterior, *region.interiors):
-            points = (np.asarray(ring.coords) + 0.5) * shrink - 0.5
+            points = np.asarray(ring.coords)
             parts.append(np.stack([points[:-1], points[1:]], axis=1))
-    edges = np.concatenate(parts)
+    edges = (np.concatenate(parts) + 0.5) * shrink - 0.5
     return edges[segments.lengths(edges) > 0]
+
+
+def _with_account(
+    plan: Floorplan, ink: InkAccount, interpretation: Interpretation, shrink: float
+) -> Floorplan:
+    """The plan with what became of the picture's ink, and a warning where little of it became wall."""
+    source = plan.source
+    read = f"{100 * ink.share:.0f} % of the ink is read as wall"
+    words = f"{read}; strokes of {ink.left_px * shrink:.0f} px in all are not"
+    if interpretation.candidate.style != STYLE:
+        words += " (thinner or paler than walls, or of other form: furniture, words, dimensions)"
+    warnings = source.warnings
+    if ink.share < _DOUBTFUL_SHARE:
+        warnings += (
+            f"only {read}: the picture may be no floorplan, or drawn in a way that planfit does not know; "
+            "compare the overlay (-o FILE.png) with the drawing, or give a picture of its walls with "
+            "--wall-mask",
+        )
+    return replace(
+        plan, source=replace(source, dropped=(words, *source.dropped), warnings=warnings)
+    )
 
 
 def _moved(

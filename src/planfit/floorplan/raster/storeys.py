@@ -10,6 +10,12 @@ _LEAST_SHARE = 0.12
 """A group of less area or less wall than this share of the largest is a part of its neighbour: a wall around
 a yard has the extent of a storey, and little in it."""
 
+_FAR = 0.25
+"""Groups further apart than this share of the smaller one's shorter side are plans of their own."""
+_BAND, _WALLED = 0.15, 0.5
+"""Else each has wall in the band along the strip between them, of this share of its width, over at least
+this share of the strip's length."""
+
 
 def find_storeys(
     walls: Shaped[np.ndarray, " n"],
@@ -37,12 +43,8 @@ def find_storeys(
         if (merged == group).all():
             break
         group = merged
-    names = np.unique(group)
-    extents = np.array([_extent(boxes[group == name]) for name in names])
-    area = np.prod(extents[:, 2:] - extents[:, :2], axis=1)
-    length = np.array([shapely.length(walls[group == name]).sum() for name in names])
-    is_storey = (area >= _LEAST_SHARE * area.max()) & (length >= _LEAST_SHARE * length.max())
-    is_storey[np.argmax(length)] = True
+    group = _without_parts(walls, boxes, group)
+    names, extents, is_storey = _large(walls, boxes, group)
     centre = (extents[:, :2] + extents[:, 2:]) / 2
     # Down the page in rows: plans whose extents overlap in v stand side by side.
     order = sorted(
@@ -53,6 +55,85 @@ def find_storeys(
         gaps = [_gap(extents[i], extents[j]) for j in order]
         number[names[i]] = int(np.argmin(gaps))
     return np.array([number[name] for name in group])
+
+
+def _large(
+    walls: Shaped[np.ndarray, " n"], boxes: Float[np.ndarray, "n 4"], group: Int[np.ndarray, " n"]
+) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, "k 4"], Bool[np.ndarray, " k"]]:
+    """Names of groups, their extents, and which are as large as a storey."""
+    names = np.unique(group)
+    extents = np.array([_extent(boxes[group == name]) for name in names])
+    area = np.prod(extents[:, 2:] - extents[:, :2], axis=1)
+    length = np.array([shapely.length(walls[group == name]).sum() for name in names])
+    is_storey = (area >= _LEAST_SHARE * area.max()) & (length >= _LEAST_SHARE * length.max())
+    is_storey[np.argmax(length)] = True
+    return names, extents, is_storey
+
+
+def _without_parts(
+    walls: Shaped[np.ndarray, " n"], boxes: Float[np.ndarray, "n 4"], group: Int[np.ndarray, " n"]
+) -> Int[np.ndarray, " n"]:
+    """Groups that look like parts of one building become one.
+
+    Between two plans there is a wide strip of paper, or an outer wall of each along the strip. A blank strip
+    between the core of a building and a row of its piers is narrow, and open on one side at least.
+    """
+    group = group.copy()
+    while True:
+        names, extents, is_storey = _large(walls, boxes, group)
+        order = np.flatnonzero(is_storey)
+        parts = [
+            (i, j)
+            for k, i in enumerate(order)
+            for j in order[k + 1 :]
+            if not _are_apart(
+                extents[i], extents[j], boxes[group == names[i]], boxes[group == names[j]]
+            )
+        ]
+        if not parts:
+            return group
+        i, j = min(parts, key=lambda pair: _gap(extents[pair[0]], extents[pair[1]]))
+        group[group == names[j]] = names[i]
+
+
+def _are_apart(
+    one: Float[np.ndarray, "4"],
+    other: Float[np.ndarray, "4"],
+    one_boxes: Float[np.ndarray, "a 4"],
+    other_boxes: Float[np.ndarray, "b 4"],
+) -> bool:
+    """Whether two groups of walls, given by their extents and boxes, are two buildings or storeys."""
+    least_side = min((one[2:] - one[:2]).min(), (other[2:] - other[:2]).min())
+    if _gap(one, other) > _FAR * least_side:
+        return True
+    apart = np.maximum(one[:2] - other[2:], other[:2] - one[2:])
+    across = int(np.argmax(apart))
+    along = 1 - across
+    low = max(one[along], other[along])
+    high = min(one[along + 2], other[along + 2])
+    if apart[across] < 0 or high <= low:
+        return False
+    for extent, boxes, beyond in ((one, one_boxes, other), (other, other_boxes, one)):
+        band = _BAND * (extent[across + 2] - extent[across])
+        is_before = extent[across] < beyond[across]
+        at_side = (
+            boxes[:, across + 2] > extent[across + 2] - band
+            if is_before
+            else boxes[:, across] < extent[across] + band
+        )
+        if _covered(boxes[at_side][:, [along, along + 2]], low, high) < _WALLED:
+            return False
+    return True
+
+
+def _covered(spans: Float[np.ndarray, "n 2"], low: float, high: float) -> float:
+    """Share of an interval that spans cover."""
+    reached, total = low, 0.0
+    for first, last in spans[np.argsort(spans[:, 0])]:
+        first, last = max(float(first), reached), min(float(last), high)
+        if last > first:
+            total, reached = total + last - first, last
+    return total / (high - low)
 
 
 def storey_words(

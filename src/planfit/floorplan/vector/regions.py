@@ -60,12 +60,16 @@ def _thickness(
 ) -> Float[np.ndarray, " n"]:
     """Median length of the wall behind three points of each face, straight through."""
     reach = float(np.ptp(ends.reshape(-1, 2), axis=0).max())
+    middle = ends.mean(axis=1) - 1e-6 * reach * normals
+    parts = shapely.get_parts(solid)
+    # Only its own part can be behind a face: a plan of many parts is not cut as a whole each time.
+    own = parts[shapely.STRtree(parts).nearest(shapely.points(middle))]
     lengths = []
     for share in (0.25, 0.5, 0.75):
         at = (1 - share) * ends[:, 0] + share * ends[:, 1]
         skin = 1e-6 * reach
         through = shapely.linestrings(np.stack([at - skin * normals, at - reach * normals], axis=1))
-        parts, face = shapely.get_parts(shapely.intersection(through, solid), return_index=True)
+        parts, face = shapely.get_parts(shapely.intersection(through, own), return_index=True)
         # The part that begins at the face; others belong to walls beyond the room behind.
         begins = shapely.distance(parts, shapely.points(at[face])) < 10 * skin
         length = (shapely.length(parts) + skin) * begins

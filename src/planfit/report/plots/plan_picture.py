@@ -4,9 +4,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image, ImageOps
 
 from planfit.floorplan import Floorplan
+from planfit.floorplan.formats.picture import load_picture
 from planfit.geometry import segments
 from planfit.report.plots.rim import with_rim
 
@@ -71,17 +71,14 @@ def draw_plan_picture(floorplan: Floorplan, path: Path, has_numbers: bool = Fals
 
 def _pale(path: Path) -> tuple[np.ndarray, float]:
     """The picture in light grey, at a size for screens, and its zoom."""
-    with Image.open(path) as file:
-        rgba = ImageOps.exif_transpose(file).convert("RGBA")
-    page = Image.new("RGBA", rgba.size, "white")
-    page.alpha_composite(rgba)
-    grey = np.asarray(page.convert("L"))
+    image, shrink = load_picture(path)
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     zoom = _SIDE_PX / max(grey.shape)
     interpolation = cv2.INTER_AREA if zoom < 1 else cv2.INTER_CUBIC
     size = (round(grey.shape[1] * zoom), round(grey.shape[0] * zoom))
     grey = cv2.resize(grey, size, interpolation=interpolation)
     pale = (255 - 0.45 * (255.0 - grey)).astype(np.uint8)
-    return cv2.cvtColor(pale, cv2.COLOR_GRAY2BGR), zoom
+    return cv2.cvtColor(pale, cv2.COLOR_GRAY2BGR), zoom / shrink
 
 
 def _zoomed(file_from_plan: np.ndarray, zoom: float) -> np.ndarray:

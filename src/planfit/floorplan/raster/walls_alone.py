@@ -1,0 +1,95 @@
+"""Pictures of walls and nothing else: wall masks, as sites and mapping programs give them.
+
+All that is dark is wall then, of any thickness, slanted, curved or round: nothing has to be told apart, and
+nothing is left out but specks.
+"""
+
+import cv2
+import numpy as np
+import shapely
+from jaxtyping import Float, UInt8
+from shapely import affinity
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.faces import weighted_median
+from planfit.floorplan.raster.candidates import INK, LINE, Candidate
+from planfit.floorplan.raster.interpretation import Interpretation, straight_length
+from planfit.floorplan.raster.line_work import opened
+from planfit.floorplan.raster.trace import trace_regions
+from planfit.floorplan.raster.twins import twin_share
+
+STYLE = "solid black, nothing else drawn"
+_MOST_TWINS, _MOST_TWINS_TINY = 0.18, 0.13
+"""Between 0.09 (the most of masks) and 0.28 (the least of drawings), see `twin_share`; in tiny drawings that
+were enlarged, words are blots without twins: one of 435 px has 0.17, of 290 px 0.14, masks 0.04."""
+_LEAST_BLACK = 0.5
+"""Of the ink; the rest are the soft edges of thin walls, or pale furniture."""
+_LEAST_STRAIGHT = 0.4
+"""Of the outline, in edges at least half as long again as walls are thick: circles have less."""
+_FINE_SIDE_PX, _MOST_ZOOM = 5000, 4
+"""Outlines are found in a picture of about this size at least, enlarged this many times at most."""
+_SPECK_PX = 3
+"""What is thinner and shorter than this is dirt."""
+
+
+def find_walls_alone(
+    small: Float[np.ndarray, "h w"], full: Float[np.ndarray, "a b"]
+) -> Interpretation | None:
+    """All that is dark, as walls; None where lines of a drawing are among it.
+
+    Args:
+        small: darkness that walls are looked for in, without the frame of the sheet.
+        full: the same with all its pixels, for outlines finer than those.
+    """
+    n_dark = int((small > LINE).sum())
+    black = (small > INK).astype(np.uint8)
+    mask = opened(black, 2)
+    if n_dark == 0 or mask.sum() < _LEAST_BLACK * n_dark:
+        return None
+    most = _MOST_TWINS_TINY if small.shape[0] > full.shape[0] else _MOST_TWINS
+    if twin_share(black, trace_regions(black, 0.0)) > most:
+        return None
+    walls, specks = _parted(_finely(mask, full))
+    if not walls:
+        return None
+    length = shapely.length(walls)
+    thickness = 2 * shapely.area(walls) / np.maximum(length, 1e-6)
+    usual = weighted_median(thickness, length)
+    straight = sum(straight_length(wall, max(1.5 * usual, 6.0)) for wall in walls)
+    share = straight / float(length.sum())
+    if share < _LEAST_STRAIGHT:
+        return None
+    candidate = Candidate(STYLE, mask, "edge", INK, 0.0, 2.0)
+    return Interpretation(candidate, tuple(walls), tuple(specks), usual, straight * share, share)
+
+
+def _finely(
+    mask: UInt8[np.ndarray, "h w"], darkness: Float[np.ndarray, "a b"]
+) -> list[BaseGeometry]:
+    """Regions of the full picture where the mask is, in pixels of the mask.
+
+    A small picture is enlarged: outlines of walls of 3 px then follow their soft edges.
+    """
+    zoom = int(np.clip(_FINE_SIDE_PX / max(darkness.shape), 1, _MOST_ZOOM))
+    if zoom > 1:
+        darkness = cv2.resize(darkness, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_LINEAR)
+    height, width = darkness.shape
+    near = cv2.dilate(mask, np.ones((3, 3), np.uint8))
+    near = cv2.resize(near, (width, height), interpolation=cv2.INTER_NEAREST)
+    walls = (np.asarray(near) > 0) & (darkness > INK)
+    regions = trace_regions(walls.astype(np.uint8), 0.0)
+    across, down = mask.shape[1] / width, mask.shape[0] / height
+    matrix = [across, 0, 0, down, 0.5 * across - 0.5, 0.5 * down - 0.5]
+    return [affinity.affine_transform(region, matrix) for region in regions]
+
+
+def _parted(regions: list[BaseGeometry]) -> tuple[list[shapely.Polygon], list[shapely.Polygon]]:
+    """Walls and specks."""
+    walls, specks = [], []
+    for region in regions:
+        if not isinstance(region, shapely.Polygon):
+            continue
+        u0, v0, u1, v1 = region.bounds
+        is_speck = max(u1 - u0, v1 - v0) < _SPECK_PX or region.area < _SPECK_PX
+        (specks if is_speck else walls).append(region)
+    return walls, specks

@@ -1,0 +1,130 @@
+"""Pictures that are no floorplan, or a poor one: read, and said to be doubtful."""
+
+import cv2
+import numpy as np
+import pytest
+
+from planfit.floorplan import Floorplan, PlanOptions
+from planfit.floorplan.raster import plan_of_picture
+from planfit.floorplan.raster.doubts import aligned_share
+from planfit.synth import BuildingOptions, make_building
+from planfit.synth.drawing import DrawingOptions, draw_building
+
+BLACK = (0, 0, 0)
+
+
+def read(image: np.ndarray) -> Floorplan:
+    return plan_of_picture(image, "picture", "", PlanOptions(), "picture")
+
+
+def paper(height: int = 900, width: int = 1300) -> np.ndarray:
+    return np.full((height, width, 3), 255, np.uint8)
+
+
+def facade() -> np.ndarray:
+    """A photograph of a house front: sky, plaster with shade, rows of dark windows."""
+    rng = np.random.default_rng(4)
+    image = np.zeros((900, 1300, 3))
+    image[:250] = (230, 190, 150)
+    image[250:] = np.linspace(150, 190, 1300)[None, :, None]
+    for v in range(300, 800, 120):
+        for u in range(100, 1200, 140):
+            image[v : v + 70, u : u + 60] = 40 + 30 * rng.random((70, 60, 3))
+            image[v + 70 : v + 76, u - 5 : u + 65] = 120
+    image += cv2.GaussianBlur(rng.normal(size=image.shape), (0, 0), 3) * 25
+    image += rng.normal(size=image.shape) * 6
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def site_plan() -> np.ndarray:
+    """Streets as pairs of lines, plots, outlines of houses, trees, names."""
+    rng = np.random.default_rng(5)
+    image = paper()
+    for v in (300, 620):
+        for side in (-22, 22):
+            cv2.line(image, (0, v + side), (1300, v + side - 40), BLACK, 2, cv2.LINE_AA)
+    for u in range(60, 1300, 150):
+        cv2.line(image, (u, 330), (u + 10, 590), (120,) * 3, 1, cv2.LINE_AA)
+        corner = np.array([u + 30, 380])
+        box = cv2.boxPoints((tuple((corner + 45).tolist()), (70, 90), float(rng.uniform(-8, 8))))
+        cv2.polylines(image, [box.astype(np.int32)], True, BLACK, 2, cv2.LINE_AA)
+        cv2.putText(
+            image, f"{rng.integers(100, 999)}", (u + 50, 430), 0, 0.6, BLACK, 1, cv2.LINE_AA
+        )
+    for _ in range(60):
+        at = (int(rng.uniform(0, 1300)), int(rng.uniform(660, 880)))
+        cv2.circle(image, at, int(rng.uniform(6, 16)), (90,) * 3, 1, cv2.LINE_AA)
+    cv2.putText(image, "Station Road", (500, 300), 0, 0.8, BLACK, 1, cv2.LINE_AA)
+    return image
+
+
+def section() -> np.ndarray:
+    """A house cut from top to bottom: slabs, a gable roof, ground, stairs, heights."""
+    image = paper()
+    for v in (300, 470, 640):
+        cv2.rectangle(image, (300, v), (1000, v + 22), BLACK, -1)
+    for u in (300, 976):
+        cv2.rectangle(image, (u, 300), (u + 24, 662), BLACK, -1)
+    roof = np.array([[270, 310], [650, 90], [1030, 310], [1000, 310], [650, 115], [300, 310]])
+    cv2.fillPoly(image, [roof.astype(np.int32)], BLACK)
+    for u in range(0, 1300, 18):
+        cv2.line(image, (u, 700), (u + 24, 676), BLACK, 1, cv2.LINE_AA)
+    cv2.line(image, (0, 676), (1300, 676), BLACK, 2)
+    for k in range(12):
+        cv2.line(image, (600 + 14 * k, 640 - 13 * k), (614 + 14 * k, 640 - 13 * k), BLACK, 2)
+        cv2.line(image, (614 + 14 * k, 640 - 13 * k), (614 + 14 * k, 627 - 13 * k), BLACK, 2)
+    for k, v in enumerate((640, 470, 300)):
+        cv2.putText(image, f"+{2.8 * k:.2f}", (1080, v), 0, 0.7, BLACK, 1, cv2.LINE_AA)
+        cv2.line(image, (1040, v), (1180, v), BLACK, 1)
+    return image
+
+
+def sketch() -> np.ndarray:
+    """Rooms as single pencil lines of a shaking hand, on grey paper."""
+    rng = np.random.default_rng(6)
+    image = np.full((900, 1200, 3), 225, np.uint8)
+    walls = [(150, 150, 1000, 150), (1000, 150, 1000, 750), (1000, 750, 150, 750),
+             (150, 750, 150, 150), (550, 150, 550, 420), (550, 520, 550, 750),
+             (150, 450, 400, 450), (550, 400, 850, 400)]  # fmt: skip
+    for u0, v0, u1, v1 in walls:
+        n = 30
+        points = np.linspace((u0, v0), (u1, v1), n)
+        points += cv2.GaussianBlur(rng.normal(size=(n, 2)), (0, 0), 2) * 6
+        cv2.polylines(image, [points.astype(np.int32)], False, (60, 60, 60), 3, cv2.LINE_AA)
+    for name, at in (("kitchen", (250, 600)), ("bed", (700, 280)), ("living", (700, 600))):
+        cv2.putText(image, name, at, cv2.FONT_HERSHEY_SCRIPT_SIMPLEX, 1.2, (80,) * 3, 2)
+    noise = rng.normal(size=image.shape[:2]) * 4
+    return np.clip(image + noise[..., None], 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("image", "words"), [
+    (facade(), "windows of a facade"),
+    (site_plan(), "houses of a site plan"),
+    (section(), "is it a section"),
+    (sketch(), "a sketch by hand"),
+])  # fmt: skip
+def test_what_is_no_floorplan_is_said_to_be_doubtful(image: np.ndarray, words: str) -> None:
+    plan = read(image)
+    assert any(words in warning for warning in plan.source.warnings)
+    assert plan.source.storeys == ()
+
+
+@pytest.mark.parametrize("change", [
+    {}, {"perspective": 0.02}, {"style": "double"}, {"style": "hatched"}, {"is_cluttered": True},
+])  # fmt: skip
+def test_floorplans_raise_no_doubts(change: dict) -> None:
+    rng = np.random.default_rng(7)
+    building = make_building(BuildingOptions(n_rooms=4), rng)
+    plan = read(draw_building(building, DrawingOptions(pixels_per_metre=45, **change), rng).image)
+    assert plan.source.warnings == ()
+
+
+def test_aligned_share_counts_two_pairs_of_directions() -> None:
+    def face(angle_deg: float, length: float) -> list:
+        angle = np.deg2rad(angle_deg)
+        return [(0.0, 0.0), (length * np.cos(angle), length * np.sin(angle))]
+
+    square = [face(0.5, 3), face(90, 2), face(179.5, 3), face(270, 2)]
+    assert aligned_share(np.array(square)) == pytest.approx(1.0)
+    assert aligned_share(np.array([*square, face(45, 5)])) == pytest.approx(1.0)
+    assert aligned_share(np.array([*square, face(45, 5), face(20, 5)])) == pytest.approx(0.75)
