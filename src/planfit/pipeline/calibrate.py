@@ -156,7 +156,11 @@ def prepare_nominal(scan: Scan, calibrated: CalibratedScan, options: RefineOptio
 def _solved(
     measurements: Measurements, adjustment: PlanAdjustment, options: RefineOptions
 ) -> tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]]:
-    """The problem that an adjustment to the plan ended with, and its unknowns."""
+    """The problem that an adjustment to the plan ended with, but for ceilings, and its unknowns.
+
+    Heights of ceilings were measured by the very depth that is in question: held where they are, they would say
+    that it is right.
+    """
     poses = adjustment.solution.target_from_cams
     problem = build_problem(measurements, options.adjust, poses, adjustment.correspondences)
-    return problem, problem.unknowns
+    return replace(problem, ceiling=None), problem.unknowns
