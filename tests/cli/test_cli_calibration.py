@@ -11,6 +11,7 @@ import pytest
 from planfit.cli import run
 from planfit.scan import ScanOptions, read_scan
 
+
 @pytest.fixture(scope="module")
 def long_scan(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("long") / "scan"
