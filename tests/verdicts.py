@@ -37,7 +37,6 @@ def make_visit(**changes):
 def make_evidence(n_frames=50, **changes) -> Evidence:
     """Of a walk of five stretches that was moved by half a metre and ended right."""
     given = {
-        "predicted_error_m": np.full(n_frames, 0.03),
         "correction_m": np.full(n_frames, 0.5),
         "stretches": tuple(make_stretch(k) for k in range(5)),
         "visits": (make_visit(),),
@@ -45,7 +44,10 @@ def make_evidence(n_frames=50, **changes) -> Evidence:
         "alignment": AdjustedAlignment(0.9, 0.4, 0.0),
         "scan_costs": {"points": (300.0, 310.0), "odometry": (150.0, 180.0)},
     }
-    return Evidence(**(given | changes))
+    # As long an error in every direction.
+    predicted_m = changes.pop("predicted_error_m", np.full(n_frames, 0.03))
+    covariances = (predicted_m**2 / 3)[:, None, None] * np.eye(6)
+    return Evidence(pose_covariances=covariances, **(given | changes))
 
 
 def make_verdict(n_frames=50, **changes) -> Verdict:

@@ -102,7 +102,7 @@ KITCHEN_WALLS = (
 """m, the three walls that are seen, drawn through the wall patches of the given poses; the left is free."""
 
 
-def _of(synthetic: SyntheticScan) -> Inputs:
+def inputs_of(synthetic: SyntheticScan) -> Inputs:
     scan = replace(synthetic.scan, world_from_cams=synthetic.true_world_from_cams)
     return Inputs(
         scan,
@@ -127,7 +127,7 @@ def _options(seed: int, n_frames: int, building: BuildingOptions, **others: obje
 
 
 def _synth(seed: int, n_frames: int, building: BuildingOptions, **others: object) -> Inputs:
-    return _of(make_scan(_options(seed, n_frames, building, **others)))
+    return inputs_of(make_scan(_options(seed, n_frames, building, **others)))
 
 
 def _drawn(make: Callable[..., tuple], seed: int, n_frames: int) -> Inputs:
@@ -252,7 +252,7 @@ def _in_plan(plan: RealPlan) -> Inputs:
     walk = replace(WalkOptions(n_frames=200), **own)
     options = SynthOptions(seed=plan.seed, walk=walk, camera=CAMERA)
     make: Callable[..., SyntheticScan] = make_scan
-    return _of(make(options, floorplan))
+    return inputs_of(make(options, floorplan))
 
 
 def all_scans() -> dict[str, BaseScan]:

@@ -5,7 +5,13 @@ import pytest
 
 from planfit.adjust import Rival
 from planfit.geometry import se3
-from planfit.pipeline.predicted_error import RIVAL_COST, brought_close, spread_of_rivals
+from planfit.pipeline.predicted_error import (
+    RIVAL_COST,
+    brought_close,
+    interpolated,
+    larger_of,
+    spread_of_rivals,
+)
 
 
 def aside(x_m, excess_cost, n=4):
@@ -38,3 +44,21 @@ def test_positions_are_brought_close_by_one_rigid_motion(rng):
     positions = rng.normal(size=(10, 3))
     moved = se3.transform(se3.yaw_transform(30.0, np.array([1.0, 2.0, 0.0])), positions)
     np.testing.assert_allclose(brought_close(moved, positions), positions, atol=1e-9)
+
+
+def test_the_larger_of_two_covariances_is_below_neither(rng):
+    roots = 0.01 * rng.normal(size=(2, 5, 6, 6))
+    one, other = (r @ np.swapaxes(r, 1, 2) for r in roots)
+    other[:, :, :2] = other[:, :2] = 0.0  # of less than full rank, as of a few folds
+    found = larger_of(one, other)
+    for each in (one, other):
+        assert np.linalg.eigvalsh(found - each).min() > -1e-12
+    np.testing.assert_allclose(larger_of(one, 0.0 * other), one, atol=1e-15)
+    np.testing.assert_allclose(larger_of(one, 4.0 * one), 4.0 * one, atol=1e-14)
+
+
+def test_between_known_frames_covariances_are_interpolated():
+    known = np.array([1.0, 3.0])[:, None, None] * np.eye(6)
+    found = interpolated(known, np.arange(6), np.array([1, 3]))
+    assert found[:, 0, 0].tolist() == [1.0, 1.0, 2.0, 3.0, 3.0, 3.0]
+    assert not found[:, 0, 1].any()

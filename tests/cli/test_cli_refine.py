@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from planfit.cli import run
 from planfit.evaluation import position_errors
@@ -61,6 +62,37 @@ def test_record_tells_what_was_done(finished: Path, small_scan: Path) -> None:
     assert set(record["cost_by_term"]) == {"points", "floor", "odometry", "ceiling", "walls"}
     assert record["metrics"]["nsd"]["after"] < record["metrics"]["nsd"]["before"]
     assert record["stop"]
+
+
+def test_how_far_each_pose_may_be_off_is_written_and_said_alike(
+    finished: Path, small_scan: Path
+) -> None:
+    record = json.loads((finished / "run.json").read_text())
+    lines = (finished / "trajectory_sigma.csv").read_text().splitlines()
+    assert lines[0] == (
+        "frame,timestamp,sigma_x_m,sigma_y_m,sigma_z_m,sigma_rotation_deg,radius_95_m"
+    )
+    table = np.array([[float(value) for value in line.split(",")] for line in lines[1:]])
+    times, found = read_tum(finished / "trajectory.tum")
+    assert_allclose(table[:, :2], np.column_stack([np.arange(60), times]))
+    predicted_m = np.array(record["verdict"]["predicted_error_m"])
+    assert_allclose(np.linalg.norm(table[:, 2:5], axis=1), predicted_m, atol=2e-6)
+    with np.load(finished / "covariances.npz") as kept:
+        variances = np.einsum("nii->ni", kept["covariances"])
+    assert_allclose(np.sqrt(variances[:, 3:]), table[:, 2:5], atol=1e-6)
+    assert np.all((table[:, 6] > predicted_m) & (table[:, 6] < 2 * predicted_m))
+    worst = int(np.argmax(predicted_m))
+    assert record["verdict"]["worst_predicted_frame"] == worst
+    said = f"worst {predicted_m[worst]:.2f} m at frame {worst}"
+    assert any(said in reason for reason in record["verdict"]["reasons"])
+    assert f"at frame {worst}</strong>" in (finished / "report.html").read_text()
+    # As large as the true errors are: the synthetic plan is exact, so rather wide.
+    _, true = read_tum(small_scan / "groundtruth.tum")
+    true_m = np.linalg.norm(
+        (np.array(record["world_from_plan"]) @ found)[:, :3, 3] - true[:, :3, 3], axis=1
+    )
+    assert np.mean(true_m < table[:, 6]) > 0.9
+    assert predicted_m.max() < 0.06
 
 
 def test_evaluate_prints_the_errors_and_json(finished: Path, small_scan: Path, capsys) -> None:
@@ -251,10 +283,10 @@ def test_installed_command_runs() -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_preset_offsets_and_covariances_reach_the_run(small_scan: Path, tmp_path: Path) -> None:
+def test_preset_and_offsets_reach_the_run(small_scan: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["refine", str(small_scan), "-o", str(out), "--preset", "paper"]
-    words += ["--adjust.covariances", "--adjust.walls.sigma-m", "0.5", "--align.method", "search"]
+    words += ["--adjust.walls.sigma-m", "0.5", "--align.method", "search"]
     assert run(words) in (0, 1)
     record = json.loads((out / "run.json").read_text())
     adjust = record["options"]["adjust"]
@@ -262,8 +294,6 @@ def test_preset_offsets_and_covariances_reach_the_run(small_scan: Path, tmp_path
     assert adjust["odometry"]["weight"] == 0
     assert adjust["walls"]["sigma_m"] == 0.5  # flags come after the preset
     assert set(record["cost_by_term"]) == {"points", "floor", "walls"}
-    with np.load(out / "covariances.npz") as kept:
-        assert kept["covariances"].shape == (len(kept["frame_idx"]), 6, 6)
     words = ["refine", str(small_scan), "-o", str(out), "--overwrite"]
     assert run([*words, "--adjust.walls.offset-sigma-m", "0.03"]) == 0
     offsets = json.loads((out / "run.json").read_text())["walls"]["offsets"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planfit.lsq.robust import Loss, LossKind, loss_value
+from planfit.lsq.robust import Loss, LossKind, loss_curvature, loss_value
 
 LOSSES = [Loss(kind, scale) for kind in LossKind for scale in (0.5, 2.0)]
 SQUARES = np.concatenate([[0.0], np.geomspace(1e-6, 1e4, 60)])
@@ -74,3 +74,21 @@ def test_norm_costs_twice_the_distance_beyond_its_rounding():
     assert_allclose(rho, [0.0, 4.0, 20.0], atol=1e-5)
     assert_allclose(weight[1:], [0.5, 0.1], rtol=1e-9)
     assert np.isfinite(weight[0])
+
+
+@pytest.mark.parametrize("kind", list(LossKind))
+@pytest.mark.parametrize("dims", [1, 3])
+def test_curvature_is_how_fast_the_pull_grows(kind, dims, rng):
+    loss = Loss(kind, 0.7)
+    residuals = rng.normal(size=(200, dims)) * 1.3
+    directions = np.eye(dims)
+
+    def pull(r):
+        return loss_value(np.sum(r**2, axis=1), loss)[1][:, None] * r
+
+    h = 1e-6
+    growth = sum(
+        (pull(residuals + h * e) - pull(residuals - h * e)) @ e / (2 * h) for e in directions
+    )
+    found = loss_curvature(np.sum(residuals**2, axis=1), loss, dims)
+    assert_allclose(found, growth / dims, rtol=1e-4, atol=1e-6)

@@ -114,8 +114,6 @@ class AdjustOptions:
     """When a wall of the plan is taken for moved."""
     max_alternations: int = 5
     """Rounds of association and solve at one distance; ends earlier when no association changes."""
-    covariances: bool = False
-    """Also give the covariance of every pose; takes six solves a frame."""
 
     def __post_init__(self) -> None:
         require_positive(self, "max_alternations")

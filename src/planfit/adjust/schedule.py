@@ -27,7 +27,6 @@ from planfit.adjust.torn_steps import (
     visits_that_tear,
 )
 from planfit.floorplan import Floorplan
-from planfit.lsq.covariance import covariances
 from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Solution
 from planfit.lsq.term import Term
@@ -116,8 +115,6 @@ class PlanAdjustment:
     """Rounds of reweighting, or steps of a descent, of all solves together."""
     weakly_constrained: tuple[str, ...] = ()
     """What nothing but the recorded motion, or nothing at all, holds: a sentence each."""
-    covariances: Float[np.ndarray, "n 6 6"] | None = None
-    """Of the poses (rad, m; plan axes), where asked for."""
     moved_walls: tuple[MovedWall, ...] = ()
     """Faces that stand elsewhere than drawn, the furthest first; they do not hold the poses to the plan."""
     torn_steps: tuple[TornStep, ...] = ()
@@ -166,7 +163,6 @@ def adjust_to_plan(
     offsets_m, offset_sigmas_m = end.problem.offsets(unknowns)
     # The last association may differ from the one that was solved with, where it did not settle.
     found = build_problem(measurements, options, plan_from_cams, end.correspondences, extra_terms)
-    every = np.arange(n)
     return PlanAdjustment(
         replace(end.solution, target_from_cams=plan_from_cams),
         end.correspondences,
@@ -176,7 +172,6 @@ def adjust_to_plan(
         end.converged,
         end.iterations,
         describe_observability(found, plan_from_cams),
-        covariances(end.problem.terms, unknowns, every) if options.covariances else None,
         _moved_walls(end.correspondences, offsets_m, offset_sigmas_m),
         find_torn_steps(measurements, plan_from_cams, options.odometry),
         rivals,
@@ -223,7 +218,4 @@ def _adjust_alone(
         converged=True,
         iterations=solution.iterations,
         weakly_constrained=describe_observability(problem, poses),
-        covariances=covariances(problem.terms, poses, np.arange(len(poses)))
-        if options.covariances
-        else None,
     )

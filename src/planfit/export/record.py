@@ -107,6 +107,7 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
         "predicted_error_rms_m": evidence.predicted_rms_m,
         "predicted_error_m": verdict.predicted_error_m.tolist(),
         "frames_without_place": [list(run) for run in evidence.unplaced],
+        "worst_predicted_frame": evidence.worst_frame,
         "stretches": [
             {name: _finite_or_same(value) for name, value in plain(stretch).items()}
             for stretch in evidence.stretches

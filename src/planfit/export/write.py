@@ -10,6 +10,7 @@ from jaxtyping import Float
 from planfit.export.cloud import Cloud, place_cloud, write_ply
 from planfit.export.loops import loop_edges
 from planfit.export.matches_file import MATCHES, write_matches
+from planfit.export.sigmas import write_sigmas
 from planfit.lsq.g2o import PoseGraph, write_g2o
 from planfit.matching import Matches
 from planfit.pipeline.result import RefineResult
@@ -36,12 +37,7 @@ def write_results(
         points = place_cloud(cloud, plan_from_cams)
         write_ply(folder / f"cloud_{name}.ply", points, cloud.colors)
     write_matches(folder / MATCHES, result.matches)
-    if result.adjustment.covariances is not None:
-        np.savez(
-            folder / "covariances.npz",
-            frame_idx=result.solved_frame_idx,
-            covariances=result.adjustment.covariances,
-        )
+    write_sigmas(folder, scan.timestamps, result.evidence.pose_covariances)
     (folder / "run.json").write_text(json.dumps(record, indent=1, allow_nan=False) + "\n")
 
 

@@ -114,11 +114,15 @@ class Factors:
         """Columns of H^-1 right; huge where nothing holds a direction."""
         return self.lu.solve(right / self.scale[:, None]) / self.scale[:, None]
 
+    def columns(self, rows: Int[np.ndarray, " r"]) -> Float[np.ndarray, "u r"]:
+        """Some columns of H^-1."""
+        ones = np.zeros((len(self.scale), len(rows)))
+        ones[rows, np.arange(len(rows))] = 1.0
+        return self.solve(ones)
+
     def inverse(self, rows: Int[np.ndarray, " r"]) -> Float[np.ndarray, "r r"]:
         """Some rows and columns of H^-1."""
-        columns = np.zeros((len(self.scale), len(rows)))
-        columns[rows, np.arange(len(rows))] = 1.0
-        block = self.solve(columns)[rows]
+        block = self.columns(rows)[rows]
         return 0.5 * (block + block.T)
 
 

@@ -58,3 +58,32 @@ def loss_value(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Costs and weights of squared residuals in sigmas."""
     return kernels.weigh_all(np.asarray(s, dtype=float), int(loss.kind), float(loss.scale))
+
+
+def loss_curvature(s: Float[np.ndarray, " n"], loss: Loss, dims: int) -> Float[np.ndarray, " n"]:
+    """How fast the pull of residuals of `dims` numbers grows with them, mean over directions: w + 2 s w' /
+    dims.
+
+    The pull is w(s) r. The weighted squares that a step is solved with take its growth to be w, which is
+    more: a minimum of the robust cost is as sharp as this curvature, not as the weights (Huber, Robust
+    Statistics, 1981, Sec. 7.6). Below 0 where the pull falls with the residual.
+
+    Args:
+        s: squared norms of the residuals, in sigmas.
+        loss: robust loss.
+        dims: numbers of a residual.
+    """
+    s = np.asarray(s, dtype=float)
+    weight, c2 = loss_value(s, loss)[1], loss.scale**2
+    match loss.kind:
+        case LossKind.SQUARED:
+            slope = np.zeros_like(s)
+        case LossKind.HUBER:
+            slope = np.where(s > c2, -weight / (2 * np.maximum(s, c2)), 0.0)
+        case LossKind.CAUCHY:
+            slope = -weight / (c2 + s)
+        case LossKind.GEMAN_MCCLURE:
+            slope = -2 * weight / (c2 + s)
+        case LossKind.NORM:
+            slope = -weight / (2 * (c2 + s))
+    return weight + 2 * s * slope / dims

@@ -14,13 +14,16 @@ from planfit.adjust import (
 )
 from planfit.adjust.calibration import (
     NOT_CALIBRATED,
+    PLAN,
     SHARED,
     Calibration,
     CalibrationOptions,
     corrected_matches,
     corrected_structure,
     estimate,
+    shared_step,
 )
+from planfit.adjust.uncertainty import SharedError
 from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
@@ -111,7 +114,7 @@ def calibrate_on_plan(
     with timer.stage("calibrate"):
         problem, unknowns = _solved(calibrated.prepared.measurements, adjustment, options)
         sensor = calibrated.calibration.sensor
-        priors, departure = _plan_prior(on_plan, calibrated.calibration, options.calibration)
+        priors, departure = plan_prior(on_plan, calibrated.calibration, options.calibration)
         found = estimate(measured, problem, unknowns, solve, priors, sensor, departure)
     if found.sensor == sensor:
         return replace(calibrated, calibration=found)
@@ -124,7 +127,7 @@ def calibrate_on_plan(
     )
 
 
-def _plan_prior(
+def plan_prior(
     on_plan: ScanOnPlan, calibration: Calibration, priors: CalibrationOptions
 ) -> tuple[CalibrationOptions, float]:
     """Prior of the plan's scale, and how far the plan as it is used departs from it, as a share.
@@ -145,6 +148,33 @@ def _plan_prior(
     return replace(priors, plan_scale_sigma=UNKNOWN_SCALE_SIGMA), 0.0
 
 
+def shared_error(
+    problem: AdjustmentProblem,
+    on_plan: ScanOnPlan,
+    calibration: Calibration,
+    priors: CalibrationOptions,
+) -> SharedError | None:
+    """What is not known of sensor, odometry and plan where an adjustment ended, and how poses follow it.
+
+    Poses are told on the plan: where its scale was found, an error of that stretches plan and poses alike
+    and is none. None where nothing was looked for: points are no matches, or each storey has a plan of its
+    own.
+    """
+    is_possible = problem.options.geometric == "points" and on_plan.storeys is None
+    if not priors.is_on or not is_possible:
+        return None
+    priors, plan_departure = plan_prior(on_plan, calibration, priors)
+    departures = np.where(calibration.is_kept, calibration.departures, 0.0)
+    departures[PLAN] = plan_departure
+    unknowns = problem.unknowns
+    step = shared_step(replace(problem, ceiling=None), unknowns, departures, priors.sigmas)
+    follow = step.pose_by_shared
+    if priors.plan_scale_sigma > 0:
+        follow[:, 3:5, PLAN] -= unknowns[:, :2, 3]
+    # What the evidence asks for and was not kept may be right: its square adds to the variance.
+    return SharedError(step.covariance + np.outer(step.change, step.change), follow)
+
+
 def prepare_nominal(scan: Scan, calibrated: CalibratedScan, options: RefineOptions) -> Measurements:
     """Measurements of the keyframes as the nominal sensor lifted them."""
     if calibrated.calibration.sensor.is_nominal:
@@ -156,7 +186,11 @@ def prepare_nominal(scan: Scan, calibrated: CalibratedScan, options: RefineOptio
 def _solved(
     measurements: Measurements, adjustment: PlanAdjustment, options: RefineOptions
 ) -> tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]]:
-    """The problem that an adjustment to the plan ended with, and its unknowns."""
+    """The problem that an adjustment to the plan ended with, but for ceilings, and its unknowns.
+
+    Heights of ceilings were measured by the very depth that is in question: held where they are, they would
+    say that it is right.
+    """
     poses = adjustment.solution.target_from_cams
     problem = build_problem(measurements, options.adjust, poses, adjustment.correspondences)
-    return problem, problem.unknowns
+    return replace(problem, ceiling=None), problem.unknowns

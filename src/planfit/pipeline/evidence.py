@@ -14,11 +14,13 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.adjust import AdjustOptions, PlanAdjustment, TornStep, build_problem, costs, name_walls
 from planfit.adjust.association import associate
+from planfit.adjust.calibration import NOT_CALIBRATED, Calibration, CalibrationOptions
 from planfit.adjust.torn_steps import find_broken_steps
 from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M, match_distances
 from planfit.lsq import Term
 from planfit.pipeline.align import wall_samples
+from planfit.pipeline.calibrate import shared_error
 from planfit.pipeline.folds import (
     NOT_KEPT_OUT,
     Folds,
@@ -26,7 +28,12 @@ from planfit.pipeline.folds import (
     without_fold,
 )
 from planfit.pipeline.on_plan import ScanOnPlan, Storey
-from planfit.pipeline.predicted_error import brought_close, predicted_covariance, spread_of_rivals
+from planfit.pipeline.predicted_error import (
+    brought_close,
+    interpolated,
+    predicted_covariance,
+    spread_of_rivals,
+)
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storeys import judge_storeys
 
@@ -80,9 +87,10 @@ class Stretch:
 class Evidence:
     """What speaks for and against a result; n frames."""
 
-    predicted_error_m: Float[np.ndarray, " n"]
-    """Of each camera position, one standard deviation of its length; where nothing fixed holds the whole,
-    once brought to the truth as one."""
+    pose_covariances: Float[np.ndarray, "n 6 6"]
+    """Of each camera pose [rad^2, rad m, m^2], tangents (rotation, translation) as in
+    `planfit.geometry.se3`, axes of the plan, which is taken to be at the scale that was used; where nothing
+    fixed holds the whole, once brought to the truth as one."""
     correction_m: Float[np.ndarray, " n"]
     """How far each camera was moved from where it was recorded; where nothing fixed holds the whole, once
     the recorded positions are brought to the refined ones as one."""
@@ -113,9 +121,28 @@ class Evidence:
     """Storeys that were walked and have no plan, where others have one."""
 
     @property
+    def predicted_error_m(self) -> Float[np.ndarray, " n"]:
+        """Of each camera position, one standard deviation of its length."""
+        return np.sqrt(np.trace(self.pose_covariances[:, 3:, 3:], axis1=1, axis2=2))
+
+    @property
+    def worst_frame(self) -> int:
+        """The frame whose position is predicted to be off most, but for frames that nothing places."""
+        return int(np.argmax(np.where(self._is_placed_frame, self.predicted_error_m, -1.0)))
+
+    @property
     def is_place_sure(self) -> bool:
         """Whether the adjusted walls surely lie where they belong on the plan."""
         return self.alignment is not None and not self.alignment.doubt
+
+    @property
+    def predicted_words(self) -> str:
+        """The predicted error in words, metres to the centimetre: of the whole, and where it is largest."""
+        worst = self.worst_frame
+        return (
+            f"expected position error {self.predicted_rms_m:.2f} m, worst "
+            f"{self.predicted_error_m[worst]:.2f} m at frame {worst}"
+        )
 
     @property
     def predicted_rms_m(self) -> float:
@@ -129,7 +156,7 @@ class Evidence:
 
     @property
     def _is_placed_frame(self) -> Bool[np.ndarray, " n"]:
-        is_placed = np.ones(len(self.predicted_error_m), dtype=bool)
+        is_placed = np.ones(len(self.pose_covariances), dtype=bool)
         for first, last in self.unplaced:
             is_placed[first : last + 1] = False
         return is_placed
@@ -164,6 +191,8 @@ def gather_evidence(
     n_folds: int,
     rng: np.random.Generator,
     extra_terms: Sequence[Term] = (),
+    calibration: Calibration = NOT_CALIBRATED,
+    priors: CalibrationOptions | None = None,
 ) -> Evidence:
     """Solve without each fold, and measure what was kept out.
 
@@ -176,6 +205,8 @@ def gather_evidence(
         n_folds: two or more.
         rng: deals visits and walls out to folds.
         extra_terms: the user's own; they are kept in all folds.
+        calibration: what was found of the sensor.
+        priors: of what was not; None takes the sensor to be as its files say.
     """
     measurements, keyframes = prepared.measurements, prepared.keyframes
     solved = adjustment.solution.target_from_cams
@@ -184,19 +215,20 @@ def gather_evidence(
     folds = choose_folds(measurements, recorded, n_folds, rng)
     by_fold = _solve_folds(prepared, adjustment, options, folds, extra_terms)
     problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
-    covariance = predicted_covariance(problem, adjustment.rivals, folds, by_fold)
+    shared = None if priors is None else shared_error(problem, on_plan, calibration, priors)
+    covariance = predicted_covariance(problem, adjustment.rivals, folds, by_fold, rng, shared)
     spread = spread_of_rivals(solved, adjustment.rivals)
     near = _near_plan(prepared, on_plan, options, folds, recorded, by_fold)
-    variance = np.trace(covariance, axis1=1, axis2=2)
+    of_positions = covariance[:, 3:, 3:]
     before = recorded[:, :3, 3]
     if problem.gauge is not None:
         before = brought_close(before, solved[:, :3, 3])
     correction_m = np.linalg.norm(solved[:, :3, 3] - before, axis=1)
     every, keys = np.arange(len(keyframes.nearest)), keyframes.frame_idx
     return Evidence(
-        predicted_error_m=np.interp(every, keys, np.sqrt(variance)),
+        pose_covariances=interpolated(covariance, every, keys),
         correction_m=np.interp(every, keys, correction_m),
-        stretches=_stretches(prepared, folds, covariance, near),
+        stretches=_stretches(prepared, folds, of_positions, near),
         visits=_visits(prepared, folds, recorded, by_fold, solved),
         torn=find_broken_steps(measurements, solved),
         alignment=_judge_alignment(prepared, on_plan, solved, align_options),

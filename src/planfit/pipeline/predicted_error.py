@@ -1,4 +1,4 @@
-"""How far each camera of a result may be off: from solves without a part, from rivals, and from the sigmas.
+"""How far each camera of a result may be off: by its residuals, by solves without a part, and by rivals.
 
 Where nothing fixed holds the whole (no plan, no control points), an error is what is left once positions are
 brought to the truth by one rigid motion: the frame that the gauge holds is no surer than the others.
@@ -7,16 +7,17 @@ brought to the truth by one rigid motion: the frame that the gauge holds is no s
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from planfit.adjust import AdjustmentProblem, Rival
 from planfit.adjust.torn_steps import step_departures
+from planfit.adjust.uncertainty import SharedError, pose_covariances
 from planfit.geometry import se3
-from planfit.lsq.covariance import aligned_position_covariances, position_covariances
 from planfit.pipeline.folds import Folds
 
-MAX_COVARIANCES = 120
-"""Frames whose covariance is taken, evenly along the walk; between them it is interpolated."""
+MAX_COVARIANCES, MAX_ALIGNED_COVARIANCES = 120, 60
+"""Frames whose covariance is taken, evenly along the walk; between them it is interpolated. Where nothing
+fixed holds the whole, all of them are needed at once."""
 MAX_STEP_SIGMAS = 5.0
 """A step that departs by more counts as this much in the misfit of its stretch: the jackknife sees it too."""
 RIVAL_COST = 10.0
@@ -29,47 +30,81 @@ def predicted_covariance(
     rivals: Sequence[Rival],
     folds: Folds,
     by_fold: Sequence[Float[np.ndarray, "k 4 4"]],
-) -> Float[np.ndarray, "k 3 3"]:
-    """Covariance of camera positions (m^2, target axes).
+    rng: np.random.Generator,
+    shared: SharedError | None = None,
+) -> Float[np.ndarray, "k 6 6"]:
+    """Covariance of camera poses [rad^2, rad m, m^2], tangents (rotation, translation), target axes.
 
-    The sigmas know of noise, not of what is wrong; the folds of what pulls differently, not of what nothing
-    measures, nor of another optimum; the rivals of that.
+    Residuals know of noise, of walls that are drawn off and of the sensor; the rivals of other optima; the
+    folds of what pulls differently. That is partly the same, so of the folds what exceeds the rest counts.
 
     Args:
         problem: all evidence, its unknowns those of the result.
         rivals: other optima.
         folds: which fold did without what.
         by_fold: poses of each fold's solve.
+        rng: for estimates of traces.
+        shared: what all frames share; None where that is known.
     """
-    is_free = problem.gauge is not None
-    moved = _moved_by_folds(problem, by_fold, is_free)
-    covariance = np.einsum("fki,fkj->kij", moved, moved) * (folds.count - 1) / folds.count
-    covariance += spread_of_rivals(problem.unknowns[: problem.n_cams], rivals)
-    by_sigma = _by_sigma(problem, is_free)
-    if by_sigma is None:
-        return covariance
-    return covariance + _misfit(problem, folds)[:, None, None] * by_sigma
+    moved = _moved_by_folds(problem, by_fold, problem.gauge is not None)
+    by_folds = np.einsum("fki,fkj->kij", moved, moved) * (folds.count - 1) / folds.count
+    spread = np.zeros_like(by_folds)
+    spread[:, 3:, 3:] = spread_of_rivals(problem.unknowns[: problem.n_cams], rivals)
+    by_residuals = _by_residuals(problem, folds, rng, shared)
+    if by_residuals is None:
+        return by_folds + spread
+    return larger_of(by_residuals + spread, by_folds)
+
+
+def larger_of(
+    one: Float[np.ndarray, "k 6 6"], other: Float[np.ndarray, "k 6 6"]
+) -> Float[np.ndarray, "k 6 6"]:
+    """The least covariance, in axes in which `one` is the identity, that is nowhere below either."""
+    root = np.linalg.cholesky(one)
+    half = np.linalg.solve(root, other)
+    whitened = np.linalg.solve(root, np.swapaxes(half, 1, 2))
+    variances, axes = np.linalg.eigh(0.5 * (whitened + np.swapaxes(whitened, 1, 2)))
+    stretched = root @ axes
+    return (stretched * np.maximum(variances, 1.0)[:, None]) @ np.swapaxes(stretched, 1, 2)
 
 
 def _moved_by_folds(
     problem: AdjustmentProblem, by_fold: Sequence[Float[np.ndarray, "k 4 4"]], is_free: bool
-) -> Float[np.ndarray, "f k 3"]:
-    """How far each camera lies from where it is in the result."""
-    positions = problem.unknowns[: problem.n_cams, :3, 3]
-    ends = [poses[:, :3, 3] for poses in by_fold]
-    return np.stack([brought_close(e, positions) if is_free else e for e in ends]) - positions
+) -> Float[np.ndarray, "f k 6"]:
+    """How far each camera lies from where it is in the result, as tangents."""
+    solved = problem.unknowns[: problem.n_cams]
+    tangents = []
+    for poses in by_fold:
+        closer = poses
+        if is_free:
+            closer = se3.fit_rigid(poses[:, :3, 3], solved[:, :3, 3]) @ poses
+        turned = se3.log_so3(closer[:, :3, :3] @ np.swapaxes(solved[:, :3, :3], 1, 2))
+        tangents.append(np.concatenate([turned, closer[:, :3, 3] - solved[:, :3, 3]], axis=1))
+    return np.stack(tangents)
 
 
-def _by_sigma(problem: AdjustmentProblem, is_free: bool) -> Float[np.ndarray, "k 3 3"] | None:
-    """What the sigmas leave open; None where there is none to go by, or frames that nothing holds."""
+def _by_residuals(
+    problem: AdjustmentProblem, folds: Folds, rng: np.random.Generator, shared: SharedError | None
+) -> Float[np.ndarray, "k 6 6"] | None:
+    """What the residuals leave open; None where there is none to go by, or frames that nothing holds."""
     if problem.options.averaging == "mean" or problem.odometry is None:
         return None
     n = problem.n_cams
-    some = np.unique(np.linspace(0, n - 1, min(n, MAX_COVARIANCES)).astype(int))
-    covariance_of = aligned_position_covariances if is_free else position_covariances
-    found = covariance_of(problem.terms, problem.unknowns, some).reshape(len(some), 9)
-    every = np.arange(n)
-    return np.column_stack([np.interp(every, some, entry) for entry in found.T]).reshape(n, 3, 3)
+    most = MAX_COVARIANCES if problem.gauge is None else MAX_ALIGNED_COVARIANCES
+    some = np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))
+    misfit = _misfit(problem, folds)
+    found, _ = pose_covariances(problem, folds.stretch, misfit, some, rng, shared)
+    return interpolated(found, np.arange(n), some)
+
+
+def interpolated(
+    covariances: Float[np.ndarray, "k 6 6"],
+    frames: Int[np.ndarray, " n"],
+    known: Int[np.ndarray, " k"],
+) -> Float[np.ndarray, "n 6 6"]:
+    """Covariances of frames, entry by entry between those that are known; beyond, that of the nearest."""
+    entries = covariances.reshape(len(known), 36).T
+    return np.column_stack([np.interp(frames, known, e) for e in entries]).reshape(-1, 6, 6)
 
 
 def _misfit(problem: AdjustmentProblem, folds: Folds) -> Float[np.ndarray, " k"]:

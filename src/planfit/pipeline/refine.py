@@ -59,8 +59,9 @@ def refine(
     calibrated, on_plan, adjustment = _solve(scan, seen, floorplan, chosen, own, timer)
     # Is it better, by solves that did without a part of the evidence?
     with timer.stage("validate"):
-        seen = calibrated.observations
-        validation = validate(calibrated.prepared, on_plan, adjustment, seen.structure, chosen, own)
+        prepared, structure = calibrated.prepared, calibrated.observations.structure
+        found = calibrated.calibration
+        validation = validate(prepared, on_plan, adjustment, structure, chosen, own, found)
     return make_result(scan, calibrated, on_plan, adjustment, validation, chosen, timer)
 
 

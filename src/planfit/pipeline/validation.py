@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust import PlanAdjustment, costs, follow_keyframes
+from planfit.adjust.calibration import NOT_CALIBRATED, Calibration
 from planfit.evaluation import NEAR_FACE_M, wall_distances
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
@@ -51,6 +52,7 @@ def validate(
     structure: Structure,
     options: RefineOptions,
     extra_terms: Sequence[Term] = (),
+    calibration: Calibration = NOT_CALIBRATED,
 ) -> Validation:
     """Compare poses before and after, gather the evidence, and judge it.
 
@@ -61,6 +63,7 @@ def validate(
         structure: of all frames, not of keyframes alone.
         options: those of the run.
         extra_terms: the user's own among them.
+        calibration: what was found of the sensor; the scan's points are corrected by it.
     """
     measurements, keyframes = prepared.measurements, prepared.keyframes
     plan_from_keys = adjustment.solution.target_from_cams
@@ -75,6 +78,8 @@ def validate(
         options.verdict.folds,
         np.random.default_rng(options.seed),
         extra_terms,
+        calibration,
+        options.calibration,
     )
     checks = (visit_check(evidence), wall_check(structure, on_plan.floorplan, before, after))
     cost_before, cost_after = (

@@ -115,7 +115,8 @@ def _in_favour(evidence: Evidence) -> tuple[str, ...]:
     """What was done, and what was kept out and agrees."""
     moved, error = evidence.correction_rms_m, evidence.predicted_rms_m
     reasons = [
-        f"cameras were moved by {moved:.2f} m and are predicted to be within about {error:.2f} m (both RMS)"
+        f"cameras were moved by {moved:.2f} m and are predicted to be within about {error:.2f} m (both RMS)",
+        evidence.predicted_words,
     ]
     if evidence.visit_distances_m:
         before, after = evidence.visit_distances_m

@@ -197,8 +197,27 @@ def test_the_reduced_step_is_a_dense_one_over_poses_and_parameters(world, rng, h
         rtol=1e-3,
         atol=1e-4 * inverse[n:, n:].max(),
     )
-    moved = se3.retract(poses, solved[:n].reshape(-1, 6))
-    length = np.abs(moved - poses).max()
-    assert length > 1e-4
-    assert_allclose(step.target_from_cams, moved, atol=5e-3 * length)
+    # Poses and parameters vary together by how poses follow.
+    together = inverse[:n, n:]
+    follow = step.pose_by_shared.reshape(n, -1)[:, of_free]
+    assert_allclose(follow @ inverse[n:, n:], together, atol=5e-3 * np.abs(together).max())
+    assert not step.pose_by_shared[:, :, list(held)].any()
     assert not step.change[list(held)].any()
+
+
+@pytest.mark.parametrize("z", [0.0, -1.0])
+def test_points_that_no_depth_image_can_have_say_nothing_of_the_sensor(world, z):
+    def with_one(points, at):
+        spoilt = points.copy()
+        spoilt[0] = [0.3, 0.2, at]
+        return spoilt
+
+    measured, poses = world.measurements, world.plan_from_cams
+    points = measured.matches.points_a
+    spoilt = replace(measured, matches=replace(measured.matches, points_a=with_one(points, z)))
+    found = shared_blocks(world.problem(spoilt), poses)
+    assert np.isfinite(found.by_self).all()
+    assert np.isfinite(found.by_pose).all()
+    far = replace(measured, matches=replace(measured.matches, points_a=with_one(points, -7.0)))
+    elsewhere = shared_blocks(world.problem(far), poses)
+    assert_allclose(found.by_self, elsewhere.by_self, rtol=1e-9)

@@ -34,9 +34,9 @@ def sum_planes_by_sensor(
         lever[3], lever[4], lever[5] = a, b, c
         for m in range(start[k], start[k + 1]):
             w = weight[m]
-            if w == 0.0:
-                continue
             x, y, z = points[m, 0], points[m, 1], points[m, 2]
+            if w == 0.0 or z <= 0.0:  # no depth image has a point behind the camera
+                continue
             along = a * x + b * y + c * z
             r = along + d
             sideways = a * x + b * y
@@ -83,9 +83,9 @@ def sum_pairs_by_sensor(
         t = a_from_b[k]
         for m in range(start[k], start[k + 1]):
             w = weight[m]
-            if w == 0.0:
-                continue
             p, q = points_a[m], points_b[m]
+            if w == 0.0 or p[2] <= 0.0 or q[2] <= 0.0:
+                continue
             ux = t[0, 0] * q[0] + t[0, 1] * q[1] + t[0, 2] * q[2]
             uy = t[1, 0] * q[0] + t[1, 1] * q[1] + t[1, 2] * q[2]
             uz = t[2, 0] * q[0] + t[2, 1] * q[1] + t[2, 2] * q[2]

@@ -7,21 +7,20 @@ from jaxtyping import Float
 
 from planfit.adjust.calibration.blocks import shared_blocks
 from planfit.adjust.problem import AdjustmentProblem
-from planfit.geometry import se3
 from planfit.lsq.covariance import factorised
 from planfit.lsq.linear.normal_equations import NormalEquations
 
 
 @dataclass(frozen=True)
 class SharedStep:
-    """Where the cost of a problem falls to, once shared parameters may move with the poses."""
+    """Where the cost of a problem asks shared parameters to go, poses moving with them."""
 
     change: Float[np.ndarray, " s"]
     """Of the shared parameters."""
     covariance: Float[np.ndarray, "s s"]
     """Of the shared parameters, poses free, priors included."""
-    target_from_cams: Float[np.ndarray, "n 4 4"]
-    """Poses after the step."""
+    pose_by_shared: Float[np.ndarray, "n 6 s"]
+    """How poses follow the shared parameters, tangents as in `planfit.geometry.se3`."""
 
 
 def shared_step(
@@ -30,7 +29,7 @@ def shared_step(
     departures: Float[np.ndarray, " s"],
     sigmas: Float[np.ndarray, " s"],
 ) -> SharedStep:
-    """Step of the shared parameters and poses together, from poses that minimise the problem.
+    """Step of the shared parameters with poses free, from poses that minimise the problem.
 
     With H over poses and parameters, [[H_xx, H_xs], [H_sx, H_ss]], the parameters' own equations are
     (H_ss - H_sx H_xx^-1 H_xs) ds = -(g_s - H_sx H_xx^-1 g_x).
@@ -56,5 +55,6 @@ def shared_step(
     covariance[np.ix_(free, free)] = inverse = np.linalg.inv(0.5 * (reduced + reduced.T))
     change = np.zeros(len(sigmas))
     change[free] = -inverse @ right
-    moved = -(solved[:, -1] + solved[:, :-1] @ change[free]).reshape(-1, 6)
-    return SharedStep(change, covariance, se3.retract(unknowns, moved))
+    pose_by_shared = np.zeros((len(unknowns), 6, len(sigmas)))
+    pose_by_shared[:, :, free] = -solved[:, :-1].reshape(len(unknowns), 6, -1)
+    return SharedStep(change, covariance, pose_by_shared)

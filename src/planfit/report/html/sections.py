@@ -6,6 +6,7 @@ from html import escape
 
 import numpy as np
 
+from planfit.adjust.uncertainty import radius_95
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.matching import Matches
@@ -79,11 +80,14 @@ def certainty(result: RefineResult, truth: TruthErrors | None) -> str:
     known = " Dotted: the true error." if true_m is not None else ""
     named = " Shaded: frames with a reservation." if result.verdict.reservations else ""
     picture = captioned(
-        charts.certainty_plot(result.verdict, true_m),
-        f"<strong>Predicted error of each camera position,</strong> one standard deviation.{named}{known}",
+        charts.certainty_plot(
+            result.verdict, radius_95(evidence.pose_covariances[:, 3:, 3:]), true_m
+        ),
+        "<strong>Predicted error of each camera position:</strong> one standard deviation, and the "
+        f"radius that holds the true position in 95 of 100 frames.{named}{known}",
         "Predicted error of each frame",
     )
-    seen = [s for s in evidence.stretches if s.n_patches]
+    worst, seen = evidence.worst_frame, [s for s in evidence.stretches if s.n_patches]
     visits = (
         f"{len(evidence.visits)} {_plural(len(evidence.visits), 'time', 'times')} a place is seen again, "
         if evidence.visits
@@ -92,8 +96,11 @@ def certainty(result: RefineResult, truth: TruthErrors | None) -> str:
     return (
         "<h2>How sure each frame is</h2><p>The scan was solved again several times, each time without some "
         "of the places that are seen again and without the walls of some stretches of the walk. How far the "
-        "poses move then, and how exact the measurements claim to be, give the error that is to be expected: "
-        f"{formatting.length(evidence.predicted_rms_m)} RMS. What was left out is the evidence: {visits}"
+        "poses move then, how far measurements lie from where the result puts them, and what is not known "
+        "of the sensor and the plan's scale, give the error that is to be expected: "
+        f"<strong>{formatting.length(evidence.predicted_rms_m)} RMS, worst "
+        f"{formatting.length(float(evidence.predicted_error_m[worst]))} at frame {worst}</strong> (frame "
+        f"by frame in <code>trajectory_sigma.csv</code>). What was left out is the evidence: {visits}"
         f"walls on {len(seen)} of {len(evidence.stretches)} stretches.</p>"
         f'<div class="pair">{picture}</div><details><summary>Stretch by stretch</summary>'
         "<p>Wall patches on the plan, and beside a drawn wall, where the solve without them puts them.</p>"

@@ -150,13 +150,19 @@ def correction_plot(both: BeforeAfter) -> Picture:
     return to_picture(figure)
 
 
-def certainty_plot(verdict: Verdict, true_error_m: Float[np.ndarray, " n"] | None) -> Picture:
-    """Predicted error of each frame; the true one where it is known; frames with a reservation shaded."""
+def certainty_plot(
+    verdict: Verdict,
+    radius_95_m: Float[np.ndarray, " n"],
+    true_error_m: Float[np.ndarray, " n"] | None,
+) -> Picture:
+    """Predicted error of each frame and its 95 % radius; the true error where it is known; frames with a
+    reservation shaded."""
     predicted = verdict.predicted_error_m
     frames = np.arange(len(predicted))
     figure = new_figure(PANEL_IN, 2.6)
     axes = add_axes(figure, 0.55, 0.42, PANEL_IN - 0.75, 2.6 - 0.42 - LEGEND_IN)
-    entries: list[Entry] = [("predicted", AFTER, "-")]
+    entries: list[Entry] = [("predicted", AFTER, "-"), ("95 % radius", LIGHT, "s")]
+    axes.fill_between(frames, radius_95_m, color=LIGHT, alpha=0.6, linewidth=0, zorder=0)
     for first, last in _joined(verdict):
         axes.axvspan(first - 0.5, last + 0.5, color=UNMATCHED, alpha=0.2, linewidth=0, zorder=1)
     axes.plot(frames, predicted, color=AFTER, linewidth=1.3, zorder=3)

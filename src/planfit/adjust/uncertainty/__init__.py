@@ -1,0 +1,6 @@
+"""How far the poses of an adjustment may be off, by what its residuals say of its sigmas."""
+
+from planfit.adjust.uncertainty.covariances import SharedError as SharedError
+from planfit.adjust.uncertainty.covariances import pose_covariances as pose_covariances
+from planfit.adjust.uncertainty.radius import radius_95 as radius_95
+from planfit.adjust.uncertainty.spreads import Spread as Spread

@@ -1,0 +1,138 @@
+"""What each bundle of points says as one: a wall patch, a frame's floor, the matches of a pair.
+
+The points of a bundle share most of their error (docs/adr/0003-effective-observations.md), so how they
+scatter about their own mean says little of it. Their mean does, beside those of other bundles.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import sparse
+
+from planfit.adjust.terms.groups import PairGroups, PlaneGroups
+from planfit.geometry import se3
+from planfit.lsq.blocks import relative_poses
+from planfit.lsq.moments import PairMoments, PlaneMoments, planes_in_cam
+from planfit.lsq.robust import loss_curvature, loss_value
+
+MIN_CURVATURE = 0.2
+"""Curvature of a term's loss by its weights, at least: where most points lie beyond the scale of a loss that
+levels off, the poses are held by what the sum does not show."""
+
+
+@dataclass(frozen=True)
+class Bundles:
+    """Mean residuals of b bundles of a term, d numbers each, as if they were least squares.
+
+    Weights and residuals are those of the robust loss's own curvature: their product is the pull on the
+    poses.
+    """
+
+    moments: PlaneMoments | PairMoments
+    """Of all points, by the curvature."""
+    residuals: Float[np.ndarray, "b d"]
+    """m, target axes."""
+    weights: Float[np.ndarray, " b"]
+    """1/m^2, the stated sigmas and effective observations in them."""
+    jacobian: sparse.csr_array
+    """(b d, 6 n): of the residuals by the tangents of n poses."""
+    cluster: Int[np.ndarray, " b"]
+    """Numbers without gaps of what errors are shared by: a wall, a visit, a stretch of the walk."""
+
+    @property
+    def n_clusters(self) -> int:
+        """How many there are."""
+        return int(self.cluster.max(initial=-1)) + 1
+
+
+def plane_bundles(
+    groups: PlaneGroups,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    cluster: Int[np.ndarray, " k"],
+) -> Bundles:
+    """Of groups of points on planes; groups of no weight are left out."""
+    moments = groups.moments(target_from_cams)[0]
+    assert isinstance(moments, PlaneMoments)  # summed on the CPU
+    distances = _distances(groups, target_from_cams)
+    curvature = _curvature(groups, (distances / groups.sigma_m) ** 2, 1)
+    moments = replace(moments, moments=curvature * moments.moments)
+    weights = moments.moments[:, 3, 3]
+    seen = np.flatnonzero(weights > 0)
+    poses = target_from_cams[moments.pose_idx[seen]]
+    means = moments.moments[seen, :, 3] / weights[seen, None]
+    planes = moments.planes[seen]
+    residuals = np.einsum("ki,ki->k", planes_in_cam(planes, poses), means) / curvature
+    levers = np.einsum("kij,kj->ki", poses[:, :3, :3], means[:, :3])
+    rows = np.concatenate([np.cross(levers, planes[:, :3]), planes[:, :3]], axis=1)
+    jacobian = sparse_rows(rows[:, None, None], moments.pose_idx[seen, None], len(target_from_cams))
+    return Bundles(
+        moments, residuals[:, None], weights[seen], jacobian, _without_gaps(cluster[seen])
+    )
+
+
+def pair_bundles(
+    groups: PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"], cluster: Int[np.ndarray, " k"]
+) -> Bundles:
+    """Of the matches of pairs; pairs of no weight are left out."""
+    moments = groups.moments(target_from_cams)[0]
+    assert isinstance(moments, PairMoments)
+    curvature = _curvature(groups, _squared_distances(groups, target_from_cams), 3)
+    moments = replace(
+        moments, aa=curvature * moments.aa, ab=curvature * moments.ab, bb=curvature * moments.bb
+    )
+    seen = np.flatnonzero(moments.aa[:, 3, 3] > 0)
+    pairs, weights = moments.pairs[seen], moments.aa[seen, 3, 3]
+    first, second = target_from_cams[pairs[:, 0]], target_from_cams[pairs[:, 1]]
+    mean_a = np.einsum("kij,kj->ki", first[:, :3, :3], moments.aa[seen, :3, 3]) / weights[:, None]
+    mean_b = np.einsum("kij,kj->ki", second[:, :3, :3], moments.bb[seen, :3, 3]) / weights[:, None]
+    residuals = (mean_a - mean_b + first[:, :3, 3] - second[:, :3, 3]) / curvature
+    one = np.broadcast_to(np.eye(3), (len(pairs), 3, 3))
+    of_a = np.concatenate([-se3.skew(mean_a), one], axis=2)
+    of_b = np.concatenate([se3.skew(mean_b), -one], axis=2)
+    jacobian = sparse_rows(np.stack([of_a, of_b], axis=1), pairs, len(target_from_cams))
+    return Bundles(moments, residuals, weights, jacobian, _without_gaps(cluster[seen]))
+
+
+def _distances(
+    groups: PlaneGroups, target_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, " m"]:
+    planes_cam = planes_in_cam(groups.planes, target_from_cams[groups.pose_idx])
+    of_points = np.repeat(planes_cam, np.diff(groups.start), axis=0)
+    return np.einsum("mi,mi->m", of_points[:, :3], groups.points_cam) + of_points[:, 3]
+
+
+def _squared_distances(
+    groups: PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, " m"]:
+    """In sigmas."""
+    a_from_b = relative_poses(target_from_cams, groups.pairs)
+    moved = se3.transform_each(
+        np.repeat(a_from_b, np.diff(groups.start), axis=0), np.asarray(groups.points_b, dtype=float)
+    )
+    return np.sum((groups.points_a - moved) ** 2, axis=1) / groups.sigma_m**2
+
+
+def _curvature(groups: PlaneGroups | PairGroups, s: Float[np.ndarray, " m"], dims: int) -> float:
+    """Of a term's loss, by the weights that its points have: one where the loss is a parabola there."""
+    each = np.repeat(groups.weight_per_point, np.diff(groups.start)) / np.square(groups.sigma_m)
+    weight = each @ loss_value(s, groups.loss)[1]
+    if weight <= 0:
+        return 1.0
+    return float(max(each @ loss_curvature(s, groups.loss, dims) / weight, MIN_CURVATURE))
+
+
+def sparse_rows(
+    rows: Float[np.ndarray, "b a d 6"], pose_idx: Int[np.ndarray, "b a"], n_poses: int
+) -> sparse.csr_array:
+    """Jacobian (b d, 6 n) of b bundles that name `a` poses each."""
+    b, a, d, _ = rows.shape
+    shape = (b, a, d, 6)
+    row = np.broadcast_to((d * np.arange(b)[:, None] + np.arange(d))[:, None, :, None], shape)
+    column = np.broadcast_to((6 * pose_idx[:, :, None, None] + np.arange(6)), shape)
+    entries = (rows.ravel(), (row.ravel(), column.ravel()))
+    return sparse.csr_array(entries, shape=(b * d, 6 * n_poses))
+
+
+def _without_gaps(cluster: Int[np.ndarray, " b"]) -> Int[np.ndarray, " b"]:
+    return np.unique(cluster, return_inverse=True)[1]

@@ -1,0 +1,145 @@
+"""What residuals say of the sigmas that a term was given, and of errors that many of its bundles share.
+
+A bundle's mean residual is taken for the sum of an error of its own and one that it shares with all others
+of its cluster: the patches of one wall, the pairs of one visit. Both variances come from two sums of
+squares, about the clusters' means and of these means (variance components, Searle et al. 1992), less what
+fitting the poses took out of them. That a thousand points of a wall which is drawn 2 cm off agree with each
+other then says nothing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy import sparse
+
+from planfit.adjust.uncertainty.bundles import Bundles
+from planfit.lsq.covariance import Factors
+
+N_PROBES = 32
+"""Random vectors that traces of products with the inverse are taken by (Hutchinson 1990)."""
+STATED_BUNDLES, STATED_CLUSTERS = 1.0, 4.0
+"""What was stated of a bundle's own error counts like so many bundles that were seen, and of an error that is
+shared like so many clusters. Stated sigmas are wide: 4 bundles would say more than 15 ceilings that were
+seen."""
+
+MIN_STEP_FACTOR = 0.25
+"""On the variance of recorded steps, at least: an error of the tracker leaves no residual where nothing else
+measures, so it is not believed to be better than half of the sigma that it claims."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Of a term, by its residuals."""
+
+    factor: float
+    """On the variance of each bundle's own error, as stated by sigma and effective observations."""
+    shared_m: float
+    """Standard deviation, m, each axis, of the error that all bundles of a cluster share."""
+
+
+@dataclass(frozen=True)
+class Probes:
+    """Random signs, and the inverse normal equations times them."""
+
+    signs: Float[np.ndarray, "u p"]
+    solved: Float[np.ndarray, "u p"]
+
+    @staticmethod
+    def make(factors: Factors, rng: np.random.Generator) -> "Probes":
+        """For the normal equations that are factorised."""
+        signs = rng.choice([-1.0, 1.0], size=(len(factors.scale), N_PROBES))
+        return Probes(signs, factors.solve(signs))
+
+    def trace(self, rows: sparse.csr_array, weights: Float[np.ndarray, " r"]) -> float:
+        """Of the inverse times rows^T weights rows."""
+        each = (rows @ self.signs) * (rows @ self.solved)
+        return float(weights @ each.mean(axis=1))
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Bundles summed by what they share."""
+
+    weights: Float[np.ndarray, " c"]
+    """1/m^2."""
+    residuals: Float[np.ndarray, "c d"]
+    """Mean, m."""
+    pull: sparse.csr_array
+    """(6 n, c d): how an error of 1 m that a cluster shares pulls on the poses."""
+
+    @staticmethod
+    def of(bundles: Bundles) -> "Clusters":
+        """Weighted means and sums."""
+        d, n, cluster = bundles.residuals.shape[1], bundles.n_clusters, bundles.cluster
+        weights = np.bincount(cluster, bundles.weights, n)
+        pick = sparse.csr_array(
+            (bundles.weights, (cluster, np.arange(len(cluster)))), (n, len(cluster))
+        )
+        each_axis = sparse.kron(pick, sparse.eye_array(d), format="csr")
+        pull = (each_axis @ bundles.jacobian).T.tocsr()
+        return Clusters(weights, (pick @ bundles.residuals) / weights[:, None], pull)
+
+
+def find_spread(
+    bundles: Bundles,
+    clusters: Clusters,
+    factors: Factors,
+    probes: Probes,
+    rng: np.random.Generator,
+    shared_prior_m: float,
+) -> Spread:
+    """Both variances of a term.
+
+    Args:
+        bundles: of the term.
+        clusters: the same by cluster.
+        factors: of the normal equations of all terms.
+        probes: of the same.
+        rng: draws more of them.
+        shared_prior_m: what a shared error is expected to be before anything is seen, m.
+    """
+    d = bundles.residuals.shape[1]
+    of_clusters = np.repeat(clusters.weights, d)
+    between = float(clusters.weights @ np.sum(clusters.residuals**2, axis=1))
+    within = float(bundles.weights @ np.sum(bundles.residuals**2, axis=1)) - between
+    fitted = probes.trace(bundles.jacobian, np.repeat(bundles.weights, d))
+    fitted_between = probes.trace(clusters.pull.T.tocsr(), 1.0 / of_clusters)
+    # What is left of each once poses were fitted: as many numbers as it has, less those.
+    left_between = max(len(of_clusters) - fitted_between, 0.0)
+    left_within = max(bundles.residuals.size - len(of_clusters) - (fitted - fitted_between), 0.0)
+    factor = (STATED_BUNDLES + within) / (STATED_BUNDLES + left_within)
+    # What is left of shared errors once the poses have followed them.
+    signs = rng.choice([-1.0, 1.0], size=(len(of_clusters), N_PROBES))
+    left = signs - (clusters.pull.T @ factors.solve(clusters.pull @ signs)) / of_clusters[:, None]
+    of_unit = float(of_clusters @ np.mean(left**2, axis=1))
+    seen = max(between - factor * left_between, 0.0) / max(of_unit, 1e-12)
+    n_seen = left_between if of_unit > 0 else 0.0
+    shared = STATED_CLUSTERS * shared_prior_m**2 + n_seen * seen
+    # Two less: the mean of a variance that so few were seen of (inverse gamma).
+    return Spread(factor, float(np.sqrt(shared / (STATED_CLUSTERS + n_seen - 2.0))))
+
+
+def find_step_factors(
+    residuals: Float[np.ndarray, "k 6"],
+    information: Float[np.ndarray, "k 6"],
+    jacobian: sparse.csr_array,
+    probes: Probes,
+) -> tuple[float, float]:
+    """Factors on the variances of recorded rotations and translations, each as a whole.
+
+    Args:
+        residuals: departures of the steps (rotation, translation).
+        information: of each number, robust weights in it.
+        jacobian: (6 k, 6 n), of the residuals by the tangents of n poses.
+        probes: of the normal equations of all terms.
+    """
+    factors = []
+    for first in (0, 3):
+        weights = np.zeros_like(information)
+        weights[:, first : first + 3] = information[:, first : first + 3]
+        left = weights.astype(bool).sum() - probes.trace(jacobian, weights.ravel())
+        squares = float(np.sum(weights * residuals**2))
+        factor = (STATED_BUNDLES + squares) / (STATED_BUNDLES + max(left, 0.0))
+        factors.append(max(factor, MIN_STEP_FACTOR))
+    return factors[0], factors[1]
