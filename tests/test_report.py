@@ -394,14 +394,15 @@ def test_certainty_of_each_frame_is_shown_with_the_truth_where_known(floorplan, 
 def test_certainty_plot_shows_prediction_truth_and_reservations():
     torn = make_verdict(50, torn=(TornStep((10, 11), 0.5, 2.4, 2.0, 30.0, 90.0),))
     shown = [
-        certainty_plot(verdict, true_error_m).png
-        for verdict, true_error_m in (
-            (make_verdict(50), None),
-            (make_verdict(50), np.full(50, 0.2)),
-            (torn, None),
+        certainty_plot(verdict, np.full(50, radius_m), true_error_m).png
+        for verdict, radius_m, true_error_m in (
+            (make_verdict(50), 0.1, None),
+            (make_verdict(50), 0.3, None),
+            (make_verdict(50), 0.1, np.full(50, 0.2)),
+            (torn, 0.1, None),
         )
     ]
-    assert len(set(shown)) == 3
+    assert len(set(shown)) == 4
 
 
 @pytest.mark.parametrize(

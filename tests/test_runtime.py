@@ -335,8 +335,12 @@ def test_a_full_disk_is_an_output_error_and_leaves_no_partial_file(tmp_path, mon
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_disk_that_fills_while_writing(tmp_path, monkeypatch):
-    always_full = Path("/dev/full").open
-    monkeypatch.setattr(Path, "open", lambda _, mode: always_full(mode))
+    opened = Path.open
+
+    def open_full(path, *how, **named):
+        return opened(Path("/dev/full") if path.suffix == ".part" else path, *how, **named)
+
+    monkeypatch.setattr(Path, "open", open_full)
     with pytest.raises(OutputError, match="No space left"):
         Runtime(1, tmp_path).map("squares", "key", 3, Counter())
     assert [p for p in tmp_path.rglob("*") if p.is_file()] == []

@@ -230,19 +230,6 @@ def test_offsets_come_with_their_sigmas(world, measurements):
     assert np.isnan(without.offset_sigmas_m).all()
 
 
-def test_covariances_are_given_where_asked_for(world, measurements):
-    assert (
-        adjust_to_plan(
-            measurements, world.floorplan, world.plan_from_cams, AdjustOptions()
-        ).covariances
-        is None
-    )
-    options = AdjustOptions(covariances=True)
-    found = adjust_to_plan(measurements, world.floorplan, world.plan_from_cams, options).covariances
-    assert found.shape == (len(world.plan_from_cams), 6, 6)
-    assert np.all(np.linalg.eigvalsh(found) > 0)
-
-
 @pytest.mark.parametrize("where", ["matches", "floor", "walls"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_points_that_are_not_finite_are_refused(where, bad, world):

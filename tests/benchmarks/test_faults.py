@@ -14,7 +14,7 @@ from faults.inputs import Inputs, MovedWall
 from faults.layouts import corridor, niches, same_rooms, scan_of_layout
 from faults.measure import CRASHED, How, Measured, measure
 from faults.page import make_page
-from faults.scans import _of, drifted
+from faults.scans import drifted, inputs_of
 from faults.words import NAMES, moved_walls_found, recognised
 from scipy.spatial.transform import Rotation
 
@@ -39,7 +39,7 @@ def flat() -> Inputs:
     options = SynthOptions(
         seed=3, walk=WalkOptions(n_frames=60), camera=CAMERA, depth_noise=NoDepthNoise()
     )
-    return _of(make_scan(options))
+    return inputs_of(make_scan(options))
 
 
 def steps(world_from_cams: np.ndarray) -> np.ndarray:
@@ -644,7 +644,7 @@ def test_a_small_case_from_end_to_end(tmp_path: Path, monkeypatch: pytest.Monkey
         walk=WalkOptions(n_frames=30),
         camera=CameraOptions(width_px=200, height_px=150),
     )
-    base = _of(make_scan(options))
+    base = inputs_of(make_scan(options))
     monkeypatch.setattr("faults.measure.base_inputs", lambda *_: base)
     measured = measure(case_of(0), How(tmp_path, "one", is_optimality=True))
     assert measured.exit_code in (0, 1), measured.said

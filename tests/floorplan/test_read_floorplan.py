@@ -64,7 +64,7 @@ def test_missing(tmp_path):
     refused(tmp_path / "plan.npy", "nothing")
 
 
-@pytest.mark.parametrize("name", ["plan.dwg", "plan"])
+@pytest.mark.parametrize("name", ["plan.docx", "plan"])
 def test_another_suffix(tmp_path, name):
     (tmp_path / name).write_bytes(b"x")
     refused(tmp_path / name, ".npy, .json")

@@ -49,8 +49,8 @@ class AlignOptions:
     """Look for a scale along each axis of the plan: drawings that were stretched."""
     control_points: tuple[str, ...] = ()
     """Known pairs "x,y,z=X,Y": a point of the scan in its own axes (m) and the same point on the plan, in the
-    coordinates at the rim of `planfit plan -o plan.png`: pixels of a picture (v down), else the plan frame,
-    in metres where its unit is known. "x,y,z=file:X,Y": in the file's own coordinates."""
+    coordinates at the rim of `planfit plan PLAN -o plan.png`: pixels of a picture (v down), else the plan
+    frame, in metres where its unit is known. "x,y,z=file:X,Y": in the file's own coordinates."""
     control_point_tolerance_m: float = 1.0
     """How far off a control point may end."""
     start: str = ""

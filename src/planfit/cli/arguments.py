@@ -101,7 +101,7 @@ class AlignmentFlags:
         tyro.conf.arg(aliases=["--pin"], metavar="X,Y,Z=X,Y ..."),
     ] = ()
     """Known pairs "x,y,z=X,Y": a point of the scan in its own axes (m) and the same point on the plan, in the
-    coordinates at the rim of `planfit plan -o plan.png`; "x,y,z=file:X,Y" in the file's own."""
+    coordinates at the rim of `planfit plan PLAN -o plan.png`; "x,y,z=file:X,Y" in the file's own."""
 
     def added_to(self, options: RefineOptions) -> RefineOptions:
         """Options with these in place of `align.candidate`, and beside `align.control_points`."""

@@ -25,7 +25,7 @@ MAX_ENTRIES = 100_000
 
 @dataclass(frozen=True)
 class PlanEdits:
-    """In the coordinates at the rim of `planfit plan -o plan.png`."""
+    """In the coordinates at the rim of `planfit plan PLAN -o plan.png`."""
 
     drop: Float[np.ndarray, "d 2 2"]
     """Ends of faces that are left out."""

@@ -28,6 +28,8 @@ _LEAST_STRAIGHT = 0.4
 """Of the outline, in edges at least half as long again as walls are thick: circles have less."""
 _FINE_SIDE_PX, _MOST_ZOOM = 5000, 4
 """Outlines are found in a picture of about this size at least, enlarged this many times at most."""
+_HAIRLINE = 0.25
+"""A stroke thinner than this share of the usual wall is none: partitions are a third of piers."""
 _SPECK_PX = 3
 """What is thinner and shorter than this is dirt."""
 
@@ -43,9 +45,9 @@ def find_walls_alone(
     """
     n_dark = int((small > LINE).sum())
     black = (small > INK).astype(np.uint8)
-    mask = opened(black, 2)
-    if n_dark == 0 or mask.sum() < _LEAST_BLACK * n_dark:
+    if n_dark == 0 or opened(black, 2).sum() < _LEAST_BLACK * n_dark:
         return None
+    mask = opened(_without_hairlines(black), 2)
     most = _MOST_TWINS_TINY if small.shape[0] > full.shape[0] else _MOST_TWINS
     if twin_share(black, trace_regions(black, 0.0)) > most:
         return None
@@ -61,6 +63,20 @@ def find_walls_alone(
         return None
     candidate = Candidate(STYLE, mask, "edge", INK, 0.0, 2.0)
     return Interpretation(candidate, tuple(walls), tuple(specks), usual, straight * share, share)
+
+
+def _without_hairlines(black: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
+    """The mask without long strokes far thinner than walls are: swings of doors, panes of windows."""
+    regions = trace_regions(black, 0.0)
+    area = shapely.area(regions)
+    thickness = 2 * area / np.maximum(shapely.length(regions), 1e-6)
+    usual = weighted_median(thickness, area) if len(regions) else 0.0
+    thick = opened(black, max(round(_HAIRLINE * usual), 1))
+    thin = black & ~cv2.dilate(thick, np.ones((3, 3), np.uint8))
+    n, label, boxes, _ = cv2.connectedComponentsWithStats(thin, connectivity=8)
+    sides = np.maximum(boxes[:, cv2.CC_STAT_WIDTH], boxes[:, cv2.CC_STAT_HEIGHT])
+    is_line = (sides > 2 * usual) & (np.arange(n) > 0)  # 0 is what is not thin
+    return black & ~is_line[label].astype(np.uint8)
 
 
 def _finely(
