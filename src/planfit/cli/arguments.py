@@ -44,7 +44,7 @@ class PlanFlags:
     """Picture of the size of the plan, white where there is wall; takes the place of planfit's
     interpretation of the picture."""
     plan_edits: Path | None = None
-    """JSON file of corrections of the plan as read, written by `planfit plan PLAN --write-edits FILE`."""
+    """JSON file of corrections of the plan as read, written by `planfit plan` (its flag write-edits)."""
     mirror: bool = False
     """Swap left and right of the plan: for one that was drawn or exported mirrored."""
 

@@ -28,8 +28,10 @@ _LEAST_STRAIGHT = 0.4
 """Of the outline, in edges at least half as long again as walls are thick: circles have less."""
 _FINE_SIDE_PX, _MOST_ZOOM = 5000, 4
 """Outlines are found in a picture of about this size at least, enlarged this many times at most."""
-_HAIRLINE = 0.25
-"""A stroke thinner than this share of the usual wall is none: partitions are a third of piers."""
+_HAIRLINE, _MANY = 0.25, 0.1
+"""Strokes thinner than this share of the usual wall are lines of a pen where there are many of them, for each
+metre of wall this many metres: 0.37 in a drawing with swings of doors and panes. Few are thin walls: 0.03 in
+a mask with landings of stairs."""
 _SPECK_PX = 3
 """What is thinner and shorter than this is dirt."""
 
@@ -72,10 +74,12 @@ def _without_hairlines(black: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h 
     thickness = 2 * area / np.maximum(shapely.length(regions), 1e-6)
     usual = weighted_median(thickness, area) if len(regions) else 0.0
     thick = opened(black, max(round(_HAIRLINE * usual), 1))
-    thin = black & ~cv2.dilate(thick, np.ones((3, 3), np.uint8))
+    thin = black & ~np.asarray(cv2.dilate(thick, np.ones((3, 3), np.uint8)))
     n, label, boxes, _ = cv2.connectedComponentsWithStats(thin, connectivity=8)
-    sides = np.maximum(boxes[:, cv2.CC_STAT_WIDTH], boxes[:, cv2.CC_STAT_HEIGHT])
-    is_line = (sides > 2 * usual) & (np.arange(n) > 0)  # 0 is what is not thin
+    side = np.hypot(boxes[:, cv2.CC_STAT_WIDTH], boxes[:, cv2.CC_STAT_HEIGHT])
+    is_line = (side > 2 * usual) & (np.arange(n) > 0)  # 0 is what is not thin
+    if side[is_line].sum() * usual < _MANY * black.sum():
+        return black
     return black & ~is_line[label].astype(np.uint8)
 
 
