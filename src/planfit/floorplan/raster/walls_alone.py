@@ -74,13 +74,14 @@ def _without_hairlines(black: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h 
     thickness = 2 * area / np.maximum(shapely.length(regions), 1e-6)
     usual = weighted_median(thickness, area) if len(regions) else 0.0
     thick = opened(black, max(round(_HAIRLINE * usual), 1))
-    thin = black & ~np.asarray(cv2.dilate(thick, np.ones((3, 3), np.uint8)))
+    near_thick = np.asarray(cv2.dilate(thick, np.ones((3, 3), np.uint8)), dtype=np.uint8)
+    thin = black & (1 - near_thick)
     n, label, boxes, _ = cv2.connectedComponentsWithStats(thin, connectivity=8)
     side = np.hypot(boxes[:, cv2.CC_STAT_WIDTH], boxes[:, cv2.CC_STAT_HEIGHT])
     is_line = (side > 2 * usual) & (np.arange(n) > 0)  # 0 is what is not thin
     if side[is_line].sum() * usual < _MANY * black.sum():
         return black
-    return black & ~is_line[label].astype(np.uint8)
+    return black & (1 - is_line[label].astype(np.uint8))
 
 
 def _finely(
