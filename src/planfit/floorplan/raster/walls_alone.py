@@ -74,14 +74,13 @@ def _without_hairlines(black: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h 
     thickness = 2 * area / np.maximum(shapely.length(regions), 1e-6)
     usual = weighted_median(thickness, area) if len(regions) else 0.0
     thick = opened(black, max(round(_HAIRLINE * usual), 1))
-    near_thick = np.asarray(cv2.dilate(thick, np.ones((3, 3), np.uint8)), dtype=np.uint8)
-    thin = black & (1 - near_thick)
-    n, label, boxes, _ = cv2.connectedComponentsWithStats(thin, connectivity=8)
+    is_thin = (black > 0) & (np.asarray(cv2.dilate(thick, np.ones((3, 3), np.uint8))) == 0)
+    n, label, boxes, _ = cv2.connectedComponentsWithStats(is_thin.astype(np.uint8))
     side = np.hypot(boxes[:, cv2.CC_STAT_WIDTH], boxes[:, cv2.CC_STAT_HEIGHT])
     is_line = (side > 2 * usual) & (np.arange(n) > 0)  # 0 is what is not thin
     if side[is_line].sum() * usual < _MANY * black.sum():
         return black
-    return black & (1 - is_line[label].astype(np.uint8))
+    return np.where(is_line[label], 0, black).astype(np.uint8)
 
 
 def _finely(
