@@ -24,6 +24,9 @@ RIVAL_COST = 10.0
 """A rival whose full cost is this much higher counts 1/e as much as the result: errors of one wall, or of the
 matches of one place, are not independent, so costs are no log likelihoods to the letter."""
 
+LEAST_SHARE, LEAST_VARIANCE = 1e-9, 1e-14
+"""No variance is below this share of the pose's largest, nor below this (rad^2, m^2)."""
+
 
 def predicted_covariance(
     problem: AdjustmentProblem,
@@ -60,7 +63,11 @@ def larger_of(
     one: Float[np.ndarray, "k 6 6"], other: Float[np.ndarray, "k 6 6"]
 ) -> Float[np.ndarray, "k 6 6"]:
     """The least covariance, in axes in which `one` is the identity, that is nowhere below either."""
-    root = np.linalg.cholesky(one)
+    variances, axes = np.linalg.eigh(0.5 * (one + np.swapaxes(one, 1, 2)))
+    # Where most residuals lie beyond the bend of their loss (a plan that hardly fits), the curvature is no
+    # minimum's and a variance comes out below 0: it is taken for as large as it is far from 0.
+    least = np.maximum(LEAST_SHARE * np.abs(variances).max(axis=1, keepdims=True), LEAST_VARIANCE)
+    root = axes * np.sqrt(np.maximum(np.abs(variances), least))[:, None]
     half = np.linalg.solve(root, other)
     whitened = np.linalg.solve(root, np.swapaxes(half, 1, 2))
     variances, axes = np.linalg.eigh(0.5 * (whitened + np.swapaxes(whitened, 1, 2)))
