@@ -13,6 +13,41 @@ FREE_TRANSLATION_M, FREE_YAW_DEG = 1.0, 10.0
 """What is less sure than this (standard deviation) is not held."""
 
 
+FREE_SHARE = 1e-10
+"""A motion whose information is this share of what holds each pose to something is a direction that nothing
+fixed holds: some 30 m where frames hold each other to 0.3 mm."""
+
+
+def rigid_tangents(positions: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 6 6"]:
+    """How poses move with one rigid motion (rotation, translation) [rad, m] about the positions' mean."""
+    lever = positions - positions.mean(axis=0)
+    # A body that turns by w and moves by v about its mean: each camera turns by w and moves by v + w x lever.
+    rigid = np.zeros((len(positions), 6, 6))
+    rigid[:, :3, :3] = rigid[:, 3:, 3:] = np.eye(3)
+    rigid[:, 3:, :3] = -se3.skew(lever)
+    return rigid
+
+
+def free_motions(
+    parts: Sequence[NormalBlocks], unknowns: Float[np.ndarray, "u 4 4"], n: int
+) -> Float[np.ndarray, "6 f"]:
+    """Rigid motions of the first n unknowns, the cameras, that no term opposes.
+
+    Columns in the axes of `rigid_tangents`. Height, where the floor takes no part, is the usual one.
+    """
+    information = rigid_information(parts, unknowns, np.arange(n))
+    held = np.zeros((n, 6))
+    for part in parts:
+        own = (part.rows == part.columns) & (part.rows < n)
+        np.add.at(held, part.rows[own], np.diagonal(part.blocks[own], axis1=1, axis2=2))
+    held = np.maximum(held, 1e-12 * held.max(initial=1e-300))
+    rigid = rigid_tangents(unknowns[:n, :3, 3])
+    root = np.linalg.cholesky(np.einsum("nik,ni,nil->kl", rigid, held, rigid))
+    half = np.linalg.solve(root, information)
+    shares, axes = np.linalg.eigh(np.linalg.solve(root, half.T))
+    return np.linalg.solve(root.T, axes[:, shares < FREE_SHARE])
+
+
 def rigid_information(
     parts: Sequence[NormalBlocks],
     target_from_cams: Float[np.ndarray, "n 4 4"],
@@ -22,11 +57,8 @@ def rigid_information(
 
     The motion is (rotation, translation) [rad, m] about the frames' mean; other frames stay where they are.
     """
-    lever = target_from_cams[frames, :3, 3] - target_from_cams[frames, :3, 3].mean(axis=0)
-    # A body that turns by w and moves by v about its mean: each camera turns by w and moves by v + w x lever.
     rigid = np.zeros((len(target_from_cams), 6, 6))
-    rigid[frames] = np.eye(6)
-    rigid[frames, 3:, :3] = -se3.skew(lever)
+    rigid[frames] = rigid_tangents(target_from_cams[frames, :3, 3])
     total = np.zeros((6, 6))
     for part in parts:
         each = np.swapaxes(rigid[part.rows], 1, 2) @ part.blocks @ rigid[part.columns]

@@ -64,10 +64,8 @@ def larger_of(
 ) -> Float[np.ndarray, "k 6 6"]:
     """The least covariance, in axes in which `one` is the identity, that is nowhere below either."""
     variances, axes = np.linalg.eigh(0.5 * (one + np.swapaxes(one, 1, 2)))
-    # Where most residuals lie beyond the bend of their loss (a plan that hardly fits), the curvature is no
-    # minimum's and a variance comes out below 0: it is taken for as large as it is far from 0.
-    least = np.maximum(LEAST_SHARE * np.abs(variances).max(axis=1, keepdims=True), LEAST_VARIANCE)
-    root = axes * np.sqrt(np.maximum(np.abs(variances), least))[:, None]
+    least = np.maximum(LEAST_SHARE * variances.max(axis=1, keepdims=True), LEAST_VARIANCE)
+    root = axes * np.sqrt(np.maximum(variances, least))[:, None]
     half = np.linalg.solve(root, other)
     whitened = np.linalg.solve(root, np.swapaxes(half, 1, 2))
     variances, axes = np.linalg.eigh(0.5 * (whitened + np.swapaxes(whitened, 1, 2)))

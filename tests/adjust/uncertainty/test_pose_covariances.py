@@ -150,6 +150,28 @@ def test_alone_what_one_rigid_motion_mends_is_no_error():
     assert 0.2 < squares(errors[:, 3:], found[:, 3:, 3:]).mean() / 3 < 2.5
 
 
+def test_a_height_that_nothing_holds_is_no_error_and_spoils_nothing():
+    # Singular equations, solved as they are, gave variances of -0.2 m^2.
+    rng = np.random.default_rng(3)
+    truth, whole = noisy_problem(rng, 0.015)
+    free = replace(whole, floor=None)
+    free = replace(free, unknowns=free.solve().target_from_cams)
+    found, _ = covariances_of(free, np.random.default_rng(0))
+    held, _ = covariances_of(whole, np.random.default_rng(0))
+    assert np.linalg.eigvalsh(found).min() > 0
+    sigmas, expected = (np.sqrt(np.einsum("nii->ni", c)) for c in (found, held))
+    # What walls hold is as sure as it was; heights are those beside each other.
+    assert_allclose(sigmas[:, 3:5], expected[:, 3:5], rtol=0.2)
+    assert sigmas[:, 5].max() < 0.05
+    errors = errors_of(free, truth)
+    errors[:, 5] -= errors[:, 5].mean()
+    assert 0.1 < squares(errors[:, 3:], found[:, 3:, 3:]).mean() / 3 < 2.0
+    lifted = replace(free, unknowns=free.unknowns.copy())
+    lifted.unknowns[:, 2, 3] += 40.0
+    again, _ = covariances_of(lifted, np.random.default_rng(0))
+    assert_allclose(again, found, atol=1e-3 * np.abs(found).max())
+
+
 def test_faces_with_offsets_of_their_own_stand_behind_the_poses():
     _, problem = noisy_problem(np.random.default_rng(9), 0.02)
     walls = replace(problem.options.walls, offset_sigma_m=0.02)

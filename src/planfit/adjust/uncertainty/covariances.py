@@ -7,6 +7,7 @@ share and S how poses follow it (consider covariance analysis: Bierman, Factoriz
 Sequential Estimation, 1977).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from jaxtyping import Float, Int
 from scipy import sparse
 
 from planfit.adjust.problem import AdjustmentProblem
+from planfit.adjust.rigid_motion import free_motions, rigid_tangents
 from planfit.adjust.terms.levels import LevelTerm
 from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
@@ -26,7 +28,6 @@ from planfit.adjust.uncertainty.spreads import (
     find_spread,
     find_step_factors,
 )
-from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.covariance import Factors, factorised
 from planfit.lsq.linear.normal_equations import NormalEquations
@@ -57,6 +58,8 @@ class _Model:
     """(6 n, 6 n): covariance of the gradient, errors that bundles share left out."""
     shared: sparse.csr_array
     """(6 n, c): pulls of clusters, each by one standard deviation."""
+    free: Float[np.ndarray, "6 f"]
+    """Rigid motions that nothing fixed holds, axes of `rigid_tangents`; each is held at the first camera."""
 
 
 def pose_covariances(
@@ -70,7 +73,8 @@ def pose_covariances(
     """Covariances [rad^2, rad m, m^2] of some poses, tangents (rotation, translation), target axes.
 
     Where nothing fixed holds the whole, what remains once the positions asked for are brought to the true
-    ones by one rigid motion (the S-transformation of geodetic networks, Baarda 1973).
+    ones by one rigid motion (the S-transformation of geodetic networks, Baarda 1973). Where something holds
+    it, but for some motions (height, if the floor takes no part), by one of those.
 
     Args:
         problem: all terms, its unknowns where they are least.
@@ -84,7 +88,7 @@ def pose_covariances(
         covariances, and the spreads of each term whose residuals tell them.
     """
     model, spreads = _model(problem, stretch, misfit, rng)
-    if problem.gauge is not None:
+    if model.free.shape[1] > 0:
         return _aligned(model, problem.unknowns, idx, shared), spreads
     blocks = []
     for i in idx:
@@ -113,7 +117,12 @@ def _model(
         own = bundles.get(term.name)
         quadratic = term.reweight(unknowns)[0] if own is None else own.moments
         parts.append(quadratic.normal_blocks(unknowns))
-    factors = factorised(NormalEquations(parts, n))
+    if problem.gauge is None:
+        free = free_motions(parts, unknowns, problem.n_cams)
+        of_first = rigid_tangents(unknowns[: problem.n_cams, :3, 3])[0] @ free
+        factors = factorised(NormalEquations([*parts, _held_at_first(parts, of_first, n)], n))
+    else:
+        free, factors = np.eye(6), factorised(NormalEquations(parts, n))
     probes = Probes.make(factors, rng)
     noise, pulls, spreads = [], [sparse.csr_array((6 * n, 0))], {}
     for term, part in zip(problem.terms, parts, strict=True):
@@ -130,7 +139,23 @@ def _model(
         noise.append(replace(part, blocks=spread.factor * part.blocks))
         pulls.append(spread.shared_m * clusters.pull)
     matrix = sparse.csr_array(NormalEquations(noise, n).matrix)
-    return _Model(factors, matrix, sparse.hstack(pulls, format="csr")), spreads
+    return _Model(factors, matrix, sparse.hstack(pulls, format="csr"), free), spreads
+
+
+def _held_at_first(
+    parts: Sequence[NormalBlocks], motions: Float[np.ndarray, "6 f"], n: int
+) -> NormalBlocks:
+    """Holds the first camera against some motions, as firmly as anything holds it.
+
+    Solved as they are, singular equations give columns of rounding errors: variances below 0.
+    """
+    of_first = sum(p.blocks[(p.rows == 0) & (p.columns == 0)].sum(axis=0) for p in parts)
+    diagonal = np.diagonal(of_first)
+    root = np.sqrt(np.maximum(diagonal, 1e-12 * max(diagonal.max(), 1e-300)))[:, None]
+    axes = np.linalg.qr(root * motions)[0]
+    block = root * (axes @ axes.T) * root.T
+    first = np.zeros(1, dtype=int)
+    return NormalBlocks(first, first, block[None], np.zeros((n, 6)))
 
 
 def _bundles(
@@ -181,20 +206,17 @@ def _aligned(
     if shared is not None:
         by = shared.pose_by_shared[idx].reshape(6 * k, -1)
         whole += by @ shared.covariance @ by.T
-    without = _without_rigid(unknowns[idx, :3, 3])
+    without = _without_rigid(unknowns[idx, :3, 3], model.free)
     left = (without @ whole @ without.T).reshape(k, 6, k, 6)
     return np.einsum("kikj->kij", left)
 
 
-def _without_rigid(positions: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "u u"]:
-    """Takes out of the poses' tangents the rigid motion that their positions ask for."""
-    k = len(positions)
-    lever = positions - positions.mean(axis=0)
-    # A motion (w, v) moves positions by v + w x lever and turns each pose by w.
-    moved = np.zeros((k, 6, 6))
-    moved[:, :3, :3] = moved[:, 3:, 3:] = np.eye(3)
-    moved[:, 3:, :3] = -se3.skew(lever)
-    of_positions = moved[:, 3:].reshape(3 * k, 6)
-    fit = np.zeros((6, k, 6))
-    fit[:, :, 3:] = np.linalg.pinv(of_positions).reshape(6, k, 3)
-    return np.eye(6 * k) - moved.reshape(6 * k, 6) @ fit.reshape(6, 6 * k)
+def _without_rigid(
+    positions: Float[np.ndarray, "k 3"], free: Float[np.ndarray, "6 f"]
+) -> Float[np.ndarray, "u u"]:
+    """Takes out of the poses' tangents those of free rigid motions that their positions ask for."""
+    k, f = len(positions), free.shape[1]
+    moved = rigid_tangents(positions) @ free
+    fit = np.zeros((f, k, 6))
+    fit[:, :, 3:] = np.linalg.pinv(moved[:, 3:].reshape(3 * k, f)).reshape(f, k, 3)
+    return np.eye(6 * k) - moved.reshape(6 * k, f) @ fit.reshape(f, 6 * k)
