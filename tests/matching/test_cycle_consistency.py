@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import look
 from planfit.geometry import se3
-from planfit.matching.loop_closure import CycleConsistencyOptions, cycle_consistent
+from planfit.matching.cycles import CycleConsistencyOptions
+from planfit.matching.loop_closure import cycle_consistent
 from planfit.matching.pose_graph import PoseGraph
 from planfit.matching.types import RelativePoses
 from planfit.scan.odometry import OdometryOptions, make_odometry

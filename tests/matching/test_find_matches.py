@@ -16,8 +16,8 @@ from planfit.matching import (
     relative_motions,
     search_matches,
 )
+from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.matching.detect import KeypointOptions
-from planfit.matching.loop_closure import CycleConsistencyOptions
 from planfit.matching.pairs import PairOptions
 from planfit.matching.verify import VerifyOptions, point_sigma
 from planfit.runtime import Runtime

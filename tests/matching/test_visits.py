@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from builders import look, random_transforms
 from planfit.geometry import se3
 from planfit.matching import Matches, RelativePoses, group_visits, relative_poses_of
-from planfit.matching.loop_closure import CycleConsistencyOptions
+from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 

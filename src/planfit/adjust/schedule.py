@@ -30,7 +30,7 @@ from planfit.floorplan import Floorplan
 from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Solution
 from planfit.lsq.term import Term
-from planfit.matching.loop_closure import CycleConsistencyOptions
+from planfit.matching.cycles import CycleConsistencyOptions
 
 
 def close_loops(

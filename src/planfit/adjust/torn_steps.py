@@ -16,7 +16,7 @@ from planfit.adjust.measurements import Measurements
 from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.geometry import se3
 from planfit.matching import RelativePoses, group_visits, relative_poses_of
-from planfit.matching.loop_closure import CycleConsistencyOptions, is_near
+from planfit.matching.cycles import CycleConsistencyOptions, is_near
 from planfit.matching.pose_graph import PoseGraph
 from planfit.scan.odometry import Odometry
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from planfit.geometry import se3
-from planfit.matching.loop_closure import cycle_consistent, is_near
+from planfit.matching.cycles import is_near
+from planfit.matching.loop_closure import cycle_consistent
 from planfit.matching.options import MatchingOptions
 from planfit.matching.relative_motions import (
     NeighbourMotions,

@@ -12,14 +12,13 @@ by a metre tell little of which frames are covisible. Once one pair of two visit
 motion of its neighbours follows from it and a few recorded steps.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.errors import require_positive
 from planfit.geometry import se3
 from planfit.matching.covisibility import ViewSamples
+from planfit.matching.cycles import CycleConsistencyOptions, by_way_of, is_certain, is_near
+from planfit.matching.disputes import Disputes, find_disputes
 from planfit.matching.pairs import PairOptions, in_order_of_visits, within_budget
 from planfit.matching.pose_graph import PoseGraph
 from planfit.matching.types import RelativePoses
@@ -36,40 +35,6 @@ PRIOR_REVISITS = 2
 """How many revisits the sigmas of the odometry weigh as, when the tracker's own drift is looked at."""
 
 
-@dataclass(frozen=True)
-class CycleConsistencyOptions:
-    """When a relative pose is consistent with all else that is known."""
-
-    max_sigmas: float = 6.0
-    """Largest departure, in sigmas, where sigma is small against a building."""
-    max_uncertain_sigmas: float = 4.0
-    """Largest departure where it is not: there, another room may lie within six sigmas."""
-    certain_m: float = 1.2
-    """Pairs between whose ends the motion is known to better than this (`max_sigmas` sigmas and the slack)
-    are certain: rooms are further apart."""
-    rotation_slack_deg: float = 3.0
-    """Departure in rotation that is always allowed: the error of the verification itself."""
-    translation_slack_m: float = 0.3
-    """Departure in translation that is always allowed."""
-    sigma_rotation_deg: float = 0.5
-    """Standard deviation of a verified motion's rotation, each axis, where a path leads over it."""
-    sigma_translation_m: float = 0.03
-    """Standard deviation of its translation, each axis."""
-    cluster_m: float = 1.0
-    """Relative poses whose two ends lie within this much of way from another's stand or fall together if
-    they agree: one of them is checked."""
-    strong_share: float = 0.1
-    """Revisits that explain this share of both views are decided first, by the gates above. What explains
-    less may be a poster, and is held to the drift that those show."""
-    max_drifts: float = 6.0
-    """Largest departure of a strong revisit, in sigmas of the drift that strong revisits show."""
-    max_weak_drifts: float = 3.0
-    """The same of the others."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "sigma_rotation_deg", "sigma_translation_m", "cluster_m")
-
-
 def cycle_consistent(
     relative_poses: RelativePoses,
     world_from_cams: Float[np.ndarray, "n 4 4"],
@@ -79,7 +44,7 @@ def cycle_consistent(
     """Which relative poses agree with the recorded motion and with those accepted before them.
 
     Where views were compared, revisits that explain nothing of them are refused, and those that explain more
-    come first.
+    come first. Those that contradict each other are not both accepted (`planfit.matching.disputes`).
 
     Args:
         relative_poses: verified pairs of any distance in time.
@@ -92,21 +57,30 @@ def cycle_consistent(
         return is_accepted
     pairs, motions = relative_poses.pairs, relative_poses.a_from_b
     sigma_rotation, sigma_translation = odometry.sigma_between(*pairs.T)
-    is_certain = _is_certain(sigma_translation, options)
+    is_sure = is_certain(sigma_translation, options)
     explained = relative_poses.explained
     is_possible = np.full(len(pairs), True) if explained is None else explained > 0
     recorded = se3.inverse(world_from_cams[pairs[:, 0]]) @ world_from_cams[pairs[:, 1]]
     sigmas = (sigma_rotation, sigma_translation)
-    is_accepted[is_certain] = is_near(motions, recorded, sigmas, options)[is_certain]
+    is_accepted[is_sure] = is_near(motions, recorded, sigmas, options)[is_sure]
 
     graph = PoseGraph(world_from_cams, odometry, pairs)
     cluster = _clusters(relative_poses, odometry, options.cluster_m)
-    pending, new = np.flatnonzero(~is_certain & is_possible), np.flatnonzero(is_accepted)
-    narrowing = _narrowing(relative_poses, pending, cluster, recorded, odometry, options)
+    pending, new = np.flatnonzero(~is_sure & is_possible), np.flatnonzero(is_accepted)
+    speaker = _speakers(relative_poses, pending, cluster, world_from_cams, odometry, options)
+    compared = np.unique(speaker)
+    over_gap = _spans_gap(pairs[compared], odometry)
+    disputes = find_disputes(relative_poses, compared, world_from_cams, odometry, options, over_gap)
+    waits = np.zeros(len(relative_poses), dtype=bool)
+    waits[pending] = disputes.waits[np.searchsorted(compared, speaker)]
+    telling = pending[~waits[pending]]
+    narrowing = _narrowing(relative_poses, telling, cluster, recorded, odometry, options)
     while len(pending):
         graph.add(pairs[new], motions[new], options.sigma_rotation_deg, options.sigma_translation_m)
-        heads = _heads(pending, cluster, relative_poses)
-        decided, holds = _decide(graph, relative_poses, heads, narrowing, options)
+        heads = _heads(pending, cluster, relative_poses, waits)
+        decided, holds = _decide(graph, relative_poses, heads, waits, disputes, narrowing, options)
+        if len(decided) == 0:
+            break
         follows = _followed(
             relative_poses, pending, decided, cluster, world_from_cams, odometry, options
         )
@@ -117,30 +91,6 @@ def cycle_consistent(
         is_accepted[new] = True
         pending = pending[follows < 0]
     return is_accepted
-
-
-def is_near(
-    motions: Float[np.ndarray, "p 4 4"],
-    predicted: Float[np.ndarray, "p 4 4"],
-    sigmas: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
-    options: CycleConsistencyOptions,
-    max_sigmas: float | None = None,
-) -> Bool[np.ndarray, " p"]:
-    """Whether motions depart from the predicted ones by no more than drift explains.
-
-    Args:
-        motions, predicted: between the same frames.
-        sigmas: standard deviations of the predicted rotation (rad) and translation (m), each axis.
-        options: slack, and how many sigmas.
-        max_sigmas: in the place of that of the options.
-    """
-    most = options.max_sigmas if max_sigmas is None else max_sigmas
-    sigma_rotation, sigma_translation = sigmas
-    rotation = se3.rotation_angle(np.swapaxes(predicted[:, :3, :3], 1, 2) @ motions[:, :3, :3])
-    translation = np.linalg.norm(predicted[:, :3, 3] - motions[:, :3, 3], axis=1)
-    return (rotation < most * sigma_rotation + np.deg2rad(options.rotation_slack_deg)) & (
-        translation < most * sigma_translation + options.translation_slack_m
-    )
 
 
 def propose_loop_closures(
@@ -180,26 +130,24 @@ def propose_loop_closures(
     return np.unique(within_budget(found[order], options.guided_per_frame), axis=0)
 
 
-def _is_certain(sigma_translation: np.ndarray, options: CycleConsistencyOptions) -> np.ndarray:
-    """Whether rooms are further apart than the motion between two frames is uncertain (p,)."""
-    return options.max_sigmas * sigma_translation + options.translation_slack_m < options.certain_m
-
-
 def _decide(
     graph: PoseGraph,
     relative_poses: RelativePoses,
     heads: np.ndarray,
+    waits: np.ndarray,
+    disputes: Disputes,
     narrowing: np.ndarray,
     options: CycleConsistencyOptions,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Those of `heads` that are decided now (d,), and whether each agrees with the graph (d,).
 
-    `narrowing` (p,) is a factor on the sigma of the translation to each, where nothing is certain.
+    None where all that are left wait (`waits`, (p,)) for what will not come. `narrowing` (p,) is a factor on
+    the sigma of the translation to each, where nothing is certain.
     """
     predicted, sigma_rotation, sigma_translation = graph.most_certain_path(
         relative_poses.pairs[heads]
     )
-    is_now = _is_certain(sigma_translation, options)
+    is_now = is_certain(sigma_translation, options)
     most = options.max_sigmas
     if not is_now.any():
         # Nothing is certain: the tenth goes next that is the most certain for what it explains of the views,
@@ -207,8 +155,9 @@ def _decide(
         doubt = sigma_translation
         if relative_poses.explained is not None:
             doubt = sigma_translation / relative_poses.explained[heads]
-        tenth = len(heads) // 10
-        is_now = doubt <= np.partition(doubt, tenth)[tenth]
+        free = np.flatnonzero(~waits[heads])
+        tenth = free[np.argsort(doubt[free], kind="stable")[: len(free) // 10 + 1]]
+        is_now[tenth[disputes.first_of_rivals(heads[tenth])]] = True
         most = options.max_uncertain_sigmas
         sigma_translation = sigma_translation * narrowing[heads]
     decided = heads[is_now]
@@ -270,14 +219,44 @@ def _clusters(relative_poses: RelativePoses, odometry: Odometry, size_m: float) 
     return np.unique(cells, axis=0, return_inverse=True)[1].ravel()
 
 
-def _heads(pending: np.ndarray, cluster: np.ndarray, relative_poses: RelativePoses) -> np.ndarray:
-    """Of each cluster the pending one that explains most, or has the most inliers; the first of equals."""
+def _heads(
+    pending: np.ndarray,
+    cluster: np.ndarray,
+    relative_poses: RelativePoses,
+    waits: np.ndarray | None = None,
+) -> np.ndarray:
+    """Of each cluster the pending one that explains most, or has the most inliers; the first of equals.
+
+    One that waits (p,) only where all of its cluster do.
+    """
     best = relative_poses.explained
     if best is None:
         best = relative_poses.n_inliers
-    order = pending[np.lexsort((pending, -best[pending]))]
+    is_last = np.zeros(len(pending), dtype=bool) if waits is None else waits[pending]
+    order = pending[np.lexsort((pending, -best[pending], is_last))]
     _, first = np.unique(cluster[order], return_index=True)
     return order[first]
+
+
+def _speakers(
+    relative_poses: RelativePoses,
+    pending: np.ndarray,
+    cluster: np.ndarray,
+    world_from_cams: np.ndarray,
+    odometry: Odometry,
+    options: CycleConsistencyOptions,
+) -> np.ndarray:
+    """For each pending relative pose (q,) the one of its cluster that says the same and explains most."""
+    speaker, left = pending.copy(), np.arange(len(pending))
+    while len(left):
+        heads = _heads(pending[left], cluster, relative_poses)
+        follows = _followed(
+            relative_poses, pending[left], heads, cluster, world_from_cams, odometry, options
+        )
+        is_spoken_for = follows >= 0
+        speaker[left[is_spoken_for]] = follows[is_spoken_for]
+        left = left[~is_spoken_for]
+    return speaker
 
 
 def _followed(
@@ -312,19 +291,6 @@ def _followed(
     agrees = is_near(motions[own], predicted, sigmas, options)
     follows[other[agrees]] = heads[agrees]
     return follows
-
-
-def by_way_of(
-    relative_poses: RelativePoses, pairs: np.ndarray, world_from_cams: np.ndarray
-) -> np.ndarray:
-    """Motion (p, 4, 4) between the frames of pairs (p, 2), over a relative pose nearby and recorded steps.
-
-    From i to k as recorded, from k to m as verified, from m to j as recorded.
-    """
-    (i, j), (k, m) = pairs.T, relative_poses.pairs.T
-    i_from_k = se3.inverse(world_from_cams[i]) @ world_from_cams[k]
-    m_from_j = se3.inverse(world_from_cams[m]) @ world_from_cams[j]
-    return i_from_k @ relative_poses.a_from_b @ m_from_j
 
 
 def _pairs_around(

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from planfit.errors import require
+from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.matching.detect import KeypointOptions
-from planfit.matching.loop_closure import CycleConsistencyOptions
 from planfit.matching.matchers import MatcherOptions
 from planfit.matching.pairs import PairOptions
 from planfit.matching.verify import VerifyOptions

@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
-from planfit.matching.loop_closure import CycleConsistencyOptions, by_way_of, is_near
+from planfit.matching.cycles import CycleConsistencyOptions, by_way_of, is_near
 from planfit.matching.pairs import RECENT_M
 from planfit.matching.types import Matches, RelativePoses
 from planfit.scan.odometry import Odometry
