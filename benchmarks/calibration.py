@@ -4,7 +4,6 @@ python benchmarks/calibration.py run -o calibration.jsonl
 python benchmarks/calibration.py page calibration.jsonl -o docs/calibration-figures.md
 """
 
-import hashlib
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,14 +21,13 @@ from calibration_cases import (
     measure,
     shares,
 )
-from faults.battery import TIME_LIMIT_S, digest_of, read_measured, run_battery
+from faults.batches import PageArguments, answer, digest_with, of_present_scans, tell, write_page
+from faults.battery import TIME_LIMIT_S, read_measured, run_battery
 from faults.measure import CRASHED, How, Measured
-from faults.scans import SHARED
 
 from planfit import RefineOptions
-from planfit.cli.arguments import parse
 from planfit.cli.console import out, table
-from planfit.cli.main import exit_with, in_one_line
+from planfit.cli.main import exit_with
 from planfit.errors import OutputError
 
 NAME = "python benchmarks/calibration.py"
@@ -51,16 +49,6 @@ class RunArguments:
     """Folder for rendered images and keypoints; that of benchmarks/faults may be used."""
     limit_s: float = TIME_LIMIT_S
     """A case that takes longer is ended and counts as a crash; more on a machine that is busy."""
-
-
-@dataclass(frozen=True)
-class PageArguments:
-    """Write the figures and a table of measured cases as a Markdown page."""
-
-    measured: tyro.conf.Positional[Path]
-    """What `run` wrote."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Markdown file, written anew."""
 
 
 Arguments = (
@@ -86,17 +74,11 @@ def main() -> NoReturn:
 
 def run(argv: Sequence[str]) -> int:
     """Measure, or write the page; the exit code."""
+    return answer(argv, Arguments, NAME, {RunArguments: _run, PageArguments: _write_page})
 
-    def action() -> int:
-        arguments = parse(Arguments, NAME, list(argv))
-        if isinstance(arguments, RunArguments):
-            _run(arguments)
-        else:
-            _write(arguments.out, make_page(judge_all(all_cases(), _read(arguments.measured))))
-            out.print(f"written: {arguments.out}", soft_wrap=True)
-        return 0
 
-    return in_one_line(action, "what is measured is kept, the same command goes on from there")
+def _write_page(arguments: PageArguments) -> None:
+    write_page(arguments.out, make_page(judge_all(all_cases(), _read(arguments.measured))))
 
 
 def make_page(judged: Sequence[Judged]) -> str:
@@ -148,8 +130,7 @@ def row_of(judged: Judged) -> list[str]:
 
 def _run(arguments: RunArguments) -> None:
     options = RefineOptions()
-    own = Path(calibration_cases.__file__).read_bytes()
-    digest = hashlib.sha256(digest_of(options).encode() + own).hexdigest()[:12]
+    digest = digest_with(options, calibration_cases)
     how = How(arguments.cache.resolve(), digest, options)
     known = dict.fromkeys(name for case in all_cases() for name in (case.scan, case.setting))
     unknown = set(arguments.scans) - set(known)
@@ -157,11 +138,7 @@ def _run(arguments: RunArguments) -> None:
         raise OutputError(
             f"--scans: expected some of {'; '.join(known)}, found {'; '.join(sorted(unknown))}"
         )
-    absent = {name for name in ("conslam", "kitchen") if not (SHARED / name).is_dir()}
-    chosen = choose(all_cases(), arguments.only, arguments.scans)
-    for name in sorted(absent & {case.scan for case in chosen}):
-        out.print(f"left out: {name}, as {SHARED / name} is absent (set PLANFIT_SHARED)")
-    here = [case for case in chosen if case.scan not in absent]
+    here = of_present_scans(choose(all_cases(), arguments.only, arguments.scans))
     run_battery(here, arguments.out, how, arguments.jobs, _tell, measure, arguments.limit_s)
     judged = judge_all(here, [m for m in _read(arguments.out) if m.digest == digest])
     rows = [[name, str(some), str(n)] for name, (some, n) in shares(judged).items() if n]
@@ -172,13 +149,6 @@ def _read(path: Path) -> list[Calibrated]:
     return [m for m in read_measured(path, Calibrated) if isinstance(m, Calibrated)]
 
 
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
-
-
 def _tell(measured: Measured, left: int) -> None:
     code = "crash" if measured.exit_code == CRASHED else f"exit {measured.exit_code}"
     error = "no poses" if measured.error_m is None else f"{measured.error_m:.4f} m"
@@ -187,12 +157,7 @@ def _tell(measured: Measured, left: int) -> None:
         ", ".join(f"{name} {value:+.4f}" for name, value in found.items()) or "nothing corrected"
     )
     said = "" if measured.error_m is not None else f", {measured.said[:160]}"
-    out.print(
-        f"{measured.name}: {error}, {words}, {code}{said} ({measured.seconds:.0f} s, {left} left)",
-        soft_wrap=True,
-        highlight=False,
-        markup=False,
-    )
+    tell(measured, f"{measured.name}: {error}, {words}, {code}{said}", left)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ python benchmarks/consistency.py run -o consistency.jsonl
 python benchmarks/consistency.py page consistency.jsonl -o docs/consistency.md
 """
 
-import hashlib
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,13 +14,13 @@ import consistency_cases
 import numpy as np
 import tyro
 from consistency_cases import WORLDS, Consistency, Consistent, all_cases, measure
-from faults.battery import digest_of, read_measured, run_battery
+from faults.batches import PageArguments, answer, digest_with, tell, write_page
+from faults.battery import read_measured, run_battery
 from faults.measure import How, Measured
 
 from planfit import RefineOptions
-from planfit.cli.arguments import parse
 from planfit.cli.console import out
-from planfit.cli.main import exit_with, in_one_line
+from planfit.cli.main import exit_with
 from planfit.errors import OutputError
 
 NAME = "python benchmarks/consistency.py"
@@ -39,16 +38,6 @@ class RunArguments:
     """Scans at a time, each in a process of its own."""
     cache: Path = Path("faults.cache")
     """Folder for rendered images and keypoints; that of benchmarks/faults may be used."""
-
-
-@dataclass(frozen=True)
-class PageArguments:
-    """Write the figures and a table of measured scans as a Markdown page."""
-
-    measured: tyro.conf.Positional[Path]
-    """What `run` wrote."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Markdown file, written anew."""
 
 
 Arguments = (
@@ -74,18 +63,11 @@ def main() -> NoReturn:
 
 def run(argv: Sequence[str]) -> int:
     """Measure, or write the page; the exit code."""
+    return answer(argv, Arguments, NAME, {RunArguments: _run, PageArguments: _write_page})
 
-    def action() -> int:
-        arguments = parse(Arguments, NAME, list(argv))
-        if isinstance(arguments, RunArguments):
-            _run(arguments)
-        else:
-            page = make_page(pair(all_cases(), _read(arguments.measured)))
-            _write(arguments.out, page)
-            out.print(f"written: {arguments.out}", soft_wrap=True)
-        return 0
 
-    return in_one_line(action, "what is measured is kept, the same command goes on from there")
+def _write_page(arguments: PageArguments) -> None:
+    write_page(arguments.out, make_page(pair(all_cases(), _read(arguments.measured))))
 
 
 Pair = tuple[Consistency, Consistent]
@@ -133,8 +115,7 @@ def _row(words: str, number: str, measured: Sequence[Consistent]) -> str:
 
 def _run(arguments: RunArguments) -> None:
     options = RefineOptions()
-    own = Path(consistency_cases.__file__).read_bytes()
-    digest = hashlib.sha256(digest_of(options).encode() + own).hexdigest()[:12]
+    digest = digest_with(options, consistency_cases)
     how = How(arguments.cache.resolve(), digest, options)
     halves = {"both": (True, False), "choosing": (True,), "reporting": (False,)}
     if arguments.half not in halves:
@@ -149,13 +130,6 @@ def _read(path: Path) -> list[Consistent]:
     return [m for m in read_measured(path, Consistent) if isinstance(m, Consistent)]
 
 
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
-
-
 def _tell(measured: Measured, left: int) -> None:
     assert isinstance(measured, Consistent)
     said = measured.said[:160]
@@ -163,12 +137,7 @@ def _tell(measured: Measured, left: int) -> None:
         said = f"{measured.error_m:.4f} m, predicted {measured.predicted_m:.4f} m, " + (
             f"NEES {measured.nees_position:.2f}, {measured.within_position:.0%} within"
         )
-    out.print(
-        f"{measured.name}: {said} ({measured.seconds:.0f} s, {left} left)",
-        soft_wrap=True,
-        highlight=False,
-        markup=False,
-    )
+    tell(measured, f"{measured.name}: {said}", left)
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ def digest_of(options: planfit.RefineOptions, is_optimality: bool = False) -> st
     return digest.hexdigest()[:12]
 
 
-_DOES_NOT_MATTER = ("cases.py", "battery.py", "figures.py", "page.py", "command.py")
+_DOES_NOT_MATTER = ("cases.py", "battery.py", "figures.py", "page.py", "command.py", "batches.py")
 """Which cases there are, and what is made of them; all else is what a case is and how it is measured."""
 
 

@@ -8,16 +8,15 @@ from typing import Annotated, NoReturn
 
 import tyro
 
+from faults.batches import PageArguments, answer, of_present_scans, tell, write_page
 from faults.battery import digest_of, read_measured, run_battery
 from faults.cases import Case, all_cases, choose
 from faults.figures import make_figures, match_results
 from faults.measure import CRASHED, How, Measured
-from faults.page import write_page
-from faults.scans import SHARED
+from faults.page import make_page
 from planfit import RefineOptions
-from planfit.cli.arguments import parse
 from planfit.cli.console import out, table
-from planfit.cli.main import exit_with, in_one_line
+from planfit.cli.main import exit_with
 
 NAME = "python benchmarks/faults"
 
@@ -40,16 +39,6 @@ class RunArguments:
     """Folder for rendered images and keypoints."""
     optimality: bool = False
     """Also solve from the true poses, and compare costs."""
-
-
-@dataclass(frozen=True)
-class PageArguments:
-    """Write the figures and tables of measured cases as a Markdown page."""
-
-    measured: tyro.conf.Positional[Path]
-    """What `run` wrote."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Markdown file, written anew."""
 
 
 @dataclass(frozen=True)
@@ -78,20 +67,17 @@ def main() -> NoReturn:
 
 def run(argv: Sequence[str]) -> int:
     """Measure, write the page, or list; the exit code."""
+    actions = {RunArguments: _run, PageArguments: _write_page, ListArguments: _list}
+    return answer(argv, Arguments, NAME, actions)
 
-    def action() -> int:
-        arguments = parse(Arguments, NAME, list(argv))
-        if isinstance(arguments, RunArguments):
-            _run(arguments)
-        elif isinstance(arguments, PageArguments):
-            write_page(all_cases(), read_measured(arguments.measured), arguments.out)
-            out.print(f"written: {arguments.out}", soft_wrap=True)
-        else:
-            for case in _chosen(arguments):
-                out.print(f"{case.number:4} {case.name}", soft_wrap=True, highlight=False)
-        return 0
 
-    return in_one_line(action, "what is measured is kept, the same command goes on from there")
+def _write_page(arguments: PageArguments) -> None:
+    write_page(arguments.out, make_page(all_cases(), read_measured(arguments.measured)))
+
+
+def _list(arguments: ListArguments) -> None:
+    for case in _chosen(arguments):
+        out.print(f"{case.number:4} {case.name}", soft_wrap=True)
 
 
 def _chosen(arguments: RunArguments | ListArguments) -> list[Case]:
@@ -102,11 +88,7 @@ def _run(arguments: RunArguments) -> None:
     options = RefineOptions()
     digest = digest_of(options, arguments.optimality)
     how = How(arguments.cache.resolve(), digest, options, arguments.optimality)
-    chosen = _chosen(arguments)
-    absent = {name for name in ("conslam", "kitchen") if not (SHARED / name).is_dir()}
-    for name in sorted(absent & {case.scan for case in chosen}):
-        out.print(f"left out: {name}, as {SHARED / name} is absent (set PLANFIT_SHARED)")
-    here = [case for case in chosen if case.scan not in absent]
+    here = of_present_scans(_chosen(arguments))
     run_battery(here, arguments.out, how, arguments.jobs, _tell)
     numbers = {case.number for case in here}
     measured = [m for m in read_measured(arguments.out) if m.number in numbers]
@@ -123,10 +105,5 @@ def _tell(measured: Measured, left: int) -> None:
     if measured.error_m is not None and measured.before_m is not None:
         errors = f"{measured.before_m:.3f} -> {measured.error_m:.3f} m, "
     code = "crash" if measured.exit_code == CRASHED else f"exit {measured.exit_code}"
-    out.print(
-        f"{measured.number:4} {measured.name}: {errors}{code}, {measured.said[:160]} "
-        f"({measured.seconds:.0f} s, {left} left)",
-        soft_wrap=True,
-        highlight=False,
-        markup=False,
-    )
+    words = f"{measured.number:4} {measured.name}: {errors}{code}, {measured.said[:160]}"
+    tell(measured, words, left)

@@ -1,7 +1,6 @@
 """The page of the battery, made of its measurements: every number in it is computed here."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from faults.cases import Case
 from faults.figures import (
@@ -14,7 +13,6 @@ from faults.figures import (
     reliability_rows,
 )
 from faults.measure import CRASHED, Measured
-from planfit.errors import OutputError
 
 _HEAD = """# Faulty scans, wrong plans
 
@@ -37,18 +35,6 @@ Thresholds may be chosen on cases of even number; those of odd number report.
 *Silent wrong*: exit 0 with an error above 0.10 m and three times the faultless one, above that of the input,
 or on a plan where the scan has no place. *Vouched for when right*: exit 0, of the results within 1.5 times
 the faultless error."""
-
-
-def write_page(cases: Sequence[Case], measured: Sequence[Measured], path: Path) -> None:
-    """Write the page as Markdown.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
-    try:
-        path.write_text(make_page(cases, measured), encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
 
 
 def make_page(cases: Sequence[Case], measured: Sequence[Measured]) -> str:
