@@ -69,7 +69,7 @@ class Alignment:
     warnings: tuple[str, ...] = ()
     """What a user should know, in words."""
     bent: tuple[str, ...] = ()
-    """Those of the warnings that tell of a deformed scan: the adjustment may mend it."""
+    """Those of the warnings that a deformed scan gives rise to: the adjustment may mend it."""
     scale_xy: tuple[float, float] = (1.0, 1.0)
     """Metres of one unit of the plan, along its x and its y: for a plan in metres 1, or what its coordinates
     are to be multiplied by where it is off in scale."""

@@ -158,12 +158,14 @@ def select_hypothesis(
     is_ambiguous = is_close and not is_as_recorded and options.candidate == 1
     is_thin = _is_thin(taken.score, margin) and not is_as_recorded and options.candidate == 1
     warnings: list[str] = []
+    bent: tuple[str, ...] = ()
     if recorded is not None and options.candidate == 1 and not is_as_recorded:
         warnings.append(_not_as_recorded_words(taken, recorded, walls))
     if is_mirrored and mirrored is not None:
         warnings.append(_mirrored_words(taken, mirrored, floorplan))
     elif is_weak:
-        warnings.append(_weak_words(taken, floorplan, options))
+        bent = (_weak_words(taken, floorplan, options),)
+        warnings.extend(bent)
     if runner_up is not None and is_close and not is_mirrored:
         warnings.append(_close_words(taken, runner_up, walls, is_as_recorded, is_ambiguous))
     elif runner_up is not None and is_thin and not (is_mirrored or is_weak):
@@ -177,6 +179,7 @@ def select_hypothesis(
         is_mirrored,
         is_sure=not (is_weak or is_ambiguous or is_thin or is_mirrored or open_words),
         warnings=(*warnings, *open_words),
+        bent=bent,
     )
 
 
@@ -213,7 +216,7 @@ def with_segments(
         candidates=candidates,
         is_sure=selection.is_sure and not words,
         warnings=(*selection.warnings, *words),
-        bent=tuple(words),
+        bent=(*selection.bent, *words),
     )
 
 
