@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan import ScanOptions, read_scan
 from planfit.scan.pose_files import read_poses
+from planfit.scan.tables import number_table
 from scan_samples import N, matrix_text, quaternion, write_seven_scenes, write_stray, write_tum
 
 
@@ -198,3 +201,40 @@ def test_files_that_hold_no_poses(kind, scenes, tmp_path):
 def test_a_missing_file(scenes, tmp_path):
     with pytest.raises(ScanError, match=r"nowhere\.txt: expected a file of poses, cannot be read"):
         read_scan(scenes, options=ScanOptions(poses=tmp_path / "nowhere.txt"))
+
+
+NUMBERS = st.lists(
+    st.floats(-1e6, 1e6, allow_nan=False).map(lambda v: round(v, 6)), min_size=8, max_size=8
+)
+
+
+@given(rows=st.lists(NUMBERS, min_size=1, max_size=6), comma=st.booleans(), note=st.booleans())
+def test_tables_read_at_once_are_those_read_line_by_line(rows, comma, note):
+    text = "# a note\n" if note else ""
+    text += "\n".join((", " if comma else " ").join(map(repr, row)) for row in rows) + "\n"
+    at_once = number_table(text.replace(",", " "))
+    assert_array_equal(at_once, np.array(rows))
+
+
+@pytest.mark.parametrize("text", ["", "# only\n# notes\n", "1 2\n3\n", "1 x\n", "1,2\n"])
+def test_what_is_no_table_of_numbers_is_none(text):
+    assert number_table(text) is None
+
+
+def test_of_many_poses_the_first_that_is_none_is_named(tmp_path):
+    rows = np.tile(np.eye(4)[:3].ravel(), (50, 1))
+    rows[7] = 0.0  # lost: left out later
+    rows[9, 3] = np.inf  # lost too
+    path = tmp_path / "kitti.txt"
+    np.savetxt(path, rows)
+    assert len(read_poses(path).poses) == 50
+    for entry, value, words in (
+        (0, 3.0, "rotation"),
+        (0, -1.0, "right-handed"),
+        (3, 1e12, "finite"),
+    ):
+        bad = rows.copy()
+        bad[20, entry] = value
+        np.savetxt(path, bad)
+        with pytest.raises(ScanError, match=rf"kitti\.txt: pose 20: .*{words}"):
+            read_poses(path)

@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,8 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import ScanError
 from planfit.scan.association import poses_at
-from planfit.scan.poses import check_recorded_pose, is_lost, parse_tum
-from planfit.scan.tables import shorten
+from planfit.scan.poses import check_recorded_poses, is_lost, parse_tum, tum_poses
+from planfit.scan.tables import number_table, shorten
 from planfit.scan.types import Scan
 from planfit.scan.views import select_frames
 
@@ -50,26 +51,22 @@ def parse_poses(content: str, path: Path) -> PoseTable:
     Raises:
         ScanError: it is of none of these kinds.
     """
+    table = number_table(content.replace(",", " "))
+    if table is not None and table.shape[1] in (8, 9, 12) and not _is_euroc(content):
+        return _of_numbers(table, content, path)
     rows = [
         text.split()
         for line in content.splitlines()
         if (text := line.split("#")[0].replace(",", " ")).strip()
     ]
     lengths = [len(row) for row in rows]
-    if lengths and set(lengths) == {9}:  # RTAB-Map's export adds the node's number to TUM's eight
-        content = "\n".join(" ".join(row[:8]) for row in rows)
-        return PoseTable("tum", *parse_tum(content, path))
-    if lengths and min(lengths) >= 8 and "," in content and _is_euroc(rows[0]):
+    if lengths and min(lengths) >= 8 and _is_euroc(content):
         return PoseTable("tum", *parse_tum(_tum_of_euroc(rows), path))
     if lengths and set(lengths) == {8}:
         return PoseTable("tum", *parse_tum(content, path))
     values = _numbers(rows, path)
-    if lengths and set(lengths) == {12}:
-        poses = np.tile(np.eye(4), (len(rows), 1, 1))  # the last row is not in the file
-        poses[:, :3] = np.array(values).reshape(-1, 3, 4)
-        table = PoseTable("kitti", np.arange(len(rows)), poses)
     # Blocks of five lines: the frame's numbers, then the rows of its pose.
-    elif lengths and len(rows) % 5 == 0 and lengths == [3, 4, 4, 4, 4] * (len(rows) // 5):
+    if lengths and len(rows) % 5 == 0 and lengths == [3, 4, 4, 4, 4] * (len(rows) // 5):
         poses = np.array([values[i + 1 : i + 5] for i in range(0, len(rows), 5)])
         table = PoseTable("log", np.array([row[0] for row in values[::5]]), poses)
     else:
@@ -78,21 +75,38 @@ def parse_poses(content: str, path: Path) -> PoseTable:
             f"log (a line of 3 and four of 4), found lines of "
             f"{', '.join(map(str, sorted(set(lengths)))) or 'nothing'}"
         )
-    for i, pose in enumerate(table.poses):
-        check_recorded_pose(pose, f"{path}: pose {i}")
+    check_recorded_poses(table.poses, f"{path}: pose")
     return table
 
 
-def _is_euroc(row: list[str]) -> bool:
-    """Whether a row begins with whole nanoseconds since 1970: no other kind has commas and such times."""
-    return row[0].isdigit() and len(row[0]) > MIN_NS_DIGITS
+def _of_numbers(values: Float[np.ndarray, "n c"], content: str, path: Path) -> PoseTable:
+    """Poses of a table of 8 (TUM), 9 (RTAB-Map's, which adds the node's number) or 12 (KITTI) columns."""
+    if values.shape[1] == 12:
+        poses = np.tile(np.eye(4), (len(values), 1, 1))  # the last row is not in the file
+        poses[:, :3] = values.reshape(-1, 3, 4)
+        check_recorded_poses(poses, f"{path}: pose")
+        return PoseTable("kitti", np.arange(len(values)), poses)
+    return PoseTable("tum", *tum_poses(values[:, :8], content, path))
+
+
+def _is_euroc(content: str) -> bool:
+    """Whether the first row begins with whole nanoseconds since 1970 and a comma: no other kind does."""
+    for line in StringIO(content):
+        if text := line.split("#")[0].strip():
+            return is_ns(text.split(",")[0]) and "," in text
+    return False
+
+
+def is_ns(word: str) -> bool:
+    """Whether a word is a time in whole nanoseconds since 1970."""
+    return word.isdigit() and len(word) > MIN_NS_DIGITS
 
 
 def _tum_of_euroc(rows: list[list[str]]) -> str:
     """EuRoC's table (time ns, x y z, quaternion with w first, then velocities and biases) as TUM's."""
     lines = []
     for ns, x, y, z, w, *xyz in (row[:8] for row in rows):
-        time = f"{ns[:-9]}.{ns[-9:]}" if _is_euroc([ns]) else "nan"
+        time = f"{ns[:-9]}.{ns[-9:]}" if is_ns(ns) else "nan"
         lines.append(" ".join([time, x, y, z, *xyz, w]))
     return "\n".join(lines)
 

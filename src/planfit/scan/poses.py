@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.source import FileSource
-from planfit.scan.tables import read_matrix
+from planfit.scan.tables import number_table, read_matrix
 
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Camera axes: OpenGL, Blender and ARKit have x right, y up, z backward; ours are x right, y down, z
@@ -86,6 +86,20 @@ def check_recorded_pose(pose: Float[np.ndarray, "..."], where: str) -> None:
         check_pose(pose, where)
 
 
+def check_recorded_poses(poses: Float[np.ndarray, "n 4 4"], what: str) -> None:
+    """As `check_recorded_pose`, of many at once; `what` and its number names the first that is none."""
+    rotations = poses[:, :3, :3]
+    with np.errstate(invalid="ignore", over="ignore"):
+        defect = np.abs(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)).max(axis=(1, 2))
+        is_right = np.isfinite(poses).all(axis=(1, 2)) & (
+            np.abs(poses).max(axis=(1, 2)) < MAX_ENTRY
+        )
+        is_right &= (defect <= MAX_ROTATION_DEFECT) & (np.linalg.det(rotations) >= 0)
+        is_right &= np.abs(poses[:, 3] - (0, 0, 0, 1)).max(axis=1) <= 1e-6
+    for i in np.flatnonzero(~(is_right | is_lost(poses))):
+        check_recorded_pose(poses[i], f"{what} {i}")
+
+
 def from_opengl(world_from_gl_cams: Float[np.ndarray, "*n 4 4"]) -> Float[np.ndarray, "*n 4 4"]:
     """Poses of cameras with OpenGL axes, as poses of cameras with ours; also the way back."""
     # T diag(s) scales column j by s[j]: as a broadcast product, since in a matrix product infinity (a
@@ -136,6 +150,38 @@ def parse_tum(
     Raises:
         ScanError: it is empty, or not eight numbers a line.
     """
+    return tum_poses(number_table(content), content, path)
+
+
+def tum_poses(
+    values: Float[np.ndarray, "rows columns"] | None, content: str, path: Path
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 4 4"]]:
+    """As `parse_tum`, of the numbers in a file; where they are none, its text says which line is not."""
+    if values is None or not _is_tum(values):
+        values = _tum_line_by_line(content, path)
+    # Lines of a tracker that was lost: as if it had written nothing.
+    is_kept = np.isfinite(values).all(axis=1) & (np.abs(values[:, 4:]).max(axis=1) >= 1e-6)
+    values = values[is_kept]
+    if len(values) == 0:
+        raise ScanError(f"{path}: expected a TUM trajectory, found no pose")
+    rotations = Rotation.from_quat(values[:, 4:]).as_matrix()
+    return values[:, 0], se3.make_transform(rotations, values[:, 1:4])
+
+
+def _is_tum(values: Float[np.ndarray, "rows columns"]) -> bool:
+    """Whether all rows are what a TUM trajectory may hold, a lost tracker's among them."""
+    if values.shape[1] != 8 or not np.isfinite(values[:, 0]).all():
+        return False
+    is_lost_row = ~np.isfinite(values).all(axis=1)
+    return bool(np.all(is_lost_row | (np.abs(values[:, 1:]).max(axis=1) < MAX_ENTRY)))
+
+
+def _tum_line_by_line(content: str, path: Path) -> Float[np.ndarray, "n 8"]:
+    """As slow as it is, to name the line that is none.
+
+    Raises:
+        ScanError: a line is not eight numbers.
+    """
     rows = []
     for number, line in enumerate(content.splitlines(), start=1):
         text = line.split("#")[0].split()
@@ -146,19 +192,14 @@ def parse_tum(
         except ValueError:
             row = []
         ok = len(row) == 8 and np.isfinite(row[0])
-        if ok and (not np.isfinite(row).all() or np.abs(row[4:]).max() < 1e-6):
-            continue  # the tracker was lost: as if it had written nothing
-        if not ok or np.abs(row[1:]).max() >= MAX_ENTRY:
+        is_lost_row = ok and not np.isfinite(row).all()
+        if not ok or (not is_lost_row and np.abs(row[1:]).max() >= MAX_ENTRY):
             raise ScanError(
                 f"{path}, line {number}: expected eight finite numbers "
                 f"(time tx ty tz qx qy qz qw), found {line.strip()[:80]!r}"
             )
         rows.append(row)
-    if not rows:
-        raise ScanError(f"{path}: expected a TUM trajectory, found no pose")
-    values = np.array(rows)
-    rotations = Rotation.from_quat(values[:, 4:]).as_matrix()
-    return values[:, 0], se3.make_transform(rotations, values[:, 1:4])
+    return np.array(rows).reshape(-1, 8)
 
 
 def write_tum(
