@@ -2,6 +2,7 @@
 
 from planfit.matching.find import find_matches as find_matches
 from planfit.matching.find import search_matches as search_matches
+from planfit.matching.misled import without_misled as without_misled
 from planfit.matching.options import MatchingOptions as MatchingOptions
 from planfit.matching.relative_motions import NeighbourMotions as NeighbourMotions
 from planfit.matching.relative_motions import measure_more as measure_more

@@ -81,11 +81,32 @@ def explained_shares(
         options: see there.
     """
     found = compare(relative_poses, points_a, points_b, sigma_m, grids, options)
+    return found.matched * _rest(found, is_neighbour, options)
+
+
+def explained_by_rest(
+    relative_poses: RelativePoses,
+    points_a: Sequence[Float[np.ndarray, "_ 3"]],
+    points_b: Sequence[Float[np.ndarray, "_ 3"]],
+    sigma_m: Float[np.ndarray, " p"],
+    is_neighbour: Bool[np.ndarray, " p"],
+    grids: ViewGrids,
+    options: AgreementOptions,
+) -> Float[np.ndarray, " p"]:
+    """As `explained_shares`, whatever share of the views has matches: two motions of one pair compare."""
+    found = compare(relative_poses, points_a, points_b, sigma_m, grids, options)
+    return _rest(found, is_neighbour, options)
+
+
+def _rest(
+    found: Agreement, is_neighbour: Bool[np.ndarray, " p"], options: AgreementOptions
+) -> Float[np.ndarray, " p"]:
+    """What is not contradicted, times the likeness of what was not matched."""
     most = options.max_contradicted
     if is_neighbour.any():
         usual = float(np.percentile(found.contradicted[is_neighbour], 95))
         most = max(most, options.usual_factor * usual)
-    return found.matched * np.clip(1.0 - found.contradicted / most, 0.0, 1.0) * found.likeness
+    return np.clip(1.0 - found.contradicted / most, 0.0, 1.0) * found.likeness
 
 
 def compare(

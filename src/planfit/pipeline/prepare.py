@@ -20,10 +20,12 @@ from planfit.matching import (
     measure_more,
     measure_neighbours,
     search_matches,
+    without_misled,
 )
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
+from planfit.scan.odometry import make_odometry
 from planfit.segmentation import (
     Gravity,
     Structure,
@@ -128,7 +130,9 @@ def _judge(
 ) -> tuple[Tracking, NeighbourMotions]:
     """The recorded poses judged by neighbouring frames, doubtful steps by revisits; pairs that were tried."""
     matching = options.matching
+    odometry = make_odometry(scan.world_from_cams, options.odometry)
     known = measure_neighbours(scan, matching, runtime)
+    known = without_misled(known, scan.world_from_cams, odometry, matching)
 
     def judged(known: NeighbourMotions) -> Tracking:
         return judge_tracking(
@@ -147,6 +151,7 @@ def _judge(
         # Frames further apart may see what the nearest do not.
         pairs = pairs_across(tracking.doubtful_steps, len(scan), matching.pairs.neighbours)
         known = measure_more(scan, known, pairs, matching, runtime)
+        known = without_misled(known, scan.world_from_cams, odometry, matching)
         tracking = judged(known)
     if len(tracking.doubtful_steps) == 0:
         return tracking, known
