@@ -1,5 +1,7 @@
 """Jumps that no neighbouring images tell of, decided by revisits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from measured_walk import displaced, measure
@@ -143,3 +145,31 @@ def test_what_follows_unplaced_goes_along(laps, rng):
     assert [b.first_frame for b in result.breaks] == [40]
     step, recorded = (se3.inverse(p[70]) @ p[71] for p in (result.world_from_cams, jumped))
     np.testing.assert_allclose(step, recorded, atol=1e-9)
+
+
+def test_revisits_join_the_walk_over_frames_that_nothing_places(laps, rng):
+    # Frozen at 41 to 45, then on; images do not match after 41 and 43: frames 42 and 43 are lost for good.
+    frozen = laps.copy()
+    frozen[41:46] = laps[40]
+    frozen[46:] = laps[40] @ se3.inverse(laps[45]) @ laps[46:]
+    tracking = judged(frozen, measure(laps, rng, unmeasured=(41, 43)))
+    assert tracking.open_steps.tolist() == [41, 43]
+    assert tracking.unplaced[0][0] == 0  # one end of the walk against the other
+    result = placed(tracking, revisits(laps, rng, range(17, 30)))
+    assert result.unplaced == ((42, 43),)
+    others = np.r_[0:42, 44 : len(laps)]
+    found = result.world_from_cams[others, :3, 3]
+    closer = se3.transform(se3.fit_rigid(found, laps[others, :3, 3]), found)
+    assert np.linalg.norm(closer - laps[others, :3, 3], axis=1).max() < 0.2
+
+
+def test_a_long_step_that_ends_a_little_otherwise_is_no_jump(laps, rng):
+    """Two parts of a walk, placed one by one, were said to have jumped by the whole step between them."""
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 60.0, rng)
+    jumped[66:, :3, 3] += (0.04, 0.03, 0.0)
+    motions = measure(laps, rng, unmeasured=(40, 65))
+    tracking = judged(jumped, motions)
+    if 65 not in tracking.doubtful_steps:
+        tracking = replace(tracking, doubtful_steps=np.array([40, 65]))
+    result = placed(tracking, revisits(laps, rng, [*range(15, 30), *range(40, 56)]))
+    assert [b.first_frame for b in result.breaks] == [40]

@@ -16,7 +16,7 @@ from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.types import RelativePoses
 from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import Odometry
-from planfit.tracking.breaks import Votes, consensus, is_large, isotropic, votes_on
+from planfit.tracking.breaks import Votes, consensus, is_far, is_large, isotropic, votes_on
 from planfit.tracking.motions import (
     MeasuredMotions,
     departures,
@@ -143,7 +143,7 @@ def place_submaps(
         placed = merged
     if not placed.is_moved and len(tracking.open_steps) == 0:
         return replace(tracking, doubtful_steps=np.zeros(0, dtype=int))
-    return _with_placed(tracking, _chained(tracking, placed), placed)
+    return _with_placed(tracking, _chained(tracking, placed), placed, options)
 
 
 def _with_usual_steps(odometry: Odometry, steps: Int[np.ndarray, " d"]) -> Odometry:
@@ -231,7 +231,9 @@ def _chained(tracking: Tracking, placed: _Placed) -> Float[np.ndarray, "n 4 4"]:
     return recorded[0] @ se3.inverse(poses[0]) @ poses
 
 
-def _with_placed(tracking: Tracking, poses: np.ndarray, placed: _Placed) -> Tracking:
+def _with_placed(
+    tracking: Tracking, poses: np.ndarray, placed: _Placed, options: TrackingOptions
+) -> Tracking:
     """The tracking with the steps that were placed otherwise than recorded."""
     odometry, doubtful = tracking.odometry, tracking.doubtful_steps
     steps = odometry.cam_from_next.copy()
@@ -252,18 +254,37 @@ def _with_placed(tracking: Tracking, poses: np.ndarray, placed: _Placed) -> Trac
         sigma[jumps] = np.hypot(sigma[jumps], of_votes)
         sigma[found] = max(float(np.median(sigma)), of_votes)
     recorded, votes = tracking.recorded_world_from_cams, placed.n_votes
+    # Groups that were placed one by one stand a decimetre otherwise to each other than recorded: no jump.
+    far = [
+        s
+        for s in jumps
+        if is_far(*size_of(se3.inverse(odometry.cam_from_next[s]) @ steps[s]), options)
+    ]
     breaks = [
         describe_jump(recorded, poses, int(s), int(max(votes[s], votes[s + 1])), "revisits")
-        for s in jumps
+        for s in far
     ] + [_described_found(int(s), poses, int(votes[s])) for s in found]
+    open_steps = doubtful[is_open & ~is_found]
     return replace(
         tracking,
         world_from_cams=poses,
         odometry=Odometry(steps, rotation, translation),
         breaks=tuple(sorted((*tracking.breaks, *breaks), key=lambda b: b.first_frame)),
         doubtful_steps=np.zeros(0, dtype=int),
-        open_steps=doubtful[is_open & ~is_found],
+        open_steps=open_steps,
+        linked=(*tracking.linked, *_linked_by_votes(placed, open_steps)),
     )
+
+
+def _linked_by_votes(placed: _Placed, open_steps: Int[np.ndarray, " o"]) -> list[tuple[int, int]]:
+    """Frames before and after open steps that revisits brought together; those between may still be lost."""
+    submap = submaps_of(len(placed.group), open_steps, ())
+    links = []
+    for group in np.unique(placed.group[placed.n_votes > 0]):
+        frames = np.flatnonzero(placed.group == group)
+        leaves = np.flatnonzero(np.diff(submap[frames]))
+        links += [(int(frames[k]), int(frames[k + 1])) for k in leaves]
+    return links
 
 
 def _described_found(step: int, poses: np.ndarray, n_votes: int) -> TrackingBreak:
