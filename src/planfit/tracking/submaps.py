@@ -57,6 +57,11 @@ class _Placed:
     sigma: tuple[float, float]
     """The largest of the displacements, of rotation (rad) and translation (m), each axis."""
 
+    def is_beyond(self, way_m: float, angle_deg: float, options: TrackingOptions) -> bool:
+        """Whether two groups stand otherwise to each other by more than their places are unsure."""
+        rotation, translation = (options.max_sigmas * sigma for sigma in self.sigma)
+        return way_m > translation or angle_deg > np.rad2deg(rotation)
+
 
 @dataclass(frozen=True)
 class _Merge:
@@ -240,29 +245,29 @@ def _with_placed(
     now = se3.inverse(poses[doubtful]) @ poses[doubtful + 1]
     departure = np.abs(now - steps[doubtful]).max(axis=(1, 2))
     changed = doubtful[departure > SAME]
+    is_open = np.isin(doubtful, tracking.open_steps)
+    sizes = [size_of(se3.inverse(odometry.cam_from_next[s]) @ _step(poses, s)) for s in changed]
+    # Groups that were placed one by one stand a little otherwise to each other than recorded: no jump.
+    is_jump = np.array([is_far(*size, options) for size in sizes], dtype=bool)
+    is_jump &= ~np.isin(changed, tracking.open_steps)
+    jumps = changed[is_jump]
     # A group that no revisit placed may belong to the one before as well as to the one after; about lost
     # frames nothing is known that could be contradicted.
-    is_open = np.isin(doubtful, tracking.open_steps)
     is_unsure = (placed.n_votes[changed] == 0) | (placed.n_votes[changed + 1] == 0)
-    if np.any(is_unsure & ~np.isin(changed, tracking.open_steps)):
+    is_beyond = np.array([placed.is_beyond(*size, options) for size in sizes], dtype=bool)
+    if np.any(is_jump & is_unsure & is_beyond):
         return _unplaced(tracking, changed)
     is_found = placed.group[doubtful] == placed.group[doubtful + 1]
     steps[doubtful] = now
     rotation, translation = odometry.sigma_rotation.copy(), odometry.sigma_translation.copy()
-    jumps, found = np.setdiff1d(changed, tracking.open_steps), doubtful[is_open & is_found]
+    moved, found = np.setdiff1d(changed, tracking.open_steps), doubtful[is_open & is_found]
     for sigma, of_votes in zip((rotation, translation), placed.sigma, strict=True):
-        sigma[jumps] = np.hypot(sigma[jumps], of_votes)
+        sigma[moved] = np.hypot(sigma[moved], of_votes)
         sigma[found] = max(float(np.median(sigma)), of_votes)
     recorded, votes = tracking.recorded_world_from_cams, placed.n_votes
-    # Groups that were placed one by one stand a decimetre otherwise to each other than recorded: no jump.
-    far = [
-        s
-        for s in jumps
-        if is_far(*size_of(se3.inverse(odometry.cam_from_next[s]) @ steps[s]), options)
-    ]
     breaks = [
         describe_jump(recorded, poses, int(s), int(max(votes[s], votes[s + 1])), "revisits")
-        for s in far
+        for s in jumps
     ] + [_described_found(int(s), poses, int(votes[s])) for s in found]
     open_steps = doubtful[is_open & ~is_found]
     return replace(
@@ -274,6 +279,11 @@ def _with_placed(
         open_steps=open_steps,
         linked=(*tracking.linked, *_linked_by_votes(placed, open_steps)),
     )
+
+
+def _step(poses: np.ndarray, step: int) -> np.ndarray:
+    """Motion between poses (n, 4, 4) over a step."""
+    return se3.inverse(poses[step]) @ poses[step + 1]
 
 
 def _linked_by_votes(placed: _Placed, open_steps: Int[np.ndarray, " o"]) -> list[tuple[int, int]]:
