@@ -49,10 +49,11 @@ def find_walls_alone(
     black = (small > INK).astype(np.uint8)
     if n_dark == 0 or opened(black, 2).sum() < _LEAST_BLACK * n_dark:
         return None
-    mask = opened(_without_hairlines(black), 2)
+    regions = trace_regions(black, 0.0)
     most = _MOST_TWINS_TINY if small.shape[0] > full.shape[0] else _MOST_TWINS
-    if twin_share(black, trace_regions(black, 0.0)) > most:
+    if twin_share(black, regions) > most:
         return None
+    mask = opened(_without_hairlines(black, regions), 2)
     walls, specks = _parted(_finely(mask, full))
     if not walls:
         return None
@@ -67,9 +68,11 @@ def find_walls_alone(
     return Interpretation(candidate, tuple(walls), tuple(specks), usual, straight * share, share)
 
 
-def _without_hairlines(black: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
-    """The mask without long strokes far thinner than walls are: swings of doors, panes of windows."""
-    regions = trace_regions(black, 0.0)
+def _without_hairlines(
+    black: UInt8[np.ndarray, "h w"], regions: list[BaseGeometry]
+) -> UInt8[np.ndarray, "h w"]:
+    """The mask, which `regions` are the outlines of, without long strokes far thinner than walls are: swings
+    of doors, panes of windows."""
     area = shapely.area(regions)
     thickness = 2 * area / np.maximum(shapely.length(regions), 1e-6)
     usual = weighted_median(thickness, area) if len(regions) else 0.0
