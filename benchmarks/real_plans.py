@@ -4,8 +4,8 @@
 
 The truth is the outline of what is wall, marked by eye (tests/floorplan/real_plan_marks.json). Recall is the
 share of that outline within 5 cm of a face found (1 % of the plan's size where the scale is not known), of
-all walls and of those at least 3 px thick in what is shown; precision the share of the length of faces within as much of it. The pictures are not ours: overlays are
-written to --save, never into the repository.
+all walls and of those at least 3 px thick in what is shown; precision the share of the length of faces
+within as much of it. The pictures are not ours: overlays are written to --save, never into the repository.
 """
 
 import argparse
@@ -96,7 +96,7 @@ def _marked(path: Path, mark: dict) -> Truth:
 
 
 def _thickness_px(walls: np.ndarray, outline: np.ndarray, most: int) -> np.ndarray:
-    """Diameter of the largest disk that stays within the walls and touches them at each point, up to `most`."""
+    """Diameter of the largest disk within the walls that touches them at each point, up to `most`."""
     u, v = outline.astype(int).T
     result = np.ones(len(outline))
     for size in range(2, most + 1):
@@ -244,8 +244,8 @@ if __name__ == "__main__":
         for change, changed in variants(truth):
             results.append((truth, change, score(changed)))
             found = results[-1][2]
-            print(f"{truth.name:24} {change:17} recall {found.recall:.3f} ({found.recall_thick:.3f}) precision {found.precision:.3f} "
-                  f"plans {found.n_storeys} {found.seconds:5.1f} s  {found.words}", flush=True)  # fmt: skip
+            print(f"{truth.name:24} {change:17} recall {found.recall:.3f} ({found.recall_thick:.3f}) "
+                  f"precision {found.precision:.3f} plans {found.n_storeys} {found.seconds:5.1f} s  {found.words}", flush=True)  # fmt: skip
             if arguments.save is not None:
                 arguments.save.mkdir(parents=True, exist_ok=True)
                 name = f"{Path(truth.name).stem}_{change.replace(' ', '_')}.png"

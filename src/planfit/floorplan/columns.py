@@ -17,7 +17,7 @@ MOST_THICKNESSES = 6.0
 _SLIM = 3.0
 """What is longer than so many times its width is a piece of wall."""
 _GAP = 0.15
-"""Ends of neighbouring faces are apart by less than this share of a column: edges of tones are set one by one."""
+"""Ends of neighbours are apart by less than this share of a column: edges of tones are set one by one."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,10 @@ def find_columns(floorplan: Floorplan) -> Columns:
     face, centres, sizes = np.full(n, -1), [], []
     is_small = np.zeros(n, dtype=bool)
     is_small[small] = True
-    n_faces, n_small = np.bincount(group, minlength=count), np.bincount(group[small], minlength=count)
+    n_faces, n_small = (
+        np.bincount(group, minlength=count),
+        np.bincount(group[small], minlength=count),
+    )
     for each in np.flatnonzero((n_small >= 3) & (n_small == n_faces)):
         at = np.flatnonzero(group == each)
         if not _is_column(ends[at], floorplan.normals[at], most):

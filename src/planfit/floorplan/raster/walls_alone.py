@@ -35,11 +35,11 @@ a mask with landings of stairs."""
 _SPECK_PX, _SPECK = 3, 0.33
 """What is thinner and shorter than this, in pixels or in thicknesses of the usual wall, is dirt."""
 _WORDS = 20
-"""So many small bent marks are words: masks of sites have 10 at most (corners of shafts), drawings with names of
-rooms 15 to 180."""
+"""So many small bent marks are words: masks of sites have 10 at most (corners of shafts), drawings with names
+of rooms 15 to 180."""
 _LETTER_REACH, _LETTER_FILL, _LETTER_SLIM = 1 / 25, 0.65, 4.0
-"""Letters: smaller than this share of the drawing, cover less than this of the box around them, and reach over
-more than this many thicknesses of their stroke."""
+"""Letters: smaller than this share of the drawing, cover less than this of the box around them, and reach
+over more than this many thicknesses of their stroke."""
 _PEN = 0.5
 """Where strokes of letters are thicker than this share of the usual stroke, all is drawn with one pen."""
 _MARK, _MARK_REACH = 0.35, 3.0

@@ -5,6 +5,7 @@ drawn with Pillow at twice the size.
 """
 
 import io
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -66,9 +67,7 @@ def house(rng: np.random.Generator, width_m: float = 13.0, height_m: float = 9.0
         if any(crossing.distance(shapely.LineString([c[:2], c[2:]])) < inner for c in others):
             continue
         doors.append((at, along, 0.85))
-        holes.append(
-            shapely.LineString([at, at + 0.85 * along]).buffer(inner, cap_style="flat")
-        )
+        holes.append(shapely.LineString([at, at + 0.85 * along]).buffer(inner, cap_style="flat"))
     windows = []
     for x0, y0, x1, _ in rooms:
         if y0 == 0.0 and x1 - x0 > 2.2:
@@ -97,7 +96,9 @@ class Sheet:
     def at(self, points: object) -> np.ndarray:
         return (np.asarray(points, float) + self.margin_m) * self.px_per_m * TWICE
 
-    def area(self, shape: BaseGeometry, fill: object, outline: object = None, px: float = 0) -> None:
+    def area(
+        self, shape: BaseGeometry, fill: object, outline: object = None, px: float = 0
+    ) -> None:
         for part in shapely.get_parts(shape):
             mask = Image.new("L", self.image.size, 0)
             pen = ImageDraw.Draw(mask)
@@ -119,7 +120,9 @@ class Sheet:
 
     def arc(self, centre: object, radius: float, low: float, colour: object, px: float) -> None:
         angle = np.deg2rad(np.linspace(low, low + 90, 20))
-        self.line(np.asarray(centre) + radius * np.stack([np.cos(angle), np.sin(angle)], 1), colour, px)
+        self.line(
+            np.asarray(centre) + radius * np.stack([np.cos(angle), np.sin(angle)], 1), colour, px
+        )
 
     def done(self) -> np.ndarray:
         return np.asarray(self.image.resize(self.size, Image.Resampling.BOX))[..., ::-1].copy()
@@ -170,7 +173,7 @@ def _dimensions(sheet: Sheet, plan: House, ink: object, px: float) -> None:
     for off in (-1.0, -1.6):
         sheet.line([(xs[0], off), (xs[-1], off)], ink, px)
         sheet.line([(off, ys[0]), (off, ys[-1])], ink, px)
-        for a, b in zip(xs[:-1], xs[1:], strict=True):
+        for a, b in itertools.pairwise(xs):
             sheet.line([(a - 0.12, off + 0.12), (a + 0.12, off - 0.12)], ink, px)
             sheet.line([(a, off + 0.4), (a, off - 0.2)], ink, px)
             sheet.text(((a + b) / 2, off - 0.18), f"{b - a:.2f}", ink, 0.2 * sheet.px_per_m)
@@ -312,7 +315,9 @@ def sepia(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     h, w = image.shape[:2]
     share = image.mean(axis=2, keepdims=True) / 255
     stains = np.asarray(
-        Image.fromarray((rng.random((h // 40 + 1, w // 40 + 1)) * 40).astype(np.uint8)).resize((w, h))
+        Image.fromarray((rng.random((h // 40 + 1, w // 40 + 1)) * 40).astype(np.uint8)).resize(
+            (w, h)
+        )
     )
     paper, ink = np.array([165.0, 210, 228]), np.array([60.0, 85, 110])
     result = share * paper + (1 - share) * ink - stains[..., None] * 0.6
@@ -357,7 +362,11 @@ def strange_picture(style: str, seed: int, px_per_m: float = 60.0) -> StrangePic
     for part in shapely.get_parts(plan.walls):
         for ring in (part.exterior, *part.interiors):
             n = max(int(ring.length * px_per_m), 4)
-            rings.append(shapely.get_coordinates(shapely.line_interpolate_point(ring, np.arange(n) / n, normalized=True)))
+            rings.append(
+                shapely.get_coordinates(
+                    shapely.line_interpolate_point(ring, np.arange(n) / n, normalized=True)
+                )
+            )
     outline = (np.concatenate(rings) + margin) * px_per_m - 0.5
     near = max(0.01 * float(np.ptp(outline, axis=0).max()) / 1.6, 3.0)
     return StrangePicture(finish(sheet.done(), rng), outline, near)
