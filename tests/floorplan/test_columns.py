@@ -62,7 +62,7 @@ def test_what_is_no_column(other: np.ndarray) -> None:
 def test_a_pier_that_a_wall_is_joined_to_is_no_column() -> None:
     pier = square(3, 3, 0.4)
     corner = pier[0, 0]
-    wall = np.array([[corner, corner + [0.0, 1.0]]])
+    wall = np.array([[corner, corner + np.array([0.0, 1.0])]])
     assert len(find_columns(plan_of(pier, wall)).sizes) == 0
 
 

@@ -6,6 +6,8 @@ import scipy.spatial
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
+from planfit.floorplan.faces import line_strings
+
 LEAST = 0.24
 """Of the largest column, 0.22 m of 0.93: smaller ones are mullions and posts of railings."""
 _SLIM = 2.0
@@ -34,7 +36,7 @@ def find_column_rings(
     found = areas[_have_form(areas)]
     if len(found) == 0:
         return found
-    strings = shapely.linestrings(ends)
+    strings = line_strings(ends)
     inner = shapely.buffer(found, -0.01 * most)
     column, _ = shapely.STRtree(strings).query(inner, predicate="intersects")
     found = found[~np.isin(np.arange(len(found)), column)]
@@ -78,7 +80,7 @@ def _rings(ends: Float[np.ndarray, "n 2 2"], least: float, most: float) -> Shape
     for each in np.flatnonzero(fits):
         own = np.flatnonzero(ring == each)
         snapped = tips[np.unique(corner, return_index=True)[1]][corner.reshape(-1, 2)[own]]
-        area = shapely.get_parts(shapely.polygonize(list(shapely.linestrings(snapped))))
+        area = shapely.get_parts(shapely.polygonize(line_strings(snapped)))
         found += [*area] if len(area) == 1 else []
     return np.array(found, dtype=object)
 
