@@ -245,7 +245,8 @@ if __name__ == "__main__":
             results.append((truth, change, score(changed)))
             found = results[-1][2]
             print(f"{truth.name:24} {change:17} recall {found.recall:.3f} ({found.recall_thick:.3f}) "
-                  f"precision {found.precision:.3f} plans {found.n_storeys} {found.seconds:5.1f} s  {found.words}", flush=True)  # fmt: skip
+                  f"precision {found.precision:.3f} plans {found.n_storeys} {found.seconds:5.1f} s  "
+                  f"{found.words}", flush=True)  # fmt: skip
             if arguments.save is not None:
                 arguments.save.mkdir(parents=True, exist_ok=True)
                 name = f"{Path(truth.name).stem}_{change.replace(' ', '_')}.png"

@@ -115,7 +115,7 @@ def walls_of_drawing(
     faces = doors.faces
     if doors.n_doors:
         doors_are = "1 door" if doors.n_doors == 1 else f"{doors.n_doors} doors"
-        dropped.append(f"lines that ran through {doors_are} drawn as quarter circles")
+        dropped.append(f"lines that ran through {doors_are} drawn as quarter or half circles")
     if len(apart):
         dropped.append(f"{len(apart)} faces apart from the building (legend, title block, details)")
     by_layer = _lengths_by_layer(drawing, roles, found.candidates, faces)
