@@ -247,7 +247,7 @@ if __name__ == "__main__":
             print(f"{truth.name:24} {change:17} recall {found.recall:.3f} ({found.recall_thick:.3f}) "
                   f"precision {found.precision:.3f} plans {found.n_storeys} {found.seconds:5.1f} s  "
                   f"{found.words}", flush=True)  # fmt: skip
-            if arguments.save is not None:
+            if arguments.save is not None and found.n_storeys:
                 arguments.save.mkdir(parents=True, exist_ok=True)
                 name = f"{Path(truth.name).stem}_{change.replace(' ', '_')}.png"
                 cv2.imwrite(str(arguments.save / name), draw_overlay(changed))

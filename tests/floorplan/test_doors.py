@@ -42,6 +42,7 @@ def test_a_door_is_open_though_lines_run_through_it(tmp_path: Path, rounded, cor
     openings = plan.openings[np.argsort(plan.openings[:, 0, 0])]
     np.testing.assert_allclose(openings[:, :, 0], [[5.0, 5.0], [5.12, 5.12]], atol=1e-6)
     np.testing.assert_allclose(np.abs(np.diff(openings[..., 1])), 0.9, atol=0.1)
+    assert plan.source.opening_kinds == ("1 door",)
     assert any("ran through 1 door drawn" in words for words in plan.source.dropped)
     whole = shapely.union(OUTER, WALL).length
     assert plan.lengths.sum() == pytest.approx(whole - 1.8, abs=0.2)

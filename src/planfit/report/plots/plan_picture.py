@@ -147,7 +147,7 @@ def _with_key(canvas: np.ndarray, floorplan: Floorplan, has_columns: bool) -> np
     if has_columns:
         entries.append(("column", _COLUMN))
     if floorplan.openings is not None and len(floorplan.openings):
-        entries.append(("opening", _OPENING))
+        entries.append(("door or window", _OPENING))
     if floorplan.source.dropped_lines is not None and len(floorplan.source.dropped_lines):
         entries.append(("left out", _DROPPED))
     strip = np.full((34, max(canvas.shape[1], 760), 3), 255, np.uint8)
