@@ -18,6 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from faults.scans import SHARED
+from records import Record
 from scipy.spatial import cKDTree
 
 from planfit.errors import FloorplanError
@@ -222,6 +223,27 @@ def table(rows: list[tuple[Truth, str, Score]]) -> str:
         counts = ", ".join(str(n) for n in plans)
         lines.append(f"| {name}{mark} | {first.words} | {counts} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def records() -> list[Record]:
+    """Recall and precision of each picture as it is, and the worst over all its sizes, margins and turns."""
+    result = []
+    for truth in load_truths():
+        rows = [(change, score(changed)) for change, changed in variants(truth)]
+        thick = [found.recall_thick for _, found in rows if not np.isnan(found.recall_thick)]
+        where = f"{truth.name}, {'' if truth.is_chosen_on else 'not '}looked at while parameters were chosen"
+        name = f"real_plan_{Path(truth.name).stem}"
+        result += [
+            Record(f"{name}_recall", rows[0][1].recall, "share", where),
+            Record(f"{name}_precision", rows[0][1].precision, "share", where),
+            Record(
+                f"{name}_worst_recall",
+                min(thick),
+                "share",
+                f"{where}; of {len(thick)} sizes, margins and turns, walls of {LEAST_WALL_PX:g} px and more",
+            ),
+        ]
+    return result
 
 
 def _cell(found: Score) -> str:
