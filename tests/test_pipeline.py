@@ -176,7 +176,14 @@ def test_scan_in_axes_of_its_own_is_found_on_the_plan():
 
 def test_phone_depth_and_geometry_labels():
     phone = make_scan(
-        dataclasses.replace(BASE, seed=8, depth_noise=TimeOfFlightNoise(), has_labels=False)
+        dataclasses.replace(
+            BASE,
+            seed=8,
+            walk=WalkOptions(n_frames=50),
+            camera=CameraOptions(width_px=200, height_px=150),
+            depth_noise=TimeOfFlightNoise(),
+            has_labels=False,
+        )
     )
     result = planfit.refine(phone.scan, phone.floorplan)
     assert result.structure.back_end == "geometry"

@@ -42,9 +42,28 @@ def test_a_door_is_open_though_lines_run_through_it(tmp_path: Path, rounded, cor
     openings = plan.openings[np.argsort(plan.openings[:, 0, 0])]
     np.testing.assert_allclose(openings[:, :, 0], [[5.0, 5.0], [5.12, 5.12]], atol=1e-6)
     np.testing.assert_allclose(np.abs(np.diff(openings[..., 1])), 0.9, atol=0.1)
+    assert plan.source.opening_kinds == ("1 door",)
     assert any("ran through 1 door drawn" in words for words in plan.source.dropped)
     whole = shapely.union(OUTER, WALL).length
     assert plan.lengths.sum() == pytest.approx(whole - 1.8, abs=0.2)
+
+
+@pytest.mark.parametrize("is_wide", [False, True])
+def test_a_half_circle_opens_its_leaf_or_both(tmp_path: Path, is_wide: bool) -> None:
+    # A leaf that swings both ways: centre at the hinge. Two leaves as one arc: from jamb to jamb.
+    def add(document: ezdxf.document.Drawing) -> None:
+        start, end = (270, 90) if is_wide else (0, 180)
+        arc = {"center": (5.12, 3.0), "radius": 0.9, "start_angle": start, "end_angle": end}
+        document.modelspace().add_arc(**arc, dxfattribs={"layer": "PLAN"})
+
+    walls = shapely.union(OUTER, WALL)
+    plan = read_floorplan(write_dxf(tmp_path / "a.dxf", walls, layer="PLAN", extra=add))
+    low, high = (2.1, 3.9) if is_wide else (3.0, 3.9)
+    faces = shapely.union_all(shapely.linestrings(plan.ends))
+    middle = shapely.points([(x, (low + high) / 2) for x in (5.0, 5.12)])
+    beside = shapely.points([(x, y) for x in (5.0, 5.12) for y in (low - 0.1, high + 0.1)])
+    assert (shapely.distance(middle, faces) > 0.35).all()
+    assert (shapely.distance(beside, faces) < 0.01).all()
 
 
 def test_an_arc_in_a_room_opens_nothing(tmp_path: Path) -> None:

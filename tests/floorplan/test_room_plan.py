@@ -3,6 +3,7 @@
 import copy
 import json
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -145,5 +146,50 @@ def test_real_rooms(name: str, n_walls: int, n_holes: int, capsys) -> None:
     assert widths - holes - 0.1 < plan.lengths.sum() <= widths
     assert len(plan.openings) == n_holes
     assert plan.is_oriented.mean() > 0.8
-    assert run(["plan", str(path.with_name("Room.usdz"))]) == 2
-    assert "give the JSON that RoomPlan writes" in capsys.readouterr().err
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not REAL.is_dir(), reason="no real rooms: set PLANFIT_SHARED to their folder")
+@pytest.mark.parametrize("name", ["library", "libroom"])
+def test_usdz_of_a_room_gives_the_plan_of_its_json(name: str) -> None:
+    pytest.importorskip("pxr", reason="usd-core is not installed (planfit[usd])")
+    usdz, plan = (read_floorplan(REAL / name / f"Room{suffix}") for suffix in (".usdz", ".json"))
+    np.testing.assert_allclose(usdz.ends, plan.ends, atol=1e-5)
+    np.testing.assert_array_equal(usdz.is_oriented, plan.is_oriented)
+    np.testing.assert_allclose(usdz.normals, plan.normals, atol=1e-5)
+    assert len(usdz.openings) == len(plan.openings)
+
+
+def test_usdz_without_usd_core_says_what_to_install(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setitem(sys.modules, "pxr", None)
+    monkeypatch.setitem(sys.modules, "pxr.Usd", None)
+    (tmp_path / "Room.usdz").write_bytes(b"PK")
+    assert run(["plan", str(tmp_path / "Room.usdz")]) == 2
+    told = capsys.readouterr().err
+    assert "install planfit[usd]" in told
+    assert "give the JSON" in told
+
+
+@pytest.mark.parametrize("walls", [0, 1])
+def test_usd_of_other_things_and_of_other_units(tmp_path: Path, walls: int) -> None:
+    usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed (planfit[usd])")
+    from pxr import Gf, UsdGeom, UsdUtils
+
+    stage = usd.Stage.CreateNew(str(tmp_path / "room.usdc"))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    for k in range(3):
+        group = UsdGeom.Xform.Define(stage, f"/Room/Wall_{k}_grp")
+        group.GetPrim().SetCustomDataByKey("Category", "Wall" if walls else "Sofa")
+        cube = UsdGeom.Cube.Define(stage, f"/Room/Wall_{k}_grp/Wall{k}")
+        cube.GetSizeAttr().Set(1.0)
+        UsdGeom.XformCommonAPI(cube).SetScale(Gf.Vec3f(300.0, 250.0, 1.0))
+        UsdGeom.XformCommonAPI(cube).SetTranslate(Gf.Vec3d(0.0, 125.0, -200.0 * k))
+    stage.Save()
+    assert UsdUtils.CreateNewUsdzPackage(str(tmp_path / "room.usdc"), str(tmp_path / "Room.usdz"))
+    if not walls:
+        assert "found 0 such walls in 7 prims" in (refusal(tmp_path / "Room.usdz") or "")
+        return
+    plan = read_floorplan(tmp_path / "Room.usdz")
+    np.testing.assert_allclose(plan.lengths, 3.0)
+    np.testing.assert_allclose(np.sort(plan.ends[:, 0, 1]), [0.0, 2.0, 4.0], atol=1e-9)

@@ -21,8 +21,12 @@ pytestmark = [
 ]
 
 
-def test_the_same_floor_as_pdf_and_as_svg_gives_the_same_faces():
-    pdf = read_floorplan(PLANS / "pdf" / "NSH2012_GIS-1.pdf")
+@pytest.fixture(scope="module")
+def pdf():
+    return read_floorplan(PLANS / "pdf" / "NSH2012_GIS-1.pdf")
+
+
+def test_the_same_floor_as_pdf_and_as_svg_gives_the_same_faces(pdf):
     svg = read_floorplan(PLANS / "svg" / "NSH2012_GIS-1.svg")
     points = svg.ends / 1.25 + (0, 612)  # 1.25 px a point; y down from the top
     lines = shapely.multilinestrings(shapely.linestrings(pdf.ends))
@@ -32,13 +36,12 @@ def test_the_same_floor_as_pdf_and_as_svg_gives_the_same_faces():
     assert not pdf.is_metric
 
 
-def test_faces_of_the_university_floor_follow_its_two_directions():
-    plan = read_floorplan(PLANS / "pdf" / "NSH2012_GIS-1.pdf")
-    angle = np.rad2deg(np.arctan2(plan.normals[:, 1], plan.normals[:, 0])) % 90
+def test_faces_of_the_university_floor_follow_its_two_directions(pdf):
+    angle = np.rad2deg(np.arctan2(pdf.normals[:, 1], pdf.normals[:, 0])) % 90
     is_along = np.minimum(angle, 90 - angle) < 3
     # Hatches run at 45 degrees; some rooms are askew.
-    assert plan.lengths[is_along].sum() > 0.9 * plan.lengths.sum()
-    assert not (plan.ends[..., 0] < 150).any()  # the legend
+    assert pdf.lengths[is_along].sum() > 0.9 * pdf.lengths.sum()
+    assert not (pdf.ends[..., 0] < 150).any()  # the legend
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from planfit.cli.console import note, out, table
 from planfit.errors import OutputError
 from planfit.export.plan_files import write_plan_dxf, write_plan_svg
 from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
+from planfit.floorplan.columns import find_columns
 from planfit.floorplan.edits import edited, edits_of_words, write_edits
 from planfit.report import draw_plan_picture
 
@@ -114,6 +115,11 @@ def summarise(floorplan: Floorplan) -> None:
         kinds = f" ({', '.join(source.opening_kinds)})" if source.opening_kinds else ""
         gaps = f"{len(floorplan.openings)} gaps of doors and windows in faces{kinds}"
         rows.append(["openings", gaps])
+    columns = find_columns(floorplan).sizes
+    if len(columns):
+        low, high = columns.max(axis=1).min(), columns.max(axis=1).max()
+        span = f"{low:.3g}" if high < 1.01 * low else f"{low:.3g} to {high:.3g}"
+        rows.append(["columns", f"{len(columns)} that stand alone, {span} {unit} across"])
     if source.map_words:
         rows.append(["on the map", source.map_words])
     if source.is_mirrored:

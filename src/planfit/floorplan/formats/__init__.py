@@ -35,6 +35,7 @@ READERS = {
     ".dxf": "dxf:read_dxf",
     ".pdf": "pdf:read_pdf",
     **dict.fromkeys((".ifc", ".ifczip"), "ifc:read_ifc"),
+    ".usdz": "usdz:read_usdz",
     **dict.fromkeys((".geojson", ".zip"), "geojson:read_geojson"),
     **dict.fromkeys((".ply", ".obj", ".glb", ".gltf", ".stl", ".off"), "mesh:read_mesh"),
 }
@@ -47,7 +48,6 @@ _CONVERT = {
     "File Converter or with LibreDWG's dwg2dxf",
     ".rvt": "a Revit model; export it as IFC or as DXF",
     ".skp": "a SketchUp model; export it as DXF, OBJ or IFC",
-    ".usdz": "a USDZ model; give the JSON that RoomPlan writes beside it (its CapturedRoom)",
 }
 """What nothing here reads, and how to make it another."""
 FOLDER_READER = "geojson:read_geojson"

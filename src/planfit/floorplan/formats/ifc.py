@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from planfit.errors import FloorplanError
+from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.ifc_openings import find_openings
 from planfit.floorplan.formats.ifc_places import map_words
@@ -113,15 +113,10 @@ def _ifcopenshell(path: Path) -> Any:
 
 
 def _open(path: Path, ifcopenshell: Any) -> Any:
-    try:
+    with told_as(FloorplanError, path, "an IFC model"):
         model = ifcopenshell.open(str(path))
         if not isinstance(model, ifcopenshell.file):
             raise TypeError("not a building model")
-    except Exception as error:  # ifcopenshell raises bare Exceptions of several kinds
-        raise FloorplanError(
-            f"{path}: expected an IFC model, found a file that is damaged or of another kind; "
-            "export it again as IFC2x3 or IFC4"
-        ) from error
     return model
 
 

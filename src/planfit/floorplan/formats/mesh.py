@@ -7,7 +7,7 @@ import scipy.spatial
 import trimesh
 from jaxtyping import Float
 
-from planfit.errors import FloorplanError
+from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
@@ -92,20 +92,13 @@ def _surface(path: Path) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n
     """Points, unit normals, and whether those tell the free side."""
     if path.stat().st_size == 0:
         raise FloorplanError(f"{path}: expected a mesh or a point cloud, found an empty file")
-    try:
+    with told_as(FloorplanError, path, "a mesh or a point cloud"):
         scene = trimesh.load(path, process=False)
         loaded = scene.to_geometry() if isinstance(scene, trimesh.Scene) else scene
-    except Exception as error:  # trimesh's readers raise whatever their parsing meets
-        raise FloorplanError(
-            f"{path}: expected a mesh or a point cloud, found a file that cannot be read "
-            f"({type(error).__name__}); export it again"
-        ) from error
-    if isinstance(loaded, trimesh.Trimesh) and len(loaded.faces):
-        sampled = trimesh.sample.sample_surface(loaded, N_SAMPLES, seed=0)
-        points, face = sampled[0], sampled[1]
-        normals = np.asarray(loaded.face_normals)[face]
+        sampled = _sampled(loaded)
+    if sampled is not None:
         # Open surfaces are scans, seen from the free side; of solids the outside is free.
-        return np.asarray(points), normals, True
+        return *sampled, True
     vertices = np.asarray(getattr(loaded, "vertices", np.zeros((0, 3))), dtype=float)
     vertices = vertices[np.isfinite(vertices).all(axis=1)]
     if len(vertices) < 100:
@@ -116,6 +109,19 @@ def _surface(path: Path) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n
         chosen = np.random.default_rng(0).choice(len(vertices), N_SAMPLES, replace=False)
         vertices = vertices[np.sort(chosen)]
     return vertices, _normals(vertices), False
+
+
+def _sampled(loaded: object) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]] | None:
+    """Points spread evenly over the triangles of a mesh, and their normals; None where none has a size."""
+    if not isinstance(loaded, trimesh.Trimesh):
+        return None
+    with np.errstate(invalid="ignore", over="ignore"):
+        area = loaded.area_faces
+    loaded.update_faces(np.isfinite(area) & (area > 0))
+    if not len(loaded.faces):
+        return None
+    points, face = trimesh.sample.sample_surface(loaded, N_SAMPLES, seed=0)[:2]
+    return np.asarray(points), np.asarray(loaded.face_normals)[face]
 
 
 def _normals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -91,7 +91,7 @@ def plan_of_rooms(content: dict[str, Any], path: Path, options: PlanOptions) -> 
         openings=openings * metres if len(openings) else None,
         is_metric=unit.metres is not None,
         source=PlanSource(
-            kind="rooms captured by RoomPlan (.json)",
+            kind=f"rooms captured by RoomPlan ({path.suffix.lower()})",
             unit=unit.name,
             unit_from=unit.known_from,
             storey=str(storey) if len(storeys) > 1 else "",

@@ -53,7 +53,7 @@ def fill_hatching(
         return Hatching(mask, share, -line_work.line_px / 2)
     line_px = round(line_work.line_px)
     mask = closed(_hatched_cells(filled, lines, oblique), line_px + 3)
-    mask = _outlined_alike(opened(mask, max(line_px + 2, size // 2)), line_work)
+    mask = _outlined_alike(opened(mask, max(line_px + 1, size // 2)), line_work)
     return Hatching(
         mask, _hatched_share(mask, oblique, size, line_work.line_px), line_work.line_px / 2
     )

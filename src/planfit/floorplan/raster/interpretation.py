@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.candidates import Candidate
@@ -184,26 +184,43 @@ def _are_part_of_the_building(
     is_alike &= (straight > 0.75 * outline) & (outline > max(_APART * usual, 0.05 * extent_px))
     result |= is_alike & ~is_straight
     lines = [_long_lines(region) for region in regions[result]]
+    lines = [edges for edges in lines if len(edges)]
     # Many small marks: letters and hatching, no walls that doors and windows part.
-    for i in [] if (is_thick & ~result).sum() > 400 else np.flatnonzero(is_thick & ~result):
-        own = _long_lines(regions[i])
-        result[i] = any(_goes_on(own, other, thickness[i] * usual) for other in lines)
+    if not lines or (is_thick & ~result).sum() > 400:
+        return result
+    others, firsts = np.concatenate(lines), np.cumsum([0, *map(len, lines[:-1])])
+    for i in np.flatnonzero(is_thick & ~result):
+        result[i] = _goes_on(_long_lines(regions[i]), others, firsts, thickness[i] * usual)
     return result
 
 
 def _goes_on(
-    own: Float[np.ndarray, "a 6"], other: Float[np.ndarray, "b 6"], thickness_px: float
+    own: Float[np.ndarray, "a 6"],
+    others: Float[np.ndarray, "b 6"],
+    firsts: Int[np.ndarray, " r"],
+    thickness_px: float,
 ) -> bool:
-    """Whether two opposite long edges of a region are in line with edges of a wall not far away."""
-    if len(own) == 0 or len(other) == 0:
+    """Whether two opposite long edges of a region are in line with edges of one wall not far away.
+
+    Args:
+        own: its edges, see `_long_lines`.
+        others: edges of walls, wall after wall.
+        firsts: row of the first edge of each wall.
+        thickness_px: of the region.
+    """
+    if len(own) == 0:
         return False
     own = own[own[:, 5] > 0.6 * own[:, 5].max()]
-    alike = own[:, :2] @ other[:, :2].T > 0.99
-    gap = other[None, :, 3:5] - own[:, None, 3:5]
-    off = np.abs(np.sum(gap * other[None, :, :2], axis=2))
-    along = np.linalg.norm(gap, axis=2) - (own[:, None, 5] + other[None, :, 5]) / 2
-    in_line = own[(alike & (off < 2.5) & (along < 14 * thickness_px)).any(axis=1)]
-    return bool((in_line[:, :2] @ in_line[:, :2].T < -0.9).any())
+    is_opposite = own[:, :2] @ own[:, :2].T < -0.9
+    if not is_opposite.any():
+        return False
+    alike = own[:, :2] @ others[:, :2].T > 0.99
+    gap = others[None, :, 3:5] - own[:, None, 3:5]
+    off = np.abs(np.sum(gap * others[None, :, :2], axis=2))
+    along = np.linalg.norm(gap, axis=2) - (own[:, None, 5] + others[None, :, 5]) / 2
+    in_line = alike & (off < 2.5) & (along < 14 * thickness_px)
+    with_wall = np.logical_or.reduceat(in_line, firsts, axis=1)
+    return bool((with_wall & (is_opposite @ with_wall)).any())
 
 
 def _long_lines(region: shapely.Polygon) -> Float[np.ndarray, "k 6"]:

@@ -32,6 +32,7 @@ from planfit.floorplan.raster.picture import (
 from planfit.floorplan.raster.storeys import find_storeys, storey_words
 from planfit.floorplan.raster.trace import settle_faces
 from planfit.floorplan.raster.walls_alone import STYLE, find_walls_alone
+from planfit.floorplan.raster.words import count_words
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
 from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
@@ -43,6 +44,8 @@ as large again are not shrunk: shrinking by a little blurs thin lines the most."
 TINY_SIDE_PX, MOST_ENLARGED = 600, 3
 """Smaller drawings are enlarged to twice this, or so many times: thicknesses of walls of 3 px and of lines
 differ by less than a pixel there, and no least thickness in pixels parts them."""
+_LEAST_WORDS = 4
+"""Fewer rows of small marks may be anything: masks of sites have none, a villa without words three."""
 _LEAST_STRAIGHT = 0.35
 _LEAST_LONG_SHARE = 0.25
 _SURELY_STRAIGHT = 0.6
@@ -102,9 +105,23 @@ def plan_of_picture(
     plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
     if ink is not None:
         plan = _with_account(plan, ink, interpretation, shrink)
+    if not plan.source.unit_from:
+        plan = _with_words_seen(plan, small)
     plan = _enlarged(plan, pixels_per_read)
     metres = choose_unit(options.unit, options.metres_per_unit).metres
     return plan if metres is None else plan.scaled(metres)
+
+
+def _with_words_seen(plan: Floorplan, small: Float[np.ndarray, "h w"]) -> Floorplan:
+    """The plan of unknown scale with a word on what may tell it to a person."""
+    told = "unknown: a picture does not tell"
+    n_words = count_words((small > LINE).astype(np.uint8), find_extent(small))
+    if n_words >= _LEAST_WORDS:
+        told += (
+            f"; about {n_words} words or numbers are in it, which are not read: where one is a length, give "
+            "--scale with its metres divided by the pixels of its line"
+        )
+    return replace(plan, source=replace(plan.source, unit_from=told))
 
 
 def _enlarged(plan: Floorplan, factor: int) -> Floorplan:
@@ -275,7 +292,7 @@ def _to_floorplan(
         is_metric=False,
         source=PlanSource(
             unit="px" if unit.metres is None else f"px of {unit.metres:g} m",
-            unit_from=unit.known_from or "unknown: a picture does not tell, and texts are not read",
+            unit_from=unit.known_from,
             storey=options.storey,
             storeys=tuple(f"{k}: {w}" for k, w in enumerate(found.storeys))
             if len(found.storeys) > 1

@@ -7,7 +7,7 @@ nothing is left out but specks.
 import cv2
 import numpy as np
 import shapely
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Shaped, UInt8
 from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
@@ -32,8 +32,19 @@ _HAIRLINE, _MANY = 0.25, 0.1
 """Strokes thinner than this share of the usual wall are lines of a pen where there are many of them, for each
 metre of wall this many metres: 0.37 in a drawing with swings of doors and panes. Few are thin walls: 0.03 in
 a mask with landings of stairs."""
-_SPECK_PX = 3
-"""What is thinner and shorter than this is dirt."""
+_SPECK_PX, _SPECK = 3, 0.33
+"""What is thinner and shorter than this, in pixels or in thicknesses of the usual wall, is dirt."""
+_WORDS = 20
+"""So many small bent marks are words: masks of sites have 10 at most (corners of shafts), drawings with names
+of rooms 15 to 180."""
+_LETTER_REACH, _LETTER_FILL, _LETTER_SLIM = 1 / 25, 0.65, 4.0
+"""Letters: smaller than this share of the drawing, cover less than this of the box around them, and reach
+over more than this many thicknesses of their stroke."""
+_PEN = 0.5
+"""Where strokes of letters are thicker than this share of the usual stroke, all is drawn with one pen."""
+_MARK, _MARK_REACH = 0.35, 3.0
+"""Beside words, what is thinner than this share of the usual wall and shorter than so many of its thicknesses
+is part of them."""
 
 
 def find_walls_alone(
@@ -49,11 +60,14 @@ def find_walls_alone(
     black = (small > INK).astype(np.uint8)
     if n_dark == 0 or opened(black, 2).sum() < _LEAST_BLACK * n_dark:
         return None
-    mask = opened(_without_hairlines(black), 2)
+    regions = trace_regions(black, 0.0)
     most = _MOST_TWINS_TINY if small.shape[0] > full.shape[0] else _MOST_TWINS
-    if twin_share(black, trace_regions(black, 0.0)) > most:
+    pen = _pen_of_words(regions, max(small.shape))
+    if twin_share(black, regions) > most or pen > _PEN:
         return None
-    walls, specks = _parted(_finely(mask, full))
+    has_words = pen > 0
+    mask = opened(_without_hairlines(black, regions, has_words), 2)
+    walls, specks = _parted(_finely(mask, full), has_words)
     if not walls:
         return None
     length = shapely.length(walls)
@@ -67,18 +81,42 @@ def find_walls_alone(
     return Interpretation(candidate, tuple(walls), tuple(specks), usual, straight * share, share)
 
 
-def _without_hairlines(black: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
-    """The mask without long strokes far thinner than walls are: swings of doors, panes of windows."""
-    regions = trace_regions(black, 0.0)
-    area = shapely.area(regions)
-    thickness = 2 * area / np.maximum(shapely.length(regions), 1e-6)
+def _pen_of_words(regions: list[BaseGeometry], extent_px: float) -> float:
+    """Thickness of the strokes of letters, as a share of the usual stroke; 0 where there are no words."""
+    shapes = np.array(regions, dtype=object)
+    area, thickness, side = _sizes(shapes)
+    if len(shapes) == 0:
+        return 0.0
+    filled = area / np.maximum(shapely.area(shapely.oriented_envelope(shapes)), 1e-6)
+    is_letter = (side < _LETTER_REACH * extent_px) & (filled < _LETTER_FILL)
+    is_letter &= side > _LETTER_SLIM * thickness
+    if is_letter.sum() < _WORDS:
+        return 0.0
+    return float(np.median(thickness[is_letter]) / weighted_median(thickness, area))
+
+
+def _sizes(
+    shapes: Shaped[np.ndarray, " n"],
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Area, thickness of the stroke, and larger side of each region."""
+    area, bounds = shapely.area(shapes), shapely.bounds(shapes).reshape(-1, 4)
+    thickness = 2 * area / np.maximum(shapely.length(shapes), 1e-6)
+    return area, thickness, (bounds[:, 2:] - bounds[:, :2]).max(axis=1, initial=0.0)
+
+
+def _without_hairlines(
+    black: UInt8[np.ndarray, "h w"], regions: list[BaseGeometry], has_words: bool
+) -> UInt8[np.ndarray, "h w"]:
+    """The mask, which `regions` are the outlines of, without long strokes far thinner than walls are: swings
+    of doors, panes of windows. Few of them stay, unless there are words, which a pen wrote too."""
+    area, thickness, _ = _sizes(np.array(regions, dtype=object))
     usual = weighted_median(thickness, area) if len(regions) else 0.0
     thick = opened(black, max(round(_HAIRLINE * usual), 1))
     is_thin = (black > 0) & (np.asarray(cv2.dilate(thick, np.ones((3, 3), np.uint8))) == 0)
     n, label, boxes, _ = cv2.connectedComponentsWithStats(is_thin.astype(np.uint8))
     side = np.hypot(boxes[:, cv2.CC_STAT_WIDTH], boxes[:, cv2.CC_STAT_HEIGHT])
     is_line = (side > 2 * usual) & (np.arange(n) > 0)  # 0 is what is not thin
-    if side[is_line].sum() * usual < _MANY * black.sum():
+    if not has_words and side[is_line].sum() * usual < _MANY * black.sum():
         return black
     return np.where(is_line[label], 0, black).astype(np.uint8)
 
@@ -103,13 +141,17 @@ def _finely(
     return [affinity.affine_transform(region, matrix) for region in regions]
 
 
-def _parted(regions: list[BaseGeometry]) -> tuple[list[shapely.Polygon], list[shapely.Polygon]]:
+def _parted(
+    regions: list[BaseGeometry], has_words: bool
+) -> tuple[list[shapely.Polygon], list[shapely.Polygon]]:
     """Walls and specks."""
-    walls, specks = [], []
-    for region in regions:
-        if not isinstance(region, shapely.Polygon):
-            continue
-        u0, v0, u1, v1 = region.bounds
-        is_speck = max(u1 - u0, v1 - v0) < _SPECK_PX or region.area < _SPECK_PX
-        (specks if is_speck else walls).append(region)
-    return walls, specks
+    shapes = [region for region in regions if isinstance(region, shapely.Polygon)]
+    if not shapes:
+        return [], []
+    area, thickness, side = _sizes(np.array(shapes, dtype=object))
+    usual = weighted_median(thickness, area)
+    is_speck = (side < max(_SPECK_PX, _SPECK * usual)) | (area < _SPECK_PX)
+    if has_words:
+        is_speck |= (thickness < _MARK * usual) & (side < _MARK_REACH * usual)
+    walls = [shape for shape, speck in zip(shapes, is_speck, strict=True) if not speck]
+    return walls, [shape for shape, speck in zip(shapes, is_speck, strict=True) if speck]

@@ -7,6 +7,7 @@ import shapely
 from jaxtyping import Int
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.vector.column_rings import find_column_rings
 from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.layer_names import Role
 from planfit.geometry import segments
@@ -30,7 +31,8 @@ class ClosedPieces:
 
 
 def closed_pieces(lines: Lines, roles: list[Role], most: float) -> ClosedPieces:
-    """Closed paths nowhere wider than walls may be, of the layers called wall that hold little else.
+    """Closed paths nowhere wider than walls may be, of the layers called wall that hold little else; of the
+    others, columns.
 
     Args:
         lines: of layers that may hold walls, in the order of the file.
@@ -41,12 +43,18 @@ def closed_pieces(lines: Lines, roles: list[Role], most: float) -> ClosedPieces:
     used = []
     length = segments.lengths(lines.ends)
     for layer, role in enumerate(roles):
-        at = np.flatnonzero(lines.layer == layer) if role == Role.WALL else np.zeros(0, dtype=int)
-        if len(at) == 0:
+        at = np.flatnonzero(lines.layer == layer)
+        if len(at) == 0 or role not in (Role.WALL, Role.OPENING):
+            continue
+        if role == Role.OPENING:
+            columns = find_column_rings(lines.ends[at], _COLUMN * most, is_wall_layer=False)
+            found, used = [*found, *columns], [*used, *[layer][: len(columns)]]
             continue
         areas = _closed_areas(lines.take(at))
         slim = areas[[area.buffer(-most / 2).is_empty for area in areas]] if len(areas) else areas
         if shapely.length(slim).sum() < MIN_SHARE * length[at].sum():
+            slim = find_column_rings(lines.ends[at], _COLUMN * most)
+        if len(slim) == 0:
             continue
         used.append(layer)
         found += [*slim]

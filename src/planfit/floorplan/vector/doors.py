@@ -1,10 +1,10 @@
-"""Doors drawn as a quarter circle in a wall whose lines run on: outlines of rooms, thresholds."""
+"""Doors drawn as a quarter or half circle in a wall whose lines run on: outlines of rooms, thresholds."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.vector.arcs import fit_circle
@@ -16,7 +16,8 @@ from planfit.geometry import segments
 RADIUS_M = (0.45, 1.6)
 RADIUS_THICKNESSES = (2.5, 25.0)
 """Of leaves where the unit is unknown, in thicknesses of the usual wall."""
-SWEEP_DEG = (65.0, 115.0)
+SWEEP_DEG, HALF_DEG = (65.0, 115.0), (160.0, 200.0)
+"""Of the leaf: one way, and both ways."""
 BESIDE = 0.15
 """A closed leaf lies in its wall, or beside a face by this share of its length: arcs begin at either edge."""
 IN_WALL_SHARE = 0.6
@@ -26,14 +27,14 @@ MARGIN = 0.04
 
 @dataclass(frozen=True)
 class DoorSwing:
-    """The quarter circle of a leaf, in the drawing's unit."""
+    """The arc of a leaf, in the drawing's unit."""
 
-    hinge: Float[np.ndarray, "2"]
-    tips: Float[np.ndarray, "2 2"]
-    """Ends of the arc: the leaf's tip when open and when closed, in no order."""
+    leaves: Float[np.ndarray, "2 2 2"]
+    """Where the closed leaf may lie. Of a quarter circle from its centre to either end; of a half circle from
+    its centre to its middle (a leaf that swings both ways), or from end to end (the arc of two leaves)."""
     radius: float
     has_leaf: tuple[bool, bool]
-    """Whether a line as long as the leaf goes from the hinge to each tip: the leaf is drawn open."""
+    """Whether a line is drawn along each: the leaf, open."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class OpenedDoors:
 def find_door_swings(
     lines: Lines, metres_per_unit: float | None, usual_thickness: float
 ) -> list[DoorSwing]:
-    """Arcs of about a quarter circle as long as doors are.
+    """Arcs of about a quarter or half circle as long as doors are.
 
     Args:
         lines: of the drawing, in the order of the file.
@@ -75,24 +76,39 @@ def find_door_swings(
 def _swing_of(
     points: Float[np.ndarray, "n 2"], straight: Float[np.ndarray, "m 2 2"]
 ) -> DoorSwing | None:
-    """The circle through points, where they are a quarter of one; leaves are among the straight lines."""
+    """The circle through points, where they are a quarter or half of one; leaves are among the straight
+    lines."""
     if len(points) < 4:
         return None
     circle = fit_circle(points)
     if circle is None:
         return None
-    spokes = (points[[0, -1]] - circle.centre) / circle.radius
-    sweep = np.rad2deg(np.arccos(np.clip(spokes[0] @ spokes[1], -1.0, 1.0)))
-    if not SWEEP_DEG[0] < sweep < SWEEP_DEG[1]:
+    ends = points[[0, -1]]
+    spokes = (ends - circle.centre) / circle.radius
+    apart = np.rad2deg(np.arccos(np.clip(spokes[0] @ spokes[1], -1.0, 1.0)))
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    sweep = np.rad2deg(steps.sum() / circle.radius)  # of rough polylines less exact than the ends
+    if SWEEP_DEG[0] < apart < SWEEP_DEG[1] and sweep < HALF_DEG[0]:
+        leaves = np.stack([np.stack([circle.centre, end]) for end in ends])
+    elif apart > HALF_DEG[0] and HALF_DEG[0] < sweep < HALF_DEG[1]:
+        along = np.array([ends[0, 1] - ends[1, 1], ends[1, 0] - ends[0, 0]])
+        across = along * (circle.radius / np.linalg.norm(along))
+        is_ahead = (points[len(points) // 2] - circle.centre) @ across > 0
+        middle = circle.centre + (across if is_ahead else -across)
+        leaves = np.stack([np.stack([circle.centre, middle]), ends])
+    else:
         return None
-    tips = points[[0, -1]]
     near = TOLERANCE * circle.radius
-    from_hinge = np.linalg.norm(straight - circle.centre, axis=2) < near
-    has_leaf = [
-        bool((from_hinge & (np.linalg.norm(straight - tip, axis=2) < near)[:, ::-1]).any())
-        for tip in tips
-    ]
-    return DoorSwing(circle.centre, tips, circle.radius, (has_leaf[0], has_leaf[1]))
+    has_leaf = [bool(_is_drawn(leaf, straight, near).any()) for leaf in leaves]
+    return DoorSwing(leaves, circle.radius, (has_leaf[0], has_leaf[1]))
+
+
+def _is_drawn(
+    leaf: Float[np.ndarray, "2 2"], straight: Float[np.ndarray, "m 2 2"], near: float
+) -> Bool[np.ndarray, " m"]:
+    """Which lines go from one end of a leaf to the other, either way."""
+    there, back = (np.linalg.norm(straight - ends, axis=2) < near for ends in (leaf, leaf[::-1]))
+    return there.all(axis=1) | back.all(axis=1)
 
 
 def open_doors(
@@ -112,16 +128,16 @@ def open_doors(
     length, along = segments.lengths(faces.ends), segments.directions(faces.ends)
     left = segments.left_normals(faces.ends)
     for swing in swings:
-        tip = _closed_tip(swing, body)
-        if tip is None:
+        leaf = _closed_leaf(swing, body)
+        if leaf is None:
             continue
-        leaf = np.array([swing.hinge, tip])
         across = np.einsum("nij,nj->ni", leaf[None] - faces.ends[:, :1], left)
         at = np.sort(np.einsum("nij,nj->ni", leaf[None] - faces.ends[:, :1], along), axis=1)
         is_parallel = np.abs(across[:, 1] - across[:, 0]) < 0.1 * swing.radius
         depth = np.where(np.isfinite(faces.thickness), faces.thickness, 0.0)
         reach = np.minimum(depth, most) + BESIDE * swing.radius
-        low, high = at[:, 0] + MARGIN * swing.radius, at[:, 1] - MARGIN * swing.radius
+        margin = MARGIN * swing.radius
+        low, high = at[:, 0] + margin, at[:, 1] - margin
         overlap = np.minimum(high, length) - np.maximum(low, 0.0)
         is_cut = is_parallel & (np.abs(across).max(axis=1) < reach) & (overlap > 0.3 * swing.radius)
         if is_cut.any():
@@ -133,22 +149,22 @@ def open_doors(
     return _cut(faces, cuts, n_doors)
 
 
-def _closed_tip(swing: DoorSwing, body: BaseGeometry) -> Float[np.ndarray, "2"] | None:
-    """The end of the arc to which the leaf lies in a wall; None where neither does. Where both do, by a
-    corner, the one to which no leaf is drawn; None where that does not tell."""
+def _closed_leaf(swing: DoorSwing, body: BaseGeometry) -> Float[np.ndarray, "2 2"] | None:
+    """The leaf that lies in a wall; None where neither does. Where both do, by a corner, the one that is not
+    drawn; None where that does not tell."""
     shares = np.linspace(0.2, 0.8, 9)[:, None]
-    inside = []
-    for tip in swing.tips:
-        points = (1 - shares) * swing.hinge + shares * tip
-        inside.append(_share_in(body, points, 0.5 * BESIDE * swing.radius))
+    inside = [
+        _share_in(body, (1 - shares) * leaf[0] + shares * leaf[1], 0.5 * BESIDE * swing.radius)
+        for leaf in swing.leaves
+    ]
     best = int(np.argmax(inside))
     if inside[best] < IN_WALL_SHARE:
         return None
     if inside[best] > inside[1 - best] + 0.3:
-        return swing.tips[best]
+        return swing.leaves[best]
     if swing.has_leaf[0] == swing.has_leaf[1]:
         return None
-    return swing.tips[int(swing.has_leaf[0])]
+    return swing.leaves[int(swing.has_leaf[0])]
 
 
 def _share_in(body: BaseGeometry, points: Float[np.ndarray, "n 2"], near: float) -> float:

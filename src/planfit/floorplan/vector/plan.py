@@ -86,6 +86,7 @@ def plan_of_drawing(
             @ np.array([[1 / scale, 0, origin[0]], [0, 1 / scale, origin[1]], [0, 0, 1]]),
             drawn_lines=drawn,
             dropped_lines=left_out,
+            opening_kinds=walls.opening_kinds,
         ),
     )
 

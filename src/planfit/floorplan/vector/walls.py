@@ -54,6 +54,8 @@ class DrawnWalls:
     """Windows along the faces they interrupt, as far as they were drawn as such."""
     by_layer: "tuple[LayerLength, ...]" = ()
     """What became of the line work of each layer."""
+    opening_kinds: tuple[str, ...] = ()
+    """What the openings are, counted."""
 
 
 @dataclass(frozen=True)
@@ -113,9 +115,9 @@ def walls_of_drawing(
     faces, apart = _main_part(LineFaces.together(found.parts), extent)
     doors = _open_doors(faces, lines, metres_per_unit, bounds[1], extent)
     faces = doors.faces
+    doors_are = _counted(doors.n_doors, "door")
     if doors.n_doors:
-        doors_are = "1 door" if doors.n_doors == 1 else f"{doors.n_doors} doors"
-        dropped.append(f"lines that ran through {doors_are} drawn as quarter circles")
+        dropped.append(f"lines that ran through {doors_are} drawn as quarter or half circles")
     if len(apart):
         dropped.append(f"{len(apart)} faces apart from the building (legend, title block, details)")
     by_layer = _lengths_by_layer(drawing, roles, found.candidates, faces)
@@ -131,7 +133,15 @@ def walls_of_drawing(
         apart,
         np.concatenate([windows.openings, doors.openings]),
         by_layer,
+        tuple(
+            words for words in (doors_are, _counted(len(windows.openings) // 2, "window")) if words
+        ),
     )
+
+
+def _counted(n: int, thing: str) -> str:
+    """Empty for none."""
+    return "" if n == 0 else f"1 {thing}" if n == 1 else f"{n} {thing}s"
 
 
 def _open_doors(

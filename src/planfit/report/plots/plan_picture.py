@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from planfit.floorplan import Floorplan
+from planfit.floorplan.columns import find_columns
 from planfit.floorplan.formats.picture import load_picture
 from planfit.geometry import segments
 from planfit.report.plots.rim import with_rim
@@ -17,6 +18,7 @@ _GROW = 0.5
 a title block far off is not."""
 _DRAWN = (172, 172, 172)
 _FACE, _OPENING, _UNORIENTED, _DROPPED = (0, 94, 213), (178, 114, 0), (158, 115, 0), (193, 120, 200)
+_COLUMN = (115, 158, 0)
 """BGR; Okabe and Ito's palette."""
 
 
@@ -45,13 +47,16 @@ def draw_plan_picture(floorplan: Floorplan, path: Path, has_numbers: bool = Fals
     _draw(canvas, _moved(drawn, uv_from_plan), _DRAWN, 1)
     _draw(canvas, _moved(left_out, uv_from_plan), _DROPPED, 1)
     rotation = uv_from_plan[:2, :2] / scale
+    is_column = find_columns(floorplan).face >= 0
     for is_oriented, color in ((True, _FACE), (False, _UNORIENTED)):
-        kept = floorplan.is_oriented == is_oriented
+        kept = (floorplan.is_oriented == is_oriented) & ~is_column
         _draw(canvas, _moved(floorplan.ends[kept], uv_from_plan), color, 2)
-    ends = _moved(floorplan.ends[floorplan.is_oriented], uv_from_plan)
+    _draw(canvas, _moved(floorplan.ends[is_column], uv_from_plan), _COLUMN, 2)
+    has_tick = floorplan.is_oriented & ~is_column
+    ends = _moved(floorplan.ends[has_tick], uv_from_plan)
     if len(ends):
         middle = ends.mean(axis=1)
-        tips = middle + 9.0 * floorplan.normals[floorplan.is_oriented] @ rotation.T
+        tips = middle + 9.0 * floorplan.normals[has_tick] @ rotation.T
         long = segments.lengths(ends) > 12.0
         _draw(canvas, np.stack([middle, tips], axis=1)[long], _FACE, 1)
     if floorplan.openings is not None and len(floorplan.openings):
@@ -65,7 +70,7 @@ def draw_plan_picture(floorplan: Floorplan, path: Path, has_numbers: bool = Fals
     canvas = with_rim(
         canvas, uv_from_plan @ np.linalg.inv(source.rim_from_plan), _rim_words(floorplan)
     )
-    canvas = _with_key(canvas, floorplan)
+    canvas = _with_key(canvas, floorplan, bool(is_column.any()))
     return cv2.imencode(".png", canvas)[1].tobytes()
 
 
@@ -132,15 +137,17 @@ def _rim_words(floorplan: Floorplan) -> str:
     return "plan frame, m" if floorplan.is_metric else "plan frame, units of the drawing"
 
 
-def _with_key(canvas: np.ndarray, floorplan: Floorplan) -> np.ndarray:
+def _with_key(canvas: np.ndarray, floorplan: Floorplan, has_columns: bool) -> np.ndarray:
     """A strip below that says what the colours mean."""
     entries = [("face, tick to its free side", _FACE)]
     if floorplan.source.drawn_lines is not None:
         entries.append(("line work", _DRAWN))
     if not floorplan.is_oriented.all():
         entries.append(("face, free side unknown", _UNORIENTED))
+    if has_columns:
+        entries.append(("column", _COLUMN))
     if floorplan.openings is not None and len(floorplan.openings):
-        entries.append(("opening", _OPENING))
+        entries.append(("door or window", _OPENING))
     if floorplan.source.dropped_lines is not None and len(floorplan.source.dropped_lines):
         entries.append(("left out", _DROPPED))
     strip = np.full((34, max(canvas.shape[1], 760), 3), 255, np.uint8)
