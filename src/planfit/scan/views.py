@@ -1,7 +1,7 @@
 """Scans seen through something: corrupt frames left blank, a choice of frames, a sensor corrected."""
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Lock
 
@@ -134,20 +134,18 @@ class SelectedFiles(FilesView):
         self.files.write_poses(directory, world_from_cams, frames)
 
 
-class TolerantFiles:
+@dataclass(frozen=True)
+class TolerantFiles(FilesView):
     """Images of which a few may be corrupt: such a frame is black, without depth and without labels.
 
-    It then has no keypoints and no points, takes no part, and its pose moves with its neighbours. Safe to
-    use from several threads.
+    It then has no keypoints and no points, takes no part, and its pose moves with its neighbours. Up to
+    `max_corrupt` frames are stood; the next one raises its own `ScanError`. Safe to use from several threads.
     """
 
-    def __init__(self, files: ScanFiles, cameras: tuple[Camera, ...], max_corrupt: int) -> None:
-        """Stand up to `max_corrupt` frames; the next one raises its own `ScanError`."""
-        self.files = files
-        self._cameras = cameras
-        self._max_corrupt = max_corrupt
-        self._reasons: dict[int, str] = {}
-        self._lock = Lock()
+    cameras: tuple[Camera, ...]
+    max_corrupt: int
+    _reasons: dict[int, str] = field(default_factory=dict, init=False, compare=False)
+    _lock: Lock = field(default_factory=Lock, init=False, compare=False, repr=False)
 
     def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
         """Colour image, RGB."""
@@ -173,15 +171,6 @@ class TolerantFiles:
             self._note(frame_idx, error)
         return np.zeros(self._shape(frame_idx), dtype=np.uint8)
 
-    def write_poses(
-        self,
-        directory: Path,
-        world_from_cams: Float[np.ndarray, "n 4 4"],
-        frame_idx: Int[np.ndarray, " n"] | None = None,
-    ) -> None:
-        """As the format has it."""
-        self.files.write_poses(directory, world_from_cams, frame_idx)
-
     def reasons(self) -> dict[int, str]:
         """Why frames could not be decoded so far, by their indices."""
         with self._lock:
@@ -190,11 +179,11 @@ class TolerantFiles:
     def _note(self, frame_idx: int, error: ScanError) -> None:
         with self._lock:
             self._reasons.setdefault(frame_idx, str(error))
-            if len(self._reasons) > self._max_corrupt:
+            if len(self._reasons) > self.max_corrupt:
                 raise error
 
     def _shape(self, frame_idx: int) -> tuple[int, int]:
-        return self._cameras[frame_idx].height, self._cameras[frame_idx].width
+        return self.cameras[frame_idx].height, self.cameras[frame_idx].width
 
 
 def _corrupt(files: ScanFiles) -> dict[int, str]:
