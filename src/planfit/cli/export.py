@@ -121,7 +121,7 @@ def _write_file(
     elif kind == "open3d":
         write_log(path, range(len(scan)), poses)
     elif kind == "g2o":
-        odometry = make_odometry(scan.world_from_cams, OdometryOptions())
+        odometry = make_odometry(scan.world_from_cams, OdometryOptions(), scan.timestamps)
         write_pose_graph(path, poses, odometry, read_matches(arguments.source))
     elif kind == "mesh":
         mesh = fuse_mesh(scan, poses, arguments.voxel_m, arguments.max_depth_m, runtime)
