@@ -5,6 +5,7 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+from pye57 import libe57
 from scipy.spatial.transform import Rotation
 
 SITE_M = np.array([2_683_412.3, 1_247_889.7, 432.1])
@@ -108,3 +109,98 @@ def off_the_sides_m(points: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """Distance of points (n, 3) from the nearest side of the room."""
     inside = points - offset
     return np.minimum(np.abs(inside - LOW), np.abs(inside - HIGH)).min(axis=1)
+
+
+def write_e57(
+    path: Path,
+    walk: LaserWalk,
+    starts_s: tuple[float, ...] = (0.0,),
+    is_spherical: bool = False,
+    is_scaled: bool = False,
+) -> None:
+    """A scan for each start, with a pose, in the order of times; intensity, colour, a field of an extension,
+    an invalid point, an image."""
+    file = libe57.ImageFile(str(path), "w")
+    file.extensionsAdd("", libe57.E57_V1_0_URI)
+    file.extensionsAdd("own", "http://example.org/own")
+    root = file.root()
+    root.set("formatName", libe57.StringNode(file, "ASTM E57 3D Imaging Data File"))
+    root.set("guid", libe57.StringNode(file, "{1}"))
+    root.set("versionMajor", libe57.IntegerNode(file, 1))
+    root.set("versionMinor", libe57.IntegerNode(file, 0))
+    images = libe57.VectorNode(file, True)
+    root.set("images2D", images)
+    image = libe57.StructureNode(file)
+    images.append(image)
+    blob = libe57.BlobNode(file, 100)
+    image.set("jpegImage", blob)
+    blob.write(np.arange(100, dtype=np.uint8), 0, 100)
+    scans = libe57.VectorNode(file, True)
+    root.set("data3D", scans)
+    borders = np.linspace(0, len(walk.times), len(starts_s) + 1).astype(int)
+    for k, start in enumerate(starts_s):
+        part = slice(borders[k], borders[k + 1])
+        scan = libe57.StructureNode(file)
+        scans.append(scan)
+        _put_e57_scan(file, scan, walk.xyz[part], walk.times[part], start, is_spherical, is_scaled)
+    file.close()
+
+
+E57_SCAN_AT = np.array([2_683_400.0, 1_247_880.0, 430.0])
+
+
+def _put_e57_scan(file, scan, xyz, times, start_s, is_spherical, is_scaled):
+    scan.set("guid", libe57.StringNode(file, "{2}"))
+    scan.set("name", libe57.StringNode(file, "walk"))
+    turn = Rotation.from_euler("z", 20.0, degrees=True)
+    at = E57_SCAN_AT if np.abs(xyz).max() > 1e5 else np.zeros(3)
+    pose = libe57.StructureNode(file)
+    scan.set("pose", pose)
+    for kind, values in (("rotation", dict(zip("xyzw", turn.as_quat(), strict=True))),
+                         ("translation", dict(zip("xyz", at, strict=True)))):  # fmt: skip
+        node = libe57.StructureNode(file)
+        pose.set(kind, node)
+        for axis in "wxyz":
+            if axis in values:
+                node.set(axis, libe57.FloatNode(file, float(values[axis])))
+    start = libe57.StructureNode(file)
+    scan.set("acquisitionStart", start)
+    start.set("dateTimeValue", libe57.FloatNode(file, start_s))
+    start.set("isAtomicClockReferenced", libe57.IntegerNode(file, 0))
+    own = turn.inv().apply(xyz - at)
+    rng = np.random.default_rng(4)
+    n = len(own)
+    if is_spherical:
+        reach = np.linalg.norm(own, axis=1)
+        coordinates = {"sphericalRange": reach, "sphericalAzimuth": np.arctan2(own[:, 1], own[:, 0]),
+                       "sphericalElevation": np.arcsin(own[:, 2] / reach)}  # fmt: skip
+    else:
+        coordinates = {f"cartesian{axis}": own[:, i].copy() for i, axis in enumerate("XYZ")}
+    invalid = np.zeros(n, dtype=np.int64)
+    invalid[::97] = 2
+    fields = coordinates | {
+        "sphericalInvalidState" if is_spherical else "cartesianInvalidState": invalid,
+        "timeStamp": times - start_s,
+        "intensity": rng.uniform(0, 1, n),
+        "colorRed": rng.integers(0, 256, n),
+        "rowIndex": rng.integers(0, 32, n),
+        "own:quality": rng.integers(0, 5, n),
+    }
+    prototype = libe57.StructureNode(file)
+    buffers = libe57.VectorSourceDestBuffer()
+    for name, values in fields.items():
+        if values.dtype == np.int64:
+            node = libe57.IntegerNode(file, 0, int(values.min()), int(values.max()))
+        elif is_scaled and name in coordinates:
+            low, high = (round(v / 1e-4) for v in (values.min() - 1e-3, values.max() + 1e-3))
+            node = libe57.ScaledIntegerNode(file, low, low, high, 1e-4, 0.0)
+        else:
+            node = libe57.FloatNode(file, float(values[0]), libe57.E57_DOUBLE,
+                                    float(values.min()), float(values.max()))  # fmt: skip
+        prototype.set(name, node)
+        buffers.append(libe57.SourceDestBuffer(file, name, values, n, True, True))
+    points = libe57.CompressedVectorNode(file, prototype, libe57.VectorNode(file, True))
+    scan.set("points", points)
+    writer = points.writer(buffers)
+    writer.write(n)
+    writer.close()
