@@ -23,6 +23,7 @@ from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan import ScanOptions, read_scan
 from planfit.scan.formats.las import LasFile
+from planfit.scan.laser.up import find_up
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
 REAL = DATA / "real_files" / "las_laz" / "laspy"
@@ -48,6 +49,9 @@ def test_frames_show_the_room_where_it_is(side_deg, n_cameras, tmp_path):
     assert scan.format == "laz"
     assert len(scan) == 12 * n_cameras
     assert np.abs(scan.world_from_cams[:, :3, 3]).max() < 1000
+    assert scan.warnings[0].startswith(
+        "places of frames are the cloud's less (2683000, 1248000, 0) m"
+    )
     moved_m = np.rint(walk.poses[0, :3, 3] / 1000) * 1000
     for i in range(0, len(scan), 5):
         image = scan.files.depth(i)
@@ -320,3 +324,43 @@ def test_mutants_are_read_or_refused(suffix, tmp_path):
         else:
             assert np.isfinite(scan.world_from_cams).all()
     assert n_refused > 8
+
+
+@pytest.mark.parametrize("up", ["x", "y", "-z"])
+def test_clouds_whose_z_is_not_up(up, tmp_path):
+    """A y-up cloud is noticed by its path; any other is as the user says."""
+    walk = walk_in_a_room()
+    turned = {"y": [[1, 0, 0], [0, 0, 1], [0, -1, 0]], "x": [[0, 0, 1], [1, 0, 0], [0, 1, 0]],
+              "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]]}[up]  # fmt: skip
+    rotation = np.array(turned, dtype=float)
+    poses = walk.poses.copy()
+    poses[:, :3] = rotation @ poses[:, :3]
+    # Enough of a walk to tell: to and fro across the room.
+    cloud, trajectory = write_walk(
+        tmp_path, type(walk)(walk.xyz @ rotation.T, walk.times, walk.pose_times, poses)
+    )
+    scan = read(cloud, trajectory, cloud_up=up)
+    assert_allclose(
+        scan.world_from_cams[:, :3, 1], np.tile(-rotation[:, 2], (len(scan), 1)), atol=1e-9
+    )
+    points = scan.cameras[5].lift_image(scan.files.depth(5)).reshape(-1, 3)
+    world = se3.transform(scan.world_from_cams[5], points[np.isfinite(points[:, 2])])
+    assert np.quantile(off_the_sides_m(world @ rotation, np.zeros(3)), 0.9) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("spread", "up"),
+    [
+        ((8.0, 5.0, 0.1), "z"),
+        ((8.0, 0.1, 5.0), "y"),
+        ((0.1, 8.0, 5.0), "x"),
+        ((8.0, 5.0, 3.0), "z"),  # several storeys
+        ((8.0, 0.1, 0.2), "z"),  # straight through a corridor
+        ((0.2, 0.2, 9.0), "y"),
+    ],
+)
+def test_up_by_the_path(spread, up):
+    path = np.random.default_rng(0).normal(0.0, spread, (500, 3))
+    level_from_world, notes = find_up(path, "auto")
+    assert_allclose(level_from_world[2], np.eye(3)["xyz".index(up)], atol=1e-12)
+    assert len(notes) == (up != "z")

@@ -4,6 +4,7 @@
     TRAJECTORY         text, in the axes of the cloud: `time x y z [qx qy qz qw]`, or columns that a header
                        names: `%time x y z qw qx qy qz`, `Time[s],Easting[m],...`, HDMapping's pose00 to 23
 
+The cloud's z is up, unless the scanner's path says that another axis is, which is told (`--cloud-up`).
 The cloud is cut into instants of half a second. Each is seen from where the scanner was, as depth images of
 level pinhole cameras, which are the frames: one that follows the scanner where it sees to one side, else
 four. Points that are withheld or classified as noise (7, 18) are left out. Colour is not read. Times count

@@ -17,6 +17,7 @@ from planfit.scan.laser.faces import Faces, choose_faces
 from planfit.scan.laser.instants import Instants, cut
 from planfit.scan.laser.points import CloudFile
 from planfit.scan.laser.trajectory import Trajectory, read_trajectory
+from planfit.scan.laser.up import find_up
 from planfit.scan.options import ScanOptions
 from planfit.scan.recording import Frame, Recording, Size
 from planfit.scan.source import FolderSource, fingerprint
@@ -82,7 +83,8 @@ def laser_recording(file: CloudFile, options: ScanOptions) -> Recording:
     trajectory = recorded.moved(np.rint(middle / KILOMETRE_M) * KILOMETRE_M)
     instants = cut(file, trajectory, clock.offset_s, options.instant_s)
     poses, _ = trajectory.at(instants.times, 1e9)
-    faces = choose_faces(instants, poses, np.eye(3))
+    level_from_world, told = find_up(instants.centres, options.cloud_up)
+    faces = choose_faces(instants, poses, level_from_world)
     images = LaserImages(instants, faces)
     frames = _frames(images)
 
@@ -104,7 +106,7 @@ def laser_recording(file: CloudFile, options: ScanOptions) -> Recording:
         color_lens=lambda *_: Lens(faces.camera),
         write_poses=write_poses,
         fingerprint="-".join(fingerprint(source, [name], options) for source, name in sources),
-        warnings=[*_warnings(instants, clock), *recorded.warnings],
+        warnings=[*_warnings(instants, clock, trajectory), *told, *recorded.warnings],
     )
 
 
@@ -130,8 +132,14 @@ def _correction(
     return Correction(times, moved, trajectory, trajectory.metres_away)
 
 
-def _warnings(instants: Instants, clock: ClockRelation) -> list[str]:
+def _warnings(instants: Instants, clock: ClockRelation, trajectory: Trajectory) -> list[str]:
     found = []
+    if trajectory.metres_away.any():
+        named = ", ".join(f"{v:.0f}" for v in trajectory.metres_away)
+        found.append(
+            f"places of frames are the cloud's less ({named}) m; the trajectory and the cloud are written "
+            "with it"
+        )
     if clock.words:
         found.append(
             f"times of the cloud and of its trajectory differ by {clock.offset_s:+.3f} s: {clock.words}"
