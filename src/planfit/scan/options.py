@@ -41,7 +41,7 @@ class ScanOptions:
     instant_s: float = 0.5
     """A laser scan is cut into frames of this length."""
     cloud_up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
-    """Axis of a laser scan's cloud that is up; `auto`: z, unless the scanner's path is level along another."""
+    """Axis of a laser scan's cloud that is up; `auto`: z, unless the path is level along another."""
     cloud_time_offset_s: float | None = None
     """Seconds to add to the times of a laser scan's cloud for those of its trajectory; by default the one
     usual relation that fits (same clock, GPS week, GPS seconds, Unix time)."""
