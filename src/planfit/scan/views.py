@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, UInt8
 from planfit.errors import ScanError
 from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
-from planfit.scan.types import Scan, ScanFiles
+from planfit.scan.types import CloudFiles, Scan, ScanFiles
 
 MAX_CORRUPT_SHARE = 0.01
 """A file system or a transfer spoils single frames; where more than one in a hundred are corrupt, something
@@ -63,6 +63,30 @@ def calibrated_scan(scan: Scan, sensor: SensorCalibration) -> Scan:
         files=CalibratedFiles(scan.files, sensor),
         fingerprint=f"{scan.fingerprint}-{digest}" if scan.fingerprint else "",
     )
+
+
+def write_cloud(
+    scan: Scan, path: Path, target_from_cams: Float[np.ndarray, "n 4 4"], is_world: bool
+) -> None:
+    """Write the cloud that a laser scan came as, in its own format, moved with refined poses of its frames.
+
+    Args:
+        scan: as `read_scan` gave it, or seen through anything of this module.
+        path: file to write.
+        target_from_cams: poses of its frames.
+        is_world: whether the target's axes are those of the scan.
+
+    Raises:
+        ScanError: it came as no cloud, or the cloud is damaged.
+    """
+    files, frame_idx = scan.files, np.arange(len(scan))
+    while isinstance(files, FilesView):
+        if isinstance(files, SelectedFiles):
+            frame_idx = files.selected[frame_idx]
+        files = files.files
+    if not isinstance(files, CloudFiles):
+        raise ScanError(f"{scan.name}: expected a laser scanner's cloud, found a scan of images")
+    files.write_cloud(path, target_from_cams, frame_idx, is_world)
 
 
 @dataclass(frozen=True)

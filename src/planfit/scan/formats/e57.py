@@ -10,10 +10,10 @@ that are marked as invalid are left out. Every point is moved by the correction 
 scan, whose pose stays; precision, fields and all else of the file are kept, but for groups of points (lines).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -170,29 +170,41 @@ class E57File:
                 is_valid &= arrays[scan.invalid][:n] == 0
             yield TimedPoints(xyz, times, is_valid)
 
-    def write_moved(self, path: Path, move: Move) -> None:
-        """A copy in which points are moved; each scan keeps its pose, and every field its form."""
+    def write_moved(self, path: Path, move: Move, to_other_axes: bool = False) -> None:
+        """A copy in which points are moved; each scan keeps its pose, and every field its form.
+
+        In other axes scans have no poses, and the name of the coordinate system is left out.
+        """
         libe57 = load_libe57()
-        bounds = [self._moved_bounds(k, move) for k in range(len(self.scans))]
+        left_out = ("pose", "coordinateMetadata") if to_other_axes else ()
+        poses = [np.eye(4) if to_other_axes else scan.file_from_scan for scan in self.scans]
+        bounds = [self._moved_bounds(k, move, pose) for k, pose in enumerate(poses)]
         with self._opened() as source:
             target = libe57.ImageFile(str(path), "w")
             try:
                 for i in range(source.extensionsCount()):
                     target.extensionsAdd(source.extensionsPrefix(i), source.extensionsUri(i))
-                copy_children(source.root(), target.root(), target, ("data3D",))
+                copy_children(source.root(), target.root(), target, ("data3D", *left_out))
                 nodes = source.root()["data3D"]
                 scans = libe57.VectorNode(target, True)
                 target.root().set("data3D", scans)
                 for k in range(nodes.childCount()):
                     made = libe57.StructureNode(target)
                     scans.append(made)
-                    copy_children(nodes[k], made, target, ("points", *BOUNDS))
-                    self._write_points(k, nodes[k]["points"], made, target, move, bounds[k])
+                    copy_children(nodes[k], made, target, ("points", *BOUNDS, *left_out))
+                    to_scan = partial(self._moved, self.scans[k], move, poses[k])
+                    self._write_points(k, nodes[k]["points"], made, target, to_scan, bounds[k])
             finally:
                 target.close()
 
     def _write_points(
-        self, k: int, points: Any, made: Any, target: Any, move: Move, bounds: np.ndarray
+        self,
+        k: int,
+        points: Any,
+        made: Any,
+        target: Any,
+        to_scan: Callable[[dict[str, np.ndarray], int], np.ndarray],
+        bounds: np.ndarray,
     ) -> None:
         """Points of one scan with all their fields."""
         libe57 = load_libe57()
@@ -210,7 +222,7 @@ class E57File:
         arrays, buffers = make_buffers(target, fields, list(scan.names), CHUNK_POINTS)
         writer = vector.writer(buffers)
         for _, n, found in self._pieces(None, k):
-            moved = from_cartesian(self._moved(scan, found, n, move), scan.is_spherical)
+            moved = from_cartesian(to_scan(found, n), scan.is_spherical)
             for name in scan.names:
                 arrays[name][:n] = moved[name] if name in moved else found[name][:n]
             writer.write(n)
@@ -221,21 +233,29 @@ class E57File:
         return arrays["timeStamp"][:n] + scan.shift_s
 
     def _moved(
-        self, scan: _ScanOfFile, arrays: dict[str, np.ndarray], n: int, move: Move
+        self,
+        scan: _ScanOfFile,
+        move: Move,
+        target_from_scan: Float[np.ndarray, "4 4"],
+        arrays: dict[str, np.ndarray],
+        n: int,
     ) -> Float[np.ndarray, "n 3"]:
-        """Points (m) of a scan, in its own axes, where they belong; those that are none stay."""
+        """Points (m) of a scan, in the axes it will have, where they belong; those that are none stay."""
         own = to_cartesian(arrays, n)
         xyz = move(se3.transform(scan.file_from_scan, own), self._times(arrays, n, scan))
-        moved = se3.transform(se3.inverse(scan.file_from_scan), xyz)
+        moved = se3.transform(se3.inverse(target_from_scan), xyz)
         is_none = np.zeros(n, dtype=bool) if not scan.invalid else arrays[scan.invalid][:n] != 0
         return np.where(is_none[:, None], own, moved)
 
-    def _moved_bounds(self, k: int, move: Move) -> Float[np.ndarray, "2 3"]:
+    def _moved_bounds(
+        self, k: int, move: Move, target_from_scan: Float[np.ndarray, "4 4"]
+    ) -> Float[np.ndarray, "2 3"]:
         """Least and most of each coordinate that is written."""
         scan = self.scans[k]
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         for _, n, arrays in self._pieces(None, k):
-            moved = from_cartesian(self._moved(scan, arrays, n, move), scan.is_spherical)
+            points = self._moved(scan, move, target_from_scan, arrays, n)
+            moved = from_cartesian(points, scan.is_spherical)
             values = np.stack([moved[name] for name in scan.coordinates], axis=1)
             low, high = np.fmin(low, values.min(axis=0)), np.fmax(high, values.max(axis=0))
         return np.stack([low, high])

@@ -17,6 +17,7 @@ time: scale, offset, attributes, extra dimensions and records of the header as t
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -47,6 +48,7 @@ NOISE = (7, 18)
 """Classes of points that ASPRS calls low and high noise."""
 MAX_TIME_S = 1e19
 """Nanoseconds since 1970 are below; a damaged file has any number."""
+CRS_RECORDS = "LASF_Projection"
 N_SEEKS, PER_SEEK = 12, 2000
 
 
@@ -122,12 +124,19 @@ class LasFile:
             for points in self._chunks(reader):
                 yield _timed(points)
 
-    def write_moved(self, path: Path, move: Move) -> None:
-        """A copy in which points are moved; scale and offset stay, so that nothing else is rounded."""
+    def write_moved(self, path: Path, move: Move, to_other_axes: bool = False) -> None:
+        """A copy in which points are moved; scale and offset stay, so that nothing else is rounded.
+
+        In other axes the offset is zero, and records of the coordinate system are left out.
+        """
         import laspy
+        from laspy.vlrs.vlrlist import VLRList
 
         with self._opened() as reader:
-            header = reader.header
+            header = deepcopy(reader.header)
+            if to_other_axes:
+                header.offsets = np.zeros(3)
+                header.vlrs = VLRList([v for v in header.vlrs if v.user_id != CRS_RECORDS])
             is_compressed = bool(header.are_points_compressed)
             with laspy.open(path, "w", header=header, do_compress=is_compressed) as writer:
                 for points in self._chunks(reader):
@@ -159,6 +168,7 @@ class LasFile:
                 f"{self.path}: expected points within what scale {header.scales} and offset {header.offsets} "
                 "of the file can tell, found some moved beyond; write it with a coarser scale first"
             )
+        points.offsets = header.offsets  # or laspy converts what is in the new units already
         for axis, name in enumerate("XYZ"):
             points[name] = units[:, axis].astype(np.int32)
 

@@ -12,7 +12,7 @@ from jaxtyping import Float, Float32
 
 from planfit.geometry.camera import Camera
 from planfit.scan.laser.instants import Instants
-from planfit.scan.laser.kernels import fill_holes, splat
+from planfit.scan.laser.kernels import count_seen, fill_holes, splat
 
 N_SAMPLED = 40
 """Instants by which the cameras are chosen."""
@@ -55,6 +55,15 @@ class Faces:
         sine, cosine = np.sin(azimuth), np.cos(azimuth)
         cam_from_level = np.array([[sine, -cosine, 0.0], [0.0, 0.0, -1.0], [cosine, sine, 0.0]])
         return cam_from_level @ self.level_from_world
+
+    def n_seen(self, points: Float32[np.ndarray, "n 3"], k: int) -> list[int]:
+        """How many of an instant's points (m, relative to its centre) each camera shows."""
+        camera = self.camera
+        return [
+            count_seen(points, self.cam_from_world(k, face).astype(np.float32),
+                       camera.fx, camera.cx, camera.cy, camera.height, camera.width)
+            for face in range(len(self.azimuths))
+        ]  # fmt: skip
 
     def depth(
         self, points: Float32[np.ndarray, "n 3"], k: int, face: int, is_filled: bool = True

@@ -16,6 +16,34 @@ MAX_JUMP_SHARE = 0.15
 
 
 @numba.njit(cache=True, nogil=True)
+def pixel_of(
+    x: float, y: float, z: float, rotation: np.ndarray, fx: float, cx: float, cy: float,
+    h: int, w: int,
+) -> tuple[int, float]:  # fmt: skip
+    """Number of the pixel (by row) that a point falls on, -1 for none, and its depth."""
+    ahead = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
+    if not ahead > 0.05:
+        return -1, 0.0
+    u = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z) / ahead * fx + cx
+    v = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z) / ahead * fx + cy
+    if not (u > -0.5 and v > -0.5 and u < w - 0.5 and v < h - 0.5):
+        return -1, 0.0
+    return int(np.floor(v + 0.5)) * w + int(np.floor(u + 0.5)), ahead
+
+
+@numba.njit(cache=True, nogil=True)
+def count_seen(
+    points: np.ndarray, rotation: np.ndarray, fx: float, cx: float, cy: float, h: int, w: int
+) -> int:
+    """How many points (n, 3), in axes turned by `rotation`, fall on an image of h x w px."""
+    seen = 0
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        seen += pixel_of(x, y, z, rotation, fx, cx, cy, h, w)[0] >= 0
+    return seen
+
+
+@numba.njit(cache=True, nogil=True)
 def splat(
     points: np.ndarray, rotation: np.ndarray, fx: float, cx: float, cy: float, h: int, w: int
 ) -> np.ndarray:
@@ -29,16 +57,11 @@ def splat(
     depths = np.zeros(n, dtype=np.float32)
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        ahead = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
-        if not ahead > 0.05:
+        at, ahead = pixel_of(x, y, z, rotation, fx, cx, cy, h, w)
+        if at < 0:
             continue
-        u = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z) / ahead * fx + cx
-        v = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z) / ahead * fx + cy
-        if not (u > -0.5 and v > -0.5 and u < w - 0.5 and v < h - 0.5):
-            continue
-        c, r = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
-        pixel[i] = r * w + c
-        depths[i] = ahead
+        pixel[i], depths[i] = at, ahead
+        r, c = at // w, at % w
         if ahead < nearest[r, c]:
             nearest[r, c] = ahead
     total = np.zeros((h, w))

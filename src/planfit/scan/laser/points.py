@@ -74,8 +74,10 @@ class CloudFile(Protocol):
         """
         ...
 
-    def write_moved(self, path: Path, move: Move) -> None:
+    def write_moved(self, path: Path, move: Move, to_other_axes: bool = False) -> None:
         """A copy of the file, in which points are moved and all else is kept.
+
+        `to_other_axes` leaves out what tells where on Earth the file's own axes are.
 
         Raises:
             ScanError: the file is damaged, or a point is moved to where the file's form cannot tell it.

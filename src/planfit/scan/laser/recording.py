@@ -13,7 +13,7 @@ from planfit.geometry import se3
 from planfit.scan.images.lens import Lens
 from planfit.scan.laser.clock import ClockRelation, relate_clocks
 from planfit.scan.laser.correction import Correction
-from planfit.scan.laser.faces import Faces, choose_faces
+from planfit.scan.laser.faces import MIN_FACE_POINTS, Faces, choose_faces
 from planfit.scan.laser.instants import Instants, cut
 from planfit.scan.laser.points import CloudFile
 from planfit.scan.laser.trajectory import Trajectory, read_trajectory
@@ -88,14 +88,19 @@ def laser_recording(file: CloudFile, options: ScanOptions) -> Recording:
     images = LaserImages(instants, faces)
     frames = _frames(images)
 
+    def write_cloud(
+        target: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"], is_world: bool
+    ) -> None:
+        correction = _correction(written, refined, trajectory, is_world)
+        move = partial(correction.move, clock_offset_s=clock.offset_s)
+        file.write_moved(target, move, to_other_axes=not is_world)
+
     def write_poses(
         directory: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"]
     ) -> None:
-        correction = _correction(written, refined, trajectory)
+        correction = _correction(written, refined, trajectory, is_world=True)
         trajectory.write(directory / recorded.path.name, correction.poses())
-        file.write_moved(
-            directory / path.name, partial(correction.move, clock_offset_s=clock.offset_s)
-        )
+        write_cloud(directory / path.name, written, refined, True)
 
     sources = [(FolderSource(p.parent), p.name) for p in (path, options.poses)]
     return Recording(
@@ -105,6 +110,7 @@ def laser_recording(file: CloudFile, options: ScanOptions) -> Recording:
         images=images,
         color_lens=lambda *_: Lens(faces.camera),
         write_poses=write_poses,
+        write_cloud=write_cloud,
         fingerprint="-".join(fingerprint(source, [name], options) for source, name in sources),
         warnings=[*_warnings(instants, clock, trajectory), *told, *recorded.warnings],
     )
@@ -115,7 +121,10 @@ def _frames(images: LaserImages) -> list[Frame]:
     instants, faces = images.instants, images.faces
     frames = []
     for k, time in enumerate(instants.times):
-        for face in range(len(faces.azimuths)):
+        n_seen = faces.n_seen(instants.points(k), k)
+        # Of an instant without a surface in view one frame stays, so that its pose is refined as well.
+        seeing = [f for f, n in enumerate(n_seen) if n >= MIN_FACE_POINTS]
+        for face in seeing or [int(np.argmax(n_seen))]:
             pose = se3.make_transform(faces.cam_from_world(k, face).T, instants.centres[k])
             name = f"{k:06d}" if len(faces.azimuths) == 1 else f"{k:06d}_{face}"
             frames.append(Frame(name, float(time), pose, "", f"{k}/{face}"))
@@ -123,13 +132,17 @@ def _frames(images: LaserImages) -> list[Frame]:
 
 
 def _correction(
-    frames: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"], trajectory: Trajectory
+    frames: Sequence[Frame],
+    refined: Float[np.ndarray, "k 4 4"],
+    trajectory: Trajectory,
+    is_world: bool,
 ) -> Correction:
     """One motion an instant: cameras of an instant are fixed to each other."""
     times, first = np.unique([frame.time for frame in frames], return_index=True)
     recorded = np.stack([frames[i].world_from_cam for i in first])
     moved = refined[first] @ se3.inverse(recorded)
-    return Correction(times, moved, trajectory, trajectory.metres_away)
+    target_metres_away = trajectory.metres_away if is_world else np.zeros(3)
+    return Correction(times, moved, trajectory, target_metres_away)
 
 
 def _warnings(instants: Instants, clock: ClockRelation, trajectory: Trajectory) -> list[str]:
