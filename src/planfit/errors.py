@@ -10,10 +10,12 @@ PlanfitError
 import dataclasses
 import math
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
+T = TypeVar("T")
 MAX_REASON = 160
 """Characters of a library's own words that an error repeats."""
 
@@ -63,7 +65,11 @@ def told_as(kind: type[PlanfitError], path: Path, expected: str) -> Iterator[Non
         yield
     except PlanfitError:
         raise
-    except Exception as error:
+    except BaseException as error:
+        # A library in Rust that gives up raises a PanicException, which is no Exception.
+        is_panic = type(error).__name__ == "PanicException"
+        if not is_panic and not isinstance(error, Exception):
+            raise
         if isinstance(error, OSError) and error.errno is not None:
             raise
         why = str(error).strip().split("\n")[0][:MAX_REASON]
@@ -73,6 +79,20 @@ def told_as(kind: type[PlanfitError], path: Path, expected: str) -> Iterator[Non
                 f"{path}: expected {expected}, found a file that cannot be read ({found}); export it again"
             )
         ) from error
+
+
+def each_told_as(
+    kind: type[PlanfitError], path: Path, expected: str, items: Iterable[T]
+) -> Iterator[T]:
+    """What a library reads piece by piece, its errors told as by `told_as`; those of who takes it are not."""
+    iterator = iter(items)
+    while True:
+        with told_as(kind, path, expected):
+            try:
+                item = next(iterator)
+            except StopIteration:
+                return
+        yield item
 
 
 def require(is_met: bool, message: str) -> None:

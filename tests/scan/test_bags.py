@@ -1,5 +1,7 @@
 """ROS 1 and 2 bags and MCAP: topics by name or guessed, poses from tf or a topic."""
 
+import random
+
 import numpy as np
 import pytest
 from bag_writer import (
@@ -298,3 +300,25 @@ def test_a_bag_of_garbage(tmp_path):
     path.write_bytes(b"this is no recording" * 20)
     with pytest.raises(ScanError, match=r"scan\.mcap: expected a bag"):
         read_scan(path)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite"])
+def test_mutants_are_read_or_refused(kind, sample, tmp_path):
+    """The library raises what its formats' parsers come across: struct.error, KeyError, apsw's."""
+    path = write_bag(
+        tmp_path, kind, lambda b: write_images(b, sample, "png"), lambda b: write_tf(b, sample)
+    )
+    files = [path] if path.is_file() else [p for p in path.iterdir() if p.suffix != ".yaml"]
+    whole = files[0].read_bytes()
+    n_refused = 0
+    for seed in range(12):
+        rng = random.Random(seed)
+        spoiled = bytearray(whole)
+        for _ in range(rng.randrange(1, 30)):
+            spoiled[rng.randrange(len(spoiled) if seed % 2 else 4000)] = rng.randrange(256)
+        files[0].write_bytes(bytes(spoiled))
+        try:
+            read_scan(path)
+        except ScanError:
+            n_refused += 1
+    assert n_refused > 2

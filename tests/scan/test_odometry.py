@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from builders import random_transforms
 from planfit.geometry import se3
-from planfit.scan.odometry import OdometryOptions, make_odometry
+from planfit.scan.odometry import FIXED_M, OdometryOptions, make_odometry
 
 
 def straight(n, step_m=0.5, rotation=0.0):
@@ -94,3 +94,22 @@ def test_one_frame_has_no_steps():
     odometry = make_odometry(np.eye(4)[None], OdometryOptions())
     assert odometry.cam_from_next.shape == (0, 4, 4)
     assert_allclose(odometry.walked_m, [0.0])
+
+
+def test_views_of_one_instant_and_place_are_fixed_to_each_other_and_others_are_not():
+    instant = straight(4)
+    turned = np.tile(np.eye(4), (4, 1, 1))
+    turned[:, :3, :3] = se3.exp_so3(np.array([[0.0, 0.0, np.pi / 2]]))
+    rig = np.stack([instant, instant @ turned], axis=1).reshape(-1, 4, 4)
+    times = np.repeat(np.arange(4.0), 2)
+    odometry = make_odometry(rig, OdometryOptions(), times)
+    one = make_odometry(instant, OdometryOptions())
+    assert odometry.sigma_translation[::2] == pytest.approx(FIXED_M)
+    # From the last view of an instant to the first of the next: as the first camera moved.
+    assert odometry.sigma_rotation[1::2] == pytest.approx(one.sigma_rotation)
+    assert odometry.sigma_translation[1::2] == pytest.approx(one.sigma_translation)
+    # Two images within a second of a coarse clock: as without times.
+    coarse = make_odometry(straight(8), OdometryOptions(), times)
+    assert coarse.sigma_translation == pytest.approx(
+        make_odometry(straight(8), OdometryOptions()).sigma_translation
+    )

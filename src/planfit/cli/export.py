@@ -24,6 +24,7 @@ from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan, write_tum
 from planfit.scan.formats.redwood import write_log
 from planfit.scan.odometry import OdometryOptions, make_odometry
+from planfit.scan.views import write_cloud
 
 FOLDERS = ("colmap", "nerfstudio")
 
@@ -34,9 +35,10 @@ class ExportArguments:
 
     source: tyro.conf.Positional[Path]
     """Output folder of `planfit refine` (refined poses), or a scan (poses as recorded)."""
-    to: Literal["tum", "kitti", "open3d", "g2o", "ply", "mesh", "colmap", "nerfstudio"]
+    to: Literal["tum", "kitti", "open3d", "g2o", "ply", "mesh", "cloud", "colmap", "nerfstudio"]
     """Form: trajectory files (`tum`, `kitti`, `open3d` log, `g2o` pose graph), coloured points (`ply`), a
-    coloured `mesh` (.ply, .obj or .glb; needs planfit[map]), or folders with images and depth (`colmap`
+    coloured `mesh` (.ply, .obj or .glb; needs planfit[map]), the whole `cloud` of a laser scan in its own
+    format (.las, .laz, .e57), or folders with images and depth (`colmap`
     model, `nerfstudio`)."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """File to write; a folder for `colmap` and `nerfstudio`. It must not be there yet."""
@@ -106,6 +108,16 @@ def _named(target: Path, kind: str) -> Path:
     return target.with_name(f"{target.name}.log")
 
 
+def _check_cloud_suffix(target: Path, scan: Scan) -> None:
+    """Raise `OutputError` where a cloud would be named as one of another format."""
+    own = Path(scan.name).suffix.lower()
+    if own in (".las", ".laz", ".e57") and target.suffix.lower() != own:
+        raise OutputError(
+            f"{target}: expected a file of {own}, as the scan's cloud, found {target.suffix or 'no suffix'}; "
+            "choose another name with -o"
+        )
+
+
 def _write_file(
     arguments: ExportArguments,
     path: Path,
@@ -121,8 +133,11 @@ def _write_file(
     elif kind == "open3d":
         write_log(path, range(len(scan)), poses)
     elif kind == "g2o":
-        odometry = make_odometry(scan.world_from_cams, OdometryOptions())
+        odometry = make_odometry(scan.world_from_cams, OdometryOptions(), scan.timestamps)
         write_pose_graph(path, poses, odometry, read_matches(arguments.source))
+    elif kind == "cloud":
+        _check_cloud_suffix(arguments.out, scan)
+        write_cloud(scan, path, poses, arguments.frame == "world")
     elif kind == "mesh":
         mesh = fuse_mesh(scan, poses, arguments.voxel_m, arguments.max_depth_m, runtime)
         write_mesh(path, mesh, arguments.out.suffix)

@@ -99,7 +99,7 @@ def extract_observations(
     require_plain_numbers(chosen)
     running = runtime or Runtime()
     stages = timer or StageTimer(running)
-    tracking = believe(scan.world_from_cams, chosen.poses_convention, chosen.odometry)
+    tracking = _believed(scan, chosen)
     known = None
     if matches is None and chosen.tracking.is_judged:
         with stages.stage("tracking"):
@@ -123,6 +123,11 @@ def with_poses(scan: Scan, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Scan:
     if np.array_equal(world_from_cams, scan.world_from_cams):
         return scan
     return replace(scan, world_from_cams=world_from_cams)
+
+
+def _believed(scan: Scan, options: RefineOptions) -> Tracking:
+    convention, odometry = options.poses_convention, options.odometry
+    return believe(scan.world_from_cams, convention, odometry, scan.timestamps)
 
 
 def _judge(
@@ -176,7 +181,7 @@ def prepare(
     require_plain_numbers(chosen)
     structure, tracking = observations.structure, observations.tracking
     if tracking is None:
-        tracking = believe(scan.world_from_cams, chosen.poses_convention, chosen.odometry)
+        tracking = _believed(scan, chosen)
     poses, matches = tracking.world_from_cams, observations.matches
     keyframes = choose_keyframes(poses, chosen.adjust.keyframes, matches.sharpness)
     measurements = reduce_measurements(

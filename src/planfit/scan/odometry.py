@@ -8,6 +8,9 @@ from jaxtyping import Float, Int
 from planfit.errors import require_positive
 from planfit.geometry import se3
 
+FIXED_RAD, FIXED_M = 1e-5, 1e-4
+"""Sigmas between cameras that are fixed to each other: as good as nothing, and no division by it."""
+
 
 @dataclass(frozen=True)
 class OdometryOptions:
@@ -70,14 +73,32 @@ class Odometry:
 
 
 def make_odometry(
-    world_from_cams: Float[np.ndarray, "n 4 4"], options: OdometryOptions
+    world_from_cams: Float[np.ndarray, "n 4 4"],
+    options: OdometryOptions,
+    times: Float[np.ndarray, " n"] | None = None,
 ) -> Odometry:
-    """Steps of a recorded trajectory."""
+    """Steps of a recorded trajectory.
+
+    Frames that follow each other at one of the `times` (s) and at one place are of cameras fixed to each
+    other, such as the views of a laser scanner: the steps between them are exact, and the step to the next
+    instant is as sure as the motion of the first camera, whichever two the step joins. Two images of a coarse
+    clock's second are at two places.
+    """
     steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
     angle = se3.rotation_angle(steps[:, :3, :3])
     length = np.linalg.norm(steps[:, :3, 3], axis=1)
+    is_fixed = np.zeros(len(steps), dtype=bool)
+    if times is not None:
+        is_fixed = (times[1:] == times[:-1]) & (length < FIXED_M)
+        # The first frame of the instant that each frame is of.
+        starts = np.concatenate([[True], ~is_fixed])
+        first = np.maximum.accumulate(np.where(starts, np.arange(len(starts)), 0))
+        rotations = world_from_cams[first, :3, :3]
+        angle = se3.rotation_angle(np.swapaxes(rotations[:-1], -1, -2) @ rotations[1:])
+    sigma_rotation = np.deg2rad(options.sigma_base_deg) + options.sigma_per_deg * angle
+    sigma_translation = options.sigma_base_m + options.sigma_per_m * length
     return Odometry(
         cam_from_next=steps,
-        sigma_rotation=np.deg2rad(options.sigma_base_deg) + options.sigma_per_deg * angle,
-        sigma_translation=options.sigma_base_m + options.sigma_per_m * length,
+        sigma_rotation=np.where(is_fixed, FIXED_RAD, sigma_rotation),
+        sigma_translation=np.where(is_fixed, FIXED_M, sigma_translation),
     )

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
-from planfit.errors import OptionError, require, require_positive
+from planfit.errors import OptionError, require, require_choice, require_positive
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,17 @@ class ScanOptions:
     """Topic of the colour camera's intrinsics in a bag."""
     pose_topic: str = ""
     """Topic of the poses in a bag; by default tf, else poses or odometry."""
+    instant_s: float = 0.5
+    """A laser scan is cut into frames of this length."""
+    cloud_up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
+    """Axis of a laser scan's cloud that is up; `auto`: z, unless the path is level along another."""
+    cloud_time_offset_s: float | None = None
+    """Seconds to add to the times of a laser scan's cloud for those of its trajectory; by default the one
+    usual relation that fits (same clock, GPS week, GPS seconds, Unix time)."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "max_time_gap_s")
+        require_positive(self, "max_time_gap_s", "instant_s")
+        require_choice(self, "cloud_up", "auto", "x", "y", "z", "-x", "-y", "-z")
         for name in ("depth_scale", "image_size_px"):
             if getattr(self, name) is not None:
                 require_positive(self, name)

@@ -45,7 +45,7 @@ def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | N
     _check_path(path)
     module, source = _reader(path, options.format)
     scan = scan_from_recording(module.read(source, options), options)
-    if options.poses is not None:
+    if options.poses is not None and not getattr(module, "TAKES_POSES", False):
         scan = take_poses(scan, options.poses, options.max_time_gap_s)
     scan = tolerate_corrupt_frames(scan)
     if options.calibration is not None:

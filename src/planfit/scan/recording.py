@@ -95,6 +95,9 @@ class StoredImages(Protocol):
         ...
 
 
+CloudWriter = Callable[[Path, Sequence[Frame], Float[np.ndarray, "k 4 4"], bool], None]
+"""Writes the whole cloud that a scan came as, moved with poses of frames (k), in world axes or in others."""
+
 LensOfFrame = Callable[[Frame, Size], Lens]
 """Lens of a frame's image of a size."""
 
@@ -120,6 +123,8 @@ class Recording:
     """Without, depth shows what the colour shows, in another size."""
     color_from_depth: Float[np.ndarray, "4 4"] | None = None
     """Between the axes of two cameras that stand apart; needs `depth_lens`."""
+    write_cloud: CloudWriter | None = None
+    """Where the scan came as one cloud."""
     labels: Callable[[Frame], UInt8[np.ndarray, "h w"]] | None = None
     """What each pixel of a frame's colour image shows, as `Label`, where the format knows it."""
     up_world: Float[np.ndarray, "3"] | None = None
@@ -205,6 +210,22 @@ class RecordedFiles:
         chosen = range(len(self.frames)) if frame_idx is None else frame_idx
         frames = [self.frames[i] for i in chosen]
         self.recording.write_poses(directory, frames, world_from_cams)
+
+    def write_cloud(
+        self,
+        path: Path,
+        target_from_cams: Float[np.ndarray, "k 4 4"],
+        frame_idx: Int[np.ndarray, " k"],
+        is_world: bool,
+    ) -> None:
+        """See `CloudFiles`."""
+        if self.recording.write_cloud is None:
+            raise ScanError(
+                f"{self.recording.path}: expected a laser scanner's cloud, found a scan of images; export it "
+                "as ply, mesh, or poses"
+            )
+        frames = [self.frames[i] for i in frame_idx]
+        self.recording.write_cloud(path, frames, target_from_cams, is_world)
 
     def _check_size(self, frame_idx: int, kind: str, image: np.ndarray, lens: Lens) -> None:
         if image.shape[:2] != (lens.camera.height, lens.camera.width):

@@ -58,6 +58,25 @@ class ScanFiles(Protocol):
         ...
 
 
+@runtime_checkable
+class CloudFiles(Protocol):
+    """Files of a scan that came as one cloud, which can be written again."""
+
+    def write_cloud(
+        self,
+        path: Path,
+        target_from_cams: Float[np.ndarray, "n 4 4"],
+        frame_idx: Int[np.ndarray, " n"],
+        is_world: bool,
+    ) -> None:
+        """Write the whole cloud in its own format, each point moved with the frames of its time.
+
+        Raises:
+            ScanError: it came as no cloud.
+        """
+        ...
+
+
 @dataclass(frozen=True)
 class Scan:
     """Posed RGB-D frames, in the order they were recorded.

@@ -1,7 +1,7 @@
 """Scans seen through something: corrupt frames left blank, a choice of frames, a sensor corrected."""
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Lock
 
@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, UInt8
 from planfit.errors import ScanError
 from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
-from planfit.scan.types import Scan, ScanFiles
+from planfit.scan.types import CloudFiles, Scan, ScanFiles
 
 MAX_CORRUPT_SHARE = 0.01
 """A file system or a transfer spoils single frames; where more than one in a hundred are corrupt, something
@@ -63,6 +63,30 @@ def calibrated_scan(scan: Scan, sensor: SensorCalibration) -> Scan:
         files=CalibratedFiles(scan.files, sensor),
         fingerprint=f"{scan.fingerprint}-{digest}" if scan.fingerprint else "",
     )
+
+
+def write_cloud(
+    scan: Scan, path: Path, target_from_cams: Float[np.ndarray, "n 4 4"], is_world: bool
+) -> None:
+    """Write the cloud that a laser scan came as, in its own format, moved with refined poses of its frames.
+
+    Args:
+        scan: as `read_scan` gave it, or seen through anything of this module.
+        path: file to write.
+        target_from_cams: poses of its frames.
+        is_world: whether the target's axes are those of the scan.
+
+    Raises:
+        ScanError: it came as no cloud, or the cloud is damaged.
+    """
+    files, frame_idx = scan.files, np.arange(len(scan))
+    while isinstance(files, FilesView):
+        if isinstance(files, SelectedFiles):
+            frame_idx = files.selected[frame_idx]
+        files = files.files
+    if not isinstance(files, CloudFiles):
+        raise ScanError(f"{scan.name}: expected a laser scanner's cloud, found a scan of images")
+    files.write_cloud(path, target_from_cams, frame_idx, is_world)
 
 
 @dataclass(frozen=True)
@@ -134,20 +158,18 @@ class SelectedFiles(FilesView):
         self.files.write_poses(directory, world_from_cams, frames)
 
 
-class TolerantFiles:
+@dataclass(frozen=True)
+class TolerantFiles(FilesView):
     """Images of which a few may be corrupt: such a frame is black, without depth and without labels.
 
-    It then has no keypoints and no points, takes no part, and its pose moves with its neighbours. Safe to
-    use from several threads.
+    It then has no keypoints and no points, takes no part, and its pose moves with its neighbours. Up to
+    `max_corrupt` frames are stood; the next one raises its own `ScanError`. Safe to use from several threads.
     """
 
-    def __init__(self, files: ScanFiles, cameras: tuple[Camera, ...], max_corrupt: int) -> None:
-        """Stand up to `max_corrupt` frames; the next one raises its own `ScanError`."""
-        self.files = files
-        self._cameras = cameras
-        self._max_corrupt = max_corrupt
-        self._reasons: dict[int, str] = {}
-        self._lock = Lock()
+    cameras: tuple[Camera, ...]
+    max_corrupt: int
+    _reasons: dict[int, str] = field(default_factory=dict, init=False, compare=False)
+    _lock: Lock = field(default_factory=Lock, init=False, compare=False, repr=False)
 
     def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
         """Colour image, RGB."""
@@ -173,15 +195,6 @@ class TolerantFiles:
             self._note(frame_idx, error)
         return np.zeros(self._shape(frame_idx), dtype=np.uint8)
 
-    def write_poses(
-        self,
-        directory: Path,
-        world_from_cams: Float[np.ndarray, "n 4 4"],
-        frame_idx: Int[np.ndarray, " n"] | None = None,
-    ) -> None:
-        """As the format has it."""
-        self.files.write_poses(directory, world_from_cams, frame_idx)
-
     def reasons(self) -> dict[int, str]:
         """Why frames could not be decoded so far, by their indices."""
         with self._lock:
@@ -190,11 +203,11 @@ class TolerantFiles:
     def _note(self, frame_idx: int, error: ScanError) -> None:
         with self._lock:
             self._reasons.setdefault(frame_idx, str(error))
-            if len(self._reasons) > self._max_corrupt:
+            if len(self._reasons) > self.max_corrupt:
                 raise error
 
     def _shape(self, frame_idx: int) -> tuple[int, int]:
-        return self._cameras[frame_idx].height, self._cameras[frame_idx].width
+        return self.cameras[frame_idx].height, self.cameras[frame_idx].width
 
 
 def _corrupt(files: ScanFiles) -> dict[int, str]:

@@ -61,6 +61,8 @@ class _Tracker:
     """rad and m, of poses that were read between the recorded ones."""
     factors: tuple[float, float] = (1.0, 1.0)
     """On the sigmas of rotation and translation of all steps."""
+    timestamps: Float[np.ndarray, " n"] | None = None
+    """s; frames of one time are fixed to each other."""
 
     def steps(
         self,
@@ -69,7 +71,7 @@ class _Tracker:
         replaced: dict[int, tuple[float, float]] | None = None,
     ) -> Odometry:
         """Steps of corrected poses; those that were broken are as sure as what took their place."""
-        odometry = make_odometry(poses, self.options)
+        odometry = make_odometry(poses, self.options, self.timestamps)
         rotation, translation = odometry.sigma_rotation, odometry.sigma_translation
         if self.read_sigmas is not None:
             of_step = np.hypot(self.read_sigmas[:-1], self.read_sigmas[1:])
@@ -131,15 +133,22 @@ class _Clocked:
         return ~void_steps(len(recorded), lost) & (np.diff(self.times.intervals) <= LONG_INTERVAL)
 
 
-def believe(world_from_cams: Poses, convention: str, odometry: OdometryOptions) -> Tracking:
+def believe(
+    world_from_cams: Poses,
+    convention: str,
+    odometry: OdometryOptions,
+    timestamps: Float[np.ndarray, " n"] | None = None,
+) -> Tracking:
     """The recorded poses as they are, in a named convention; nothing is measured.
+
+    Frames that have one of the `timestamps` (s) are fixed to each other.
 
     Raises:
         OptionError: there is no convention of this name.
     """
     known = RECORDED if convention == AUTO else convention  # nothing here tells another one
     poses = apply_convention(world_from_cams, known)
-    return Tracking(poses, poses, make_odometry(poses, odometry), known)
+    return Tracking(poses, poses, make_odometry(poses, odometry, timestamps), known)
 
 
 def judge_tracking(
@@ -179,7 +188,7 @@ def judge_tracking(
     chosen, recorded = _in_axes_of_format(name, world_from_cams, chosen, convention, up_world)
     lost = _lost_runs(recorded, is_at_origin, motions, options)
     read, read_sigmas = clocked.read(recorded, clock)
-    tracker = _Tracker(odometry, read_sigmas)
+    tracker = _Tracker(odometry, read_sigmas, timestamps=timestamps)
     if options.adapt_sigmas:
         tracker = _adapted(tracker, read, lost, motions)
     filled = _filled(read, lost, motions, tracker, options)

@@ -16,6 +16,8 @@ READERS = {
     "nerfstudio": "nerfstudio",
     "colmap": "colmap",
     "rtabmap": "rtabmap",
+    "las": "las",
+    "e57": "e57",
     "bag": "bag",
 }
 """Module of this package that reads each format, in the order in which they are tried. Each has `EXPECTS`
@@ -24,6 +26,6 @@ it), `recognise(source)` and `read(source, options)`, which gives a
 `Recording`, and `PARTS` where several files (or folders, with a slash) make the format. They are imported
 when they are asked for, and import the libraries of their own (video, bags) only when they read."""
 
-OWN_FILES = ("bag", "rtabmap")
+OWN_FILES = ("las", "e57", "bag", "rtabmap")
 """Formats that a library of their own opens: their modules have `claims(path)`, whether a path is one, and
 `open_own(path)`, the source that they recognise and read."""

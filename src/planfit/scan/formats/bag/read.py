@@ -1,7 +1,7 @@
 """From a bag to a `Recording`: colour messages, the depth and the pose that belong to each by time."""
 
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from planfit.errors import ScanError
+from planfit.errors import ScanError, each_told_as, told_as
 from planfit.scan.association import pair_times
 from planfit.scan.formats.bag.messages import camera_info_lens, color_of_message, depth_of_message
 from planfit.scan.formats.bag.poses import Transforms, fixed_transform, poses_of_bag, read_tf
@@ -22,6 +22,7 @@ from planfit.scan.recording import Frame, Recording, Size
 from planfit.scan.source import FolderSource, fingerprint
 
 EXPECTS = "a .bag, .mcap or .db3 file, or a ROS 2 bag's folder with metadata.yaml"
+EXPECTED = "a bag"
 SUFFIXES = (".bag", ".mcap", ".db3")
 
 
@@ -273,14 +274,42 @@ def _lenses(first: dict[str, Any], topics: Topics, sizes: tuple[Size, Size]) -> 
     return color, camera_info_lens(info, topics.depth_info, topics.depth, sizes[1])
 
 
-def open_bag(path: Path) -> Any:
-    """The library's reader of a bag, open.
+class BagReader:
+    """The library's reader, open: whatever it raises over a damaged bag is told as an error of the file."""
+
+    def __init__(self, path: Path, reader: Any) -> None:
+        self._path, self._reader = path, reader
+
+    @property
+    def connections(self) -> list[Any]:
+        """Topics and their types."""
+        return self._reader.connections
+
+    def messages(
+        self, connections: Sequence[Any], start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[Any]:
+        """Connection, time of logging (ns) and data of each message."""
+        found = self._reader.messages(connections, start_ns, stop_ns)
+        return each_told_as(ScanError, self._path, EXPECTED, found)
+
+    def deserialize(self, data: Any, msgtype: str) -> Any:
+        """The message."""
+        with told_as(ScanError, self._path, EXPECTED):
+            return self._reader.deserialize(data, msgtype)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._reader.close()
+
+
+def open_bag(path: Path) -> BagReader:
+    """The reader of a bag, open.
 
     Raises:
         ScanError: it cannot be read, or the library is missing.
     """
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise ScanError(
@@ -289,12 +318,12 @@ def open_bag(path: Path) -> Any:
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
-    except (AnyReaderError, OSError, ValueError) as error:
+    except Exception as error:  # each kind of bag has errors of its own
         raise ScanError(
             f"{path}: expected a bag, found one that cannot be read ({error}); "
             "was the recording cut off? Try rosbag reindex or ros2 bag reindex"
         ) from error
-    return reader
+    return BagReader(path, reader)
 
 
 def _fingerprint(path: Path, options: ScanOptions) -> str:

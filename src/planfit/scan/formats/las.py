@@ -1,0 +1,226 @@
+"""LAS and LAZ: clouds of mobile laser scanners, with `--poses TRAJECTORY` (planfit[laser]).
+
+    CLOUD.las, .laz    LAS 1.2 to 1.4, a point format with gps_time (1, 3 to 10)
+    TRAJECTORY         text, in the axes of the cloud: `time x y z [qx qy qz qw]`, or columns that a header
+                       names: `%time x y z qw qx qy qz`, `Time[s],Easting[m],...`, HDMapping's pose00 to 23
+
+The cloud's z is up, unless the scanner's path says that another axis is, which is told (`--cloud-up`).
+The cloud is cut into instants of half a second. Each is seen from where the scanner was, as depth images of
+level pinhole cameras, which are the frames: one that follows the scanner where it sees to one side, else
+four. Points that are withheld or classified as noise (7, 18) are left out. Colour is not read. Times count
+from the start of the GPS week, or are GPS seconds less a billion (bit 0 of the header's encoding); how they
+relate to the trajectory's clock is found where one usual relation alone fits, told, and refused else.
+Coordinates are double precision; frames are near the origin, by an offset of whole kilometres. The refined
+trajectory is written in the form it came in, and the cloud with every point moved by the correction of its
+time: scale, offset, attributes, extra dimensions and records of the header as they were.
+"""
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.errors import ScanError, each_told_as, told_as
+from planfit.scan.laser.points import CHUNK_POINTS, CloudClock, Move, TimedPoints
+from planfit.scan.laser.recording import laser_recording as read
+
+__all__ = ["CHECKED", "EXPECTS", "claims", "open_own", "read", "recognise"]
+
+EXPECTS = "a .las or .laz file with GPS times, and --poses TRAJECTORY"
+CHECKED = (
+    "ASPRS LAS 1.4 R15; five real files of laspy's tests (1.2 and 1.4, point formats 3 and 6); columns of "
+    "trajectories as raycloudtools, HDMapping and OHM write and read them. No real file with its trajectory",
+    "points, times and attributes of all five files read, moved and written back; laspy reads what is "
+    "written",
+)
+"""Where the layout is known from, and what was checked with it."""
+TAKES_POSES = True
+"""`ScanOptions.poses` is part of the scan here, and takes no place of other poses."""
+EXPECTED = "a LAS or LAZ file"
+MAGIC = b"LASF"
+NOISE = (7, 18)
+"""Classes of points that ASPRS calls low and high noise."""
+MAX_TIME_S = 1e19
+"""Nanoseconds since 1970 are below; a damaged file has any number."""
+CRS_RECORDS = "LASF_Projection"
+N_SEEKS, PER_SEEK = 12, 2000
+
+
+def claims(path: Path) -> bool:
+    """Whether this is a LAS or LAZ file, by its first bytes or its name."""
+    if not path.is_file():
+        return False
+    if path.suffix.lower() in (".las", ".laz"):
+        return True
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+def recognise(source: "LasFile") -> bool:
+    """Whether this is a LAS or LAZ file."""
+    return claims(source.path)
+
+
+def open_own(path: Path) -> "LasFile":
+    """The file, whose header has been read.
+
+    Raises:
+        ScanError: it is none, has no times, or the library is missing.
+    """
+    file = LasFile(path)
+    point_format = file.header.point_format
+    if "gps_time" not in point_format.dimension_names:
+        raise ScanError(
+            f"{path}: expected points with GPS times, found point format {point_format.id}, which has none; "
+            "export the cloud with times (LAS point format 1, 3 or 6)"
+        )
+    return file
+
+
+@dataclass(frozen=True)
+class LasFile:
+    """A LAS or LAZ file."""
+
+    path: Path
+
+    @cached_property
+    def header(self) -> Any:
+        """As laspy has it."""
+        with self._opened() as reader:
+            return reader.header
+
+    @property
+    def n_points(self) -> int:
+        """As the header says."""
+        return int(self.header.point_count)
+
+    @property
+    def clock(self) -> CloudClock:
+        """What the header says of times."""
+        if int(self.header.global_encoding.gps_time_type) == 1:
+            return CloudClock("GPS seconds less a billion, as its header says", 1e9)
+        return CloudClock("seconds of the GPS week, as its header says", is_gps_week=True)
+
+    def sample_times(self) -> Float[np.ndarray, " n"]:
+        """Some times (s) out of all parts of the file."""
+        with self._told(), self._opened() as reader:
+            found = []
+            for start in np.linspace(0, max(self.n_points - PER_SEEK, 0), N_SEEKS).astype(int):
+                reader.seek(int(start))
+                found.append(np.array(reader.read_points(PER_SEEK).gps_time, dtype=float))
+        times = np.concatenate(found)
+        with np.errstate(invalid="ignore"):
+            return times[np.abs(times) < MAX_TIME_S]
+
+    def pieces(self) -> Iterator[TimedPoints]:
+        """All points, in the order of the file."""
+        with self._opened() as reader:
+            for points in self._chunks(reader):
+                yield _timed(points)
+
+    def write_moved(self, path: Path, move: Move, to_other_axes: bool = False) -> None:
+        """A copy in which points are moved; scale and offset stay, so that nothing else is rounded.
+
+        In other axes the offset is zero, and records of the coordinate system are left out.
+        """
+        import laspy
+        from laspy.vlrs.vlrlist import VLRList
+
+        with self._opened() as reader:
+            header = deepcopy(reader.header)
+            if to_other_axes:
+                header.offsets = np.zeros(3)
+                header.vlrs = VLRList([v for v in header.vlrs if v.user_id != CRS_RECORDS])
+            is_compressed = bool(header.are_points_compressed)
+            with laspy.open(path, "w", header=header, do_compress=is_compressed) as writer:
+                for points in self._chunks(reader):
+                    xyz = np.stack([points.x, points.y, points.z], axis=1).astype(float)
+                    moved = move(xyz, np.array(points.gps_time, dtype=float))
+                    self._put(points, moved, header)
+                    writer.write_points(points)
+                if reader.evlrs is not None and len(reader.evlrs):
+                    writer.write_evlrs(reader.evlrs)
+
+    def _chunks(self, reader: Any) -> Iterator[Any]:
+        n_read = 0
+        chunks = reader.chunk_iterator(CHUNK_POINTS)
+        for points in each_told_as(ScanError, self.path, EXPECTED, chunks):
+            n_read += len(points)
+            yield points
+        if n_read != self.n_points:
+            raise ScanError(
+                f"{self.path}: expected {self.n_points} points, found {n_read}; the file was cut off, copy "
+                "it again"
+            )
+
+    def _put(self, points: Any, moved: Float[np.ndarray, "n 3"], header: Any) -> None:
+        """Moved coordinates in the file's own units."""
+        units = np.rint((moved - header.offsets) / header.scales)
+        limit = np.iinfo(np.int32)
+        if len(units) and not (units.min() >= limit.min and units.max() <= limit.max):
+            raise ScanError(
+                f"{self.path}: expected points within what scale {header.scales} and offset {header.offsets} "
+                "of the file can tell, found some moved beyond; write it with a coarser scale first"
+            )
+        points.offsets = header.offsets  # or laspy converts what is in the new units already
+        for axis, name in enumerate("XYZ"):
+            points[name] = units[:, axis].astype(np.int32)
+
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        try:
+            import laspy
+        except ImportError as error:
+            raise ScanError(
+                f"{self.path}: expected the libraries laspy and lazrs for LAS and LAZ, found none; install "
+                "planfit[laser]"
+            ) from error
+        with self.path.open("rb") as stream:
+            with self._told():
+                # The sequential decompressor takes memory for one point at a time, not for what a damaged
+                # table of chunks may claim; lazrs ends the whole process where memory cannot be had.
+                reader = laspy.open(stream, laz_backend=laspy.LazBackend.Lazrs, closefd=False)
+            if reader.header.are_points_compressed:
+                self._check_chunks(int(reader.header.offset_to_point_data))
+            yield reader
+
+    def _check_chunks(self, offset: int) -> None:
+        """Raise `ScanError` unless the table of chunks lies in the file and has no more chunks than bytes."""
+        n_bytes = self.path.stat().st_size
+        with self.path.open("rb") as file:
+            file.seek(offset)
+            at = int.from_bytes(file.read(8), "little", signed=True)
+            if at == -1:  # written by a stream: at the end of the file
+                file.seek(max(n_bytes - 8, 0))
+                at = int.from_bytes(file.read(8), "little", signed=True)
+            if not offset < at <= n_bytes - 8:
+                raise ScanError(
+                    f"{self.path}: expected {EXPECTED}, found one that ends before its table of chunks; the "
+                    "file was cut off, copy it again"
+                )
+            file.seek(at + 4)
+            n_chunks = int.from_bytes(file.read(4), "little")
+        if n_chunks > n_bytes:
+            raise ScanError(
+                f"{self.path}: expected {EXPECTED}, found {n_chunks} chunks in {n_bytes} bytes; the file is "
+                "damaged, copy it again"
+            )
+
+    def _told(self) -> AbstractContextManager[None]:
+        return told_as(ScanError, self.path, EXPECTED)
+
+
+def _timed(points: Any) -> TimedPoints:
+    xyz = np.stack([points.x, points.y, points.z], axis=1).astype(float)
+    times = np.array(points.gps_time, dtype=float)
+    classes = np.array(points.classification)
+    is_valid = np.isfinite(times) & ~np.isin(classes, NOISE)
+    if "withheld" in points.point_format.dimension_names:
+        is_valid &= ~np.array(points.withheld).astype(bool)
+    return TimedPoints(xyz, times, is_valid)

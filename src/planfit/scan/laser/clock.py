@@ -1,0 +1,126 @@
+"""How a cloud's times relate to its trajectory's: found where one relation alone fits, else refused.
+
+LAS tells times as seconds of the GPS week, or as GPS seconds less a billion; E57 as seconds since a scan's
+start. Trajectories have any of these, GPS seconds in full, Unix time, or a clock of the device, which many
+programs write into the cloud too, whatever its header says.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.errors import ScanError
+from planfit.scan.laser.points import CloudClock, CloudFile
+from planfit.scan.laser.trajectory import Trajectory
+
+WEEK_S = 604_800.0
+UNIX_OF_GPS_S = 315_964_800.0
+"""Unix time of the beginning of GPS time, 6 January 1980."""
+LEAP_S = 18.0
+"""GPS time is ahead of UTC by this since 2017."""
+MIN_INSIDE = 0.9
+"""Share of a cloud's times that its trajectory has to cover."""
+SAME_OFFSET_S = 1e-3
+SAME_SHARE = 0.002
+"""Relations that cover shares of the cloud that differ by less fit alike."""
+
+
+@dataclass(frozen=True)
+class ClockRelation:
+    """Seconds to add to a cloud's times for those of its trajectory, and why."""
+
+    offset_s: float
+    words: str
+    """Empty where both clocks are the same."""
+
+
+def relate_clocks(file: CloudFile, trajectory: Trajectory, offset_s: float | None) -> ClockRelation:
+    """The relation that puts the cloud's times inside the trajectory's; the user's own `offset_s` if given.
+
+    Raises:
+        ScanError: none does, or several do.
+    """
+    times = file.sample_times()
+    if offset_s is not None:
+        if _share_inside(times + offset_s, trajectory) < MIN_INSIDE:
+            raise _unrelated(file, trajectory, times, f"with {offset_s:g} s added, ")
+        return ClockRelation(
+            offset_s, f"{offset_s:g} s were added to the cloud's times, as was asked for"
+        )
+    if len(times) > 1 and np.ptp(times) == 0.0:
+        raise ScanError(
+            f"{file.path}: expected points with times of their own, found {times[0]:.9g} s for all; export "
+            "the cloud with GPS times"
+        )
+    shares: list[tuple[ClockRelation, float]] = []
+    for relation in _candidates(file.clock, times, trajectory):
+        if all(abs(relation.offset_s - other.offset_s) > SAME_OFFSET_S for other, _ in shares):
+            shares.append((relation, _share_inside(times + relation.offset_s, trajectory)))
+    # Leap seconds shift a cloud by little; but a trajectory begins and ends as its cloud does.
+    least = max(MIN_INSIDE, max((share for _, share in shares), default=0.0) - SAME_SHARE)
+    fitting = [relation for relation, share in shares if share >= least]
+    if not fitting:
+        raise _unrelated(file, trajectory, times, "")
+    if len(fitting) > 1:
+        found = " or ".join(f"{f.words or 'the same clock'} ({f.offset_s:+.0f} s)" for f in fitting)
+        raise ScanError(
+            f"{file.path}: expected one way to relate its times to those of {trajectory.path.name}, found "
+            f"several that fit: {found}; say which with --cloud-time-offset-s"
+        )
+    return fitting[0]
+
+
+def _candidates(
+    clock: CloudClock, times: Float[np.ndarray, " n"], trajectory: Trajectory
+) -> list[ClockRelation]:
+    """Relations that programs are known to leave behind."""
+    found = [ClockRelation(0.0, "")]
+    if len(times) == 0:
+        return found
+    unix = UNIX_OF_GPS_S - LEAP_S
+    first = float(trajectory.times[0])
+    middle = float(np.median(times))
+    if clock.gps_offset_s is not None:
+        full = clock.gps_offset_s
+        found.append(ClockRelation(full, f"{clock.words} against GPS seconds"))
+        found.append(ClockRelation(full + unix, f"{clock.words} against Unix time"))
+        found.append(
+            ClockRelation(
+                full + UNIX_OF_GPS_S, f"{clock.words} against Unix time without leap seconds"
+            )
+        )
+        week = np.floor((middle + full) / WEEK_S) * WEEK_S
+        found.append(ClockRelation(full - week, f"{clock.words} against seconds of the GPS week"))
+        found.append(ClockRelation(full - 1e9, f"{clock.words} against GPS seconds less a billion"))
+    if clock.is_gps_week and times.min() >= 0 and times.max() <= 2 * WEEK_S:
+        for shift, words in (
+            (0.0, "GPS seconds"),
+            (-1e9, "GPS seconds less a billion"),
+            (unix, "Unix time"),
+            (UNIX_OF_GPS_S, "Unix time without leap seconds"),
+        ):
+            weeks = np.round((first - shift - middle) / WEEK_S)
+            for k in (weeks - 1, weeks, weeks + 1):
+                if k * WEEK_S + shift > 0:
+                    name = f"{clock.words} against {words}"
+                    found.append(ClockRelation(float(k * WEEK_S + shift), name))
+    return found
+
+
+def _share_inside(times: Float[np.ndarray, " n"], trajectory: Trajectory) -> float:
+    if len(times) == 0:
+        return 0.0
+    slack = 0.5
+    first, last = trajectory.times[0] - slack, trajectory.times[-1] + slack
+    return float(np.mean((times >= first) & (times <= last)))
+
+
+def _unrelated(file: CloudFile, trajectory: Trajectory, times: np.ndarray, how: str) -> ScanError:
+    span = f"{times.min():.3f} to {times.max():.3f}" if len(times) else "none"
+    return ScanError(
+        f"{file.path}: expected points at times of {trajectory.path.name} "
+        f"({trajectory.times[0]:.3f} to {trajectory.times[-1]:.3f} s), found {how}{span} s "
+        f"({file.clock.words}), and no usual relation between the clocks (GPS week, GPS seconds, Unix time) "
+        "joins them; are they of one recording? Else say what to add with --cloud-time-offset-s"
+    )
