@@ -1,5 +1,7 @@
 """Motions of neighbouring frames between which a repeating pattern and the recorded poses disagree."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -64,3 +66,26 @@ def test_where_the_tracker_jumped_the_measured_motion_stays(jump_m):
     known = neighbours(poses, misled=False)
     assert kept(known, jumped).all()
     assert kept(known, poses).all()
+
+
+def test_where_the_recorded_views_share_nothing_a_jump_is_told_by_its_long_step():
+    poses = walk()
+    turned = poses.copy()
+    # The tracker turned back to the other wall at once, where the camera went on: a jump.
+    about = se3.make_transform(np.diag([-1.0, -1.0, 1.0]), np.array([4.0, 3.2, 0.0]))
+    turned[MISLED + 1 :] = about @ poses[MISLED + 1 :]
+    assert kept(neighbours(poses, misled=False), turned).all()
+
+
+def test_a_turn_in_usual_steps_is_no_jump_though_the_same_picture_hangs_on_the_next_wall():
+    # From the wall at x = 5 to that at y = 4 by 15 deg a step; matches say that nobody turned.
+    poses = np.stack([look([2.5, 2.0, 1.5], 15.0 * k) for k in range(N)])
+    known = neighbours(poses, misled=False)
+    relative_poses = known.verified.relative_poses
+    pairs = np.array([[0, 6], [1, 7]])
+    still = np.tile(np.eye(4), (2, 1, 1))
+    more = RelativePoses(pairs, still, np.array([40, 40]))
+    points = [known.verified.points_a[0]] * 2
+    known = replace(known, verified=known.verified.joined(VerifiedPairs(more, points, points)))
+    found = without_misled(known, poses, make_odometry(poses, OdometryOptions()), MatchingOptions())
+    assert_array_equal(found.verified.relative_poses.pairs, relative_poses.pairs)

@@ -1,23 +1,29 @@
 """Motions of neighbours that a repeating pattern misled: images choose between them and the recorded ones.
 
-Where the same picture hangs four times on a wall, keypoints of one agree with those of the next: a motion a
-metre or a quarter turn off, with as many matches as the right one. The rest of the views tells, as it does of
-revisits. It is asked only where measured and recorded motion contradict each other: where the tracker jumped,
-the recorded one explains nothing.
+Where the same picture hangs four times on a wall, or on the next wall, keypoints of one agree with those of
+the other: a motion a metre or a quarter turn off, with as many matches as the right one. It is doubted only
+where measured and recorded motion contradict each other. Where the recorded motion has the two views overlap,
+the rest of the views tells which of both is right. Where it does not, the recorded steps tell: who jumps does
+so in one step, and a jump of that size among usual steps is long.
 """
 
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
 from planfit.matching.cycles import is_near
 from planfit.matching.options import MatchingOptions
 from planfit.matching.relative_motions import NeighbourMotions, VerifiedPairs
 from planfit.matching.verify import match_sigma
-from planfit.matching.view_agreement import explained_by_rest
+from planfit.matching.view_agreement import Agreement, compare
 from planfit.scan.odometry import Odometry
+
+MIN_SHARED = 0.05
+"""Share of the views that both could see by a motion, from which on they tell of it."""
+USUAL_SHARE, LONG = 0.9, 1.5
+"""A step is long that is this many times longer, or turns this many times further, than this share of all."""
 
 
 def without_misled(
@@ -26,7 +32,7 @@ def without_misled(
     odometry: Odometry,
     options: MatchingOptions,
 ) -> NeighbourMotions:
-    """Leave out verified pairs whose views the recorded motion explains better than the measured one.
+    """Leave out verified pairs where the recorded motion is the better explanation of both views.
 
     Args:
         known: neighbours that keypoints brought together.
@@ -42,31 +48,37 @@ def without_misled(
     if agrees.all():
         return known
     by_measured, by_recorded = (
-        _explained(verified, motions, agrees, known, options) for motions in (measured, recorded)
+        _views(verified, motions, known, options) for motions in (measured, recorded)
     )
-    return replace(known, verified=verified.where(agrees | (by_recorded <= by_measured)))
+    explains_more = by_recorded.rest_explained(
+        agrees, options.agreement
+    ) > by_measured.rest_explained(agrees, options.agreement)
+    tells = by_recorded.shared >= MIN_SHARED
+    is_misled = np.where(tells, explains_more, ~_spans_long_step(pairs, odometry))
+    return replace(known, verified=verified.where(agrees | ~is_misled))
 
 
-def _explained(
+def _views(
     verified: VerifiedPairs,
     motions: Float[np.ndarray, "p 4 4"],
-    agrees: Bool[np.ndarray, " p"],
     known: NeighbourMotions,
     options: MatchingOptions,
-) -> Float[np.ndarray, " p"]:
-    """How much of the views of each pair a motion explains, its matches aside."""
+) -> Agreement:
+    """The views of each pair, one seen from the other by a motion."""
     sigma_m = np.array(
         [
             np.median(match_sigma(a, b, options.verify))
             for a, b in zip(verified.points_a, verified.points_b, strict=True)
         ]
     )
-    return explained_by_rest(
-        replace(verified.relative_poses, a_from_b=motions),
-        verified.points_a,
-        verified.points_b,
-        sigma_m,
-        agrees,
-        known.keypoints.grids,
-        options.agreement,
-    )
+    moved = replace(verified.relative_poses, a_from_b=motions)
+    points = verified.points_a, verified.points_b
+    return compare(moved, *points, sigma_m, known.keypoints.grids, options.agreement)
+
+
+def _spans_long_step(pairs: Int[np.ndarray, "p 2"], odometry: Odometry) -> Bool[np.ndarray, " p"]:
+    steps = odometry.cam_from_next
+    sizes = np.linalg.norm(steps[:, :3, 3], axis=1), se3.rotation_angle(steps[:, :3, :3])
+    is_long = np.any([size > LONG * np.quantile(size, USUAL_SHARE) for size in sizes], axis=0)
+    n_long = np.concatenate([[0], np.cumsum(is_long)])
+    return n_long[pairs[:, 1]] > n_long[pairs[:, 0]]

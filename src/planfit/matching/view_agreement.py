@@ -57,6 +57,18 @@ class Agreement:
     """Share of the cells that both could see at which one looks past the other's surface."""
     likeness: Float[np.ndarray, " p"]
     """Correlation of the greys where the surfaces agree, away from the matches; none is 0."""
+    shared: Float[np.ndarray, " p"]
+    """Share of the cells that both could see."""
+
+    def rest_explained(
+        self, is_neighbour: Bool[np.ndarray, " p"], options: AgreementOptions
+    ) -> Float[np.ndarray, " p"]:
+        """What is not contradicted, times the likeness of what was not matched, 0 to 1."""
+        most = options.max_contradicted
+        if is_neighbour.any():
+            usual = float(np.percentile(self.contradicted[is_neighbour], 95))
+            most = max(most, options.usual_factor * usual)
+        return np.clip(1.0 - self.contradicted / most, 0.0, 1.0) * self.likeness
 
 
 def explained_shares(
@@ -81,32 +93,7 @@ def explained_shares(
         options: see there.
     """
     found = compare(relative_poses, points_a, points_b, sigma_m, grids, options)
-    return found.matched * _rest(found, is_neighbour, options)
-
-
-def explained_by_rest(
-    relative_poses: RelativePoses,
-    points_a: Sequence[Float[np.ndarray, "_ 3"]],
-    points_b: Sequence[Float[np.ndarray, "_ 3"]],
-    sigma_m: Float[np.ndarray, " p"],
-    is_neighbour: Bool[np.ndarray, " p"],
-    grids: ViewGrids,
-    options: AgreementOptions,
-) -> Float[np.ndarray, " p"]:
-    """As `explained_shares`, whatever share of the views has matches: two motions of one pair compare."""
-    found = compare(relative_poses, points_a, points_b, sigma_m, grids, options)
-    return _rest(found, is_neighbour, options)
-
-
-def _rest(
-    found: Agreement, is_neighbour: Bool[np.ndarray, " p"], options: AgreementOptions
-) -> Float[np.ndarray, " p"]:
-    """What is not contradicted, times the likeness of what was not matched."""
-    most = options.max_contradicted
-    if is_neighbour.any():
-        usual = float(np.percentile(found.contradicted[is_neighbour], 95))
-        most = max(most, options.usual_factor * usual)
-    return np.clip(1.0 - found.contradicted / most, 0.0, 1.0) * found.likeness
+    return found.matched * found.rest_explained(is_neighbour, options)
 
 
 def compare(
@@ -146,6 +133,7 @@ def compare(
         np.mean(matched, axis=0),
         n_past / np.maximum(n_agreeing + n_past, 1),
         np.clip(np.mean(likeness, axis=0), 0.0, 1.0),
+        (n_agreeing + n_past) / (2 * ROWS * COLUMNS),
     )
 
 
