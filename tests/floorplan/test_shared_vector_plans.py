@@ -9,6 +9,7 @@ import shapely
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, read_floorplan
+from planfit.floorplan.columns import find_columns
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
 PLANS = DATA / "floorplans"
@@ -58,6 +59,8 @@ def test_drawings(name, unit, size):
     np.testing.assert_allclose(plan.size, size, rtol=0.15)
     assert not any("urniture" in layer for layer in plan.source.layers)
     assert not any("damaged" in warning for warning in plan.source.warnings)
+    # Chamfered squares on a layer of doors; pans and basins on that of walls are none.
+    assert len(find_columns(plan).sizes) == (3 if name == "office_metres" else 0)
 
 
 @pytest.mark.parametrize(

@@ -40,8 +40,9 @@ of rooms 15 to 180."""
 _LETTER_REACH, _LETTER_FILL, _LETTER_SLIM = 1 / 25, 0.65, 4.0
 """Letters: smaller than this share of the drawing, cover less than this of the box around them, and reach
 over more than this many thicknesses of their stroke."""
-_PEN = 0.5
-"""Where strokes of letters are thicker than this share of the usual stroke, all is drawn with one pen."""
+_PEN = 0.62
+"""Where strokes of letters are thicker than this share of the usual stroke, all is drawn with one pen: 0.67
+and more in drawings of lines; 0.58 in a site plan, of whose houses other interpretations have no doubt."""
 _MARK, _MARK_REACH = 0.35, 3.0
 """Beside words, what is thinner than this share of the usual wall and shorter than so many of its thicknesses
 is part of them."""
