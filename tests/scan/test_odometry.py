@@ -94,3 +94,25 @@ def test_one_frame_has_no_steps():
     odometry = make_odometry(np.eye(4)[None], OdometryOptions())
     assert odometry.cam_from_next.shape == (0, 4, 4)
     assert_allclose(odometry.walked_m, [0.0])
+
+
+def test_frames_of_one_time_are_fixed_to_each_other():
+    """Views of one instant, a quarter turn apart: nothing between them may move, and the step to the next
+    instant is as sure as its motion, not as the quarter turn between the views that it joins."""
+    quarter = [se3.make_transform(se3.exp_so3(np.array([0.0, k * np.pi / 2, 0.0])), np.zeros(3))
+               for k in range(4)]  # fmt: skip
+    body = straight(3, step_m=0.5)
+    poses = np.concatenate([[one @ view for view in quarter] for one in body])
+    odometry = make_odometry(
+        poses, OdometryOptions(0.01, 0.02, 0.1, 0.01), np.repeat([0.0, 0.5, 1.0], 4)
+    )
+    crossing = np.array([3, 7])
+    fixed = np.delete(np.arange(11), crossing)
+    assert odometry.sigma_rotation[fixed].max() < np.deg2rad(0.01)
+    assert odometry.sigma_translation[fixed].max() < 0.001
+    assert_allclose(odometry.sigma_rotation[crossing], np.deg2rad(0.1), rtol=1e-6)
+    assert_allclose(odometry.sigma_translation[crossing], 0.01 + 0.02 * 0.5)
+    alone = make_odometry(body, OdometryOptions(0.01, 0.02, 0.1, 0.01))
+    for name in ("rotation", "translation"):
+        ends = [getattr(o, f"sigma_{name}") for o in (odometry, alone)]
+        assert_allclose(np.sqrt((ends[0] ** 2).sum()), np.sqrt((ends[1] ** 2).sum()), rtol=1e-2)
