@@ -335,7 +335,7 @@ def test_clouds_whose_z_is_not_up(up, tmp_path):
     rotation = np.array(turned, dtype=float)
     poses = walk.poses.copy()
     poses[:, :3] = rotation @ poses[:, :3]
-    # Enough of a walk to tell: to and fro across the room.
+    # Enough of a walk to tell: to tell which way it goes.
     cloud, trajectory = write_walk(
         tmp_path, type(walk)(walk.xyz @ rotation.T, walk.times, walk.pose_times, poses)
     )
