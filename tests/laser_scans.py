@@ -95,7 +95,7 @@ def tum_lines(walk: LaserWalk, clock_s: float = 0.0) -> list[str]:
 
 
 def write_walk(
-    folder: Path, walk: LaserWalk, suffix: str = ".laz", **las: float
+    folder: Path, walk: LaserWalk, suffix: str = ".las", **las: float
 ) -> tuple[Path, Path]:
     """The cloud and its trajectory."""
     folder.mkdir(parents=True, exist_ok=True)

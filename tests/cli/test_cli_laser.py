@@ -55,7 +55,7 @@ def test_files_missing_or_spoiled(suffix, tmp_path, capsys):
 def test_refine_and_export(tmp_path, capsys):
     """Without a plan, level and at the floor: files of a run, and the cloud in axes of both kinds."""
     walk = at_site(walk_in_a_room(seconds=4.0, per_second=60_000, side_deg=120.0))
-    cloud, trajectory = write_walk(tmp_path, walk)
+    cloud, trajectory = write_walk(tmp_path, walk, ".laz")
     out = tmp_path / "out"
     words = ["refine", cloud, "--poses", trajectory, "--no-plan", "-o", out, "--workers", 1]
     assert run([str(word) for word in words]) in (0, 1)

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from builders import random_transforms
 from planfit.geometry import se3
-from planfit.scan.odometry import FIXED_M, OdometryOptions, make_odometry
+from planfit.scan.odometry import OdometryOptions, make_odometry
 
 
 def straight(n, step_m=0.5, rotation=0.0):
@@ -96,20 +96,29 @@ def test_one_frame_has_no_steps():
     assert_allclose(odometry.walked_m, [0.0])
 
 
-def test_views_of_one_instant_and_place_are_fixed_to_each_other_and_others_are_not():
-    instant = straight(4)
-    turned = np.tile(np.eye(4), (4, 1, 1))
-    turned[:, :3, :3] = se3.exp_so3(np.array([[0.0, 0.0, np.pi / 2]]))
-    rig = np.stack([instant, instant @ turned], axis=1).reshape(-1, 4, 4)
-    times = np.repeat(np.arange(4.0), 2)
-    odometry = make_odometry(rig, OdometryOptions(), times)
-    one = make_odometry(instant, OdometryOptions())
-    assert odometry.sigma_translation[::2] == pytest.approx(FIXED_M)
-    # From the last view of an instant to the first of the next: as the first camera moved.
-    assert odometry.sigma_rotation[1::2] == pytest.approx(one.sigma_rotation)
-    assert odometry.sigma_translation[1::2] == pytest.approx(one.sigma_translation)
-    # Two images within a second of a coarse clock: as without times.
-    coarse = make_odometry(straight(8), OdometryOptions(), times)
-    assert coarse.sigma_translation == pytest.approx(
-        make_odometry(straight(8), OdometryOptions()).sigma_translation
+def test_frames_of_one_time_are_fixed_to_each_other():
+    """Views of one instant, a quarter turn apart: nothing between them may move, and the step to the next
+    instant is as sure as its motion, not as the quarter turn between the views that it joins."""
+    quarter = [se3.make_transform(se3.exp_so3(np.array([0.0, k * np.pi / 2, 0.0])), np.zeros(3))
+               for k in range(4)]  # fmt: skip
+    body = straight(3, step_m=0.5)
+    poses = np.concatenate([[one @ view for view in quarter] for one in body])
+    odometry = make_odometry(
+        poses, OdometryOptions(0.01, 0.02, 0.1, 0.01), np.repeat([0.0, 0.5, 1.0], 4)
     )
+    crossing = np.array([3, 7])
+    fixed = np.delete(np.arange(11), crossing)
+    assert odometry.sigma_rotation[fixed].max() < np.deg2rad(0.01)
+    assert odometry.sigma_translation[fixed].max() < 0.001
+    assert_allclose(odometry.sigma_rotation[crossing], np.deg2rad(0.1), rtol=1e-6)
+    assert_allclose(odometry.sigma_translation[crossing], 0.01 + 0.02 * 0.5)
+    alone = make_odometry(body, OdometryOptions(0.01, 0.02, 0.1, 0.01))
+    for name in ("rotation", "translation"):
+        ends = [getattr(o, f"sigma_{name}") for o in (odometry, alone)]
+        assert_allclose(np.sqrt((ends[0] ** 2).sum()), np.sqrt((ends[1] ** 2).sum()), rtol=1e-2)
+
+
+def test_two_images_of_a_coarse_clocks_second_are_not_fixed_to_each_other():
+    times, poses = np.repeat(np.arange(4.0), 2), straight(8)
+    coarse, without = (make_odometry(poses, OdometryOptions(), t) for t in (times, None))
+    assert_allclose(coarse.sigma_translation, without.sigma_translation)
