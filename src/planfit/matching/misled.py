@@ -22,6 +22,8 @@ from planfit.scan.odometry import Odometry
 
 MIN_SHARED = 0.05
 """Share of the views that both could see by a motion, from which on they tell of it."""
+CLEARLY = 0.1
+"""A motion explains clearly more of two views than another by this share."""
 USUAL_SHARE, LONG = 0.9, 1.5
 """A step is long that is this many times longer, or turns this many times further, than this share of all."""
 
@@ -50,11 +52,14 @@ def without_misled(
     by_measured, by_recorded = (
         _views(verified, motions, known, options) for motions in (measured, recorded)
     )
-    explains_more = by_recorded.rest_explained(
-        agrees, options.agreement
-    ) > by_measured.rest_explained(agrees, options.agreement)
+    measured_share, recorded_share = (
+        views.rest_explained(agrees, options.agreement) for views in (by_measured, by_recorded)
+    )
+    # By the views, where they share enough by the recorded motion; else, or where that is as good, by steps.
     tells = by_recorded.shared >= MIN_SHARED
-    is_misled = np.where(tells, explains_more, ~_spans_long_step(pairs, odometry))
+    is_won = tells & (measured_share > recorded_share + CLEARLY)
+    is_lost = tells & (recorded_share > measured_share)
+    is_misled = is_lost | ~(is_won | _spans_long_step(pairs, odometry))
     return replace(known, verified=verified.where(agrees | ~is_misled))
 
 
