@@ -71,8 +71,8 @@ class FilesView:
 
     files: ScanFiles
 
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """Colour image, RGB; None where the frame is depth alone."""
         return self.files.color(frame_idx)
 
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
@@ -111,8 +111,8 @@ class SelectedFiles(FilesView):
 
     selected: Int[np.ndarray, " k"]
 
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """Colour image, RGB; None where the frame is depth alone."""
         return self.files.color(int(self.selected[frame_idx]))
 
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
@@ -149,8 +149,8 @@ class TolerantFiles:
         self._reasons: dict[int, str] = {}
         self._lock = Lock()
 
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """Colour image, RGB; None where the frame is depth alone."""
         try:
             return self.files.color(frame_idx)
         except ScanError as error:

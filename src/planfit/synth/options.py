@@ -317,6 +317,8 @@ class SynthOptions:
     camera: CameraOptions = field(default_factory=CameraOptions)
     depth_noise: DepthNoise = field(default_factory=StructuredLightNoise)
     drift: DriftOptions = field(default_factory=DriftOptions)
+    has_color: bool = True
+    """Whether frames have colour images; without, the scan is depth alone."""
     has_labels: bool = True
     """Whether the scan says what each pixel shows."""
     world: Literal["plan", "moved"] = "plan"
