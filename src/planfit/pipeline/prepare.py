@@ -1,6 +1,6 @@
 """What a scan says before a plan is looked at: tracking, gravity, floor and walls, matches, closed loops."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -16,9 +16,13 @@ from planfit.errors import require_plain_numbers
 from planfit.matching import (
     Matches,
     NeighbourMotions,
+    SurfaceMotions,
+    SurfacePairs,
     find_matches,
+    find_surface_pairs,
     measure_more,
     measure_neighbours,
+    measure_surface_neighbours,
     search_matches,
 )
 from planfit.pipeline.options import RefineOptions
@@ -38,6 +42,7 @@ from planfit.tracking import (
     measured_motions,
     pairs_across,
     place_submaps,
+    surface_motions,
     with_open_steps,
 )
 
@@ -51,6 +56,8 @@ class Observations:
     matches: Matches
     tracking: Tracking | None = None
     """How far the recorded poses can be believed; without, they are."""
+    surfaces: SurfacePairs = field(default_factory=SurfacePairs.none)
+    """Frames matched by geometry, where keypoints are few."""
 
 
 @dataclass(frozen=True)
@@ -98,19 +105,47 @@ def extract_observations(
     running = runtime or Runtime()
     stages = timer or StageTimer(running)
     tracking = believe(scan.world_from_cams, chosen.poses_convention, chosen.odometry)
-    known = None
+    known, by_surfaces = None, None
     if matches is None and chosen.tracking.is_judged:
         with stages.stage("tracking"):
-            tracking, known = _judge(scan, chosen, running)
+            known = measure_neighbours(scan, chosen.matching, running)
+            by_surfaces = _surface_neighbours(scan, known, tracking, chosen, running)
+            tracking, known = _judge(scan, chosen, running, known, by_surfaces)
     believed = with_poses(scan, tracking.world_from_cams)
     with stages.stage("level"):
         gravity = find_gravity(believed, chosen.segmentation.gravity, running)
     with stages.stage("floor and walls"):
         structure = segment_scan(believed, gravity, chosen.segmentation, running)
+    surfaces = SurfacePairs.none()
     if matches is None:
         with stages.stage("matching"):
+            known = known or measure_neighbours(believed, chosen.matching, running)
             matches = find_matches(believed, tracking.odometry, chosen.matching, running, known)
-    return Observations(gravity, structure, matches, tracking)
+        with stages.stage("matching by geometry"):
+            surfaces = find_surface_pairs(
+                believed,
+                tracking.odometry,
+                gravity.up_world,
+                by_surfaces or _surface_neighbours(scan, known, tracking, chosen, running),
+                chosen.matching,
+                running,
+            )
+    return Observations(gravity, structure, matches, tracking, surfaces)
+
+
+def _surface_neighbours(
+    scan: Scan,
+    known: NeighbourMotions,
+    tracking: Tracking,
+    options: RefineOptions,
+    runtime: Runtime,
+) -> SurfaceMotions:
+    """Neighbours that keypoints do not bring together, by their surfaces."""
+    matched = known.verified.relative_poses
+    believed = with_poses(scan, tracking.world_from_cams)
+    return measure_surface_neighbours(
+        believed, matched, tracking.odometry, options.matching, runtime
+    )
 
 
 def with_poses(scan: Scan, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Scan:
@@ -124,17 +159,21 @@ def with_poses(scan: Scan, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Scan:
 
 
 def _judge(
-    scan: Scan, options: RefineOptions, runtime: Runtime
+    scan: Scan,
+    options: RefineOptions,
+    runtime: Runtime,
+    known: NeighbourMotions,
+    by_surfaces: SurfaceMotions,
 ) -> tuple[Tracking, NeighbourMotions]:
     """The recorded poses judged by neighbouring frames, doubtful steps by revisits; pairs that were tried."""
     matching = options.matching
-    known = measure_neighbours(scan, matching, runtime)
+    told_by_surfaces = surface_motions(by_surfaces.neighbours)
 
     def judged(known: NeighbourMotions) -> Tracking:
         return judge_tracking(
             scan.name,
             scan.world_from_cams,
-            measured_motions(known.verified, matching.verify),
+            measured_motions(known.verified, matching.verify).joined(told_by_surfaces),
             options.poses_convention,
             options.odometry,
             options.tracking,
@@ -175,7 +214,14 @@ def prepare(
     poses, matches = tracking.world_from_cams, observations.matches
     keyframes = choose_keyframes(poses, chosen.adjust.keyframes, matches.sharpness)
     measurements = reduce_measurements(
-        Measurements(matches, structure, tracking.odometry, scan.cameras), keyframes
+        Measurements(
+            matches,
+            structure,
+            tracking.odometry,
+            scan.cameras,
+            surfaces=observations.surfaces,
+        ),
+        keyframes,
     )
     level = level_from_world(observations.gravity, structure.floor_height_m)
     level_from_cams = level @ tracking.recorded_world_from_cams

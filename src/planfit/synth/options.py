@@ -54,6 +54,9 @@ class BuildingOptions:
     stand in the way are left out; 0 leaves the rooms bare."""
     pictures_per_wall: float = 2.2
     """Pictures, notices, sockets and windows tried on a wall of 4 m, on average."""
+    is_white: bool = False
+    """Walls and ceilings are of one even white, floors and furniture of one even colour each, and nothing
+    hangs on walls: doorways alone have a texture."""
     n_columns: int = 0
     """Free-standing square columns in the largest room; they are in the plan."""
     walkway_m: float = 1.0
