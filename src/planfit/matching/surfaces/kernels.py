@@ -36,7 +36,7 @@ def bring_together(
         motion; number of cells that were paired, 0 where they were too few.
     """
     motion = start.copy()
-    hessian, gradient, sums = np.zeros((6, 6)), np.zeros(6), np.zeros(8)
+    hessian, gradient, sums = np.zeros((6, 6)), np.zeros(6), np.zeros(7)
     for k in range(len(GATES_M) + ROUNDS):
         gate = GATES_M[min(k, len(GATES_M) - 1)]
         stride = 2 if k < N_COARSE else 1
@@ -60,7 +60,7 @@ def bring_together(
 @numba.njit(cache=True, nogil=True)
 def sums_at(view_a: tuple, view_b: tuple, motion: np.ndarray, sigma: np.ndarray) -> tuple:
     """Normal equations (6, 6) at a motion, and sums as `_add` has them, at the last gate."""
-    hessian, gradient, sums = np.zeros((6, 6)), np.zeros(6), np.zeros(8)
+    hessian, gradient, sums = np.zeros((6, 6)), np.zeros(6), np.zeros(7)
     gate = GATES_M[-1]
     _add(view_a, view_b, motion, gate, sigma, 1, False, hessian, gradient, sums)
     _add(view_b, view_a, motion, gate, sigma, 1, True, hessian, gradient, sums)
@@ -108,7 +108,7 @@ def _add(
 
     `motion` is first_from_second, or with `is_back` second_from_first: derivatives are by the tangent of
     `motion`. `sums`: cells, weights, weighted places (3) and squared distances from the origin, in the axes
-    that `motion` leads to.
+    that `motion` leads to, and squared distances from the planes in sigmas.
     """
     depth_a, normals_a, camera_a = view_a
     depth_b, normals_b, camera_b = view_b
@@ -199,6 +199,7 @@ def _add(
                     hessian[r, c] += weight * j[r] * j[c]
             sums[0] += 1.0
             sums[1] += weight
+            sums[6] += weight * distance**2
             for r in range(3):
                 sums[2 + r] += weight * place[r]
                 sums[5] += weight * place[r] ** 2

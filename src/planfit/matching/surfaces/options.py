@@ -13,11 +13,11 @@ class SurfaceOptions:
     use: Literal["few", "always", "never"] = "few"
     """`few`: frames with few matched keypoints, as at white walls or without colour; `always`: all;
     `never`: none."""
-    few_matches: int = 40
+    few_matches: int = 25
     """A frame has few where the keypoints that match those of its neighbours are fewer."""
-    neighbours: int = 2
+    neighbours: int = 3
     """Each such frame is matched with this many that follow it."""
-    loops_per_frame: int = 4
+    loops_per_frame: int = 8
     """Pairs that such a frame may take part in as a revisit."""
     max_depth_m: float = 8.0
     """Surfaces further away are left out."""
@@ -30,7 +30,7 @@ class SurfaceOptions:
     min_observed: float = 0.02
     """A direction of motion is observed where the squared cosines of the surfaces' normals to it are this
     large on average; in others, such as along a corridor, a pair says nothing."""
-    min_overlap: float = 0.3
+    min_overlap: float = 0.2
     """Share of both views whose surfaces must agree."""
     max_contradicted: float = 0.04
     """Share of what both frames could see at which one looks past a surface of the other, up to which a pair

@@ -17,7 +17,9 @@ from planfit.matching.surfaces.kernels import (
 )
 from planfit.matching.surfaces.options import SurfaceOptions
 
-FLOOR_M = 0.01
+LEAST_FACTOR = 0.05
+"""On the variance of a surface: what all of an image shares does not show in distances."""
+FLOOR_M = 0.0075
 """No motion is surer than this, each axis, rotations by their lever: exposure takes its time, and depth errs
 alike all over an image."""
 AGREE_M, AGREE_PER_M = 0.03, 0.015
@@ -95,7 +97,9 @@ def observe(
     sigma = np.array([options.sigma_base_m, options.sigma_per_m])
     hessian, sums = sums_at(_view(grids, i), _view(grids, j), np.ascontiguousarray(a_from_b), sigma)
     values, vectors, scaling = observed(hessian, sums, a_from_b)
-    worth = min(1.0, options.max_observations / max(sums[0], 1.0))
+    # What the distances are, against what the options say of them: depth cameras differ tenfold.
+    factor = max(sums[6] / max(sums[0], 1.0), LEAST_FACTOR)
+    worth = min(1.0, options.max_observations / max(sums[0], 1.0)) / factor
     is_held = values > options.min_observed * sums[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         variances = np.where(is_held, 1.0 / (worth * values) + FLOOR_M**2, np.inf)
