@@ -243,7 +243,7 @@ def walk():
 
 def found_in(walk, odometry=None, **changes):
     scan, poses = walk
-    options = matching(**changes)
+    options = matching(**{"loops_per_frame": 2, **changes})
     recorded = make_odometry(poses, OdometryOptions())
     known = measure_surface_neighbours(scan, nothing_matched(), recorded, options, Runtime())
     odometry = odometry or recorded
@@ -257,7 +257,7 @@ def test_neighbours_and_revisits_of_a_walk_are_right(walk) -> None:
     is_full = found.n_free == 0
     assert known.is_poor.all()
     assert len(known.neighbours) > 60
-    assert found.n_loops(4) > 10
+    assert found.n_loops(4) > 5
     assert is_full.sum() > 20
     squared = np.einsum("pi,pij,pj->p", off, found.information, off)
     assert squared.max() < 36.0  # six sigmas, of what each observes
@@ -278,8 +278,8 @@ def test_only_frames_with_few_matches_are_looked_at(walk) -> None:
     assert not poor_frames(N, nothing_matched(), matching(use="never")).any()
     recorded = make_odometry(walk[1], OdometryOptions())
     known = measure_surface_neighbours(walk[0], matched, recorded, matching(), Runtime())
-    assert_array_equal(known.grids.number >= 0, np.isin(np.arange(N), range(18, 23)))
-    assert np.isin(known.neighbours.pairs, range(18, 23)).all()
+    assert_array_equal(known.grids.number >= 0, np.isin(np.arange(N), range(17, 24)))
+    assert np.isin(known.neighbours.pairs, range(17, 24)).all()
     assert (known.neighbours.pairs == 20).any(axis=1).all()
 
 
