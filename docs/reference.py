@@ -325,11 +325,11 @@ def scans_page() -> str:
         "A scan is a folder, a zip archive of one, a bag, a database, or a laser scanner's cloud. Of several "
         "scans in an archive one is named by its folder inside, `scans.zip/office`. The format is told by "
         "what lies in it; `--format` names one. `planfit inspect SCAN -o SCAN.png` tells what is found.", "",
-        "All need colour, depth and a pose of each frame; clouds need times and `--poses TRAJECTORY` "
-        "instead. Frames that lack one are left out and named. Poses "
-        "of another tracker take the place of the scan's own with `--poses FILE` (TUM, KITTI, EuRoC, Open3D "
-        "log). Lenses are undone and colour is shrunk when a frame is read. Refined poses are written in "
-        "the form of the scan.", "",
+        "All need colour, depth and a pose of each frame; facap and tum may be [depth alone]"
+        "(depth-alone.md), and clouds need times and `--poses TRAJECTORY` instead. Frames that "
+        "lack one are left out and named. Poses of another tracker take the place of the scan's own with "
+        "`--poses FILE` (TUM, KITTI, EuRoC, Open3D log). Lenses are undone and colour is shrunk when a frame "
+        "is read. Refined poses are written in the form of the scan.", "",
         "Some need a library more: video (stray) `planfit[video]`, bags `planfit[bag]`, record3d "
         "`planfit[record3d]`, clouds `planfit[laser]`.", "",
         "| format | told by |", "| --- | --- |",

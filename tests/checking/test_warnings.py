@@ -10,6 +10,7 @@ from planfit.adjust import PlanAdjustment, Solution, TornStep
 from planfit.adjust.association import Association
 from planfit.alignment import Alignment
 from planfit.lsq.solver import Stop
+from planfit.matching import SurfacePairs
 from planfit.pipeline.diagnostics import MIN_NEAR_SHARE, alignment_warnings, scan_warnings
 from planfit.pipeline.validation import Check
 from planfit.segmentation import Gravity, no_level_points
@@ -127,3 +128,17 @@ def test_a_bent_scan_is_told_of_until_the_walls_have_pulled(world):
     assert warnings_of_alignment(world, alignment=alignment) == ("ambiguous",)
     unsure = warnings_of_alignment(world, alignment=alignment, is_place_sure=False)
     assert unsure == ("ambiguous", "bent")
+
+
+def test_a_scan_without_colour_is_told_how_it_was_matched(world):
+    bare = replace(room_scan(world.plan_from_cams), has_color=False)
+    none = world.matches.of_pairs(np.zeros(len(world.matches.pairs), dtype=bool))
+    information = np.stack([np.eye(6), np.diag([1.0, 1, 1, 1, 1, 0])])
+    two = SurfacePairs(
+        np.array([[0, 1], [0, 9]]), np.tile(np.eye(4), (2, 1, 1)), information, np.ones(2)
+    )
+    (told,) = warnings_of_scan(world, scan=bare, matches=none, surfaces=two)
+    assert "matches by geometry: 2 pairs of frames, of which 1 leave a direction free" in told
+    alone = " ".join(warnings_of_scan(world, scan=bare, matches=none))
+    assert "no two frames could be matched" in alone
+    assert "show the same surfaces" in alone

@@ -6,7 +6,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import CAMERA
-from planfit.segmentation.surfaces import depth_edges, depth_normals
+from planfit.geometry.depth_normals import depth_normals
+from planfit.segmentation.surfaces import depth_edges
 
 
 def plane_depth(normal, distance_m=3.0):

@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose
 
 from builders import CAMERA, look, room_scan
 from planfit.geometry import se3
-from planfit.segmentation.surfaces import FAR_M, depth_normals, find_surfaces
+from planfit.geometry.depth_normals import depth_normals
+from planfit.segmentation.surfaces import FAR_M, find_surfaces
 
 POSE = look([1.0, 2.0, 1.5], 10, 20)
 

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import KeyframeOptions
 from planfit.geometry import se3
-from planfit.matching import Matches
+from planfit.matching import Matches, SurfacePairs
 from planfit.scan.odometry import Odometry
 from planfit.segmentation import LevelPoints, Structure, WallPatches
 
@@ -89,6 +89,7 @@ def reduce_measurements(measurements: Measurements, keyframes: Keyframes) -> Mea
         _reduce_odometry(measurements.odometry, keyframes),
         tuple(measurements.cameras[i] for i in keyframes.frame_idx) if measurements.cameras else (),
         keyframes.frame_idx,
+        _reduce_surfaces(measurements.surfaces, keyframes),
     )
 
 
@@ -136,6 +137,27 @@ def _reduce_matches(matches: Matches, keyframes: Keyframes) -> Matches:
         explained=None if matches.explained is None else matches.explained[keep],
         **moved,
     )
+
+
+def _reduce_surfaces(surfaces: SurfacePairs, keyframes: Keyframes) -> SurfacePairs:
+    """Pairs of keyframes: T' = X T Y^-1 with the motions X, Y onto the keyframes of both.
+
+    A tangent (w, v) of T = (R, t) turns T' by X w and moves it by X (v + w x R s), s = Y^-1's translation.
+    """
+    pairs = keyframes.nearest[surfaces.pairs]
+    keep = pairs[:, 0] != pairs[:, 1]
+    motion, (i, j) = surfaces.a_from_b[keep], surfaces.pairs[keep].T
+    first, second = keyframes.key_from_cam[i], se3.inverse(keyframes.key_from_cam[j])
+    axes = first[:, :3, :3]
+    jacobian = np.zeros((len(motion), 6, 6))
+    jacobian[:, :3, :3] = jacobian[:, 3:, 3:] = axes
+    arm = (motion[:, :3, :3] @ second[:, :3, 3:])[..., 0]
+    jacobian[:, 3:, :3] = -axes @ se3.skew(arm)
+    inverse = np.linalg.inv(jacobian)
+    information = np.swapaxes(inverse, 1, 2) @ surfaces.information[keep] @ inverse
+    moved = first @ motion @ second
+    # The earlier keyframe first: keyframes grow with frames, so pairs keep their order.
+    return SurfacePairs(pairs[keep], moved, information, surfaces.explained[keep])
 
 
 def _reduce_structure(structure: Structure, keyframes: Keyframes) -> Structure:

@@ -1,13 +1,13 @@
 """What the scan says about its own poses, whatever is made of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Int
 
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
-from planfit.matching import Matches
+from planfit.matching import Matches, SurfacePairs
 from planfit.scan.odometry import Odometry
 from planfit.segmentation import Structure
 
@@ -27,6 +27,8 @@ class Measurements:
     """Camera of each frame; only the reprojection error asks for them."""
     frame_idx: Int[np.ndarray, " n"] | None = None
     """The scan's number of each frame, where only some are solved for."""
+    surfaces: SurfacePairs = field(default_factory=SurfacePairs.none)
+    """Pairs of frames matched by their surfaces."""
 
     def __post_init__(self) -> None:
         named = {
@@ -36,6 +38,7 @@ class Measurements:
             "ceiling point": (self.structure.ceiling.points_cam,),
             "point of a column": (self.structure.columns.points_cam,),
             "recorded step": (self.odometry.cam_from_next,),
+            "pair of surfaces": (self.surfaces.a_from_b, self.surfaces.information),
         }
         for name, arrays in named.items():
             for array in arrays:

@@ -74,6 +74,8 @@ def _links(problem: AdjustmentProblem, parts: Sequence[NormalBlocks]) -> Int[np.
     """Pairs of frames that matches or the user's terms hold to each other."""
     matched = problem.measurements.matches.pairs
     pairs = [matched if problem.geometric is not None else np.zeros((0, 2), dtype=int)]
+    if problem.surfaces is not None:
+        pairs.append(problem.surfaces.pairs)
     for part in parts:
         off_diagonal = part.rows != part.columns
         pairs.append(np.column_stack([part.rows, part.columns])[off_diagonal])

@@ -13,6 +13,7 @@ from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
 from planfit.adjust.terms.rays import RayOptions
 from planfit.adjust.terms.reprojection import ReprojectionOptions
+from planfit.adjust.terms.surfaces import SurfaceTermOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.adjust.voting import VotingOptions
 from planfit.errors import OptionError, require, require_choice, require_positive, require_share
@@ -70,6 +71,8 @@ class AdjustOptions:
     """The same for the sides of columns, where masks name columns."""
     odometry: OdometryTermOptions = field(default_factory=OdometryTermOptions)
     """Odometry term."""
+    surfaces: SurfaceTermOptions = field(default_factory=SurfaceTermOptions)
+    """Surfaces term: pairs of frames that were matched by geometry."""
     averaging: Literal["observations", "mean"] = "observations"
     """What a term adds up: effective observations in sigmas, or, as in the paper, the mean over its points,
     a sigma of matches being 1 m."""
@@ -151,6 +154,7 @@ class AdjustOptions:
                 (self.geometric, self.wall_strategy, self.averaging) == ("points", "fixed", "mean")
                 and not self.is_bounded
                 and self.odometry.weight == self.ceiling.weight == self.columns.weight == 0
+                and self.surfaces.weight == 0
             )
             require(
                 is_papers,
@@ -169,5 +173,5 @@ class AdjustOptions:
 
     def _weights(self) -> tuple[float, ...]:
         geometric = getattr(self, self.geometric).weight
-        others = (self.floor, self.ceiling, self.walls, self.columns, self.odometry)
+        others = (self.floor, self.ceiling, self.walls, self.columns, self.odometry, self.surfaces)
         return geometric, *(options.weight for options in others)

@@ -24,6 +24,7 @@ from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.rays import RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionTerm
+from planfit.adjust.terms.surfaces import surface_term
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
     offset_prior,
@@ -38,6 +39,7 @@ from planfit.lsq.bounded import solve_bounded
 from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Cost, Solution
 from planfit.lsq.term import Term
+from planfit.lsq.terms.between import BetweenTerm
 from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.segmentation import WallPatches
 
@@ -55,6 +57,8 @@ class AdjustmentProblem:
     n_cams: int
     geometric: PointTerm | RayTerm | ReprojectionTerm | None = None
     """What matches are held to."""
+    surfaces: BetweenTerm | None = None
+    """Pairs of frames matched by geometry."""
     floor: LevelTerm | None = None
     odometry: OdometryTerm | None = None
     ceiling: LevelTerm | None = None
@@ -75,7 +79,7 @@ class AdjustmentProblem:
     @property
     def scan_terms(self) -> list[Term]:
         """Those that need no plan."""
-        return _present(self.geometric, self.floor, self.odometry)
+        return _present(self.geometric, self.surfaces, self.floor, self.odometry)
 
     @property
     def plan_terms(self) -> list[Term]:
@@ -95,7 +99,7 @@ class AdjustmentProblem:
         else:
             walls = _present(self.offset_walls, self.offset_prior)
         walls += _present(self.moved_walls, self.moved_prior)
-        level = _present(self.floor, self.odometry, self.ceiling, self.columns)
+        level = _present(self.surfaces, self.floor, self.odometry, self.ceiling, self.columns)
         return [*level, *walls, *self.extra, *_present(self.gauge)]
 
     def costs(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> dict[str, float]:
@@ -199,6 +203,7 @@ def build_problem(
         target_from_cams,
         len(target_from_cams),
         geometric=_geometric_term(measurements, options),
+        surfaces=_surface_term(measurements, options),
         floor=_floor_term(measurements, options),
         odometry=_odometry_term(measurements, options),
         extra=extra,
@@ -245,6 +250,12 @@ def _geometric_term(
     if options.geometric == "rays":
         return RayTerm(matches, chosen)
     return ReprojectionTerm(matches, measurements.cameras, chosen)
+
+
+def _surface_term(measurements: Measurements, options: AdjustOptions) -> BetweenTerm | None:
+    if options.surfaces.weight <= 0 or len(measurements.surfaces) == 0:
+        return None
+    return surface_term(measurements.surfaces, options.surfaces)
 
 
 def _floor_term(measurements: Measurements, options: AdjustOptions) -> LevelTerm | None:

@@ -90,6 +90,7 @@ def _rows(
             ", ".join(f"{w} x {h}" for w, h in sizes)
             + f" px, {one if focal[-1] - focal[0] < 0.1 else many}",
         ],
+        ["colour", "yes" if scan.has_color else "none: the scan is depth alone"],
         [
             "depth",
             f"{depth.near_m:.2f} to {depth.far_m:.2f} m, median {depth.median_m:.2f} m; "
@@ -102,7 +103,7 @@ def _rows(
         ["masks", "floor and walls" if scan.has_labels else "none"],
     ]
     if depth.n_empty:
-        rows.insert(5, ["", f"{depth.n_empty} of these frames have no depth at all"])
+        rows.insert(6, ["", f"{depth.n_empty} of these frames have no depth at all"])
     return rows
 
 

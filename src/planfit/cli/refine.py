@@ -177,6 +177,8 @@ def summarise(
         f"\n{len(scan)} frames, {matches.n_matches} matches in {len(matches.pairs)} pairs, "
         f"{found}labels from {result.structure.back_end}"
     )
+    if len(result.surfaces):
+        out.print(result.surfaces.sentence)
     stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)
     out.print(f"{seconds:.1f} s: {stages}")
     alignment = result.alignment

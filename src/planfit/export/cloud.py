@@ -12,6 +12,9 @@ from planfit.geometry import se3
 from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
 
+GREY = 180
+"""What points of frames without colour are painted."""
+
 
 @dataclass(frozen=True)
 class Cloud:
@@ -88,6 +91,12 @@ def write_ply(
         file.write(vertices.tobytes())
 
 
+def color_or_grey(scan: Scan, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
+    """Colour image of a frame; one grey where it is depth alone."""
+    image, camera = scan.files.color(frame_idx), scan.cameras[frame_idx]
+    return np.full((camera.height, camera.width, 3), GREY, np.uint8) if image is None else image
+
+
 def _sample(scan: Scan, per_frame: int, max_depth_m: float, i: int) -> Arrays:
     depth = scan.files.depth(i)
     step = max(1, int(np.sqrt(depth.size / per_frame)))
@@ -98,5 +107,5 @@ def _sample(scan: Scan, per_frame: int, max_depth_m: float, i: int) -> Arrays:
     uv = np.stack([columns[keep], rows[keep]], axis=1)
     return {
         "points": scan.cameras[i].lift(uv.astype(float), at[keep]).astype(np.float32),
-        "colors": scan.files.color(i)[rows[keep], columns[keep]],
+        "colors": color_or_grey(scan, i)[rows[keep], columns[keep]],
     }

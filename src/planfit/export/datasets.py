@@ -33,6 +33,7 @@ def write_colmap(
     that `matches` make, with tracks, then `cloud`, which no image observes.
 
     Raises:
+        OutputError: a frame has no colour.
         OSError: a file cannot be written.
     """
     id_of = {camera: i for i, camera in enumerate(dict.fromkeys(scan.cameras), start=1)}
@@ -76,7 +77,7 @@ def _colors(scan: Scan, seen: Observations) -> UInt8[np.ndarray, "p 3"]:
         mine = seen.frame_idx == i
         camera = scan.cameras[i]
         u, v = np.rint(seen.uv[mine]).astype(int).T
-        image = scan.files.color(int(i))
+        image = _color(scan, int(i))
         colors[seen.point_idx[mine]] = image[
             v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)
         ]
@@ -93,6 +94,7 @@ def write_nerfstudio(
     """`transforms.json`, `images/`, `depth/` in millimetres, and `sparse_pc.ply`, in an empty folder.
 
     Raises:
+        OutputError: a frame has no colour.
         OSError: a file cannot be written.
     """
     frames = [
@@ -123,7 +125,7 @@ def _write_images(folder: Path, scan: Scan, runtime: Runtime) -> None:
 
     def one_frame(i: int) -> dict[str, np.ndarray]:
         name = scan.frame_ids[i]
-        color = cv2.cvtColor(scan.files.color(i), cv2.COLOR_RGB2BGR)
+        color = cv2.cvtColor(_color(scan, i), cv2.COLOR_RGB2BGR)
         quality = [cv2.IMWRITE_JPEG_QUALITY, 95]
         _write_image(folder / COLOR_FOLDER / f"{name}.jpg", color, quality)
         millimetres = np.rint(np.nan_to_num(scan.files.depth(i), nan=0.0) * 1e3)
@@ -133,6 +135,16 @@ def _write_images(folder: Path, scan: Scan, runtime: Runtime) -> None:
         return {}
 
     Runtime(runtime.workers, None, runtime.on_progress).map("images", "", len(scan), one_frame)
+
+
+def _color(scan: Scan, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
+    image = scan.files.color(frame_idx)
+    if image is None:
+        raise OutputError(
+            f"{scan.name}: frame {scan.frame_ids[frame_idx]}: expected a colour image, which "
+            "COLMAP and nerfstudio need of each frame, found depth alone; export --to mesh or open3d"
+        )
+    return image
 
 
 def _write_image(

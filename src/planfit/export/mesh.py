@@ -10,6 +10,7 @@ import trimesh
 from jaxtyping import Float
 
 from planfit.errors import OutputError
+from planfit.export.cloud import color_or_grey
 from planfit.export.mesh_tiles import BLOCK_VOXELS, Tile, cut_tiles
 from planfit.geometry import se3
 from planfit.runtime import Runtime
@@ -128,7 +129,7 @@ def _integrate(
     lens = core.Tensor(scan.cameras[i].matrix)
     cam_from_target = core.Tensor(np.ascontiguousarray(se3.inverse(target_from_cam)))
     depth = image(core.Tensor(metres[..., None]))
-    color = image(core.Tensor(scan.files.color(i).astype(np.float32) / 255))
+    color = image(core.Tensor(color_or_grey(scan, i).astype(np.float32) / 255))
     view = (1.0, max_depth_m, TRUNCATION_VOXELS)
     blocks = volume.compute_unique_block_coordinates(depth, lens, cam_from_target, *view).numpy()
     inside = np.ascontiguousarray(blocks[tile.touches(blocks)])

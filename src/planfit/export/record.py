@@ -13,7 +13,7 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
-from planfit.matching import Matches
+from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.on_plan import Storey, Storeys, frame_runs
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
@@ -45,6 +45,7 @@ def make_record(
         "up_from": result.gravity.source,
         "tracking": None if result.tracking is None else _tracking_record(result.tracking),
         "matches": _matches_record(result.matches, neighbours),
+        "surfaces": _surfaces_record(result.surfaces, neighbours),
         "alignment": None if result.alignment is None else _alignment_record(result.alignment),
         "storeys": None if result.storeys is None else _storeys_record(result, result.storeys),
         **_transforms(scan, result),
@@ -171,6 +172,15 @@ def _matches_record(matches: Matches, neighbours: int) -> dict[str, int]:
         "pairs_verified": len(matches.pairs),
         "loop_closures": matches.n_loops(neighbours),
         "matches": matches.n_matches,
+    }
+
+
+def _surfaces_record(surfaces: SurfacePairs, neighbours: int) -> dict[str, int]:
+    """Pairs of frames matched by geometry."""
+    return {
+        "pairs_verified": len(surfaces),
+        "loop_closures": surfaces.n_loops(neighbours),
+        "with_free_directions": int((surfaces.n_free > 0).sum()),
     }
 
 

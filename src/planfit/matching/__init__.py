@@ -7,6 +7,13 @@ from planfit.matching.options import MatchingOptions as MatchingOptions
 from planfit.matching.relative_motions import NeighbourMotions as NeighbourMotions
 from planfit.matching.relative_motions import measure_more as measure_more
 from planfit.matching.relative_motions import measure_neighbours as measure_neighbours
+from planfit.matching.surfaces.find import SurfaceMotions as SurfaceMotions
+from planfit.matching.surfaces.find import find_surface_pairs as find_surface_pairs
+from planfit.matching.surfaces.find import (
+    measure_surface_neighbours as measure_surface_neighbours,
+)
+from planfit.matching.surfaces.options import SurfaceOptions as SurfaceOptions
+from planfit.matching.surfaces.types import SurfacePairs as SurfacePairs
 from planfit.matching.types import Matches as Matches
 from planfit.matching.types import RelativePoses as RelativePoses
 from planfit.matching.visits import group_visits as group_visits

@@ -111,13 +111,13 @@ def detect(
 
 
 def lift(
-    color: UInt8[np.ndarray, "h w 3"],
+    color: UInt8[np.ndarray, "h w 3"] | None,
     depth: Float[np.ndarray, "h w"],
     camera: Camera,
     options: KeypointOptions,
     found: Detections,
 ) -> tuple[Keypoints, Int[np.ndarray, " k"]]:
-    """Those detections whose depth can be trusted, and their indices."""
+    """Those detections whose depth can be trusted, and their indices; without colour, sharpness is 0."""
     depth_at = sample_depth(depth, found.uv, options.edge_step)
     # A keypoint with several orientations is listed once for each; the same uv twice is no new measurement
     # for the pose, but a match may need either descriptor, so all stay here.
@@ -128,9 +128,16 @@ def lift(
         points_cam,
         found.scores[kept],
         found.descriptors[kept],
-        sharpness(cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)),
+        np.float32(0) if color is None else sharpness(cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)),
     )
     return keypoints, kept
+
+
+def no_keypoints(kind: str) -> Keypoints:
+    """Of a frame without colour: none, with descriptors as long as those of `KeypointOptions.kind`."""
+    found = _no_detections(128 if kind == "sift" else 256)
+    none = np.zeros((0, 3), np.float32)
+    return Keypoints(found.uv, none, found.scores, found.descriptors, np.float32(0))
 
 
 def sharpness(grey: UInt8[np.ndarray, "h w"]) -> np.float32:

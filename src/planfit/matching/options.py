@@ -7,6 +7,7 @@ from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.matching.detect import KeypointOptions
 from planfit.matching.matchers import MatcherOptions
 from planfit.matching.pairs import PairOptions
+from planfit.matching.surfaces.options import SurfaceOptions
 from planfit.matching.verify import VerifyOptions
 from planfit.matching.view_agreement import AgreementOptions
 
@@ -28,6 +29,8 @@ class MatchingOptions:
     cycle_consistency: CycleConsistencyOptions = field(default_factory=CycleConsistencyOptions)
     """Which relative poses are those of look-alikes: they depart from what else is known by more than its
     sigma explains."""
+    surfaces: SurfaceOptions = field(default_factory=SurfaceOptions)
+    """Matches by geometry, for frames with few matched keypoints."""
     colmap: str = ""
     """Path of a COLMAP database, or of the folder of a sparse model, whose matches take the place of our
     own keypoints and pairs. They are verified all the same."""

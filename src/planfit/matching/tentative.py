@@ -15,6 +15,7 @@ from planfit.matching.detect import (
     detect,
     lift,
     make_detector,
+    no_keypoints,
     without_descriptors,
 )
 from planfit.matching.loop_closure import propose_loop_closures
@@ -145,13 +146,16 @@ def _keypoints(item: Arrays) -> Keypoints:
     return Keypoints(**{each.name: item[each.name] for each in fields(Keypoints)})  # type: ignore[arg-type]
 
 
-def _grids(color: np.ndarray, depth: np.ndarray) -> Arrays:
+def _grids(color: np.ndarray | None, depth: np.ndarray) -> Arrays:
     return {"depth_grid": depth_grid(depth), "grey_grid": grey_grid(color)}
 
 
 def _detect_frame(scan: Scan, options: KeypointOptions, detector: Detector, i: int) -> Arrays:
     color, depth = scan.files.color(i), scan.files.depth(i)
-    found = detect(color, depth, scan.cameras[i], options, detector)
+    if color is None:
+        found = no_keypoints(options.kind)
+    else:
+        found = detect(color, depth, scan.cameras[i], options, detector)
     return {**vars(found), **_grids(color, depth)}
 
 

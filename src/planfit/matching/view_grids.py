@@ -53,8 +53,10 @@ def depth_grid(depth: Float[np.ndarray, "h w"]) -> Float32[np.ndarray, "r c"]:
     return np.where(n_measured >= MIN_SAMPLES, median, np.nan).astype(np.float32)
 
 
-def grey_grid(color: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "r c"]:
-    """Mean grey of each cell of a colour image."""
+def grey_grid(color: UInt8[np.ndarray, "h w 3"] | None) -> UInt8[np.ndarray, "r c"]:
+    """Mean grey of each cell of a colour image; without one, one grey, which is like no other nor unlike."""
+    if color is None:
+        return np.zeros((ROWS, COLUMNS), np.uint8)
     grey = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
     return np.asarray(cv2.resize(grey, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), np.uint8)
 

@@ -3,7 +3,7 @@
 from planfit.adjust import PlanAdjustment, TornStep, describe_moved
 from planfit.adjust.observability import frame_ranges
 from planfit.alignment import Alignment
-from planfit.matching import Matches
+from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.on_plan import Storeys
 from planfit.pipeline.validation import Check
 from planfit.scan import Scan
@@ -17,6 +17,9 @@ MAX_TORN_STEPS = 3
 """Torn steps that are named one by one."""
 
 
+NO_SURFACES = SurfacePairs.none()
+
+
 def scan_warnings(
     scan: Scan,
     gravity: Gravity,
@@ -24,6 +27,7 @@ def scan_warnings(
     matches: Matches,
     neighbours: int,
     has_plan: bool = True,
+    surfaces: SurfacePairs = NO_SURFACES,
 ) -> tuple[str, ...]:
     """Warnings about what the scan shows; walls are missed only where there is a plan to hold them to."""
     warnings = []
@@ -47,12 +51,20 @@ def scan_warnings(
             "matches and the floor were used; give wall masks, or scan more of the walls"
         )
     others = "walls and floor" if has_plan else "the floor"
-    if matches.n_matches == 0:
+    if not scan.has_color:
         warnings.append(
-            f"no two frames could be matched: poses were refined by {others} alone; "
-            "check that colour images are sharp and belong to the depth"
+            "the scan has no colour: frames were matched by geometry alone ("
+            + surfaces.sentence
+            + ")"
         )
-    elif matches.n_loops(neighbours) == 0:
+    if matches.n_matches == 0 and len(surfaces) == 0:
+        check = "check that colour images are sharp and belong to the depth"
+        if not scan.has_color:
+            check = "check that frames that follow each other show the same surfaces"
+        warnings.append(
+            f"no two frames could be matched: poses were refined by {others} alone; {check}"
+        )
+    elif matches.n_loops(neighbours) + surfaces.n_loops(neighbours) == 0:
         warnings.append(
             "no place was seen to be visited again (no loop closure): drift along the path is corrected by "
             f"{others} only"

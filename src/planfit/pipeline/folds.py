@@ -33,6 +33,8 @@ class Folds:
     """Fold that keeps out each pair, `NOT_KEPT_OUT` where none does."""
     of_patches: Int[np.ndarray, " w"]
     """Fold that keeps out each wall patch."""
+    of_surfaces: Int[np.ndarray, " q"]
+    """Fold that keeps out each pair matched by its surfaces, as for other pairs of the same visit."""
 
     @property
     def n_stretches(self) -> int:
@@ -56,7 +58,9 @@ def choose_folds(
     """
     stretch = cut_into_stretches(recorded_from_cams, count)
     n = int(stretch[-1]) + 1
-    first, last = stretch[measurements.matches.pairs].T
+    n_matched = len(measurements.matches.pairs)
+    pairs = np.concatenate([measurements.matches.pairs, measurements.surfaces.pairs])
+    first, last = stretch[pairs].T
     # A visit is a pair of stretches that do not follow each other, numbered without gaps.
     is_visit = last - first > 1
     cells, visit = np.unique((first * n + last)[is_visit], return_inverse=True)
@@ -68,7 +72,14 @@ def choose_folds(
     # Stretches that follow each other are kept out by different folds, so that both sides stay held.
     fold_of_stretch = (np.arange(n) + rng.integers(count)) % count
     of_patches = fold_of_stretch[stretch[measurements.structure.walls.frame_idx]]
-    return Folds(count, stretch, visit_of_pairs, of_pairs, of_patches)
+    return Folds(
+        count,
+        stretch,
+        visit_of_pairs[:n_matched],
+        of_pairs[:n_matched],
+        of_patches,
+        of_pairs[n_matched:],
+    )
 
 
 def cut_into_stretches(
@@ -94,15 +105,19 @@ def without_fold(
     fold: int,
 ) -> tuple[Measurements, PlanCorrespondences | None]:
     """Measurements and plan correspondences (None without a plan) without what one fold keeps out."""
-    matches = measurements.matches.of_pairs(folds.of_pairs != fold)
+    measurements = replace(
+        measurements,
+        matches=measurements.matches.of_pairs(folds.of_pairs != fold),
+        surfaces=measurements.surfaces[folds.of_surfaces != fold],
+    )
     if correspondences is None:
-        return replace(measurements, matches=matches), None
+        return measurements, None
     keep = folds.of_patches != fold
     structure, walls = measurements.structure, correspondences.walls
     widths = correspondences.widths
     kept = structure.walls.of(keep)
     return (
-        replace(measurements, matches=matches, structure=replace(structure, walls=kept)),
+        replace(measurements, structure=replace(structure, walls=kept)),
         replace(
             correspondences,
             walls=Association(walls.face_idx[keep], walls.distance_m[keep]),

@@ -1,6 +1,6 @@
 """What a scan says before a plan is looked at: tracking, gravity, floor and walls, matches, closed loops."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -16,16 +16,19 @@ from planfit.errors import require_plain_numbers
 from planfit.matching import (
     Matches,
     NeighbourMotions,
+    SurfaceMotions,
+    SurfacePairs,
     find_matches,
+    find_surface_pairs,
     measure_more,
     measure_neighbours,
+    measure_surface_neighbours,
     search_matches,
     without_misled,
 )
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
-from planfit.scan.odometry import make_odometry
 from planfit.segmentation import (
     Gravity,
     Structure,
@@ -40,6 +43,7 @@ from planfit.tracking import (
     measured_motions,
     pairs_across,
     place_submaps,
+    surface_motions,
     with_open_steps,
 )
 
@@ -53,6 +57,8 @@ class Observations:
     matches: Matches
     tracking: Tracking | None = None
     """How far the recorded poses can be believed; without, they are."""
+    surfaces: SurfacePairs = field(default_factory=SurfacePairs.none)
+    """Frames matched by geometry, where keypoints are few."""
 
 
 @dataclass(frozen=True)
@@ -100,19 +106,48 @@ def extract_observations(
     running = runtime or Runtime()
     stages = timer or StageTimer(running)
     tracking = _believed(scan, chosen)
-    known = None
+    known, by_surfaces = None, None
     if matches is None and chosen.tracking.is_judged:
         with stages.stage("tracking"):
-            tracking, known = _judge(scan, chosen, running)
+            known = measure_neighbours(scan, chosen.matching, running)
+            known = _not_misled(known, tracking, chosen)
+            by_surfaces = _surface_neighbours(scan, known, tracking, chosen, running)
+            tracking, known = _judge(scan, chosen, running, tracking, known, by_surfaces)
     believed = with_poses(scan, tracking.world_from_cams)
     with stages.stage("level"):
         gravity = find_gravity(believed, chosen.segmentation.gravity, running)
     with stages.stage("floor and walls"):
         structure = segment_scan(believed, gravity, chosen.segmentation, running)
+    surfaces = SurfacePairs.none()
     if matches is None:
         with stages.stage("matching"):
+            known = known or measure_neighbours(believed, chosen.matching, running)
             matches = find_matches(believed, tracking.odometry, chosen.matching, running, known)
-    return Observations(gravity, structure, matches, tracking)
+        with stages.stage("matching by geometry"):
+            surfaces = find_surface_pairs(
+                believed,
+                tracking.odometry,
+                gravity.up_world,
+                by_surfaces or _surface_neighbours(scan, known, tracking, chosen, running),
+                chosen.matching,
+                running,
+            )
+    return Observations(gravity, structure, matches, tracking, surfaces)
+
+
+def _surface_neighbours(
+    scan: Scan,
+    known: NeighbourMotions,
+    tracking: Tracking,
+    options: RefineOptions,
+    runtime: Runtime,
+) -> SurfaceMotions:
+    """Neighbours that keypoints do not bring together, by their surfaces."""
+    matched = known.verified.relative_poses
+    believed = with_poses(scan, tracking.world_from_cams)
+    return measure_surface_neighbours(
+        believed, matched, tracking.odometry, options.matching, runtime
+    )
 
 
 def with_poses(scan: Scan, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Scan:
@@ -130,20 +165,30 @@ def _believed(scan: Scan, options: RefineOptions) -> Tracking:
     return believe(scan.world_from_cams, convention, odometry, scan.timestamps)
 
 
+def _not_misled(
+    known: NeighbourMotions, believed: Tracking, options: RefineOptions
+) -> NeighbourMotions:
+    poses, odometry = believed.world_from_cams, believed.odometry
+    return without_misled(known, poses, odometry, options.matching)
+
+
 def _judge(
-    scan: Scan, options: RefineOptions, runtime: Runtime
+    scan: Scan,
+    options: RefineOptions,
+    runtime: Runtime,
+    believed: Tracking,
+    known: NeighbourMotions,
+    by_surfaces: SurfaceMotions,
 ) -> tuple[Tracking, NeighbourMotions]:
     """The recorded poses judged by neighbouring frames, doubtful steps by revisits; pairs that were tried."""
     matching = options.matching
-    odometry = make_odometry(scan.world_from_cams, options.odometry)
-    known = measure_neighbours(scan, matching, runtime)
-    known = without_misled(known, scan.world_from_cams, odometry, matching)
+    told_by_surfaces = surface_motions(by_surfaces.neighbours)
 
     def judged(known: NeighbourMotions) -> Tracking:
         return judge_tracking(
             scan.name,
             scan.world_from_cams,
-            measured_motions(known.verified, matching.verify),
+            measured_motions(known.verified, matching.verify).joined(told_by_surfaces),
             options.poses_convention,
             options.odometry,
             options.tracking,
@@ -156,7 +201,7 @@ def _judge(
         # Frames further apart may see what the nearest do not.
         pairs = pairs_across(tracking.doubtful_steps, len(scan), matching.pairs.neighbours)
         known = measure_more(scan, known, pairs, matching, runtime)
-        known = without_misled(known, scan.world_from_cams, odometry, matching)
+        known = _not_misled(known, believed, options)
         tracking = judged(known)
     if len(tracking.doubtful_steps) == 0:
         return tracking, known
@@ -185,7 +230,14 @@ def prepare(
     poses, matches = tracking.world_from_cams, observations.matches
     keyframes = choose_keyframes(poses, chosen.adjust.keyframes, matches.sharpness)
     measurements = reduce_measurements(
-        Measurements(matches, structure, tracking.odometry, scan.cameras), keyframes
+        Measurements(
+            matches,
+            structure,
+            tracking.odometry,
+            scan.cameras,
+            surfaces=observations.surfaces,
+        ),
+        keyframes,
     )
     level = level_from_world(observations.gravity, structure.floor_height_m)
     level_from_cams = level @ tracking.recorded_world_from_cams

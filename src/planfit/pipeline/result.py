@@ -1,6 +1,6 @@
 """What a run gives: refined poses, and all that is needed to judge them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,7 +11,7 @@ from planfit.alignment import Alignment
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
-from planfit.matching import Matches
+from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.calibrate import CalibratedScan
 from planfit.pipeline.diagnostics import (
     adjustment_warnings,
@@ -70,6 +70,8 @@ class RefineResult:
     faces of all, and `structure` the walls of frames on them."""
     sensor_parameters: tuple[SensorParameter, ...] = ()
     """The same, parameter by parameter, in words and units."""
+    surfaces: SurfacePairs = field(default_factory=SurfacePairs.none)
+    """Frames matched by geometry, where keypoints are few."""
 
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
@@ -119,6 +121,7 @@ def make_result(
         gravity=observations.gravity,
         structure=structure,
         matches=matches,
+        surfaces=observations.surfaces,
         alignment=on_plan.alignment,
         adjustment=adjustment,
         solved_frame_idx=prepared.keyframes.frame_idx,
@@ -127,7 +130,15 @@ def make_result(
         warnings=(
             *(observations.tracking.warnings if observations.tracking else ()),
             *sensor_warnings(found),
-            *scan_warnings(scan, observations.gravity, structure, matches, neighbours, has_plan),
+            *scan_warnings(
+                scan,
+                observations.gravity,
+                structure,
+                matches,
+                neighbours,
+                has_plan,
+                observations.surfaces,
+            ),
             *prepared.warnings,
             *(storey_warnings(on_plan.storeys) if on_plan.storeys else ()),
             *(

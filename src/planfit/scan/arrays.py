@@ -21,10 +21,12 @@ from planfit.scan.types import Label, Scan
 
 Images = Sequence[np.ndarray] | np.ndarray
 """One array a frame, or one array of all frames."""
+Colors = Sequence[np.ndarray | None] | np.ndarray | None
+"""The same of colour images, None for each frame that has none; None alone: no frame has one."""
 
 
 def scan_from_arrays(
-    colors: Images,
+    colors: Colors,
     depths_m: Images,
     cameras: Camera | Sequence[Camera],
     world_from_cams: np.ndarray,
@@ -41,10 +43,11 @@ def scan_from_arrays(
     so nothing of it is kept in a cache.
 
     Args:
-        colors: (n, h, w, 3) uint8, RGB.
+        colors: (n, h, w, 3) uint8, RGB; None where there is no colour, or in a list for frames without.
         depths_m: (n, h', w') m along the optical axis, of any float type; NaN, 0 or infinity where nothing
             was measured. It shows what the colour shows, in its size or another.
-        cameras: Intrinsics of the colour images: one camera for all, or one a frame. Without distortion.
+        cameras: Intrinsics of the colour images (of the depth, where a frame has no colour): one camera for
+            all, or one a frame. Without distortion.
         world_from_cams: (n, 4, 4) poses, OpenCV camera axes, in metres.
         timestamps_s: (n,) s; by default frames are numbered from 0.
         labels: (n, h, w) integers, what each pixel of the colour shows, as `Label`; without, labels come
@@ -61,7 +64,8 @@ def scan_from_arrays(
     times = np.arange(float(n)) if timestamps_s is None else np.asarray(timestamps_s, dtype=float)
     _check(each_camera, n, "cameras", "Camera", lambda camera: isinstance(camera, Camera), name)
     _check(times, n, "timestamps", "numbers, in s", np.isscalar, name)
-    _check_images(colors, depths_m, labels, n, name)
+    each_color: Images | Sequence[np.ndarray | None] = [None] * n if colors is None else colors
+    _check_images(each_color, depths_m, labels, n, name)
     if up_world is not None and np.shape(up_world) != (3,):
         raise ScanError(f"{name}: expected up_world of shape (3,), found {_words(up_world)}")
     if up_world is not None and not 1e-9 < float(np.linalg.norm(up_world)) < np.inf:
@@ -69,8 +73,8 @@ def scan_from_arrays(
     recording = Recording(
         format="arrays",
         path=Path(name),
-        frames=_number_frames(times, np.asarray(world_from_cams, dtype=float)),
-        images=ArrayImages(colors, depths_m),
+        frames=_number_frames(times, np.asarray(world_from_cams, dtype=float), each_color),
+        images=ArrayImages(each_color, depths_m),
         color_lens=lambda frame, _: Lens(each_camera[int(frame.frame_id)]),
         write_poses=_write_poses,
         fingerprint="",
@@ -85,7 +89,7 @@ def scan_from_arrays(
 class ArrayImages:
     """`StoredImages` that are arrays: the frame's id is its number."""
 
-    colors: Images
+    colors: Images | Sequence[np.ndarray | None]
     depths_m: Images
 
     def missing(self, frame: Frame) -> str:  # noqa: ARG002
@@ -95,8 +99,10 @@ class ArrayImages:
     def sizes(self, frame: Frame) -> tuple[Size, Size]:
         """Of colour and depth."""
         i = int(frame.frame_id)
-        color, depth = self.colors[i].shape, self.depths_m[i].shape
-        return (color[1], color[0]), (depth[1], depth[0])
+        depth = self.depths_m[i].shape
+        color = self.colors[i]
+        shape = depth if color is None else color.shape
+        return (shape[1], shape[0]), (depth[1], depth[0])
 
     def warnings(self, frames: Sequence[Frame]) -> list[str]:  # noqa: ARG002
         """None."""
@@ -104,7 +110,9 @@ class ArrayImages:
 
     def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
         """Colour image, RGB."""
-        return self.colors[int(frame.frame_id)].copy()
+        color = self.colors[int(frame.frame_id)]
+        assert color is not None  # not asked for where there is none
+        return color.copy()
 
     def depth(self, frame: Frame) -> Float[np.ndarray, "h w"]:
         """float32 m, NaN where nothing was measured."""
@@ -152,35 +160,50 @@ def _check(
 
 
 def _number_frames(
-    times: Float[np.ndarray, " n"], world_from_cams: Float[np.ndarray, "n 4 4"]
+    times: Float[np.ndarray, " n"],
+    world_from_cams: Float[np.ndarray, "n 4 4"],
+    colors: Images | Sequence[np.ndarray | None],
 ) -> list[Frame]:
     return [
-        Frame(f"{i:06d}", float(times[i]), pose, f"colors[{i}]", f"depths_m[{i}]")
+        Frame(
+            f"{i:06d}",
+            float(times[i]),
+            pose,
+            "" if colors[i] is None else f"colors[{i}]",
+            f"depths_m[{i}]",
+        )
         for i, pose in enumerate(world_from_cams)
     ]
 
 
 def _check_images(
-    colors: Images, depths_m: Images, labels: Images | None, n: int, name: str
+    colors: Images | Sequence[np.ndarray | None],
+    depths_m: Images,
+    labels: Images | None,
+    n: int,
+    name: str,
 ) -> None:
     _check(colors, n, "colour images", "uint8 of shape (h, w, 3)", _is_color, name)
     _check(depths_m, n, "depth images", "floats of shape (h, w), in m", _is_depth, name)
     if labels is not None:
-        _check_labels(labels, colors, n, name)
+        shown = [d if c is None else c for c, d in zip(colors, depths_m, strict=True)]
+        _check_labels(labels, shown, n, name)
 
 
-def _check_labels(labels: Images, colors: Images, n: int, name: str) -> None:
+def _check_labels(labels: Images, shown: Images, n: int, name: str) -> None:
     expected = f"integers from 0 to {max(Label)}, of shape (h, w)"
     _check(labels, n, "label images", expected, _is_labels, name)
-    for i, (label, color) in enumerate(zip(labels, colors, strict=True)):
-        if label.shape != color.shape[:2]:
+    for i, (label, image) in enumerate(zip(labels, shown, strict=True)):
+        if label.shape != image.shape[:2]:
             raise ScanError(
-                f"{name}: frame {i}: expected labels of shape {color.shape[:2]} as the colour, "
+                f"{name}: frame {i}: expected labels of shape {image.shape[:2]} as the colour, "
                 f"found {label.shape}"
             )
 
 
 def _is_color(image: object) -> bool:
+    if image is None:
+        return True
     is_array = isinstance(image, np.ndarray)
     return is_array and image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3
 

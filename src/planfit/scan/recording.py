@@ -50,7 +50,8 @@ class Frame:
     world_from_cam: Float[np.ndarray, "4 4"]
     """Of the colour camera, axes of OpenCV; NaN or infinity where the tracker was lost."""
     color: str
-    """What its `StoredImages` know the colour image by: the name of a file, mostly. Empty: it has none."""
+    """What its `StoredImages` know the colour image by: the name of a file, mostly. Empty: the frame is depth
+    alone, and its pose and lens are those of the depth camera."""
     depth: str
     confidence: str = ""
     """Of the depth; frames without use all of it."""
@@ -63,11 +64,11 @@ class StoredImages(Protocol):
     """Images as they are stored, before lens and size are seen to. Safe to use from several threads."""
 
     def missing(self, frame: Frame) -> str:
-        """The image that is not there; empty where all are."""
+        """The image that is not there; empty where all are. Of a frame without colour only depth counts."""
         ...
 
     def sizes(self, frame: Frame) -> tuple[Size, Size]:
-        """Of colour and depth, without decoding them.
+        """Of colour and depth, without decoding them; of depth alone, twice that of the depth.
 
         Raises:
             ScanError: one of them is no whole image.
@@ -79,7 +80,7 @@ class StoredImages(Protocol):
         ...
 
     def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB.
+        """Colour image, RGB; not asked for where the frame has none.
 
         Raises:
             ScanError: it cannot be decoded.
@@ -169,8 +170,10 @@ class RecordedFiles:
     frames: tuple[Frame, ...]
     views: tuple[View, ...]
 
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """Colour image, RGB; None where the frame is depth alone."""
+        if not self.frames[frame_idx].color:
+            return None
         view = self.views[frame_idx]
         image = self.recording.images.color(self.frames[frame_idx])
         self._check_size(frame_idx, "colour", image, view.color_lens)
@@ -182,7 +185,7 @@ class RecordedFiles:
         depth = self.recording.images.depth(self.frames[frame_idx])
         self._check_size(frame_idx, "depth", depth, view.depth_lens)
         color_from_depth = self.recording.color_from_depth
-        if color_from_depth is None:
+        if color_from_depth is None or not self.frames[frame_idx].color:
             return resample_depth(depth, view.depth_lens, view.camera)
         pinhole = view.depth_lens.camera
         undistorted = resample_depth(depth, view.depth_lens, pinhole)
@@ -237,7 +240,7 @@ class RecordedFiles:
 
 
 def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
-    """The scan of a recording; frames without pose, colour or depth are left out and named.
+    """The scan of a recording; frames without pose, depth, or the colour they name are left out and named.
 
     Raises:
         ScanError: no frames are left, or their files contradict each other.
@@ -261,6 +264,7 @@ def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
         cameras=tuple(view.camera for view in views),
         world_from_cams=np.stack([frame.world_from_cam for frame in frames]).astype(float),
         files=RecordedFiles(recording, frames, views),
+        has_color=any(frame.color for frame in frames),
         has_labels=recording.labels is not None,
         up_world=recording.up_world,
         plan_from_world_axes=recording.plan_from_world_axes,
@@ -273,7 +277,7 @@ def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
 
 
 def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
-    """Frames that have a pose, colour and depth, and a line for each that is left out.
+    """Frames that have a pose, depth, and the colour they name, and a line for each that is left out.
 
     Only headers and ends of files are looked at, so that long scans are listed in seconds.
 
@@ -286,6 +290,7 @@ def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
     skipped += [f"frame {frame.frame_id}: the tracker had no pose" for frame in lost]
     kept: list[UsableFrame] = []
     errors: list[ScanError] = []
+    first: dict[bool, UsableFrame] = {}  # with colour and without
     for frame in posed:
         missing = recording.images.missing(frame)
         if missing:
@@ -297,7 +302,8 @@ def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
             errors.append(error)
             skipped.append(f"frame {frame.frame_id}: {error}")
             continue
-        _check_sizes(recording.path, found, kept[0] if kept else found)
+        alike = first.setdefault(bool(frame.color), found)
+        _check_sizes(recording.path, found, alike)
         kept.append(found)
     if len(errors) > MAX_CORRUPT_SHARE * len(posed):
         raise errors[0]
@@ -305,7 +311,7 @@ def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
 
 
 def _check_sizes(path: Path, found: UsableFrame, first: UsableFrame) -> None:
-    """Raise `ScanError` unless images are as large as the format tells, or as those of the first frame."""
+    """Raise `ScanError` unless images are as large as the format tells, or as the first such frame's."""
     frame = found.frame
     for kind, name, size, first_name, first_size in (
         ("colour", frame.color, found.color_size, first.frame.color, first.color_size),
@@ -331,6 +337,7 @@ def _views(
         color = recording.color_lens(one.frame, one.color_size)
         if recording.depth_lens is not None:
             depth = recording.depth_lens(one.frame, one.depth_size)
+            color = color if one.frame.color else depth
         else:
             check_proportions(one.color_size, one.depth_size, str(recording.path))
             depth = color.scaled(*one.depth_size)

@@ -33,8 +33,8 @@ class Label(IntEnum):
 class ScanFiles(Protocol):
     """The images behind a scan, read one frame at a time, and its own way of writing poses."""
 
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """Colour image, RGB; None where the frame is depth alone."""
         ...
 
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
@@ -96,6 +96,8 @@ class Scan:
     world_from_cams: Float[np.ndarray, "..."]
     """(n, 4, 4) poses as recorded; OpenCV camera axes."""
     files: ScanFiles
+    has_color: bool = True
+    """Whether any frame has a colour image; without, `files.color` gives None for all."""
     has_labels: bool = False
     """Whether `files.labels` gives what each pixel shows."""
     up_world: Float[np.ndarray, "3"] | None = None

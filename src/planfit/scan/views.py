@@ -95,8 +95,8 @@ class FilesView:
 
     files: ScanFiles
 
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """Colour image, RGB; None where the frame is depth alone."""
         return self.files.color(frame_idx)
 
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
@@ -135,8 +135,8 @@ class SelectedFiles(FilesView):
 
     selected: Int[np.ndarray, " k"]
 
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """Colour image, RGB; None where the frame is depth alone."""
         return self.files.color(int(self.selected[frame_idx]))
 
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
@@ -171,8 +171,8 @@ class TolerantFiles(FilesView):
     _reasons: dict[int, str] = field(default_factory=dict, init=False, compare=False)
     _lock: Lock = field(default_factory=Lock, init=False, compare=False, repr=False)
 
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """Colour image, RGB; None where the frame is depth alone."""
         try:
             return self.files.color(frame_idx)
         except ScanError as error:

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import require_positive
+from planfit.geometry.depth_normals import depth_normals
 from planfit.runtime import Runtime, cache_key
 from planfit.scan import Scan
-from planfit.segmentation.surfaces import depth_normals
 
 _SOFT_DEG = 1.5
 """Normals that are further off than this weigh less and less."""

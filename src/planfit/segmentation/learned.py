@@ -92,10 +92,19 @@ class LearnedBackEnd:
             )
         return labels
 
+    def _color(self, frame_idx: int) -> np.ndarray:
+        image = self._scan.files.color(frame_idx)
+        if image is None:
+            raise ScanError(
+                f"{self._scan.name}: frame {self._scan.frame_ids[frame_idx]}: expected a colour image "
+                "for the learned model, found depth alone; use --segmentation.back-end geometry"
+            )
+        return image
+
     def _run(self, batch: int) -> list[np.ndarray]:
         start = batch * self._batch_size
         frames = range(start, min(start + self._batch_size, len(self._scan)))
-        images = [self._scan.files.color(i) for i in frames]
+        images = [self._color(i) for i in frames]
         cameras = [self._scan.cameras[i] for i in frames]
         found = self._model.classes(images, [(c.height, c.width) for c in cameras])
         table = self._model.table

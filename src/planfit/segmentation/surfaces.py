@@ -1,4 +1,4 @@
-"""Surfaces of a depth image: normals, edges, and a frame turned upright at a working size."""
+"""Surfaces of a depth image: edges, and a frame turned upright at a working size."""
 
 from dataclasses import dataclass
 
@@ -6,9 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from planfit.errors import OptionError
 from planfit.geometry.camera import Camera
-from planfit.segmentation.kernels import measured_points, window_normals
+from planfit.geometry.depth_normals import depth_normals
 
 WORKING_WIDTH_PX = 320
 """Images are thinned to about this width: labels of twice as many pixels were no better, at four times the
@@ -67,29 +66,6 @@ def find_surfaces(
     rotation = upright_from_cam[:3, :3].astype(np.float32)
     points_upright = cv2.transform(np.ascontiguousarray(points[kept]), rotation)
     return Surfaces(points_upright, cv2.transform(near, rotation), thin[kept], step * keep)
-
-
-def depth_normals(
-    points: Float[np.ndarray, "h w 3"], radius_px: int, step_px: int = 1, first_px: int = 0
-) -> Float32[np.ndarray, "h2 w2 3"]:
-    """Unit normals of lifted depth, towards the camera, at every `step_px`-th pixel each way.
-
-    Returns the shape of `points[first_px::step_px, first_px::step_px]`; NaN where unsure. Central
-    differences over `radius_px` of box-smoothed points: the noise of a normal falls with the baseline. A
-    window that is mostly hole, or over a border, gives NaN.
-
-    Raises:
-        OptionError: the window does not fit the image.
-    """
-    if 4 * radius_px > min(points.shape[:2]):
-        raise OptionError(
-            f"normal_radius_px: expected at most a quarter of the image "
-            f"({min(points.shape[:2])} px), found {radius_px}"
-        )
-    # Holes are left out of sum and count: OpenCV's running sums would carry one NaN across the image.
-    # A mean of points of a plane is on that plane, whichever of them are missing.
-    total = cv2.blur(measured_points(points), (radius_px, radius_px))
-    return window_normals(points, total, radius_px, step_px, first_px)
 
 
 def depth_edges(

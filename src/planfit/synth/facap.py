@@ -87,8 +87,10 @@ def _write_frame(path: Path, synthetic: SyntheticScan, frame_idx: int) -> None:
     name = scan.frame_ids[frame_idx]
     camera = scan.cameras[frame_idx]
     folder = path / "arcore"
-    color = cv2.cvtColor(scan.files.color(frame_idx), cv2.COLOR_RGB2BGR)
-    _write_image(folder / f"frame-{name}.jpg", color, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    color = scan.files.color(frame_idx)
+    if color is not None:
+        color = cv2.cvtColor(color, cv2.COLOR_RGB2BGR)
+        _write_image(folder / f"frame-{name}.jpg", color, [cv2.IMWRITE_JPEG_QUALITY, 95])
     depth = scan.files.depth(frame_idx)
     millimetres = np.where(np.isfinite(depth), np.rint(np.nan_to_num(depth) * 1e3), 0)
     _write_image(folder / f"depth-{name}.png", np.clip(millimetres, 0, 65534).astype(np.uint16), [])

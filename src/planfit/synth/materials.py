@@ -21,6 +21,7 @@ class Material(IntEnum):
     PAINT = 12
     LAMP = 13
     CARDBOARD = 14
+    EVEN = 15
 
 
 Color = tuple[float, float, float]

@@ -26,13 +26,18 @@ def make_quads(building: Building, rng: np.random.Generator) -> Quads:
     collector = Collector()
     _add_floors_and_ceilings(building, collector)
     _add_walls(building, collector)
+    first_of_doorways = len(collector.size)
     _add_doorways(building, collector)
-    _add_wall_hangings(building, collector, rng)
+    last_of_doorways = len(collector.size)
+    if not building.options.is_white:
+        _add_wall_hangings(building, collector, rng)
     _add_lamps(building, collector)
     for piece in building.furniture:
         add_piece(piece, collector)
     add_posters(building.posters, collector)
     quads = collector.quads(rng)
+    if building.options.is_white:
+        quads = _whitened(quads, slice(first_of_doorways, last_of_doorways))
     if building.options.same_rooms:
         quads = _with_same_rooms(quads, building)
     rotation = building.plan_from_building[:3, :3]
@@ -43,6 +48,16 @@ def make_quads(building: Building, rng: np.random.Generator) -> Quads:
         v_axis=quads.v_axis @ rotation.T,
         normal=quads.normal @ rotation.T,
     )
+
+
+def _whitened(quads: Quads, but: slice) -> Quads:
+    """Without texture, walls and ceilings white, but for some."""
+    material, color = quads.material.copy(), quads.color.copy()
+    is_even = np.ones(len(quads), dtype=bool)
+    is_even[but] = False
+    material[is_even] = Material.EVEN
+    color[is_even & np.isin(quads.label, (Label.WALL, Label.CEILING))] = WHITE
+    return replace(quads, material=material, color=color)
 
 
 def make_lights(building: Building) -> Lights:

@@ -54,6 +54,9 @@ class BuildingOptions:
     stand in the way are left out; 0 leaves the rooms bare."""
     pictures_per_wall: float = 2.2
     """Pictures, notices, sockets and windows tried on a wall of 4 m, on average."""
+    is_white: bool = False
+    """Walls and ceilings are of one even white, floors and furniture of one even colour each, and nothing
+    hangs on walls: doorways alone have a texture."""
     n_columns: int = 0
     """Free-standing square columns in the largest room; they are in the plan."""
     walkway_m: float = 1.0
@@ -317,6 +320,8 @@ class SynthOptions:
     camera: CameraOptions = field(default_factory=CameraOptions)
     depth_noise: DepthNoise = field(default_factory=StructuredLightNoise)
     drift: DriftOptions = field(default_factory=DriftOptions)
+    has_color: bool = True
+    """Whether frames have colour images; without, the scan is depth alone."""
     has_labels: bool = True
     """Whether the scan says what each pixel shows."""
     world: Literal["plan", "moved"] = "plan"

@@ -99,8 +99,10 @@ class SynthFiles:
         self._lock = Lock()
         self._last: tuple[int, View] | None = None
 
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB."""
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """Colour image, RGB; None where the scan was made without."""
+        if not self._options.has_color:
+            return None
         rng = _rng(self._options.seed, _COLOR, frame_idx)
         return noisy_color(self._view(frame_idx).color, self._options.camera, rng)
 
@@ -185,6 +187,7 @@ def make_scan(
         cameras=(camera,) * n,
         world_from_cams=drifted,
         files=SynthFiles(built.renderer, camera, built.plan_from_cams, options),
+        has_color=options.has_color,
         has_labels=options.has_labels,
         up_world=UP_WORLD,
         plan_from_world_axes=PLAN_FROM_WORLD if options.world == "plan" else None,

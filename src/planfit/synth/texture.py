@@ -19,6 +19,7 @@ _PLASTER, _CEILING = int(Material.PLASTER), int(Material.CEILING)
 _PLANKS, _TILES, _CARPET = int(Material.PLANKS), int(Material.TILES), int(Material.CARPET)
 _WOOD, _FABRIC, _BOOKS = int(Material.WOOD), int(Material.FABRIC), int(Material.BOOKS)
 _PICTURE, _NOTES, _WINDOW = int(Material.PICTURE), int(Material.NOTES), int(Material.WINDOW)
+_EVEN = int(Material.EVEN)
 _CABINET, _LAMP, _CARDBOARD = int(Material.CABINET), int(Material.LAMP), int(Material.CARDBOARD)
 
 
@@ -92,6 +93,8 @@ def _texture(
         return _cardboard(u, v, width, height, seed, r, g, b, footprint)
     if material == _LAMP:
         return 1.6, 1.58, 1.5
+    if material == _EVEN:
+        return r, g, b
     k = 1.0 + 0.03 * octaves(u, v, seed, 6.0, 4, 0.7, footprint)
     return r * k, g * k, b * k
 

@@ -4,6 +4,7 @@ from planfit.tracking.clock import ClockOffset as ClockOffset
 from planfit.tracking.judge import believe as believe
 from planfit.tracking.judge import judge_tracking as judge_tracking
 from planfit.tracking.motions import measured_motions as measured_motions
+from planfit.tracking.motions import surface_motions as surface_motions
 from planfit.tracking.options import TrackingOptions as TrackingOptions
 from planfit.tracking.submaps import pairs_across as pairs_across
 from planfit.tracking.submaps import place_submaps as place_submaps

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from planfit.geometry import se3
+from planfit.matching import SurfacePairs
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.verify import VerifyOptions, match_sigma
 from planfit.scan.odometry import Odometry
@@ -31,6 +32,17 @@ class MeasuredMotions:
     n_inliers: Int[np.ndarray, " p"]
     """Matches that agree with each."""
 
+    def joined(self, other: "MeasuredMotions") -> "MeasuredMotions":
+        """These and those of `other`, sorted by pair."""
+        pairs = np.concatenate([self.pairs, other.pairs])
+        order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+        return MeasuredMotions(
+            pairs[order],
+            np.concatenate([self.a_from_b, other.a_from_b])[order],
+            np.concatenate([self.covariance, other.covariance])[order],
+            np.concatenate([self.n_inliers, other.n_inliers])[order],
+        )
+
     def __len__(self) -> int:
         return len(self.pairs)
 
@@ -53,6 +65,14 @@ def measured_motions(verified: VerifiedPairs, options: VerifyOptions) -> Measure
         # A little of the identity: points on one spot leave rotations open, which must stay invertible.
         covariance[k] = np.linalg.inv(information + np.eye(6)) + np.diag(floor)
     return MeasuredMotions(relative.pairs, relative.a_from_b, covariance, relative.n_inliers)
+
+
+def surface_motions(surfaces: SurfacePairs) -> MeasuredMotions:
+    """Motions of pairs matched by their surfaces; of a radian and a metre in directions left free."""
+    floor = np.repeat([np.deg2rad(FLOOR_DEG) ** 2, FLOOR_M**2], 3)
+    covariance = np.linalg.inv(surfaces.information + np.eye(6)) + np.diag(floor)
+    n_inliers = np.full(len(surfaces), int(EFFECTIVE_MATCHES))
+    return MeasuredMotions(surfaces.pairs, surfaces.a_from_b, covariance, n_inliers)
 
 
 def departures(

@@ -22,6 +22,7 @@ from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
 from planfit.adjust.terms.rays import RayOptions
 from planfit.adjust.terms.reprojection import ReprojectionOptions
+from planfit.adjust.terms.surfaces import SurfaceTermOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.floorplan import Floorplan
 from planfit.lsq.bounded import BoundedOptions
@@ -47,6 +48,7 @@ def paper_options(weights: PaperWeights | None = None) -> AdjustOptions:
         ceiling=LevelOptions(weight=0.0),
         columns=WallOptions(weight=0.0),
         odometry=OdometryTermOptions(weight=0.0),
+        surfaces=SurfaceTermOptions(weight=0.0),
         # The cost is in metres: IBA's bound is 1.05 times the least mean distance, and nothing on top.
         bounded=BoundedOptions(slack=weights.rounding_m),
         association=AssociationOptions(oriented=False, mutual=True),

@@ -127,7 +127,7 @@ def statistics_table(result: RefineResult, path_length: float) -> str:
         path_length: m, of the recorded path.
     """
     matches, structure, adjustment = result.matches, result.structure, result.adjustment
-    n_wall = structure.n_wall_points
+    n_wall, surfaces = structure.n_wall_points, result.surfaces
     rows = [
         ("frames", formatting.count(len(result.plan_from_cams))),
         ("path length, as recorded", f"{path_length:.0f}{formatting.SPACE}m"),
@@ -139,6 +139,11 @@ def statistics_table(result: RefineResult, path_length: float) -> str:
             formatting.count(matches.n_loops(LOOP_MIN_FRAMES)),
         ),
         ("matched points", formatting.count(matches.n_matches)),
+        ("pairs matched by geometry", formatting.count(len(surfaces))),
+        (
+            "of these, pairs that leave a direction free",
+            formatting.count(int((surfaces.n_free > 0).sum())),
+        ),
         ("wall points", formatting.count(n_wall)),
         ("wall patches", formatting.count(len(structure.walls))),
         *_plan_rows(result),

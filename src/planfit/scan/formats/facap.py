@@ -1,6 +1,6 @@
 """The folder layout of the paper's published code (FACaP).
 
-    SCAN/arcore/frame-NNNN.jpg (or .png)   colour
+    SCAN/arcore/frame-NNNN.jpg (or .png)   colour; without any, the scan is depth alone
     SCAN/arcore/depth-NNNN.png             16-bit depth, millimetres
     SCAN/arcore/pose-NNNN.txt              world_from_cam, 4x4, OpenCV camera axes, y up
     SCAN/arcore/cam_params-NNNN.txt        w h fx fy cx cy
@@ -37,6 +37,9 @@ CHECKED = (
     "read whole; masks and axes against its depth, poses against its plan",
 )
 """Where the layout is known from, and what was checked with it."""
+NO_COLOR = (
+    "no images frame-NNNN.jpg: the scan is taken as depth alone; add them where there is colour"
+)
 FRAMES, MASKS_FOLDER, PLAN = "arcore", "segmentation", "floorplan.npy"
 
 PLAN_FROM_WORLD = np.array(
@@ -75,15 +78,15 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
             "leave out --depth-scale"
         )
     color_names = _color_names(source)
-    frame_ids = sorted(color_names, key=int)
-    _check_counts(source, frame_ids)
+    frame_ids = sorted(color_names or _depth_ids(source), key=int)
+    _check_counts(source, frame_ids, bool(color_names))
     cameras = {i: _read_camera(source, f"{FRAMES}/cam_params-{i}.txt") for i in frame_ids}
     frames = [
         Frame(
             frame_id=i,
             time=float(i),
             world_from_cam=read_pose(source, f"{FRAMES}/pose-{i}.txt"),
-            color=f"{FRAMES}/{color_names[i]}",
+            color=f"{FRAMES}/{color_names[i]}" if color_names else "",
             depth=f"{FRAMES}/depth-{i}.png",
             size=(cameras[i].width, cameras[i].height),
         )
@@ -108,11 +111,12 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         up_world=UP_WORLD,
         plan_from_world_axes=PLAN_FROM_WORLD,
         floorplan_path=source.locate(PLAN) if source.exists(PLAN) else None,
+        warnings=[] if color_names else [NO_COLOR],
     )
 
 
 def _color_names(source: FileSource) -> dict[str, str]:
-    """Names of colour images by what stands for the frame's number in them."""
+    """Names of colour images by what stands for the frame's number in them; none where there is no colour."""
     found: dict[int, tuple[str, str]] = {}
     for name in source.names(FRAMES):
         if match := _FRAME.match(name):
@@ -123,24 +127,33 @@ def _color_names(source: FileSource) -> dict[str, str]:
                     f"{found[number][1]} of the same number beside it; delete one of them"
                 )
             found[number] = (match[1], name)
-    if not found:
-        raise ScanError(
-            f"{source.path / FRAMES}: expected colour images named frame-NNNN.jpg, found none"
-        )
     return dict(found.values())
 
 
-def _check_counts(source: FileSource, frame_ids: list[str]) -> None:
+def _depth_ids(source: FileSource) -> list[str]:
+    """What stands for the frame's number in the names of depth images."""
+    found = [match[1] for name in source.names(FRAMES) if (match := _DEPTH.match(name))]
+    numbered = [number for number in found if number.isdecimal()]
+    if not numbered:
+        raise ScanError(
+            f"{source.path / FRAMES}: expected colour images named frame-NNNN.jpg, or depth images named "
+            "depth-NNNN.png alone, found none"
+        )
+    return numbered
+
+
+def _check_counts(source: FileSource, frame_ids: list[str], has_color: bool) -> None:
     names = set(source.names(FRAMES))
     folder = source.path / FRAMES
+    what = "colour frames" if has_color else "depth images"
     for kind, name in (("depth", "depth-{}.png"), ("pose", "pose-{}.txt"),
                        ("camera", "cam_params-{}.txt")):  # fmt: skip
         missing = [i for i in frame_ids if name.format(i) not in names]
         if missing:
             raise ScanError(
                 f"{folder / name.format(missing[0])}: expected a {kind} file for each of "
-                f"{len(frame_ids)} colour frames, found {len(frame_ids) - len(missing)}; "
-                "copy the missing files or delete the colour frames without them"
+                f"{len(frame_ids)} {what}, found {len(frame_ids) - len(missing)}; "
+                f"copy the missing files or delete the {what} without them"
             )
     depth_ids = {match[1] for name in names if (match := _DEPTH.match(name))}
     extra = sorted(depth_ids - set(frame_ids))
@@ -160,8 +173,12 @@ def _read_camera(source: FileSource, name: str) -> Camera:
     return make_camera(values[0], values[1], values[2:], where)
 
 
+def _stem(frame: Frame) -> str:
+    return PurePosixPath(frame.color).stem or f"frame-{frame.frame_id}"
+
+
 def _mask_name(frame: Frame, kind: str) -> str:
-    return f"{MASKS_FOLDER}/{PurePosixPath(frame.color).stem}_{kind}.png"
+    return f"{MASKS_FOLDER}/{_stem(frame)}_{kind}.png"
 
 
 def _list_masks(source: FileSource, frames: list[Frame]) -> list[str]:
@@ -180,7 +197,7 @@ def _list_masks(source: FileSource, frames: list[Frame]) -> list[str]:
             if (width, height) != frame.size:
                 raise _wrong_mask_size(source.path / name, (width, height), frame.size)
         found += names
-        without += [] if names else [PurePosixPath(frame.color).stem]
+        without += [] if names else [_stem(frame)]
     if found and without:
         raise ScanError(
             f"{source.path / MASKS_FOLDER}: expected masks for each of {len(frames)} frames, found "

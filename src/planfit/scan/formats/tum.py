@@ -1,6 +1,6 @@
 """The TUM RGB-D benchmark: images named by their time, three lists, poses of a motion capture system.
 
-    SCAN/rgb.txt, depth.txt     `time filename`
+    SCAN/rgb.txt, depth.txt     `time filename`; without rgb.txt the scan is depth alone
     SCAN/groundtruth.txt        `time tx ty tz qx qy qz qw`, world_from_cam, OpenCV camera axes
     SCAN/calibration.txt        fx fy cx cy [k1 k2 p1 p2 [k3]] (optional; the form of ETH3D SLAM)
 
@@ -26,7 +26,7 @@ from planfit.scan.recording import Frame, Recording, Size, make_camera
 from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import read_matrix, read_rows, shorten
 
-EXPECTS = "rgb.txt, depth.txt and groundtruth.txt"
+EXPECTS = "rgb.txt, depth.txt and groundtruth.txt (depth alone without rgb.txt)"
 CHECKED = (
     "real ground truth of fr2_desk and a trajectory of ORB-SLAM "
     "(github.com/MichaelGrupp/evo, test/data)",
@@ -34,6 +34,7 @@ CHECKED = (
 )
 """Where the layout is known from, and what was checked with it."""
 POSES, CALIBRATION = "groundtruth.txt", "calibration.txt"
+NO_COLOR = "no rgb.txt: the scan is taken as depth alone; add it where there are colour images"
 METRES_PER_UNIT = 1 / 5000
 
 PUBLISHED: dict[str, tuple[float, ...]] = {
@@ -47,8 +48,8 @@ PARTS = ("rgb.txt", "depth.txt", POSES)
 
 
 def recognise(source: FileSource) -> bool:
-    """Whether a folder has this layout."""
-    return source.exists("rgb.txt") and source.exists("depth.txt") and source.exists(POSES)
+    """Whether a folder has this layout; without `rgb.txt` it is depth alone."""
+    return source.exists("depth.txt") and source.exists(POSES)
 
 
 def read(source: FileSource, options: ScanOptions) -> Recording:
@@ -57,8 +58,9 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     Raises:
         ScanError: its files are missing, unreadable, or contradict each other.
     """
-    color_times, color_names = _list(source, "rgb.txt")
     depth_times, depth_names = _list(source, "depth.txt")
+    has_color = source.exists("rgb.txt")
+    color_times, color_names = _list(source, "rgb.txt") if has_color else (depth_times, depth_names)
     table = parse_poses(read_text(source, POSES), source.path / POSES)
     gap = options.max_time_gap_s
     mine, depth = pair_times(color_times, depth_times, gap)
@@ -70,15 +72,20 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     skipped += [f"frame {color_names[i]}: no pose within {gap:g} s" for i in mine[~known]]
     if not known.any():
         what = "depth" if not len(mine) else "poses"
+        images = "colour images" if has_color else "depth images"
         other = depth_times if not len(mine) else table.keys
         raise ScanError(
-            f"{source.path}: expected {what} within {gap:g} s of colour images (times "
+            f"{source.path}: expected {what} within {gap:g} s of {images} (times "
             f"{color_times.min():.6f} to {color_times.max():.6f}), found times {other.min():.6f} to "
             f"{other.max():.6f}; are the lists of one recording? Else give --max-time-gap-s"
         )
     frames = [
         Frame(
-            Path(color_names[i]).stem, float(color_times[i]), pose, color_names[i], depth_names[j]
+            Path(color_names[i]).stem,
+            float(color_times[i]),
+            pose,
+            color_names[i] if has_color else "",
+            depth_names[j],
         )
         for i, j, pose, ok in zip(mine, depth, poses, known, strict=True)
         if ok
@@ -91,7 +98,12 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
 
     images = ImageFiles(source, options.depth_scale or METRES_PER_UNIT)
     has_own = source.exists(CALIBRATION)
-    tables = ["rgb.txt", "depth.txt", POSES, *([CALIBRATION] if has_own else [])]
+    tables = [
+        *(["rgb.txt"] if has_color else []),
+        "depth.txt",
+        POSES,
+        *([CALIBRATION] if has_own else []),
+    ]
     return Recording(
         format="tum",
         path=source.path,
@@ -101,7 +113,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         write_poses=_write_poses,
         fingerprint=images.fingerprint(tables, frames, options),
         skipped=skipped,
-        warnings=warning,
+        warnings=[*warning, *([] if has_color else [NO_COLOR])],
     )
 
 

@@ -30,16 +30,16 @@ class ImageFiles:
 
     def missing(self, frame: Frame) -> str:
         """The first image that is no file."""
-        for name in (frame.color, frame.depth):
-            if not name or not self.source.exists(name):
-                return name or "an image"
+        if frame.color and not self.source.exists(frame.color):
+            return frame.color
+        if not frame.depth or not self.source.exists(frame.depth):
+            return frame.depth or "an image"
         return ""
 
     def sizes(self, frame: Frame) -> tuple[Size, Size]:
         """Of colour and depth, from their headers."""
-        return whole_image_size(self.source, frame.color), whole_image_size(
-            self.source, frame.depth
-        )
+        depth = whole_image_size(self.source, frame.depth)
+        return (whole_image_size(self.source, frame.color) if frame.color else depth), depth
 
     def warnings(self, frames: Sequence[Frame]) -> list[str]:
         """That files of confidence are missing; nothing where the recording has none at all."""

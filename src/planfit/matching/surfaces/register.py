@@ -1,0 +1,162 @@
+"""A pair of frames brought together by its surfaces: the motion, and what is observed of it."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from planfit.geometry import se3
+from planfit.matching.surfaces.grids import SurfaceGrids
+from planfit.matching.surfaces.kernels import (
+    MIN_CELLS,
+    bring_together,
+    compare_surfaces,
+    observed,
+    sums_at,
+)
+from planfit.matching.surfaces.options import SurfaceOptions
+
+LEAST_FACTOR = 0.05
+"""On the variance of a surface: what all of an image shares does not show in distances."""
+FLOOR_M = 0.0075
+"""No motion is surer than this, each axis, rotations by their lever: exposure takes its time, and depth errs
+alike all over an image."""
+AGREE_M, AGREE_PER_M = 0.03, 0.015
+"""Distance of a cell from the other view's surface up to which they agree, and its growth with depth."""
+RIVAL_M, RIVAL_DEG = 0.3, 4.0
+"""Motions that differ by more are two."""
+START_STEP_M, START_STEP_DEG = 0.5, 6.0
+"""A pair is brought together from every start about this far from the next: half of what the first gate
+allows."""
+MAX_STEPS = 2
+"""So many starts to each side, at most."""
+
+
+@dataclass(frozen=True)
+class Registered:
+    """Two frames as their surfaces bring them together."""
+
+    a_from_b: Float[np.ndarray, "4 4"]
+    explained: float
+    """Share of the views whose surfaces agree, of the view that agrees less."""
+    contradicted: float
+    """Share of what both could see at which one looks past a surface of the other."""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What surfaces say of a motion, about their middle: directions that compare, all in metres."""
+
+    from_tangent: Float[np.ndarray, "6 6"]
+    """Tangent (rotation, translation) to directions."""
+    variances: Float[np.ndarray, " 6"]
+    """m^2, of each direction; infinite where it is free."""
+
+    @property
+    def information(self) -> Float[np.ndarray, "6 6"]:
+        """Inverse covariance of the tangent; of a rank below 6 where directions are free."""
+        return self.from_tangent.T @ (self.from_tangent / self.variances[:, None])
+
+    def squared_sigmas(
+        self, tangent: Float[np.ndarray, " 6"], covariance: Float[np.ndarray, "6 6"]
+    ) -> float:
+        """Squared Mahalanobis norm of a departure, itself of a covariance, in what is observed."""
+        is_held: Bool[np.ndarray, " 6"] = np.isfinite(self.variances)
+        rows = self.from_tangent[is_held]
+        total = rows @ covariance @ rows.T + np.diag(self.variances[is_held])
+        off = rows @ tangent
+        return float(off @ np.linalg.solve(total, off))
+
+
+def register(
+    grids: SurfaceGrids,
+    i: int,
+    j: int,
+    starts: Float[np.ndarray, "s 4 4"],
+    options: SurfaceOptions,
+) -> list[Registered]:
+    """Motions that different starts lead to, the one that explains most first; none where nothing agrees."""
+    a, b = _view(grids, i), _view(grids, j)
+    sigma = np.array([options.sigma_base_m, options.sigma_per_m])
+    found: list[Registered] = []
+    for start in starts:
+        motion, n_cells = bring_together(
+            a, b, np.ascontiguousarray(start, dtype=float), sigma, options.min_observed
+        )
+        if n_cells < MIN_CELLS or any(_is_same(motion, other.a_from_b) for other in found):
+            continue
+        found.append(_judged(a, b, motion))
+    return sorted(found, key=lambda one: -one.explained * (1.0 - one.contradicted))
+
+
+def observe(
+    grids: SurfaceGrids, i: int, j: int, a_from_b: Float[np.ndarray, "4 4"], options: SurfaceOptions
+) -> Observed:
+    """What the surfaces of two frames say of the motion that brings them together."""
+    sigma = np.array([options.sigma_base_m, options.sigma_per_m])
+    hessian, sums = sums_at(_view(grids, i), _view(grids, j), np.ascontiguousarray(a_from_b), sigma)
+    values, vectors, scaling = observed(hessian, sums, a_from_b)
+    # What the distances are, against what the options say of them: depth cameras differ tenfold.
+    factor = max(sums[6] / max(sums[0], 1.0), LEAST_FACTOR)
+    worth = min(1.0, options.max_observations / max(sums[0], 1.0)) / factor
+    is_held = values > options.min_observed * sums[1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variances = np.where(is_held, 1.0 / (worth * values) + FLOOR_M**2, np.inf)
+    return Observed(vectors.T @ np.linalg.inv(scaling), variances)
+
+
+def starts_about(
+    a_from_b: Float[np.ndarray, "4 4"],
+    up_a: Float[np.ndarray, "3"],
+    sigma_rotation: float,
+    sigma_translation: float,
+) -> Float[np.ndarray, "s 4 4"]:
+    """Motions about a predicted one, level shifts and turns about the vertical within two sigmas of it.
+
+    Args:
+        a_from_b: predicted.
+        up_a: unit vector against gravity, camera frame of the first.
+        sigma_rotation: rad, each axis.
+        sigma_translation: m, each axis.
+    """
+    level = np.linalg.svd(up_a[None])[2][1:]  # two unit vectors across
+    steps_m = _offsets(2.0 * sigma_translation, START_STEP_M)
+    turns = _offsets(2.0 * np.rad2deg(sigma_rotation), START_STEP_DEG)
+    found = []
+    for turn, x, y in product(turns, steps_m, steps_m):
+        start = a_from_b.copy()
+        start[:3, :3] = se3.exp_so3(np.deg2rad(turn) * up_a) @ start[:3, :3]
+        start[:3, 3] += x * level[0] + y * level[1]
+        found.append(start)
+    # The predicted one first: of motions that agree, the one it leads to is kept.
+    order = sorted(range(len(found)), key=lambda k: float(np.abs(found[k] - a_from_b).sum()))
+    return np.stack([found[k] for k in order])
+
+
+def _offsets(reach: float, step: float) -> list[float]:
+    n = min(int(np.ceil(reach / step - 0.5)), MAX_STEPS)
+    return [k * step for k in range(-n, n + 1)]
+
+
+def _view(grids: SurfaceGrids, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    k = grids.number[i]
+    return grids.depth_m[k], grids.normals[k], grids.cameras[k]
+
+
+def _judged(a: tuple, b: tuple, motion: np.ndarray) -> Registered:
+    back = np.ascontiguousarray(se3.inverse(motion))
+    both = np.array(
+        [
+            compare_surfaces(a, b, motion, AGREE_M, AGREE_PER_M),
+            compare_surfaces(b, a, back, AGREE_M, AGREE_PER_M),
+        ]
+    )
+    agreeing, past, size = both.T
+    explained = float((agreeing / np.maximum(size, 1.0)).min())
+    return Registered(motion, explained, float(past.sum() / max((agreeing + past).sum(), 1.0)))
+
+
+def _is_same(one: np.ndarray, other: np.ndarray) -> bool:
+    angle = np.rad2deg(se3.rotation_angle(one[:3, :3].T @ other[:3, :3]))
+    return bool(np.linalg.norm(one[:3, 3] - other[:3, 3]) < RIVAL_M and angle < RIVAL_DEG)

@@ -1,0 +1,72 @@
+"""Pairs of frames whose surfaces agree, with what these say of the motion between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int, Shaped
+
+NULL_SHARE = 1e-9
+"""Eigenvalues of an information matrix below this share of its largest are directions left free."""
+
+
+@dataclass(frozen=True)
+class SurfacePairs:
+    """Motions between frames from the surfaces that both see, sorted by pair."""
+
+    pairs: Int[np.ndarray, "p 2"]
+    """Frame indices, first < second."""
+    a_from_b: Float[np.ndarray, "p 4 4"]
+    """m, camera frame of the second of the pair to that of the first; arbitrary in directions left free."""
+    information: Float[np.ndarray, "p 6 6"]
+    """Inverse covariance of the tangent (rotation, translation; rad, m), axes of the first frame; of a rank
+    below 6 where the surfaces leave directions free."""
+    explained: Float[np.ndarray, " p"]
+    """Share of both views whose surfaces agree."""
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    @staticmethod
+    def none() -> "SurfacePairs":
+        """No pairs at all."""
+        return SurfacePairs(
+            np.zeros((0, 2), int), np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), np.zeros(0)
+        )
+
+    @property
+    def n_free(self) -> Int[np.ndarray, " p"]:
+        """Directions, of six, that each pair leaves free."""
+        if len(self) == 0:
+            return np.zeros(0, dtype=int)
+        # Radians and metres compare by the spread of the surfaces, metres: eigenvalues tell a rank of either.
+        values = np.linalg.eigvalsh(self.information)
+        return np.sum(values < NULL_SHARE * values[:, -1:], axis=1)
+
+    @property
+    def sentence(self) -> str:
+        """How many there are, and how many leave directions free."""
+        n = int((self.n_free > 0).sum())
+        return (
+            f"matches by geometry: {len(self)} pairs of frames, of which {n} leave a direction free"
+        )
+
+    def n_loops(self, neighbours: int) -> int:
+        """Pairs that are further apart in time than `neighbours` frames."""
+        return int(np.sum(self.pairs[:, 1] - self.pairs[:, 0] > neighbours))
+
+    def __getitem__(self, idx: Shaped[np.ndarray, " k"]) -> "SurfacePairs":
+        """Those that an index or a mask takes."""
+        return SurfacePairs(
+            self.pairs[idx], self.a_from_b[idx], self.information[idx], self.explained[idx]
+        )
+
+    def joined(self, other: "SurfacePairs") -> "SurfacePairs":
+        """These and those of `other`, sorted by pair; each pair is in one of them alone."""
+        pairs = np.concatenate([self.pairs, other.pairs])
+        order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+        return SurfacePairs(
+            pairs[order],
+            np.concatenate([self.a_from_b, other.a_from_b])[order],
+            np.concatenate([self.information, other.information])[order],
+            np.concatenate([self.explained, other.explained])[order],
+        )
