@@ -21,6 +21,7 @@ from planfit.adjust.paper.descent import DescentOptions, DescentStop, PaperWeigh
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
+from planfit.adjust.terms.surfaces import SurfaceTermOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
@@ -206,6 +207,7 @@ def test_no_term_at_all_is_refused():
             walls=WallOptions(weight=0.0),
             columns=WallOptions(weight=0.0),
             odometry=OdometryTermOptions(weight=0.0),
+            surfaces=SurfaceTermOptions(weight=0.0),
         )
 
 

@@ -53,16 +53,16 @@ def scan_warnings(
     others = "walls and floor" if has_plan else "the floor"
     if not scan.has_color:
         warnings.append(
-            "the scan has no colour: frames were matched by geometry alone ("
-            + surfaces.sentence
-            + ")"
+            f"the scan has no colour: frames were matched by geometry alone ({surfaces.sentence})"
         )
     if matches.n_matches == 0 and len(surfaces) == 0:
-        check = "check that colour images are sharp and belong to the depth"
-        if not scan.has_color:
-            check = "check that frames that follow each other show the same surfaces"
+        check = (
+            "colour images are sharp and belong to the depth"
+            if scan.has_color
+            else "frames that follow each other show the same surfaces"
+        )
         warnings.append(
-            f"no two frames could be matched: poses were refined by {others} alone; {check}"
+            f"no two frames could be matched: poses were refined by {others} alone; check that {check}"
         )
     elif matches.n_loops(neighbours) + surfaces.n_loops(neighbours) == 0:
         warnings.append(
