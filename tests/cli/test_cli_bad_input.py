@@ -25,7 +25,8 @@ def _lines(path: Path, text: str) -> None:
 
 
 def _no_frames(scan: Path) -> None:
-    for path in (scan / "arcore").glob("frame-*"):
+    # Without colour alone, it would be a scan of depth.
+    for path in (*(scan / "arcore").glob("frame-*"), *(scan / "arcore").glob("depth-*")):
         path.unlink()
 
 

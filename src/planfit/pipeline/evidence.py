@@ -360,6 +360,8 @@ def _visits(
     visits = []
     for k in range(n_visits):
         own = order[borders[k] : borders[k + 1]]
+        if len(own) == 0:  # frames that surfaces alone brought together
+            continue
         a, b = folds.stretch[matches.pairs[pair_of_match[own[0]]]]
         medians = (float(np.median(each[own])) for each in (before_m, kept_out_m, after_m))
         visits.append(Visit(_frames(prepared, folds, a), _frames(prepared, folds, b), *medians))

@@ -29,6 +29,7 @@ from planfit.matching import (
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
+from planfit.scan.odometry import make_odometry
 from planfit.segmentation import (
     Gravity,
     Structure,
@@ -110,9 +111,8 @@ def extract_observations(
     if matches is None and chosen.tracking.is_judged:
         with stages.stage("tracking"):
             known = measure_neighbours(scan, chosen.matching, running)
-            known = _not_misled(known, tracking, chosen)
             by_surfaces = _surface_neighbours(scan, known, tracking, chosen, running)
-            tracking, known = _judge(scan, chosen, running, tracking, known, by_surfaces)
+            tracking, known = _judge(scan, chosen, running, known, by_surfaces)
     believed = with_poses(scan, tracking.world_from_cams)
     with stages.stage("level"):
         gravity = find_gravity(believed, chosen.segmentation.gravity, running)
@@ -165,18 +165,10 @@ def _believed(scan: Scan, options: RefineOptions) -> Tracking:
     return believe(scan.world_from_cams, convention, odometry, scan.timestamps)
 
 
-def _not_misled(
-    known: NeighbourMotions, believed: Tracking, options: RefineOptions
-) -> NeighbourMotions:
-    poses, odometry = believed.world_from_cams, believed.odometry
-    return without_misled(known, poses, odometry, options.matching)
-
-
 def _judge(
     scan: Scan,
     options: RefineOptions,
     runtime: Runtime,
-    believed: Tracking,
     known: NeighbourMotions,
     by_surfaces: SurfaceMotions,
 ) -> tuple[Tracking, NeighbourMotions]:
@@ -197,11 +189,17 @@ def _judge(
         )
 
     tracking = judged(known)
+    # As recorded, in the convention that was found: of another, all motions would seem misled.
+    recorded = tracking.recorded_world_from_cams
+    odometry = make_odometry(recorded, options.odometry, scan.timestamps)
+    right = without_misled(known, recorded, odometry, matching)
+    if right is not known:
+        known, tracking = right, judged(right)
     if len(tracking.doubtful_steps):
         # Frames further apart may see what the nearest do not.
         pairs = pairs_across(tracking.doubtful_steps, len(scan), matching.pairs.neighbours)
         known = measure_more(scan, known, pairs, matching, runtime)
-        known = _not_misled(known, believed, options)
+        known = without_misled(known, recorded, odometry, matching)
         tracking = judged(known)
     if len(tracking.doubtful_steps) == 0:
         return tracking, known

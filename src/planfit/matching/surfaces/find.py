@@ -44,16 +44,22 @@ class SurfaceMotions:
     """As the neighbours show it for this sensor."""
 
 
-def poor_frames(n: int, matched: RelativePoses, options: MatchingOptions) -> Bool[np.ndarray, " n"]:
+def poor_frames(
+    n: int, matched: RelativePoses, options: MatchingOptions, has_color: bool = True
+) -> Bool[np.ndarray, " n"]:
     """Frames whose keypoints match those of no neighbour well; all or none where the options say so.
 
     Args:
         n: frames.
         matched: verified by keypoints.
         options: `surfaces` says which frames.
+        has_color: whether the scan has colour.
     """
-    if options.surfaces.use != "few":
-        return np.full(n, options.surfaces.use == "always")
+    use = options.surfaces.use
+    if use == "without_colour":
+        use = "never" if has_color else "few"
+    if use != "few":
+        return np.full(n, use == "always")
     pairs = matched.pairs
     is_near = pairs[:, 1] - pairs[:, 0] <= options.pairs.neighbours
     most = np.zeros(n, dtype=int)
@@ -86,7 +92,7 @@ def measure_surface_neighbours(
         ScanError: a depth image cannot be read.
     """
     n, surfaces = len(scan), options.surfaces
-    is_poor = poor_frames(n, matched, options)
+    is_poor = poor_frames(n, matched, options, scan.has_color)
     # A poor frame's neighbours are looked at too: they are its way to the others.
     near = is_poor.copy()
     for k in range(1, surfaces.neighbours + 1):

@@ -10,9 +10,9 @@ from planfit.errors import require_choice, require_positive, require_share
 class SurfaceOptions:
     """When frames are matched by the surfaces that their depth shows, and when that is believed."""
 
-    use: Literal["few", "always", "never"] = "few"
-    """`few`: frames with few matched keypoints, as at white walls or without colour; `always`: all;
-    `never`: none."""
+    use: Literal["without_colour", "few", "always", "never"] = "without_colour"
+    """`without_colour`: frames with few matched keypoints, of scans without colour; `few`: such frames of any
+    scan, as at white walls; `always`: all; `never`: none."""
     few_matches: int = 25
     """A frame has few where the keypoints that match those of its neighbours are fewer."""
     neighbours: int = 3
@@ -42,7 +42,7 @@ class SurfaceOptions:
     own explains: corridors look alike from door to door."""
 
     def __post_init__(self) -> None:
-        require_choice(self, "use", "few", "always", "never")
+        require_choice(self, "use", "without_colour", "few", "always", "never")
         require_positive(self, "neighbours", "max_depth_m", "sigma_base_m", "max_observations")
         require_positive(self, "usual_factor")
         require_share(self, "min_observed", "min_overlap", "max_contradicted", "max_rival")

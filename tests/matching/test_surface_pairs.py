@@ -48,7 +48,7 @@ def grids_of(poses, options=None, **room):
 
 
 def matching(**changes):
-    return replace(MatchingOptions(), surfaces=SurfaceOptions(**changes))
+    return replace(MatchingOptions(), surfaces=SurfaceOptions(**{"use": "few", **changes}))
 
 
 def round_walk(n, laps=2):
@@ -276,6 +276,9 @@ def test_only_frames_with_few_matches_are_looked_at(walk) -> None:
     assert_array_equal(np.flatnonzero(poor_frames(N, matched, matching(few_matches=15))), [])
     assert poor_frames(N, matched, matching(use="always")).all()
     assert not poor_frames(N, nothing_matched(), matching(use="never")).any()
+    by_default = matching(use="without_colour")
+    assert not poor_frames(N, matched, by_default).any()
+    assert_array_equal(np.flatnonzero(poor_frames(N, matched, by_default, has_color=False)), [20])
     recorded = make_odometry(walk[1], OdometryOptions())
     known = measure_surface_neighbours(walk[0], matched, recorded, matching(), Runtime())
     assert_array_equal(known.grids.number >= 0, np.isin(np.arange(N), range(17, 24)))
@@ -301,7 +304,7 @@ class Breathing(FilesView):
     def depth(self, frame_idx):
         depth = self.files.depth(frame_idx)
         bend = np.sin(np.linspace(0, 12, depth.shape[1])).astype(np.float32)
-        return depth * (1.0 + 0.08 * (frame_idx % 2) * bend)
+        return depth * (1.0 + 0.03 * (frame_idx % 2) * bend)
 
 
 def test_depth_that_contradicts_itself_sets_its_own_bar(walk) -> None:
