@@ -238,3 +238,10 @@ def test_of_many_poses_the_first_that_is_none_is_named(tmp_path):
         np.savetxt(path, bad)
         with pytest.raises(ScanError, match=rf"kitti\.txt: pose 20: .*{words}"):
             read_poses(path)
+
+
+def test_four_numbers_with_decimal_commas_are_no_eight(tmp_path):
+    path = tmp_path / "comma.txt"
+    path.write_text("0,5 1,2 3,4 5,6\n1,5 2,2 3,4 5,6\n")
+    with pytest.raises(ScanError, match=r"comma\.txt, line 1: expected eight"):
+        read_poses(path)

@@ -52,7 +52,9 @@ def parse_poses(content: str, path: Path) -> PoseTable:
         ScanError: it is of none of these kinds.
     """
     table = number_table(content.replace(",", " "))
-    if table is not None and table.shape[1] in (8, 9, 12) and not _is_euroc(content):
+    # Eight columns with commas are no TUM: four numbers with decimal commas have as many.
+    kinds = (9, 12) if "," in content else (8, 9, 12)
+    if table is not None and table.shape[1] in kinds and not _is_euroc(content):
         return _of_numbers(table, content, path)
     rows = [
         text.split()
