@@ -97,3 +97,11 @@ def by_way_of(
     i_from_k = se3.inverse(world_from_cams[i]) @ world_from_cams[k]
     m_from_j = se3.inverse(world_from_cams[m]) @ world_from_cams[j]
     return i_from_k @ relative_poses.a_from_b @ m_from_j
+
+
+def spans_any(
+    pairs: Int[np.ndarray, "p 2"], is_marked: Bool[np.ndarray, " s"]
+) -> Bool[np.ndarray, " p"]:
+    """Whether a marked step (frame i to i + 1) lies between the frames of each pair."""
+    n_marked = np.concatenate([[0], np.cumsum(is_marked)])
+    return n_marked[pairs[:, 0]] != n_marked[pairs[:, 1]]

@@ -13,6 +13,7 @@ from planfit.matching.relative_motions import (
     VerifiedPairs,
     are_neighbours,
     is_among,
+    match_sigmas,
     measure_neighbours,
     verify_pairs,
 )
@@ -85,17 +86,11 @@ def search_matches(
 def _compared(found: VerifiedPairs, seen: ScanKeypoints, options: MatchingOptions) -> VerifiedPairs:
     """The same with how much of both views each motion explains."""
     relative_poses = found.relative_poses
-    sigma_m = np.array(
-        [
-            np.median(match_sigma(a, b, options.verify))
-            for a, b in zip(found.points_a, found.points_b, strict=True)
-        ]
-    )
     explained = explained_shares(
         relative_poses,
         found.points_a,
         found.points_b,
-        sigma_m,
+        match_sigmas(found, options),
         are_neighbours(relative_poses.pairs, options.pairs.neighbours),
         seen.grids,
         options.agreement,

@@ -17,7 +17,13 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
 from planfit.matching.covisibility import ViewSamples
-from planfit.matching.cycles import CycleConsistencyOptions, by_way_of, is_certain, is_near
+from planfit.matching.cycles import (
+    CycleConsistencyOptions,
+    by_way_of,
+    is_certain,
+    is_near,
+    spans_any,
+)
 from planfit.matching.disputes import Disputes, find_disputes
 from planfit.matching.pairs import PairOptions, in_order_of_visits, within_budget
 from planfit.matching.pose_graph import PoseGraph
@@ -208,9 +214,7 @@ def _narrowing(
 def _spans_gap(pairs: np.ndarray, odometry: Odometry) -> np.ndarray:
     """Whether a step of which little is known lies between the frames of each pair (p,): that is no drift."""
     sigma = odometry.sigma_translation
-    is_gap = sigma > GAP_TIMES_USUAL * np.median(sigma)
-    n_gaps = np.concatenate([[0], np.cumsum(is_gap)])
-    return n_gaps[pairs[:, 0]] != n_gaps[pairs[:, 1]]
+    return spans_any(pairs, sigma > GAP_TIMES_USUAL * np.median(sigma))
 
 
 def _clusters(relative_poses: RelativePoses, odometry: Odometry, size_m: float) -> np.ndarray:

@@ -13,19 +13,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
-from planfit.matching.cycles import is_near
+from planfit.matching.cycles import is_near, spans_any
 from planfit.matching.options import MatchingOptions
-from planfit.matching.relative_motions import NeighbourMotions, VerifiedPairs
-from planfit.matching.verify import match_sigma
-from planfit.matching.view_agreement import Agreement, compare
-from planfit.scan.odometry import Odometry
+from planfit.matching.relative_motions import NeighbourMotions, match_sigmas
+from planfit.matching.view_agreement import compare
+from planfit.scan.odometry import LONG, USUAL_SHARE, Odometry, step_sizes
 
 MIN_SHARED = 0.05
 """Share of the views that both could see by a motion, from which on they tell of it."""
 CLEARLY = 0.1
 """A motion explains clearly more of two views than another by this share."""
-USUAL_SHARE, LONG = 0.9, 1.5
-"""A step is long that is this many times longer, or turns this many times further, than this share of all."""
 
 
 def without_misled(
@@ -49,8 +46,11 @@ def without_misled(
     agrees = is_near(measured, recorded, sigmas, options.cycle_consistency)
     if agrees.all():
         return known
+    points = verified.points_a, verified.points_b
+    rest = match_sigmas(verified, options), known.keypoints.grids, options.agreement
     by_measured, by_recorded = (
-        _views(verified, motions, known, options) for motions in (measured, recorded)
+        compare(replace(verified.relative_poses, a_from_b=motions), *points, *rest)
+        for motions in (measured, recorded)
     )
     measured_share, recorded_share = (
         views.rest_explained(agrees, options.agreement) for views in (by_measured, by_recorded)
@@ -63,27 +63,8 @@ def without_misled(
     return replace(known, verified=verified.where(agrees | ~is_misled))
 
 
-def _views(
-    verified: VerifiedPairs,
-    motions: Float[np.ndarray, "p 4 4"],
-    known: NeighbourMotions,
-    options: MatchingOptions,
-) -> Agreement:
-    """The views of each pair, one seen from the other by a motion."""
-    sigma_m = np.array(
-        [
-            np.median(match_sigma(a, b, options.verify))
-            for a, b in zip(verified.points_a, verified.points_b, strict=True)
-        ]
-    )
-    moved = replace(verified.relative_poses, a_from_b=motions)
-    points = verified.points_a, verified.points_b
-    return compare(moved, *points, sigma_m, known.keypoints.grids, options.agreement)
-
-
 def _spans_long_step(pairs: Int[np.ndarray, "p 2"], odometry: Odometry) -> Bool[np.ndarray, " p"]:
-    steps = odometry.cam_from_next
-    sizes = np.linalg.norm(steps[:, :3, 3], axis=1), se3.rotation_angle(steps[:, :3, :3])
-    is_long = np.any([size > LONG * np.quantile(size, USUAL_SHARE) for size in sizes], axis=0)
-    n_long = np.concatenate([[0], np.cumsum(is_long)])
-    return n_long[pairs[:, 1]] > n_long[pairs[:, 0]]
+    is_long = [
+        size > LONG * np.quantile(size, USUAL_SHARE) for size in step_sizes(odometry.cam_from_next)
+    ]
+    return spans_any(pairs, np.any(is_long, axis=0))

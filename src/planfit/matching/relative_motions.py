@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from planfit.matching.options import MatchingOptions
 from planfit.matching.tentative import ScanKeypoints, find_keypoints
 from planfit.matching.types import RelativePoses
-from planfit.matching.verify import verify
+from planfit.matching.verify import match_sigma, verify
 from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
 
@@ -44,6 +44,16 @@ class VerifiedPairs:
         return VerifiedPairs(
             both[order], [points_a[k] for k in order], [points_b[k] for k in order]
         )
+
+
+def match_sigmas(verified: VerifiedPairs, options: MatchingOptions) -> Float[np.ndarray, " p"]:
+    """Standard deviation of a match of each pair, m, each axis: the median of its matches."""
+    return np.array(
+        [
+            np.median(match_sigma(a, b, options.verify))
+            for a, b in zip(verified.points_a, verified.points_b, strict=True)
+        ]
+    )
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Recorded motion between frames, and how far it may be off: the sigmas that all stages share."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -10,6 +11,10 @@ from planfit.geometry import se3
 
 FIXED_RAD, FIXED_M = 1e-5, 1e-4
 """Sigmas between cameras that are fixed to each other: as good as nothing, and no division by it."""
+USUAL_SHARE = 0.9
+"""Share of the steps that are as long as usual, or shorter."""
+LONG = 1.5
+"""Steps longer than so many usual ones are long. ConSLAM has eleven unmeasured ones that are no jumps."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +58,7 @@ class Odometry:
         Steps err independently, so variances add up; a rotation early on swings all that follows, which
         the distance walked times the sigma of the rotation bounds.
         """
-        # Sums from the first frame on: what lies between two frames is a difference of two of them.
-        rotation_sq = np.concatenate([[0.0], np.cumsum(self.sigma_rotation**2)])
-        translation_sq = np.concatenate([[0.0], np.cumsum(self.sigma_translation**2)])
+        rotation_sq, translation_sq = self._variances
         walked = self.walked_m
         low, high = np.minimum(first, last), np.maximum(first, last)
         rotation = np.sqrt(rotation_sq[high] - rotation_sq[low])
@@ -65,11 +68,27 @@ class Odometry:
         translation = np.sqrt(translation_sq[high] - translation_sq[low] + swing**2 / 3)
         return np.asarray(rotation), np.asarray(translation)  # one frame's are no arrays yet
 
-    @property
+    @cached_property
+    def _variances(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Of rotation and translation, summed from the first frame on: what lies between two frames is a
+        difference of two of them."""
+        rotation_sq = np.concatenate([[0.0], np.cumsum(self.sigma_rotation**2)])
+        return rotation_sq, np.concatenate([[0.0], np.cumsum(self.sigma_translation**2)])
+
+    @cached_property
     def walked_m(self) -> Float[np.ndarray, " n"]:
         """Path length from the first frame to each, m."""
-        steps = np.linalg.norm(self.cam_from_next[:, :3, 3], axis=1)
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        return np.concatenate([[0.0], np.cumsum(step_sizes(self.cam_from_next)[0])])
+
+
+def step_sizes(
+    cam_from_next: Float[np.ndarray, "s 4 4"],
+) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
+    """Lengths (m) and angles (rad) of steps."""
+    return (
+        np.linalg.norm(cam_from_next[:, :3, 3], axis=1),
+        np.asarray(se3.rotation_angle(cam_from_next[:, :3, :3])),
+    )
 
 
 def make_odometry(
@@ -85,8 +104,7 @@ def make_odometry(
     clock's second are at two places.
     """
     steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
-    angle = se3.rotation_angle(steps[:, :3, :3])
-    length = np.linalg.norm(steps[:, :3, 3], axis=1)
+    length, angle = step_sizes(steps)
     is_fixed = np.zeros(len(steps), dtype=bool)
     if times is not None:
         is_fixed = (times[1:] == times[:-1]) & (length < FIXED_M)

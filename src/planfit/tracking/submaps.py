@@ -15,7 +15,7 @@ from planfit.matching import Matches
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.types import RelativePoses
 from planfit.matching.verify import VerifyOptions
-from planfit.scan.odometry import Odometry
+from planfit.scan.odometry import LONG, USUAL_SHARE, Odometry, step_sizes
 from planfit.tracking.breaks import Votes, consensus, is_far, is_large, isotropic, votes_on
 from planfit.tracking.motions import (
     MeasuredMotions,
@@ -33,10 +33,6 @@ from planfit.tracking.types import (
     submaps_of,
 )
 
-USUAL_SHARE = 0.9
-"""Share of the steps that are as long as usual, or shorter."""
-LONG = 1.5
-"""Steps longer than so many usual ones, and unmeasured, may be jumps. ConSLAM has eleven that are none."""
 SAME = 1e-6
 """Steps that differ by less were not changed."""
 MIN_VOTES = 3
@@ -91,7 +87,7 @@ def find_doubtful(
     is_confirmed = np.zeros(n_steps, dtype=bool)
     for a, b in motions.pairs[squared < options.max_sigmas**2]:
         is_confirmed[a:b] = True
-    length, angle = _sizes(odometry.cam_from_next)
+    length, angle = step_sizes(odometry.cam_from_next)
     is_long = np.zeros(n_steps, dtype=bool)
     if n_steps and is_confirmed.any():
         for size, least in (
@@ -117,7 +113,7 @@ def pairs_across(
 
 def with_open_steps(odometry: Odometry, steps: Int[np.ndarray, " d"]) -> Odometry:
     """The same with sigmas of these steps as wide as the steps themselves: half their length and angle."""
-    length, angle = _sizes(odometry.cam_from_next)
+    length, angle = step_sizes(odometry.cam_from_next)
     rotation, translation = odometry.sigma_rotation.copy(), odometry.sigma_translation.copy()
     rotation[steps] = np.maximum(rotation[steps], angle[steps] / 2)
     translation[steps] = np.maximum(translation[steps], length[steps] / 2)
@@ -220,7 +216,7 @@ def _merge(votes: Votes, first: int, second: int, options: TrackingOptions) -> l
 def _chained(tracking: Tracking, placed: _Placed) -> Float[np.ndarray, "n 4 4"]:
     """Poses of all frames, the groups that nothing placed hung on by recorded steps, the likeliest first."""
     recorded, poses, group = tracking.world_from_cams, placed.poses.copy(), placed.group.copy()
-    length, angle = _sizes(tracking.odometry.cam_from_next)
+    length, angle = step_sizes(tracking.odometry.cam_from_next)
     usual = [max(float(np.quantile(s, USUAL_SHARE)), 1e-9) for s in (length, angle)]
     unlikely = np.maximum(length / usual[0], angle / usual[1])
     unlikely[tracking.open_steps] = np.inf
@@ -320,8 +316,3 @@ def _unplaced(tracking: Tracking, changed: np.ndarray) -> Tracking:
     found = TrackingBreak("jump", first, last, size, size, 0, reason)
     breaks = tuple(sorted((*tracking.breaks, found), key=lambda b: b.first_frame))
     return replace(tracking, breaks=breaks, doubtful_steps=np.zeros(0, dtype=int))
-
-
-def _sizes(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths (m) and angles (rad) of steps (s, 4, 4)."""
-    return np.linalg.norm(steps[:, :3, 3], axis=1), np.asarray(se3.rotation_angle(steps[:, :3, :3]))

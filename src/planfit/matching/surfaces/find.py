@@ -8,13 +8,13 @@ from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
-from planfit.matching.loop_closure import by_way_of
+from planfit.matching.cycles import by_way_of
 from planfit.matching.options import MatchingOptions
 from planfit.matching.pairs import choose_pairs
 from planfit.matching.surfaces.grids import SurfaceGrids, find_surface_grids
 from planfit.matching.surfaces.options import SurfaceOptions
 from planfit.matching.surfaces.register import Registered, observe, register, starts_about
-from planfit.matching.surfaces.types import SurfacePairs
+from planfit.matching.surfaces.types import NULL_SHARE, SurfacePairs
 from planfit.matching.types import RelativePoses
 from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
@@ -151,6 +151,8 @@ def find_surface_pairs(
         options: `surfaces`, `pairs` and `cycle_consistency`.
         runtime: threads, cache and progress.
     """
+    if not known.is_poor.any():  # or all revisits would be chosen, to be left out
+        return known.neighbours
     surfaces, poses = options.surfaces, scan.world_from_cams
     chosen = replace(options.pairs, loops_per_frame=surfaces.loops_per_frame)
     pairs = choose_pairs(poses, odometry, chosen)
@@ -249,7 +251,7 @@ def _squared_sigmas(
     result = np.zeros(len(found))
     for k, information in enumerate(found.information):
         values, vectors = np.linalg.eigh(information)
-        is_held = values > 1e-9 * values[-1]
+        is_held = values > NULL_SHARE * values[-1]
         factor = vectors[:, is_held] * np.sqrt(values[is_held])
         variances = np.repeat([sigmas[0][k] ** 2, sigmas[1][k] ** 2], 3)
         total = factor.T @ (variances[:, None] * factor) + np.eye(factor.shape[1])
