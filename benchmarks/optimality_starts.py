@@ -12,12 +12,13 @@ from problems import Problem
 from robustness import with_missing_walls, with_moved_walls
 
 from planfit import RefineOptions
-from planfit.adjust import AdjustOptions, Measurements, choose_keyframes, close_loops
+from planfit.adjust import AdjustOptions, Measurements, close_loops, hold_to_keyframes
 from planfit.alignment import Alignment
 from planfit.evaluation import position_errors
 from planfit.floorplan import Floorplan
 from planfit.pipeline.align import ScanOnPlan, align_to_plan
-from planfit.pipeline.prepare import PreparedScan, extract_observations, prepare
+from planfit.pipeline.observations import extract_observations
+from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.runtime import Runtime, StageTimer
 
 WAYS = {
@@ -120,7 +121,7 @@ def _start(
     closed = close_loops(measurements, recorded, AdjustOptions()).target_from_cams
     # Drift turns and shifts the whole from its first frame on; an alignment takes that out.
     whole = _rigid(closed, problem.true_plan_from_cams, rng)
-    keyframes = choose_keyframes(recorded, AdjustOptions().keyframes)
+    keyframes = hold_to_keyframes(recorded, np.arange(len(recorded)))
     prepared = PreparedScan(keyframes, measurements, np.eye(4), recorded, closed)
     # A given place: these rooms look alike turned by half, and a search would doubt every one of them.
     given = Alignment(whole, 1.0, None, is_as_recorded=True)

@@ -11,19 +11,20 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from problems import make_problem
 from records import Record, machine
 
 from planfit.adjust import (
     AdjustOptions,
-    KeyframeOptions,
     build_problem,
-    choose_keyframes,
     follow_keyframes,
+    hold_to_keyframes,
     reduce_measurements,
 )
 from planfit.adjust.terms.walls import WallTerm
 from planfit.lsq import Problem
+from planfit.tracking import KeyframeOptions, choose_keyframes
 
 SIZES = (1000, 5000, 25_000)
 N_LAPS = 10  # at every size, so that a fifth of the pairs are revisits
@@ -63,7 +64,8 @@ def solve_problem(problem):
 def solve_keyframes(problem):
     """Choose keyframes, move the measurements into their axes, solve for them, carry the others along."""
     recorded = problem.initial_plan_from_cams
-    keyframes = choose_keyframes(recorded, KeyframeOptions(min_frames=0))
+    times, spaced = np.arange(float(len(recorded))), KeyframeOptions(min_frames=0, max_step_m=0.3)
+    keyframes = hold_to_keyframes(recorded, choose_keyframes(recorded, times, spaced))
     measurements = reduce_measurements(problem.measurements, keyframes)
     solution = _solve(measurements, problem, recorded[keyframes.frame_idx])
     every_frame = follow_keyframes(solution.target_from_cams, keyframes)

@@ -38,7 +38,8 @@ from planfit.evaluation import position_errors
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.pipeline.align import STANDS_ALONE, align_to_plan
-from planfit.pipeline.prepare import Observations, extract_observations, prepare
+from planfit.pipeline.observations import Observations, extract_observations
+from planfit.pipeline.prepare import prepare
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan, read_tum
 from planfit.scan.formats.facap import PLAN_FROM_WORLD

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import planfit
-from planfit.adjust import AdjustOptions, KeyframeOptions, adjust_to_plan
+from planfit.adjust import AdjustOptions, adjust_to_plan
 from planfit.adjust.terms.points import PointOptions
 from planfit.errors import OptionError, ScanError
 from planfit.lsq import ResidualTerm
@@ -111,11 +111,10 @@ def test_extra_terms_that_cannot_work_are_refused(synthetic, observations):
     points = dataclasses.replace(points, name="points")
     with pytest.raises(OptionError, match="expected a name that no other term has"):
         planfit.refine(scan, floorplan, observations=observations, extra_terms=[points])
-    keyframes = KeyframeOptions(min_frames=0, max_step_m=2.0, max_rotation_deg=180.0)
-    few = planfit.RefineOptions(adjust=AdjustOptions(keyframes=keyframes))
+    few = dataclasses.replace(observations, keyframe_idx=np.arange(0, len(scan), len(scan) - 1))
     fine = known_positions(synthetic, np.array([0]), np.zeros(3))
     with pytest.raises(OptionError, match="expected all frames as unknowns"):
-        planfit.refine(scan, floorplan, few, observations=observations, extra_terms=[fine])
+        planfit.refine(scan, floorplan, observations=few, extra_terms=[fine])
 
 
 def test_own_matches_take_the_place_of_ours(synthetic, observations):

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planfit
-from planfit.adjust import AdjustOptions, KeyframeOptions, adjust_to_plan
+from planfit.adjust import AdjustOptions, adjust_to_plan
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.errors import OptionError
 from planfit.evaluation import evaluate, position_errors
@@ -24,6 +24,7 @@ from planfit.synth import (
     WalkOptions,
     make_scan,
 )
+from planfit.tracking import KeyframeOptions
 
 
 @pytest.fixture(scope="module")
@@ -145,9 +146,9 @@ def test_what_extra_terms_need_is_told_before_anything_is_read(synthetic, floorp
     scan = dataclasses.replace(synthetic.scan, files=Unreadable())
     plan = synthetic.floorplan if floorplan else None
     term = ResidualTerm(np.array([[0]]), lambda at: at[:, 0, :3, 3], name="mine")
-    keyframes = AdjustOptions(keyframes=KeyframeOptions(min_frames=2, max_step_m=1.0))
+    keyframes = KeyframeOptions(min_frames=2, max_step_m=1.0)
     with pytest.raises(OptionError, match=r"expected all frames as unknowns.*min_frames"):
-        planfit.refine(scan, plan, planfit.RefineOptions(adjust=keyframes), extra_terms=[term])
+        planfit.refine(scan, plan, planfit.RefineOptions(keyframes=keyframes), extra_terms=[term])
     papers = planfit.RefineOptions(adjust=dataclasses.replace(paper_adjust(), method="sgd"))
     with pytest.raises(OptionError, match="use lm with extra terms"):
         planfit.refine(scan, plan, papers, extra_terms=[term])

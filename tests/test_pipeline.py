@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import planfit
-from planfit.adjust import AdjustOptions, KeyframeOptions
+from planfit.adjust import AdjustOptions
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
@@ -28,6 +28,7 @@ from planfit.synth import (
     WalkOptions,
     make_scan,
 )
+from planfit.tracking import KeyframeOptions
 
 BASE = SynthOptions(
     seed=5,
@@ -159,7 +160,7 @@ def test_a_term_of_no_weight_is_left_out(name, adjust, synthetic, runtime):
 
 def test_keyframes_alone_are_nearly_as_good(synthetic, runtime):
     keyframes = KeyframeOptions(min_frames=0, max_step_m=1.0, max_rotation_deg=50.0)
-    options = planfit.RefineOptions(adjust=AdjustOptions(keyframes=keyframes))
+    options = planfit.RefineOptions(keyframes=keyframes)
     result = planfit.refine(synthetic.scan, synthetic.floorplan, options, runtime)
     solved = result.adjustment.solution.target_from_cams
     assert len(solved) < 0.8 * len(synthetic.scan)

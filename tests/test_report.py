@@ -667,7 +667,8 @@ def test_missing_and_unseen_walls_stand_in_the_table(floorplan, no_pictures):
 
 def test_loop_closures_and_matches_of_frames_are_counted():
     matches = make_result().matches  # two matches of frames 0 and 1, one of 0 and 5
-    assert loop_closures_of(matches, 4).tolist() == [[0, 5]]
+    assert loop_closures_of(matches, 4, np.arange(7)).tolist() == [[0, 5]]
+    assert loop_closures_of(matches, 2, np.array([0, 1, 5])).tolist() == []
     assert matches_by_frame(matches, 7).tolist() == [3, 2, 0, 0, 0, 1, 0]
 
 

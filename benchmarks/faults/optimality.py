@@ -10,8 +10,9 @@ from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan, costs
 from planfit.adjust.association import Association, associate_with_plan
 from planfit.adjust.ceilings import find_ceilings
 from planfit.floorplan import Floorplan
+from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import Observations, prepare
+from planfit.pipeline.prepare import prepare
 from planfit.pipeline.result import RefineResult
 
 FAR_M = 1e5

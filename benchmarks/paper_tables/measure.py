@@ -25,8 +25,9 @@ from planfit.evaluation import (
 from planfit.evaluation.sampling import thin
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.align import align_to_plan
+from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import Observations, extract_observations, prepare
+from planfit.pipeline.prepare import prepare
 from planfit.pipeline.refine import refine
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan, read_scan, read_tum

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from planfit.matching import Matches as Matches
     from planfit.pipeline.align import AlignResult as AlignResult
     from planfit.pipeline.align import align as align
+    from planfit.pipeline.observations import Observations as Observations
+    from planfit.pipeline.observations import extract_observations as extract_observations
     from planfit.pipeline.options import RefineOptions as RefineOptions
-    from planfit.pipeline.prepare import Observations as Observations
-    from planfit.pipeline.prepare import extract_observations as extract_observations
     from planfit.pipeline.prepare import prepare as prepare
     from planfit.pipeline.refine import refine as refine
     from planfit.pipeline.result import RefineResult as RefineResult
@@ -42,7 +42,7 @@ _HOMES = {
     "EvaluateOptions": "planfit.evaluation",
     "Floorplan": "planfit.floorplan",
     "Matches": "planfit.matching",
-    "Observations": "planfit.pipeline.prepare",
+    "Observations": "planfit.pipeline.observations",
     "PlanOptions": "planfit.floorplan",
     "Problem": "planfit.lsq",
     "RefineOptions": "planfit.pipeline.options",
@@ -55,7 +55,7 @@ _HOMES = {
     "align": "planfit.pipeline.align",
     "compare": "planfit.evaluation",
     "evaluate": "planfit.evaluation",
-    "extract_observations": "planfit.pipeline.prepare",
+    "extract_observations": "planfit.pipeline.observations",
     "prepare": "planfit.pipeline.prepare",
     "read_floorplan": "planfit.floorplan",
     "read_scan": "planfit.scan",

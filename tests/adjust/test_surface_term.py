@@ -7,15 +7,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import gradient_by_differences, make_world, nudged, random_transforms
-from planfit.adjust import AdjustOptions, build_problem, choose_keyframes, reduce_measurements
-from planfit.adjust.options import KeyframeOptions
+from planfit.adjust import AdjustOptions, build_problem, hold_to_keyframes, reduce_measurements
 from planfit.adjust.paper.preset import paper_options
 from planfit.adjust.terms.surfaces import SurfaceTermOptions, surface_term
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
 from planfit.lsq.robust import SQUARES
 from planfit.matching import SurfacePairs
-from planfit.tracking import surface_motions
+from planfit.tracking import KeyframeOptions, choose_keyframes, surface_motions
 
 
 def make_pairs(rng, poses, pairs, rank=6):
@@ -110,7 +109,9 @@ def test_keyframes_carry_pairs_and_what_they_observe(rng) -> None:
     pairs = make_pairs(rng, poses, [[0, 5], [1, 2], [2, 9], [4, 11]], rank=5)
     measured = replace(world.measurements, surfaces=pairs)
     chosen = KeyframeOptions(min_frames=2, max_step_m=0.15, max_rotation_deg=30.0)
-    keyframes = choose_keyframes(poses, chosen)
+    keyframes = hold_to_keyframes(
+        poses, choose_keyframes(poses, np.arange(float(len(poses))), chosen)
+    )
     assert len(keyframes.frame_idx) < n
     reduced = reduce_measurements(measured, keyframes).surfaces
     moved = nudged(rng, poses[keyframes.frame_idx], 0.002, 0.0001)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from builders import look, make_matches, make_structure, nudged, room_plan
-from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan, choose_keyframes
-from planfit.adjust.options import KeyframeOptions
+from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan, hold_to_keyframes
 from planfit.alignment import Alignment, AlignOptions
 from planfit.geometry import se3
 from planfit.pipeline.evidence import gather_evidence
@@ -44,7 +43,7 @@ def world(truth, rng, sees_walls=None, steps=None):
     matches = make_matches(truth, sorted(pairs), rng.uniform([0, 0, 0], [12, 8, 2.5], (30, 3)))
     odometry = make_odometry(truth if steps is None else steps, OdometryOptions())
     measurements = Measurements(matches, make_structure(truth, floor, patches), odometry)
-    keyframes = choose_keyframes(truth, KeyframeOptions())
+    keyframes = hold_to_keyframes(truth, np.arange(len(truth)))
     start = nudged(rng, truth, 0.1, 0.01)
     prepared = PreparedScan(keyframes, measurements, np.eye(4), start, start)
     alignment = Alignment(np.eye(4), 0.9, None, is_as_recorded=True)

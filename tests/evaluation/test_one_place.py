@@ -11,8 +11,8 @@ import pytest
 from planfit.cli import run
 from planfit.evaluation import EvaluateOptions, Truth, evaluate
 from planfit.floorplan import read_floorplan
+from planfit.pipeline.observations import extract_observations
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import extract_observations
 from planfit.runtime import Runtime
 from planfit.scan import read_scan, read_tum
 from planfit.synth import (

@@ -27,5 +27,5 @@ def check_extra_terms(
     if extra and n_keyframes is not None:
         raise OptionError(
             "extra_terms: expected all frames as unknowns, as such terms may name any frame, found "
-            f"{n_keyframes} keyframes; raise adjust.keyframes.min_frames above the scan's frames"
+            f"{n_keyframes} keyframes; raise keyframes.min_frames above the scan's frames"
         )

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust.measurements import Measurements
-from planfit.adjust.options import KeyframeOptions
 from planfit.geometry import se3
 from planfit.matching import Matches, SurfacePairs
 from planfit.scan.odometry import Odometry
@@ -33,34 +32,17 @@ class Keyframes:
     """Recorded poses of keyframes in the axes of the first."""
 
 
-def choose_keyframes(
-    world_from_cams: Float[np.ndarray, "n 4 4"],
-    options: KeyframeOptions,
-    sharpness: Float[np.ndarray, " n"] | None = None,
+def hold_to_keyframes(
+    world_from_cams: Float[np.ndarray, "n 4 4"], frame_idx: Int[np.ndarray, " k"]
 ) -> Keyframes:
-    """Keyframes of a recorded trajectory, by distance walked and rotation.
+    """Hold all frames of a recorded trajectory to keyframes.
 
-    Where `sharpness` is known, the sharpest frame of the last part of each trajectory segment is chosen.
+    Args:
+        world_from_cams: recorded poses.
+        frame_idx: keyframes, increasing; the first and the last frame are among them.
     """
-    n = len(world_from_cams)
     steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
     moved = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps[:, :3, 3], axis=1))])
-    rotated = np.concatenate([[0.0], np.cumsum(se3.rotation_angle(steps[:, :3, :3]))])
-    max_rotation = np.deg2rad(options.max_rotation_deg)
-    chosen = [0]
-    if n < options.min_frames:
-        chosen = list(range(n))
-    else:
-        for i in range(1, n - 1):
-            last = chosen[-1]
-            # The next frame would go beyond: this one is the last that is near enough.
-            if (
-                moved[i + 1] - moved[last] > options.max_step_m
-                or rotated[i + 1] - rotated[last] > max_rotation
-            ):
-                chosen.append(_sharpest(last, i, options.sharper_share, sharpness))
-        chosen.append(n - 1)
-    frame_idx = np.unique(chosen)
     # Frame i belongs to the keyframe between whose borders, halfway along the path, it lies.
     borders = 0.5 * (moved[frame_idx[:-1]] + moved[frame_idx[1:]])
     nearest = np.searchsorted(borders, moved, side="right").clip(0, len(frame_idx) - 1)
@@ -69,14 +51,6 @@ def choose_keyframes(
     key_from_cam = se3.inverse(world_from_cams[frame_idx[nearest]]) @ world_from_cams
     recorded = world_from_cams[frame_idx]
     return Keyframes(frame_idx, nearest, key_from_cam, se3.inverse(recorded[0]) @ recorded)
-
-
-def _sharpest(last: int, i: int, share: float, sharpness: np.ndarray | None) -> int:
-    """Of the frames that end a segment (last, i], the sharpest; the latest of equals."""
-    if sharpness is None:
-        return i
-    first = i - int(share * max(i - last - 1, 0))
-    return i - int(np.argmax(sharpness[first : i + 1][::-1]))
 
 
 def reduce_measurements(measurements: Measurements, keyframes: Keyframes) -> Measurements:
@@ -198,9 +172,7 @@ def _reduce_patches(patches: WallPatches, keyframes: Keyframes) -> WallPatches:
 
 def _reduce_odometry(odometry: Odometry, keyframes: Keyframes) -> Odometry:
     key = keyframes.frame_idx
-    sigma_rotation, sigma_translation = odometry.sigma_between(key[:-1], key[1:])
-    recorded = keyframes.first_from_keys
-    return Odometry(se3.inverse(recorded[:-1]) @ recorded[1:], sigma_rotation, sigma_translation)
+    return odometry.between(key, keyframes.first_from_keys)
 
 
 def _move(transforms: np.ndarray, idx: np.ndarray, points: np.ndarray) -> np.ndarray:

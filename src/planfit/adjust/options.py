@@ -16,29 +16,9 @@ from planfit.adjust.terms.reprojection import ReprojectionOptions
 from planfit.adjust.terms.surfaces import SurfaceTermOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.adjust.voting import VotingOptions
-from planfit.errors import OptionError, require, require_choice, require_positive, require_share
+from planfit.errors import OptionError, require, require_choice, require_positive
 from planfit.lsq.bounded import BoundedOptions
 from planfit.lsq.solver import SolverOptions
-
-
-@dataclass(frozen=True)
-class KeyframeOptions:
-    """Which frames are solved for; see `planfit.adjust.keyframes`."""
-
-    min_frames: int = 30_000
-    """Scans of fewer frames are solved with all frames as unknowns."""
-    max_step_m: float = 0.3
-    """A frame this far along the path from the last keyframe is the next one."""
-    max_rotation_deg: float = 10.0
-    """So is a frame that has rotated by this much, added up along the path."""
-    sharper_share: float = 0.4
-    """Within this last share of a trajectory segment, the sharpest frame is taken instead: its keypoints are
-    more exact. 0 takes the last, whatever it looks like."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "max_step_m", "max_rotation_deg")
-        require_share(self, "sharper_share")
-
 
 START_NAMES = ("aligned", "vote", "reach", "wide")
 """Of `AdjustOptions.starts`."""
@@ -83,8 +63,6 @@ class AdjustOptions:
     """That bound."""
     association: AssociationOptions = field(default_factory=AssociationOptions)
     """Which face a wall patch may belong to."""
-    keyframes: KeyframeOptions = field(default_factory=KeyframeOptions)
-    """Which frames are solved for."""
     method: Literal["lm", "sgd"] = "lm"
     """`lm`: Levenberg-Marquardt; `sgd`: the paper's gradient descent (PyTorch), for the paper's cost only."""
     solver: SolverOptions = field(default_factory=SolverOptions)

@@ -15,7 +15,7 @@ from planfit.floorplan import Floorplan, PlanOptions
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.matching import Matches
 from planfit.pipeline.calibrate import corrected
-from planfit.pipeline.prepare import extract_observations
+from planfit.pipeline.observations import extract_observations
 from planfit.runtime import Runtime
 from planfit.scan import Scan, calibrated_scan
 from planfit.segmentation import Structure

@@ -14,8 +14,8 @@ from planfit.cli.config import options_of, scan_options_of
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
+from planfit.pipeline.observations import with_poses
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import with_poses
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking.conventions import RECORDED, apply_convention

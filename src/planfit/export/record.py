@@ -6,6 +6,7 @@ from enum import Enum
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
 from planfit.alignment import Alignment
 from planfit.evaluation import surface_metrics, wall_distances
@@ -44,8 +45,8 @@ def make_record(
         "up_world": result.gravity.up_world.tolist(),
         "up_from": result.gravity.source,
         "tracking": None if result.tracking is None else _tracking_record(result.tracking),
-        "matches": _matches_record(result.matches, neighbours),
-        "surfaces": _surfaces_record(result.surfaces, neighbours),
+        "matches": _matches_record(result.matches, neighbours, result.solved_frame_idx),
+        "surfaces": _surfaces_record(result.surfaces, neighbours, result.solved_frame_idx),
         "alignment": None if result.alignment is None else _alignment_record(result.alignment),
         "storeys": None if result.storeys is None else _storeys_record(result, result.storeys),
         **_transforms(scan, result),
@@ -164,22 +165,26 @@ def _clock_record(clock: ClockOffset) -> dict[str, Any]:
     }
 
 
-def _matches_record(matches: Matches, neighbours: int) -> dict[str, int]:
-    """Pairs of frames further apart than `neighbours` are loop closures."""
+def _matches_record(
+    matches: Matches, neighbours: int, keyframe_idx: Int[np.ndarray, " k"]
+) -> dict[str, int]:
+    """Pairs of keyframes further apart than `neighbours` are loop closures."""
     return {
         "keypoints": matches.n_keypoints,
         "pairs_tried": matches.n_tried,
         "pairs_verified": len(matches.pairs),
-        "loop_closures": matches.n_loops(neighbours),
+        "loop_closures": matches.n_loops(neighbours, keyframe_idx),
         "matches": matches.n_matches,
     }
 
 
-def _surfaces_record(surfaces: SurfacePairs, neighbours: int) -> dict[str, int]:
+def _surfaces_record(
+    surfaces: SurfacePairs, neighbours: int, keyframe_idx: Int[np.ndarray, " k"]
+) -> dict[str, int]:
     """Pairs of frames matched by geometry."""
     return {
         "pairs_verified": len(surfaces),
-        "loop_closures": surfaces.n_loops(neighbours),
+        "loop_closures": surfaces.n_loops(neighbours, keyframe_idx),
         "with_free_directions": int((surfaces.n_free > 0).sum()),
     }
 

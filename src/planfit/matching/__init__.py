@@ -5,6 +5,7 @@ from planfit.matching.find import search_matches as search_matches
 from planfit.matching.misled import without_misled as without_misled
 from planfit.matching.options import MatchingOptions as MatchingOptions
 from planfit.matching.relative_motions import NeighbourMotions as NeighbourMotions
+from planfit.matching.relative_motions import measure_between as measure_between
 from planfit.matching.relative_motions import measure_more as measure_more
 from planfit.matching.relative_motions import measure_neighbours as measure_neighbours
 from planfit.matching.surfaces.find import SurfaceMotions as SurfaceMotions

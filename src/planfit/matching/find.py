@@ -113,7 +113,6 @@ def _gather(
         sigma=match_sigma(points_a, points_b, options.verify),
         n_tried=n_tried,
         n_keypoints=sum(len(k) for k in seen.keypoints),
-        sharpness=np.array([k.sharpness for k in seen.keypoints], dtype=float),
         explained=accepted.relative_poses.explained,
     )
 

@@ -1,13 +1,14 @@
 """Pairs of frames whose matches agree with one rigid motion, whatever the recorded poses say of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.errors import ScanError
 from planfit.matching.options import MatchingOptions
-from planfit.matching.tentative import ScanKeypoints, find_keypoints
+from planfit.matching.tentative import ScanKeypoints, find_keypoints, find_more_keypoints
 from planfit.matching.types import RelativePoses
 from planfit.matching.verify import match_sigma, verify
 from planfit.runtime import Arrays, Runtime, cache_key
@@ -89,14 +90,45 @@ def measure_neighbours(scan: Scan, options: MatchingOptions, runtime: Runtime) -
         ScanError: an image cannot be read, or the COLMAP files are not those of this scan.
     """
     seen = find_keypoints(scan, options, runtime)
-    n, most = len(scan), options.pairs.neighbours
+    most = options.pairs.neighbours
     if seen.imported_pairs is None:
-        pairs = np.array([(i, j) for i in range(n) for j in range(i + 1, min(i + most + 1, n))])
-        pairs = pairs.reshape(-1, 2).astype(int)
+        pairs = _neighbouring_pairs(len(scan), most)
     else:
         pairs = seen.imported_pairs[are_neighbours(seen.imported_pairs, most)]
     verified = verify_pairs(scan, seen, pairs, options, runtime, "neighbours")
     return NeighbourMotions(seen, pairs, verified)
+
+
+def measure_between(
+    scan: Scan,
+    known: NeighbourMotions,
+    known_idx: Int[np.ndarray, " k"],
+    options: MatchingOptions,
+    runtime: Runtime,
+) -> NeighbourMotions:
+    """The same of a scan, whose frames `known_idx` are those that are known: more frames lie between them.
+
+    Raises:
+        OptionError: a learned detector or matcher cannot be had.
+        ScanError: an image cannot be read, or the keypoints came from COLMAP, which has no more.
+    """
+    if known.keypoints.imported_pairs is not None:
+        raise ScanError(f"{scan.name}: keypoints of COLMAP are those of its own frames")
+    seen = find_more_keypoints(scan, known.keypoints, known_idx, options, runtime)
+    relative = replace(
+        known.verified.relative_poses, pairs=known_idx[known.verified.relative_poses.pairs]
+    )
+    renumbered = NeighbourMotions(
+        seen, known_idx[known.tried], replace(known.verified, relative_poses=relative)
+    )
+    pairs = _neighbouring_pairs(len(scan), options.pairs.neighbours)
+    return measure_more(scan, renumbered, pairs, options, runtime)
+
+
+def _neighbouring_pairs(n_frames: int, most: int) -> Int[np.ndarray, "p 2"]:
+    """Each frame with those that follow it, so many at most."""
+    pairs = [(i, j) for i in range(n_frames) for j in range(i + 1, min(i + most + 1, n_frames))]
+    return np.array(pairs).reshape(-1, 2).astype(int)
 
 
 def measure_more(

@@ -23,11 +23,12 @@ from planfit.matching.matchers import make_matcher
 from planfit.matching.options import MatchingOptions
 from planfit.matching.pairs import FrameDescriptors, choose_pairs, distinct_views
 from planfit.matching.retrieval import describe_frames
-from planfit.matching.types import Detector, Keypoints, RelativePoses
+from planfit.matching.types import Detector, Keypoints, Matcher, RelativePoses
 from planfit.matching.view_grids import ViewGrids, depth_grid, gather_grids, grey_grid
 from planfit.runtime import Arrays, Runtime, blas_on_one_thread, cache_key
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
+from planfit.scan.views import select_frames
 
 
 @dataclass(frozen=True)
@@ -97,12 +98,40 @@ def _from_images(scan: Scan, options: MatchingOptions, runtime: Runtime) -> Scan
     compute = partial(_detect_frame, scan, options.keypoints, detector)
     items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
     keypoints = [_keypoints(item) for item in items]
-
-    def of_pair(i: int, j: int) -> Int[np.ndarray, "m 2"]:
-        size_a, size_b = ((c.width, c.height) for c in (scan.cameras[i], scan.cameras[j]))
-        return matcher(keypoints[i], keypoints[j], size_a, size_b)
-
+    of_pair = partial(_match_pair, scan, keypoints, matcher)
     return ScanKeypoints(keypoints, gather_grids(items, scan.cameras), of_pair, None, key)
+
+
+def find_more_keypoints(
+    scan: Scan,
+    seen: ScanKeypoints,
+    known_idx: Int[np.ndarray, " k"],
+    options: MatchingOptions,
+    runtime: Runtime,
+) -> ScanKeypoints:
+    """Keypoints of our own of a scan, given those of its frames `known_idx`; the other images are opened.
+
+    Raises:
+        OptionError: a learned detector or matcher cannot be had.
+        ScanError: an image cannot be read.
+    """
+    new_idx = np.setdiff1d(np.arange(len(scan)), known_idx)
+    new_scan = select_frames(scan, new_idx, scan.world_from_cams[new_idx])
+    new = _from_images(new_scan, options, runtime)
+    order = np.argsort(np.concatenate([known_idx, new_idx]))
+    both = seen.keypoints + new.keypoints
+    keypoints = [both[k] for k in order]
+    of_pair = partial(_match_pair, scan, keypoints, make_matcher(options.matcher))
+    grids = seen.grids.joined(new.grids)[order]
+    key = cache_key(scan.fingerprint, "more keypoints", seen.key, new.key)
+    return ScanKeypoints(keypoints, grids, of_pair, None, key)
+
+
+def _match_pair(
+    scan: Scan, keypoints: list[Keypoints], matcher: Matcher, i: int, j: int
+) -> Int[np.ndarray, "m 2"]:
+    size_a, size_b = ((c.width, c.height) for c in (scan.cameras[i], scan.cameras[j]))
+    return matcher(keypoints[i], keypoints[j], size_a, size_b)
 
 
 def _from_colmap(

@@ -104,8 +104,6 @@ class Matches:
     """Pairs of frames that were tried."""
     n_keypoints: int
     """Keypoints with depth, over all frames."""
-    sharpness: Float[np.ndarray, " n"] | None = None
-    """How sharp each frame's image is, where it was looked at."""
     explained: Float[np.ndarray, " p"] | None = None
     """How much of both views the motion of each pair explains, where views were compared."""
 
@@ -114,9 +112,13 @@ class Matches:
         """Number of verified matches."""
         return len(self.points_a)
 
-    def n_loops(self, neighbours: int) -> int:
-        """Verified pairs that are further apart in time than `neighbours` frames."""
-        return int(np.sum(self.pairs[:, 1] - self.pairs[:, 0] > neighbours))
+    def n_loops(self, neighbours: int, keyframe_idx: Int[np.ndarray, " k"] | None = None) -> int:
+        """Verified pairs that are further apart in time than `neighbours` frames, or keyframes."""
+        return count_loops(self.pairs, neighbours, keyframe_idx)
+
+    def numbered(self, frame_idx: Int[np.ndarray, " k"]) -> "Matches":
+        """The same of a scan whose frames `frame_idx` these are."""
+        return replace(self, pairs=frame_idx[self.pairs])
 
     def of_pairs(self, keep: Bool[np.ndarray, " p"]) -> "Matches":
         """Those of some pairs."""
@@ -172,6 +174,15 @@ class Matches:
             n_tried=len(pairs),
             n_keypoints=2 * len(points_a),
         )
+
+
+def count_loops(
+    pairs: Int[np.ndarray, "p 2"], neighbours: int, keyframe_idx: Int[np.ndarray, " k"] | None
+) -> int:
+    """Pairs further apart than so many frames; where only keyframes were looked at, than so many of these."""
+    if keyframe_idx is not None:
+        pairs = np.searchsorted(keyframe_idx, pairs)
+    return int(np.sum(pairs[:, 1] - pairs[:, 0] > neighbours))
 
 
 def _check_matches(

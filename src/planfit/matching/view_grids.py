@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
 
 from planfit.geometry.camera import Camera
 from planfit.runtime import Arrays
@@ -34,6 +34,18 @@ class ViewGrids:
 
     def __len__(self) -> int:
         return len(self.depth_m)
+
+    def __getitem__(self, idx: Int[np.ndarray, " k"]) -> "ViewGrids":
+        """Those of some frames."""
+        return ViewGrids(self.depth_m[idx], self.grey[idx], self.cameras[idx])
+
+    def joined(self, other: "ViewGrids") -> "ViewGrids":
+        """These, then those of `other`."""
+        return ViewGrids(
+            np.concatenate([self.depth_m, other.depth_m]),
+            np.concatenate([self.grey, other.grey]),
+            np.concatenate([self.cameras, other.cameras]),
+        )
 
 
 def depth_grid(depth: Float[np.ndarray, "h w"]) -> Float32[np.ndarray, "r c"]:

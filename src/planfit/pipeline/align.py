@@ -25,9 +25,10 @@ from planfit.alignment.options import RecordedAxes
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.pipeline.observations import extract_observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import PreparedScan, extract_observations, prepare
+from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Structure

@@ -25,9 +25,10 @@ from planfit.adjust.calibration import (
 )
 from planfit.adjust.uncertainty import SharedError
 from planfit.geometry.calibration import SensorCalibration
+from planfit.pipeline.observations import Observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import Observations, PreparedScan, prepare
+from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 

@@ -1,5 +1,8 @@
 """What a user should know before trusting a result: each warning in plain words, with what to do."""
 
+import numpy as np
+from jaxtyping import Int
+
 from planfit.adjust import PlanAdjustment, TornStep, describe_moved
 from planfit.adjust.observability import frame_ranges
 from planfit.alignment import Alignment
@@ -28,6 +31,7 @@ def scan_warnings(
     neighbours: int,
     has_plan: bool = True,
     surfaces: SurfacePairs = NO_SURFACES,
+    keyframe_idx: Int[np.ndarray, " k"] | None = None,
 ) -> tuple[str, ...]:
     """Warnings about what the scan shows; walls are missed only where there is a plan to hold them to."""
     warnings = []
@@ -52,9 +56,7 @@ def scan_warnings(
         )
     others = "walls and floor" if has_plan else "the floor"
     if not scan.has_color:
-        warnings.append(
-            f"the scan has no colour: frames were matched by geometry alone ({surfaces.sentence})"
-        )
+        warnings.append(f"the scan has no colour: {surfaces.sentence}")
     if matches.n_matches == 0 and len(surfaces) == 0:
         check = (
             "colour images are sharp and belong to the depth"
@@ -64,7 +66,7 @@ def scan_warnings(
         warnings.append(
             f"no two frames could be matched: poses were refined by {others} alone; check that {check}"
         )
-    elif matches.n_loops(neighbours) + surfaces.n_loops(neighbours) == 0:
+    elif sum(found.n_loops(neighbours, keyframe_idx) for found in (matches, surfaces)) == 0:
         warnings.append(
             "no place was seen to be visited again (no loop closure): drift along the path is corrected by "
             f"{others} only"

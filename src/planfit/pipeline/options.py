@@ -9,7 +9,7 @@ from planfit.matching import MatchingOptions
 from planfit.pipeline.verdict_options import VerdictOptions
 from planfit.scan.odometry import OdometryOptions
 from planfit.segmentation import SegmentationOptions
-from planfit.tracking import TrackingOptions
+from planfit.tracking import KeyframeOptions, TrackingOptions
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,8 @@ class RefineOptions:
     poses_convention: str = "recorded"
     """What the recorded poses mean: `recorded`, as they are; `auto`, what explains the motions between
     neighbouring images; or the name of a convention (docs/tracking.md)."""
+    keyframes: KeyframeOptions = field(default_factory=KeyframeOptions)
+    """Which frames are looked at and solved for; the others follow."""
     tracking: TrackingOptions = field(default_factory=TrackingOptions)
     """When the recorded motion is not believed."""
     odometry: OdometryOptions = field(default_factory=OdometryOptions)

@@ -4,20 +4,21 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
-from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms, choose_keyframes
+from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms
 from planfit.adjust.calibration import Calibration
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
 from planfit.pipeline.align import align_to_plan
 from planfit.pipeline.calibrate import CalibratedScan, calibrate_alone, calibrate_on_plan
+from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import Observations, extract_observations
 from planfit.pipeline.result import RefineResult, make_result
 from planfit.pipeline.storeys import place_on_storeys
 from planfit.pipeline.validation import validate
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
+from planfit.tracking import choose_keyframes
 
 MAX_CORRECTIONS = 2
 """Times that walls may correct the sensor; most scans need none, others one."""
@@ -51,7 +52,7 @@ def refine(
         OptionError: an option cannot work, or an extra term meets frames that are no unknowns.
     """
     chosen, own = options or RefineOptions(), tuple(extra_terms)
-    _require_frames_for(own, scan, chosen)
+    _require_frames_for(own, scan, chosen, observations)
     timer = StageTimer(runtime or Runtime())
     # Gravity, floor and walls (paper, Sec. III-A and III-B), matches of keypoints.
     seen = observations or extract_observations(scan, chosen, runtime, timer=timer)
@@ -131,10 +132,19 @@ def _place(
     return calibrated, on_plan, adjustment
 
 
-def _require_frames_for(extra_terms: tuple[Term, ...], scan: Scan, options: RefineOptions) -> None:
+def _require_frames_for(
+    extra_terms: tuple[Term, ...],
+    scan: Scan,
+    options: RefineOptions,
+    observations: Observations | None,
+) -> None:
     """Refuse now, not after matching, what the adjustment would refuse of extra terms."""
-    if extra_terms:
-        keyframes = choose_keyframes(scan.world_from_cams, options.adjust.keyframes)
-        n_keyframes = len(keyframes.frame_idx)
-        n_reduced = None if n_keyframes == len(scan) else n_keyframes
-        check_extra_terms(extra_terms, options.adjust, n_reduced)
+    if not extra_terms:
+        return
+    if observations is None:
+        keyframe_idx = choose_keyframes(scan.world_from_cams, scan.timestamps, options.keyframes)
+    else:
+        keyframe_idx = observations.keyframe_idx
+    n_keyframes = len(scan) if keyframe_idx is None else len(keyframe_idx)
+    n_reduced = None if n_keyframes == len(scan) else n_keyframes
+    check_extra_terms(extra_terms, options.adjust, n_reduced)

@@ -50,7 +50,7 @@ class RefineResult:
     """None where no wall was seen, so that the scan could not be aligned by its walls, or without a plan."""
     adjustment: PlanAdjustment
     solved_frame_idx: Int[np.ndarray, " k"]
-    """Frames that were unknowns; the others followed."""
+    """Keyframes: their images were looked at, and their poses were unknowns; the others followed."""
     cost_by_term: dict[str, tuple[float, float]]
     """Robust cost of each term, before and after."""
     checks: tuple[Check, ...]
@@ -138,6 +138,7 @@ def make_result(
                 neighbours,
                 has_plan,
                 observations.surfaces,
+                prepared.keyframes.frame_idx,
             ),
             *prepared.warnings,
             *(storey_warnings(on_plan.storeys) if on_plan.storeys else ()),

@@ -24,10 +24,11 @@ from planfit.floorplan import Floorplan
 from planfit.floorplan.storeys import join_storeys
 from planfit.geometry import se3
 from planfit.pipeline.align import align_to_plan, wall_samples
+from planfit.pipeline.observations import Observations
 from planfit.pipeline.on_plan import ScanOnPlan, Storey, StoreyOnPlan, Storeys, frame_runs
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.plan_choice import choose_plans
-from planfit.pipeline.prepare import Observations, PreparedScan
+from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storey_heights import (
     refit_floors,
     structure_with_floors,

@@ -68,6 +68,18 @@ class Odometry:
         translation = np.sqrt(translation_sq[high] - translation_sq[low] + swing**2 / 3)
         return np.asarray(rotation), np.asarray(translation)  # one frame's are no arrays yet
 
+    def between(
+        self,
+        frame_idx: Int[np.ndarray, " k"],
+        target_from_frames: Float[np.ndarray, "k 4 4"],
+    ) -> "Odometry":
+        """Steps between some of the frames, given the recorded poses of these in any axes."""
+        if len(frame_idx) == len(self.cam_from_next) + 1:
+            return self
+        rotation, translation = self.sigma_between(frame_idx[:-1], frame_idx[1:])
+        steps = se3.inverse(target_from_frames[:-1]) @ target_from_frames[1:]
+        return Odometry(steps, rotation, translation)
+
     @cached_property
     def _variances(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Of rotation and translation, summed from the first frame on: what lies between two frames is a
@@ -95,8 +107,13 @@ def make_odometry(
     world_from_cams: Float[np.ndarray, "n 4 4"],
     options: OdometryOptions,
     times: Float[np.ndarray, " n"] | None = None,
+    keyframe_idx: Int[np.ndarray, " k"] | None = None,
 ) -> Odometry:
     """Steps of a recorded trajectory.
+
+    Sigmas of `options` are those of steps between keyframes, if these are given (increasing, the first and
+    the last frame among them), so that a tracker is not believed less for recording more poses of the same
+    walk: the steps between two keyframes share their variance.
 
     Frames that follow each other at one of the `times` (s) and at one place are of cameras fixed to each
     other, such as the views of a laser scanner: the steps between them are exact, and the step to the next
@@ -104,6 +121,15 @@ def make_odometry(
     clock's second are at two places.
     """
     steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
+    if keyframe_idx is not None and len(keyframe_idx) < len(world_from_cams):
+        times = None if times is None else times[keyframe_idx]
+        of_keys = make_odometry(world_from_cams[keyframe_idx], options, times)
+        n_steps = np.diff(keyframe_idx)
+        rotation, translation = (
+            np.repeat(sigma / np.sqrt(n_steps), n_steps)
+            for sigma in (of_keys.sigma_rotation, of_keys.sigma_translation)
+        )
+        return Odometry(steps, rotation, translation)
     length, angle = step_sizes(steps)
     is_fixed = np.zeros(len(steps), dtype=bool)
     if times is not None:

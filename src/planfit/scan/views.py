@@ -35,9 +35,14 @@ def corrupt_frames(scan: Scan) -> dict[str, str]:
 def select_frames(
     scan: Scan, frame_idx: Int[np.ndarray, " k"], world_from_cams: Float[np.ndarray, "k 4 4"]
 ) -> Scan:
-    """Some frames of a scan, in this order, with poses of their own."""
+    """Some frames of a scan, in this order, with poses of their own.
+
+    The fingerprint tells which, so that nothing of the whole scan, or of others, is taken from the cache.
+    """
+    digest = hashlib.sha256(np.asarray(frame_idx, np.int64).tobytes()).hexdigest()[:16]
     return replace(
         scan,
+        fingerprint=f"{scan.fingerprint}-{digest}" if scan.fingerprint else "",
         frame_ids=tuple(scan.frame_ids[i] for i in frame_idx),
         timestamps=scan.timestamps[frame_idx],
         cameras=tuple(scan.cameras[i] for i in frame_idx),

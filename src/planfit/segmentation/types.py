@@ -26,6 +26,12 @@ class LevelPoints:
         """Frame of each point."""
         return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
 
+    def numbered(self, frame_idx: Int[np.ndarray, " k"], n_frames: int) -> "LevelPoints":
+        """The same of a scan of `n_frames`, whose frames `frame_idx` these are: the others have no points."""
+        sizes = np.zeros(n_frames, dtype=int)
+        sizes[frame_idx] = np.diff(self.start)
+        return replace(self, start=np.cumsum([0, *sizes]))
+
 
 @dataclass(frozen=True)
 class WallPatches:
@@ -49,6 +55,10 @@ class WallPatches:
     def point_frame_idx(self) -> Int[np.ndarray, " m"]:
         """Frame of each point."""
         return np.repeat(self.frame_idx, np.diff(self.start))
+
+    def numbered(self, frame_idx: Int[np.ndarray, " f"]) -> "WallPatches":
+        """The same of a scan whose frames `frame_idx` these are."""
+        return replace(self, frame_idx=frame_idx[self.frame_idx])
 
     def of(self, keep: Bool[np.ndarray, " k"]) -> "WallPatches":
         """Some of the patches."""
@@ -123,6 +133,24 @@ class Structure:
             unassigned_points_cam=self.unassigned_points_cam[keep],
             unassigned_frame_idx=self.unassigned_frame_idx[keep],
             columns=self.columns.of(frames[self.columns.frame_idx]),
+        )
+
+    def numbered(self, frame_idx: Int[np.ndarray, " k"], n_frames: int) -> "Structure":
+        """The same of a scan of `n_frames`, whose frames `frame_idx` these are: the others show nothing.
+
+        They stand on the storey of the last of these before them.
+        """
+        before = np.searchsorted(frame_idx, np.arange(n_frames), side="right") - 1
+        before = before.clip(0)
+        return replace(
+            self,
+            floor=self.floor.numbered(frame_idx, n_frames),
+            floor_heights_m=self.floor_heights_m[before],
+            walls=self.walls.numbered(frame_idx),
+            unassigned_frame_idx=frame_idx[self.unassigned_frame_idx],
+            ceiling=self.ceiling.numbered(frame_idx, n_frames),
+            columns=self.columns.numbered(frame_idx),
+            storeys=None if self.storeys is None else self.storeys[before],
         )
 
     @property

@@ -3,6 +3,9 @@
 from planfit.tracking.clock import ClockOffset as ClockOffset
 from planfit.tracking.judge import believe as believe
 from planfit.tracking.judge import judge_tracking as judge_tracking
+from planfit.tracking.keyframes import KeyframeOptions as KeyframeOptions
+from planfit.tracking.keyframes import choose_keyframes as choose_keyframes
+from planfit.tracking.keyframes import frames_in_doubt as frames_in_doubt
 from planfit.tracking.motions import measured_motions as measured_motions
 from planfit.tracking.motions import surface_motions as surface_motions
 from planfit.tracking.options import TrackingOptions as TrackingOptions

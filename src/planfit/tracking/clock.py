@@ -7,7 +7,7 @@ trajectory is read at the frames' times plus an offset, and compared with motion
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.tracking.motions import MeasuredMotions, departures, expected_covariance
@@ -108,6 +108,17 @@ class _Costs:
         return self.by_block[:, 2 * HALF :] - self.by_block[:, : -2 * HALF]
 
 
+def tells_clock(world_from_cams: Poses, motions: MeasuredMotions, options: TrackingOptions) -> bool:
+    """Whether `find_clock` would see a delay of a whole frame: frames are dense, and enough was measured.
+
+    Among sparse frames a delay of one frame contradicts most motions. Among dense ones it changes little, and
+    motions over a jump of the tracker, of which it hides one or two, weigh more than all others.
+    """
+    steps_m = np.linalg.norm(np.diff(world_from_cams[:, :3, 3], axis=0), axis=1)
+    is_enough = len(motions) >= MIN_MOTIONS and len(world_from_cams) >= MIN_BLOCKS * BLOCK_FRAMES
+    return bool(options.clock_is_sought and is_enough and np.median(steps_m) <= MAX_STEP_M)
+
+
 def find_clock(
     world_from_cams: Poses,
     times: FrameTimes,
@@ -115,6 +126,7 @@ def find_clock(
     is_whole: Bool[np.ndarray, " s"],
     odometry: OdometryOptions,
     options: TrackingOptions,
+    keyframe_idx: Int[np.ndarray, " k"] | None = None,
 ) -> ClockOffset | None:
     """The offset at which the trajectory explains the measured motions best; None where none is significant.
 
@@ -125,6 +137,7 @@ def find_clock(
         is_whole: steps (frame i to i + 1) that may be interpolated.
         odometry: what is usual of trackers.
         options: how far to search, and what is significant.
+        keyframe_idx: frames between which steps are as sure as `odometry` says; without, all.
     """
     reach = _reach(times, options)
     usable = _inside(motions, times.intervals, is_whole, reach + 1.0)
@@ -133,7 +146,12 @@ def find_clock(
     usable = usable[np.unique(np.linspace(0, len(usable) - 1, MAX_MOTIONS).astype(int))]
     found, at = None, 0.0
     for _ in range(2):  # the noise at the offset, by which departures count, is told only near it
-        costs = _costs(world_from_cams, times.intervals, usable, is_whole, odometry, at, reach)
+        read = world_from_cams
+        if at:
+            read = read_trajectory(world_from_cams, times.intervals, at, is_whole)
+        steps = make_odometry(read, odometry, None, keyframe_idx)
+        covariance = expected_covariance(usable, steps, noise_factors(read, steps, usable))
+        costs = _costs(world_from_cams, times.intervals, usable, is_whole, covariance, reach)
         found = _minimum(costs, times, options)
         if found is None:
             return None
@@ -168,14 +186,10 @@ def _costs(
     times: Float[np.ndarray, " n"],
     motions: MeasuredMotions,
     is_whole: Bool[np.ndarray, " s"],
-    options: OdometryOptions,
-    at: float,
+    covariance: Float[np.ndarray, "p 6 6"],
     reach: float,
 ) -> _Costs:
-    """Costs under a t-distribution whose sigmas are those of the noise at the offset `at`."""
-    read = read_trajectory(poses, times, at, is_whole) if at else poses
-    odometry = make_odometry(read, options)
-    covariance = expected_covariance(motions, odometry, noise_factors(read, odometry, motions))
+    """Costs under a t-distribution of departures with these covariances."""
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     n_blocks = min(MAX_BLOCKS, len(poses) // BLOCK_FRAMES)
     block = np.minimum(motions.pairs[:, 0] * n_blocks // len(poses), n_blocks - 1)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from planfit.errors import OptionError
@@ -227,10 +227,12 @@ def best_convention(
     motions: MeasuredMotions,
     options: OdometryOptions,
     asked: str = RECORDED,
+    keyframe_idx: Int[np.ndarray, " k"] | None = None,
 ) -> ConventionFit:
     """The convention under which the measured motions are likeliest; the one asked for where none is more so.
 
-    The likelihood is that of `noise.py`, at the noise that suits each convention best.
+    The likelihood is that of `noise.py`, at the noise that suits each convention best. Steps between
+    keyframes, where they are given, are as sure as `options` say.
 
     Raises:
         OptionError: there is no convention of the name asked for.
@@ -239,27 +241,32 @@ def best_convention(
     if n_all < MIN_MOTIONS:
         return ConventionFit(asked, 0.0, asked, 0.0, n_all, 0.0)
     motions = motions[np.unique(np.linspace(0, n_all - 1, MAX_MOTIONS).astype(int))]
-    of_asked = _likelihood(as_asked, motions, options)
+    of_asked = _likelihood(as_asked, motions, options, keyframe_idx)
     name, best, poses = asked, of_asked, as_asked
     for candidate in (RECORDED, *CONVENTIONS):
         converted = apply_convention(world_from_cams, candidate)
         if candidate in _UNITS and not _is_unit(converted, motions):
             continue
-        found = _likelihood(converted, motions, options)
+        found = _likelihood(converted, motions, options, keyframe_idx)
         if found.cost < best.cost:
             name, best, poses = candidate, found, converted
     share, asked_share = (
         float(np.mean(squared < EXPLAINED_SIGMAS**2))
         for p in (poses, as_asked)
-        for _, squared, _ in _squared(p, motions, options, (best.factor,))
+        for _, squared, _ in _squared(p, motions, options, (best.factor,), keyframe_idx)
     )
     log_ratio = (of_asked.cost - best.cost) / 2
     return ConventionFit(name, share, asked, asked_share, n_all, log_ratio)
 
 
-def _likelihood(poses: Poses, motions: MeasuredMotions, options: OdometryOptions) -> _Likelihood:
+def _likelihood(
+    poses: Poses,
+    motions: MeasuredMotions,
+    options: OdometryOptions,
+    keyframe_idx: Int[np.ndarray, " k"] | None,
+) -> _Likelihood:
     found = []
-    for factor, squared, covariance in _squared(poses, motions, options, NOISE):
+    for factor, squared, covariance in _squared(poses, motions, options, NOISE, keyframe_idx):
         tail = (FREEDOM + 6.0) * np.log1p(squared / FREEDOM)
         cost = float(np.mean(tail + np.linalg.slogdet(covariance)[1]))
         found.append((cost, factor))
@@ -267,11 +274,15 @@ def _likelihood(poses: Poses, motions: MeasuredMotions, options: OdometryOptions
 
 
 def _squared(
-    poses: Poses, motions: MeasuredMotions, options: OdometryOptions, factors: tuple[float, ...]
+    poses: Poses,
+    motions: MeasuredMotions,
+    options: OdometryOptions,
+    factors: tuple[float, ...],
+    keyframe_idx: Int[np.ndarray, " k"] | None,
 ) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
     """Factor on the tracker's sigmas, squared departures (p,) in sigmas of all motions, their covariance
     (p, 6, 6)."""
-    odometry = make_odometry(poses, options)
+    odometry = make_odometry(poses, options, None, keyframe_idx)
     # In millimetres steps are a thousand times longer, and so would be their sigmas: any motion would do.
     capped = np.minimum(odometry.sigma_translation, MAX_SIGMA_M)
     odometry = replace(odometry, sigma_translation=capped)

@@ -10,7 +10,7 @@ from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.odometry import Odometry, OdometryOptions, make_odometry
 from planfit.tracking.breaks import Displacement, find_displacement
-from planfit.tracking.clock import ClockOffset, find_clock
+from planfit.tracking.clock import ClockOffset, find_clock, tells_clock
 from planfit.tracking.conventions import (
     AUTO,
     FRAME_DELAYS,
@@ -63,6 +63,8 @@ class _Tracker:
     """On the sigmas of rotation and translation of all steps."""
     timestamps: Float[np.ndarray, " n"] | None = None
     """s; frames of one time are fixed to each other."""
+    keyframe_idx: Int[np.ndarray, " k"] | None = None
+    """Frames between which steps are as sure as `options` say; None: all."""
 
     def steps(
         self,
@@ -71,7 +73,7 @@ class _Tracker:
         replaced: dict[int, tuple[float, float]] | None = None,
     ) -> Odometry:
         """Steps of corrected poses; those that were broken are as sure as what took their place."""
-        odometry = make_odometry(poses, self.options, self.timestamps)
+        odometry = make_odometry(poses, self.options, self.timestamps, self.keyframe_idx)
         rotation, translation = odometry.sigma_rotation, odometry.sigma_translation
         if self.read_sigmas is not None:
             of_step = np.hypot(self.read_sigmas[:-1], self.read_sigmas[1:])
@@ -98,6 +100,7 @@ class _Clocked:
     told: MeasuredMotions
     """Of these, those over steps that say something."""
     odometry: OdometryOptions
+    keyframe_idx: Int[np.ndarray, " k"] | None
     options: TrackingOptions
 
     def find(self, recorded: Poses) -> ClockOffset | None:
@@ -105,7 +108,15 @@ class _Clocked:
         if not self.options.clock_is_sought:
             return None
         is_whole = self._is_tracked(recorded)
-        return find_clock(recorded, self.times, self.told, is_whole, self.odometry, self.options)
+        return find_clock(
+            recorded,
+            self.times,
+            self.told,
+            is_whole,
+            self.odometry,
+            self.options,
+            self.keyframe_idx,
+        )
 
     def read(
         self, recorded: Poses, clock: ClockOffset | None
@@ -115,7 +126,7 @@ class _Clocked:
             return recorded, None
         is_whole = self._is_tracked(recorded)
         if self.options.mend:
-            tracker = _Tracker(self.odometry)
+            tracker = _Tracker(self.odometry, keyframe_idx=self.keyframe_idx)
             tracker = replace(
                 tracker, factors=noise_factors(recorded, tracker.steps(recorded), self.told)
             )
@@ -138,17 +149,20 @@ def believe(
     convention: str,
     odometry: OdometryOptions,
     timestamps: Float[np.ndarray, " n"] | None = None,
+    keyframe_idx: Int[np.ndarray, " k"] | None = None,
 ) -> Tracking:
     """The recorded poses as they are, in a named convention; nothing is measured.
 
-    Frames that have one of the `timestamps` (s) are fixed to each other.
+    Frames that have one of the `timestamps` (s) are fixed to each other. Steps between keyframes are as sure
+    as `odometry` says; without these, all steps.
 
     Raises:
         OptionError: there is no convention of this name.
     """
     known = RECORDED if convention == AUTO else convention  # nothing here tells another one
     poses = apply_convention(world_from_cams, known)
-    return Tracking(poses, poses, make_odometry(poses, odometry, timestamps), known)
+    steps = make_odometry(poses, odometry, timestamps, keyframe_idx)
+    return Tracking(poses, poses, steps, known)
 
 
 def judge_tracking(
@@ -160,6 +174,7 @@ def judge_tracking(
     options: TrackingOptions,
     up_world: Float[np.ndarray, "3"] | None = None,
     timestamps: Float[np.ndarray, " n"] | None = None,
+    keyframe_idx: Int[np.ndarray, " k"] | None = None,
 ) -> Tracking:
     """Compare the recorded poses with measured motions.
 
@@ -172,6 +187,7 @@ def judge_tracking(
         options: see there.
         up_world: unit vector against gravity, where the scan's format says which axis is up.
         timestamps: of the frames, s, or frame numbers; without, frames are numbered.
+        keyframe_idx: frames whose images were looked at; without, all.
 
     Raises:
         ScanError: another convention explains the measured motions, or another axis is up than the format
@@ -183,12 +199,12 @@ def judge_tracking(
     times = frame_times(
         np.arange(float(len(world_from_cams))) if timestamps is None else timestamps
     )
-    clocked = _Clocked(times, is_at_origin, motions, told, odometry, options)
+    clocked = _Clocked(times, is_at_origin, motions, told, odometry, keyframe_idx, options)
     chosen, fit, clock = _convention(name, world_from_cams, convention, clocked)
     chosen, recorded = _in_axes_of_format(name, world_from_cams, chosen, convention, up_world)
     lost = _lost_runs(recorded, is_at_origin, motions, options)
     read, read_sigmas = clocked.read(recorded, clock)
-    tracker = _Tracker(odometry, read_sigmas, timestamps=timestamps)
+    tracker = _Tracker(odometry, read_sigmas, (1.0, 1.0), timestamps, keyframe_idx)
     if options.adapt_sigmas:
         tracker = _adapted(tracker, read, lost, motions)
     filled = _filled(read, lost, motions, tracker, options)
@@ -292,16 +308,19 @@ def _convention(
     name: str, poses: Poses, asked: str, clocked: _Clocked
 ) -> tuple[str, ConventionFit, ClockOffset | None]:
     """The convention to apply, how well it fits, and the time between images and poses in it."""
-    told, odometry = clocked.told, clocked.odometry
-    fit = best_convention(poses, told, odometry, RECORDED if asked == AUTO else asked)
+    told, odometry, keys = clocked.told, clocked.odometry, clocked.keyframe_idx
+    fit = best_convention(poses, told, odometry, RECORDED if asked == AUTO else asked, keys)
     is_delay = fit.is_clear and fit.name in FRAME_DELAYS
     base = fit.name if fit.is_clear and not is_delay else fit.asked
     in_base = apply_convention(poses, base)
     clock = clocked.find(in_base)
+    if is_delay and clock is None and tells_clock(in_base, told, clocked.options):
+        fit = replace(fit, name=base, share=fit.asked_share)
+        is_delay = False
     if is_delay and (clock is None or not clock.is_read or clock.is_whole(FRAME_DELAYS[fit.name])):
         base, clock = fit.name, None
     if clock is not None and clock.is_read:
-        read = best_convention(clocked.read(in_base, clock)[0], told, odometry)
+        read = best_convention(clocked.read(in_base, clock)[0], told, odometry, RECORDED, keys)
         if read.is_clear:  # what looked like an offset is another convention
             base, clock = (fit.name if fit.is_clear else fit.asked), None
         elif base == fit.asked:

@@ -1,6 +1,6 @@
 """Measured motions between neighbouring frames, how sure they are, and how far recorded ones depart."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
@@ -42,6 +42,10 @@ class MeasuredMotions:
             np.concatenate([self.covariance, other.covariance])[order],
             np.concatenate([self.n_inliers, other.n_inliers])[order],
         )
+
+    def numbered(self, frame_idx: Int[np.ndarray, " k"]) -> "MeasuredMotions":
+        """The same of a scan whose frames `frame_idx` these are."""
+        return replace(self, pairs=frame_idx[self.pairs])
 
     def __len__(self) -> int:
         return len(self.pairs)

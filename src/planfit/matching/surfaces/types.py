@@ -1,9 +1,11 @@
 """Pairs of frames whose surfaces agree, with what these say of the motion between them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
+
+from planfit.matching.types import count_loops
 
 NULL_SHARE = 1e-9
 """Eigenvalues of an information matrix below this share of its largest are directions left free."""
@@ -47,12 +49,17 @@ class SurfacePairs:
         """How many there are, and how many leave directions free."""
         n = int((self.n_free > 0).sum())
         return (
-            f"matches by geometry: {len(self)} pairs of frames, of which {n} leave a direction free"
+            f"{len(self)} pairs of frames were matched by geometry alone, "
+            f"of which {n} leave a direction free"
         )
 
-    def n_loops(self, neighbours: int) -> int:
-        """Pairs that are further apart in time than `neighbours` frames."""
-        return int(np.sum(self.pairs[:, 1] - self.pairs[:, 0] > neighbours))
+    def n_loops(self, neighbours: int, keyframe_idx: Int[np.ndarray, " k"] | None = None) -> int:
+        """Pairs that are further apart in time than `neighbours` frames, or keyframes."""
+        return count_loops(self.pairs, neighbours, keyframe_idx)
+
+    def numbered(self, frame_idx: Int[np.ndarray, " k"]) -> "SurfacePairs":
+        """The same of a scan whose frames `frame_idx` these are."""
+        return replace(self, pairs=frame_idx[self.pairs])
 
     def __getitem__(self, idx: Shaped[np.ndarray, " k"]) -> "SurfacePairs":
         """Those that an index or a mask takes."""

@@ -59,7 +59,7 @@ def make_report(
         sensor_section(result),
         sections.floor(floorplan, both, crop),
         walls_of_plan,
-        sections.frame_matches(floorplan, both, result.matches, crop),
+        sections.frame_matches(floorplan, both, result, crop),
         _costs_and_time(result),
         _statistics(result, options_text),
         f"<footer>Made by planfit {escape(__version__)}. x and y {axes}, heights above the "

@@ -9,7 +9,6 @@ import numpy as np
 from planfit.adjust.uncertainty import radius_95
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
-from planfit.matching import Matches
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.html import tables
@@ -220,19 +219,20 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
 
 
 def frame_matches(
-    floorplan: Floorplan | None, both: BeforeAfter, matches: Matches, crop: Crop
+    floorplan: Floorplan | None, both: BeforeAfter, result: RefineResult, crop: Crop
 ) -> str:
-    """Loop closures, and matched points of each frame."""
-    n_frames = len(both.after.trajectory)
-    loop_closures = loop_closures_of(matches, tables.LOOP_MIN_FRAMES)
-    by_frame = matches_by_frame(matches, n_frames)
+    """Loop closures, and matched points of each keyframe."""
+    keyframe_idx, matches = result.solved_frame_idx, result.matches
+    n_frames = len(keyframe_idx)
+    loop_closures = loop_closures_of(matches, tables.LOOP_MIN_FRAMES, keyframe_idx)
+    by_frame = matches_by_frame(matches, len(both.after.trajectory))[keyframe_idx]
     plan_ends = np.zeros((0, 2, 2))
     if floorplan is not None and both.is_aligned:
         plan_ends = floorplan.ends
     others = "floor and walls hold" if both.has_plan else "and floor hold"
     n_none = int(np.sum(by_frame == 0))
     none = (
-        f" {n_none} of {n_frames} {_plural(n_none, 'has', 'have')} none: only the recorded motion, "
+        f" {n_none} of {n_frames} keyframes {_plural(n_none, 'has', 'have')} none: only the recorded motion, "
         f"{others} them."
         if n_none
         else ""
@@ -241,15 +241,15 @@ def frame_matches(
         captioned(
             loop_closure_map(plan_ends, both.after.trajectory, loop_closures, crop, PANEL_IN),
             f"<strong>Loop closures:</strong> {formatting.count(len(loop_closures))} pairs of frames, more "
-            f"than {tables.LOOP_MIN_FRAMES} frames apart, that see the same part of the building. Where the "
-            "path comes back and there is no line, "
+            f"than {tables.LOOP_MIN_FRAMES} keyframes apart, that see the same part of the building. Where "
+            "the path comes back and there is no line, "
             f"{'the plan alone holds' if both.has_plan else 'nothing holds'} the visits together.",
             "Verified loop closures from above",
         ),
         captioned(
-            matches_plot(by_frame),
-            f"<strong>Matched points of each frame.</strong>{none}",
-            "Matched points of each frame",
+            matches_plot(keyframe_idx, by_frame),
+            f"<strong>Matched points of each keyframe.</strong>{none}",
+            "Matched points of each keyframe",
         ),
     ]
     return f'<h2>Matches</h2><div class="pair">{"".join(pictures)}</div>'

@@ -130,13 +130,14 @@ def statistics_table(result: RefineResult, path_length: float) -> str:
     n_wall, surfaces = structure.n_wall_points, result.surfaces
     rows = [
         ("frames", formatting.count(len(result.plan_from_cams))),
+        ("keyframes, whose images were looked at", formatting.count(len(result.solved_frame_idx))),
         ("path length, as recorded", f"{path_length:.0f}{formatting.SPACE}m"),
         ("keypoints with depth", formatting.count(matches.n_keypoints)),
         ("pairs of frames tried", formatting.count(matches.n_tried)),
         ("pairs verified", formatting.count(len(matches.pairs))),
         (
-            f"of these, loop closures (more than {LOOP_MIN_FRAMES} frames apart)",
-            formatting.count(matches.n_loops(LOOP_MIN_FRAMES)),
+            f"of these, loop closures (more than {LOOP_MIN_FRAMES} keyframes apart)",
+            formatting.count(matches.n_loops(LOOP_MIN_FRAMES, result.solved_frame_idx)),
         ),
         ("matched points", formatting.count(matches.n_matches)),
         ("pairs matched by geometry", formatting.count(len(surfaces))),

@@ -23,9 +23,11 @@ from planfit.report.plots.top_view import Crop, draw_faces, draw_path, draw_scal
 _HEIGHT_IN = 2.4
 
 
-def loop_closures_of(matches: Matches, min_frames: int) -> Int[np.ndarray, "c 2"]:
-    """Verified pairs of frames that are more than `min_frames` apart."""
-    apart = matches.pairs[:, 1] - matches.pairs[:, 0]
+def loop_closures_of(
+    matches: Matches, min_frames: int, keyframe_idx: Int[np.ndarray, " k"]
+) -> Int[np.ndarray, "c 2"]:
+    """Verified pairs of frames that are more than `min_frames` keyframes apart."""
+    apart = np.diff(np.searchsorted(keyframe_idx, matches.pairs), axis=1)[:, 0]
     return matches.pairs[apart > min_frames]
 
 
@@ -60,16 +62,15 @@ def loop_closure_map(
     return to_picture(figure)
 
 
-def matches_plot(by_frame: Int[np.ndarray, " n"]) -> Picture:
-    """Matched points of each frame; frames without any are marked."""
+def matches_plot(keyframe_idx: Int[np.ndarray, " k"], by_frame: Int[np.ndarray, " k"]) -> Picture:
+    """Matched points of each keyframe; those without any are marked."""
     figure = new_figure(PANEL_IN, _HEIGHT_IN)
     axes = add_axes(figure, 0.6, 0.42, PANEL_IN - 0.75, _HEIGHT_IN - 0.42 - LEGEND_IN)
-    frames = np.arange(len(by_frame))
-    axes.fill_between(frames, by_frame, step="mid", color=AFTER, alpha=0.25, linewidth=0)
-    axes.plot(frames, by_frame, color=AFTER, linewidth=1.0, drawstyle="steps-mid")
-    none = np.flatnonzero(by_frame == 0)
+    axes.fill_between(keyframe_idx, by_frame, step="mid", color=AFTER, alpha=0.25, linewidth=0)
+    axes.plot(keyframe_idx, by_frame, color=AFTER, linewidth=1.0, drawstyle="steps-mid")
+    none = keyframe_idx[by_frame == 0]
     axes.plot(none, np.zeros(len(none)), "s", color=UNMATCHED, markersize=4, clip_on=False)
-    axes.set_xlim(0, max(len(by_frame) - 1, 1))
+    axes.set_xlim(0, max(int(keyframe_idx[-1]), 1))
     axes.set_ylim(bottom=0)
     axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     label_axes(axes, "frame", "matched points")

@@ -1,0 +1,159 @@
+"""Keyframes: the frames whose images are looked at, chosen by the recorded trajectory before any is opened.
+
+A camera that records 60 frames a second shows the same wall 60 times. What images and depth say is taken from
+keyframes; all other frames follow them by the recorded motion, which over a few decimetres is better than
+anything else that is known. Where the tracker is in doubt, more frames are taken.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from planfit.errors import require_positive, require_share
+from planfit.geometry import se3
+from planfit.scan.odometry import step_sizes
+from planfit.tracking.lost import REACH
+from planfit.tracking.lost_runs import MAX_SHARE, MIN_FRAMES, is_identity, runs, stands_still
+from planfit.tracking.trajectory import frame_times
+from planfit.tracking.types import Tracking
+
+VIEW_DISTANCE_M = 3.0
+"""What a camera looks at is about so far away: by that, walking blurs an image as much as turning does."""
+UNTIMED_FPS = 30.0
+"""Frames a second of a scan without times."""
+MORE_PER_GAP = 7
+"""Frames looked at besides between two keyframes where something is in doubt: a gap becomes eight."""
+
+Poses = Float[np.ndarray, "n 4 4"]
+
+
+@dataclass(frozen=True)
+class KeyframeOptions:
+    """Which frames are keyframes: they alone are opened, matched, segmented and solved for."""
+
+    min_frames: int = 600
+    """All frames of shorter scans are keyframes."""
+    max_step_m: float = 0.25
+    """A frame this far along the path from the last keyframe is the next one."""
+    max_rotation_deg: float = 10.0
+    """So is a frame that has rotated by this much, added up along the path."""
+    max_interval_s: float = 1.0
+    """And one this much later, however slowly the camera moves."""
+    steadier_share: float = 0.4
+    """Within this last share of the way to the next keyframe, the frame at which the camera moved most slowly
+    is taken instead: its image is the least blurred. 0 takes the last."""
+    max_more_share: float = 0.5
+    """Where neighbouring keyframes do not match, frames between them are looked at too: at most so many, as a
+    share of the keyframes. About jumps and lost frames all are."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_step_m", "max_rotation_deg", "max_interval_s")
+        require_share(self, "steadier_share", "max_more_share")
+
+
+def choose_keyframes(
+    world_from_cams: Poses, timestamps: Float[np.ndarray, " n"], options: KeyframeOptions
+) -> Int[np.ndarray, " k"]:
+    """Indices of keyframes, increasing; the first and the last frame are among them.
+
+    Args:
+        world_from_cams: recorded poses, in whatever convention.
+        timestamps: of the frames, s, or frame numbers.
+        options: how far keyframes may be apart.
+    """
+    n = len(world_from_cams)
+    if n < options.min_frames:
+        return np.arange(n)
+    length, angle = step_sizes(se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:])
+    times = frame_times(timestamps)
+    times_s = times.intervals * (times.interval_s or 1.0 / UNTIMED_FPS)
+    # What a frame is away from the last keyframe, in shares of what is allowed, each along the path.
+    gone = np.stack(
+        [
+            _summed(length) / options.max_step_m,
+            _summed(angle) / np.deg2rad(options.max_rotation_deg),
+            times_s / options.max_interval_s,
+        ]
+    )
+    blur = _blur(length, angle, np.diff(times_s))
+    chosen, last = [0], 0
+    for i in range(1, n - 1):
+        # The next frame would go beyond: this one is the last that is near enough. Before a jump it is beyond
+        # whichever is taken, until that is the last one.
+        while last < i and (gone[:, i + 1] - gone[:, last]).max() > 1.0:
+            first = i - int(options.steadier_share * max(i - last - 1, 0))
+            # The latest of equals.
+            last = i - int(np.argmin(blur[first : i + 1][::-1]))
+            chosen.append(last)
+    return np.union1d([*chosen, n - 1], _about_lost(world_from_cams))
+
+
+def _summed(sizes: Float[np.ndarray, " s"]) -> Float[np.ndarray, " n"]:
+    return np.concatenate([[0.0], np.cumsum(sizes)])
+
+
+def _blur(
+    length: Float[np.ndarray, " s"], angle: Float[np.ndarray, " s"], dt_s: Float[np.ndarray, " s"]
+) -> Float[np.ndarray, " n"]:
+    """How fast the view changes at each frame, rad/s: the larger of the steps before and after."""
+    speed = (angle + length / VIEW_DISTANCE_M) / np.maximum(dt_s, 1e-6)
+    return np.maximum(np.concatenate([speed[:1], speed]), np.concatenate([speed, speed[-1:]]))
+
+
+def _about_lost(world_from_cams: Poses) -> Int[np.ndarray, " l"]:
+    """Frames of runs whose pose repeats or is the identity, as lost trackers write it, and those beside.
+
+    No motion tells keyframes there. Where most poses repeat, it is how the scan was recorded.
+    """
+    n, is_same = len(world_from_cams), stands_still(world_from_cams)
+    repeats = [(a, b + 1) for a, b in runs(is_same) if b + 2 - a >= MIN_FRAMES]
+    lost = repeats + runs(is_identity(world_from_cams))
+    if sum(b - a + 1 for a, b in lost) > MAX_SHARE * n:
+        return np.zeros(0, dtype=int)
+    about = [np.arange(max(a - REACH, 0), min(b + REACH + 1, n)) for a, b in lost]
+    return np.unique(np.concatenate([np.zeros(0, dtype=int), *about]))
+
+
+def frames_in_doubt(
+    tracking: Tracking,
+    keyframe_idx: Int[np.ndarray, " k"],
+    is_bridged: Bool[np.ndarray, " g"],
+    options: KeyframeOptions,
+) -> Int[np.ndarray, " m"]:
+    """Frames between keyframes to be looked at too: about breaks, and where no neighbours match.
+
+    Args:
+        tracking: as judged by the keyframes.
+        keyframe_idx: these, increasing.
+        is_bridged: of each gap between two keyframes, whether a pair of matched frames spans it.
+        options: how many frames may be added.
+    """
+    n_between = np.diff(keyframe_idx) - 1
+    broken = np.zeros(len(n_between), dtype=bool)
+    for found in tracking.breaks:
+        first, last = np.searchsorted(keyframe_idx, [found.first_frame, found.last_frame])
+        # A frame is the end of the gap before it, and the begin of the one after.
+        broken[max(first - 1, 0) : last + 1] = True
+    broken |= _holds_any(tracking.doubtful_steps, keyframe_idx)
+    unmatched = np.flatnonzero(~is_bridged & ~broken & (n_between > 0))
+    most = int(options.max_more_share * len(keyframe_idx)) // MORE_PER_GAP
+    # The longest first: there most is to be won.
+    unmatched = unmatched[np.argsort(-n_between[unmatched], kind="stable")][:most]
+    added = [_within(keyframe_idx, int(k), None) for k in np.flatnonzero(broken)]
+    added += [_within(keyframe_idx, int(k), MORE_PER_GAP) for k in unmatched]
+    return np.unique(np.concatenate([np.zeros(0, dtype=int), *added]))
+
+
+def _holds_any(steps: Iterable[int], keyframe_idx: np.ndarray) -> np.ndarray:
+    """Which gaps between keyframes (g,) hold any of the steps (frame i to i + 1)."""
+    gaps = np.searchsorted(keyframe_idx, np.asarray(steps, dtype=int), side="right") - 1
+    return np.isin(np.arange(len(keyframe_idx) - 1), gaps)
+
+
+def _within(keyframe_idx: np.ndarray, gap: int, most: int | None) -> np.ndarray:
+    """Frames of a gap, without its ends; at most so many, spread evenly."""
+    first, last = int(keyframe_idx[gap]), int(keyframe_idx[gap + 1])
+    count = last - first - 1 if most is None else min(most, last - first - 1)
+    return np.unique(np.linspace(first, last, count + 2).round().astype(int)[1:-1])
