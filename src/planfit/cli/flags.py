@@ -6,7 +6,7 @@ import inspect
 import re
 import textwrap
 import typing
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -91,7 +91,7 @@ def group_of(
     prefix: str = "",
     path: tuple[str, ...] = (),
     words: str = "",
-    shared: typing.Collection[type] = (),
+    shared: Collection[type] = (),
 ) -> Group:
     """All flags of a dataclass as tyro names them.
 
