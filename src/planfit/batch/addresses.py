@@ -148,6 +148,8 @@ def _told(address: str) -> Iterator[None]:
     except (ScanError, OptionError):
         raise
     except FileNotFoundError as error:
+        if _is_away(error.__cause__):
+            raise OSError(f"{address}: the server does not answer ({error.__cause__})") from error
         raise ScanError(
             f"{address}: expected a file or folder, found nothing; check the address"
         ) from error
@@ -169,3 +171,9 @@ def _told(address: str) -> Iterator[None]:
         Exception
     ) as error:  # libraries of servers have errors of their own, NoCredentialsError say
         raise OSError(f"{address}: cannot be read ({type(error).__name__}: {error})") from error
+
+
+def _is_away(cause: BaseException | None) -> bool:
+    """Whether a file that was not found may be there: fsspec says the same of a server that is not."""
+    status = getattr(cause, "status", None)
+    return isinstance(cause, OSError | TimeoutError) or (isinstance(status, int) and status >= 500)
