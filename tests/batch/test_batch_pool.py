@@ -1,30 +1,18 @@
 """Processes side by side: what ends how, what is tried again, and that memory holds them all."""
 
 import contextlib
-import os
-from pathlib import Path
 
 import pytest
 
 from planfit.batch.inputs import Stamp
 from planfit.batch.jobs import Job
-from planfit.batch.ledger import End, Ledger
+from planfit.batch.ledger import End
 from planfit.batch.memory import GB
 from planfit.batch.perform import Errand
 from planfit.batch.pool import LocalPool, Task
 from planfit.batch.process import Launcher
 
 SMALL = Stamp("", 10, 1)
-
-
-@pytest.fixture
-def ledger(tmp_path, monkeypatch):
-    monkeypatch.setenv(
-        "PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    )
-    made = Ledger(tmp_path)
-    made.open()
-    return made
 
 
 def task(ledger, name, memory_gb=None):

@@ -70,7 +70,8 @@ def staged(address: str, cache: Path) -> Path:
     with _told(address):
         system, files, is_folder = _open(address)
         mark = hashlib.sha256(repr((address, files)).encode()).hexdigest()[:16]
-        own = unquote(PurePosixPath(_path_of(address)).name) or "scan"
+        own = unquote(PurePosixPath(_path_of(address)).name)
+        own = "scan" if own in ("", ".", "..") else own
         place = cache / mark
         cache.mkdir(parents=True, exist_ok=True)
         # Others wait: two jobs of one building share its plan.

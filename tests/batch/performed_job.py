@@ -1,0 +1,33 @@
+"""A job's process that keeps locks, keys and run folders as the real one, with a refinement that only waits.
+
+Its scan is a file of words: seconds to wait, then `crash`, `refuse`, `exit` or an outcome.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+from batch_results import write_results
+from planfit.batch.perform import perform
+from planfit.batch.process import read_errand
+from planfit.errors import ScanError
+
+errand = read_errand(sys.stdin.buffer)
+
+
+def refine(words, inputs):
+    seconds, what = Path(words[0]).read_text().split(maxsplit=1)
+    own = errand.ledger.own
+    (own / f"{errand.job.name}.{time.time_ns()}.begun").touch()
+    time.sleep(float(seconds))
+    if what == "crash":
+        raise RuntimeError("a fault")
+    if what == "refuse":
+        raise ScanError("this scan is none")
+    folder = Path(words[words.index("--out") + 1])
+    write_results(folder, {"scan": words[0], **inputs}, "--overwrite" in words, outcome=what)
+    (own / f"{errand.job.name}.{time.time_ns()}.finished").touch()
+
+
+if __name__ == "__main__":
+    perform(errand, refine)
