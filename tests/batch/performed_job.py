@@ -1,6 +1,6 @@
 """A job's process that keeps locks, keys and run folders as the real one, with a refinement that only waits.
 
-Its scan is a file of words: seconds to wait, then `crash`, `refuse`, `exit` or an outcome.
+Its scan is a file of two words: `now`, or `wait` for a file SCAN.go; then `crash`, `refuse` or an outcome.
 """
 
 import sys
@@ -16,10 +16,11 @@ errand = read_errand(sys.stdin.buffer)
 
 
 def refine(words, inputs):
-    seconds, what = Path(words[0]).read_text().split(maxsplit=1)
+    when, what = Path(words[0]).read_text().split(maxsplit=1)
     own = errand.ledger.own
     (own / f"{errand.job.name}.{time.time_ns()}.begun").touch()
-    time.sleep(float(seconds))
+    while when == "wait" and not Path(f"{words[0]}.go").exists():
+        time.sleep(0.02)
     if what == "crash":
         raise RuntimeError("a fault")
     if what == "refuse":

@@ -69,7 +69,7 @@ def run_on_cluster(
             )
             of_key[future.key] = task
             futures.append(future)
-        for future in as_completed(futures):
+        for future in as_completed(futures, loop=client.loop):
             yield of_key[future.key], _ended(of_key[future.key], future)
     finally:
         lease.unlink(missing_ok=True)  # what still goes on stops
