@@ -22,7 +22,11 @@ if what == "waits":
     (own / f"{job['name']}.left").touch()
     sys.exit(3)
 time.sleep(0.5)
-state = {"end": "refused" if what == "refused" else "done", "token": errand["token"], "reason": what}
+state = {
+    "end": "refused" if what == "refused" else "done",
+    "token": errand["token"],
+    "reason": what,
+}
 state["peak_bytes"] = 10**9
 (own / f"{job['name']}.json").write_text(json.dumps(state))
 with (own / "order.txt").open("a") as order:

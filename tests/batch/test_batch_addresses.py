@@ -37,7 +37,7 @@ def web(tmp_path):
     root.mkdir()
 
     class Quiet(http.server.SimpleHTTPRequestHandler):
-        def log_message(self, format, *args):  # noqa: A002
+        def log_message(self, format, *args):
             pass
 
     handler = functools.partial(Quiet, directory=str(root))
@@ -74,7 +74,9 @@ def s3(monkeypatch):
     fsspec.config.conf.setdefault("s3", {})["endpoint_url"] = endpoint
     client = boto3.client("s3", endpoint_url=endpoint)
     client.create_bucket(Bucket="building")
-    yield Bucket("s3://building", lambda name, c: client.put_object(Bucket="building", Key=name, Body=c))
+    yield Bucket(
+        "s3://building", lambda name, c: client.put_object(Bucket="building", Key=name, Body=c)
+    )
     client.close()
     del fsspec.config.conf["s3"]["endpoint_url"]
     s3fs.S3FileSystem.clear_instance_cache()
@@ -190,7 +192,9 @@ def test_without_the_library_it_is_said(monkeypatch, tmp_path):
 def test_copies_of_two_at_once_are_one(web, tmp_path):
     address, cache = f"{web.address}/scans/office/", tmp_path / "cache"
     found = []
-    threads = [threading.Thread(target=lambda: found.append(staged(address, cache))) for _ in range(4)]
+    threads = [
+        threading.Thread(target=lambda: found.append(staged(address, cache))) for _ in range(4)
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:

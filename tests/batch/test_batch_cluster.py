@@ -5,9 +5,9 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 
 import pytest
+from batch_results import is_gone, until
 
 from planfit.batch.cluster import run_on_cluster
 from planfit.batch.inputs import inputs_of
@@ -28,7 +28,7 @@ LAUNCHER = Launcher("performed_job")
 
 @pytest.fixture
 def cluster(ledger, tmp_path):
-    """Address of a scheduler with two workers, and their processes."""
+    """Address of a scheduler with two workers."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -44,9 +44,10 @@ def cluster(ledger, tmp_path):
     ]  # fmt: skip
     log = (tmp_path / "cluster.log").open("w")
     processes = [
-        subprocess.Popen([sys.executable, "-m", *words], stdout=log, stderr=log) for words in commands
+        subprocess.Popen([sys.executable, "-m", *words], stdout=log, stderr=log)
+        for words in commands
     ]
-    yield address, processes[1:]
+    yield address
     for process in processes:
         process.kill()
         process.wait()
@@ -60,21 +61,25 @@ def tasks(ledger, tmp_path, scans):
 
 
 def test_one_of_two_workers_is_killed_and_all_is_done_once(ledger, tmp_path, cluster):
-    address, workers = cluster
+    address = cluster
     scans = {  # the first two begin first
-        "a": "now refined", "slow 1": "wait refined", "b": "now refuse", "c": "now crash", "slow 2": "wait refined",
+        "a": "now refined",
+        "slow 1": "wait refined",
+        "b": "now refuse",
+        "c": "now crash",
+        "slow 2": "wait refined",
     }
     todo = tasks(ledger, tmp_path, scans)
     ends, is_killed = {}, False
     for task, state in run_on_cluster(address, LAUNCHER, todo):
         ends[task.errand.job.name] = state
         if not is_killed:
-            end = time.monotonic() + 60
-            while not (begun := list(ledger.own.glob("slow*.begun"))) and time.monotonic() < end:
-                time.sleep(0.05)
-            assert begun
-            name = begun[0].name.split(".")[0]
-            os.kill(worker_of(workers, name), signal.SIGKILL)
+            until(lambda: list(ledger.own.glob("slow*.begun")))
+            begun = next(ledger.own.glob("slow*.begun"))
+            until(lambda: begun.read_text())
+            pid = int(begun.read_text())
+            os.kill(parent_of(pid), signal.SIGKILL)
+            until(lambda: is_gone(pid))  # the job's process ends with its worker
             is_killed = True
             for slow in ("slow 1", "slow 2"):
                 (tmp_path / f"{slow}.go").touch()
@@ -90,17 +95,10 @@ def test_one_of_two_workers_is_killed_and_all_is_done_once(ledger, tmp_path, clu
     assert not list(ledger.own.glob("*.lease"))
 
 
-def worker_of(workers, name):
-    """Process id of the worker that runs a job, by the parents of the job's process."""
-    for worker in workers:
-        for line in subprocess.run(
-            ["ps", "--no-headers", "-o", "pid", "--ppid", str(worker.pid)],
-            capture_output=True, text=True, check=False,
-        ).stdout.split():  # fmt: skip
-            with open(f"/proc/{line}/cmdline") as command:  # noqa: PTH123
-                if "performed_job" in command.read():
-                    return worker.pid
-    raise AssertionError(f"no worker runs {name}")
+def parent_of(pid):
+    """Process id of the worker that started a job."""
+    shown = subprocess.run(["ps", "-o", "ppid=", "-p", str(pid)], capture_output=True, check=True)
+    return int(shown.stdout)
 
 
 def test_no_scheduler_is_one_sentence(ledger, tmp_path, monkeypatch):

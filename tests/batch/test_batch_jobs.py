@@ -94,7 +94,13 @@ def test_toml_and_json_say_the_same_as_csv(tmp_path):
         'layer = ["A", "B"]\nno-plan = true\n',
         "jobs.toml",
     )
-    values = {"name": "a", "scan": "s", "plan": ["0=p", "1=q"], "layer": ["A", "B"], "no-plan": True}
+    values = {
+        "name": "a",
+        "scan": "s",
+        "plan": ["0=p", "1=q"],
+        "layer": ["A", "B"],
+        "no-plan": True,
+    }
     values["adjust"] = {"walls": {"sigma-m": 0.03}}
     text = json.dumps([values])
     assert csv == toml == jobs_of(tmp_path, text, "jobs.json")

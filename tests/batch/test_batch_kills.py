@@ -5,10 +5,10 @@ import signal
 import subprocess
 import sys
 import textwrap
-import time
 from pathlib import Path
 
 import pytest
+from batch_results import is_gone, until
 
 from planfit.batch.inputs import inputs_of
 from planfit.batch.jobs import Job
@@ -54,13 +54,6 @@ def go(job):
     Path(f"{job.scan}.go").touch()
 
 
-def until(condition, wait_s=60):
-    end = time.monotonic() + wait_s
-    while not condition():
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.02)
-
-
 def test_a_killed_job_is_tried_again_and_done_once(ledger):
     first, second = jobs_in(ledger.out)
     started = {}
@@ -99,9 +92,13 @@ def test_a_killed_batch_takes_its_jobs_along_and_goes_on_at_the_next_call(ledger
     until(lambda: marks(ledger, first, "finished") and marks(ledger, second, "begun"))
     parent.kill()
     parent.wait()
-    go(second)  # an orphan would finish it, too
+    (begun,) = ledger.own.glob(f"{second.name}.*.begun")
+    until(lambda: is_gone(int(begun.read_text())))  # no orphan goes on
+    go(second)
     before = ledger.folder(first.name).joinpath("run.json").stat().st_ino
-    ends = {t.errand.job.name: s.end for t, s in LocalPool(LAUNCHER, 2, None).run(tasks_in(ledger.out))}
+    ends = {
+        t.errand.job.name: s.end for t, s in LocalPool(LAUNCHER, 2, None).run(tasks_in(ledger.out))
+    }
     assert set(ends.values()) == {End.DONE}
     assert marks(ledger, first, "finished") == marks(ledger, second, "finished") == 1
     assert marks(ledger, first, "begun") == 1

@@ -1,11 +1,13 @@
 """One job, in this process: what is done is found, what has changed is done again, what fails is kept."""
 
 import os
+import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
-
 from batch_results import write_results
+
 from planfit.batch.inputs import inputs_of, stamp_of
 from planfit.batch.jobs import Job, Option
 from planfit.batch.ledger import End, key_of
@@ -34,8 +36,6 @@ class Refinement:
     def __call__(self, words, inputs):
         self.calls.append(words)
         out = words[words.index("--out") + 1]
-        from pathlib import Path
-
         write_results(Path(out), {"scan": words[0], **inputs}, "--overwrite" in words)
 
 
@@ -55,15 +55,15 @@ def test_what_is_done_is_not_done_again(errand):
 
 
 CHANGES = {
-    "a file of the scan": lambda e, t: (t / "scan/color/0.png").write_bytes(b"longer"),
-    "a time": lambda e, t: os.utime(t / "scan/color/0.png", ns=(1, 1)),
-    "a file more": lambda e, t: (t / "scan/color/1.png").write_bytes(b""),
-    "another name": lambda e, t: (t / "scan/color/0.png").rename(t / "scan/color/1.png"),
-    "the plan": lambda e, t: (t / "plan.pdf").write_bytes(b"longer"),
-    "a file of an option": lambda e, t: (t / "poses.txt").write_bytes(b"longer"),
-    "an option": lambda e, t: replace(e.job, options=e.job.options[1:]),
-    "a value": lambda e, t: replace(e.job, options=(Option("--unit", ("cm",)), e.job.options[1])),
-    "no plan": lambda e, t: replace(e.job, plans=()),
+    "a file of the scan": lambda _, t: (t / "scan/color/0.png").write_bytes(b"longer"),
+    "a time": lambda _, t: os.utime(t / "scan/color/0.png", ns=(1, 1)),
+    "a file more": lambda _, t: (t / "scan/color/1.png").write_bytes(b""),
+    "another name": lambda _, t: (t / "scan/color/0.png").rename(t / "scan/color/1.png"),
+    "the plan": lambda _, t: (t / "plan.pdf").write_bytes(b"longer"),
+    "a file of an option": lambda _, t: (t / "poses.txt").write_bytes(b"longer"),
+    "an option": lambda e, _: replace(e.job, options=e.job.options[1:]),
+    "a value": lambda e, _: replace(e.job, options=(Option("--unit", ("cm",)), e.job.options[1])),
+    "no plan": lambda e, _: replace(e.job, plans=()),
     "another scan": lambda e, t: replace(e.job, scan=str(t / "scan/color")),
 }
 
@@ -144,8 +144,6 @@ def test_an_errand_goes_through_a_pipe(errand):
 
 
 def test_stamps_of_archives_and_of_nothing(tmp_path):
-    import zipfile
-
     with zipfile.ZipFile(tmp_path / "s.zip", "w") as archive:
         archive.writestr("office/a", "b")
     assert stamp_of(str(tmp_path / "s.zip" / "office")) == stamp_of(str(tmp_path / "s.zip"))

@@ -23,7 +23,11 @@ def run(ledger, *tasks, workers=2, allowed_gb=100.0, free=lambda: 100 * GB, star
     allowed = None if allowed_gb is None else int(allowed_gb * GB)
     starts = [] if started is None else started
     pool = LocalPool(
-        Launcher("fake_job"), workers, allowed, lambda t, n: starts.append((t.errand.job.name, n)), free
+        Launcher("fake_job"),
+        workers,
+        allowed,
+        lambda t, n: starts.append((t.errand.job.name, n)),
+        free,
     )
     return {one.errand.job.name: state for one, state in pool.run(tasks)}
 
@@ -42,7 +46,11 @@ def test_one_failure_stops_no_other(ledger):
     started = []
     states = run(ledger, *(task(ledger, name) for name in names), started=started)
     assert set(states) == set(names)
-    assert {name for name, state in states.items() if state.end is End.DONE} == {"a", "b", "killedonce-1"}
+    assert {name for name, state in states.items() if state.end is End.DONE} == {
+        "a",
+        "b",
+        "killedonce-1",
+    }
     assert states["refused-1"].end is End.REFUSED
     assert states["killed-1"].end is End.CRASHED
     assert "signal 9" in states["killed-1"].reason

@@ -4,6 +4,7 @@ import signal
 import sys
 
 from planfit.batch.ledger import End
+from planfit.batch.perform import perform
 from planfit.batch.process import read_errand
 
 EXIT_DONE, EXIT_FAILED = 0, 1
@@ -14,12 +15,12 @@ def main() -> int:
     # Ctrl-C in a terminal reaches every process of it; who started this one decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     errand = read_errand(sys.stdin.buffer)
-    # From here on this process ends with its starter, so what takes seconds comes now.
-    from planfit.batch.perform import perform
-    from planfit.cli.arguments import parse
-    from planfit.cli.refine import RefineArguments, refine_files
 
     def refine(words: list[str], inputs: dict[str, str]) -> None:
+        # Takes seconds: only where there is something to be done.
+        from planfit.cli.arguments import parse
+        from planfit.cli.refine import RefineArguments, refine_files
+
         arguments = parse(RefineArguments, "planfit refine", [*words, "--workers", sys.argv[1]])
         refine_files(arguments, inputs)
 

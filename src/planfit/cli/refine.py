@@ -15,7 +15,7 @@ from planfit.cli.config import scan_options_record, to_toml
 from planfit.cli.console import StageBars, err, note, out, table, tell_scan
 from planfit.cli.storeys import plan_inputs, read_plans, tell_storeys
 from planfit.errors import FloorplanError, require
-from planfit.export import RunFolder, make_record, sample_cloud, write_results
+from planfit.export import make_record, sample_cloud, write_results
 from planfit.export.cloud import Cloud, place_cloud
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
@@ -25,6 +25,7 @@ from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report import TruthErrors, draw_overlays, make_report
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
+from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan
 
