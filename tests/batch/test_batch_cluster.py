@@ -74,12 +74,7 @@ def test_one_of_two_workers_is_killed_and_all_is_done_once(ledger, tmp_path, clu
     for task, state in run_on_cluster(address, LAUNCHER, todo):
         ends[task.errand.job.name] = state
         if not is_killed:
-            until(lambda: list(ledger.own.glob("slow*.begun")))
-            begun = next(ledger.own.glob("slow*.begun"))
-            until(lambda: begun.read_text())
-            pid = int(begun.read_text())
-            os.kill(parent_of(pid), signal.SIGKILL)
-            until(lambda: is_gone(pid))  # the job's process ends with its worker
+            kill_a_worker(ledger)
             is_killed = True
             for slow in ("slow 1", "slow 2"):
                 (tmp_path / f"{slow}.go").touch()
@@ -93,6 +88,14 @@ def test_one_of_two_workers_is_killed_and_all_is_done_once(ledger, tmp_path, clu
     assert len(list(ledger.own.glob("c.*.begun"))) >= 2  # tried once more
     assert len(list(ledger.own.glob("slow*.begun"))) >= 3  # the killed one began again
     assert not list(ledger.own.glob("*.lease"))
+
+
+def kill_a_worker(ledger):
+    """That of a job which waits."""
+    until(lambda: any(mark.read_text() for mark in ledger.own.glob("slow*.begun")))
+    pid = next(int(t) for mark in ledger.own.glob("slow*.begun") if (t := mark.read_text()))
+    os.kill(parent_of(pid), signal.SIGKILL)
+    until(lambda: is_gone(pid))  # the job's process ends with its worker
 
 
 def parent_of(pid):
