@@ -55,7 +55,12 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=6)
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--longest-wait-s", type=float, default=15.0, help="before a kill")
+    parser.add_argument(
+        "--longest-wait-s",
+        type=float,
+        default=15.0,
+        help="of a batch that works, for the next kill",
+    )
     arguments = parser.parse_args()
     rng = random.Random(arguments.seed)
     jobs = write_jobs(arguments.folder, arguments.jobs)
@@ -95,15 +100,16 @@ def disturb(
     """One batch to its end, killed and called again."""
     finished: dict[str, int] = {}
     while True:
-        batch = start(jobs, out)
-        due = time.monotonic() + rng.uniform(0, arguments.longest_wait_s)
+        batch, due = start(jobs, out), None
         while batch.poll() is None:
             time.sleep(POLL_S)
             note_finished(out, names, finished, tally)
-            if tally.kills >= arguments.kills or time.monotonic() < due:
+            children = children_of(batch.pid)
+            if due is None and children:  # imports alone take seconds: nothing is to be lost there
+                due = time.monotonic() + rng.uniform(0, arguments.longest_wait_s)
+            if tally.kills >= arguments.kills or due is None or time.monotonic() < due:
                 continue
             due = time.monotonic() + rng.uniform(0, arguments.longest_wait_s)
-            children = children_of(batch.pid)
             victim = rng.choice([batch.pid, *children])
             tally.kills += 1
             print(
@@ -138,7 +144,10 @@ def note_finished(out: Path, names: list[str], finished: dict[str, int], tally: 
 
 
 def children_of(pid: int) -> list[int]:
-    found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    try:
+        found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    except OSError:  # it has just ended
+        return []
     return [int(child) for child in found]
 
 

@@ -74,7 +74,7 @@ def page_of_rows(rows: Sequence[JobRow], title: str) -> str:
         + "</th>"
         for name, kind in _HEADS
     )
-    body = "".join(f"<tr>{_cells(row)}</tr>\n" for row in rows)
+    body = "".join(f"<tr>{_cells(row)}</tr>\n" for row in sorted(rows, key=_from_worst))
     return page_of(
         f"{title}: planfit batch",
         [
@@ -82,7 +82,7 @@ def page_of_rows(rows: Sequence[JobRow], title: str) -> str:
             f"<h1>{escape(title)}</h1>",
             f'<p class="under">{len(rows)} scans refined by planfit {escape(__version__)}</p>',
             f'<p class="verdict {_worst(rows)}">{escape(counts_in_words(rows))}</p>',
-            "<p>A head sorts by its column. The predicted error is that of the camera positions (RMS); wall "
+            "<p>What needs a look comes first; a head sorts by its column. The predicted error is that of the camera positions (RMS); wall "
             "on plan is the share of scanned wall points within 0.1 m of it.</p>",
             f'<div class="jobs"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody>'
             "</table></div>",
@@ -95,6 +95,10 @@ def counts_in_words(rows: Sequence[JobRow]) -> str:
     """How many ended how: `48 refined, 1 no better, 1 crashed`."""
     found = Counter(row.result for row in rows)
     return ", ".join(f"{found[result]} {_WORDS[result]}" for result in Result if found[result])
+
+
+def _from_worst(row: JobRow) -> int:
+    return len(Result) - list(Result).index(row.result)
 
 
 def _worst(rows: Sequence[JobRow]) -> str:
@@ -112,16 +116,15 @@ def _cells(row: JobRow) -> str:
         if row.thumbnail
         else ""
     )
-    order = list(Result).index(row.result)
     words = (
-        f'<span class="mark {_COLOR[row.result]}">{_WORDS[row.result]}</span>{log}'
-        f"<small>{escape(row.reason)}</small>"
+        f'<span class="mark {_COLOR[row.result]}">{_WORDS[row.result]}</span>'
+        f"<small>{escape(row.reason)}</small>{log}"
     )
     peak = "" if row.peak_gb is None else f"{row.peak_gb:.1f}{formatting.SPACE}GB"
     return "".join(
         [
             _td("words", row.job.name, linked),
-            _td("words", f"{order} {row.reason}", words),
+            _td("words", f"{_from_worst(row)} {row.reason}", words),
             _td("picture", "", picture),
             _number(row.predicted_m, formatting.length(row.predicted_m)),
             _number(row.wall_before, formatting.share(row.wall_before)),
