@@ -76,9 +76,10 @@ def main() -> int:
         tally.lost += [f"{out.name}/{n}" for n in names if not (out / n / "run.json").exists()]
         tally.different += differences(undisturbed, out, names)
     print(
-        f"{tally.kills} kills, {tally.of_the_batch} of them of the batch itself, in {tally.batches} batches of "
-        f"{len(names)} jobs: {len(tally.lost)} lost {tally.lost}, {len(tally.twice)} done twice {tally.twice}, "
-        f"{len(tally.different)} files other than undisturbed {tally.different}, {tally.orphans} orphans"
+        f"{tally.kills} kills, {tally.of_the_batch} of them of the batch itself, in {tally.batches} batches "
+        f"of {len(names)} jobs: {len(tally.lost)} lost {tally.lost}, {len(tally.twice)} done twice "
+        f"{tally.twice}, {len(tally.different)} files other than undisturbed {tally.different}, "
+        f"{tally.orphans} orphans"
     )
     return 1 if tally.lost or tally.twice or tally.different or tally.orphans else 0
 
