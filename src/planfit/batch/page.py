@@ -82,8 +82,8 @@ def page_of_rows(rows: Sequence[JobRow], title: str) -> str:
             f"<h1>{escape(title)}</h1>",
             f'<p class="under">{len(rows)} scans refined by planfit {escape(__version__)}</p>',
             f'<p class="verdict {_worst(rows)}">{escape(counts_in_words(rows))}</p>',
-            "<p>What needs a look comes first; a head sorts by its column. The predicted error is that of the "
-            "camera positions (RMS); wall on plan is the share of scanned wall points within 0.1 m of it.</p>",
+            "<p>What needs a look comes first; a head sorts by its column. The predicted error is that of "
+            "camera positions (RMS); wall on plan is the share of wall points within 0.1 m of it.</p>",
             f'<div class="jobs"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody>'
             "</table></div>",
             '<footer>The same as a table: <a href="jobs.csv">jobs.csv</a>.</footer>',
