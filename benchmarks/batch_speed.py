@@ -35,8 +35,8 @@ def main() -> None:
         print(f"{workers} workers on {machine()}", flush=True)
         walls[workers], cpu_s, peak_gb = run(jobs, arguments.folder / f"out_{workers}", workers)
         print(
-            f"{arguments.jobs} scans, {workers} workers: {walls[workers]:.1f} s of wall time, {cpu_s:.1f} s of "
-            f"CPU time ({cpu_s / arguments.jobs:.2f} a scan), peak of a job {peak_gb:.2f} GB",
+            f"{arguments.jobs} scans, {workers} workers: {walls[workers]:.1f} s of wall time, {cpu_s:.1f} s "
+            f"of CPU time ({cpu_s / arguments.jobs:.2f} a scan), peak of a job {peak_gb:.2f} GB",
             flush=True,
         )
     first = arguments.workers[0]

@@ -2,14 +2,21 @@
 
 import functools
 import http.server
+import itertools
+import os
 import threading
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from batch_results import write_results
 
 from planfit.batch.addresses import staged
 from planfit.batch.inputs import stamp_of
+from planfit.batch.jobs import Job
+from planfit.batch.ledger import End
+from planfit.batch.perform import Errand, perform
 from planfit.errors import OptionError, ScanError
 
 fsspec = pytest.importorskip("fsspec", reason="planfit[remote] is not installed")
@@ -45,10 +52,13 @@ def web(tmp_path):
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
 
+    times = itertools.count(1_700_000_000, 10)  # web servers tell seconds
+
     def put(name, content):
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
+        os.utime(path, times=(next(times),) * 2)
 
     yield Bucket(f"http://127.0.0.1:{server.server_port}", put)
     server.shutdown()
@@ -115,11 +125,11 @@ def test_what_is_there_is_not_fetched_again_and_what_changed_is(bucket, tmp_path
     assert staged(address, cache) == before
     assert (before / "poses.txt").read_bytes() == b"still mine"
     assert stamp_of(address) == stamp
-    bucket.put("scans/office/poses.txt", b"4 5 6 7")
+    bucket.put("scans/office/poses.txt", b"4 5 6")
     assert stamp_of(address).digest != stamp.digest
     after = staged(address, cache)
     assert after != before
-    assert below(after) == FILES | {"poses.txt": b"4 5 6 7"}
+    assert below(after) == FILES | {"poses.txt": b"4 5 6"}
     assert stamp_of(address).n_files == 3
 
 
@@ -202,3 +212,31 @@ def test_copies_of_two_at_once_are_one(web, tmp_path):
     assert len(found) == 4
     assert len(set(found)) == 1
     assert not list(cache.glob("*.part"))
+
+
+def test_a_job_at_an_address_is_done_once_and_again_when_it_changes(ledger, tmp_path):
+    def pack(text):
+        with zipfile.ZipFile(tmp_path / "scans.zip", "w") as archive:
+            archive.writestr("office/0.png", text)
+        fsspec.filesystem("zip", fo=f"file://{tmp_path}/scans.zip").clear_instance_cache()
+
+    calls = []
+
+    def refine(words, inputs):
+        calls.append((Path(words[0]), inputs))
+        write_results(ledger.folder("a"), {"scan": words[0], **inputs}, "--overwrite" in words)
+
+    pack("one")
+    scan = f"zip://office::file://{tmp_path}/scans.zip"
+    errand = Errand(Job("a", scan, (f"0={scan}",)), str(ledger.out))
+    assert perform(errand, refine).end is End.DONE
+    assert perform(errand, refine).end is End.DONE
+    ((copy, inputs),) = calls
+    assert below(copy) == {"0.png": b"one"}
+    assert ledger.staged in copy.parents
+    assert (inputs["scan_address"], inputs["plan_address"]) == (scan, f"0={scan}")
+    pack("two and more")
+    assert perform(errand, refine).end is End.DONE
+    assert below(calls[1][0]) == {"0.png": b"two and more"}
+    away = replace(errand, job=Job("b", "zip://none::file:///none.zip"))
+    assert perform(away, refine).end is End.REFUSED
