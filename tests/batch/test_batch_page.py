@@ -10,6 +10,7 @@ from urllib.parse import unquote
 
 import pytest
 from batch_results import write_results
+from filelock import FileLock
 
 from planfit.batch.jobs import Job
 from planfit.batch.ledger import JOB_KEY, End, State
@@ -140,3 +141,10 @@ def test_the_page_sorts_and_fits_a_phone(ledger, jobs, tmp_path):
     assert found["verdict"][:3] == ["open", "dead", "away"]
     assert found["error"][:4] == ["Büro 0 #%", "no plan", "Büro 1 #%", "Büro 2 #%"]
     assert found["width"] <= 360
+
+
+def test_the_page_waits_for_no_job(ledger):
+    """A job's lock is held for as long as it goes on."""
+    with FileLock(ledger.lock("page")):
+        write_page([Job("page", "/s")], ledger, "t")
+    assert (ledger.out / "index.html").exists()

@@ -151,3 +151,27 @@ def test_a_cluster_needs_its_library(tmp_path, capsys, monkeypatch):
     command = ["batch", str(tmp_path / "jobs.csv"), "-o", str(tmp_path / "out")]
     assert run([*command, "--scheduler", "tcp://h:1"]) == 2
     assert "planfit[cluster]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("workers", "jobs", "threads"), [(8, 1, 8), (8, 8, 1), (3, 9, 2), (99, 99, 1)]
+)
+def test_the_processors_are_shared_out_among_what_runs(
+    tmp_path, monkeypatch, workers, jobs, threads
+):
+    monkeypatch.setattr("os.cpu_count", lambda: 8)
+    seen = {}
+
+    class Pool:
+        def __init__(self, launcher, workers, allowed_bytes, on_start):
+            seen.update(threads=launcher.threads, workers=workers, allowed=allowed_bytes)
+
+        def run(self, tasks):
+            return iter(())
+
+    monkeypatch.setattr("planfit.cli.batch.LocalPool", Pool)
+    lines = [f"j{i},{tmp_path}\n" for i in range(jobs)]
+    (tmp_path / "jobs.csv").write_text("name,scan\n" + "".join(lines))
+    command = ["batch", str(tmp_path / "jobs.csv"), "-o", str(tmp_path / "out"), "--memory-gb", "3"]
+    assert run([*command, "--workers", str(workers)]) == 2
+    assert seen == {"threads": threads, "workers": min(workers, jobs), "allowed": 3 * 10**9}

@@ -57,7 +57,7 @@ def write_page(jobs: Sequence[Job], ledger: Ledger, title: str) -> list[JobRow]:
     Batches over the same OUT, shards of an array say, write one after the other, each after it looked: the
     last to end leaves a page that knows all.
     """
-    with FileLock(ledger.own / "page.lock"):
+    with FileLock(ledger.own / ".page.lock"):
         for job in jobs:
             _make_thumbnail(ledger.folder(job.name), ledger.thumbnail(job.name))
         rows = [row_of(job, ledger) for job in jobs]

@@ -182,18 +182,22 @@ def _runs(
     tasks: Sequence[Task], arguments: BatchArguments
 ) -> Generator[tuple[Task, State], None, None]:
     """The tasks as they end, on this machine or on the cluster."""
-    threads = max((os.cpu_count() or 1) // arguments.workers, 1)
-    launcher = Launcher("planfit.cli.batch_job", threads)
     if arguments.scheduler:
-        yield from run_on_cluster(arguments.scheduler, launcher, tasks)
+        yield from run_on_cluster(arguments.scheduler, _launcher(arguments.workers), tasks)
         return
+    workers = max(min(arguments.workers, len(tasks)), 1)
     free = free_bytes()
     allowed = None if free is None else int(SHARE_OF_FREE * free)
     if arguments.memory_gb is not None:
         allowed = int(arguments.memory_gb * GB)
     elif free is None and tasks:
         note("how much memory is free is not told by this system; give --memory-gb")
-    yield from LocalPool(launcher, arguments.workers, allowed, _tell_start).run(tasks)
+    yield from LocalPool(_launcher(workers), workers, allowed, _tell_start).run(tasks)
+
+
+def _launcher(side_by_side: int) -> Launcher:
+    """Processes that share out the processors."""
+    return Launcher("planfit.cli.batch_job", max((os.cpu_count() or 1) // side_by_side, 1))
 
 
 def _tell_start(task: Task, number: int) -> None:
