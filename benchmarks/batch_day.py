@@ -20,7 +20,7 @@ from planfit.cli import run
 
 N_SCANS = 5
 WARM = 10
-"""Runs after which compiled kernels and pools are there."""
+"""Runs that are held against as many at the end: what the allocator has not given back differs by 0.1 GB."""
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -43,11 +43,12 @@ def main() -> None:
         held_gb.append(resident_gb())
         open_files.append(len(list(Path("/proc/self/fd").iterdir())))
         print(f"run {i + 1}: {held_gb[-1]:.4f} GB, {open_files[-1]} open files", flush=True)
-    if arguments.runs > WARM:
-        growth = held_gb[-1] / held_gb[WARM - 1] - 1
+    if arguments.runs >= 2 * WARM:
+        first, last = min(held_gb[:WARM]), min(held_gb[-WARM:])
         print(
-            f"memory after run {arguments.runs}: {growth:+.1%} of that after run {WARM}; open files: "
-            f"{open_files[WARM - 1]} then, {open_files[-1]} in the end"
+            f"least memory held after one of the first {WARM} runs {first:.4f} GB, of the last {WARM} "
+            f"{last:.4f} GB ({last / first - 1:+.1%}); most {max(held_gb[:WARM]):.4f} and "
+            f"{max(held_gb[-WARM:]):.4f} GB; open files {open_files[WARM - 1]} and {open_files[-1]}"
         )
 
 
