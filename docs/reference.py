@@ -15,8 +15,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from flags import Flag, Group, group_of, one_line
 from planfit.cli.arguments import PlanFlags
+from planfit.cli.flags import Flag, Group, group_of, one_line
 from planfit.cli.main import COMMANDS, EXIT_CODES, Command
 from planfit.evaluation import EvaluateOptions
 from planfit.pipeline.options import RefineOptions

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 import reference
-from flags import Flag, group_of
 from planfit.cli import run
 from planfit.cli.arguments import parse
+from planfit.cli.flags import Flag, group_of
 from planfit.cli.main import COMMANDS, Command, overview
 
 TYPES = reference.command_types()

@@ -31,7 +31,7 @@ from planfit.evaluation import (
     evaluate,
     read_true_cloud,
 )
-from planfit.export.run_folder import RECORD
+from planfit.run_folder import RECORD
 from planfit.runtime import Runtime
 from planfit.scan import ScanOptions, read_tum
 

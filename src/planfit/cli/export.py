@@ -17,9 +17,9 @@ from planfit.export.cloud import place_cloud, sample_cloud, write_ply
 from planfit.export.datasets import write_colmap, write_nerfstudio
 from planfit.export.matches_file import read_matches
 from planfit.export.mesh import check_suffix, fuse_mesh, load_open3d, write_mesh
-from planfit.export.run_folder import RECORD
 from planfit.export.write import write_kitti, write_pose_graph
 from planfit.geometry import se3
+from planfit.run_folder import RECORD
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan, write_tum
 from planfit.scan.formats.redwood import write_log

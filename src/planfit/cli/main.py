@@ -65,6 +65,13 @@ COMMANDS = (
         keeps_stages=True,
     ),
     Command(
+        "batch",
+        "JOBS.csv -o OUT",
+        "refine many scans, a line each; OUT/index.html shows all; goes on where it stopped",
+        ("workers", "memory-gb", "shard", "scheduler", "staged", "overwrite"),
+        keeps_stages=True,
+    ),
+    Command(
         "align",
         "SCAN PLAN -o OUT",
         "align a scan with a plan; a picture of each hypothesis that fits",

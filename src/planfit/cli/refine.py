@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +15,7 @@ from planfit.cli.config import scan_options_record, to_toml
 from planfit.cli.console import StageBars, err, note, out, table, tell_scan
 from planfit.cli.storeys import plan_inputs, read_plans, tell_storeys
 from planfit.errors import FloorplanError, require
-from planfit.export import RunFolder, make_record, sample_cloud, write_results
+from planfit.export import make_record, sample_cloud, write_results
 from planfit.export.cloud import Cloud, place_cloud
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
@@ -25,6 +25,7 @@ from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report import TruthErrors, draw_overlays, make_report
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
+from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan
 
@@ -66,6 +67,13 @@ class RefineArguments:
 def refine_command(arguments: RefineArguments) -> int:
     """Read, refine, write, summarise. Exit code 0 where the verdict is "refined", 1 where it has
     reservations or the result is no better than the input."""
+    return exit_code(refine_files(arguments).verdict)
+
+
+def refine_files(
+    arguments: RefineArguments, more_inputs: Mapping[str, str] | None = None
+) -> RefineResult:
+    """Read, refine, write, summarise; `more_inputs` stand among the inputs in the record."""
     begin = time.perf_counter()
     scan = read_scan(
         arguments.scan, arguments.options.segmentation.reads_masks, arguments.scan_options
@@ -79,9 +87,10 @@ def refine_command(arguments: RefineArguments) -> int:
         arguments.workers,
         arguments.overwrite,
         scan_options=arguments.scan_options,
+        more_inputs=more_inputs,
     )
     summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
-    return exit_code(result.verdict)
+    return result
 
 
 def _read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | dict[int, Floorplan] | None:
@@ -113,14 +122,16 @@ def refine_into(
     overwrite: bool,
     truth_of: Callable[[RefineResult], TruthErrors] | None = None,
     scan_options: ScanOptions | None = None,
+    more_inputs: Mapping[str, str] | None = None,
 ) -> RefineResult:
     """Refine a scan and write everything a run writes; see docs/outputs.md.
 
     `truth_of` gives the errors of a result against true poses, where they are known, for the report.
-    `scan_options` are those that the scan was read with, for the record.
+    `scan_options` are those that the scan was read with, for the record, and `more_inputs` stand there beside
+    the fingerprints.
     """
     inputs = {"scan": str(Path(scan.name).resolve()), "scan_fingerprint": scan.fingerprint}
-    inputs |= plan_inputs(floorplan)
+    inputs |= {**plan_inputs(floorplan), **(more_inputs or {})}
     with RunFolder.claimed(folder, inputs, overwrite) as run, StageBars() as bars:
         runtime = Runtime(workers, run.cache_dir, bars.update)
         result = refine(scan, floorplan, options, runtime)

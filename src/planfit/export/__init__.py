@@ -2,5 +2,4 @@
 
 from planfit.export.cloud import sample_cloud as sample_cloud
 from planfit.export.record import make_record as make_record
-from planfit.export.run_folder import RunFolder as RunFolder
 from planfit.export.write import write_results as write_results

@@ -12,7 +12,7 @@ for (const table of document.querySelectorAll("table.sortable")) {
       rows.sort((a, b) => {
         const [x, y] = [key(a), key(b)];
         if (x === "" || y === "") return (x === "") - (y === "");
-        const order = isNumber ? Number(x) - Number(y) : x.localeCompare(y);
+        const order = isNumber ? Number(x) - Number(y) : x.localeCompare(y, undefined, { numeric: true });
         return down ? -order : order;
       });
       table.tBodies[0].append(...rows);

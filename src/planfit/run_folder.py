@@ -103,6 +103,34 @@ class RunFolder:
         )
 
 
+def finished_record(path: Path) -> dict[str, Any] | None:
+    """What the last run of a folder that finished says of itself; None where none did, or files are gone.
+
+    A run that died while its results were moved in has finished: the rest is moved in here.
+
+    Raises:
+        OutputError: another process writes to the folder.
+    """
+    if not (path / _OWNER).is_file():
+        return None
+    if (path / _READY).is_dir():
+        with _locked(path):
+            _move_in(path)
+    if any(not (path / name).exists() for name in _results(path)):
+        return None
+    try:
+        record = json.loads((path / RECORD).read_text())
+    except (OSError, ValueError):
+        return None
+    return record if isinstance(record, dict) else None
+
+
+def inputs_of_owner(path: Path) -> dict[str, Any]:
+    """What the run that a folder belongs to reads, finished or not; nothing where it is no run's."""
+    inputs = _owner(path).get("inputs") or _recorded_inputs(path)
+    return inputs if isinstance(inputs, dict) else {}
+
+
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
     """The folder, made, for this process alone; the system frees it when the process ends or dies."""

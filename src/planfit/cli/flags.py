@@ -6,7 +6,7 @@ import inspect
 import re
 import textwrap
 import typing
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -53,7 +53,7 @@ class Group:
     words: str
     flags: tuple[Flag, ...]
     groups: tuple["Group", ...]
-    shared: tuple[tuple[str, type, Any], ...] = ()
+    shared: tuple[tuple[str, Any, Any], ...] = ()
     """Groups listed elsewhere: prefix, type, and the instance that is the default."""
     choices: tuple[tuple[str, "Group"], ...] = ()
     """Words that choose one of several kinds, and the flags of each."""
@@ -73,9 +73,9 @@ def field_words(cls: type) -> dict[str, str]:
     assert isinstance(body, ast.ClassDef)
     found = {}
     for node, after in zip(body.body, body.body[1:], strict=False):
-        is_field = isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
-        is_text = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
-        if is_field and is_text:
+        if not (isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)):
+            continue
+        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
             found[node.target.id] = one_line(str(after.value.value))
     return found
 
@@ -91,7 +91,7 @@ def group_of(
     prefix: str = "",
     path: tuple[str, ...] = (),
     words: str = "",
-    shared: typing.Collection[type] = (),
+    shared: Collection[type] = (),
 ) -> Group:
     """All flags of a dataclass as tyro names them.
 
@@ -117,7 +117,7 @@ def group_of(
             if hint in shared:
                 elsewhere.append((inner, hint, value))
             else:
-                groups.append(group_of(hint, value, inner, here, said, shared))
+                groups.append(group_of(typing.cast("type", hint), value, inner, here, said, shared))
             continue
         if all(dataclasses.is_dataclass(kind) for kind in typing.get_args(hint) or (hint,)):
             groups.append(_choices(field.name, typing.get_args(hint), value, prefix, here, said))
@@ -130,11 +130,11 @@ def group_of(
                 value,
                 said,
                 tuple(a for m in marks for a in getattr(m, "aliases", None) or ()),
-                any(m in tyro.conf.Positional[int].__metadata__ for m in marks),
+                _is_marked(marks, tyro.conf.Positional[int]),
                 default is None and field.default_factory is not dataclasses.MISSING,
-                not any(m in tyro.conf.FlagCreatePairsOff[bool].__metadata__ for m in marks),
+                not _is_marked(marks, tyro.conf.FlagCreatePairsOff[bool]),
                 next((m.metavar for m in marks if getattr(m, "metavar", None)), ""),
-                any(m in tyro.conf.UseAppendAction[int].__metadata__ for m in marks),
+                _is_marked(marks, tyro.conf.UseAppendAction[int]),
             )
         )
     return Group(prefix, cls, words, tuple(flags), tuple(groups), tuple(elsewhere))
@@ -151,6 +151,11 @@ def _choices(
     ]
     chosen = f"{inner[:-1]}:{_dashed(type(value).__name__)}"
     return Group(inner, type(value), words, (), (), (), tuple(choices), chosen)
+
+
+def _is_marked(marks: tuple[Any, ...], example: Any) -> bool:
+    """Whether a field has one of the marks that tyro puts on a type."""
+    return any(mark in example.__metadata__ for mark in marks)
 
 
 def _dashed(name: str) -> str:

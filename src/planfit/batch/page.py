@@ -1,0 +1,167 @@
+"""The page of a batch: a table of all scans that sorts, with pictures and links; and the same as jobs.csv."""
+
+from collections import Counter
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from filelock import FileLock
+from PIL import Image
+
+from planfit import __version__
+from planfit.batch.jobs import Job
+from planfit.batch.ledger import Ledger, replace_text
+from planfit.batch.summary import JobRow, Result, row_of, rows_as_csv
+from planfit.report import formatting
+from planfit.report.html.page import page_of
+
+_THUMBNAIL_PX = (360, 130)
+_HEADS = (
+    ("scan", ""), ("verdict", ""), ("", ""), ("predicted error", "num"), ("wall on plan before", "num"),
+    ("after", "num"), ("frames", "num"), ("time", "num"), ("memory", "num"),
+)  # fmt: skip
+_COLOR = {
+    Result.REFINED: "good", Result.RESERVATIONS: "fair", Result.NO_BETTER: "bad", Result.REFUSED: "bad",
+    Result.CRASHED: "bad", Result.OPEN: "",
+}  # fmt: skip
+_WORDS = {
+    Result.REFINED: "refined",
+    Result.RESERVATIONS: "with reservations",
+    Result.NO_BETTER: "no better",
+    Result.REFUSED: "refused",
+    Result.CRASHED: "crashed",
+    Result.OPEN: "not done yet",
+}
+_STYLE = """<style>
+body { max-width: 90rem; }
+td.words { min-width: 11rem; max-width: 30rem; overflow-wrap: anywhere; }
+td.words small { display: block; }
+td.picture { width: 15rem; min-width: 9rem; }
+td.picture img { width: 100%; max-width: 15rem; border: 1px solid var(--line); }
+.mark { white-space: nowrap; font-weight: 600; border-left: 4px solid var(--line); padding-left: .5em; }
+.mark.good { border-color: #0072b2; }
+.mark.fair { border-color: #d99100; }
+.mark.bad { border-color: #b91c1c; }
+.jobs { overflow-x: auto; }
+.jobs th button { all: unset; cursor: pointer; }
+.jobs th button:focus-visible { outline: 2px solid var(--after); }
+.jobs th[aria-sort] button::after { content: " \\2191"; }
+.jobs th[aria-sort="descending"] button::after { content: " \\2193"; }
+@media print { .jobs { overflow: visible; } .jobs tr { break-inside: avoid; } }
+</style>"""
+
+
+def write_page(jobs: Sequence[Job], ledger: Ledger, title: str) -> list[JobRow]:
+    """Write OUT/index.html and OUT/jobs.csv from what lies in OUT, and give what they show.
+
+    Batches over the same OUT, shards of an array say, write one after the other, each after it looked: the
+    last to end leaves a page that knows all.
+    """
+    with FileLock(ledger.own / ".page.lock"):
+        for job in jobs:
+            _make_thumbnail(ledger.folder(job.name), ledger.thumbnail(job.name))
+        rows = [row_of(job, ledger) for job in jobs]
+        replace_text(ledger.out / "jobs.csv", rows_as_csv(rows))
+        replace_text(ledger.out / "index.html", page_of_rows(rows, title))
+    return rows
+
+
+def page_of_rows(rows: Sequence[JobRow], title: str) -> str:
+    """The page; pictures and reports are linked, nothing is fetched from elsewhere."""
+    head = "".join(
+        f'<th scope="col"{_class(kind)}>'
+        + (f'<button type="button">{name}</button>' if name else "")
+        + "</th>"
+        for name, kind in _HEADS
+    )
+    body = "".join(f"<tr>{_cells(row)}</tr>\n" for row in sorted(rows, key=_from_worst))
+    return page_of(
+        f"{title}: planfit batch",
+        [
+            _STYLE,
+            f"<h1>{escape(title)}</h1>",
+            f'<p class="under">{len(rows)} scans refined by planfit {escape(__version__)}</p>',
+            f'<p class="verdict {_worst(rows)}">{escape(counts_in_words(rows))}</p>',
+            "<p>What needs a look comes first; a head sorts by its column. The predicted error is that of "
+            "camera positions (RMS); wall on plan is the share of wall points within 0.1 m of it.</p>",
+            f'<div class="jobs"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody>'
+            "</table></div>",
+            '<footer>The same as a table: <a href="jobs.csv">jobs.csv</a>.</footer>',
+        ],
+    )
+
+
+def counts_in_words(rows: Sequence[JobRow]) -> str:
+    """How many ended how: `48 refined, 1 no better, 1 crashed`."""
+    found = Counter(row.result for row in rows)
+    return ", ".join(f"{found[result]} {_WORDS[result]}" for result in Result if found[result])
+
+
+def _from_worst(row: JobRow) -> int:
+    return len(Result) - list(Result).index(row.result)
+
+
+def _worst(rows: Sequence[JobRow]) -> str:
+    found = {_COLOR[row.result] for row in rows}
+    return next((color for color in ("bad", "fair") if color in found), "good")
+
+
+def _cells(row: JobRow) -> str:
+    name = escape(row.job.name)
+    linked = f'<a href="{row.report}">{name}</a>' if row.report else name
+    log = f' <small><a href="{row.log}">log</a></small>' if row.log and not row.report else ""
+    picture = (
+        f'<a href="{row.report}"><img src="{row.thumbnail}" loading="lazy" alt="Walls over the plan, before '
+        f'and after: {name}"></a>'
+        if row.thumbnail
+        else ""
+    )
+    words = (
+        f'<span class="mark {_COLOR[row.result]}">{_WORDS[row.result]}</span>'
+        f"<small>{escape(row.reason)}</small>{log}"
+    )
+    peak = "" if row.peak_gb is None else f"{row.peak_gb:.1f}{formatting.SPACE}GB"
+    return "".join(
+        [
+            _td("words", row.job.name, linked),
+            _td("words", f"{_from_worst(row)} {row.reason}", words),
+            _td("picture", "", picture),
+            _number(row.predicted_m, formatting.length(row.predicted_m)),
+            _number(row.wall_before, formatting.share(row.wall_before)),
+            _number(row.wall_after, formatting.share(row.wall_after)),
+            _number(row.frames, formatting.count(row.frames or 0)),
+            _number(row.seconds, formatting.seconds(row.seconds or 0.0)),
+            _number(row.peak_gb, peak),
+        ]
+    )
+
+
+def _number(value: float | None, text: str) -> str:
+    return _td("num", "", "") if value is None else _td("num", f"{value:.6g}", text)
+
+
+def _td(style: str, key: str, html: str) -> str:
+    return f'<td class="{style}" data-key="{escape(key)}">{html}</td>'
+
+
+def _class(kind: str) -> str:
+    return f' class="{kind}"' if kind else ""
+
+
+def _make_thumbnail(folder: Path, target: Path) -> None:
+    """A small copy of the overlay, where it is newer; none where there is none."""
+    try:
+        overlay = min(folder.glob("overlay*.png"), default=None)  # of several storeys: the lowest
+        if overlay is None:
+            target.unlink(missing_ok=True)
+            return
+        if target.exists() and target.stat().st_mtime_ns >= overlay.stat().st_mtime_ns:
+            return
+        with Image.open(overlay) as picture:
+            small = picture.convert("RGB")
+            small.thumbnail(_THUMBNAIL_PX, Image.Resampling.LANCZOS)
+            part = target.with_name(f".{target.name}.part")
+            small.save(part, "JPEG", quality=80)
+        part.replace(target)
+    except OSError:
+        target.unlink(missing_ok=True)  # a page without a picture is better than none
