@@ -1,7 +1,9 @@
 """Parts of the report that are pictures, with the words a reader needs to judge them."""
 
 import base64
+import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from html import escape
 
 import numpy as np
@@ -99,7 +101,8 @@ def certainty(result: RefineResult, truth: TruthErrors | None) -> str:
         "poses move then, how far measurements lie from where the result puts them, and what is not known "
         "of the sensor and the plan's scale, give the error that is to be expected: "
         f"<strong>{formatting.length(evidence.predicted_rms_m)} RMS, worst "
-        f"{formatting.length(float(evidence.predicted_error_m[worst]))} at frame {worst}</strong> (frame "
+        f"{formatting.length(float(evidence.predicted_error_m[worst]))} at frame "
+        f'<span data-frame="{worst}">{worst}</span></strong> (frame '
         f"by frame in <code>trajectory_sigma.csv</code>). What was left out is the evidence: {visits}"
         f"walls on {len(seen)} of {len(evidence.stretches)} stretches.</p>"
         f'<div class="pair">{picture}</div><details><summary>Stretch by stretch</summary>'
@@ -333,8 +336,11 @@ def _share_beyond(side: Measures, end_m: float) -> float:
 def captioned(picture: Picture, caption_html: str, alt: str) -> str:
     """A picture inside the page, its caption above it."""
     data = base64.b64encode(picture.png).decode("ascii")
+    clicks = ""
+    if picture.clicks is not None:
+        clicks = f'data-clicks="{escape(json.dumps(asdict(picture.clicks)))}" '
     return (
         f"<figure><figcaption>{caption_html}</figcaption>"
-        f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" '
+        f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" {clicks}'
         f'width="{picture.width_px}" height="{picture.height_px}"></figure>'
     )
