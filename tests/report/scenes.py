@@ -72,7 +72,7 @@ def room_report(**arguments):
 
 def view_of(scene):
     """The part of a report that is the 3D view, without the plots, which take seconds."""
-    return view_section(scene) + view_data(scene)
+    return view_section(scene) + "".join(view_data(scene))
 
 
 def decode(html):

@@ -165,9 +165,10 @@ def _scene(
     """What the 3D view of the report shows; None where none is wanted."""
     if not options.has_view:
         return None
-    cloud = sample_cloud(
+    sampled = sample_cloud(
         calibrated_scan(scan, result.sensor), runtime, options.max_points, _POINTS_OF_FRAME
-    ).without(result.evidence.unplaced)
+    )
+    cloud = sampled.without(result.evidence.unplaced).thinned(options.max_points)
     pictures = make_pictures(scan, result.plan_from_cams, options.max_pictures, runtime)
     return make_scene(scan, result, cloud.points_cam, cloud.colors, cloud.start, pictures)
 

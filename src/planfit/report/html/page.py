@@ -80,17 +80,17 @@ def page_of(title: str, body: Sequence[str], scene: Scene | None = None) -> str:
         resources.files("planfit.report.html").joinpath(name).read_text("utf-8")
         for name in ("style.css", "sort.js")
     )
-    data = ""
+    first = rest = ""
     if scene is not None:
         style, script = style + view_style(), script + view_script()
-        data = view_data(scene) + "\n"
+        first, rest = view_data(scene)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n"
         f"<style>\n{style}</style>\n</head>\n<body>\n"
         + "\n".join(body)
-        + f"\n{data}<script>\n{script}</script>\n</body>\n</html>\n"
+        + f"\n{first}<script>\n{script}</script>\n{rest}</body>\n</html>\n"
     )
 
 

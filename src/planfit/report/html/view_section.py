@@ -85,13 +85,17 @@ value="0"> <output class="view-frame-words"></output></label><span>{key}</span><
 <noscript><p>The 3D view needs JavaScript.</p></noscript></section>"""
 
 
-def view_data(scene: Scene) -> str:
-    """The scene, in elements that browsers do not run; last in the page, so that its words come first."""
-    blocks = "\n".join(
+def view_data(scene: Scene) -> tuple[str, str]:
+    """The scene, in elements that browsers do not run: what the page's script needs before it, and the other
+    levels of detail, which follow it and end the page, so that neither words nor first points wait for them.
+    """
+    blocks = [
         f'<script type="text/plain" class="view-points">{level}</script>'
         for level in encode_levels(scene.points)
-    )
-    return f'<script type="application/json" id="view-scene">{scene_json(scene)}</script>\n{blocks}'
+    ]
+    text = scene_json(scene, len(blocks))
+    head = f'<script type="application/json" id="view-scene">{text}</script>'
+    return f"{head}\n{blocks[0]}\n", "\n".join(blocks[1:])
 
 
 def view_style() -> str:

@@ -15,15 +15,15 @@ import zlib
 import numpy as np
 from jaxtyping import Float, Int, UInt16
 
-from planfit.report.scene.scene import Scene, ScenePoints
+from planfit.report.scene.scene import FAR_M, Scene, ScenePoints
 
 REACH_M = 60.0
 """Points further from their camera along any axis are left out: with them a tile would round by 1 mm."""
 LEAST_STEP_M = 0.001
 """Of coordinates: points move by half of it at most, less than any depth camera knows, and what is finer is
 noise, which does not compress: 9.3 bytes a point became 7.4 on a real site, with six bits of colour."""
-DISTANCE_STEP_M = 0.002
-"""Of the distances to the plan, which end at 255 steps."""
+DISTANCE_STEP_M = FAR_M / 255
+"""Of the distances to the plan: 2 mm."""
 _LEVEL_POINTS = 150_000
 """A level is unpacked within a tenth of a second, during which the page stands still."""
 _STEPS = 65535
@@ -31,11 +31,12 @@ _COLOR_BITS = np.uint8(0xFC)
 """Six bits a channel, which no eye tells from eight in a cloud of dots."""
 
 
-def scene_json(scene: Scene) -> str:
+def scene_json(scene: Scene, n_levels: int) -> str:
     """Everything but the points, for a `script` element that holds JSON."""
     origin = scene.origin
     tiles = np.stack(tile_frames(scene.points), axis=1)
     values = {
+        "nLevels": n_levels,
         "origin": origin.tolist(),
         "bounds": np.round(scene.bounds - origin, 3).tolist(),
         "cut": round(float(scene.cut_m - origin[2]), 3),

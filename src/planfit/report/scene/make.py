@@ -1,5 +1,6 @@
 """From a result and a sample of its points to the scene of the 3D view."""
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,15 +12,16 @@ from planfit.geometry import se3
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.plots.top_view import find_gaps
-from planfit.report.scene.scene import Scene, SceneFrame, ScenePoints
+from planfit.report.scene.scene import FAR_M, Scene, SceneFrame, ScenePoints
 from planfit.report.scene.walls import scene_walls
 from planfit.scan import Scan
 from planfit.segmentation import NO_STOREY
 
 _OVER_CAMERAS_M = 0.4
 """Points higher than this over the highest camera are hidden at first: a ceiling, as a rule."""
-_MAX_KEYFRAMES = 300
-"""Cameras that are drawn; of more, none could be told from the next."""
+_STEP_M, _TURN_RAD = 0.6, 0.6
+"""A camera is drawn this far from the one drawn before it, or turned by this much: nearer ones hide each
+other."""
 _EDGE_PERCENT = 0.5
 """Share of the points on either side that what is seen first need not hold: strays through windows."""
 
@@ -52,7 +54,6 @@ def make_scene(
     is_placed = np.ones(len(scan), dtype=bool)
     for first, last in result.evidence.unplaced:
         is_placed[first : last + 1] = False
-    solved = result.solved_frame_idx
     return Scene(
         origin=bounds.mean(axis=0).round(3),
         bounds=bounds,
@@ -62,7 +63,7 @@ def make_scene(
         points=ScenePoints(points_cam, colors, start, distances),
         frames=_frames(scan, result, is_placed),
         is_placed=is_placed,
-        keyframe_idx=solved[:: max(1, -(-len(solved) // _MAX_KEYFRAMES))],
+        keyframe_idx=_drawn_cameras(result),
         walls=() if plan is None else scene_walls(plan, result, bounds),
         pictures=pictures,
     )
@@ -91,16 +92,22 @@ def _bounds(
 def _plan_distances(
     result: RefineResult, points: Float[np.ndarray, "m 3"], start: Int[np.ndarray, " starts"]
 ) -> Float[np.ndarray, " m"]:
-    """Distance (m) of points to the nearest face from above, of their own storey where there are several."""
+    """Distance (m) of points to the nearest face from above, of their own storey where there are several; no
+    more than `FAR_M`."""
     plan, storeys = result.floorplan, result.structure.storeys
     assert plan is not None
-    if plan.storeys is None or storeys is None:
-        return nearest_distance(points[:, :2], plan.ends)
-    of_points = np.repeat(storeys, np.diff(start))
-    distances = np.full(len(points), np.inf)
-    for storey in np.unique(plan.storeys):
-        own = of_points == storey
-        distances[own] = nearest_distance(points[own, :2], plan.of_storey(storey).ends)
+    distances = np.full(len(points), FAR_M)
+    low, high = plan.ends.min(axis=1) - FAR_M, plan.ends.max(axis=1) + FAR_M
+    for i, (first, last) in enumerate(itertools.pairwise(start)):
+        if first == last:
+            continue
+        # Faces near the points of one frame are a tenth of a building's.
+        xy = points[first:last, :2]
+        near = np.all((low <= xy.max(axis=0)) & (high >= xy.min(axis=0)), axis=1)
+        if plan.storeys is not None and storeys is not None:
+            near &= plan.storeys == storeys[i]
+        found = nearest_distance(xy, plan.ends[near])
+        distances[first:last] = np.minimum(found, FAR_M)
     return distances
 
 
@@ -114,7 +121,7 @@ def _frames(scan: Scan, result: RefineResult, is_placed: np.ndarray) -> tuple[Sc
     has_times = not np.array_equal(scan.timestamps, np.round(scan.timestamps))
     frames = []
     for i, camera in enumerate(scan.cameras):
-        predicted = f"{formatting.length(float(radius_m[i]))} (95 %)"
+        predicted = f"{formatting.centimetres(float(radius_m[i]))} (95 %)"
         if not is_placed[i]:
             predicted = "nothing says where it stands"
         since = float(scan.timestamps[i] - scan.timestamps[0])
@@ -131,6 +138,19 @@ def _frames(scan: Scan, result: RefineResult, is_placed: np.ndarray) -> tuple[Sc
             )
         )
     return tuple(frames)
+
+
+def _drawn_cameras(result: RefineResult) -> Int[np.ndarray, " k"]:
+    """Of the frames that were solved for, those that stand or look elsewhere than the last one taken."""
+    drawn: list[int] = []
+    for i in result.solved_frame_idx.tolist():
+        if drawn:
+            step = se3.inverse(result.plan_from_cams[drawn[-1]]) @ result.plan_from_cams[i]
+            turned = float(se3.rotation_angle(step[:3, :3]))
+            if np.linalg.norm(step[:3, 3]) < _STEP_M and turned < _TURN_RAD:
+                continue
+        drawn.append(i)
+    return np.array(drawn, dtype=int)
 
 
 def _floors_m(result: RefineResult) -> Float[np.ndarray, " n"]:

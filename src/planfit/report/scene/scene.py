@@ -6,6 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+FAR_M = 0.51
+"""Distances to the plan end here: what is further is near no wall."""
+
 
 @dataclass(frozen=True)
 class ScenePoints:
@@ -18,8 +21,8 @@ class ScenePoints:
     start: Int[np.ndarray, " starts"]
     """(n + 1,): points of frame i are start[i]:start[i + 1]."""
     plan_distances_m: Float[np.ndarray, "2 m"] | None
-    """Before and after, to the nearest face seen from above; None without a plan that the scan is aligned
-    with."""
+    """Before and after, to the nearest face from above, `FAR_M` at most; None without a plan that
+    the scan is aligned with."""
 
     @property
     def frame_idx(self) -> Int[np.ndarray, " m"]:

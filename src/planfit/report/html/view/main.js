@@ -16,7 +16,7 @@ class View {
       share: 1, isWiped: false, wipe: 0.5, coloring: 0, hasWalls: true, hasPath: true, cut: this.scene.cut,
       pointSize: 0.022, frame: null, wall: null,
     };
-    this.msPerLevel = 4;
+    this.msPerLevel = 15; // found by drawing; begins slow, so that the first turn does not jerk
     this.card = new Card(this.scene, this.find("card"), {
       close: () => this.choose({}),
       chooseFrame: (frame) => this.choose({ frame }),
@@ -50,18 +50,19 @@ class View {
     this.load();
   }
 
-  // The coarsest level is on the screen before the next is unpacked.
+  // The first level is on the screen before the page with the others is read.
   async load() {
-    const { blocks } = this.scene;
     let n = 0;
-    for (const [i, block] of blocks.entries()) {
-      const level = await readLevel(this.scene, block);
+    for (let i = 0; i < this.scene.nLevels; i++) {
+      if (i === 1 && document.readyState === "loading")
+        await new Promise((done) => document.addEventListener("DOMContentLoaded", done));
+      const level = await readLevel(this.scene, document.querySelectorAll("script.view-points")[i]);
       this.renderer.addLevel(level);
       n += level.n;
       this.changed();
       await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
       if (i === 0) performance.mark("view-first");
-      this.note(i + 1 < blocks.length ? `${n.toLocaleString("en")} points, loading \u2026` : "");
+      this.note(i + 1 < this.scene.nLevels ? `${n.toLocaleString("en")} points, loading \u2026` : "");
     }
     performance.mark("view-whole");
     this.section.dataset.state = "ready";
@@ -90,7 +91,8 @@ class View {
     this.renderer.draw(this.look, this.orbit.clipFromPlan(), nLevels);
     if (isMoving && nLevels) {
       gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn
-      this.msPerLevel += 0.3 * ((performance.now() - begin) / nLevels - this.msPerLevel);
+      const took = (performance.now() - begin) / nLevels;
+      this.msPerLevel += (took > this.msPerLevel ? 1 : 0.3) * (took - this.msPerLevel);
       clearTimeout(this.settling);
       this.settling = setTimeout(() => this.changed(), 180);
     }
@@ -193,6 +195,8 @@ class View {
     const { share } = this.look;
     const [here, ahead] = [[0, 0, 0], [0, 0, 1]].map((p) => placed(this.scene, frame, p, share));
     this.orbit.standAt(here, plus(ahead, here, -1));
+    this.find("path").checked = false; // little cameras would stand in the way
+    this.set({ hasPath: false });
     this.section.scrollIntoView({ block: "nearest" });
   }
 

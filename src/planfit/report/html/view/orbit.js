@@ -16,11 +16,21 @@ class Orbit {
     this.target = low.map((v, i) => (v + high[i]) / 2);
     this.isFlat = isFromAbove; // as a drawing, without perspective
     [this.yaw, this.pitch] = isFromAbove ? [-Math.PI / 2, Math.PI / 2] : [-Math.PI / 2 - 0.45, 0.85];
-    const aspect = this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1) || 1;
-    const [width, height] = [high[0] - low[0], high[1] - low[1]];
-    const needed = isFromAbove ? Math.max(width / aspect, height) : Math.max(Math.hypot(width, height) * 0.8 / Math.min(aspect, 1.4), 3);
-    this.distance = (1.1 * needed) / HEIGHT_OVER_DEPTH;
+    this.distance = this.distanceToSee();
     this.onMove();
+  }
+
+  // From where the whole box is just within the picture, with a margin.
+  distanceToSee() {
+    const { back, right, up } = this.axes();
+    const aspect = this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1) || 1;
+    let most = 2;
+    for (let k = 0; k < 8; k++) {
+      const from = this.target.map((v, i) => this.bounds[(k >> i) & 1][i] - v);
+      const wide = Math.max(Math.abs(dot(from, right)) / aspect, Math.abs(dot(from, up)));
+      most = Math.max(most, (2.2 * wide) / HEIGHT_OVER_DEPTH + (this.isFlat ? 0 : dot(from, back)));
+    }
+    return most;
   }
 
   // To where a camera stands, looking as it does.

@@ -177,7 +177,7 @@ class Renderer {
     // Fewer points are drawn larger, so that walls do not open while the view turns.
     const thinned = Math.sqrt(Math.max(this.levels.length, 1) / Math.max(nLevels, 1));
     gl.uniform1f(at.u_size_px, look.pointSize * thinned * canvas.height);
-    gl.uniform1f(at.u_frame, look.frame ?? -1);
+    gl.uniform1f(at.u_frame, look.hasPath ? (look.frame ?? -1) : -1);
     const wall = look.wall === null ? null : scene.walls[look.wall];
     gl.uniform4f(at.u_wall, ...(wall ? wall.ends : [0, 0, 1, 0]));
     gl.uniform3f(at.u_side, ...(wall ? [...wall.normal, 1] : [0, 0, 0]));

@@ -5,7 +5,6 @@ const floatsOf = (base64) => new Float32Array(bytesOf(base64).buffer);
 function readScene() {
   const scene = JSON.parse(document.getElementById("view-scene").textContent);
   for (const name of ["before", "after", "tiles"]) scene[name] = floatsOf(scene[name]);
-  scene.blocks = [...document.querySelectorAll("script.view-points")];
   return scene;
 }
 

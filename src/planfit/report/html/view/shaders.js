@@ -51,7 +51,7 @@ void main() {
   vec3 p = place(frame, texel(frame, 6).xyz + a_point.xyz * texel(frame, 7).xyz);
   gl_Position = u_clip_from_plan * vec4(p, 1.0);
   if (p.z > u_cut) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
-  gl_PointSize = clamp(u_size_px / gl_Position.w, 1.5, 9.0);
+  gl_PointSize = clamp(u_size_px / gl_Position.w, 1.5, 14.0);
   vec3 color = a_color.rgb;
   if (u_coloring == 1) {
     float t = (p.z - u_heights.x) / (u_heights.y - u_heights.x);
