@@ -57,7 +57,9 @@ def browser():
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     """Its page, and the scene that it shows."""
-    html, scene = room_report(offsets=OFFSETS, max_pictures=6)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("planfit.report.scene.encode._LEVEL_POINTS", 1500)  # eight levels
+        html, scene = room_report(offsets=OFFSETS, max_pictures=6)
     path = tmp_path_factory.mktemp("report") / "report.html"
     path.write_text(html, encoding="utf-8")
     return path, scene

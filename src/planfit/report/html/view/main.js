@@ -73,9 +73,13 @@ class View {
     this.find("note").textContent = words;
   }
 
-  // While it moves, as many levels are drawn as keep to about 30 frames a second; at rest, all.
+  // While it moves, as many levels are drawn as keep to about 30 frames a second; at rest, all. It is at rest
+  // when nothing asked for a movement for a while after a picture was done, however long that one took.
   changed(isMoving = false) {
-    if (isMoving) this.movedAt = performance.now();
+    if (isMoving) {
+      this.isMoving = true;
+      clearTimeout(this.settling);
+    }
     if (this.isAsked || !this.renderer) return;
     this.isAsked = true;
     requestAnimationFrame(() => this.paint());
@@ -84,18 +88,19 @@ class View {
   paint() {
     this.isAsked = false;
     const { levels, gl } = this.renderer;
-    const isMoving = performance.now() - (this.movedAt ?? -1e9) < 150;
     const most = Math.max(1, Math.floor(30 / this.msPerLevel));
-    const nLevels = isMoving ? Math.min(levels.length, most) : levels.length;
+    const nLevels = this.isMoving ? Math.min(levels.length, most) : levels.length;
     const begin = performance.now();
     this.renderer.draw(this.look, this.orbit.clipFromPlan(), nLevels);
-    if (isMoving && nLevels) {
-      gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn
-      const took = (performance.now() - begin) / nLevels;
-      this.msPerLevel += (took > this.msPerLevel ? 1 : 0.3) * (took - this.msPerLevel);
-      clearTimeout(this.settling);
-      this.settling = setTimeout(() => this.changed(), 180);
-    }
+    if (!this.isMoving || !nLevels) return;
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn
+    const took = (performance.now() - begin) / nLevels;
+    this.msPerLevel += (took > this.msPerLevel ? 1 : 0.3) * (took - this.msPerLevel);
+    clearTimeout(this.settling);
+    this.settling = setTimeout(() => {
+      this.isMoving = false;
+      this.changed();
+    }, 200);
   }
 
   listen() {
