@@ -3,13 +3,15 @@
 import io
 import shutil
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from report.scenes import BLUE, GREEN, RED, room_report
-from test_report import DEPTH, OFFSET, WIDTH
+from planfit.report import make_report
+from report.scenes import BLUE, GREEN, RED, room_report, room_scene
+from test_report import DEPTH, OFFSET, WIDTH, make_result
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="no selenium to drive a browser with")
 from selenium.common.exceptions import WebDriverException  # noqa: E402
@@ -167,6 +169,20 @@ def changed(a, b):
     return differs.sum() / max(((a.min(axis=2) < 250) | (b.min(axis=2) < 250)).sum(), 1)
 
 
+def press_picture(view, alt, x, y):
+    """At values of the axes."""
+    return view.browser.execute_script(
+        "const [alt, x, y] = arguments, image = document.querySelector(`img[alt='${alt}']`);"
+        "const c = JSON.parse(image.dataset.clicks), r = image.getBoundingClientRect();"
+        "const at = (v, [a, b]) => (v - a) / (b - a);"
+        "const u = c.box[0] + at(x, c.x) * (c.box[2] - c.box[0]);"
+        "const v = c.box[3] - at(y, c.y) * (c.box[3] - c.box[1]);"
+        "image.dispatchEvent(new MouseEvent('click',"
+        " {clientX: r.left + u * r.width, clientY: r.top + v * r.height, bubbles: true}));",
+        alt, x, y,
+    )  # fmt: skip
+
+
 def test_page_needs_no_network_and_has_no_errors(view):
     assert int(view.find("#view").get_attribute("data-points")) == len(view.scene.points.points_cam)
     asked = view.browser.execute_script(
@@ -283,26 +299,13 @@ def test_frames_and_walls_are_pressed_in_tables_and_plots(view):
     view.wait_for("document.querySelector('.view-card').classList.contains('is-away')")
     assert card.rect["y"] > 0  # inside the window, though the view is not
 
-    def press_picture(alt, x, y):
-        """At values of the axes."""
-        return view.browser.execute_script(
-            "const [alt, x, y] = arguments, image = document.querySelector(`img[alt='${alt}']`);"
-            "const c = JSON.parse(image.dataset.clicks), r = image.getBoundingClientRect();"
-            "const at = (v, [a, b]) => (v - a) / (b - a);"
-            "const u = c.box[0] + at(x, c.x) * (c.box[2] - c.box[0]);"
-            "const v = c.box[3] - at(y, c.y) * (c.box[3] - c.box[1]);"
-            "image.dispatchEvent(new MouseEvent('click',"
-            " {clientX: r.left + u * r.width, clientY: r.top + v * r.height, bubbles: true}));",
-            alt, x, y,
-        )  # fmt: skip
-
-    press_picture("Predicted error of each frame", 5.2, 0.0)
+    press_picture(view, "Predicted error of each frame", 5.2, 0.0)
     assert "Frame 5" in view.card
-    press_picture("Matched points of each frame", 3.0, 0.0)
+    press_picture(view, "Matched points of each frame", 3.0, 0.0)
     assert "Frame 3" in view.card
-    press_picture("Verified loop closures from above", *view.scene.after[10][:2, 3])
+    press_picture(view, "Verified loop closures from above", *view.scene.after[10][:2, 3])
     assert "Frame 10" in view.card
-    press_picture("Walls of the plan by agreement with the scan", 4.0, DEPTH)
+    press_picture(view, "Walls of the plan by agreement with the scan", 4.0, DEPTH)
     assert "+7.0 cm" in view.card
     assert view.browser.get_log("browser") == []
 
@@ -363,6 +366,37 @@ def test_phone_turns_and_pinches_and_nothing_is_cut_off(browser, report):
     card = view.find(".view-card").rect
     assert card["x"] >= 0
     assert card["x"] + card["width"] <= 390
+
+
+def test_plots_of_before_find_frames_where_they_were(view):
+    """At a point whose nearest camera is another before than after."""
+    before, after = view.scene.before[:, :2, 3], view.scene.after[:, :2, 3]
+    points = np.stack(np.meshgrid(np.linspace(2, 6, 9), np.linspace(1.5, 4.5, 9)), axis=-1).reshape(
+        -1, 2
+    )
+    apart = [np.linalg.norm(points[:, None] - side, axis=2) for side in (before, after)]
+    nearest = [a.argmin(axis=1) for a in apart]
+    margin = np.min([np.diff(np.sort(a, axis=1)[:, :2], axis=1)[:, 0] for a in apart], axis=0)
+    k = int(np.where(nearest[0] != nearest[1], margin, -1.0).argmax())
+    assert margin[k] > 0.1
+    for name, expected in zip(("before", "after"), nearest, strict=True):
+        press_picture(view, f"Wall points {name}, from above", *(float(v) for v in points[k]))
+        assert f"Frame {expected[k]} " in view.card
+
+
+def test_without_a_plan_the_scan_alone_is_shown(browser, tmp_path):
+    scene, result = room_scene(result=replace(make_result(), alignment=None, floorplan=None))
+    path = tmp_path / "report.html"
+    path.write_text(make_report("room", None, result, "", scene=scene), encoding="utf-8")
+    view = open_page(browser, path, scene, (1200, 900))
+    words = [o.text for o in browser.find_elements(By.CSS_SELECTOR, ".view-color option")]
+    assert words == ["image", "height", "time"]
+    seen = [view.pixels()]
+    for step in ("input[value=before]", ".view-above", ".view-path"):
+        view.press(step)
+        seen.append(view.pixels())
+        assert changed(seen[-2], seen[-1]) > 0.02, step
+    assert browser.get_log("browser") == []
 
 
 def test_without_webgl_the_rest_of_the_page_works(browser, report, tmp_path):

@@ -3,7 +3,7 @@
 import base64
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from html import escape
 
 import numpy as np
@@ -21,7 +21,15 @@ from planfit.report.measures import BeforeAfter, Measures
 from planfit.report.plots import charts
 from planfit.report.plots.close_ups import choose_close_ups
 from planfit.report.plots.cross_sections import CrossSection, cut_walls, draw_section
-from planfit.report.plots.drawing import AGREES, DISPLACED, NOT_SEEN, PANEL_IN, UNMATCHED, Picture
+from planfit.report.plots.drawing import (
+    AGREES,
+    DISPLACED,
+    NOT_SEEN,
+    PANEL_IN,
+    UNMATCHED,
+    Picture,
+    Side,
+)
 from planfit.report.plots.matches import (
     loop_closure_map,
     loop_closures_of,
@@ -45,7 +53,7 @@ def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop, storey:
     marks = choose_close_ups(both, crop)
     pictures = [
         captioned(
-            side_picture(floorplan, both, side, crop, marks, _width_in(crop)),
+            _of_side(name, side_picture(floorplan, both, side, crop, marks, _width_in(crop))),
             f"<strong>{name}:</strong> {escape(fit_in_words(both, side))}",
             f"{'Wall points' if both.has_plan else 'The scan'} {name}, from above",
         )
@@ -151,8 +159,11 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
     for name, side in _sides(both):
         maps.append(
             captioned(
-                charts.floor_map(
-                    floorplan if both.is_aligned else None, side, crop, _width_in(crop)
+                _of_side(
+                    name,
+                    charts.floor_map(
+                        floorplan if both.is_aligned else None, side, crop, _width_in(crop)
+                    ),
                 ),
                 f"<strong>{name}:</strong> half of the floor points lie within "
                 f"{formatting.length(side.floor and side.floor.height_median_m)} of their median height; RMS "
@@ -278,7 +289,7 @@ def _close_up(floorplan: Floorplan, both: BeforeAfter, mark: Mark) -> str:
         distance = formatting.length(float(side.wall_distances_m[inside].mean()))
         pictures.append(
             captioned(
-                side_picture(floorplan, both, side, mark.crop),
+                _of_side(name, side_picture(floorplan, both, side, mark.crop)),
                 f"<strong>{mark.letter}, {name}:</strong> these wall points lie {distance} from "
                 "the plan on average",
                 f"Close-up {mark.letter} {name}",
@@ -319,7 +330,14 @@ def _width_in(crop: Crop) -> float:
     return WIDE_IN if is_wide(crop) else PANEL_IN
 
 
-def _sides(both: BeforeAfter) -> tuple[tuple[str, Measures], tuple[str, Measures]]:
+def _of_side(side: Side, picture: Picture) -> Picture:
+    """A picture in which frames are pressed where they are on that side."""
+    if picture.clicks is None:
+        return picture
+    return replace(picture, clicks=replace(picture.clicks, side=side))
+
+
+def _sides(both: BeforeAfter) -> tuple[tuple[Side, Measures], tuple[Side, Measures]]:
     return ("before", both.before), ("after", both.after)
 
 

@@ -47,7 +47,7 @@ def view_section(scene: Scene) -> str:
             f'<span class="entry"><span class="key" style="background:{color}"></span>{words}</span>'
             for color, words in _WALL_COLORS
         )
-        wall_words = " or a wall, to see its points and how far it is from where it is drawn"
+        wall_words = ", or a wall to see its points and how far it is from where it is drawn"
     options = "".join(f'<option value="{value}">{words}</option>' for value, words in colorings)
     sides = "".join(
         f'<label><input type="radio" name="view-side" value="{value}"{checked}> {words}</label>'

@@ -22,6 +22,10 @@ FONT_PT = 8.5
 DPI = 200
 
 
+Side = Literal["before", "after"]
+"""Of the refinement."""
+
+
 @dataclass(frozen=True)
 class Clicks:
     """What is where in a picture, so that pressing it can choose a frame or a wall."""
@@ -35,6 +39,8 @@ class Clicks:
     """Values at the left and right rim of the axes."""
     y: tuple[float, float]
     """At the lower and upper rim."""
+    side: Side = "after"
+    """Where the frames are that are looked for."""
 
 
 @dataclass(frozen=True)

@@ -92,8 +92,8 @@ class View {
     const nLevels = this.isMoving ? Math.min(levels.length, most) : levels.length;
     const begin = performance.now();
     this.renderer.draw(this.look, this.orbit.clipFromPlan(), nLevels);
-    if (!this.isMoving || !nLevels) return;
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn
+    if (!this.isMoving || !nLevels) return;
     const took = (performance.now() - begin) / nLevels;
     this.msPerLevel += (took > this.msPerLevel ? 1 : 0.3) * (took - this.msPerLevel);
     clearTimeout(this.settling);
@@ -104,9 +104,10 @@ class View {
   }
 
   listen() {
-    const on = (name, kind, action) => this.find(name).addEventListener(kind, (event) => action(event.target));
+    const on = (name, kind, action) => this.find(name)?.addEventListener(kind, (event) => action(event.target));
     for (const radio of this.section.querySelectorAll("input[name=view-side]"))
       radio.addEventListener("change", () => this.showSide(radio.value));
+    // Without a plan there is no box for its walls.
     on("wipe", "input", (input) => this.set({ wipe: Number(input.value) }));
     on("color", "change", (select) => this.showColoring(Number(select.value)));
     on("walls", "change", (box) => this.set({ hasWalls: box.checked }));
@@ -176,7 +177,7 @@ class View {
   choose({ frame = null, wall = null }) {
     if (frame !== null) {
       this.card.showFrame(frame);
-      if (this.find("frame")) this.find("frame").value = frame;
+      this.find("frame").value = frame;
     } else if (wall !== null) this.card.showWall(wall);
     else this.card.close();
     this.find("frame-words").textContent = frame === null ? "" : String(frame);

@@ -17,7 +17,7 @@ function linkNames(scene, choose) {
 // (left, top, right, bottom), and the values at their rims.
 function linkPictures(scene, choose) {
   for (const picture of document.querySelectorAll("img[data-clicks]")) {
-    const { kind, box, x, y } = JSON.parse(picture.dataset.clicks);
+    const { kind, box, x, y, side } = JSON.parse(picture.dataset.clicks);
     picture.classList.add("view-pressable");
     picture.title = kind === "walls" ? "press a wall to see its points" : "press to see the frame";
     picture.addEventListener("click", (event) => {
@@ -30,7 +30,7 @@ function linkPictures(scene, choose) {
       const [px, py] = [along - scene.origin[0], y[1] + v * (y[0] - y[1]) - scene.origin[1]];
       const wall = kind === "walls" ? nearestWall(scene, px, py, 0.04 * (x[1] - x[0])) : null;
       if (wall !== null) return choose.wall(wall);
-      const frame = nearestFrame(scene, px, py, 1);
+      const frame = nearestFrame(scene, px, py, side === "after" ? 1 : 0);
       if (frame !== null) choose.frame(frame);
     });
   }
