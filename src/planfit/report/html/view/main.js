@@ -59,10 +59,14 @@ class View {
       const level = await readLevel(this.scene, document.querySelectorAll("script.view-points")[i]);
       this.renderer.addLevel(level);
       n += level.n;
-      this.changed();
-      await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
+      // Where drawing is slow, most of the time is kept for unpacking.
+      const isLast = i + 1 === this.scene.nLevels;
+      if (i === 0 || isLast || performance.now() - this.paintedAt > 4 * this.paintMs) {
+        this.changed();
+        await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
+      } else await new Promise((done) => setTimeout(done));
       if (i === 0) performance.mark("view-first");
-      this.note(i + 1 < this.scene.nLevels ? `${n.toLocaleString("en")} points, loading \u2026` : "");
+      this.note(!isLast ? `${n.toLocaleString("en")} points, loading \u2026` : "");
     }
     performance.mark("view-whole");
     this.section.dataset.state = "ready";
@@ -93,8 +97,10 @@ class View {
     const begin = performance.now();
     this.renderer.draw(this.look, this.orbit.clipFromPlan(), nLevels);
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn
+    this.paintedAt = performance.now();
+    this.paintMs = this.paintedAt - begin;
     if (!this.isMoving || !nLevels) return;
-    const took = (performance.now() - begin) / nLevels;
+    const took = this.paintMs / nLevels;
     this.msPerLevel += (took > this.msPerLevel ? 1 : 0.3) * (took - this.msPerLevel);
     clearTimeout(this.settling);
     this.settling = setTimeout(() => {
