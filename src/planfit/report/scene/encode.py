@@ -24,8 +24,9 @@ LEAST_STEP_M = 0.001
 noise, which does not compress: 9.3 bytes a point became 7.4 on a real site, with six bits of colour."""
 DISTANCE_STEP_M = FAR_M / 255
 """Of the distances to the plan: 2 mm."""
-_LEVEL_POINTS = 150_000
-"""A level is unpacked within a tenth of a second, during which the page stands still."""
+_FIRST_POINTS, _LEVEL_POINTS = 40_000, 150_000
+"""Of the first level, which even a processor without a GPU draws at once, and of the others: one is unpacked
+within a tenth of a second, during which the page stands still."""
 _STEPS = 65535
 _COLOR_BITS = np.uint8(0xFC)
 """Six bits a channel, which no eye tells from eight in a cloud of dots."""
@@ -82,11 +83,14 @@ def encode_levels(points: ScenePoints) -> list[str]:
     """Base64 of the levels of detail, each of its own points."""
     quantised = quantise(points)
     kept = np.all(np.abs(points.points_cam) <= REACH_M, axis=1)
-    n_levels = max(1, -(-int(kept.sum()) // _LEVEL_POINTS))
+    n_kept = max(int(kept.sum()), 1)
+    first = min(_FIRST_POINTS / n_kept, 1.0)
+    n_others = -(-max(n_kept - _FIRST_POINTS, 0) // _LEVEL_POINTS)
+    ends = np.linspace(first, 1.0, n_others + 1)
     # Steps of the golden ratio: every level is even along the rows of pixels, and none is a grid of its own.
     turn = np.arange(len(kept)) * ((np.sqrt(5.0) - 1.0) / 2.0) % 1.0
-    level = np.minimum((turn * n_levels).astype(int), n_levels - 1)
-    return [_encode_level(points, quantised, kept & (level == k)) for k in range(n_levels)]
+    level = np.minimum(np.searchsorted(ends, turn, side="right"), n_others)
+    return [_encode_level(points, quantised, kept & (level == k)) for k in range(n_others + 1)]
 
 
 def tile_frames(

@@ -16,7 +16,7 @@ class View {
       share: 1, isWiped: false, wipe: 0.5, coloring: 0, hasWalls: true, hasPath: true, cut: this.scene.cut,
       pointSize: 0.022, frame: null, wall: null,
     };
-    this.msPerLevel = 15; // found by drawing; begins slow, so that the first turn does not jerk
+    this.msPerPoint = 1e-4; // found by drawing; begins slow, so that the first turn does not jerk
     this.card = new Card(this.scene, this.find("card"), {
       close: () => this.choose({}),
       chooseFrame: (frame) => this.choose({ frame }),
@@ -92,16 +92,20 @@ class View {
   paint() {
     this.isAsked = false;
     const { levels, gl } = this.renderer;
-    const most = Math.max(1, Math.floor(30 / this.msPerLevel));
-    const nLevels = this.isMoving ? Math.min(levels.length, most) : levels.length;
+    let [nLevels, nPoints] = [0, 0];
+    for (const { n } of levels) {
+      if (this.isMoving && nLevels && (nPoints + n) * this.msPerPoint > 30) break;
+      nLevels += 1;
+      nPoints += n;
+    }
     const begin = performance.now();
     this.renderer.draw(this.look, this.orbit.clipFromPlan(), nLevels);
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn
     this.paintedAt = performance.now();
     this.paintMs = this.paintedAt - begin;
     if (!this.isMoving || !nLevels) return;
-    const took = this.paintMs / nLevels;
-    this.msPerLevel += (took > this.msPerLevel ? 1 : 0.3) * (took - this.msPerLevel);
+    const took = this.paintMs / Math.max(nPoints, 1);
+    this.msPerPoint += (took > this.msPerPoint ? 1 : 0.3) * (took - this.msPerPoint);
     clearTimeout(this.settling);
     this.settling = setTimeout(() => {
       this.isMoving = false;

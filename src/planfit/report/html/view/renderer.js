@@ -175,7 +175,8 @@ class Renderer {
     gl.uniform1f(at.u_cut, look.cut);
     gl.uniform1f(at.u_last_frame, Math.max(scene.frames.length - 1, 1));
     // Fewer points are drawn larger, so that walls do not open while the view turns.
-    const thinned = Math.sqrt(Math.max(this.levels.length, 1) / Math.max(nLevels, 1));
+    const count = (levels) => Math.max(levels.reduce((sum, { n }) => sum + n, 0), 1);
+    const thinned = Math.min(Math.sqrt(count(this.levels) / count(this.levels.slice(0, nLevels))), 4);
     gl.uniform1f(at.u_size_px, look.pointSize * thinned * canvas.height);
     gl.uniform1f(at.u_frame, look.hasPath ? (look.frame ?? -1) : -1);
     const wall = look.wall === null ? null : scene.walls[look.wall];
