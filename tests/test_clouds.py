@@ -45,6 +45,16 @@ def small_run():
     return synthetic.scan, plan, planfit.refine(synthetic.scan, plan)
 
 
+@pytest.mark.parametrize("most", [1, 4, 9, 10, 50])
+def test_a_thinned_cloud_has_no_more_points_and_keeps_their_frames(most):
+    cloud = make_cloud([2, 3, 0, 4, 1])
+    less = cloud.thinned(most)
+    assert len(less.points_cam) == min(most, 10)
+    frame = np.repeat(np.arange(5), np.diff(less.start))
+    assert_array_equal(less.points_cam[:, 0], frame)
+    assert_array_equal(less.colors[:, 0], frame)
+
+
 def test_a_run_leaves_frames_without_place_out_of_its_clouds(small_run, tmp_path, monkeypatch):
     scan, floorplan, result = small_run
     evidence = replace(result.evidence, unplaced=((2, 4),))

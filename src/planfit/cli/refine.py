@@ -22,12 +22,23 @@ from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
-from planfit.report import TruthErrors, draw_overlays, make_report
+from planfit.report import (
+    ReportOptions,
+    Scene,
+    TruthErrors,
+    draw_overlays,
+    make_pictures,
+    make_report,
+    make_scene,
+)
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan
+
+_POINTS_OF_FRAME = 20_000
+"""Of the 3D view, at most: a short scan shows its surfaces closed, and its page stays small."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +72,8 @@ class RefineArguments:
     """Replace the results of another run in the output folder."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
+    report: ReportOptions = field(default_factory=ReportOptions)
+    """The report."""
     options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
 
 
@@ -88,6 +101,7 @@ def refine_files(
         arguments.overwrite,
         scan_options=arguments.scan_options,
         more_inputs=more_inputs,
+        report_options=arguments.report,
     )
     summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
     return result
@@ -123,12 +137,13 @@ def refine_into(
     truth_of: Callable[[RefineResult], TruthErrors] | None = None,
     scan_options: ScanOptions | None = None,
     more_inputs: Mapping[str, str] | None = None,
+    report_options: ReportOptions | None = None,
 ) -> RefineResult:
     """Refine a scan and write everything a run writes; see docs/outputs.md.
 
     `truth_of` gives the errors of a result against true poses, where they are known, for the report.
     `scan_options` are those that the scan was read with, for the record, and `more_inputs` stand there beside
-    the fingerprints.
+    the fingerprints. `report_options`: by default, all of a report.
     """
     inputs = {"scan": str(Path(scan.name).resolve()), "scan_fingerprint": scan.fingerprint}
     inputs |= {**plan_inputs(floorplan), **(more_inputs or {})}
@@ -137,6 +152,7 @@ def refine_into(
         result = refine(scan, floorplan, options, runtime)
         cloud = sample_cloud(calibrated_scan(scan, result.sensor), runtime)
         cloud = cloud.without(result.evidence.unplaced)
+        scene = _scene(scan, result, report_options or ReportOptions(), runtime)
         with run.writing() as staging:
             bars.update("write results", 0, 0)
             record = make_record(__version__, inputs, scan, result.floorplan, options, result)
@@ -147,10 +163,24 @@ def refine_into(
                 (staging / name).write_bytes(overlay)
             errors = truth_of(result) if truth_of else None
             text = to_toml(options)
-            report = make_report(scan.name, result.floorplan, result, text, errors, seen)
+            report = make_report(scan.name, result.floorplan, result, text, errors, seen, scene)
             (staging / "report.html").write_text(report, encoding="utf-8")
         bars.update("write results", 1, 0)
     return result
+
+
+def _scene(
+    scan: Scan, result: RefineResult, options: ReportOptions, runtime: Runtime
+) -> Scene | None:
+    """What the 3D view of the report shows; None where none is wanted."""
+    if not options.has_view:
+        return None
+    sampled = sample_cloud(
+        calibrated_scan(scan, result.sensor), runtime, options.max_points, _POINTS_OF_FRAME
+    )
+    cloud = sampled.without(result.evidence.unplaced).thinned(options.max_points)
+    pictures = make_pictures(scan, result.plan_from_cams, options.max_pictures, runtime)
+    return make_scene(scan, result, cloud.points_cam, cloud.colors, cloud.start, pictures)
 
 
 def _seen_from_above(cloud: Cloud, result: RefineResult) -> CloudXY:

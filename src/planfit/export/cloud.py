@@ -37,6 +37,15 @@ class Cloud:
         start = np.concatenate([[0], np.cumsum(np.where(is_kept, n_points, 0))])
         return Cloud(self.points_cam[of_point], self.colors[of_point], start)
 
+    def thinned(self, max_points: int) -> "Cloud":
+        """At most `max_points` of the points, evenly."""
+        n_points = len(self.points_cam)
+        if n_points <= max_points:
+            return self
+        kept = np.arange(max_points) * n_points // max_points
+        start = np.searchsorted(kept, self.start)
+        return Cloud(self.points_cam[kept], self.colors[kept], start)
+
 
 def sample_cloud(
     scan: Scan,

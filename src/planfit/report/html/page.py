@@ -14,9 +14,11 @@ from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
 from planfit.report.html.sensor import sensor_section
 from planfit.report.html.storey_section import storeys
+from planfit.report.html.view_section import view_data, view_script, view_section, view_style
 from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import CloudXY, measure
 from planfit.report.plots.top_view import crop_to_scan
+from planfit.report.scene.scene import Scene
 from planfit.report.storey_measures import measure_storeys
 
 _COLOR = {Outcome.REFINED: "good", Outcome.IMPROVED: "fair", Outcome.NO_BETTER: "bad"}
@@ -29,8 +31,9 @@ def make_report(
     options_text: str,
     truth: TruthErrors | None = None,
     cloud: CloudXY | None = None,
+    scene: Scene | None = None,
 ) -> str:
-    """The report of a run as one self-contained HTML page: no links, pictures and one script inside.
+    """The report of a run as one self-contained HTML page: no links, pictures and scripts inside.
 
     Args:
         scan_name: as its folder is called; of a path, the last part is shown.
@@ -39,6 +42,7 @@ def make_report(
         options_text: the options of the run, shown as they are.
         truth: position errors against true poses, where these are known.
         cloud: what is drawn from above without a plan; else walls are.
+        scene: what a 3D view shows; without, there is none.
     """
     both = measure(floorplan, result, cloud)
     crop = crop_to_scan(both)
@@ -54,6 +58,7 @@ def make_report(
     body = [
         _top(scan_name, floorplan, result, numbers, truth),
         seen_on_plan,
+        *([] if scene is None else [view_section(scene)]),
         sections.certainty(result, truth),
         sections.fit_and_correction(both),
         sensor_section(result),
@@ -65,22 +70,27 @@ def make_report(
         f"<footer>Made by planfit {escape(__version__)}. x and y {axes}, heights above the "
         "floor.</footer>",
     ]
-    return page_of(f"{scan_name} {on_plan}: planfit report", body)
+    return page_of(f"{scan_name} {on_plan}: planfit report", body, scene)
 
 
-def page_of(title: str, body: Sequence[str]) -> str:
-    """A self-contained page of parts that are HTML; the title is plain text."""
+def page_of(title: str, body: Sequence[str], scene: Scene | None = None) -> str:
+    """A self-contained page of parts that are HTML; the title is plain text. `scene` is that of a
+    part that is a 3D view."""
     style, script = (
         resources.files("planfit.report.html").joinpath(name).read_text("utf-8")
         for name in ("style.css", "sort.js")
     )
+    first = rest = ""
+    if scene is not None:
+        style, script = style + view_style(), script + view_script()
+        first, rest = view_data(scene)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n"
         f"<style>\n{style}</style>\n</head>\n<body>\n"
         + "\n".join(body)
-        + f"\n<script>\n{script}</script>\n</body>\n</html>\n"
+        + f"\n{first}<script>\n{script}</script>\n{rest}</body>\n</html>\n"
     )
 
 

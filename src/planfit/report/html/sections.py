@@ -1,7 +1,9 @@
 """Parts of the report that are pictures, with the words a reader needs to judge them."""
 
 import base64
+import json
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from html import escape
 
 import numpy as np
@@ -18,7 +20,15 @@ from planfit.report.measures import BeforeAfter, Measures
 from planfit.report.plots import charts
 from planfit.report.plots.close_ups import choose_close_ups
 from planfit.report.plots.cross_sections import CrossSection, cut_walls, draw_section
-from planfit.report.plots.drawing import AGREES, DISPLACED, NOT_SEEN, PANEL_IN, UNMATCHED, Picture
+from planfit.report.plots.drawing import (
+    AGREES,
+    DISPLACED,
+    NOT_SEEN,
+    PANEL_IN,
+    UNMATCHED,
+    Picture,
+    Side,
+)
 from planfit.report.plots.matches import (
     loop_closure_map,
     loop_closures_of,
@@ -42,7 +52,7 @@ def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop, storey:
     marks = choose_close_ups(both, crop)
     pictures = [
         captioned(
-            side_picture(floorplan, both, side, crop, marks, _width_in(crop)),
+            _of_side(name, side_picture(floorplan, both, side, crop, marks, _width_in(crop))),
             f"<strong>{name}:</strong> {escape(fit_in_words(both, side))}",
             f"{'Wall points' if both.has_plan else 'The scan'} {name}, from above",
         )
@@ -98,7 +108,8 @@ def certainty(result: RefineResult, truth: TruthErrors | None) -> str:
         "poses move then, how far measurements lie from where the result puts them, and what is not known "
         "of the sensor and the plan's scale, give the error that is to be expected: "
         f"<strong>{formatting.length(evidence.predicted_rms_m)} RMS, worst "
-        f"{formatting.length(float(evidence.predicted_error_m[worst]))} at frame {worst}</strong> (frame "
+        f"{formatting.length(float(evidence.predicted_error_m[worst]))} at frame "
+        f'<span data-frame="{worst}">{worst}</span></strong> (frame '
         f"by frame in <code>trajectory_sigma.csv</code>). What was left out is the evidence: {visits}"
         f"walls on {len(seen)} of {len(evidence.stretches)} stretches.</p>"
         f'<div class="pair">{picture}</div><details><summary>Stretch by stretch</summary>'
@@ -147,8 +158,11 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
     for name, side in _sides(both):
         maps.append(
             captioned(
-                charts.floor_map(
-                    floorplan if both.is_aligned else None, side, crop, _width_in(crop)
+                _of_side(
+                    name,
+                    charts.floor_map(
+                        floorplan if both.is_aligned else None, side, crop, _width_in(crop)
+                    ),
                 ),
                 f"<strong>{name}:</strong> half of the floor points lie within "
                 f"{formatting.length(side.floor and side.floor.height_median_m)} of their median height; RMS "
@@ -275,7 +289,7 @@ def _close_up(floorplan: Floorplan, both: BeforeAfter, mark: Mark) -> str:
         distance = formatting.length(float(side.wall_distances_m[inside].mean()))
         pictures.append(
             captioned(
-                side_picture(floorplan, both, side, mark.crop),
+                _of_side(name, side_picture(floorplan, both, side, mark.crop)),
                 f"<strong>{mark.letter}, {name}:</strong> these wall points lie {distance} from "
                 "the plan on average",
                 f"Close-up {mark.letter} {name}",
@@ -316,7 +330,14 @@ def _width_in(crop: Crop) -> float:
     return WIDE_IN if is_wide(crop) else PANEL_IN
 
 
-def _sides(both: BeforeAfter) -> tuple[tuple[str, Measures], tuple[str, Measures]]:
+def _of_side(side: Side, picture: Picture) -> Picture:
+    """A picture in which frames are pressed where they are on that side."""
+    if picture.clicks is None:
+        return picture
+    return replace(picture, clicks=replace(picture.clicks, side=side))
+
+
+def _sides(both: BeforeAfter) -> tuple[tuple[Side, Measures], tuple[Side, Measures]]:
     return ("before", both.before), ("after", both.after)
 
 
@@ -333,8 +354,11 @@ def _share_beyond(side: Measures, end_m: float) -> float:
 def captioned(picture: Picture, caption_html: str, alt: str) -> str:
     """A picture inside the page, its caption above it."""
     data = base64.b64encode(picture.png).decode("ascii")
+    clicks = ""
+    if picture.clicks is not None:
+        clicks = f'data-clicks="{escape(json.dumps(asdict(picture.clicks)))}" '
     return (
         f"<figure><figcaption>{caption_html}</figcaption>"
-        f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" '
+        f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" {clicks}'
         f'width="{picture.width_px}" height="{picture.height_px}"></figure>'
     )

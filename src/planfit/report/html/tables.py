@@ -57,7 +57,7 @@ def stretch_table(evidence: Evidence) -> str:
     )
     rows = [
         (
-            f"{stretch.frames[0]} to {stretch.frames[1]}",
+            " to ".join(f'<span data-frame="{i}">{i}</span>' for i in stretch.frames),
             formatting.length(stretch.predicted_m),
             str(stretch.n_patches),
             formatting.share(stretch.near_kept_out) if stretch.n_patches else "",

@@ -82,7 +82,7 @@ def _undrawn(wall: UndrawnWall) -> tuple[_Cell, ...]:
 def _unseen(floorplan: Floorplan, face: int) -> tuple[_Cell, ...]:
     """Cells of a face that the scan does not show."""
     x, y = floorplan.ends[face].mean(axis=0)
-    verdict = _Cell("not seen", "not seen")
+    verdict = _Cell(f'<span data-wall="{face}">not seen</span>', "not seen")
     size = _length(float(floorplan.lengths[face]))
     return _NONE, verdict, _NONE, _NONE, _Cell("0", 0), size, _position(float(x), float(y))
 
@@ -90,7 +90,7 @@ def _unseen(floorplan: Floorplan, face: int) -> tuple[_Cell, ...]:
 def _seen(face: SeenFace, has_solved: bool) -> tuple[_Cell, ...]:
     """Cells of a face that the scan shows."""
     cells = (
-        _Cell(str(face.number), face.number),
+        _Cell(f'<span data-wall="{face.face_idx}">{face.number}</span>', face.number),
         _Cell(escape(face.verdict), face.verdict),
         _Cell(formatting.centimetres(face.offset, signed=True), face.offset),
         _Cell(formatting.centimetres(face.mad), face.mad),

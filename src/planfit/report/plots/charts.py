@@ -1,5 +1,7 @@
 """Plots beside the overlay: distances, floor, correction of each frame, walls of the plan."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.ticker import MaxNLocator
@@ -25,6 +27,7 @@ from planfit.report.plots.drawing import (
     UNMATCHED,
     Picture,
     add_axes,
+    clicks_of,
     label_axes,
     new_figure,
     to_picture,
@@ -113,7 +116,7 @@ def floor_map(floorplan: Floorplan | None, side: Measures, crop: Crop, width_in:
     bar.outline.set_visible(False)  # type: ignore[operator]
     bar.set_ticks([-0.2, -0.1, 0.0, 0.1, 0.2], labels=["−0.2", "−0.1", "0", "+0.1", "+0.2"])
     bar.set_label("floor height (m)", fontsize=FONT_PT, color=GREY, labelpad=1)
-    return to_picture(figure)
+    return to_picture(figure, clicks_of("plan", axes))
 
 
 def correction_plot(both: BeforeAfter) -> Picture:
@@ -147,7 +150,10 @@ def correction_plot(both: BeforeAfter) -> Picture:
         add_legend(axes, [(first[0], AFTER, "-"), (second[0], INK, "--"), *gap_entry])
     upper.tick_params(labelbottom=False)
     lower.xaxis.set_major_locator(MaxNLocator(6, integer=True))
-    return to_picture(figure)
+    clicks = clicks_of("frames", lower)
+    left, _, right, bottom = clicks.box
+    top = clicks_of("frames", upper).box[1]
+    return to_picture(figure, replace(clicks, box=(left, top, right, bottom)))
 
 
 def certainty_plot(
@@ -176,7 +182,7 @@ def certainty_plot(
     if verdict.reservations:
         entries.append(("with a reservation", UNMATCHED, "s"))
     add_legend(axes, entries)
-    return to_picture(figure)
+    return to_picture(figure, clicks_of("frames", axes))
 
 
 def _joined(verdict: Verdict) -> list[tuple[int, int]]:
@@ -216,7 +222,7 @@ def wall_map(
                 zorder=6,
             )
     draw_scale(axes, crop)
-    return to_picture(figure)
+    return to_picture(figure, clicks_of("walls", axes))
 
 
 def _medians(

@@ -2,6 +2,7 @@
 
 import io
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +22,27 @@ FONT_PT = 8.5
 DPI = 200
 
 
+Side = Literal["before", "after"]
+"""Of the refinement."""
+
+
+@dataclass(frozen=True)
+class Clicks:
+    """What is where in a picture, so that pressing it can choose a frame or a wall."""
+
+    kind: Literal["frames", "plan", "walls"]
+    """frames: x is the number of a frame; plan, walls: x and y are in the plan frame, m, and what is
+    pressed is the nearest frame, or wall."""
+    box: tuple[float, float, float, float]
+    """The axes as shares of the picture from its upper left: left, top, right, bottom."""
+    x: tuple[float, float]
+    """Values at the left and right rim of the axes."""
+    y: tuple[float, float]
+    """At the lower and upper rim."""
+    side: Side = "after"
+    """Where the frames are that are looked for."""
+
+
 @dataclass(frozen=True)
 class Picture:
     """A PNG and its size."""
@@ -28,6 +50,8 @@ class Picture:
     png: bytes
     width_px: int
     height_px: int
+    clicks: Clicks | None = None
+    """None where nothing can be pressed."""
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -59,11 +83,18 @@ def label_axes(axes: Axes, x: str, y: str) -> None:
         axes.spines[side].set_visible(False)
 
 
-def to_picture(figure: Figure) -> Picture:
+def clicks_of(kind: Literal["frames", "plan", "walls"], axes: Axes) -> Clicks:
+    """Where axes that are set up lie in their picture, and what they measure; for pressing it."""
+    axes.apply_aspect()
+    left, bottom, right, top = (float(v) for v in axes.get_position().extents)
+    return Clicks(kind, (left, 1.0 - top, right, 1.0 - bottom), axes.get_xlim(), axes.get_ylim())
+
+
+def to_picture(figure: Figure, clicks: Clicks | None = None) -> Picture:
     """Render."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     buffer = io.BytesIO()
     image.save(buffer, "PNG", compress_level=6)
-    return Picture(buffer.getvalue(), image.width, image.height)
+    return Picture(buffer.getvalue(), image.width, image.height, clicks)

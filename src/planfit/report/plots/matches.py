@@ -13,6 +13,7 @@ from planfit.report.plots.drawing import (
     UNMATCHED,
     Picture,
     add_axes,
+    clicks_of,
     label_axes,
     new_figure,
     to_picture,
@@ -59,7 +60,7 @@ def loop_closure_map(
     draw_scale(axes, crop)
     entries: list[Entry] = [("loop closure, verified", AFTER, "-")]
     add_legend(axes, entries)
-    return to_picture(figure)
+    return to_picture(figure, clicks_of("plan", axes))
 
 
 def matches_plot(keyframe_idx: Int[np.ndarray, " k"], by_frame: Int[np.ndarray, " k"]) -> Picture:
@@ -78,4 +79,4 @@ def matches_plot(keyframe_idx: Int[np.ndarray, " k"], by_frame: Int[np.ndarray, 
     if len(none):
         entries.append(("none", UNMATCHED, "s"))
     add_legend(axes, entries)
-    return to_picture(figure)
+    return to_picture(figure, clicks_of("frames", axes))

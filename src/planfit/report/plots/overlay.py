@@ -20,6 +20,7 @@ from planfit.report.plots.drawing import (
     PATH,
     Picture,
     add_axes,
+    clicks_of,
     new_figure,
     to_picture,
 )
@@ -129,7 +130,7 @@ def side_picture(
     draw_side(axes, floorplan, both, side, crop)
     for mark in marks:
         draw_mark(axes, mark)
-    return to_picture(figure)
+    return to_picture(figure, clicks_of("plan", axes))
 
 
 def view_figure(crop: Crop, width_in: float, above_in: float) -> tuple[Figure, Axes]:

@@ -1,0 +1,37 @@
+// Frames and walls in the rest of the page: tables and sentences name them, pictures are pressed where they are.
+function linkNames(scene, choose) {
+  const known = { frame: (i) => i < scene.frames.length, wall: (i) => scene.wallOfFace[i] !== undefined };
+  for (const kind of ["frame", "wall"])
+    for (const name of document.querySelectorAll(`[data-${kind}]:not(img)`)) {
+      const number = Number(name.dataset[kind]);
+      if (!known[kind](number)) continue;
+      const button = document.createElement("button");
+      Object.assign(button, { type: "button", className: "view-link", textContent: name.textContent });
+      button.title = `show this ${kind}`;
+      button.addEventListener("click", () => choose[kind](kind === "wall" ? scene.wallOfFace[number] : number));
+      name.replaceChildren(button);
+    }
+}
+
+// What a picture's pixel means is told by its data-clicks: the box of its axes as shares of the picture
+// (left, top, right, bottom), and the values at their rims.
+function linkPictures(scene, choose) {
+  for (const picture of document.querySelectorAll("img[data-clicks]")) {
+    const { kind, box, x, y, side } = JSON.parse(picture.dataset.clicks);
+    picture.classList.add("view-pressable");
+    picture.title = kind === "walls" ? "press a wall to see its points" : "press to see the frame";
+    picture.addEventListener("click", (event) => {
+      const rim = picture.getBoundingClientRect();
+      const u = ((event.clientX - rim.left) / rim.width - box[0]) / (box[2] - box[0]);
+      const v = ((event.clientY - rim.top) / rim.height - box[1]) / (box[3] - box[1]);
+      if (u < -0.02 || u > 1.02 || v < -0.02 || v > 1.02) return;
+      const along = x[0] + u * (x[1] - x[0]);
+      if (kind === "frames") return choose.frame(Math.max(0, Math.min(scene.frames.length - 1, Math.round(along))));
+      const [px, py] = [along - scene.origin[0], y[1] + v * (y[0] - y[1]) - scene.origin[1]];
+      const wall = kind === "walls" ? nearestWall(scene, px, py, 0.04 * (x[1] - x[0])) : null;
+      if (wall !== null) return choose.wall(wall);
+      const frame = nearestFrame(scene, px, py, side === "after" ? 1 : 0);
+      if (frame !== null) choose.frame(frame);
+    });
+  }
+}

@@ -1,0 +1,166 @@
+"""From a result and a sample of its points to the scene of the 3D view."""
+
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from planfit.adjust.uncertainty import radius_95
+from planfit.floorplan.nearest_faces import nearest_distance
+from planfit.geometry import se3
+from planfit.pipeline.result import RefineResult
+from planfit.report import formatting
+from planfit.report.plots.top_view import find_gaps
+from planfit.report.scene.scene import FAR_M, Scene, SceneFrame, ScenePoints
+from planfit.report.scene.walls import scene_walls
+from planfit.scan import Scan
+from planfit.segmentation import NO_STOREY
+
+_OVER_CAMERAS_M = 0.4
+"""Points higher than this over the highest camera are hidden at first: a ceiling, as a rule."""
+_STEP_M, _TURN_RAD = 0.6, 0.6
+"""A camera is drawn this far from the one drawn before it, or turned by this much: nearer ones hide each
+other."""
+_EDGE_PERCENT = 0.5
+"""Share of the points on either side that what is seen first need not hold: strays through windows."""
+
+
+def make_scene(
+    scan: Scan,
+    result: RefineResult,
+    points_cam: Float[np.ndarray, "m 3"],
+    colors: UInt8[np.ndarray, "m 3"],
+    start: Int[np.ndarray, " starts"],
+    pictures: Mapping[int, bytes],
+) -> Scene:
+    """The scene of a run.
+
+    Args:
+        scan: that was refined.
+        result: of `planfit.refine`.
+        points_cam: a sample of its points, m, in the axes of the cameras that saw them, frame by frame.
+        colors: RGB of each.
+        start: (n + 1,), points of frame i are start[i]:start[i + 1].
+        pictures: JPEGs of some frames, by frame.
+    """
+    sides = (result.initial_plan_from_cams, result.plan_from_cams)
+    placed = [_placed(points_cam, start, poses) for poses in sides]
+    bounds = _bounds(placed[1], result.plan_from_cams[:, :3, 3])
+    plan = result.floorplan if result.alignment is not None else None
+    distances = None
+    if plan is not None:
+        distances = np.stack([_plan_distances(result, points, start) for points in placed])
+    is_placed = np.ones(len(scan), dtype=bool)
+    for first, last in result.evidence.unplaced:
+        is_placed[first : last + 1] = False
+    return Scene(
+        origin=bounds.mean(axis=0).round(3),
+        bounds=bounds,
+        cut_m=float(result.plan_from_cams[:, 2, 3].max()) + _OVER_CAMERAS_M,
+        before=sides[0],
+        after=sides[1],
+        points=ScenePoints(points_cam, colors, start, distances),
+        frames=_frames(scan, result, is_placed),
+        is_placed=is_placed,
+        keyframe_idx=_drawn_cameras(result),
+        walls=() if plan is None else scene_walls(plan, result, bounds),
+        pictures=pictures,
+    )
+
+
+def _placed(
+    points_cam: Float[np.ndarray, "m 3"],
+    start: Int[np.ndarray, " starts"],
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+) -> Float[np.ndarray, "m 3"]:
+    runs = zip(plan_from_cams, start[:-1], start[1:], strict=True)
+    parts = [se3.transform(pose, points_cam[first:last]) for pose, first, last in runs]
+    return np.concatenate([np.zeros((0, 3)), *parts])
+
+
+def _bounds(
+    points: Float[np.ndarray, "m 3"], centres: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "2 3"]:
+    """Corners (m) of a box around the cameras and all points but strays."""
+    corners = [centres.min(axis=0), centres.max(axis=0)]
+    if len(points):
+        corners += list(np.percentile(points, [_EDGE_PERCENT, 100 - _EDGE_PERCENT], axis=0))
+    return np.stack([np.min(corners, axis=0), np.max(corners, axis=0)])
+
+
+def _plan_distances(
+    result: RefineResult, points: Float[np.ndarray, "m 3"], start: Int[np.ndarray, " starts"]
+) -> Float[np.ndarray, " m"]:
+    """Distance (m) of points to the nearest face from above, of their own storey where there are several; no
+    more than `FAR_M`."""
+    plan, storeys = result.floorplan, result.structure.storeys
+    assert plan is not None
+    distances = np.full(len(points), FAR_M)
+    low, high = plan.ends.min(axis=1) - FAR_M, plan.ends.max(axis=1) + FAR_M
+    for i, (first, last) in enumerate(itertools.pairwise(start)):
+        if first == last:
+            continue
+        # Faces near the points of one frame are a tenth of a building's.
+        xy = points[first:last, :2]
+        near = np.all((low <= xy.max(axis=0)) & (high >= xy.min(axis=0)), axis=1)
+        if plan.storeys is not None and storeys is not None:
+            near &= plan.storeys == storeys[i]
+        found = nearest_distance(xy, plan.ends[near])
+        distances[first:last] = np.minimum(found, FAR_M)
+    return distances
+
+
+def _frames(scan: Scan, result: RefineResult, is_placed: np.ndarray) -> tuple[SceneFrame, ...]:
+    correction = se3.difference(result.plan_from_cams, result.initial_plan_from_cams)
+    moved_m = np.linalg.norm(correction[:, 3:], axis=1)
+    turned_deg = np.rad2deg(np.linalg.norm(correction[:, :3], axis=1))
+    radius_m = radius_95(result.evidence.pose_covariances[:, 3:, 3:])
+    gaps = set((find_gaps(result.plan_from_cams[:, :3, 3]) + 1).tolist())
+    floors = _floors_m(result)
+    has_times = not np.array_equal(scan.timestamps, np.round(scan.timestamps))
+    frames = []
+    for i, camera in enumerate(scan.cameras):
+        predicted = f"{formatting.centimetres(float(radius_m[i]))} (95 %)"
+        if not is_placed[i]:
+            predicted = "nothing says where it stands"
+        since = float(scan.timestamps[i] - scan.timestamps[0])
+        frames.append(
+            SceneFrame(
+                name=scan.frame_ids[i],
+                time=f"{since:.1f}{formatting.SPACE}s after the first" if has_times else "",
+                moved=f"{formatting.centimetres(float(moved_m[i]))}, "
+                f"{turned_deg[i]:.2f}{formatting.SPACE}deg",
+                predicted=predicted,
+                tangents=(camera.width / 2 / camera.fx, camera.height / 2 / camera.fy),
+                floor_m=float(floors[i]),
+                is_after_gap=i in gaps,
+            )
+        )
+    return tuple(frames)
+
+
+def _drawn_cameras(result: RefineResult) -> Int[np.ndarray, " k"]:
+    """Of the frames that were solved for, those that stand or look elsewhere than the last one taken."""
+    drawn: list[int] = []
+    for i in result.solved_frame_idx.tolist():
+        if drawn:
+            step = se3.inverse(result.plan_from_cams[drawn[-1]]) @ result.plan_from_cams[i]
+            turned = float(se3.rotation_angle(step[:3, :3]))
+            if np.linalg.norm(step[:3, 3]) < _STEP_M and turned < _TURN_RAD:
+                continue
+        drawn.append(i)
+    return np.array(drawn, dtype=int)
+
+
+def _floors_m(result: RefineResult) -> Float[np.ndarray, " n"]:
+    """Height of the floor under each frame, m; on stairs, that of the storey walked last."""
+    floors = np.zeros(len(result.plan_from_cams))
+    if result.storeys is None:
+        return floors
+    last = 0.0
+    for i, storey in enumerate(result.storeys.of_frames):
+        if storey != NO_STOREY:
+            last = result.storeys.walked[int(storey)].floor_m
+        floors[i] = last
+    return floors

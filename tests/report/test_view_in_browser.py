@@ -1,0 +1,414 @@
+"""The 3D view in a real browser without a network: what is pressed is shown, and stands where it should."""
+
+import io
+import shutil
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from planfit.report import make_report
+from report.scenes import BLUE, GREEN, RED, room_report, room_scene
+from test_report import DEPTH, OFFSET, WIDTH, make_result
+
+webdriver = pytest.importorskip("selenium.webdriver", reason="no selenium to drive a browser with")
+from selenium.common.exceptions import WebDriverException  # noqa: E402
+from selenium.webdriver.chrome.service import Service  # noqa: E402
+from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
+from selenium.webdriver.common.by import By  # noqa: E402
+from selenium.webdriver.common.keys import Keys  # noqa: E402
+
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+DRIVER = shutil.which("chromedriver")
+pytestmark = pytest.mark.skipif(
+    BROWSER is None or DRIVER is None, reason="no Chromium with its driver to open the report with"
+)
+OFFSETS = (0.0, 0.0, 0.07, -0.12)
+VIEW_HEIGHT = 1.1
+"""Of the drawing from above, in heights of what is to be seen."""
+FLAGS = (
+    "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--no-first-run", "--disable-quic", "--disable-background-networking", "--disable-component-update",
+    "--disable-sync", "--host-resolver-rules=MAP * ~NOTFOUND", "--force-prefers-reduced-motion",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def browser():
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for flag in FLAGS:
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    try:
+        driver = webdriver.Chrome(options=options, service=Service(DRIVER))
+    except WebDriverException as error:
+        pytest.skip(f"Chromium cannot be driven here: {error.msg}")
+    driver.set_script_timeout(60)
+    driver.execute_cdp_cmd("Network.enable", {})
+    driver.execute_cdp_cmd(
+        "Network.emulateNetworkConditions",
+        {"offline": True, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0},
+    )
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    """Its page, and the scene that it shows."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("planfit.report.scene.encode._FIRST_POINTS", 800)
+        patch.setattr("planfit.report.scene.encode._LEVEL_POINTS", 2500)  # five levels in all
+        html, scene = room_report(offsets=OFFSETS, max_pictures=6)
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    path.write_text(html, encoding="utf-8")
+    return path, scene
+
+
+@pytest.fixture
+def view(browser, report):
+    return open_page(browser, *report, (1200, 900))
+
+
+def open_page(browser, path, scene, size):
+    width, height = size
+    browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500},
+    )
+    browser.get(path.as_uri())
+    return ViewPage(browser, scene)
+
+
+class ViewPage:
+    """The page as a person uses it."""
+
+    def __init__(self, browser, scene):
+        self.browser, self.scene = browser, scene
+        self.wait_for("document.getElementById('view').dataset.state === 'ready'")
+        self.find("canvas")
+        self.browser.execute_script("document.getElementById('view').scrollIntoView()")
+
+    def wait_for(self, condition, seconds=30):
+        end = time.monotonic() + seconds
+        while not self.browser.execute_script(f"return {condition}"):
+            assert time.monotonic() < end, f"{condition}: {self.browser.get_log('browser')}"
+            time.sleep(0.05)
+
+    def find(self, selector):
+        return self.browser.find_element(By.CSS_SELECTOR, selector)
+
+    def press(self, selector):
+        self.browser.execute_script("arguments[0].click()", self.find(selector))
+
+    def choose_color(self, words):
+        for option in self.browser.find_elements(By.CSS_SELECTOR, ".view-color option"):
+            if option.text == words:
+                option.click()
+                return
+        raise AssertionError(f"no colour {words}")
+
+    def pixels(self):
+        """What the canvas shows once all is drawn, (h, w, 3)."""
+        self.browser.execute_script("document.querySelector('.view-stage').scrollIntoView()")
+        self.browser.execute_async_script(
+            "const done = arguments[0]; setTimeout(() => requestAnimationFrame(() => "
+            "requestAnimationFrame(() => done())), 300)"
+        )
+        picture = self.find(".view-stage canvas").screenshot_as_png
+        return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
+
+    def from_above(self, with_walls=False):
+        """Drawn as a plan; without walls and path, so that points alone have colours."""
+        self.press(".view-above")
+        for name in () if with_walls else ("walls", "path"):
+            self.press(f".view-{name}")
+
+    def metres_of(self, mask):
+        """Mean x and y, plan frame, m, of pixels of the drawing from above."""
+        v, u = np.nonzero(mask)
+        h, w = mask.shape
+        at = self.scale(h, w)
+        middle = self.scene.bounds.mean(axis=0)
+        return middle[0] + (u.mean() + 0.5 - w / 2) * at, middle[1] - (v.mean() + 0.5 - h / 2) * at
+
+    def pixel_of(self, x, y):
+        """From the middle of the canvas, where a point of the plan is drawn from above, px."""
+        size = self.find(".view-stage canvas").size
+        at = self.scale(size["height"], size["width"])
+        middle = self.scene.bounds.mean(axis=0)
+        return round((x - middle[0]) / at), round((middle[1] - y) / at)
+
+    def scale(self, height, width):
+        """Metres of a pixel."""
+        across, up, _ = self.scene.bounds[1] - self.scene.bounds[0]
+        return VIEW_HEIGHT * max(across * height / width, up) / height
+
+    def press_plan(self, x, y):
+        self.browser.execute_script("document.querySelector('.view-stage').scrollIntoView()")
+        canvas = self.find(".view-stage canvas")
+        ActionChains(self.browser).move_to_element_with_offset(
+            canvas, *self.pixel_of(x, y)
+        ).click().perform()
+
+    @property
+    def card(self):
+        card = self.find(".view-card")
+        return card.text if card.is_displayed() else ""
+
+
+def near(pixels, color):
+    return np.abs(pixels - color).max(axis=2) < 12
+
+
+def changed(a, b):
+    """Share of the pixels with anything on them that differ."""
+    differs = np.abs(a - b).max(axis=2) > 8
+    return differs.sum() / max(((a.min(axis=2) < 250) | (b.min(axis=2) < 250)).sum(), 1)
+
+
+def press_picture(view, alt, x, y):
+    """At values of the axes."""
+    return view.browser.execute_script(
+        "const [alt, x, y] = arguments, image = document.querySelector(`img[alt='${alt}']`);"
+        "const c = JSON.parse(image.dataset.clicks), r = image.getBoundingClientRect();"
+        "const at = (v, [a, b]) => (v - a) / (b - a);"
+        "const u = c.box[0] + at(x, c.x) * (c.box[2] - c.box[0]);"
+        "const v = c.box[3] - at(y, c.y) * (c.box[3] - c.box[1]);"
+        "image.dispatchEvent(new MouseEvent('click',"
+        " {clientX: r.left + u * r.width, clientY: r.top + v * r.height, bubbles: true}));",
+        alt, x, y,
+    )  # fmt: skip
+
+
+def test_page_needs_no_network_and_has_no_errors(view):
+    assert int(view.find("#view").get_attribute("data-points")) == len(view.scene.points.points_cam)
+    asked = view.browser.execute_script(
+        "return performance.getEntriesByType('resource').map((e) => e.name)"
+    )
+    assert [name for name in asked if not name.startswith(("data:", "blob:"))] == []
+    assert view.find(".view-note").text == ""
+    assert view.browser.get_log("browser") == []
+
+
+def test_points_stand_in_the_plan_before_and_after(view):
+    """Red is the wall x = WIDTH, green y = DEPTH, blue x = 0."""
+    view.from_above()
+    for side, offset in (("after", 0 * OFFSET), ("before", OFFSET)):
+        view.press(f"input[value={side}]")
+        pixels = view.pixels()
+        assert view.metres_of(near(pixels, RED & np.int64(0xFC)))[0] == pytest.approx(
+            WIDTH - OFFSETS[1] + offset[0], abs=0.015
+        )
+        assert view.metres_of(near(pixels, GREEN & np.int64(0xFC)))[1] == pytest.approx(
+            DEPTH - OFFSETS[2], abs=0.015
+        )
+        assert view.metres_of(near(pixels, BLUE & np.int64(0xFC)))[0] == pytest.approx(
+            OFFSETS[3] + offset[0], abs=0.015
+        )
+
+
+def test_wipe_shows_before_on_the_left_and_after_on_the_right(view):
+    view.press(".view-walls")
+    view.press("input[value=before]")
+    before = view.pixels()
+    view.press("input[value=after]")
+    after = view.pixels()
+    assert changed(before, after) > 0.3
+    view.press("input[value=wipe]")
+    view.browser.execute_script(
+        "const wipe = document.querySelector('.view-wipe'); wipe.value = 0.4;"
+        "wipe.dispatchEvent(new Event('input'))"
+    )
+    both = view.pixels()
+    middle = slice(60, -40)  # clear of the words above and the handle below
+    split = round(0.4 * both.shape[1])
+    assert np.array_equal(both[middle, : split - 2], before[middle, : split - 2])
+    assert np.array_equal(both[middle, split + 2 :], after[middle, split + 2 :])
+
+
+def test_each_colour_is_another_and_says_what_it_means(view):
+    view.press(".view-walls")
+    seen = [view.pixels()]
+    for words, legend in (
+        ("height", "m"), ("distance to the plan", "on the plan"), ("time", "first frame")
+    ):  # fmt: skip
+        view.choose_color(words)
+        assert legend in view.find(".view-legend").text
+        seen.append(view.pixels())
+        for other in seen[:-1]:
+            assert changed(other, seen[-1]) > 0.2
+
+
+def test_distance_to_the_plan_is_blue_on_it_and_grey_far_away(view):
+    view.from_above()
+    view.choose_color("distance to the plan")
+    after = view.pixels()
+    assert near(after, (0, 115, 179)).sum() > 500  # walls 0 and 1 are where they are drawn
+    view.press("input[value=before]")
+    before = view.pixels()
+    # All is 0.3 m off along x: walls 1 and 3, at the ends of x.
+    assert near(before, (0, 115, 179)).sum() < near(after, (0, 115, 179)).sum()
+    assert near(before, (214, 94, 0)).sum() > 200
+
+
+def test_pressing_a_camera_shows_its_image_and_where_it_stands(view):
+    view.press(".view-above")
+    x, y, z = view.scene.after[7][:3, 3]
+    view.press_plan(x, y)
+    assert view.card.startswith(("Frame 7", "\u00d7\nFrame 7"))
+    assert f"x {x:.2f}, y {y:.2f}, height {z:.2f} m" in view.card
+    assert "30.0 cm" in view.card
+    image = view.find(".view-card img")
+    assert image.get_attribute("data-frame") == "7"
+    assert view.browser.execute_script("return arguments[0].naturalWidth", image) == 80
+    view.press(".view-card button[aria-label='next frame']")
+    assert "Frame 8" in view.card
+    assert (
+        "this is frame 9, the nearest" in view.card or "this is frame 7, the nearest" in view.card
+    )
+    view.press(".view-card button[aria-label=close]")
+    assert view.card == ""
+
+
+def test_pressing_a_wall_shows_its_offset_and_its_points(view):
+    view.from_above(with_walls=True)
+    without = view.pixels()
+    view.press_plan(0.0, DEPTH / 2)
+    assert "Wall No. 4 of the plan" in view.card
+    assert "\u221212.0 cm" in view.card
+    assert "displaced by 12.0 cm into the wall" in view.card
+    pixels = view.pixels()
+    # Points of the wall go from blue towards grey at 12 of 20 cm behind it; all others fade.
+    assert changed(without, pixels) > 0.2
+    assert near(pixels, RED & np.int64(0xFC)).sum() == 0
+    assert (
+        pixels[:, : pixels.shape[1] // 2, 2] - pixels[:, : pixels.shape[1] // 2, 0] > 60
+    ).sum() > 50
+
+
+def test_frames_and_walls_are_pressed_in_tables_and_plots(view):
+    view.press("[data-wall='2'] button")
+    assert "+7.0 cm" in view.card
+    view.browser.execute_script("document.querySelector('footer').scrollIntoView()")
+    view.press("[data-frame] button")
+    assert "Frame " in view.card
+    card = view.find(".view-card")
+    view.wait_for("document.querySelector('.view-card').classList.contains('is-away')")
+    assert card.rect["y"] > 0  # inside the window, though the view is not
+
+    press_picture(view, "Predicted error of each frame", 5.2, 0.0)
+    assert "Frame 5" in view.card
+    press_picture(view, "Matched points of each frame", 3.0, 0.0)
+    assert "Frame 3" in view.card
+    press_picture(view, "Verified loop closures from above", *view.scene.after[10][:2, 3])
+    assert "Frame 10" in view.card
+    press_picture(view, "Walls of the plan by agreement with the scan", 4.0, DEPTH)
+    assert "+7.0 cm" in view.card
+    assert view.browser.get_log("browser") == []
+
+
+def test_keys_turn_toggle_and_step(view):
+    canvas = view.find(".view-stage canvas")
+    seen = [view.pixels()]
+    for key in (Keys.ARROW_LEFT, Keys.ARROW_UP, Keys.SHIFT + Keys.ARROW_RIGHT, "+", "-", "b", "c"):
+        canvas.send_keys(key)
+        seen.append(view.pixels())
+        assert changed(seen[-2], seen[-1]) > 0.1, key
+    canvas.send_keys("..")
+    assert "Frame 1" in view.card
+    canvas.send_keys(",")
+    assert "Frame 0" in view.card
+    canvas.send_keys(Keys.ESCAPE)
+    assert view.card == ""
+
+
+def test_cut_hides_what_is_higher(view):
+    view.press(".view-walls")
+    view.press(".view-path")
+    whole = view.pixels()
+    view.browser.execute_script(
+        "const cut = document.querySelector('.view-cut'); cut.value = cut.min;"
+        "cut.dispatchEvent(new Event('input'))"
+    )
+    assert (view.pixels().min(axis=2) < 250).sum() < 0.2 * (whole.min(axis=2) < 250).sum()
+
+
+def test_phone_turns_and_pinches_and_nothing_is_cut_off(browser, report):
+    view = open_page(browser, *report, (390, 844))
+    page = browser.execute_script(
+        "return [document.documentElement.scrollWidth, document.querySelector('canvas').clientWidth]"
+    )
+    assert page[0] <= 390
+    assert page[1] > 340
+    seen = [view.pixels()]
+    rim = browser.execute_script(
+        "const r = document.querySelector('canvas').getBoundingClientRect(); return [r.left, r.top]"
+    )
+
+    def touch(kind, *fingers):
+        points = [{"x": rim[0] + x, "y": rim[1] + y, "id": i} for i, (x, y) in enumerate(fingers)]
+        browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    touch("touchStart", (100, 100))
+    touch("touchMove", (180, 130))
+    touch("touchEnd")
+    seen.append(view.pixels())
+    touch("touchStart", (100, 100), (160, 160))
+    touch("touchMove", (60, 60), (220, 220))
+    touch("touchEnd")
+    seen.append(view.pixels())
+    assert changed(seen[0], seen[1]) > 0.3
+    assert changed(seen[1], seen[2]) > 0.3
+    view.press("[data-wall='2'] button")
+    card = view.find(".view-card").rect
+    assert card["x"] >= 0
+    assert card["x"] + card["width"] <= 390
+
+
+def test_plots_of_before_find_frames_where_they_were(view):
+    """At a point whose nearest camera is another before than after."""
+    before, after = view.scene.before[:, :2, 3], view.scene.after[:, :2, 3]
+    points = np.stack(np.meshgrid(np.linspace(2, 6, 9), np.linspace(1.5, 4.5, 9)), axis=-1).reshape(
+        -1, 2
+    )
+    apart = [np.linalg.norm(points[:, None] - side, axis=2) for side in (before, after)]
+    nearest = [a.argmin(axis=1) for a in apart]
+    margin = np.min([np.diff(np.sort(a, axis=1)[:, :2], axis=1)[:, 0] for a in apart], axis=0)
+    k = int(np.where(nearest[0] != nearest[1], margin, -1.0).argmax())
+    assert margin[k] > 0.1
+    for name, expected in zip(("before", "after"), nearest, strict=True):
+        press_picture(view, f"Wall points {name}, from above", *(float(v) for v in points[k]))
+        assert f"Frame {expected[k]} " in view.card
+
+
+def test_without_a_plan_the_scan_alone_is_shown(browser, tmp_path):
+    scene, result = room_scene(result=replace(make_result(), alignment=None, floorplan=None))
+    path = tmp_path / "report.html"
+    path.write_text(make_report("room", None, result, "", scene=scene), encoding="utf-8")
+    view = open_page(browser, path, scene, (1200, 900))
+    words = [o.text for o in browser.find_elements(By.CSS_SELECTOR, ".view-color option")]
+    assert words == ["image", "height", "time"]
+    seen = [view.pixels()]
+    for step in ("input[value=before]", ".view-above", ".view-path"):
+        view.press(step)
+        seen.append(view.pixels())
+        assert changed(seen[-2], seen[-1]) > 0.02, step
+    assert browser.get_log("browser") == []
+
+
+def test_without_webgl_the_rest_of_the_page_works(browser, report, tmp_path):
+    path, _ = report
+    page = tmp_path / "report.html"
+    blind = "<script>HTMLCanvasElement.prototype.getContext = () => null;</script>"
+    page.write_text(path.read_text().replace("<body>", f"<body>{blind}", 1))
+    browser.get(page.as_uri())
+    section = browser.find_element(By.ID, "view")
+    assert section.get_attribute("data-state") == "failed"
+    assert "no WebGL 2" in section.find_element(By.CSS_SELECTOR, ".view-note").text
+    button = browser.find_element(By.CSS_SELECTOR, "[data-frame] button")
+    browser.execute_script("arguments[0].click()", button)
+    assert browser.find_element(By.CSS_SELECTOR, ".view-card").is_displayed()
