@@ -130,7 +130,8 @@ def group_of(
                 value,
                 said,
                 tuple(a for m in marks for a in getattr(m, "aliases", None) or ()),
-                any(m in tyro.conf.Positional[int].__metadata__ for m in marks),
+                any(m in tyro.conf.Positional[int].__metadata__ for m in marks)
+                or bool(field.metadata.get("is_positional")),
                 default is None and field.default_factory is not dataclasses.MISSING,
                 not any(m in tyro.conf.FlagCreatePairsOff[bool].__metadata__ for m in marks),
                 next((m.metavar for m in marks if getattr(m, "metavar", None)), ""),

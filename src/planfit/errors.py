@@ -8,6 +8,7 @@ PlanfitError
 """
 
 import dataclasses
+import difflib
 import math
 import unicodedata
 from collections.abc import Iterable, Iterator
@@ -93,6 +94,18 @@ def each_told_as(
             except StopIteration:
                 return
         yield item
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """`did you mean 'refine'?`, of the known word that is most like another; empty where none is like it.
+
+    Of dotted names, one that ends as the word does comes first: `walls.weight` is `adjust.walls.weight`.
+    """
+    names = list(known)
+    tail = word.lstrip("-").replace("_", "-")
+    ends = [name for name in names if tail and name.replace("_", "-").endswith(f".{tail}")]
+    close = ends or difflib.get_close_matches(word, names, n=1, cutoff=0.6)
+    return f"did you mean {min(close, key=len)!r}?" if close else ""
 
 
 def require(is_met: bool, message: str) -> None:
