@@ -32,7 +32,7 @@ function __planfit_words
     set -l before (commandline -opc)
     set -l found (planfit __complete $before[2..] (commandline -ct) 2>/dev/null | string match -v '')
     if set -q found[1]
-        string join \\n $found
+        printf '%s\\n' $found
     else
         __fish_complete_path (commandline -ct)
     end

@@ -31,15 +31,15 @@ class Console(RichConsole):
         super().__init__(stderr=stderr, highlight=False, markup=False, emoji=False)
         self.speech = USUAL
         """How much is said; see `speaking_as`."""
-        self.log: RichConsole | None = None
+        self.copy: RichConsole | None = None
         """What is printed goes there as well."""
 
     def print(self, *objects: Any, **how: Any) -> None:
         """As rich does, without control characters in text."""
         safe = [printable(o, keep="\n") if isinstance(o, str) else o for o in objects]
         super().print(*safe, **how)
-        if self.log is not None:
-            self.log.print(*safe, **how)
+        if self.copy is not None:
+            self.copy.print(*safe, **how)
 
     def on_broken_pipe(self) -> None:
         """Called while `BrokenPipeError` is handled; rich would exit with code 1 here."""
@@ -63,7 +63,7 @@ def speaking_as(speech: Speech) -> Iterator[None]:
     logger = logging.getLogger("planfit")
     level = logger.level
     for console in (out, err):
-        console.speech, console.log = speech, log
+        console.speech, console.copy = speech, log
     out.quiet = speech.is_quiet
     for handler in handlers:
         logger.addHandler(handler)
@@ -72,7 +72,7 @@ def speaking_as(speech: Speech) -> Iterator[None]:
         yield
     finally:
         for console in (out, err):
-            console.speech, console.log = USUAL, None
+            console.speech, console.copy = USUAL, None
         out.quiet = False
         logger.setLevel(level)
         for handler in handlers:
@@ -122,8 +122,8 @@ class StageBars:
         line = f"{time.strftime('%H:%M:%S')} {stage}: {time.perf_counter() - begin:.2f} s"
         if err.speech.is_verbose:
             err.print(line)
-        elif err.log is not None:
-            err.log.print(line)
+        elif err.copy is not None:
+            err.copy.print(line)
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str | Text]]) -> Table:
