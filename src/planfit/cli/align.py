@@ -21,6 +21,7 @@ from planfit.pipeline.options import RefineOptions
 from planfit.report import draw_alignment
 from planfit.runtime import Runtime
 from planfit.scan import ScanOptions, read_scan
+from planfit.whole_files import write_whole
 
 
 @dataclass(frozen=True)
@@ -119,24 +120,18 @@ def _claim(folder: Path) -> Path:
 def _write(
     folder: Path, floorplan: Floorplan, walls: WallSamples, alignment: Alignment
 ) -> list[Path]:
-    """alignment.json and the pictures; each through a temporary name."""
+    """alignment.json and the pictures, each whole or not at all."""
     for old in folder.glob("candidate_*.png"):
         old.unlink()
     pictures = []
     for i, hypothesis in enumerate(alignment.candidates, start=1):
         path = folder / f"candidate_{i}.png"
         plan = metric_plan(floorplan, hypothesis.scale_xy)
-        _replace(path, draw_alignment(plan, walls, hypothesis, _title(i, hypothesis, floorplan)))
+        write_whole(path, draw_alignment(plan, walls, hypothesis, _title(i, hypothesis, floorplan)))
         pictures.append(path)
     text = json.dumps(to_record(floorplan, alignment), indent=1)
-    _replace(folder / "alignment.json", text.encode())
+    write_whole(folder / "alignment.json", text)
     return pictures
-
-
-def _replace(path: Path, data: bytes) -> None:
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(data)
-    temporary.replace(path)
 
 
 def _title(number: int, hypothesis: AlignmentHypothesis, floorplan: Floorplan) -> str:

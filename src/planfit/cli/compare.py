@@ -20,6 +20,7 @@ from planfit.report.comparison_words import local_in_words, whole_in_words
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime
+from planfit.whole_files import write_whole
 
 PAGE, RECORD = "comparison.html", "comparison.json"
 
@@ -80,8 +81,8 @@ def compare_command(arguments: CompareArguments) -> int:
             what = Compared(Path(pair.scan.name).name, str(arguments.a), pair.name_b, plan)
             cloud = _cloud(pair, comparison, runtime)
             page = make_comparison(what, comparison, cloud, pair.notes)
-            _replace(folder / PAGE, page)
-            _replace(folder / RECORD, json.dumps(record, indent=1, allow_nan=False) + "\n")
+            write_whole(folder / PAGE, page)
+            write_whole(folder / RECORD, json.dumps(record, indent=1, allow_nan=False) + "\n")
     if arguments.json:
         out.print_json(json.dumps(record, allow_nan=False))
     else:
@@ -187,12 +188,6 @@ def _claim(folder: Path, overwrite: bool) -> Path:
             )
     folder.mkdir(parents=True, exist_ok=True)
     return folder
-
-
-def _replace(path: Path, text: str) -> None:
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
 
 
 def _tell(name_a: str, pair: Pair, comparison: Comparison, folder: Path | None) -> None:

@@ -18,6 +18,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from planfit.errors import OutputError
+from planfit.whole_files import PART, write_whole
 
 RECORD = "run.json"
 _CACHE = "cache"
@@ -154,7 +155,7 @@ def _check_owner(path: Path, inputs: dict[str, str], overwrite: bool) -> None:
 
     A run is told by the paths of its scan and plan: the same files may have changed since.
     """
-    ours = {_CACHE, _OWNER, _LOCK, _STAGING, _READY, f"{_OWNER}.part"}
+    ours = {_CACHE, _OWNER, _LOCK, _STAGING, _READY, f"{_OWNER}{PART}"}
     if not {item.name for item in path.iterdir()} - ours:
         return  # nothing yet, or a run that never finished
     owner = _owner(path).get("inputs") or _recorded_inputs(path)
@@ -198,10 +199,7 @@ def _owner(path: Path) -> dict[str, Any]:
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    """Whole or not at all."""
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(json.dumps(content, indent=1))
-    part.replace(path)
+    write_whole(path, json.dumps(content, indent=1))
 
 
 def _unwritable(path: Path, error: OSError) -> OutputError:

@@ -11,6 +11,7 @@ from planfit.geometry.calibration import PARAMETERS, SensorCalibration
 from planfit.geometry.camera import Camera
 from planfit.scan.types import Scan
 from planfit.scan.views import calibrated_scan
+from planfit.whole_files import write_whole
 
 FORMAT, VERSION = "planfit-sensor", 1
 MAX_FOCAL_SHARE = 0.05
@@ -29,7 +30,7 @@ def write_calibration(
         camera: the device's first one, as its files say, by which another device is noticed.
 
     Raises:
-        OSError: the file cannot be written.
+        OutputError: the file cannot be written.
     """
     content = {
         "format": FORMAT,
@@ -38,7 +39,7 @@ def write_calibration(
         "sigmas": {name: sigmas[name] for name in PARAMETERS},
         "camera": asdict(camera),
     }
-    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def take_calibration(scan: Scan, path: Path) -> Scan:
