@@ -5,6 +5,7 @@ A file that was cut, flipped or written by another program is no file: its items
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,8 @@ def write_chunk(path: Path, items: list[Arrays]) -> None:
         *(a.tobytes() for _, _, a in arrays),
     ]
     kept = "free disk space and run again, finished work is kept"
-    with whole_file(path, kept) as part, part.open("wb") as file:
+    # Processes that share a cache may write the same file at the same time: any of theirs may stay.
+    with whole_file(path, kept, f".{os.getpid()}") as part, part.open("wb") as file:
         file.write(_MAGIC + _digest(parts))
         file.writelines(parts)
 

@@ -17,18 +17,19 @@ PART = ".part"
 
 @contextmanager
 def whole_file(
-    path: Path, advice: str = "free disk space or choose another place"
+    path: Path, advice: str = "free disk space or choose another place", writer: str = ""
 ) -> Iterator[Path]:
     """A path to write a file to, which becomes `path` on leaving.
 
     Args:
         path: the file; its folder is made if it is not there. One that is there is replaced.
         advice: what is to be done where it cannot be written.
+        writer: who writes, where several may write the same file at the same time.
 
     Raises:
         OutputError: it cannot be written (a full disk, say).
     """
-    part = path.with_name(path.name + PART)
+    part = path.with_name(path.name + writer + PART)
     with _told(path, part, advice):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:

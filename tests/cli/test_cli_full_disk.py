@@ -1,4 +1,4 @@
-"""Where a disk is full, a process stopped or a library fails, nothing half stays and old files stay as before."""
+"""Where a disk is full or a process stopped, nothing half stays, and what was there before is as it was."""
 
 import signal
 from collections.abc import Iterator

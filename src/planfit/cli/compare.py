@@ -12,6 +12,7 @@ import tyro
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.compare_inputs import Given, Pair, read_pair
 from planfit.cli.console import StageBars, note, out, table
+from planfit.cli.run_record import cache_of
 from planfit.errors import OutputError, require
 from planfit.evaluation import CompareOptions, Comparison, Metric, Witness, compare
 from planfit.export.cloud import place_cloud, sample_cloud
@@ -70,9 +71,7 @@ def compare_command(arguments: CompareArguments) -> int:
         arguments.plan, arguments.plan_flags.options,
     )  # fmt: skip
     with StageBars() as bars:
-        has_cache = (arguments.a / "run.json").exists()
-        cache = arguments.a / "cache" if has_cache else None
-        runtime = Runtime(arguments.workers, cache, bars.update)
+        runtime = Runtime(arguments.workers, cache_of(arguments.a), bars.update)
         pair = read_pair(arguments.a, given, runtime)
         comparison = compare(pair.scan, pair.a, pair.b, pair.matches, arguments.options, runtime)
         record = to_record(str(arguments.a), pair, comparison)

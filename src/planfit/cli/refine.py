@@ -58,6 +58,8 @@ class RefineArguments:
     """TOML file of options, on top of the preset and overruled by flags."""
     overwrite: bool = False
     """Replace the results of another run in the output folder."""
+    cache: Path | None = None
+    """Folder that keeps finished stages, which runs may share, also at the same time; else OUT/cache."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
     options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
@@ -79,6 +81,7 @@ def refine_command(arguments: RefineArguments) -> int:
         arguments.workers,
         arguments.overwrite,
         scan_options=arguments.scan_options,
+        cache=arguments.cache,
     )
     summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
     return exit_code(result.verdict)
@@ -113,22 +116,25 @@ def refine_into(
     overwrite: bool,
     truth_of: Callable[[RefineResult], TruthErrors] | None = None,
     scan_options: ScanOptions | None = None,
+    cache: Path | None = None,
 ) -> RefineResult:
     """Refine a scan and write everything a run writes; see docs/outputs.md.
 
     `truth_of` gives the errors of a result against true poses, where they are known, for the report.
-    `scan_options` are those that the scan was read with, for the record.
+    `scan_options` are those that the scan was read with, for the record. `cache` takes the place of the
+    folder's own.
     """
     inputs = {"scan": str(Path(scan.name).resolve()), "scan_fingerprint": scan.fingerprint}
     inputs |= plan_inputs(floorplan)
     with RunFolder.claimed(folder, inputs, overwrite) as run, StageBars() as bars:
-        runtime = Runtime(workers, run.cache_dir, bars.update)
+        runtime = Runtime(workers, cache or run.cache_dir, bars.update)
         result = refine(scan, floorplan, options, runtime)
         cloud = sample_cloud(calibrated_scan(scan, result.sensor), runtime)
         cloud = cloud.without(result.evidence.unplaced)
         with run.writing() as staging:
             bars.update("write results", 0, 0)
             record = make_record(__version__, inputs, scan, result.floorplan, options, result)
+            record["cache"] = None if cache is None else str(cache.resolve())
             record["scan_options"] = scan_options_record(scan_options or ScanOptions())
             write_results(staging, scan, result, record, cloud)
             seen = _seen_from_above(cloud, result)

@@ -130,6 +130,14 @@ def read_record(folder: Path) -> RunRecord:
         ) from error
 
 
+def cache_of(folder: Path) -> Path | None:
+    """The cache of a run; None where the folder is none of `planfit refine`."""
+    if not (folder / "run.json").exists():
+        return None
+    shared = _read_record(folder).get("cache")
+    return Path(shared) if isinstance(shared, str) else folder / "cache"
+
+
 def _read_plan(
     path: Path, options: PlanOptions, n_faces: int | None, scale_xy: tuple[float, float]
 ) -> Floorplan:
