@@ -172,13 +172,12 @@ sigma_m = 0.03
 and in Python, as dataclasses:
 
 ```python
-from dataclasses import replace
 from planfit import RefineOptions
 
-options = RefineOptions()
-walls = replace(options.adjust.walls, sigma_m=0.03)
-options = replace(options, adjust=replace(options.adjust, walls=walls))
+options = RefineOptions().with_("adjust.walls.sigma_m", 0.03)
 ```
+
+A misspelt name is answered with the nearest, a value of another kind is refused where it is given.
 
 Flags overrule the file, the file overrules `--preset`. Where the preset {others} has another value than the
 default, it is said. `OUT/run.json` and the report hold the values of a run. Options of a term whose weight

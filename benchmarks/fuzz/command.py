@@ -34,7 +34,7 @@ BATCH = 100
 """Mutants that one process reads, unless it ends before: what a library spoils in itself ends with it."""
 ADDRESS_SPACE = 3 * 2**30
 """Beyond what the process has: twice of what libraries ask for is never touched."""
-KINDS = (*GOOD, "warned", "traceback", "many lines", "non-finite", "memory", "hang", "crash")
+KINDS = (*GOOD, "traceback", "many lines", "non-finite", "memory", "hang", "crash")
 
 
 def mutant(sample: Sample, number: int, seed: int) -> dict[str, bytes | None]:

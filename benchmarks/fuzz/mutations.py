@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -137,7 +138,7 @@ def change_json(data: bytes, rng: np.random.Generator) -> bytes:
         elif how < 0.35 and isinstance(holder, list):
             holder.insert(key, holder[key])
         else:
-            holder[key] = HOSTILE_VALUES[int(rng.integers(len(HOSTILE_VALUES)))]
+            holder[key] = deepcopy(HOSTILE_VALUES[int(rng.integers(len(HOSTILE_VALUES)))])
     try:
         return json.dumps(content).encode("utf-8", "surrogatepass")
     except RecursionError:

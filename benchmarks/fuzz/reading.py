@@ -18,7 +18,8 @@ from fuzz.samples import Sample
 MAX_BYTES = 2 * 2**30
 """More than this beyond what the process had before is no small file's due."""
 MAX_LINE = 2500
-GOOD = ("read", "refused")
+GOOD = ("read", "refused", "warned")
+"""Warnings of libraries beside a plan or a line are for `-v`: the command line shows none."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def outcome_of(sample: Sample, number: int, folder: Path) -> Outcome:
         except BaseException as error:  # a panic of a library in Rust is no Exception
             kind, where = "traceback", _where(error)
     shown = [w for w in warned if not issubclass(w.category, DeprecationWarning | ResourceWarning)]
-    if kind in GOOD and shown:
+    if kind == "read" and shown:
         kind = "warned"
         place = f"{Path(shown[0].filename).name}:{shown[0].lineno}"
         where = f"{shown[0].category.__name__} at {place}: {str(shown[0].message)[:100]}"

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
@@ -125,6 +126,23 @@ def test_quiet_says_nothing_but_errors(plan_file: str, capsys: pytest.CaptureFix
     assert (shown.out, len(shown.err.splitlines())) == ("", 1)
     assert run(["plan", plan_file]) == 0
     assert "faces" in capsys.readouterr().out  # the next command speaks again
+
+
+@pytest.mark.parametrize("flag", [[], ["-v"]], ids=["", "-v"])
+def test_warnings_of_libraries_are_for_those_who_ask(
+    flag: list[str],
+    plan_file: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def warn(*_: object) -> None:
+        warnings.warn("overflow in a library", RuntimeWarning, stacklevel=1)
+
+    monkeypatch.setattr("planfit.cli.plan.summarise", warn)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert run(["plan", plan_file, *flag]) == 0
+    assert ("overflow in a library" in capsys.readouterr().err) == bool(flag)
 
 
 def test_verbose_tells_where_an_error_comes_from(capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,6 @@ from rich.text import Text
 from planfit.alignment import Alignment, AlignmentHypothesis, WallSamples, metric_plan
 from planfit.cli.arguments import AlignmentFlags, PlanFlags
 from planfit.cli.console import StageBars, note, out, table, tell_scan
-from planfit.cli.storeys import plan_inputs
 from planfit.export import RunFolder
 from planfit.export.run_folder import ALIGNMENT, CANDIDATE, remove_alignment
 from planfit.floorplan import Floorplan, read_floorplan
@@ -22,6 +21,7 @@ from planfit.pipeline.align import align
 from planfit.pipeline.options import RefineOptions
 from planfit.report import draw_alignment
 from planfit.runtime import Runtime
+from planfit.saving import RunInputs
 from planfit.scan import ScanOptions, read_scan
 from planfit.whole_files import write_whole
 
@@ -59,9 +59,11 @@ def align_command(arguments: AlignArguments) -> int:
     options = arguments.alignment_flags.added_to(arguments.options)
     scan = read_scan(arguments.scan, options.segmentation.reads_masks, arguments.scan_options)
     floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
-    inputs = {"scan": str(Path(scan.name).resolve()), "scan_fingerprint": scan.fingerprint}
-    inputs |= plan_inputs(floorplan)
-    with RunFolder.claimed(arguments.out, inputs, overwrite=False) as run, StageBars() as bars:
+    inputs = RunInputs(scan, floorplan, options, arguments.scan_options)
+    with (
+        RunFolder.claimed(arguments.out, inputs.names, overwrite=False) as run,
+        StageBars() as bars,
+    ):
         runtime = Runtime(arguments.workers, arguments.cache or run.cache_dir, bars.update)
         found = align(scan, floorplan, options, runtime)
         alignment, walls = found.alignment, found.walls

@@ -52,7 +52,8 @@ err = Console(stderr=True)
 
 @contextmanager
 def speaking_as(speech: Speech) -> Iterator[None]:
-    """Both consoles say as much as asked for while the context lasts; so do planfit's own loggers."""
+    """Both consoles say as much as asked for while the context lasts; so do planfit's own loggers, and what
+    Python and libraries warn of, which is for those who ask for more: no line of it says what to do."""
     log = None
     if speech.log is not None:
         log = RichConsole(
@@ -60,23 +61,27 @@ def speaking_as(speech: Speech) -> Iterator[None]:
         )  # fmt: skip
     handlers = [logging.StreamHandler(sys.stderr)] if speech.is_verbose else []
     handlers += [logging.StreamHandler(speech.log)] if speech.log is not None else []
-    logger = logging.getLogger("planfit")
-    level = logger.level
+    loggers = [logging.getLogger("planfit"), logging.getLogger("py.warnings")]
+    levels = [logger.level for logger in loggers]
+    logging.captureWarnings(True)
     for console in (out, err):
         console.speech, console.copy = speech, log
     out.quiet = speech.is_quiet
-    for handler in handlers:
-        logger.addHandler(handler)
+    for logger in loggers if handlers else []:
         logger.setLevel(logging.DEBUG)
+        for handler in handlers:
+            logger.addHandler(handler)
     try:
         yield
     finally:
         for console in (out, err):
             console.speech, console.copy = USUAL, None
         out.quiet = False
-        logger.setLevel(level)
-        for handler in handlers:
-            logger.removeHandler(handler)
+        logging.captureWarnings(False)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+            for handler in handlers:
+                logger.removeHandler(handler)
 
 
 class StageBars:

@@ -9,24 +9,20 @@ from typing import Annotated
 
 import tyro
 
-from planfit import __version__
 from planfit.cli.arguments import AlignmentFlags, PlanFlags
-from planfit.cli.config import scan_options_record, to_toml
 from planfit.cli.console import StageBars, err, note, out, table, tell_scan
-from planfit.cli.storeys import plan_inputs, read_plans, tell_storeys
+from planfit.cli.storeys import read_plans, tell_storeys
 from planfit.errors import FloorplanError, require
-from planfit.export import RunFolder, make_record, sample_cloud, write_results
-from planfit.export.cloud import Cloud, place_cloud
+from planfit.export import RunFolder
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
-from planfit.report import TruthErrors, draw_overlays, make_report
-from planfit.report.measures import CloudXY
-from planfit.report.plots.scan_view import at_camera_height
+from planfit.report import TruthErrors
 from planfit.runtime import Runtime
-from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan
+from planfit.saving import RunInputs, result_cloud, write_run
+from planfit.scan import Scan, ScanOptions, read_scan
 
 
 @dataclass(frozen=True)
@@ -124,38 +120,16 @@ def refine_into(
     `scan_options` are those that the scan was read with, for the record. `cache` takes the place of the
     folder's own.
     """
-    inputs = {"scan": str(Path(scan.name).resolve()), "scan_fingerprint": scan.fingerprint}
-    inputs |= plan_inputs(floorplan)
-    with RunFolder.claimed(folder, inputs, overwrite) as run, StageBars() as bars:
+    inputs = RunInputs(scan, floorplan, options, scan_options or ScanOptions(), cache)
+    with RunFolder.claimed(folder, inputs.names, overwrite) as run, StageBars() as bars:
         runtime = Runtime(workers, cache or run.cache_dir, bars.update)
         result = refine(scan, floorplan, options, runtime)
-        cloud = sample_cloud(calibrated_scan(scan, result.sensor), runtime)
-        cloud = cloud.without(result.evidence.unplaced)
+        cloud = result_cloud(scan, result, runtime)
         with run.writing() as staging:
             bars.update("write results", 0, 0)
-            record = make_record(__version__, inputs, scan, result.floorplan, options, result)
-            record["cache"] = None if cache is None else str(cache.resolve())
-            record["scan_options"] = scan_options_record(scan_options or ScanOptions())
-            write_results(staging, scan, result, record, cloud)
-            seen = _seen_from_above(cloud, result)
-            for name, overlay in draw_overlays(result, seen).items():
-                (staging / name).write_bytes(overlay)
-            errors = truth_of(result) if truth_of else None
-            text = to_toml(options)
-            report = make_report(scan.name, result.floorplan, result, text, errors, seen)
-            (staging / "report.html").write_text(report, encoding="utf-8")
+            write_run(staging, inputs, result, cloud, truth_of(result) if truth_of else None)
         bars.update("write results", 1, 0)
     return result
-
-
-def _seen_from_above(cloud: Cloud, result: RefineResult) -> CloudXY:
-    """Points of the cloud at camera height, before and after, for plots without a plan."""
-    before, after = (
-        place_cloud(cloud, poses)
-        for poses in (result.initial_plan_from_cams, result.plan_from_cams)
-    )
-    is_shown = at_camera_height(result.plan_from_cams[:, :3, 3], after)
-    return before[is_shown, :2], after[is_shown, :2]
 
 
 def summarise(

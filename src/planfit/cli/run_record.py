@@ -10,10 +10,11 @@ from jaxtyping import Float
 
 from planfit.alignment import metric_plan
 from planfit.archives import archive_of
-from planfit.cli.config import options_of, scan_options_of
+from planfit.cli.config import scan_options_of
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
+from planfit.option_values import options_of
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import with_poses
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum

@@ -37,6 +37,7 @@ from planfit.segmentation import (
     level_from_world,
     segment_scan,
 )
+from planfit.short_repr import short_repr
 from planfit.tracking import (
     Tracking,
     believe,
@@ -61,6 +62,8 @@ class Observations:
     surfaces: SurfacePairs = field(default_factory=SurfacePairs.none)
     """Frames matched by geometry, where keypoints are few."""
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True)
 class PreparedScan:
@@ -80,6 +83,8 @@ class PreparedScan:
     """Runs of frames, first and last, whose place nothing tells: tracking was lost there."""
     tracking_doubt: str = ""
     """Why the recorded poses as a whole say nothing, in words."""
+
+    __repr__ = short_repr
 
 
 def extract_observations(

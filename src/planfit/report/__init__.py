@@ -8,5 +8,6 @@ from planfit.report.key_metrics import TruthErrors as TruthErrors
 from planfit.report.plots.alignment import draw_alignment as draw_alignment
 from planfit.report.plots.overlay import draw_overlay as draw_overlay
 from planfit.report.plots.overlay import draw_overlays as draw_overlays
+from planfit.report.plots.overlay import plot_result as plot_result
 from planfit.report.plots.plan_picture import draw_plan_picture as draw_plan_picture
 from planfit.report.plots.scan_view import draw_scan_view as draw_scan_view

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
+from planfit.short_repr import short_repr
+
 NULL_SHARE = 1e-9
 """Eigenvalues of an information matrix below this share of its largest are directions left free."""
 
@@ -22,6 +24,8 @@ class SurfacePairs:
     below 6 where the surfaces leave directions free."""
     explained: Float[np.ndarray, " p"]
     """Share of both views whose surfaces agree."""
+
+    __repr__ = short_repr
 
     def __len__(self) -> int:
         return len(self.pairs)
