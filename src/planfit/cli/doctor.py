@@ -152,6 +152,8 @@ def _dependencies() -> list[Finding]:
     """Each library that planfit needs: its version, and whether it can be imported."""
     found = []
     for line in _required():
+        if not _is_for_this_machine(line):
+            continue
         name = re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0]
         found.append(_dependency(name, line))
     doubled = [d.metadata["Name"] for d in distributions() if _is_opencv(d.metadata["Name"])]
@@ -200,6 +202,15 @@ def _dependency(name: str, requirement: str) -> Finding:
         else f"expected {wanted}; pip install --upgrade '{requirement}'"
     )
     return Finding("libraries", name, found, fault)
+
+
+def _is_for_this_machine(requirement: str) -> bool:
+    """Whether what stands behind the semicolon of a requirement holds here."""
+    try:
+        marker = import_module("packaging.requirements").Requirement(requirement).marker
+    except ImportError:
+        return True
+    return marker is None or marker.evaluate()
 
 
 def _is_met(found: str, wanted: str) -> bool:
