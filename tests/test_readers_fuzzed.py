@@ -1,5 +1,6 @@
 """What `benchmarks/fuzz` found: each kind of mutant that broke a reader, as small as it can be made."""
 
+import json
 import zipfile
 from pathlib import Path
 
@@ -17,10 +18,16 @@ from planfit.errors import (
 )
 from planfit.export.option_files import to_toml
 from planfit.floorplan import read_floorplan
+from planfit.geometry.calibration import PARAMETERS, SensorCalibration
+from planfit.geometry.camera import Camera
+from planfit.lsq import read_g2o
 from planfit.pipeline.options import RefineOptions
-from planfit.scan import read_scan
+from planfit.scan import read_scan, scan_from_arrays
+from planfit.scan.calibration_file import take_calibration, write_calibration
 from planfit.scan.images.decode import header_size
 from scan_samples import make_sample, png, write_redwood
+
+CAMERA = Camera(32, 24, 30.0, 30.0, 15.5, 11.5)
 
 
 def test_messages_are_one_line_of_bounded_length() -> None:
@@ -101,6 +108,32 @@ def test_infinite_defaults_may_be_written_and_read_again(tmp_path: Path) -> None
     path = tmp_path / "options.toml"
     path.write_text(to_toml(RefineOptions()))
     assert read_options(path, RefineOptions()) == RefineOptions()
+
+
+def test_deep_toml_and_json_and_bytes_that_are_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text(f"x = {'[' * 5000}")
+    with pytest.raises(OptionError, match="expected TOML"):
+        read_options(path, RefineOptions())
+    scan = scan_from_arrays(None, np.ones((2, 24, 32)), CAMERA, np.tile(np.eye(4), (2, 1, 1)))
+    path.write_text("[" * 100_000)
+    with pytest.raises(ScanError, match="found no JSON"):
+        take_calibration(scan, path)
+    path.write_bytes(b"VERTEX_SE3:QUAT 0 0 0 0 0 0 0 \xd5")
+    with pytest.raises(PlanfitError, match="expected text in g2o's format"):
+        read_g2o(path)
+
+
+def test_a_calibration_that_leaves_no_camera(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    write_calibration(path, SensorCalibration(), dict.fromkeys(PARAMETERS, 0.0), CAMERA)
+    content = json.loads(path.read_text())
+    content["parameters"]["principal_x"] = 1e308
+    content["parameters"]["focal_scale"] = 1e308
+    path.write_text(json.dumps(content))
+    scan = scan_from_arrays(None, np.ones((2, 24, 32)), CAMERA, np.tile(np.eye(4), (2, 1, 1)))
+    with pytest.raises(ScanError, match="calibration"), np.errstate(over="ignore"):
+        take_calibration(scan, path)
 
 
 @pytest.mark.parametrize("suffix", [".ifc", ".ifczip"])

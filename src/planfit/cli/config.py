@@ -22,7 +22,7 @@ def read_options(path: Path, defaults: Options) -> Options:
         values = tomllib.loads(path.read_text())
     except OSError as error:
         raise OptionError(f"{path}: expected a TOML file of options, {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise OptionError(f"{path}: expected TOML, found {error}") from error
     return options_of(values, defaults, f"{path}: ")
 

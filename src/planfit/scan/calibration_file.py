@@ -52,7 +52,12 @@ def take_calibration(scan: Scan, path: Path) -> Scan:
     sensor = _sensor(content, path)
     of_file = _numbers(content, "camera", ("width", "fx"), path)
     mine, other = scan.cameras[0].fx / scan.cameras[0].width, of_file["fx"] / of_file["width"]
-    corrected = calibrated_scan(scan, sensor)
+    try:
+        corrected = calibrated_scan(scan, sensor)
+    except ValueError as error:  # of a camera whose numbers it makes infinite or negative
+        raise ScanError(
+            f"{path}: expected a calibration that leaves a camera, found one by which {error}; make it again"
+        ) from error
     if abs(mine / other - 1) <= MAX_FOCAL_SHARE:
         return corrected
     words = (
@@ -69,7 +74,7 @@ def _content(path: Path) -> dict[str, Any]:
         raise ScanError(
             f"{path}: expected a calibration of 'planfit calibrate', cannot be read ({error.strerror})"
         ) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ScanError(
             f"{path}: expected a calibration of 'planfit calibrate', found no JSON; make it again"
         ) from error
