@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
 from planfit.cli.config import read_options
 from planfit.errors import (
@@ -18,6 +19,7 @@ from planfit.errors import (
 )
 from planfit.export.option_files import to_toml
 from planfit.floorplan import read_floorplan
+from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.geometry.calibration import PARAMETERS, SensorCalibration
 from planfit.geometry.camera import Camera
 from planfit.lsq import read_g2o
@@ -134,6 +136,21 @@ def test_a_calibration_that_leaves_no_camera(tmp_path: Path) -> None:
     scan = scan_from_arrays(None, np.ones((2, 24, 32)), CAMERA, np.tile(np.eye(4), (2, 1, 1)))
     with pytest.raises(ScanError, match="calibration"), np.errstate(over="ignore"):
         take_calibration(scan, path)
+
+
+def test_walls_larger_than_the_earth(tmp_path: Path) -> None:
+    ring = [[11.57, 48.14], [11.5701, 48.14], [1e308, 48.1401], [11.57, 48.1401], [11.57, 48.14]]
+    feature = {
+        "type": "Feature",
+        "properties": {"category": "wall"},
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
+    path = tmp_path / "plan.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    with pytest.raises(FloorplanError, match=r"cannot be read|expected"), np.errstate(all="ignore"):
+        read_floorplan(path)
+    with pytest.raises(ValueError, match=r"coordinates of up to 1e\+20"):
+        faces_of_regions(shapely.box(0, 0, 1e20, 1), 0.005, 0.03)
 
 
 @pytest.mark.parametrize("suffix", [".ifc", ".ifczip"])
