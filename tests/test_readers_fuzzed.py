@@ -153,6 +153,35 @@ def test_walls_larger_than_the_earth(tmp_path: Path) -> None:
         faces_of_regions(shapely.box(0, 0, 1e20, 1), 0.005, 0.03)
 
 
+@pytest.mark.parametrize("kind", ["wall", "room"])
+def test_maps_with_rings_of_any_size(kind: str, tmp_path: Path) -> None:
+    box = [[11.57, 48.14], [11.5701, 48.14], [11.5701, 48.1401], [11.57, 48.1401], [11.57, 48.14]]
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"category": kind},
+            "geometry": {"type": "Polygon", "coordinates": [ring]},
+        }
+        for ring in (box, [[x * 1e18, y * 1e18] for x, y in box])
+    ]
+    path = tmp_path / "plan.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    with pytest.raises(FloorplanError, match=r"coordinates of up to 4\.81e\+19"):
+        read_floorplan(path)
+
+
+@pytest.mark.parametrize(("name", "value"), [("width", 0), ("fx", -1.0), ("fx", 10**400)])
+def test_cameras_of_a_calibration_that_are_none(name: str, value: float, tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    write_calibration(path, SensorCalibration(), dict.fromkeys(PARAMETERS, 0.0), CAMERA)
+    content = json.loads(path.read_text())
+    content["camera"][name] = value
+    path.write_text(json.dumps(content))
+    scan = scan_from_arrays(None, np.ones((2, 24, 32)), CAMERA, np.tile(np.eye(4), (2, 1, 1)))
+    with pytest.raises(ScanError, match="camera"):
+        take_calibration(scan, path)
+
+
 @pytest.mark.parametrize("suffix", [".ifc", ".ifczip"])
 def test_a_schema_of_any_length(suffix: str, tmp_path: Path) -> None:
     pytest.importorskip("ifcopenshell")

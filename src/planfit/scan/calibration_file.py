@@ -16,6 +16,8 @@ from planfit.whole_files import write_whole
 FORMAT, VERSION = "planfit-sensor", 1
 MAX_FOCAL_SHARE = 0.05
 """Autofocus changes the focal length of a phone by 2 to 3 %; another lens differs by more than this."""
+MAX_NUMBER = 1e12
+"""Nothing that a camera has is so large, in any unit."""
 
 
 def write_calibration(
@@ -51,6 +53,11 @@ def take_calibration(scan: Scan, path: Path) -> Scan:
     content = _content(path)
     sensor = _sensor(content, path)
     of_file = _numbers(content, "camera", ("width", "fx"), path)
+    if min(of_file.values()) <= 0:
+        raise ScanError(
+            f"{path}: expected a camera's width and fx above 0, found {of_file['width']:g} and "
+            f"{of_file['fx']:g}; make the calibration again"
+        )
     mine, other = scan.cameras[0].fx / scan.cameras[0].width, of_file["fx"] / of_file["width"]
     try:
         corrected = calibrated_scan(scan, sensor)
@@ -110,7 +117,8 @@ def _numbers(
                 f"{path}: expected {table}.{name}, found none; make the calibration again"
             )
         value = values[name]
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not abs(value) < MAX_NUMBER:
             raise ScanError(
                 f"{path}: {table}.{name}: expected a number, found {value!r}; make the calibration again"
             )
