@@ -10,7 +10,7 @@ PYTHON ?= python3
 BIN := $(VENV)/bin
 endif
 
-.PHONY: demo test check format docs reference bench tables tables-small wheel-check clean
+.PHONY: demo test check format docs reference bench tables tables-small fuzz-short wheel-check clean
 
 demo: $(VENV)/installed
 	$(BIN)/planfit demo -o demo
@@ -50,6 +50,10 @@ tables-small: $(VENV)/installed
 	rm -rf $(VENV)/tables-small
 	$(BIN)/python benchmarks/paper_tables paper --small -o $(VENV)/tables-small/paper.json \
 		--page $(VENV)/tables-small/results.md
+
+# Two minutes of mutants of every reader's samples; fails where one is neither read nor refused in one line.
+fuzz-short: $(VENV)/installed-dev
+	$(BIN)/python benchmarks/fuzz --minutes 2 --seed $${FUZZ_SEED:-1}
 
 # dist/ gets the wheel, made of the source archive; it is installed and tried outside of this folder.
 wheel-check:

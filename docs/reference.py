@@ -15,9 +15,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from planfit.cli.arguments import PlanFlags
+from planfit.cli.arguments import PlanFlags, parse
 from planfit.cli.flags import Flag, Group, group_of, one_line
+from planfit.cli.known_flags import flags_path
 from planfit.cli.main import COMMANDS, EXIT_CODES, Command
+from planfit.cli.speech import FLAGS as EVERYWHERE_FLAGS
 from planfit.evaluation import EvaluateOptions
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.presets import PRESETS
@@ -170,13 +172,12 @@ sigma_m = 0.03
 and in Python, as dataclasses:
 
 ```python
-from dataclasses import replace
 from planfit import RefineOptions
 
-options = RefineOptions()
-walls = replace(options.adjust.walls, sigma_m=0.03)
-options = replace(options, adjust=replace(options.adjust, walls=walls))
+options = RefineOptions().with_("adjust.walls.sigma_m", 0.03)
 ```
+
+A misspelt name is answered with the nearest, a value of another kind is refused where it is given.
 
 Flags overrule the file, the file overrules `--preset`. Where the preset {others} has another value than the
 default, it is said. `OUT/run.json` and the report hold the values of a run. Options of a term whose weight
@@ -199,20 +200,49 @@ def command_types() -> dict[str, type]:
     return {command.name: command.load()[0] for command in COMMANDS}
 
 
+def parsed(name: str, words: list[str]) -> Any:
+    """Arguments of a command, as the command line takes them.
+
+    Raises:
+        SystemExit: they do not parse; so `OptionError` of commands that parse their own words.
+    """
+    cls = command_types()[name]
+    own = getattr(cls, "from_words", None)
+    return own(words) if own else parse(cls, name, words)
+
+
 def command_group(name: str) -> Group:
     """What a command takes; groups that several commands have are only named."""
     return group_of(command_types()[name], shared=tuple(SHARED))
 
 
-def all_flags(name: str) -> set[str]:
-    """Every flag of a command, with its aliases, shared groups included."""
-    found: set[str] = set()
+def all_flags(name: str) -> dict[str, tuple[str, ...]]:
+    """Every flag of a command, with its aliases, shared groups included, and the words that it takes where
+    these can be listed."""
+    found: dict[str, tuple[str, ...]] = {}
     for flag in group_of(command_types()[name]).all_flags():
         if not flag.is_positional:
-            found |= {flag.name, *flag.aliases}
+            values = _values(flag)
+            found |= dict.fromkeys((flag.name, *flag.aliases), values)
             if flag.type is bool and flag.is_paired:
-                found.add(f"--{flag.prefix}no-{flag.path[-1].replace('_', '-')}")
+                found[f"--{flag.prefix}no-{flag.path[-1].replace('_', '-')}"] = ()
     return found
+
+
+def _values(flag: Flag) -> tuple[str, ...]:
+    if flag.path[-1] == "preset":
+        return tuple(PRESETS)
+    if isinstance(flag.type, type) and issubclass(flag.type, Enum):
+        return tuple(member.name.lower() for member in flag.type)
+    kinds = (flag.type, *typing.get_args(flag.type))
+    literals = [kind for kind in kinds if typing.get_origin(kind) is typing.Literal]
+    return tuple(str(value) for kind in literals for value in typing.get_args(kind))
+
+
+def flags_text(name: str) -> str:
+    """The list of a command's flags, one a line with its words, for completion and for "did you mean"."""
+    lines = [" ".join((flag, *values)) for flag, values in sorted(all_flags(name).items())]
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _own(values: Any) -> str:
@@ -252,7 +282,12 @@ def commands_page() -> str:
         "`planfit COMMAND --help-all` every one, `planfit --version` tells the version.", "",
         f"Exit codes: {EXIT_CODES}. Messages of bad input are one line on stderr: the file, what was "
         "expected, what was found, the next step.", "",
-        "`--config` names a TOML file of [options](options.md); flags overrule it.",
+        "`--config` names a TOML file of [options](options.md); flags overrule it.", "",
+        "Every command also takes:", "",
+        *(f"- `{flag}`<br>{_escaped(words)}" for flag, words in EVERYWHERE_FLAGS.items()),
+        "", "The Tab key completes commands, options and values: `eval \"$(planfit completion bash)\"` in "
+        "`~/.bashrc`, the same with `zsh` in `~/.zshrc` (behind `compinit`), `planfit completion fish | "
+        "source` in `~/.config/fish/config.fish`. A misspelt command or option is answered with the nearest.",
     ]  # fmt: skip
     for name, cls in command_types().items():
         group = command_group(name)
@@ -360,7 +395,8 @@ PAGES = {
 def texts() -> dict[Path, str]:
     """Every file that is written from the code, and what is in it."""
     pages = {DOCS / name: page() for name, page in PAGES.items()}
-    return pages | {command.help_path: help_text(command) for command in COMMANDS}
+    helps = {command.help_path: help_text(command) for command in COMMANDS}
+    return pages | helps | {flags_path(c.name): flags_text(c.name) for c in COMMANDS}
 
 
 def main() -> None:

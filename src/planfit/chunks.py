@@ -5,11 +5,12 @@ A file that was cut, flipped or written by another program is no file: its items
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import numpy as np
 
-from planfit.errors import OutputError
+from planfit.whole_files import whole_file
 
 Arrays = dict[str, np.ndarray]
 SUFFIX = ".chunk"
@@ -18,7 +19,7 @@ _DIGEST_BYTES, _LENGTH_BYTES = 16, 8
 
 
 def write_chunk(path: Path, items: list[Arrays]) -> None:
-    """Write named arrays of items under another name first, which a stopped run may leave.
+    """Write named arrays of items.
 
     After the magic: BLAKE2 of the rest, the length of the index, the index (JSON: how many items; item, name,
     type and shape of each array), the arrays. As members of an archive each array would cost 0.3 ms to find
@@ -39,18 +40,11 @@ def write_chunk(path: Path, items: list[Arrays]) -> None:
         index,
         *(a.tobytes() for _, _, a in arrays),
     ]
-    temporary = path.with_suffix(".part")
-    try:
-        with temporary.open("wb") as file:
-            file.write(_MAGIC + _digest(parts))
-            file.writelines(parts)
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise OutputError(
-            f"{path}: cannot be written ({error.strerror}); free disk space and run again, "
-            "finished work is kept"
-        ) from error
+    kept = "free disk space and run again, finished work is kept"
+    # Processes that share a cache may write the same file at the same time: any of theirs may stay.
+    with whole_file(path, kept, f".{os.getpid()}") as part, part.open("wb") as file:
+        file.write(_MAGIC + _digest(parts))
+        file.writelines(parts)
 
 
 def read_chunk(path: Path, n_items: int) -> list[Arrays] | None:

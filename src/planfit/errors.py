@@ -8,6 +8,7 @@ PlanfitError
 """
 
 import dataclasses
+import difflib
 import math
 import unicodedata
 from collections.abc import Iterable, Iterator
@@ -20,8 +21,16 @@ MAX_REASON = 160
 """Characters of a library's own words that an error repeats."""
 
 
+MAX_MESSAGE = 2000
+"""Characters of an error: a file may hold names and words of any length, which messages repeat."""
+
+
 class PlanfitError(Exception):
-    """Base of every error that is the input's and not the program's; the message is one line."""
+    """Base of every error that is the input's and not the program's; the message is one line, whatever it
+    repeats of a file."""
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(_one_line(message))
 
 
 class ScanError(PlanfitError):
@@ -50,6 +59,23 @@ def printable(text: str, keep: str = "") -> str:
     )  # fmt: skip
 
 
+def _one_line(message: str) -> str:
+    """Without line breaks and other control characters; of a long one the begin, and the end, which says what
+    to do."""
+    words = printable(" ".join(message.splitlines()))
+    if len(words) <= MAX_MESSAGE:
+        return words
+    return f"{words[: MAX_MESSAGE // 2]} ... {words[-MAX_MESSAGE // 2 :]}"
+
+
+def _words_of(error: BaseException) -> str:
+    """What an error says of itself, of which not every library is able."""
+    try:
+        return str(error).strip()
+    except Exception:
+        return ""
+
+
 @contextmanager
 def told_as(kind: type[PlanfitError], path: Path, expected: str) -> Iterator[None]:
     """Whatever parsing a file raises becomes an error of the file: libraries raise what they come across.
@@ -72,7 +98,7 @@ def told_as(kind: type[PlanfitError], path: Path, expected: str) -> Iterator[Non
             raise
         if isinstance(error, OSError) and error.errno is not None:
             raise
-        why = str(error).strip().split("\n")[0][:MAX_REASON]
+        why = _words_of(error).split("\n")[0][:MAX_REASON]
         found = f"{type(error).__name__}: {why}" if why else type(error).__name__
         raise kind(
             printable(
@@ -93,6 +119,18 @@ def each_told_as(
             except StopIteration:
                 return
         yield item
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """`did you mean 'refine'?`, of the known word that is most like another; empty where none is like it.
+
+    Of dotted names, one that ends as the word does comes first: `walls.weight` is `adjust.walls.weight`.
+    """
+    names = list(known)
+    tail = word.lstrip("-").replace("_", "-")
+    ends = [name for name in names if tail and name.replace("_", "-").endswith(f".{tail}")]
+    close = ends or difflib.get_close_matches(word, names, n=1, cutoff=0.6)
+    return f"did you mean {min(close, key=len)!r}?" if close else ""
 
 
 def require(is_met: bool, message: str) -> None:

@@ -56,7 +56,7 @@ def find_weights(option: str, name: str, instead: str) -> Weights:
         ) from error
     source = str(path) if path.is_dir() else name
     try:
-        config = transformers.AutoConfig.from_pretrained(source)
+        config = transformers.AutoConfig.from_pretrained(source, trust_remote_code=False)
     except (OSError, ValueError, KeyError) as error:
         raise OptionError(
             f"{where}: expected a folder with config.json and weights, or a model on the Hugging Face "
@@ -87,7 +87,12 @@ def load_model(
     try:
         with _no_bar(weights.transformers.utils.logging):
             model, loaded = model_class.from_pretrained(
-                weights.source, config=weights.config, output_loading_info=True
+                weights.source,
+                config=weights.config,
+                output_loading_info=True,
+                # Tensors alone, whatever the file: no pickles, no code that comes with a model.
+                weights_only=True,
+                trust_remote_code=False,
             )
     except (OSError, ValueError, KeyError, ImportError, RuntimeError) as error:
         raise OptionError(

@@ -18,11 +18,14 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from planfit.errors import OutputError
+from planfit.whole_files import PART, write_whole
 
 RECORD = "run.json"
 _CACHE = "cache"
 _OWNER, _LOCK = ".planfit.json", ".planfit.lock"
 _STAGING, _READY = ".writing", ".ready"
+ALIGNMENT, CANDIDATE = "alignment.json", "candidate_{}.png"
+"""What `planfit align` writes: a run with the same scan and plan goes on beside it."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,8 @@ class RunFolder:
             try:
                 # Once more: another process may have finished a run between the look and the lock.
                 _check_owner(path, inputs, overwrite)
+                if not _is_of(_owner(path).get("inputs") or inputs, inputs):
+                    remove_alignment(path)
                 _move_in(path)
                 shutil.rmtree(path / _STAGING, ignore_errors=True)
                 folder._write_owner(_results(path))
@@ -182,22 +187,37 @@ def _check_owner(path: Path, inputs: dict[str, str], overwrite: bool) -> None:
 
     A run is told by the paths of its scan and plan: the same files may have changed since.
     """
-    ours = {_CACHE, _OWNER, _LOCK, _STAGING, _READY, f"{_OWNER}.part"}
-    if not {item.name for item in path.iterdir()} - ours:
-        return  # nothing yet, or a run that never finished
+    ours = {_CACHE, _OWNER, _LOCK, _STAGING, _READY, f"{_OWNER}{PART}"}
+    aligned = {item.name for item in _alignment_files(path)}
+    if not {item.name for item in path.iterdir()} - ours - aligned:
+        return  # nothing yet, an alignment, or a run that never finished
     owner = _owner(path).get("inputs") or _recorded_inputs(path)
     if owner is None:
         raise OutputError(
             f"{path}: expected an empty folder or an earlier run of planfit, found other "
             "files; choose another folder with -o"
         )
-    same = all(owner.get(name) == inputs.get(name) for name in ("scan", "plan"))
-    if not same and not overwrite:
+    if not _is_of(owner, inputs) and not overwrite:
         raise OutputError(
             f"{path}: expected an empty folder, found the results of another run "
             f"({owner.get('scan', 'unknown scan')} with {owner.get('plan') or 'no plan'})"
             "; choose another folder with -o, or pass --overwrite"
         )
+
+
+def _is_of(owner: dict[str, Any], inputs: dict[str, str]) -> bool:
+    return all(owner.get(name) == inputs.get(name) for name in ("scan", "plan"))
+
+
+def remove_alignment(path: Path) -> None:
+    """Remove what `planfit align` wrote into a folder."""
+    for file in _alignment_files(path):
+        file.unlink()
+
+
+def _alignment_files(path: Path) -> list[Path]:
+    parts = [name + end for name in (ALIGNMENT, CANDIDATE.format("*")) for end in ("", PART)]
+    return [file for name in parts for file in path.glob(name)]
 
 
 def _results(path: Path) -> list[str]:
@@ -226,10 +246,7 @@ def _owner(path: Path) -> dict[str, Any]:
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    """Whole or not at all."""
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(json.dumps(content, indent=1))
-    part.replace(path)
+    write_whole(path, json.dumps(content, indent=1))
 
 
 def _unwritable(path: Path, error: OSError) -> OutputError:

@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from planfit.chunks import SUFFIX, read_chunk, write_chunk
 from planfit.chunks import Arrays as Arrays
 from planfit.errors import OutputError, require_positive
+from planfit.option_values import require_kinds
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage's name, how many items are done, and of how many (0: not known)."""
@@ -54,6 +55,7 @@ class Runtime:
     """Told how far each stage is."""
 
     def __post_init__(self) -> None:
+        require_kinds(self)
         require_positive(self, "workers")
 
     def map(

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from planfit.cli import run
+from planfit.cli.run_record import cache_of
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +58,7 @@ def test_a_folder_with_other_files_is_left_alone(small_scan: Path, tmp_path: Pat
     (tmp_path / "thesis.tex").write_text("years of work")
     plan = str(small_scan / "floorplan.npy")
     assert run(["align", str(small_scan), plan, "-o", str(tmp_path)]) == 2
-    assert "found thesis.tex" in capsys.readouterr().err
+    assert "found other files" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
@@ -71,3 +72,49 @@ def test_mirror_undoes_a_mirrored_plan(aligned: Path, small_scan: Path, tmp_path
     # Poses are in the axes of the plan as it was recorded, not of the swapped one.
     assert not record["is_as_recorded"]
     assert not record["warnings"]
+
+
+def chunks(cache: Path) -> dict[str, int]:
+    """Files of a cache, and when each was written."""
+    return {
+        str(path.relative_to(cache)): path.stat().st_mtime_ns for path in cache.rglob("*.chunk")
+    }
+
+
+def test_refine_goes_on_where_align_ended(small_scan: Path, tmp_path: Path, capsys) -> None:
+    out, plan = tmp_path / "out", small_scan / "floorplan.npy"
+    words = [str(small_scan), "-o", str(out)]
+    assert run(["align", words[0], str(plan), *words[1:]]) == 0
+    before = chunks(out / "cache")
+    assert any(name.startswith("pairs-") for name in before), before
+    assert run(["refine", *words]) in (0, 1)
+    after = chunks(out / "cache")
+    assert {name: after[name] for name in before} == before, "computed again"
+    assert {"alignment.json", "candidate_1.png", "report.html"} <= {p.name for p in out.iterdir()}
+    # And back again, beside the run; a run with another plan takes the alignment away.
+    assert run(["align", words[0], str(plan), *words[1:]]) == 0
+    assert (out / "report.html").exists()
+    other = tmp_path / "other.npy"
+    other.write_bytes(plan.read_bytes())
+    capsys.readouterr()
+    assert run(["align", words[0], str(other), *words[1:]]) == 2
+    assert "found the results of another run" in capsys.readouterr().err
+
+
+def test_a_cache_is_shared_between_runs(small_scan: Path, tmp_path: Path) -> None:
+    cache, plan = tmp_path / "cache", str(small_scan / "floorplan.npy")
+    shared = ["--cache", str(cache)]
+    assert run(["align", str(small_scan), plan, "-o", str(tmp_path / "a"), *shared]) == 0
+    before = chunks(cache)
+    assert before
+    assert run(["align", str(small_scan), plan, "-o", str(tmp_path / "b"), *shared]) == 0
+    assert chunks(cache) == before
+    assert not chunks(tmp_path / "a")
+
+
+def test_evaluate_finds_the_cache_that_a_run_shared(tmp_path: Path) -> None:
+    assert cache_of(tmp_path) is None
+    (tmp_path / "run.json").write_text("{}")
+    assert cache_of(tmp_path) == tmp_path / "cache"
+    (tmp_path / "run.json").write_text('{"cache": "/shared"}')
+    assert cache_of(tmp_path) == Path("/shared")

@@ -11,6 +11,7 @@ from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import END_MARGIN_M, BesideRule, nearest_of_segments
 from planfit.geometry import se3
 from planfit.segmentation import Structure, WallPatches
+from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,8 @@ class Association:
     distance_m: Float[np.ndarray, " k"]
     """Signed, along the face's normal; NaN where there is no face."""
 
+    __repr__ = short_repr
+
     @property
     def n_associated(self) -> int:
         """Patches that have a face."""
@@ -82,6 +85,8 @@ class PlanCorrespondences:
     moved_m: Float[np.ndarray, " f"] | None = None
     """How far faces that were found to stand elsewhere stand off where they are drawn, along their normals;
     NaN for faces as drawn. None: all are as drawn."""
+
+    __repr__ = short_repr
 
     @property
     def is_moved(self) -> Bool[np.ndarray, " k"]:

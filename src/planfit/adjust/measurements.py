@@ -10,6 +10,7 @@ from planfit.geometry.camera import Camera
 from planfit.matching import Matches, SurfacePairs
 from planfit.scan.odometry import Odometry
 from planfit.segmentation import Structure
+from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,8 @@ class Measurements:
     """The scan's number of each frame, where only some are solved for."""
     surfaces: SurfacePairs = field(default_factory=SurfacePairs.none)
     """Pairs of frames matched by their surfaces."""
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         named = {

@@ -31,6 +31,7 @@ from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Solution
 from planfit.lsq.term import Term
 from planfit.matching.cycles import CycleConsistencyOptions
+from planfit.short_repr import short_repr
 
 
 def close_loops(
@@ -62,6 +63,8 @@ class ClosedLoops:
     dropped: tuple[DroppedVisit, ...]
     torn_steps: tuple[TornStep, ...]
     """Steps still torn, the worst first: no revisit is the cause."""
+
+    __repr__ = short_repr
 
 
 def close_loops_untorn(
@@ -121,6 +124,8 @@ class PlanAdjustment:
     """Recorded steps that were not kept, the worst first."""
     rivals: tuple[Rival, ...] = ()
     """Where other starts ended, if not in the same place."""
+
+    __repr__ = short_repr
 
     @property
     def association(self) -> Association:

@@ -38,6 +38,7 @@ from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry.se3 import wrap_angle
+from planfit.short_repr import short_repr
 
 COARSE_SAMPLES, QUICK_SAMPLES, FULL_SAMPLES = 4000, 400, 2500
 """Samples of wall that the three stages look at."""
@@ -83,6 +84,8 @@ class Alignment:
     """Whether a plan in metres was taken at another scale than it is drawn at."""
     evidence: PlanEvidence | None = None
     """What the camera walked and saw through, where that was looked at."""
+
+    __repr__ = short_repr
 
     @property
     def margin(self) -> float:

@@ -12,6 +12,7 @@ from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import nearest_beside
 from planfit.geometry import se3, segments
 from planfit.geometry.se3 import wrap_angle
+from planfit.short_repr import short_repr
 
 SCORE_SIGMA_M = 0.15
 """A wall this far from its face scores 0.6. As built and as drawn differ by centimetres; leftover
@@ -43,6 +44,8 @@ class AlignmentHypothesis:
     """Share of samples that a face occludes: walls of the plan that the camera saw through."""
     covariance: Float[np.ndarray, "4 4"] = field(default_factory=lambda: np.zeros((4, 4)))
     """Of yaw (rad), x and y (m) of the scan's middle, and log scale; zero where not estimated."""
+
+    __repr__ = short_repr
 
     @classmethod
     def from_transform(cls, plan_from_level: Float[np.ndarray, "4 4"]) -> "AlignmentHypothesis":

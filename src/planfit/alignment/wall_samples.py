@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.geometry import segments
+from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,8 @@ class WallSamples:
     """Unit, towards where each was seen from."""
     seen_from: Float[np.ndarray, "m 2"] | None = None
     """Metres, the camera; None where it is not known."""
+
+    __repr__ = short_repr
 
     @property
     def extent_m(self) -> float:

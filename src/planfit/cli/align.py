@@ -13,14 +13,16 @@ from rich.text import Text
 from planfit.alignment import Alignment, AlignmentHypothesis, WallSamples, metric_plan
 from planfit.cli.arguments import AlignmentFlags, PlanFlags
 from planfit.cli.console import StageBars, note, out, table, tell_scan
-from planfit.errors import OutputError
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.geometry import se3
 from planfit.pipeline.align import align
 from planfit.pipeline.options import RefineOptions
 from planfit.report import draw_alignment
+from planfit.run_folder import ALIGNMENT, CANDIDATE, RunFolder, remove_alignment
 from planfit.runtime import Runtime
+from planfit.saving import RunInputs
 from planfit.scan import ScanOptions, read_scan
+from planfit.whole_files import write_whole
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,8 @@ class AlignArguments:
     """Options to begin with: `default`, or `paper`, the published method to the letter."""
     config: Path | None = None
     """TOML file of options, on top of the preset and overruled by flags."""
+    cache: Path | None = None
+    """Folder that keeps finished stages, which runs may share, also at the same time; else OUT/cache."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
     options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
@@ -52,14 +56,17 @@ class AlignArguments:
 def align_command(arguments: AlignArguments) -> int:
     """Read, align, draw, report. Exit code 1 where the alignment is not sure."""
     options = arguments.alignment_flags.added_to(arguments.options)
-    folder = _claim(arguments.out)
     scan = read_scan(arguments.scan, options.segmentation.reads_masks, arguments.scan_options)
     floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
-    with StageBars() as bars:
-        runtime = Runtime(arguments.workers, folder / "cache", bars.update)
+    inputs = RunInputs(scan, floorplan, options, arguments.scan_options)
+    with (
+        RunFolder.claimed(arguments.out, inputs.names, overwrite=False) as run,
+        StageBars() as bars,
+    ):
+        runtime = Runtime(arguments.workers, arguments.cache or run.cache_dir, bars.update)
         found = align(scan, floorplan, options, runtime)
-    alignment, walls = found.alignment, found.walls
-    pictures = _write(folder, floorplan, walls, alignment)
+        alignment, walls = found.alignment, found.walls
+        pictures = _write(run.path, floorplan, walls, alignment)
     tell_scan(scan)
     _tell(floorplan, alignment, pictures)
     return 0 if alignment.is_sure else 1
@@ -96,47 +103,20 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
     }
 
 
-def _claim(folder: Path) -> Path:
-    """The folder, made; one with files that no `planfit align` wrote is left alone."""
-    ours = {"alignment.json", "cache"}
-    if folder.exists() and not folder.is_dir():
-        raise OutputError(f"{folder}: expected a folder, found a file; choose another")
-    if folder.exists():
-        others = [
-            path.name
-            for path in folder.iterdir()
-            if path.name not in ours and not path.match("candidate_*.png")
-        ]
-        if others:
-            raise OutputError(
-                f"{folder}: expected an empty folder or one of planfit align, found {others[0]}; "
-                "choose another"
-            )
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
 def _write(
     folder: Path, floorplan: Floorplan, walls: WallSamples, alignment: Alignment
 ) -> list[Path]:
-    """alignment.json and the pictures; each through a temporary name."""
-    for old in folder.glob("candidate_*.png"):
-        old.unlink()
+    """alignment.json and the pictures, each whole or not at all."""
+    remove_alignment(folder)
     pictures = []
     for i, hypothesis in enumerate(alignment.candidates, start=1):
-        path = folder / f"candidate_{i}.png"
+        path = folder / CANDIDATE.format(i)
         plan = metric_plan(floorplan, hypothesis.scale_xy)
-        _replace(path, draw_alignment(plan, walls, hypothesis, _title(i, hypothesis, floorplan)))
+        write_whole(path, draw_alignment(plan, walls, hypothesis, _title(i, hypothesis, floorplan)))
         pictures.append(path)
     text = json.dumps(to_record(floorplan, alignment), indent=1)
-    _replace(folder / "alignment.json", text.encode())
+    write_whole(folder / ALIGNMENT, text)
     return pictures
-
-
-def _replace(path: Path, data: bytes) -> None:
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(data)
-    temporary.replace(path)
 
 
 def _title(number: int, hypothesis: AlignmentHypothesis, floorplan: Floorplan) -> str:
@@ -186,4 +166,4 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
         note(warning)
     verdict = Text("aligned") if alignment.is_sure else Text("not sure", "red")
     folder = pictures[0].parent if pictures else Path()
-    out.print(verdict.append(f": look at {folder / 'candidate_1.png'}", "none"), soft_wrap=True)
+    out.print(verdict.append(f": look at {folder / CANDIDATE.format(1)}", "none"), soft_wrap=True)

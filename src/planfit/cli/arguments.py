@@ -11,10 +11,11 @@ from typing import Annotated, Any
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from planfit.cli.config import choices_of, member_of, read_options
+from planfit.cli.config import read_options
 from planfit.errors import OptionError
 from planfit.floorplan import PlanOptions
 from planfit.floorplan.units import Unit
+from planfit.option_values import choices_of, member_of
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.presets import preset
 

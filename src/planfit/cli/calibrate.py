@@ -60,7 +60,6 @@ def calibrate_command(arguments: CalibrateArguments) -> int:
         floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
     with StageBars() as bars:
         found = calibrate(scan, floorplan, options, Runtime(arguments.workers, None, bars.update))
-    target.parent.mkdir(parents=True, exist_ok=True)
     sigmas = {name: float(found.sigmas[SHARED.index(name)]) for name in PARAMETERS}
     write_calibration(target, found.sensor, sigmas, scan.cameras[0])
     rows = sensor_parameters(found, scan.cameras[0])

@@ -12,6 +12,7 @@ import tyro
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.compare_inputs import Given, Pair, read_pair
 from planfit.cli.console import StageBars, note, out, table
+from planfit.cli.run_record import cache_of
 from planfit.errors import OutputError, require
 from planfit.evaluation import CompareOptions, Comparison, Metric, Witness, compare
 from planfit.export.cloud import place_cloud, sample_cloud
@@ -20,6 +21,7 @@ from planfit.report.comparison_words import local_in_words, whole_in_words
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime
+from planfit.whole_files import write_whole
 
 PAGE, RECORD = "comparison.html", "comparison.json"
 
@@ -69,9 +71,7 @@ def compare_command(arguments: CompareArguments) -> int:
         arguments.plan, arguments.plan_flags.options,
     )  # fmt: skip
     with StageBars() as bars:
-        has_cache = (arguments.a / "run.json").exists()
-        cache = arguments.a / "cache" if has_cache else None
-        runtime = Runtime(arguments.workers, cache, bars.update)
+        runtime = Runtime(arguments.workers, cache_of(arguments.a), bars.update)
         pair = read_pair(arguments.a, given, runtime)
         comparison = compare(pair.scan, pair.a, pair.b, pair.matches, arguments.options, runtime)
         record = to_record(str(arguments.a), pair, comparison)
@@ -80,8 +80,8 @@ def compare_command(arguments: CompareArguments) -> int:
             what = Compared(Path(pair.scan.name).name, str(arguments.a), pair.name_b, plan)
             cloud = _cloud(pair, comparison, runtime)
             page = make_comparison(what, comparison, cloud, pair.notes)
-            _replace(folder / PAGE, page)
-            _replace(folder / RECORD, json.dumps(record, indent=1, allow_nan=False) + "\n")
+            write_whole(folder / PAGE, page)
+            write_whole(folder / RECORD, json.dumps(record, indent=1, allow_nan=False) + "\n")
     if arguments.json:
         out.print_json(json.dumps(record, allow_nan=False))
     else:
@@ -187,12 +187,6 @@ def _claim(folder: Path, overwrite: bool) -> Path:
             )
     folder.mkdir(parents=True, exist_ok=True)
     return folder
-
-
-def _replace(path: Path, text: str) -> None:
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
 
 
 def _tell(name_a: str, pair: Pair, comparison: Comparison, folder: Path | None) -> None:

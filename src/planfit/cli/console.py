@@ -1,6 +1,10 @@
 """What a user sees in the terminal: progress while it runs, a table at the end."""
 
-from collections.abc import Sequence
+import logging
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console as RichConsole
@@ -8,11 +12,13 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 from rich.text import Text
 
+from planfit.cli.speech import USUAL, Speech
 from planfit.errors import printable
 from planfit.scan import Scan, corrupt_frames
 
 _NAMED = 3
 """So many lines of a list are told in full."""
+_LOG_WIDTH = 160
 
 
 class Console(RichConsole):
@@ -23,11 +29,17 @@ class Console(RichConsole):
 
     def __init__(self, stderr: bool = False) -> None:
         super().__init__(stderr=stderr, highlight=False, markup=False, emoji=False)
+        self.speech = USUAL
+        """How much is said; see `speaking_as`."""
+        self.copy: RichConsole | None = None
+        """What is printed goes there as well."""
 
     def print(self, *objects: Any, **how: Any) -> None:
         """As rich does, without control characters in text."""
-        safe = (printable(o, keep="\n") if isinstance(o, str) else o for o in objects)
+        safe = [printable(o, keep="\n") if isinstance(o, str) else o for o in objects]
         super().print(*safe, **how)
+        if self.copy is not None:
+            self.copy.print(*safe, **how)
 
     def on_broken_pipe(self) -> None:
         """Called while `BrokenPipeError` is handled; rich would exit with code 1 here."""
@@ -36,6 +48,40 @@ class Console(RichConsole):
 
 out = Console()
 err = Console(stderr=True)
+
+
+@contextmanager
+def speaking_as(speech: Speech) -> Iterator[None]:
+    """Both consoles say as much as asked for while the context lasts; so do planfit's own loggers, and what
+    Python and libraries warn of, which is for those who ask for more: no line of it says what to do."""
+    log = None
+    if speech.log is not None:
+        log = RichConsole(
+            file=speech.log, width=_LOG_WIDTH, color_system=None, highlight=False, markup=False, emoji=False
+        )  # fmt: skip
+    handlers = [logging.StreamHandler(sys.stderr)] if speech.is_verbose else []
+    handlers += [logging.StreamHandler(speech.log)] if speech.log is not None else []
+    loggers = [logging.getLogger("planfit"), logging.getLogger("py.warnings")]
+    levels = [logger.level for logger in loggers]
+    logging.captureWarnings(True)
+    for console in (out, err):
+        console.speech, console.copy = speech, log
+    out.quiet = speech.is_quiet
+    for logger in loggers if handlers else []:
+        logger.setLevel(logging.DEBUG)
+        for handler in handlers:
+            logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        for console in (out, err):
+            console.speech, console.copy = USUAL, None
+        out.quiet = False
+        logging.captureWarnings(False)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+            for handler in handlers:
+                logger.removeHandler(handler)
 
 
 class StageBars:
@@ -48,8 +94,10 @@ class StageBars:
             TextColumn("{task.fields[count]:>12}"),
             TimeElapsedColumn(),
             console=err,
+            disable=err.speech.is_quiet,
         )
         self._tasks: dict[str, TaskID] = {}
+        self._begun: dict[str, float] = {}
 
     def __enter__(self) -> "StageBars":
         self._progress.start()
@@ -60,6 +108,7 @@ class StageBars:
 
     def update(self, stage: str, done: int, total: int) -> None:
         """Show how far a stage is; a total of 0 means that nobody knows how much there is."""
+        self._tell(stage, is_done=done > 0 and done >= total)
         if stage not in self._tasks:
             self._tasks[stage] = self._progress.add_task(stage, total=None, count="")
         task = self._tasks[stage]
@@ -68,6 +117,18 @@ class StageBars:
         elif done:
             known = self._progress.tasks[task].total or 1
             self._progress.update(task, completed=known, total=known)
+
+    def _tell(self, stage: str, is_done: bool) -> None:
+        """A line at the end of each stage for those who asked for more, and for the log."""
+        begin = self._begun.setdefault(stage, time.perf_counter())
+        if not is_done:
+            return
+        del self._begun[stage]
+        line = f"{time.strftime('%H:%M:%S')} {stage}: {time.perf_counter() - begin:.2f} s"
+        if err.speech.is_verbose:
+            err.print(line)
+        elif err.copy is not None:
+            err.copy.print(line)
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str | Text]]) -> Table:

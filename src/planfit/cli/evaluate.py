@@ -20,6 +20,7 @@ from planfit.cli.evaluate_inputs import (
     run_source,
     scan_source,
 )
+from planfit.cli.run_record import cache_of
 from planfit.errors import require
 from planfit.evaluation import (
     ComparedPoses,
@@ -123,7 +124,7 @@ def _compared(arguments: EvaluateArguments, bars: StageBars) -> tuple[Compared, 
     plan_options, scan_options = arguments.plan_flags.options, arguments.scan_options
     folder, poses = arguments.folder, scan_options.poses
     is_run = (folder / RECORD).exists()
-    runtime = Runtime(arguments.workers, folder / "cache" if is_run else None, bars.update)
+    runtime = Runtime(arguments.workers, cache_of(folder), bars.update)
     if poses is None or is_run:
         of_poses = ScanOptions(poses=poses, max_time_gap_s=scan_options.max_time_gap_s)
         require(

@@ -1,7 +1,6 @@
 """`planfit export`: poses of a run, or of a scan as recorded, in the forms of other programs."""
 
 import os
-import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -25,6 +24,7 @@ from planfit.scan import Scan, ScanOptions, read_scan, write_tum
 from planfit.scan.formats.redwood import write_log
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.scan.views import write_cloud
+from planfit.whole_files import whole_file, whole_folder
 
 FOLDERS = ("colmap", "nerfstudio")
 
@@ -65,28 +65,19 @@ def export_command(arguments: ExportArguments) -> int:
         require_positive(arguments, "voxel_m", "max_depth_m")
         load_open3d()  # before the scan is read, which can take long
     scan, poses = _load(arguments)
-    partial = target.with_name(target.name + ".part")
     with StageBars() as bars:
         runtime = Runtime(arguments.workers, None, bars.update)
-        try:
-            if arguments.to in FOLDERS:
-                partial.mkdir(parents=True)
+        if arguments.to in FOLDERS:
+            with whole_folder(target) as folder:
                 cloud = sample_cloud(scan, runtime, 100_000)
                 if arguments.to == "colmap":
                     matches = read_matches(arguments.source)
-                    write_colmap(partial, scan, poses, cloud, runtime, matches)
+                    write_colmap(folder, scan, poses, cloud, runtime, matches)
                 else:
-                    write_nerfstudio(partial, scan, poses, cloud, runtime)
-            else:
-                target.parent.mkdir(parents=True, exist_ok=True)
-                _write_file(arguments, partial, scan, poses, runtime)
-            partial.replace(target)
-        except BaseException:
-            # Half of a folder looks like a whole one.
-            if partial.is_dir():
-                shutil.rmtree(partial, ignore_errors=True)
-            partial.unlink(missing_ok=True)
-            raise
+                    write_nerfstudio(folder, scan, poses, cloud, runtime)
+        else:
+            with whole_file(target) as part:
+                _write_file(arguments, part, scan, poses, runtime)
     tell_scan(scan)
     out.print(f"written: {target}, {len(scan)} frames, {arguments.frame} axes", soft_wrap=True)
     return 0

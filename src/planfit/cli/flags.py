@@ -130,7 +130,8 @@ def group_of(
                 value,
                 said,
                 tuple(a for m in marks for a in getattr(m, "aliases", None) or ()),
-                _is_marked(marks, tyro.conf.Positional[int]),
+                _is_marked(marks, tyro.conf.Positional[int])
+                or bool(field.metadata.get("is_positional")),
                 default is None and field.default_factory is not dataclasses.MISSING,
                 not _is_marked(marks, tyro.conf.FlagCreatePairsOff[bool]),
                 next((m.metavar for m in marks if getattr(m, "metavar", None)), ""),

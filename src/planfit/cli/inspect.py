@@ -21,6 +21,7 @@ from planfit.scan.statistics import (
     path_statistics,
 )
 from planfit.segmentation.gravity import Gravity, GravityOptions, find_gravity
+from planfit.whole_files import write_whole
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def inspect_command(arguments: InspectArguments) -> int:
             path.gaps,
             path.jumps,
         )
-        arguments.out.write_bytes(picture)
+        write_whole(arguments.out, picture)
         out.print(f"written: {arguments.out}", soft_wrap=True)
     return 0
 

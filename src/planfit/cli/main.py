@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from planfit import __version__
-from planfit.errors import PlanfitError, printable
+from planfit.cli.known_flags import check_flags, completions
+from planfit.cli.speech import USUAL, Speech, speaking, split_speech
+from planfit.errors import OptionError, PlanfitError, did_you_mean
 
 EXIT_OK, EXIT_NOT_BETTER, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
 EXIT_CLOSED_PIPE = 141
@@ -24,6 +26,9 @@ EXIT_CODES = (
     "0 done; 1 done, but with reservations, no better than before or not surely aligned; 2 bad input; "
     "130 stopped"
 )
+COMPLETE = "__complete"
+"""Not for users: what the scripts of `planfit completion` ask for the words that may come next."""
+EVERYWHERE = "-q, --quiet; -v, --verbose; --log FILE"
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,8 @@ class Command:
     written by docs/reference.py, as reading it from the options would take seconds."""
     keeps_stages: bool = False
     """Whether a run that was stopped goes on from its last finished stage."""
+    is_light: bool = False
+    """Whether it starts where libraries are missing or broken; its arguments then parse their own words."""
 
     def load(self) -> tuple[type, Callable[[Any], int]]:
         """The dataclass of its arguments, and the function that takes them and gives the exit code."""
@@ -138,6 +145,20 @@ COMMANDS = (
         ("plan", "scale", "seed", "building.n-rooms", "walk.n-frames", "drift.yaw-deg",
          "drift.translation-m"),
     ),
+    Command(
+        "doctor",
+        "[--json]",
+        "check this installation: versions, extras, threads, GPU, disk, a self-test",
+        ("json", "folder", "cache"),
+        is_light=True,
+    ),
+    Command(
+        "completion",
+        "SHELL",
+        "print what makes bash, zsh or fish complete commands and options",
+        (),
+        is_light=True,
+    ),
 )  # fmt: skip
 
 
@@ -154,6 +175,7 @@ def overview() -> str:
             "commands:",
             *lines,
             "",
+            f"every command also takes {EVERYWHERE}",
             "'planfit COMMAND --help' shows the options that matter, --help-all every one.",
             f"exit codes: {EXIT_CODES}",
             "",
@@ -180,7 +202,15 @@ def exit_with(action: Callable[[], int]) -> NoReturn:
 
 def run(argv: Sequence[str]) -> int:
     """Run a command and give its exit code; errors of the input become one line and exit code 2."""
-    name, rest = (argv[0], list(argv[1:])) if argv else ("--help", [])
+    if argv and argv[0] == COMPLETE:
+        print("\n".join(completions(argv[1:], [command.name for command in COMMANDS])))
+        return EXIT_OK
+    try:
+        words, flags = split_speech(argv)
+    except OptionError as error:
+        USUAL.error(str(error))
+        return EXIT_BAD_INPUT
+    name, rest = (words[0], words[1:]) if words else ("--help", [])
     if name in ("-h", "--help", "help"):
         print(overview(), end="")
         return EXIT_OK
@@ -189,52 +219,66 @@ def run(argv: Sequence[str]) -> int:
         return EXIT_OK
     commands = {command.name: command for command in COMMANDS}
     if name not in commands:
-        print(f"planfit: unknown command {name!r}; known: {', '.join(commands)}", file=sys.stderr)
+        meant = did_you_mean(name, commands) or f"known: {', '.join(commands)}"
+        USUAL.error(f"unknown command {name!r}; {meant}")
         return EXIT_BAD_INPUT
     command = commands[name]
-    if "-h" in rest or "--help" in rest:
+    if not {"-h", "--help", *(["--help-all"] if command.is_light else [])}.isdisjoint(rest):
         print(command.help_path.read_text(encoding="utf-8"), end="")
         return EXIT_OK
-    kept = "finished stages are kept, the same command goes on from there"
-    return in_one_line(
-        lambda: _run_command(command, rest), kept if command.keeps_stages else "nothing of it is kept"
-    )  # fmt: skip
+    kept = (
+        "finished stages are kept, the same command goes on from there"
+        if command.keeps_stages
+        else "nothing of it is kept"
+    )
+
+    def spoken() -> int:
+        with speaking(flags, argv) as speech:
+            return in_one_line(lambda: _run_command(command, rest, speech), kept, speech)
+
+    return in_one_line(spoken, kept)  # for the log, which may not be writable
 
 
-def in_one_line(action: Callable[[], int], kept: str) -> int:
+def in_one_line(action: Callable[[], int], kept: str, speech: Speech = USUAL) -> int:
     """The exit code of an action; errors of the input become one line on stderr, and so does Ctrl-C.
 
     Args:
         action: what is done; gives its exit code.
         kept: what an interrupted run leaves, in words.
+        speech: how errors are told.
     """
     try:
         return action()
     except SystemExit as stop:  # the parser has told what was wrong, or printed its help
         return stop.code if isinstance(stop.code, int) else EXIT_BAD_INPUT
     except PlanfitError as error:
-        print(f"planfit: {printable(str(error))}", file=sys.stderr)
+        speech.error(str(error))
         return EXIT_BAD_INPUT
     except BrokenPipeError:
         raise  # no fault of the input; see `exit_with`
     except OSError as error:
-        what = f"{printable(str(error.filename))}: " if error.filename is not None else ""
+        what = f"{error.filename}: " if error.filename is not None else ""
         why = error.strerror or str(error)
-        print(f"planfit: {what}{why}; check the path, the rights and the disk", file=sys.stderr)
+        speech.error(f"{what}{why}; check the path, the rights and the disk")
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        print(f"planfit: stopped; {kept}", file=sys.stderr)
+        speech.error(f"stopped; {kept}")
         return EXIT_INTERRUPTED
 
 
-def _run_command(command: Command, argv: list[str]) -> int:
+def _run_command(command: Command, argv: list[str], speech: Speech) -> int:
+    check_flags(command.name, argv)
     with _stopped_at_once():
         arguments_type, function = command.load()
+        if command.is_light:
+            return function(arguments_type.from_words(argv))
         from planfit.cli.arguments import parse
+        from planfit.cli.console import speaking_as
 
         words = ["--help" if word == "--help-all" else word for word in argv]
         arguments = parse(arguments_type, f"planfit {command.name}", words)
-    return function(arguments)
+    with speaking_as(speech):
+        return function(arguments)
 
 
 @contextmanager

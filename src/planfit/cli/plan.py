@@ -17,6 +17,7 @@ from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
 from planfit.floorplan.columns import find_columns
 from planfit.floorplan.edits import edited, edits_of_words, write_edits
 from planfit.report import draw_plan_picture
+from planfit.whole_files import write_whole
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,11 @@ class PlanArguments:
 
 
 def _write_png(path: Path, floorplan: Floorplan) -> None:
-    path.write_bytes(draw_plan_picture(floorplan, Path(floorplan.name)))
+    write_whole(path, draw_plan_picture(floorplan, Path(floorplan.name)))
 
 
 def _write_numbered_png(path: Path, floorplan: Floorplan) -> None:
-    path.write_bytes(draw_plan_picture(floorplan, Path(floorplan.name), has_numbers=True))
+    write_whole(path, draw_plan_picture(floorplan, Path(floorplan.name), has_numbers=True))
 
 
 WRITERS: dict[str, Callable[[Path, Floorplan], None]] = {

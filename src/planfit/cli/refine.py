@@ -9,36 +9,20 @@ from typing import Annotated
 
 import tyro
 
-from planfit import __version__
 from planfit.cli.arguments import AlignmentFlags, PlanFlags
-from planfit.cli.config import scan_options_record, to_toml
 from planfit.cli.console import StageBars, err, note, out, table, tell_scan
-from planfit.cli.storeys import plan_inputs, read_plans, tell_storeys
+from planfit.cli.storeys import read_plans, tell_storeys
 from planfit.errors import FloorplanError, require
-from planfit.export import make_record, sample_cloud, write_results
-from planfit.export.cloud import Cloud, place_cloud
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
-from planfit.report import (
-    ReportOptions,
-    Scene,
-    TruthErrors,
-    draw_overlays,
-    make_pictures,
-    make_report,
-    make_scene,
-)
-from planfit.report.measures import CloudXY
-from planfit.report.plots.scan_view import at_camera_height
+from planfit.report import ReportOptions, TruthErrors
 from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
-from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan
-
-_POINTS_OF_FRAME = 20_000
-"""Of the 3D view, at most: a short scan shows its surfaces closed, and its page stays small."""
+from planfit.saving import RunInputs, result_views, write_run
+from planfit.scan import Scan, ScanOptions, read_scan
 
 
 @dataclass(frozen=True)
@@ -70,6 +54,8 @@ class RefineArguments:
     """TOML file of options, on top of the preset and overruled by flags."""
     overwrite: bool = False
     """Replace the results of another run in the output folder."""
+    cache: Path | None = None
+    """Folder that keeps finished stages, which runs may share, also at the same time; else OUT/cache."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
     report: ReportOptions = field(default_factory=ReportOptions)
@@ -102,6 +88,7 @@ def refine_files(
         scan_options=arguments.scan_options,
         more_inputs=more_inputs,
         report_options=arguments.report,
+        cache=arguments.cache,
     )
     summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
     return result
@@ -138,59 +125,33 @@ def refine_into(
     scan_options: ScanOptions | None = None,
     more_inputs: Mapping[str, str] | None = None,
     report_options: ReportOptions | None = None,
+    cache: Path | None = None,
 ) -> RefineResult:
     """Refine a scan and write everything a run writes; see docs/outputs.md.
 
     `truth_of` gives the errors of a result against true poses, where they are known, for the report.
     `scan_options` are those that the scan was read with, for the record, and `more_inputs` stand there beside
-    the fingerprints. `report_options`: by default, all of a report.
+    the fingerprints. `report_options`: by default, all of a report. `cache` takes the place of the folder's
+    own.
     """
-    inputs = {"scan": str(Path(scan.name).resolve()), "scan_fingerprint": scan.fingerprint}
-    inputs |= {**plan_inputs(floorplan), **(more_inputs or {})}
-    with RunFolder.claimed(folder, inputs, overwrite) as run, StageBars() as bars:
-        runtime = Runtime(workers, run.cache_dir, bars.update)
+    inputs = RunInputs(
+        scan,
+        floorplan,
+        options,
+        scan_options or ScanOptions(),
+        cache,
+        report_options or ReportOptions(),
+        more_inputs or {},
+    )
+    with RunFolder.claimed(folder, inputs.names, overwrite) as run, StageBars() as bars:
+        runtime = Runtime(workers, cache or run.cache_dir, bars.update)
         result = refine(scan, floorplan, options, runtime)
-        cloud = sample_cloud(calibrated_scan(scan, result.sensor), runtime)
-        cloud = cloud.without(result.evidence.unplaced)
-        scene = _scene(scan, result, report_options or ReportOptions(), runtime)
+        seen = result_views(inputs, result, runtime)
         with run.writing() as staging:
             bars.update("write results", 0, 0)
-            record = make_record(__version__, inputs, scan, result.floorplan, options, result)
-            record["scan_options"] = scan_options_record(scan_options or ScanOptions())
-            write_results(staging, scan, result, record, cloud)
-            seen = _seen_from_above(cloud, result)
-            for name, overlay in draw_overlays(result, seen).items():
-                (staging / name).write_bytes(overlay)
-            errors = truth_of(result) if truth_of else None
-            text = to_toml(options)
-            report = make_report(scan.name, result.floorplan, result, text, errors, seen, scene)
-            (staging / "report.html").write_text(report, encoding="utf-8")
+            write_run(staging, inputs, result, seen, truth_of(result) if truth_of else None)
         bars.update("write results", 1, 0)
     return result
-
-
-def _scene(
-    scan: Scan, result: RefineResult, options: ReportOptions, runtime: Runtime
-) -> Scene | None:
-    """What the 3D view of the report shows; None where none is wanted."""
-    if not options.has_view:
-        return None
-    sampled = sample_cloud(
-        calibrated_scan(scan, result.sensor), runtime, options.max_points, _POINTS_OF_FRAME
-    )
-    cloud = sampled.without(result.evidence.unplaced).thinned(options.max_points)
-    pictures = make_pictures(scan, result.plan_from_cams, options.max_pictures, runtime)
-    return make_scene(scan, result, cloud.points_cam, cloud.colors, cloud.start, pictures)
-
-
-def _seen_from_above(cloud: Cloud, result: RefineResult) -> CloudXY:
-    """Points of the cloud at camera height, before and after, for plots without a plan."""
-    before, after = (
-        place_cloud(cloud, poses)
-        for poses in (result.initial_plan_from_cams, result.plan_from_cams)
-    )
-    is_shown = at_camera_height(result.plan_from_cams[:, :3, 3], after)
-    return before[is_shown, :2], after[is_shown, :2]
 
 
 def summarise(

@@ -10,10 +10,11 @@ from jaxtyping import Float
 
 from planfit.alignment import metric_plan
 from planfit.archives import archive_of
-from planfit.cli.config import options_of, scan_options_of
+from planfit.cli.config import scan_options_of
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
+from planfit.option_values import options_of
 from planfit.pipeline.observations import with_poses
 from planfit.pipeline.options import RefineOptions
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum
@@ -128,6 +129,14 @@ def read_record(folder: Path) -> RunRecord:
             f"{where}expected the record of a run of this version, found a damaged or an older one; "
             "run 'planfit refine' again"
         ) from error
+
+
+def cache_of(folder: Path) -> Path | None:
+    """The cache of a run; None where the folder is none of `planfit refine`."""
+    if not (folder / "run.json").exists():
+        return None
+    shared = _read_record(folder).get("cache")
+    return Path(shared) if isinstance(shared, str) else folder / "cache"
 
 
 def _read_plan(

@@ -60,20 +60,6 @@ def _numbered(word: str) -> tuple[int, Path]:
     return int(number), Path(path)
 
 
-def plan_inputs(floorplan: Floorplan | dict[int, Floorplan] | None) -> dict[str, str]:
-    """What a record says of the plans that a run reads."""
-    if floorplan is None:
-        return {}
-    if isinstance(floorplan, Floorplan):
-        path = str(Path(floorplan.name).resolve())
-        return {"plan": path, "plan_fingerprint": floorplan.fingerprint}
-    plans = sorted(floorplan.items())
-    return {
-        "plan": " ".join(f"{number}={Path(plan.name).resolve()}" for number, plan in plans),
-        "plan_fingerprint": " ".join(plan.fingerprint for _, plan in plans),
-    }
-
-
 def tell_storeys(storeys: Storeys) -> None:
     """A line a storey: its floor, its frames, and where its plan lies."""
     for storey in reversed(storeys.walked):

@@ -1,6 +1,5 @@
 """`planfit synth`: a synthetic scan, written in the FACaP layout with its plan and its truth."""
 
-import shutil
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -46,13 +45,9 @@ def synth_command(arguments: SynthArguments) -> int:
         options = replace(options, walk=replace(options.walk, path=arguments.walk_file))
     with StageBars() as bars:
         synthetic = make_scan(options, floorplan)
-        try:
-            write_facap(
-                arguments.out, synthetic, lambda done, total: bars.update("render", done, total)
-            )
-        except BaseException:
-            shutil.rmtree(arguments.out, ignore_errors=True)  # half a scan is of no use
-            raise
+        write_facap(
+            arguments.out, synthetic, lambda done, total: bars.update("render", done, total)
+        )
     _tell(arguments.out, synthetic)
     return 0
 

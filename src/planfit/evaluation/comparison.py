@@ -34,6 +34,7 @@ from planfit.evaluation.sampling import MapOptions
 from planfit.evaluation.surfaces import NEAR_FACE_M, wall_distances, wall_frame_idx
 from planfit.geometry import se3
 from planfit.matching import Matches
+from planfit.option_values import Changeable, require_kinds
 from planfit.runtime import Runtime
 from planfit.scan import Scan, calibrated_scan
 from planfit.segmentation import (
@@ -43,6 +44,7 @@ from planfit.segmentation import (
     level_from_world,
     segment_scan,
 )
+from planfit.short_repr import short_repr
 
 Side = Literal["a", "b", "neither"]
 Poses = Float[np.ndarray, "n 4 4"] | RefinedPoses
@@ -55,7 +57,7 @@ _SAME_SCALE = 1e-3
 
 
 @dataclass(frozen=True)
-class CompareOptions:
+class CompareOptions(Changeable):
     """How two sets of poses are compared."""
 
     align: bool = False
@@ -70,6 +72,9 @@ class CompareOptions:
     """When a wall counts as seen twice."""
     free_space: FreeSpaceOptions = field(default_factory=FreeSpaceOptions)
     """Whether views look through what other views see."""
+
+    def __post_init__(self) -> None:
+        require_kinds(self)
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,8 @@ class Comparison:
     metrics: dict[str, Metric]
     """All that was taken; A as before, B as after."""
     notes: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     @property
     def preferred(self) -> Side:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from planfit.geometry import se3
+from planfit.short_repr import short_repr
 
 MIN_STRETCH_M = 0.02
 """Poses that differ by less than this are called the same."""
@@ -25,6 +26,8 @@ class PoseDifferences:
     """That motion, made or not: distance (m) of the middle of the path, and angle (deg)."""
     aligned_rms_m: float
     """Distances after it, root mean square."""
+
+    __repr__ = short_repr
 
     @property
     def rms_m(self) -> float:

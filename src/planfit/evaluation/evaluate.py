@@ -20,6 +20,7 @@ from planfit.evaluation.sampling import MapOptions
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
+from planfit.option_values import Changeable, require_kinds
 from planfit.runtime import Runtime
 from planfit.scan import Scan, calibrated_scan
 from planfit.segmentation import (
@@ -29,10 +30,11 @@ from planfit.segmentation import (
     level_from_world,
     segment_scan,
 )
+from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)
-class EvaluateOptions:
+class EvaluateOptions(Changeable):
     """Which metrics are taken, and how."""
 
     delta_m: float = 5.0
@@ -45,6 +47,7 @@ class EvaluateOptions:
     """When a wall counts as seen twice."""
 
     def __post_init__(self) -> None:
+        require_kinds(self)
         require_positive(self, "delta_m")
 
 
@@ -79,6 +82,8 @@ class ComparedPoses:
     floorplan: Floorplan | None = None
     """In metres."""
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -88,6 +93,8 @@ class Evaluation:
     """By name, in the order of docs/metrics.md. What was not seen or not given is left out."""
     n_true_poses: int
     """Frames that were compared with a true pose."""
+
+    __repr__ = short_repr
 
     def __getitem__(self, name: str) -> Metric:
         return self.metrics[name]

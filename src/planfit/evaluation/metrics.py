@@ -18,6 +18,7 @@ from planfit.floorplan import Floorplan
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.segmentation import Structure, WallPatches
+from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class Truth:
     frame: Literal["world", "plan"] = "world"
     """The target frame, of poses and cloud: the scan's own axes, or those of the plan."""
     cloud: TrueCloud | None = None
+
+    __repr__ = short_repr
 
 
 def trajectory_metrics(

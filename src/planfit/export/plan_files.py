@@ -8,6 +8,7 @@ from ezdxf.filemanagement import new
 from jaxtyping import Float
 
 from planfit.floorplan import Floorplan
+from planfit.whole_files import whole_file, write_whole
 
 
 def write_plan_svg(path: Path, floorplan: Floorplan) -> None:
@@ -36,7 +37,7 @@ def write_plan_svg(path: Path, floorplan: Floorplan) -> None:
         lines += [_svg_line(ends, "") for ends in floorplan.openings]
         lines.append("</g>")
     lines.append("</svg>")
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_whole(path, "\n".join(lines) + "\n")
 
 
 def _svg_line(ends: Float[np.ndarray, "2 2"], extra: str) -> str:
@@ -60,4 +61,5 @@ def write_plan_dxf(path: Path, floorplan: Floorplan) -> None:
         space.add_line(tuple(first), tuple(last), dxfattribs={"layer": "WALL_FACES"})
     for ends in () if floorplan.openings is None else floorplan.openings:
         space.add_line(tuple(ends[0]), tuple(ends[1]), dxfattribs={"layer": "OPENINGS"})
-    document.saveas(path)
+    with whole_file(path) as part:
+        document.saveas(part)

@@ -17,6 +17,7 @@ from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan.faces import line_strings
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
+from planfit.whole_files import write_whole
 
 SAME_SHARE = 0.002
 """A face is the one that an edit names where its ends lie within this share of the plan's size."""
@@ -73,7 +74,7 @@ def write_edits(path: Path, edits: PlanEdits) -> None:
         "keep_regions": [corners.tolist() for corners in edits.keep],
         "add": [] if edits.add is None else edits.add.tolist(),
     }
-    path.write_text(json.dumps(content, indent=1) + "\n")
+    write_whole(path, json.dumps(content, indent=1) + "\n")
 
 
 def edits_of_words(

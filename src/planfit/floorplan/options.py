@@ -5,10 +5,11 @@ from pathlib import Path
 
 from planfit.errors import OptionError, require_positive
 from planfit.floorplan.units import Unit
+from planfit.option_values import Changeable, require_kinds
 
 
 @dataclass(frozen=True)
-class PlanOptions:
+class PlanOptions(Changeable):
     """What the reader of a plan cannot know, or shall not guess."""
 
     unit: Unit = "auto"
@@ -36,6 +37,7 @@ class PlanOptions:
     """Swap left and right: for a plan that was drawn or exported mirrored."""
 
     def __post_init__(self) -> None:
+        require_kinds(self)
         require_positive(self, "page", "cut_height_m")
         if self.paper_scale is not None and not self.paper_scale > 0:
             raise OptionError(f"paper_scale: expected a number above 0, found {self.paper_scale}")

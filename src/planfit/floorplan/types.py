@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from planfit.errors import FloorplanError
 from planfit.floorplan.faces import first_of_each, orient_faces, usual_gap
 from planfit.geometry import segments
+from planfit.short_repr import short_repr
 
 MAX_THICKNESS_M, MIN_THICKNESS_M = 0.6, 0.02
 """Of walls drawn as bare segments."""
@@ -54,6 +55,8 @@ class PlanSource:
     """Whether the file's own coordinates are pixels of a picture: points of the plan are then given in these
     (u right, v down), else in the plan frame."""
 
+    __repr__ = short_repr
+
     @property
     def rim_from_plan(self) -> Float[np.ndarray, "3 3"]:
         """From homogeneous plan x-y to the coordinates that a user gives and reads, at the rim of the picture
@@ -93,6 +96,8 @@ class Floorplan:
     """Where it came from."""
     storeys: Int[np.ndarray, " n"] | None = None
     """Storey of each face, where plans of several storeys were joined; None: one plan for all frames."""
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         n = len(self.ends)

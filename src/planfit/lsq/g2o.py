@@ -58,7 +58,11 @@ def read_g2o(path: Path, half_angles: bool = True) -> PoseGraph:
     """
     vertices: dict[int, list[float]] = {}
     ends, edges, fixed = [], [], []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise PlanfitError(f"{path}: expected text in g2o's format, found other bytes") from error
+    for number, line in enumerate(text.splitlines(), 1):
         tag, *words = line.split() or [""]
         if tag in ("", "#"):
             continue

@@ -12,6 +12,7 @@ from planfit.lsq.checks import check_poses
 from planfit.lsq.covariance import covariances
 from planfit.lsq.solver import DEFAULTS, Solution, SolverOptions, solve
 from planfit.lsq.term import NamesPoses, Term, robust_cost, widened
+from planfit.short_repr import short_repr
 
 GNC_SCHEDULE = (8.0, 4.0, 2.0, 1.0)
 """Factors on the scales of losses, the last of them 1."""
@@ -29,6 +30,8 @@ class Problem:
     terms: Sequence[Term]
     initial_target_from_cams: Float[np.ndarray, "n 4 4"]
     """Where a solve begins."""
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Check poses and terms."""

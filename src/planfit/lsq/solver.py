@@ -16,6 +16,7 @@ from planfit.geometry import se3
 from planfit.lsq.linear.block_pattern import BlockPattern
 from planfit.lsq.linear.normal_equations import LinearSolver, NormalEquations
 from planfit.lsq.term import Quadratic, Term
+from planfit.short_repr import short_repr
 
 log = logging.getLogger(__name__)
 
@@ -74,6 +75,8 @@ class Solution:
     iterations: int
     """Rounds of reweighting, or steps of a descent."""
     cost_by_term: dict[str, Cost]
+
+    __repr__ = short_repr
 
 
 def solve(

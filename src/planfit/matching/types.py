@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
 
 from planfit.errors import ScanError
+from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,8 @@ class Detections:
     """The larger the surer."""
     descriptors: Shaped[np.ndarray, "k d"]
     """Near in Euclidean distance where they show the same."""
+
+    __repr__ = short_repr
 
 
 Detector = Callable[[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"] | None], Detections]
@@ -44,6 +47,8 @@ class Keypoints:
     sharpness: Float32[np.ndarray, ""] | np.float32
     """Of the image."""
 
+    __repr__ = short_repr
+
     def __len__(self) -> int:
         return len(self.uv)
 
@@ -64,6 +69,8 @@ class RelativePoses:
     """Matches that agree with each."""
     explained: Float[np.ndarray, " p"] | None = None
     """How much of both views each explains (`view_agreement.py`); None where views were not compared."""
+
+    __repr__ = short_repr
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -106,6 +113,8 @@ class Matches:
     """Keypoints with depth, over all frames."""
     explained: Float[np.ndarray, " p"] | None = None
     """How much of both views the motion of each pair explains, where views were compared."""
+
+    __repr__ = short_repr
 
     @property
     def n_matches(self) -> int:

@@ -32,6 +32,7 @@ from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Structure
+from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class AlignResult:
     walls: WallSamples
     plan_from_world: Float[np.ndarray, "4 4"]
     """To the plan in metres."""
+
+    __repr__ = short_repr
 
 
 def align(

@@ -36,6 +36,7 @@ from planfit.pipeline.predicted_error import (
 )
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storeys import judge_storeys
+from planfit.short_repr import short_repr
 
 FOLD_TOLERANCE = 1e-4
 """A fold's solve ends when a round lowers the cost by less than this share of itself."""
@@ -119,6 +120,8 @@ class Evidence:
     """Why the recorded poses as a whole say nothing of the images, in words."""
     without_plan: tuple[Storey, ...] = ()
     """Storeys that were walked and have no plan, where others have one."""
+
+    __repr__ = short_repr
 
     @property
     def predicted_error_m(self) -> Float[np.ndarray, " n"]:

@@ -30,6 +30,7 @@ from planfit.scan import Scan
 from planfit.scan.odometry import Odometry, make_odometry
 from planfit.scan.views import select_frames
 from planfit.segmentation import Gravity, Structure, find_gravity, segment_scan
+from planfit.short_repr import short_repr
 from planfit.tracking import (
     Tracking,
     believe,
@@ -57,6 +58,8 @@ class Observations:
     """Frames matched by geometry, where keypoints are few."""
     keyframe_idx: Int[np.ndarray, " k"] | None = None
     """Frames whose images were looked at, increasing, first and last among them; None: all."""
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from planfit.adjust import AdjustOptions
 from planfit.adjust.calibration import CalibrationOptions
 from planfit.alignment import AlignOptions
 from planfit.matching import MatchingOptions
+from planfit.option_values import Changeable, require_kinds
 from planfit.pipeline.verdict_options import VerdictOptions
 from planfit.scan.odometry import OdometryOptions
 from planfit.segmentation import SegmentationOptions
@@ -13,7 +14,7 @@ from planfit.tracking import KeyframeOptions, TrackingOptions
 
 
 @dataclass(frozen=True)
-class RefineOptions:
+class RefineOptions(Changeable):
     """Everything that can be chosen about a run."""
 
     poses_convention: str = "recorded"
@@ -39,3 +40,6 @@ class RefineOptions:
     """How the result is judged."""
     seed: int = 0
     """Seed of what is kept out of the solves that judge."""
+
+    def __post_init__(self) -> None:
+        require_kinds(self)

@@ -18,6 +18,7 @@ from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import level_from_world
+from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class PreparedScan:
     """Runs of frames, first and last, whose place nothing tells: tracking was lost there."""
     tracking_doubt: str = ""
     """Why the recorded poses as a whole say nothing, in words."""
+
+    __repr__ = short_repr
 
 
 def prepare(

@@ -13,7 +13,7 @@ from planfit.pipeline.calibrate import CalibratedScan, calibrate_alone, calibrat
 from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.result import RefineResult, make_result
+from planfit.pipeline.result import MadeOf, RefineResult, make_result
 from planfit.pipeline.storeys import place_on_storeys
 from planfit.pipeline.validation import validate
 from planfit.runtime import Runtime, StageTimer
@@ -63,7 +63,8 @@ def refine(
         prepared, structure = calibrated.prepared, calibrated.observations.structure
         found = calibrated.calibration
         validation = validate(prepared, on_plan, adjustment, structure, chosen, own, found)
-    return make_result(scan, calibrated, on_plan, adjustment, validation, chosen, timer)
+    result = make_result(scan, calibrated, on_plan, adjustment, validation, chosen, timer)
+    return replace(result, made_of=MadeOf(scan, floorplan, chosen))
 
 
 def calibrate(

@@ -1,9 +1,14 @@
 """What a run gives: refined poses, and all that is needed to judge them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+from PIL import Image
 
 from planfit.adjust import PlanAdjustment
 from planfit.adjust.calibration import NOT_CALIBRATED, Calibration
@@ -28,7 +33,19 @@ from planfit.pipeline.verdict import Verdict
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Gravity, Structure
+from planfit.short_repr import short_repr
 from planfit.tracking import Tracking
+
+
+@dataclass(frozen=True)
+class MadeOf:
+    """What `refine` was given."""
+
+    scan: Scan
+    floorplan: Floorplan | Mapping[int, Floorplan] | None
+    options: RefineOptions
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True)
@@ -72,6 +89,28 @@ class RefineResult:
     """The same, parameter by parameter, in words and units."""
     surfaces: SurfacePairs = field(default_factory=SurfacePairs.none)
     """Frames matched by geometry, where keypoints are few."""
+    made_of: MadeOf | None = None
+    """What it was made of; None where a result was put together otherwise."""
+
+    __repr__ = short_repr
+
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> None:
+        """Write all that `planfit refine` writes, its report too (docs/outputs.md).
+
+        Args:
+            folder: new, empty, or of an earlier run with the same scan and plan.
+            overwrite: whether another run's results may be replaced.
+
+        Raises:
+            OptionError: the result does not know what it was made of.
+            OutputError: the folder holds other files, is in use, or cannot be written.
+        """
+        _above("planfit.saving").save_result(self, folder, overwrite=overwrite)
+
+    def plot(self) -> Image.Image:
+        """The scan's wall points over the plan, before and after, as a picture that notebooks show; without a
+        plan, its walls from above."""
+        return _above("planfit.report").plot_result(self)
 
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
@@ -82,6 +121,12 @@ class RefineResult:
     def sensor(self) -> SensorCalibration:
         """How the scan's sensor was corrected: for `planfit.scan.calibrated_scan`."""
         return self.calibration.sensor
+
+
+def _above(module: str) -> Any:
+    """A module that stands above the pipeline and takes its results: only these two methods, which are there
+    for those who type, reach up, and by name (docs/adr/0020-methods-that-reach-up.md)."""
+    return import_module(module)
 
 
 def to_recorded_axes(

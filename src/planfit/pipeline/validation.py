@@ -17,6 +17,7 @@ from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.verdict import Verdict, is_apart, judge
 from planfit.segmentation import Structure
+from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class Validation:
     """Robust cost of each term, before and after."""
     evidence: Evidence
     verdict: Verdict
+
+    __repr__ = short_repr
 
 
 def validate(

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.reservations import Reservation, reservations_of
 from planfit.pipeline.verdict_options import VerdictOptions
+from planfit.short_repr import short_repr
 
 WORTH_SHARE = 0.35
 """A correction is no improvement when the predicted error is more than this share of it."""
@@ -55,6 +56,8 @@ class Verdict:
     """Of each camera position, one standard deviation of its length."""
     is_tracked: bool = True
     """Whether the recorded poses say anything of the images."""
+
+    __repr__ = short_repr
 
     @property
     def is_refined(self) -> bool:

@@ -9,6 +9,7 @@ from planfit.report.options import ReportOptions as ReportOptions
 from planfit.report.plots.alignment import draw_alignment as draw_alignment
 from planfit.report.plots.overlay import draw_overlay as draw_overlay
 from planfit.report.plots.overlay import draw_overlays as draw_overlays
+from planfit.report.plots.overlay import plot_result as plot_result
 from planfit.report.plots.plan_picture import draw_plan_picture as draw_plan_picture
 from planfit.report.plots.scan_view import draw_scan_view as draw_scan_view
 from planfit.report.scene.make import make_scene as make_scene

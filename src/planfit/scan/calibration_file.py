@@ -11,10 +11,13 @@ from planfit.geometry.calibration import PARAMETERS, SensorCalibration
 from planfit.geometry.camera import Camera
 from planfit.scan.types import Scan
 from planfit.scan.views import calibrated_scan
+from planfit.whole_files import write_whole
 
 FORMAT, VERSION = "planfit-sensor", 1
 MAX_FOCAL_SHARE = 0.05
 """Autofocus changes the focal length of a phone by 2 to 3 %; another lens differs by more than this."""
+MAX_NUMBER = 1e12
+"""Nothing that a camera has is so large, in any unit."""
 
 
 def write_calibration(
@@ -29,7 +32,7 @@ def write_calibration(
         camera: the device's first one, as its files say, by which another device is noticed.
 
     Raises:
-        OSError: the file cannot be written.
+        OutputError: the file cannot be written.
     """
     content = {
         "format": FORMAT,
@@ -38,7 +41,7 @@ def write_calibration(
         "sigmas": {name: sigmas[name] for name in PARAMETERS},
         "camera": asdict(camera),
     }
-    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def take_calibration(scan: Scan, path: Path) -> Scan:
@@ -50,8 +53,18 @@ def take_calibration(scan: Scan, path: Path) -> Scan:
     content = _content(path)
     sensor = _sensor(content, path)
     of_file = _numbers(content, "camera", ("width", "fx"), path)
+    if min(of_file.values()) <= 0:
+        raise ScanError(
+            f"{path}: expected a camera's width and fx above 0, found {of_file['width']:g} and "
+            f"{of_file['fx']:g}; make the calibration again"
+        )
     mine, other = scan.cameras[0].fx / scan.cameras[0].width, of_file["fx"] / of_file["width"]
-    corrected = calibrated_scan(scan, sensor)
+    try:
+        corrected = calibrated_scan(scan, sensor)
+    except ValueError as error:  # of a camera whose numbers it makes infinite or negative
+        raise ScanError(
+            f"{path}: expected a calibration that leaves a camera, found one by which {error}; make it again"
+        ) from error
     if abs(mine / other - 1) <= MAX_FOCAL_SHARE:
         return corrected
     words = (
@@ -68,7 +81,7 @@ def _content(path: Path) -> dict[str, Any]:
         raise ScanError(
             f"{path}: expected a calibration of 'planfit calibrate', cannot be read ({error.strerror})"
         ) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ScanError(
             f"{path}: expected a calibration of 'planfit calibrate', found no JSON; make it again"
         ) from error
@@ -104,7 +117,8 @@ def _numbers(
                 f"{path}: expected {table}.{name}, found none; make the calibration again"
             )
         value = values[name]
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not is_number or not abs(value) < MAX_NUMBER:
             raise ScanError(
                 f"{path}: {table}.{name}: expected a number, found {value!r}; make the calibration again"
             )

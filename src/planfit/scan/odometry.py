@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from planfit.errors import require_positive
 from planfit.geometry import se3
+from planfit.short_repr import short_repr
 
 FIXED_RAD, FIXED_M = 1e-5, 1e-4
 """Sigmas between cameras that are fixed to each other: as good as nothing, and no division by it."""
@@ -47,6 +48,8 @@ class Odometry:
     """rad, each axis."""
     sigma_translation: Float[np.ndarray, " s"]
     """m, each axis."""
+
+    __repr__ = short_repr
 
     def sigma_between(
         self, first: Int[np.ndarray, "*#k"], last: Int[np.ndarray, "*#k"]

@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Literal
 
 from planfit.errors import OptionError, require, require_choice, require_positive
+from planfit.option_values import Changeable, require_kinds
 
 
 @dataclass(frozen=True)
-class ScanOptions:
+class ScanOptions(Changeable):
     """Choices of the readers; most formats need none."""
 
     format: str = "auto"
@@ -47,6 +48,7 @@ class ScanOptions:
     usual relation that fits (same clock, GPS week, GPS seconds, Unix time)."""
 
     def __post_init__(self) -> None:
+        require_kinds(self)
         require_positive(self, "max_time_gap_s", "instant_s")
         require_choice(self, "cloud_up", "auto", "x", "y", "z", "-x", "-y", "-z")
         for name in ("depth_scale", "image_size_px"):

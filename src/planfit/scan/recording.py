@@ -27,6 +27,7 @@ from planfit.scan.options import ScanOptions
 from planfit.scan.poses import is_lost, name_lost_frames
 from planfit.scan.types import Scan
 from planfit.scan.views import MAX_CORRUPT_SHARE
+from planfit.short_repr import short_repr
 
 Size = tuple[int, int]
 """(width, height) px."""
@@ -169,6 +170,8 @@ class RecordedFiles:
     recording: Recording
     frames: tuple[Frame, ...]
     views: tuple[View, ...]
+
+    __repr__ = short_repr
 
     def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
         """Colour image, RGB; None where the frame is depth alone."""

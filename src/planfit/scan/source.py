@@ -157,7 +157,8 @@ class ZipSource:
         """
         try:
             archive = zipfile.ZipFile(path)
-        except (zipfile.BadZipFile, OSError) as error:
+        # A version of the format that is not known, names in no known letters.
+        except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError) as error:
             raise ScanError(
                 f"{path}: expected a zip archive, found one that cannot be read ({error}); "
                 "export or copy it again"
@@ -268,7 +269,7 @@ class ZipSource:
         files = [
             entry
             for entry in self._lock_free.infolist()
-            if not entry.is_dir() and not entry.filename.startswith("__MACOSX/")
+            if entry.filename and not entry.is_dir() and not entry.filename.startswith("__MACOSX/")
         ]
         prefix = self._prefix
         return {
@@ -285,7 +286,7 @@ class ZipSource:
         names = [
             entry.filename
             for entry in self._lock_free.infolist()
-            if not entry.is_dir() and not entry.filename.startswith("__MACOSX/")
+            if entry.filename and not entry.is_dir() and not entry.filename.startswith("__MACOSX/")
         ]
         tops = {name.split("/")[0] for name in names}
         return f"{tops.pop()}/" if len(tops) == 1 and all("/" in name for name in names) else ""

@@ -12,6 +12,7 @@ from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.scan.poses import check_pose
+from planfit.short_repr import short_repr
 
 MAX_STEP_M = 20.0
 """Half of the steps between frames are shorter: nobody scans a building at strides of 20 m, but poses in
@@ -115,6 +116,8 @@ class Scan:
     """Frames of the recording that are left out, and why, one line each."""
     warnings: tuple[str, ...] = ()
     """What to look at before trusting the scan."""
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         n = len(self.frame_ids)

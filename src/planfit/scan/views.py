@@ -12,6 +12,7 @@ from planfit.errors import ScanError
 from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
 from planfit.scan.types import CloudFiles, Scan, ScanFiles
+from planfit.short_repr import short_repr
 
 MAX_CORRUPT_SHARE = 0.01
 """A file system or a transfer spoils single frames; where more than one in a hundred are corrupt, something
@@ -175,6 +176,8 @@ class TolerantFiles(FilesView):
     max_corrupt: int
     _reasons: dict[int, str] = field(default_factory=dict, init=False, compare=False)
     _lock: Lock = field(default_factory=Lock, init=False, compare=False, repr=False)
+
+    __repr__ = short_repr
 
     def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
         """Colour image, RGB; None where the frame is depth alone."""

@@ -12,6 +12,7 @@ from planfit.errors import require_positive
 from planfit.geometry.depth_normals import depth_normals
 from planfit.runtime import Runtime, cache_key
 from planfit.scan import Scan
+from planfit.short_repr import short_repr
 
 _SOFT_DEG = 1.5
 """Normals that are further off than this weigh less and less."""
@@ -42,6 +43,8 @@ class Gravity:
     """Share of the normals near up that agree with it; 1 where the format knows it."""
     source: str
     """Where it comes from, in words."""
+
+    __repr__ = short_repr
 
 
 def find_gravity(scan: Scan, options: GravityOptions, runtime: Runtime) -> Gravity:

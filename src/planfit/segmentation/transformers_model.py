@@ -40,7 +40,9 @@ class TransformersModel:
         )
         self.table = label_table(weights.config.id2label, weights.where)
         try:
-            self._processor: Any = processor.from_pretrained(weights.source)
+            self._processor: Any = processor.from_pretrained(
+                weights.source, trust_remote_code=False
+            )
         except (OSError, ValueError, ImportError) as error:
             raise OptionError(
                 f"{weights.where}: expected a segmentation model with preprocessor_config.json, found a "

@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.short_repr import short_repr
+
 NO_STOREY = -1
 """Storey of frames between two, on stairs."""
 
@@ -17,6 +19,8 @@ class LevelPoints:
     """m."""
     start: Int[np.ndarray, " n_plus_1"]
     """Points of frame i are start[i]:start[i + 1]."""
+
+    __repr__ = short_repr
 
     def __len__(self) -> int:
         return len(self.points_cam)
@@ -47,6 +51,8 @@ class WallPatches:
     """Unit, level, towards the camera."""
     ends_cam: Float[np.ndarray, "k 2 3"]
     """m, both ends of the patch at its mean height."""
+
+    __repr__ = short_repr
 
     def __len__(self) -> int:
         return len(self.frame_idx)
@@ -108,6 +114,8 @@ class Structure:
     storeys: Int[np.ndarray, " n"] | None = None
     """Storey that each frame stands on, as faces of joined plans are numbered; `NO_STOREY` on stairs. None:
     one plan for all frames."""
+
+    __repr__ = short_repr
 
     @property
     def wall_storeys(self) -> Int[np.ndarray, " k"] | None:

@@ -14,6 +14,7 @@ from planfit.scan.formats.facap import MASKS
 from planfit.scan.poses import write_pose
 from planfit.synth.building import facap_segments
 from planfit.synth.scan import SyntheticScan
+from planfit.whole_files import whole_folder
 
 
 def write_facap(
@@ -45,18 +46,17 @@ def write_facap(
             "world: expected 'plan', because the FACaP layout records poses in the plan's axes, "
             f"found {synthetic.options.world!r}"
         )
-    try:
-        if path.exists() and any(path.iterdir()):
-            raise OutputError(f"{path}: expected an empty or new folder, found files in it")
-        frames, masks = path / "arcore", path / "segmentation"
-        frames.mkdir(parents=True, exist_ok=True)
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise OutputError(f"{path}: expected an empty or new folder, found files in it")
+    with whole_folder(path, "check rights and space") as folder:
+        (folder / "arcore").mkdir()
         if scan.has_labels:
-            masks.mkdir()
-        _write_plans(path, synthetic)
-        write_tum(path / "groundtruth.tum", scan.timestamps, synthetic.true_world_from_cams)
+            (folder / "segmentation").mkdir()
+        _write_plans(folder, synthetic)
+        write_tum(folder / "groundtruth.tum", scan.timestamps, synthetic.true_world_from_cams)
         pool = ThreadPoolExecutor(n_threads)
         try:
-            jobs = [pool.submit(_write_frame, path, synthetic, i) for i in range(len(scan))]
+            jobs = [pool.submit(_write_frame, folder, synthetic, i) for i in range(len(scan))]
             for done, job in enumerate(as_completed(jobs), start=1):
                 job.result()
                 if on_progress is not None:
@@ -64,9 +64,6 @@ def write_facap(
         finally:
             # On Ctrl-C, frames not yet begun are dropped.
             pool.shutdown(wait=True, cancel_futures=True)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror}); "
-                          "check rights and space") from error  # fmt: skip
 
 
 def _write_plans(path: Path, synthetic: SyntheticScan) -> None:

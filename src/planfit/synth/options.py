@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from planfit.errors import require
+from planfit.option_values import Changeable, require_kinds
 
 MAX_ROOMS = 40
 
@@ -310,7 +311,7 @@ class DriftOptions:
 
 
 @dataclass(frozen=True)
-class SynthOptions:
+class SynthOptions(Changeable):
     """A synthetic scan. The same options give the same scan, bit for bit."""
 
     seed: int = 0
@@ -329,6 +330,7 @@ class SynthOptions:
     world is rotated about the vertical and moved, and the scan does not say how."""
 
     def __post_init__(self) -> None:
+        require_kinds(self)
         require(self.seed >= 0, f"seed: expected 0 or more, found {self.seed}")
         require(self.world in ("plan", "moved"),
                 f"world: expected 'plan' or 'moved', found {self.world!r}")  # fmt: skip

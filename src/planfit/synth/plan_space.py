@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 from trimesh import Trimesh
-from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from planfit.geometry import segments
 from planfit.synth.plan_walls import PlanWalls
+from planfit.synth.ray_caster import ray_caster
 from planfit.synth.rect import Rect
 
 CELL_M = 0.1
@@ -106,7 +106,7 @@ def _is_inside(walls: PlanWalls, cells: Cells) -> Bool[np.ndarray, "nx ny"]:
     )
     i = np.arange(n)
     faces = np.stack([i, i + n, i + 2 * n, i + n, i + 3 * n, i + 2 * n], axis=1).reshape(-1, 3)
-    caster = RayMeshIntersector(Trimesh(corners, faces, process=False))
+    caster = ray_caster(Trimesh(corners, faces, process=False))
     left = segments.left_normals(ends)
     fronts = np.zeros(len(xy))
     origins = np.column_stack([xy, np.zeros(len(xy))])

@@ -3,16 +3,20 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 from jaxtyping import Float, Int, UInt8
-from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from planfit.geometry.camera import Camera
 from planfit.scan.types import Label
 from planfit.synth.quads import Lights, Quads
+from planfit.synth.ray_caster import ray_caster
 from planfit.synth.texture import paint
+
+if TYPE_CHECKING:
+    from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 
 @dataclass(frozen=True)
@@ -37,8 +41,8 @@ class Renderer:
     lights: Lights
 
     @cached_property
-    def _caster(self) -> RayMeshIntersector:
-        return RayMeshIntersector(self.quads.triangles())
+    def _caster(self) -> "RayMeshIntersector":
+        return ray_caster(self.quads.triangles())
 
     @cached_property
     def _room_starts(self) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " r"]]:

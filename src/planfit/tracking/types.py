@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from planfit.geometry import se3
 from planfit.scan.odometry import Odometry
+from planfit.short_repr import short_repr
 from planfit.tracking.clock import ClockOffset
 from planfit.tracking.conventions import ConventionFit
 
@@ -66,6 +67,8 @@ class Tracking:
     frames among `breaks`."""
     linked: tuple[tuple[int, int], ...] = ()
     """Frames before and after lost ones between which the tracker knew its motion."""
+
+    __repr__ = short_repr
 
     @property
     def unplaced(self) -> tuple[tuple[int, int], ...]:

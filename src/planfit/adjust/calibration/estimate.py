@@ -14,6 +14,7 @@ from planfit.adjust.calibration.reduced import SharedStep, shared_step
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.problem import AdjustmentProblem
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
+from planfit.short_repr import short_repr
 
 SETTLED = 0.1
 """Parameters that move by less than this share of their standard deviations have settled."""
@@ -38,6 +39,8 @@ class Calibration:
     """By how much the robust cost falls for what is kept, or would."""
     implausible: tuple[str, ...] = ()
     """Parameters that the evidence asks for by more than a sensor can be off: then nothing is corrected."""
+
+    __repr__ = short_repr
 
     @property
     def kept(self) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from planfit.floorplan.vector.drawing import DrawingBuilder, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, role_of
 from planfit.floorplan.vector.line_work import ends_of, longest, outlines
 from planfit.floorplan.vector.plan import plan_of_drawing
-from planfit.floorplan.vector.regions import faces_of_regions
+from planfit.floorplan.vector.regions import MAX_COORDINATE, faces_of_regions
 from planfit.geometry import segments
 
 _NAMING = ("category", "feature_type", "indoor", "type", "class", "layer", "kind", "building:part")
@@ -293,6 +293,9 @@ def _chosen_level(path: Path, wanted: str, levels: tuple[str, ...]) -> str:
 
 def _frame(areas: list[BaseGeometry], options: PlanOptions, collections: list[Any]) -> _Frame:
     low, high = shapely.total_bounds(np.array(areas)).reshape(2, 2)
+    if not np.abs([low, high]).max() < MAX_COORDINATE:
+        # Rings so far apart in size keep GEOS busy for ever.
+        raise ValueError(f"coordinates of up to {np.abs([low, high]).max():.3g}")
     middle = (low + high) / 2
     told = choose_unit(options.unit, options.metres_per_unit)
     if told.metres is not None:

@@ -1,5 +1,7 @@
 """IFC: the walls of one storey, cut level so that doors and windows are gaps."""
 
+import re
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,8 @@ from planfit.floorplan.vector.regions import faces_of_regions, section_area
 
 WALL_KINDS = ("IfcWall", "IfcCurtainWall", "IfcColumn")
 """With all that derive from them, as IfcWallStandardCase does."""
+MAX_SCHEMA_NAME, HEAD_BYTES = 60, 1 << 20
+"""IFC4X3_ADD2 and its like; of a file, where its header must have ended."""
 TOLERANCE_M = 0.005
 MIN_FACE_M = 0.03
 
@@ -114,10 +118,33 @@ def _ifcopenshell(path: Path) -> Any:
 
 def _open(path: Path, ifcopenshell: Any) -> Any:
     with told_as(FloorplanError, path, "an IFC model"):
+        _check_schema(path)
         model = ifcopenshell.open(str(path))
         if not isinstance(model, ifcopenshell.file):
             raise TypeError("not a building model")
     return model
+
+
+def _check_schema(path: Path) -> None:
+    """Raise `ValueError` where the header names a schema of any length: ifcopenshell 0.9 dies of it, which no
+    caller survives."""
+    head = _head(path)
+    found = re.search(rb"FILE_SCHEMA\s*\(\s*\(\s*'([^']*)", head)
+    if found and len(found[1]) > MAX_SCHEMA_NAME:
+        raise ValueError(f"a schema whose name has {len(found[1])} letters")
+
+
+def _head(path: Path) -> bytes:
+    """The begin of the model, which a zip archive may hold."""
+    if not zipfile.is_zipfile(path):
+        with path.open("rb") as file:
+            return file.read(HEAD_BYTES)
+    with zipfile.ZipFile(path) as archive:
+        models = [name for name in archive.namelist() if name.lower().endswith(".ifc")]
+        if not models:
+            return b""
+        with archive.open(models[0]) as file:
+            return file.read(HEAD_BYTES)
 
 
 def _without_seams(areas: list[BaseGeometry]) -> BaseGeometry:

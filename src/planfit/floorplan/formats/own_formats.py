@@ -16,6 +16,7 @@ from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
 from planfit.geometry import segments
+from planfit.whole_files import write_whole
 
 
 def write_floorplan_json(path: Path, floorplan: Floorplan) -> None:
@@ -35,7 +36,7 @@ def write_floorplan_json(path: Path, floorplan: Floorplan) -> None:
     content = {"planfit_floorplan": 1, "unit": unit, "faces": faces}
     if floorplan.openings is not None:
         content["openings"] = floorplan.openings.tolist()
-    path.write_text(json.dumps(content, indent=1))
+    write_whole(path, json.dumps(content, indent=1))
 
 
 def read_npy(path: Path, options: PlanOptions) -> Floorplan:

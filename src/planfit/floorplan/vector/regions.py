@@ -14,6 +14,9 @@ from shapely.geometry.polygon import orient
 from planfit.floorplan.faces import line_strings
 from planfit.geometry import segments
 
+MAX_COORDINATE = 1e13
+"""A quarter of the way round the Earth, in micrometres."""
+
 
 @dataclass(frozen=True)
 class RegionFaces:
@@ -35,7 +38,14 @@ def faces_of_regions(walls: BaseGeometry, tolerance: float, min_length: float) -
             (Douglas and Peucker 1973).
         min_length: shorter faces are left out: ends of thin walls and jambs of openings, which carry no
             wall that a scan could be held to.
+
+    Raises:
+        ValueError: coordinates are beyond what any building has in any unit; polygons so far apart in
+            size keep GEOS busy for ever.
     """
+    bounds = shapely.bounds(walls)
+    if not walls.is_empty and not np.abs(bounds).max() < MAX_COORDINATE:
+        raise ValueError(f"coordinates of up to {np.abs(bounds).max():.3g}")
     solid = shapely.simplify(shapely.union_all(shapely.get_parts(walls)), tolerance)
     rings = [
         # The wall to the left of every ring: outlines counter-clockwise, holes clockwise.

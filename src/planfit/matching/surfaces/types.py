@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from planfit.matching.types import count_loops
+from planfit.short_repr import short_repr
 
 NULL_SHARE = 1e-9
 """Eigenvalues of an information matrix below this share of its largest are directions left free."""
@@ -24,6 +25,8 @@ class SurfacePairs:
     below 6 where the surfaces leave directions free."""
     explained: Float[np.ndarray, " p"]
     """Share of both views whose surfaces agree."""
+
+    __repr__ = short_repr
 
     def __len__(self) -> int:
         return len(self.pairs)

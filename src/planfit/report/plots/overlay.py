@@ -1,10 +1,12 @@
 """Wall points over the plan, before and after: the whole scan, and parts of it."""
 
+from io import BytesIO
 from typing import Literal
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from PIL import Image
 
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
@@ -77,6 +79,18 @@ def draw_overlays(result: RefineResult, cloud: CloudXY | None = None) -> dict[st
         f"overlay_{each.number}.png": _before_and_after(each.floorplan, each.both, crop)
         for each in measure_storeys(result)
     }
+
+
+def plot_result(result: RefineResult) -> Image.Image:
+    """The overlay as a picture that notebooks show; of several storeys one above the other. What
+    `RefineResult.plot` calls."""
+    pages = [Image.open(BytesIO(png)) for png in draw_overlays(result).values()]
+    sheet = Image.new("RGB", (max(p.width for p in pages), sum(p.height for p in pages)), "white")
+    top = 0
+    for page in pages:
+        sheet.paste(page, (0, top))
+        top += page.height
+    return sheet
 
 
 def _before_and_after(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> bytes:

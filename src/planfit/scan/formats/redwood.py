@@ -10,6 +10,7 @@ The first number of a block counts the frame among the images, from 0. Where nam
 depth hold times (`000123-000004100.png`), depth belongs to colour by number, not by time.
 """
 
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -129,6 +130,8 @@ def _read_log(source: FileSource, name: str) -> dict[int, Float[np.ndarray, "4 4
         values = [[float(word) for word in row] for row in rows]
         if [len(v) for v in values] != [3, 4, 4, 4, 4] * (len(values) // 5):
             raise ValueError(f"{len(values)} lines that do not make such blocks")
+        if not all(math.isfinite(head[0]) for head in values[::5]):
+            raise ValueError("a frame's number that is NaN or infinite")
     except ValueError as error:
         raise ScanError(
             f"{source.path / name}: expected blocks of a line of 3 numbers and four of 4, found "

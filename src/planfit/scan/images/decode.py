@@ -7,7 +7,7 @@ import cv2
 import numba
 import numpy as np
 from jaxtyping import Float, Shaped, UInt8
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from planfit.errors import ScanError
 
@@ -146,7 +146,8 @@ def header_size(data: bytes, path: Path) -> tuple[int, int]:
     try:
         with Image.open(io.BytesIO(data)) as image:
             return image.size
-    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError) as error:
+    # Pillow raises what its formats' parsers come across: ValueError for a header that is cut, for one.
+    except Exception as error:
         raise ScanError(
             f"{path}: expected an image, found a file that cannot be read as one; "
             "copy it again from the source"

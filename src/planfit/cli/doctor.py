@@ -1,0 +1,328 @@
+"""`planfit doctor`: whether this installation works, in a form to be put into a report of a fault.
+
+It starts where libraries are missing or broken: nothing but the standard library is imported until a check
+needs it, and each check says what it came across.
+"""
+
+import json
+import os
+import platform
+import re
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, distributions, requires, version
+from pathlib import Path
+from typing import Any
+
+from planfit import __version__
+from planfit.errors import OptionError, PlanfitError, printable
+
+EXTRAS = {
+    "fast": ("MKL's sparse solver", ("pypardiso",)),
+    "ifc": ("plans out of building models", ("ifcopenshell",)),
+    "usd": ("rooms of RoomPlan as USDZ", ("pxr",)),
+    "video": ("scans whose colour is a video", ("av",)),
+    "bag": ("ROS 1 and 2 bags, MCAP", ("rosbags",)),
+    "laser": ("clouds of laser scanners: LAS, LAZ, E57", ("laspy", "lazrs", "pye57")),
+    "record3d": ("depth of Record3D", ("liblzfse", "OpenEXR")),
+    "map": ("meshes of a scan", ("open3d",)),
+    "torch": ("the paper's solver", ("torch",)),
+    "learned": ("labels, keypoints and matches by models", ("onnxruntime", "torch", "transformers")),
+}  # fmt: skip
+"""What each extra is for, and the modules that it brings."""
+_MIN_FREE_GB = 1.0
+"""A run of a few hundred frames leaves some hundred megabytes."""
+_FREE_SHARE = 0.01
+"""Of the disturbance, that the self-test may leave."""
+
+
+@dataclass(frozen=True)
+class DoctorArguments:
+    """Check this installation: versions, extras and what each is for, threads, GPU, cache, disk, a self-test
+    of two seconds. Exit code 1 where something that planfit needs is broken."""
+
+    json: bool = False
+    """Print all of it as JSON."""
+    folder: Path = Path()
+    """Where results would go: its disk is looked at."""
+    cache: Path | None = None
+    """A cache that runs share (`--cache` of refine and align): its size is told."""
+
+    @staticmethod
+    def from_words(words: Sequence[str]) -> "DoctorArguments":
+        """Arguments of the words of a command line, which are known flags.
+
+        Raises:
+            OptionError: a flag has no value behind it, or a word belongs to none.
+        """
+        is_json, paths, waiting = False, {}, iter(words)
+        for word in waiting:
+            name, _, value = word.partition("=")
+            if name in ("--json", "--no-json"):
+                is_json = name == "--json"
+            elif name in ("--folder", "--cache"):
+                paths[name] = value or next(waiting, "")
+                if not paths[name]:
+                    raise OptionError(f"{name}: expected a folder behind it, found none")
+            else:
+                raise OptionError(
+                    f"planfit doctor: expected flags alone, found {word!r}; see 'planfit doctor --help'"
+                )
+        cache = Path(paths["--cache"]) if "--cache" in paths else None
+        return DoctorArguments(is_json, Path(paths.get("--folder", ".")), cache)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check found."""
+
+    group: str
+    name: str
+    found: str
+    fault: str = ""
+    """What is broken and what to do, where planfit cannot work so."""
+
+
+def doctor_command(arguments: DoctorArguments) -> int:
+    """Check, print. Exit code 1 where something that is needed is broken."""
+    findings = [
+        *_system(),
+        *_dependencies(),
+        *_extras(),
+        _gpu(),
+        *_disk(arguments.folder, arguments.cache),
+        _self_test(),
+    ]
+    faults = [finding for finding in findings if finding.fault]
+    if arguments.json:
+        record: dict[str, Any] = {"planfit": __version__, "works": not faults}
+        print(json.dumps(record | {"findings": [asdict(each) for each in findings]}, indent=1))
+    else:
+        _tell(findings)
+    return 1 if faults else 0
+
+
+def _tell(findings: list[Finding]) -> None:
+    width = max(len(each.name) for each in findings)
+    group = ""
+    for each in findings:
+        if each.group != group:
+            group = each.group
+            print(f"\n{group}" if each is not findings[0] else group)
+        mark = "!!" if each.fault else "  "
+        print(printable(f"{mark}{each.name:<{width}}  {each.found}"))
+    faults = [f"{each.name}: {each.fault}" for each in findings if each.fault]
+    print()
+    print("\n".join(map(printable, faults)) if faults else "all that planfit needs works")
+
+
+def _system() -> list[Finding]:
+    threads = os.environ.get("OMP_NUM_THREADS") or os.environ.get("NUMBA_NUM_THREADS")
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    limit = f"; limited to {threads} by the environment" if threads else ""
+    old = sys.version_info < (3, 11)
+    return [
+        Finding("system", "planfit", f"{__version__}, {Path(__file__).parents[1]}"),
+        Finding(
+            "system",
+            "Python",
+            f"{platform.python_version()}, {sys.executable}",
+            "expected 3.11 or newer; make an environment with one" if old else "",
+        ),
+        Finding("system", "machine", f"{platform.platform()}, {platform.machine()}"),
+        Finding("system", "threads", f"{usable} usable of {os.cpu_count()}{limit}"),
+        Finding("system", "memory", _memory()),
+    ]
+
+
+def _memory() -> str:
+    try:
+        pages, size = os.sysconf("SC_PHYS_PAGES"), os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return "not known on this system"
+    return f"{pages * size / 2**30:.1f} GB"
+
+
+def _dependencies() -> list[Finding]:
+    """Each library that planfit needs: its version, and whether it can be imported."""
+    found = []
+    for line in _required():
+        if not _is_for_this_machine(line):
+            continue
+        name = re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0]
+        found.append(_dependency(name, line))
+    doubled = [d.metadata["Name"] for d in distributions() if _is_opencv(d.metadata["Name"])]
+    if len(set(doubled)) > 1:
+        fault = f"they share a folder and spoil each other: pip uninstall {' '.join(sorted(set(doubled)))}, "
+        found.append(
+            Finding("libraries", "OpenCV", ", ".join(doubled), f"{fault}then install one again")
+        )
+    return found
+
+
+def _is_opencv(name: str | None) -> bool:
+    return (name or "").lower().replace("_", "-").startswith("opencv-")
+
+
+def _required() -> list[str]:
+    """Requirements without those of extras; none where planfit runs from its sources alone."""
+    try:
+        lines = requires("planfit") or []
+    except PackageNotFoundError:
+        return []
+    return [line for line in lines if "extra ==" not in line]
+
+
+_MODULES = {"pillow": "PIL", "pypdfium2": "pypdfium2"}
+"""Modules that are not called as what brings them is."""
+
+
+def _dependency(name: str, requirement: str) -> Finding:
+    module = "cv2" if _is_opencv(name) else _MODULES.get(name, name)
+    try:
+        found = version(name)
+    except PackageNotFoundError:
+        found = "not registered"
+    try:
+        import_module(module)
+    # A library that is broken may raise anything, an OSError of the loader or a SystemError among them.
+    except Exception as error:
+        why = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+        fault = f"cannot be imported ({why}); pip install --force-reinstall {name}"
+        return Finding("libraries", name, found, fault)
+    wanted = requirement.split(";")[0].removeprefix(name).strip()
+    fault = (
+        ""
+        if _is_met(found, wanted)
+        else f"expected {wanted}; pip install --upgrade '{requirement}'"
+    )
+    return Finding("libraries", name, found, fault)
+
+
+def _is_for_this_machine(requirement: str) -> bool:
+    """Whether what stands behind the semicolon of a requirement holds here."""
+    try:
+        marker = import_module("packaging.requirements").Requirement(requirement).marker
+    except ImportError:
+        return True
+    return marker is None or marker.evaluate()
+
+
+def _is_met(found: str, wanted: str) -> bool:
+    """Whether a version is one of those asked for; what tells may be missing too, as it is matplotlib's."""
+    try:
+        return import_module("packaging.specifiers").SpecifierSet(wanted).contains(found, True)
+    except ImportError:
+        return True
+
+
+def _extras() -> list[Finding]:
+    """Whether the modules of each extra are there; they are looked for, not imported, which takes seconds."""
+    from importlib.util import find_spec
+
+    found = []
+    for extra, (purpose, modules) in EXTRAS.items():
+        absent = [module for module in modules if find_spec(module) is None]
+        if not absent:
+            words = f"installed: {purpose}"
+        elif len(absent) < len(modules):
+            words = (
+                f"in part, without {', '.join(absent)}: {purpose}; pip install 'planfit[{extra}]'"
+            )
+        else:
+            words = f"not installed: {purpose}; pip install 'planfit[{extra}]'"
+        found.append(Finding("extras, none of which must be there", extra, words))
+    return found
+
+
+def _gpu() -> Finding:
+    """Of torch: nothing else of planfit runs on one."""
+    from importlib.util import find_spec
+
+    words = "not used: only models of planfit[learned] and planfit[torch] run on one"
+    if find_spec("torch") is not None:
+        try:
+            torch = import_module("torch")
+            words = "none that torch can use"
+            if torch.cuda.is_available():
+                words = f"{torch.cuda.get_device_name(0)}, by torch {torch.__version__}"
+        except Exception as error:
+            words = f"torch cannot be imported ({type(error).__name__}: {str(error)[:100]})"
+    return Finding("extras, none of which must be there", "GPU", words)
+
+
+def _disk(folder: Path, cache: Path | None) -> list[Finding]:
+    rows = []
+    try:
+        present = next(
+            path for path in (folder.resolve(), *folder.resolve().parents) if path.exists()
+        )
+        free_gb = shutil.disk_usage(present).free / 1e9
+        with tempfile.TemporaryDirectory(dir=present, prefix=".planfit-doctor-"):
+            pass
+        fault = (
+            "less than 1 GB: free some, or choose another with -o" if free_gb < _MIN_FREE_GB else ""
+        )
+        rows.append(Finding("disk", "free for results", f"{free_gb:.1f} GB in {present}", fault))
+    except OSError as error:
+        fault = f"cannot be written ({error.strerror}); choose another folder with -o"
+        rows.append(Finding("disk", "free for results", str(folder), fault))
+    words = "each run keeps its own in OUT/cache; --cache DIR is shared between runs"
+    if cache is not None:
+        sizes = [path.stat().st_size for path in cache.rglob("*") if path.is_file()]
+        words = f"{cache}: {len(sizes)} files, {sum(sizes) / 1e6:.1f} MB"
+        words += "" if cache.is_dir() else ", not there yet"
+    return [*rows, Finding("disk", "cache", words)]
+
+
+def _self_test() -> Finding:
+    """Nine cameras on a ring, disturbed, are brought back by the motions between them."""
+    begin = time.perf_counter()
+    try:
+        left, disturbed = _solve_tiny_problem()
+    except PlanfitError as error:
+        return Finding("self-test", "solver", "failed", str(error))
+    except Exception as error:  # whatever a broken library raises
+        why = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+        return Finding("self-test", "solver", "failed", f"{why}; see the libraries above")
+    seconds = time.perf_counter() - begin
+    words = f"{1000 * disturbed:.0f} mm off before, {1000 * left:.2g} mm after, in {seconds:.1f} s"
+    is_right = left < _FREE_SHARE * disturbed
+    fault = "" if is_right else "expected the true poses, found others; reinstall planfit"
+    return Finding("self-test", "solver", words, fault)
+
+
+def _solve_tiny_problem() -> tuple[float, float]:
+    """Largest error of a camera's position after and before, m."""
+    import numpy as np
+
+    from planfit.geometry import se3
+    from planfit.lsq import BetweenTerm, PosePriorTerm, Problem
+
+    rng = np.random.default_rng(0)
+    yaw = np.linspace(0, 2 * np.pi, 9)
+    turns = se3.exp_so3(yaw[:, None] * [0.0, 0.0, 1.0])
+    true_poses = se3.make_transform(turns, 2 * turns[:, :, 0])
+    pairs = np.array([(i, i + 1) for i in range(8)] + [(0, 8), (0, 4), (2, 6)])
+    steps = se3.inverse(true_poses[pairs[:, 0]]) @ true_poses[pairs[:, 1]]
+    poses = se3.retract(true_poses, 0.05 * rng.normal(size=(9, 6)))
+    poses[0] = true_poses[0]
+    information = np.tile(np.eye(6) * 1e4, (len(pairs), 1, 1))
+    problem = Problem(
+        [
+            BetweenTerm(pairs, steps, information=information),
+            PosePriorTerm(np.array([0]), true_poses[:1], np.full(6, 0.001)),
+        ],
+        poses,
+    )
+    solved = problem.solve().target_from_cams
+    errors = [
+        float(np.linalg.norm((each - true_poses)[:, :3, 3], axis=1).max())
+        for each in (solved, poses)
+    ]
+    return errors[0], errors[1]

@@ -1,0 +1,62 @@
+"""Flags of the commands, from the lists that docs/reference.py writes: reading them from the options would
+take seconds, which neither a misspelt word nor the Tab key may cost.
+"""
+
+import re
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+from planfit.cli.speech import NAMES
+from planfit.errors import OptionError, did_you_mean
+
+_HELP = ("-h", "--help", "--help-all")
+
+
+@cache
+def flags_of(command: str) -> dict[str, tuple[str, ...]]:
+    """Every flag of a command, aliases and `--no-` forms too; behind each the words that it takes, if these
+    are some that can be listed."""
+    text = flags_path(command).read_text(encoding="utf-8")
+    words = [line.split() for line in text.splitlines()]
+    return {name: tuple(values) for name, *values in words}
+
+
+def flags_path(command: str) -> Path:
+    """The list of a command's flags: one a line, behind it the words that it takes."""
+    return Path(__file__).parent / "help" / f"{command}.flags"
+
+
+def check_flags(command: str, words: Sequence[str]) -> None:
+    """Raise `OptionError` at the first word that looks like a flag and is none, naming the nearest one."""
+    known = flags_of(command)
+    for word in words:
+        name = word.split("=", 1)[0].replace("_", "-")
+        looks_like_one = re.match(r"--?[A-Za-z]", word) is not None
+        if not looks_like_one or name in known or name in _HELP or name.startswith("--tyro-"):
+            continue
+        meant = did_you_mean(name, known)
+        raise OptionError(
+            f"{name}: expected an option of 'planfit {command}', found an unknown one; "
+            f"{f'{meant} ' if meant else ''}'planfit {command} --help-all' lists every one"
+        )
+
+
+def completions(words: Sequence[str], commands: Sequence[str]) -> list[str]:
+    """What may take the place of the last of the words behind `planfit`; nothing where a file may.
+
+    Args:
+        words: the words so far; the last is the one to complete, which may be empty.
+        commands: all there are.
+    """
+    *before, last = words or [""]
+    if not before:
+        found = [*commands, "--help", "--version"]
+    elif before[0] not in commands:
+        found = []
+    else:
+        flags = flags_of(before[0])
+        found = [*(flags.get(before[-1]) or ())]
+        if not found and last.startswith("-"):
+            found = [*flags, *_HELP, *NAMES]
+    return sorted({word for word in found if word.startswith(last)})

@@ -1,0 +1,42 @@
+"""Options as TOML text and as plain values, for the report and the record of a run."""
+
+import dataclasses
+from typing import Any
+
+from planfit.export.record import plain
+from planfit.scan import ScanOptions
+
+FILES_OF_SCAN = ("poses", "calibration")
+"""Fields of `ScanOptions` that are paths."""
+
+
+def to_toml(options: Any) -> str:
+    """Options dataclass as TOML text."""
+    return "\n".join(_toml_lines(plain(options), ())) + "\n"
+
+
+def scan_options_record(options: ScanOptions) -> dict[str, Any]:
+    """How a scan was read as plain values; relative paths of files would lead nowhere later."""
+    values = dataclasses.asdict(options)
+    for name in FILES_OF_SCAN:
+        values[name] = str(values[name].resolve()) if values[name] else None
+    return values
+
+
+def _toml_lines(values: dict[str, Any], path: tuple[str, ...]) -> list[str]:
+    lines = [f"[{'.'.join(path)}]"] if path else []
+    lines += [f"{k} = {_toml(v)}" for k, v in values.items() if not isinstance(v, dict)]
+    for name, value in values.items():
+        if isinstance(value, dict):
+            lines += ["", *_toml_lines(value, (*path, name))]
+    return lines
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, list):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return repr(value)

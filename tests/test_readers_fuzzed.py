@@ -1,0 +1,196 @@
+"""What `benchmarks/fuzz` found: each kind of mutant that broke a reader, as small as it can be made."""
+
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from planfit.cli.config import read_options
+from planfit.errors import (
+    MAX_MESSAGE,
+    FloorplanError,
+    OptionError,
+    PlanfitError,
+    ScanError,
+    told_as,
+)
+from planfit.export.option_files import to_toml
+from planfit.floorplan import read_floorplan
+from planfit.floorplan.vector.regions import faces_of_regions
+from planfit.geometry.calibration import PARAMETERS, SensorCalibration
+from planfit.geometry.camera import Camera
+from planfit.lsq import read_g2o
+from planfit.pipeline.options import RefineOptions
+from planfit.scan import read_scan, scan_from_arrays
+from planfit.scan.calibration_file import take_calibration, write_calibration
+from planfit.scan.images.decode import header_size
+from scan_samples import make_sample, png, write_redwood
+
+CAMERA = Camera(32, 24, 30.0, 30.0, 15.5, 11.5)
+
+
+def test_messages_are_one_line_of_bounded_length() -> None:
+    error = FloorplanError(
+        "plan.yaml: expected a number, found " + "A" * 90_000 + "; export it again"
+    )
+    assert MAX_MESSAGE <= len(str(error)) < MAX_MESSAGE + 10
+    assert str(error).startswith("plan.yaml: expected")
+    assert str(error).endswith("; export it again")
+    assert str(ScanError("found\n  a table\x1b[31m")) == "found   a table\\x1b[31m"
+    assert str(PlanfitError()) == ""
+
+
+def test_an_error_that_cannot_say_what_it_is_is_told_by_its_name(tmp_path: Path) -> None:
+    class Mute(Exception):
+        def __str__(self) -> str:
+            return b"\xfc".decode()  # as those of OpenUSD, which repeat bytes of the file
+
+    with (
+        pytest.raises(FloorplanError, match=r"cannot be read \(Mute\)"),
+        told_as(FloorplanError, tmp_path, "a room"),
+    ):
+        raise Mute
+
+
+@pytest.mark.parametrize("name", ["scan.zip", "scan.r3d"])
+@pytest.mark.parametrize("what", ["version", "letters"])
+def test_directories_of_archives(what: str, name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("rgb\u00e4.txt", "x" * 100)
+    data = bytearray(path.read_bytes())
+    entry = data.rindex(b"PK\x01\x02")
+    if what == "version":
+        data[entry + 6] = 148  # needed to extract: 14.8
+    else:
+        data[entry + 49] = 0xFF  # a byte of the name that is no UTF-8
+    path.write_bytes(bytes(data))
+    with pytest.raises(ScanError, match=r"expected (a zip archive|a scan)"):
+        read_scan(path)
+
+
+@pytest.mark.parametrize("number", ["inf", "nan", "1e999"])
+def test_numbers_of_frames_that_are_none(number: str, tmp_path: Path) -> None:
+    write_redwood(tmp_path, make_sample())
+    log = tmp_path / "trajectory.log"
+    log.write_text(number + log.read_text()[1:])
+    with pytest.raises(ScanError, match=r"trajectory\.log: expected blocks"):
+        read_scan(tmp_path)
+
+
+def test_images_cut_in_their_header(tmp_path: Path) -> None:
+    whole = png(np.zeros((4, 4), np.uint8))
+    assert header_size(whole, tmp_path) == (4, 4)
+    for n in range(24):
+        with pytest.raises(ScanError, match="expected an image"):
+            header_size(whole[:n], tmp_path)
+
+
+def test_an_empty_name_in_an_archive(tmp_path: Path) -> None:
+    path = tmp_path / "scan.r3d"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("metadata", "{}")
+    path.write_bytes(path.read_bytes().replace(b"metadata", b"\x00etadata"))
+    with pytest.raises(ScanError):
+        read_scan(path)
+
+
+@pytest.mark.parametrize("value", ["inf", "-inf", "nan", "1" + "0" * 400, '"2"'])
+def test_options_that_are_no_numbers(value: str, tmp_path: Path) -> None:
+    path = tmp_path / "options.toml"
+    path.write_text(f"[adjust.walls]\nweight = {value}\n")
+    with pytest.raises(OptionError, match=r"options\.toml: adjust: walls: weight: expected float"):
+        read_options(path, RefineOptions())
+
+
+def test_infinite_defaults_may_be_written_and_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "options.toml"
+    path.write_text(to_toml(RefineOptions()))
+    assert read_options(path, RefineOptions()) == RefineOptions()
+
+
+def test_deep_toml_and_json_and_bytes_that_are_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text(f"x = {'[' * 5000}")
+    with pytest.raises(OptionError, match="expected TOML"):
+        read_options(path, RefineOptions())
+    scan = scan_from_arrays(None, np.ones((2, 24, 32)), CAMERA, np.tile(np.eye(4), (2, 1, 1)))
+    path.write_text("[" * 100_000)
+    with pytest.raises(ScanError, match="found no JSON"):
+        take_calibration(scan, path)
+    path.write_bytes(b"VERTEX_SE3:QUAT 0 0 0 0 0 0 0 \xd5")
+    with pytest.raises(PlanfitError, match="expected text in g2o's format"):
+        read_g2o(path)
+
+
+def test_a_calibration_that_leaves_no_camera(tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    write_calibration(path, SensorCalibration(), dict.fromkeys(PARAMETERS, 0.0), CAMERA)
+    content = json.loads(path.read_text())
+    content["parameters"]["principal_x"] = 1e308
+    content["parameters"]["focal_scale"] = 1e308
+    path.write_text(json.dumps(content))
+    scan = scan_from_arrays(None, np.ones((2, 24, 32)), CAMERA, np.tile(np.eye(4), (2, 1, 1)))
+    with pytest.raises(ScanError, match="calibration"), np.errstate(over="ignore"):
+        take_calibration(scan, path)
+
+
+def test_walls_larger_than_the_earth(tmp_path: Path) -> None:
+    ring = [[11.57, 48.14], [11.5701, 48.14], [1e308, 48.1401], [11.57, 48.1401], [11.57, 48.14]]
+    feature = {
+        "type": "Feature",
+        "properties": {"category": "wall"},
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
+    path = tmp_path / "plan.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    with pytest.raises(FloorplanError, match=r"cannot be read|expected"), np.errstate(all="ignore"):
+        read_floorplan(path)
+    with pytest.raises(ValueError, match=r"coordinates of up to 1e\+20"):
+        faces_of_regions(shapely.box(0, 0, 1e20, 1), 0.005, 0.03)
+
+
+@pytest.mark.parametrize("kind", ["wall", "room"])
+def test_maps_with_rings_of_any_size(kind: str, tmp_path: Path) -> None:
+    box = [[11.57, 48.14], [11.5701, 48.14], [11.5701, 48.1401], [11.57, 48.1401], [11.57, 48.14]]
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"category": kind},
+            "geometry": {"type": "Polygon", "coordinates": [ring]},
+        }
+        for ring in (box, [[x * 1e18, y * 1e18] for x, y in box])
+    ]
+    path = tmp_path / "plan.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    with pytest.raises(FloorplanError, match=r"coordinates of up to 4\.81e\+19"):
+        read_floorplan(path)
+
+
+@pytest.mark.parametrize(("name", "value"), [("width", 0), ("fx", -1.0), ("fx", 10**400)])
+def test_cameras_of_a_calibration_that_are_none(name: str, value: float, tmp_path: Path) -> None:
+    path = tmp_path / "calibration.json"
+    write_calibration(path, SensorCalibration(), dict.fromkeys(PARAMETERS, 0.0), CAMERA)
+    content = json.loads(path.read_text())
+    content["camera"][name] = value
+    path.write_text(json.dumps(content))
+    scan = scan_from_arrays(None, np.ones((2, 24, 32)), CAMERA, np.tile(np.eye(4), (2, 1, 1)))
+    with pytest.raises(ScanError, match="camera"):
+        take_calibration(scan, path)
+
+
+@pytest.mark.parametrize("suffix", [".ifc", ".ifczip"])
+def test_a_schema_of_any_length(suffix: str, tmp_path: Path) -> None:
+    pytest.importorskip("ifcopenshell")
+    text = f"ISO-10303-21;\nHEADER;\nFILE_SCHEMA(('IFC{'9' * 400}'));\nENDSEC;\nDATA;\nENDSEC;\n"
+    path = tmp_path / f"plan{suffix}"
+    if suffix == ".ifc":
+        path.write_text(text)
+    else:
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("plan.ifc", text)
+    with pytest.raises(FloorplanError, match="a schema whose name has 403 letters"):
+        read_floorplan(path)
