@@ -548,7 +548,7 @@ def test_statistics_costs_and_times_are_listed(floorplan, no_pictures):
         "keypoints with depth1 234",
         "pairs of frames tried7",
         "pairs verified2",
-        "loop closures (more than 4 frames apart)1",
+        "loop closures (more than 4 keyframes apart)1",
         "matched points3",
         "found on the plan12 (100 %)",
         "floor points480",
