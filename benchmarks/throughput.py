@@ -1,8 +1,8 @@
 """From files to poses against the time a scan took to record: `python benchmarks/throughput.py --help`.
 
 A synthetic office is walked through at 30 frames a second, its images are written once into a folder, and
-refined in a process of its own, labels by geometry, nothing cached. Errors are RMS of all frames' positions in
-the scan's axes.
+refined in a process of its own, labels by geometry, nothing cached. Errors are RMS of all frames' positions
+in the scan's axes.
 """
 
 import json

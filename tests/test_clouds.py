@@ -10,7 +10,8 @@ from numpy.testing import assert_array_equal
 
 import planfit
 import planfit.cli.refine as command
-from planfit.export.cloud import Cloud, place_cloud
+from planfit.export.cloud import Cloud, place_cloud, sample_cloud
+from planfit.runtime import Runtime
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 
 
@@ -43,6 +44,18 @@ def small_run():
     )
     plan = synthetic.floorplans[0]
     return synthetic.scan, plan, planfit.refine(synthetic.scan, plan)
+
+
+def test_a_cloud_of_some_frames_is_theirs_alone(small_run):
+    scan, _, _ = small_run
+    some = np.array([0, 5, 11])
+    every = sample_cloud(scan, Runtime(1), max_points=12 * 300)
+    less = sample_cloud(scan, Runtime(1), max_points=3 * 300, frame_idx=some)
+    assert len(less.start) == len(every.start) == len(scan) + 1
+    of_some = np.isin(np.repeat(np.arange(len(scan)), np.diff(every.start)), some)
+    assert_array_equal(less.points_cam, every.points_cam[of_some])
+    assert_array_equal(less.colors, every.colors[of_some])
+    assert_array_equal(np.flatnonzero(np.diff(less.start)), some)
 
 
 @pytest.mark.parametrize("most", [1, 4, 9, 10, 50])

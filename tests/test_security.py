@@ -58,7 +58,8 @@ def faults_of(source: str) -> list[str]:
     for node in ast.walk(tree):
         names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-        found += [f"imports {n}" for n in names if n.split(".")[0] in NETWORK | CODE]
+        asks = [n for n in names if n != "urllib.parse"]  # text alone
+        found += [f"imports {n}" for n in asks if n.split(".")[0] in NETWORK | CODE]
     for name, keywords, line in calls(tree):
         last = name.split(".")[-1]
         if name in CALLS or name in ("os.system", "os.popen"):

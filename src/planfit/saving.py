@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from planfit import __version__
@@ -118,10 +119,12 @@ def result_views(inputs: RunInputs, result: RefineResult, runtime: Runtime) -> R
     """Sample the images once more, for the clouds and the report."""
     scan, options = inputs.scan, inputs.report
     corrected, unplaced = calibrated_scan(scan, result.sensor), result.evidence.unplaced
-    cloud = sample_cloud(corrected, runtime).without(unplaced)
+    # Keyframes see what all frames see, and their images are all that a run opens.
+    sample = partial(sample_cloud, corrected, runtime, frame_idx=result.solved_frame_idx)
+    cloud = sample().without(unplaced)
     if not options.has_view:
         return RunViews(cloud, None)
-    sampled = sample_cloud(corrected, runtime, options.max_points, VIEW_POINTS_OF_FRAME)
+    sampled = sample(max_points=options.max_points, max_per_frame=VIEW_POINTS_OF_FRAME)
     shown = sampled.without(unplaced).thinned(options.max_points)
     pictures = make_pictures(scan, result.plan_from_cams, options.max_pictures, runtime)
     scene = make_scene(scan, result, shown.points_cam, shown.colors, shown.start, pictures)

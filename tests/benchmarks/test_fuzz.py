@@ -89,7 +89,9 @@ def test_a_mutant_is_made_from_seed_sample_and_number_alone() -> None:
     assert mutant(SAMPLE, 0, 1) == {}
 
 
-@pytest.mark.parametrize("mutation", dict.fromkeys([*BINARY, *TEXT, change_json]), ids=lambda m: m.__name__)
+@pytest.mark.parametrize(
+    "mutation", dict.fromkeys([*BINARY, *TEXT, change_json]), ids=lambda m: m.__name__
+)
 @pytest.mark.parametrize("data", [b"", b"x", POSES, bytes(4000), b'{"a": [1, {"b": null}]}'])
 def test_mutations_take_any_file_and_mostly_change_it(mutation, data) -> None:
     made = [mutation(data, np.random.default_rng(i)) for i in range(20)]

@@ -138,7 +138,10 @@ def test_a_scan_without_colour_is_told_how_it_was_matched(world):
         np.array([[0, 1], [0, 9]]), np.tile(np.eye(4), (2, 1, 1)), information, np.ones(2)
     )
     (told,) = warnings_of_scan(world, scan=bare, matches=none, surfaces=two)
-    assert "matches by geometry: 2 pairs of frames, of which 1 leave a direction free" in told
+    assert (
+        "2 pairs of frames were matched by geometry alone, of which 1 leave a direction free"
+        in told
+    )
     alone = " ".join(warnings_of_scan(world, scan=bare, matches=none))
     assert "no two frames could be matched" in alone
     assert "show the same surfaces" in alone

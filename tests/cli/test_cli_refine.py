@@ -85,7 +85,8 @@ def test_how_far_each_pose_may_be_off_is_written_and_said_alike(
     assert record["verdict"]["worst_predicted_frame"] == worst
     said = f"worst {predicted_m[worst]:.2f} m at frame {worst}"
     assert any(said in reason for reason in record["verdict"]["reasons"])
-    assert f"at frame {worst}</strong>" in (finished / "report.html").read_text()
+    page = (finished / "report.html").read_text()
+    assert f'at frame <span data-frame="{worst}">{worst}</span></strong>' in page
     # As large as the true errors are: the synthetic plan is exact, so rather wide.
     _, true = read_tum(small_scan / "groundtruth.tum")
     true_m = np.linalg.norm(

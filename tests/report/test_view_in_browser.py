@@ -302,7 +302,7 @@ def test_frames_and_walls_are_pressed_in_tables_and_plots(view):
 
     press_picture(view, "Predicted error of each frame", 5.2, 0.0)
     assert "Frame 5" in view.card
-    press_picture(view, "Matched points of each frame", 3.0, 0.0)
+    press_picture(view, "Matched points of each keyframe", 3.0, 0.0)
     assert "Frame 3" in view.card
     press_picture(view, "Verified loop closures from above", *view.scene.after[10][:2, 3])
     assert "Frame 10" in view.card

@@ -48,7 +48,7 @@ def test_another_device_is_warned_of_and_another_size_is_not(written):
         (lambda c: c.update(format="other"), "found other JSON"),
         (lambda c: c["parameters"].pop("focal_scale"), "expected parameters.focal_scale, found none"),
         (lambda c: c["parameters"].update(depth_scale="1"), "depth_scale: expected a number, found '1'"),
-        (lambda c: c["parameters"].update(depth_scale=float("nan")), "must be finite"),
+        (lambda c: c["parameters"].update(depth_scale=float("nan")), "expected a number, found nan"),
         (lambda c: c["parameters"].update(depth_scale=-1.0), "must be above 0"),
         (lambda c: c.pop("camera"), "expected camera.width, found none"),
     ],

@@ -28,7 +28,7 @@ from planfit.cli.flags import Flag, group_of
 from planfit.cli.refine import RefineArguments
 from planfit.errors import OptionError, PlanfitError, require
 
-_OF_THE_BATCH = ("out", "overwrite", "workers", "scan", "plan")
+_OF_THE_BATCH = ("out", "overwrite", "workers", "cache", "scan", "plan")
 """Fields of refine that no job has an option for."""
 
 

@@ -32,6 +32,8 @@ EXTRAS = {
     "record3d": ("depth of Record3D", ("liblzfse", "OpenEXR")),
     "map": ("meshes of a scan", ("open3d",)),
     "torch": ("the paper's solver", ("torch",)),
+    "cluster": ("batches on a cluster of dask", ("distributed",)),
+    "remote": ("scans and plans at s3:// and https:// addresses", ("fsspec", "s3fs", "aiohttp")),
     "learned": ("labels, keypoints and matches by models", ("onnxruntime", "torch", "transformers")),
 }  # fmt: skip
 """What each extra is for, and the modules that it brings."""

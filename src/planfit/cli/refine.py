@@ -175,8 +175,10 @@ def summarise(
     found = "" if floorplan is None else (
         f"{adjustment.association.n_associated} of {len(result.structure.walls)} wall patches on the plan, "
     )  # fmt: skip
+    n_keyframes = len(result.solved_frame_idx)
+    keys = f" ({n_keyframes} keyframes)" if n_keyframes < len(scan) else ""
     out.print(
-        f"\n{len(scan)} frames, {matches.n_matches} matches in {len(matches.pairs)} pairs, "
+        f"\n{len(scan)} frames{keys}, {matches.n_matches} matches in {len(matches.pairs)} pairs, "
         f"{found}labels from {result.structure.back_end}"
     )
     if len(result.surfaces):

@@ -53,15 +53,23 @@ def sample_cloud(
     max_points: int = 500_000,
     max_per_frame: int = 2500,
     max_depth_m: float = 8.0,
+    frame_idx: Int[np.ndarray, " k"] | None = None,
 ) -> Cloud:
-    """A regular sample of every frame's pixels that have a depth below `max_depth_m`."""
-    per_frame = max(1, min(max_per_frame, max_points // len(scan)))
-    key = cache_key(scan.fingerprint, per_frame, max_depth_m)
-    items = runtime.map("clouds", key, len(scan), partial(_sample, scan, per_frame, max_depth_m))
+    """A regular sample of the pixels that have a depth below `max_depth_m`.
+
+    Of every frame; with `frame_idx`, of these alone, and the others have no points.
+    """
+    frames = np.arange(len(scan)) if frame_idx is None else frame_idx
+    per_frame = max(1, min(max_per_frame, max_points // len(frames)))
+    key = cache_key(scan.fingerprint, per_frame, max_depth_m, frames.tobytes())
+    sample = partial(_sample, scan, frames, per_frame, max_depth_m)
+    items = runtime.map("clouds", key, len(frames), sample)
+    n_points = np.zeros(len(scan), dtype=int)
+    n_points[frames] = [len(item["points"]) for item in items]
     return Cloud(
         points_cam=np.concatenate([item["points"] for item in items]),
         colors=np.concatenate([item["colors"] for item in items]),
-        start=np.cumsum([0, *(len(item["points"]) for item in items)]),
+        start=np.cumsum([0, *n_points]),
     )
 
 
@@ -106,7 +114,10 @@ def color_or_grey(scan: Scan, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
     return np.full((camera.height, camera.width, 3), GREY, np.uint8) if image is None else image
 
 
-def _sample(scan: Scan, per_frame: int, max_depth_m: float, i: int) -> Arrays:
+def _sample(
+    scan: Scan, frames: Int[np.ndarray, " k"], per_frame: int, max_depth_m: float, k: int
+) -> Arrays:
+    i = int(frames[k])
     depth = scan.files.depth(i)
     step = max(1, int(np.sqrt(depth.size / per_frame)))
     rows, columns = np.mgrid[step // 2 : depth.shape[0] : step, step // 2 : depth.shape[1] : step]

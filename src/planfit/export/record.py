@@ -41,6 +41,7 @@ def make_record(
         "options": plain(options),
         **_scan_record(scan),
         "plan_faces": None if floorplan is None else len(floorplan),
+        "keyframes": len(result.solved_frame_idx),
         "labels_from": result.structure.back_end,
         "up_world": result.gravity.up_world.tolist(),
         "up_from": result.gravity.source,

@@ -93,18 +93,18 @@ class Video:
             wanted = self.pts[number]
             last = state.get("last_pts")
             if last is not None and last == wanted:
-                return state["image"]
+                return _image(state["frame"])
             # The last key frame at or before it: decoding can only begin at one.
             key = max(0, np.searchsorted(self.key_pts, wanted, side="right") - 1)
             # Going on costs less than a jump unless a key frame lies between.
             if last is None or wanted < last or self.key_pts[key] > last:
                 state["frames"] = self._decode_from(av, int(self.key_dts[key]), state)
-            for image, pts in state["frames"]:
-                state["last_pts"], state["image"] = pts, image
+            for frame, pts in state["frames"]:
+                state["last_pts"], state["frame"] = pts, frame
                 if pts >= wanted:
                     break
             if state.get("last_pts") == wanted:
-                return state["image"]
+                return _image(state["frame"])
         except (av.FFmpegError, OSError) as error:
             state.clear()
             raise ScanError(
@@ -118,8 +118,8 @@ class Video:
 
     def _decode_from(
         self, av: ModuleType, dts: int, state: dict[str, Any]
-    ) -> Iterator[tuple[np.ndarray, int]]:
-        """Frames from the key frame at `dts` on, in the order they are shown."""
+    ) -> Iterator[tuple[Any, int]]:
+        """Frames, as FFmpeg has them, from the key frame at `dts` on, in the order they are shown."""
         if "container" in state:
             state["container"].close()
         container = av.open(str(self.file), options=ALL_FRAMES)
@@ -127,11 +127,12 @@ class Video:
         state["container"] = container
         stream = container.streams.video[0]
         container.seek(dts, stream=stream)
-        return (
-            (frame.to_ndarray(format="rgb24"), frame.pts)
-            for frame in container.decode(stream)
-            if frame.pts is not None
-        )
+        return ((frame, frame.pts) for frame in container.decode(stream) if frame.pts is not None)
+
+
+def _image(frame: Any) -> UInt8[np.ndarray, "h w 3"]:
+    """RGB; only of frames that are asked for, as of most those between keyframes are passed over."""
+    return frame.to_ndarray(format="rgb24")
 
 
 def _pyav() -> ModuleType:
