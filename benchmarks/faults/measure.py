@@ -11,7 +11,7 @@ import planfit
 from faults.cases import FAULTS, Case
 from faults.inputs import Inputs
 from faults.optimality import compare_with_truth
-from faults.scans import all_scans, drifted, keep_images
+from faults.scans import SHARED, all_scans, drifted, keep_images
 from faults.words import moved_walls_found, outcome_of, predicted_errors_m, recognised
 from planfit.errors import PlanfitError
 from planfit.geometry import se3
@@ -92,7 +92,9 @@ def measure(case: Case, how: How) -> Measured:
         measured = _measure(case, how, measured)
     except PlanfitError as error:
         claim = recognised(measured.convention, str(error))
-        measured = replace(measured, exit_code=REFUSED, said=str(error), is_recognised=claim)
+        measured = replace(
+            measured, exit_code=REFUSED, said=_without_folder(error), is_recognised=claim
+        )
     except Exception as error:  # whatever it is: the battery goes on, and says so
         measured = replace(measured, said=f"{type(error).__name__}: {error}")
     return replace(measured, seconds=round(time.perf_counter() - begin, 2))
@@ -178,3 +180,8 @@ def as_json(measured: Measured) -> dict:
         name: round(value, 4) if isinstance(value, float) and abs(value) < 1e6 else value
         for name, value in values.items()
     }
+
+
+def _without_folder(error: Exception) -> str:
+    """What is said, without where the real scans lie on this machine."""
+    return str(error).replace(f"{SHARED}/", "")
