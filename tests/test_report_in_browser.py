@@ -1,20 +1,12 @@
 """The report in a real browser: nothing overflows on a phone, heads sort, nothing is fetched."""
 
-import html
-import json
-import re
-import shutil
-import subprocess
-
 import pytest
 
+from browser_probe import BROWSER, found_in
 from planfit.report import make_report
 from test_report import floorplan as floorplan  # a fixture
 from test_report import make_result
 
-BROWSER = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium to open the report with")
 
 PROBE = """
@@ -35,31 +27,12 @@ addEventListener("load", () => {
 """
 
 
-def open_in_browser(tmp_path, report, width_px):
-    """What the probe found of a report shown in a frame of some width."""
-    page = tmp_path / "probe.html"
-    page.write_text(
-        "<!DOCTYPE html><meta charset=utf-8><title>-</title>"
-        f'<iframe style="width:{width_px}px;height:800px;border:0" srcdoc="{html.escape(report)}">'
-        f"</iframe>{PROBE}",
-        encoding="utf-8",
-    )
-    command = [
-        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
-        "--virtual-time-budget=20000", "--dump-dom", page.as_uri(),
-    ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    title = re.search(r"<title>FOUND(.*?)</title>", done.stdout, re.S)
-    assert title, done.stdout[-2000:]
-    return json.loads(html.unescape(title[1]))
-
-
 @pytest.mark.parametrize("width_px", [360, 1200])
 def test_report_fits_sorts_and_shows_its_pictures(tmp_path, floorplan, width_px):
     report = make_report(
         "scan", floorplan, make_result(12, (0.01, 0.07, -0.12, 0.0)), "[a]\nb = 1\n"
     )
-    found = open_in_browser(tmp_path, report, width_px)
+    found = found_in(tmp_path / "probe.html", report, width_px, PROBE)
     assert found["width"] <= width_px
     assert found["images"]
     assert all(found["images"])

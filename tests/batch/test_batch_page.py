@@ -2,24 +2,19 @@
 
 import csv
 import html
-import json
 import re
-import shutil
-import subprocess
 from urllib.parse import unquote
 
 import pytest
 from batch_results import write_results
 from filelock import FileLock
 
+from browser_probe import BROWSER, found_in
 from planfit.batch.jobs import Job
 from planfit.batch.ledger import JOB_KEY, End, State
 from planfit.batch.page import write_page
 from planfit.batch.summary import Result
 
-BROWSER = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
 OUTCOMES = {
     "refined": Result.REFINED,
     "improved": Result.RESERVATIONS,
@@ -118,23 +113,10 @@ PROBE = """<script>addEventListener("load", () => {
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium to open the page with")
-def test_the_page_sorts_and_fits_a_phone(ledger, jobs, tmp_path):
+def test_the_page_sorts_and_fits_a_phone(ledger, jobs):
     write_page(jobs, ledger, "house")
-    text = html.escape((ledger.out / "index.html").read_text(encoding="utf-8"))
-    probe = ledger.out / "probe.html"
-    probe.write_text(
-        "<!DOCTYPE html><meta charset=utf-8><title>-</title>"
-        f'<iframe style="width:360px;height:800px;border:0" srcdoc="{text}"></iframe>{PROBE}',
-        encoding="utf-8",
-    )
-    command = [
-        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
-        "--virtual-time-budget=20000", "--dump-dom", probe.as_uri(),
-    ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    title = re.search(r"<title>FOUND(.*?)</title>", done.stdout, re.S)
-    assert title, done.stdout[-2000:]
-    found = json.loads(html.unescape(title[1]))
+    text = (ledger.out / "index.html").read_text(encoding="utf-8")
+    found = found_in(ledger.out / "probe.html", text, 360, PROBE)
     names = [job.name for job in jobs]
     assert found["name"] == sorted(names, key=str.lower)
     assert found["down"] == found["name"][::-1]

@@ -19,6 +19,7 @@ from planfit.evaluation import (
     largest_stretches,
     pose_differences,
 )
+from planfit.evaluation.comparison import _match_metrics
 from planfit.evaluation.evaluate import RefinedPoses
 from planfit.evaluation.free_space import looked_through_share, near_pairs, read_thumbnails
 from planfit.geometry import se3
@@ -218,3 +219,12 @@ def test_views_do_not_look_through_each_other_at_true_poses(synthetic):
     assert len(near_pairs((true, true), few)) == 7
     lenient = dataclasses.replace(options, tolerance_m=5.0)
     assert looked_through_share(thumbnails, folded, pairs, lenient) < 0.05
+
+
+def test_neighbours_among_keyframes_are_no_revisits(synthetic, observations):
+    poses = synthetic.true_world_from_cams
+    every_twelfth = observations.matches.numbered(12 * np.arange(len(poses)))
+    dense = np.repeat(poses, 12, axis=0)
+    found = _match_metrics(every_twelfth, (dense, dense), 10)
+    assert found == _match_metrics(observations.matches, (poses, poses), 10)
+    assert len(found) > 1

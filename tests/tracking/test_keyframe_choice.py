@@ -13,6 +13,7 @@ from planfit.tracking import (
     TrackingBreak,
     choose_keyframes,
     frames_in_doubt,
+    spanned_steps,
 )
 
 PLAIN = KeyframeOptions(min_frames=0, steadier_share=0.0)
@@ -164,3 +165,14 @@ def test_a_tracker_is_believed_as_much_however_many_poses_it_records():
     # Without keyframes each of the eight steps adds its own.
     plain = make_odometry(fast, OdometryOptions())
     assert plain.sigma_between(keys[:1], keys[1:2])[0] > 2 * slow.sigma_rotation[0]
+
+
+def test_steps_between_the_frames_of_any_pair_are_spanned():
+    rng = np.random.default_rng(2)
+    for n_pairs in (0, 1, 5, 12):
+        first = rng.integers(0, 30, n_pairs)
+        pairs = np.column_stack([first, np.minimum(first + rng.integers(1, 6, n_pairs), 30)])
+        slow = np.zeros(30, dtype=bool)
+        for a, b in pairs:
+            slow[a:b] = True
+        assert_array_equal(spanned_steps(pairs, 30), slow)

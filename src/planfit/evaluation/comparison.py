@@ -63,7 +63,8 @@ class CompareOptions(Changeable):
     align: bool = False
     """Move B onto A as a whole before distances are taken, by the rigid motion that fits positions best."""
     revisit_frames: int = 10
-    """Matches of frames further apart than this are of a revisit, which tells more than neighbours do."""
+    """Matches of frames further apart than this are of a revisit, which tells more than neighbours do; frames
+    that match no other are not counted."""
     depth_maps: bool = True
     """Hear the witnesses that read every depth map: the map, and free space."""
     map: MapOptions = field(default_factory=MapOptions)
@@ -285,7 +286,10 @@ def _match_metrics(
     if matches is None or matches.n_matches < MIN_MATCHES:
         return []
     distances = [match_distances(matches, at) for at in poses]
-    apart = np.repeat(matches.pairs[:, 1] - matches.pairs[:, 0], np.diff(matches.start))
+    # Counted among frames that match: of a long scan these are keyframes, and neighbours among them are many
+    # frames apart.
+    first, second = np.searchsorted(np.unique(matches.pairs), matches.pairs).T
+    apart = np.repeat(second - first, np.diff(matches.start))
     a, b = (100 * _mean_over_pairs(matches, d) for d in distances)
     words = f"matched points, mean over pairs of frames, each at most {MAX_PAIR_M:g} m"
     metrics = [Metric("match_pairs", words, "cm", a, b)]

@@ -40,6 +40,7 @@ from planfit.tracking import (
     measured_motions,
     pairs_across,
     place_submaps,
+    spanned_steps,
     surface_motions,
     with_open_steps,
 )
@@ -272,11 +273,9 @@ def _compared(judged: _Judged, known: NeighbourMotions, options: RefineOptions) 
 
 def _are_bridged(judged: _Judged) -> Bool[np.ndarray, " g"]:
     """Of each gap between two keyframes, whether a pair of matched frames spans it."""
-    are_bridged = np.zeros(len(judged.keyed.frame_idx) - 1, dtype=bool)
-    by_surfaces = judged.by_surfaces.neighbours.pairs
-    for a, b in [*judged.known.verified.relative_poses.pairs.tolist(), *by_surfaces.tolist()]:
-        are_bridged[a:b] = True
-    return are_bridged
+    by_keypoints = judged.known.verified.relative_poses.pairs
+    pairs = np.concatenate([by_keypoints, judged.by_surfaces.neighbours.pairs])
+    return spanned_steps(pairs, len(judged.keyed.frame_idx) - 1)
 
 
 def _by_revisits(judged: _Judged, options: RefineOptions, runtime: Runtime) -> _Judged:

@@ -6,7 +6,10 @@ from planfit.adjust import paper_options
 from planfit.alignment import AlignOptions
 from planfit.errors import OptionError
 from planfit.pipeline.options import RefineOptions
-from planfit.tracking import TrackingOptions
+from planfit.tracking import KeyframeOptions, TrackingOptions
+
+PAPER_MIN_FRAMES = 30_000
+"""The paper solves for all frames; above so many that takes more memory than a laptop has."""
 
 
 def paper_preset() -> RefineOptions:
@@ -16,6 +19,7 @@ def paper_preset() -> RefineOptions:
     the time; `adjust.method = "sgd"` takes the paper's gradient descent.
     """
     return RefineOptions(
+        keyframes=KeyframeOptions(min_frames=PAPER_MIN_FRAMES),
         tracking=TrackingOptions(is_judged=False),
         align=AlignOptions(method="paper"),
         adjust=paper_options(),

@@ -22,6 +22,7 @@ from planfit.tracking.motions import (
     departures,
     expected_covariance,
     measured_motions,
+    spanned_steps,
     squared_sigmas,
 )
 from planfit.tracking.options import TrackingOptions
@@ -84,9 +85,7 @@ def find_doubtful(
         departures(motions, world_from_cams), expected_covariance(motions, odometry)
     )
     n_steps = len(world_from_cams) - 1
-    is_confirmed = np.zeros(n_steps, dtype=bool)
-    for a, b in motions.pairs[squared < options.max_sigmas**2]:
-        is_confirmed[a:b] = True
+    is_confirmed = spanned_steps(motions.pairs[squared < options.max_sigmas**2], n_steps)
     length, angle = step_sizes(odometry.cam_from_next)
     is_long = np.zeros(n_steps, dtype=bool)
     if n_steps and is_confirmed.any():

@@ -1,0 +1,32 @@
+"""A page opened in headless Chromium, in a frame of some width, and what a script found there."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+
+BROWSER = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
+
+
+def found_in(page, text, width_px, probe):
+    """What `probe`, a script, says of a page with this text; it leaves "FOUND" and JSON in its own title.
+
+    `page` (a path) is written, so that links of the text begin at its folder.
+    """
+    page.write_text(
+        "<!DOCTYPE html><meta charset=utf-8><title>-</title>"
+        f'<iframe style="width:{width_px}px;height:800px;border:0" srcdoc="{html.escape(text)}">'
+        f"</iframe>{probe}",
+        encoding="utf-8",
+    )
+    command = [
+        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={page.parent / 'profile'}",
+        "--virtual-time-budget=20000", "--dump-dom", page.as_uri(),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    title = re.search(r"<title>FOUND(.*?)</title>", done.stdout, re.S)
+    assert title, done.stdout[-2000:]
+    return json.loads(html.unescape(title[1]))
