@@ -1,5 +1,6 @@
 """The fuzzer finds what it is for: readers that raise, hang, die or give numbers that are none."""
 
+import gc
 import os
 import signal
 import time
@@ -74,6 +75,38 @@ def test_each_kind_of_outcome_is_told(reader, kind, monkeypatch) -> None:
     assert (outcomes[0].kind, outcomes[0].number) == (kind, 2)
     # What ends the process ends its batch: the next begins behind it.
     assert len(outcomes) == (1 if kind in ("crash", "hang") else 2)
+
+
+class OfAnotherProcess:
+    """Like the decoder of a video: freed in a forked process, it waits for threads that stayed behind."""
+
+    def __init__(self) -> None:
+        self.itself, self.owner = self, os.getpid()
+
+    def __del__(self) -> None:
+        if os.getpid() != self.owner:
+            time.sleep(60)
+
+
+def test_what_the_warm_up_leaves_is_not_freed_in_a_forked_process(monkeypatch) -> None:
+    # A video's decoder was, in whichever mutant the collector happened to run: a hang that no reader had.
+    def leaves_garbage(path: Path) -> str:
+        gc.collect()  # as much allocation brings about
+        OfAnotherProcess()
+        return ""
+
+    monkeypatch.setitem(reading.READERS, "poses", leaves_garbage)
+    monkeypatch.setattr(command, "MAX_SECONDS", 0.3)
+    command.warm_up(SAMPLE)
+    assert [each.kind for each in run_batch(SAMPLE, range(1, 3), seed=0)] == ["read", "read"]
+    gc.unfreeze()
+
+
+def test_a_hang_is_believed_where_a_new_interpreter_hangs_too(monkeypatch, tmp_path) -> None:
+    hung = Outcome("scan-tum", 1, "hang", 100.0, "more than 20 s")
+    assert command.in_new_interpreter(hung, seed=1).kind in reading.GOOD
+    monkeypatch.setattr(command, "MAX_SECONDS", 0.02)  # no interpreter starts in so short a time
+    assert command.in_new_interpreter(hung, seed=1) == hung
 
 
 def test_real_mutants_are_read_or_refused() -> None:
