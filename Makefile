@@ -16,7 +16,7 @@ demo: $(VENV)/installed
 	$(BIN)/planfit demo -o demo
 
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 check: $(VENV)/installed-dev
 	$(BIN)/ruff check src tests benchmarks examples docs

@@ -28,7 +28,7 @@ from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, calibrated_scan
 
-VIEW_POINTS_OF_FRAME = 20_000
+VIEW_POINTS_OF_FRAME = 10_000
 """Of the 3D view, at most: a short scan shows its surfaces closed, and its page stays small."""
 
 

@@ -33,6 +33,13 @@ def small_scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def brief(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Flags of a run whose report nothing is asked of: a third of the time is its 3D view, and another what
+    the images show, which one run of a scan finds for all."""
+    return ["--cache", str(tmp_path_factory.mktemp("cache")), "--report.no-has-view"]
+
+
 @pytest.fixture
 def spoiled_scan(small_scan: Path, tmp_path: Path) -> Path:
     """A copy of the scan that a test may change; files are links until they are replaced."""

@@ -15,12 +15,14 @@ FEW = ("--map.frame-step", "4", "--free-space.max-views", "15")
 
 
 @pytest.fixture(scope="module")
-def runs(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def runs(
+    small_scan: Path, brief: list[str], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, Path]:
     """A run with the plan, and one without it that begins with its cache."""
     folder = tmp_path_factory.mktemp("runs")
     fitted, alone = folder / "fitted", folder / "alone"
-    assert run(["refine", str(small_scan), "-o", str(fitted)]) == 0
-    assert run(["refine", str(small_scan), "--no-plan", "-o", str(alone)]) == 0
+    assert run(["refine", str(small_scan), "-o", str(fitted), *brief]) == 0
+    assert run(["refine", str(small_scan), "--no-plan", "-o", str(alone), *brief]) == 0
     return fitted, alone
 
 

@@ -18,7 +18,9 @@ FEW = ("--map.frame-step", "10")
 
 
 @pytest.fixture(scope="module")
-def runs(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def runs(
+    small_scan: Path, brief: list[str], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, Path]:
     """The same scan refined twice: as it is, and with poses written in OpenGL axes, which the run is told."""
     folder = tmp_path_factory.mktemp("conventions")
     turned = folder / "scan"
@@ -27,9 +29,9 @@ def runs(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
         pose = np.loadtxt(path)
         path.unlink()  # a link to the file of the scan that all tests share
         np.savetxt(path, pose @ FLIP, fmt="%.18g")
-    assert run(["refine", str(small_scan), "-o", str(folder / "usual")]) == 0
+    assert run(["refine", str(small_scan), "-o", str(folder / "usual"), *brief]) == 0
     words = ["refine", str(turned), "-o", str(folder / "told"), "--poses-convention", "opengl"]
-    assert run(words) == 0
+    assert run([*words, *brief]) == 0
     return folder / "usual", folder / "told"
 
 
@@ -55,12 +57,14 @@ def test_compare_holds_a_run_against_the_poses_that_it_took(runs, capsys) -> Non
     assert_allclose(told["by_frame"]["distance_m"], usual["by_frame"]["distance_m"], atol=1e-4)
 
 
-def test_compare_two_runs_that_took_the_poses_otherwise(runs, tmp_path: Path, capsys) -> None:
+def test_compare_two_runs_that_took_the_poses_otherwise(
+    runs, brief, tmp_path: Path, capsys
+) -> None:
     # Of one scan, taken as recorded and as in OpenGL axes: the former stands on its head.
     _, told = runs
     scan = json.loads((told / "run.json").read_text())["inputs"]["scan"]
     words = ["refine", scan, "-o", str(tmp_path / "as_recorded"), "--no-plan"]
-    assert run([*words, "--tracking.no-is-judged"]) in (0, 1)
+    assert run([*words, *brief, "--tracking.no-is-judged"]) in (0, 1)
     both = answer(capsys, "compare", told, tmp_path / "as_recorded", "--no-depth-maps")
     assert both["preferred"] == "a"
     assert np.median(both["by_frame"]["angle_deg"]) > 90.0
@@ -82,11 +86,11 @@ def test_export_writes_the_steps_that_the_run_took(runs, tmp_path: Path) -> None
     assert_allclose(told[:, 7:], usual[:, 7:], rtol=1e-3)
 
 
-def test_auto_is_recorded_by_the_name_that_was_found(runs, tmp_path: Path, capsys) -> None:
+def test_auto_is_recorded_by_the_name_that_was_found(runs, brief, tmp_path: Path, capsys) -> None:
     _, told = runs
     scan = json.loads((told / "run.json").read_text())["inputs"]["scan"]
     words = ["refine", scan, "-o", str(tmp_path / "found"), "--poses-convention", "auto"]
-    assert run(words) == 0
+    assert run([*words, *brief]) == 0
     before = answer(capsys, "evaluate", tmp_path / "found", "--no-depth-maps")["metrics"]
     expected = answer(capsys, "evaluate", told, "--no-depth-maps")["metrics"]
     assert before == expected

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 from planfit.cli import run
 from planfit.evaluation import position_errors
@@ -18,12 +19,12 @@ from planfit.scan.pose_files import read_poses
 
 
 @pytest.fixture(scope="module")
-def finished(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(small_scan: Path, brief: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of a scan with the poses of another tracker: truth without two frames, in other axes."""
     folder = tmp_path_factory.mktemp("export")
     lines = (small_scan / "groundtruth.tum").read_text().splitlines()
     (folder / "poses.tum").write_text("\n".join([*lines[:20], *lines[22:]]) + "\n")
-    words = ["refine", str(small_scan), "-o", str(folder / "out")]
+    words = ["refine", str(small_scan), "-o", str(folder / "out"), *brief]
     assert run([*words, "--poses", str(folder / "poses.tum")]) in (0, 1)
     return folder / "out"
 
@@ -78,6 +79,22 @@ def test_plan_axes(finished: Path, tmp_path: Path) -> None:
     assert_allclose(read_poses(path).poses, plan_from_cams, atol=1e-6)
 
 
+def loop_error(row: list[str], i_from_j: np.ndarray) -> tuple[float, float]:
+    """How far the edge of a graph is from a motion: m, and in sigmas by g2o's error of its kind: translation
+    and the quaternion's vector part of what is between both."""
+    values = np.array(row[3:], dtype=float)
+    measured = np.eye(4)
+    measured[:3, :3] = Rotation.from_quat(values[3:7]).as_matrix()
+    measured[:3, 3] = values[:3]
+    between = np.linalg.inv(measured) @ i_from_j
+    error = np.array([*between[:3, 3], *Rotation.from_matrix(between[:3, :3]).as_quat()[:3]])
+    upper = np.zeros((6, 6))
+    upper[np.triu_indices(6)] = values[7:]
+    information = upper + upper.T - np.diag(np.diag(upper))
+    metres = float(np.linalg.norm(i_from_j[:3, 3] - measured[:3, 3]))
+    return metres, float(np.sqrt(error @ information @ error / 6))
+
+
 def test_a_pose_graph(finished: Path, refined, tmp_path: Path) -> None:
     path = tmp_path / "graph.g2o"
     assert run(["export", str(finished), "--to", "g2o", "-o", str(path)]) == 0
@@ -90,10 +107,14 @@ def test_a_pose_graph(finished: Path, refined, tmp_path: Path) -> None:
     assert len(steps) == 57
     assert len(loops) > 20
     assert len(steps) + len(loops) == len(edges)
-    for row in loops:  # each agrees with the refined poses, which all of them made
-        i, j = int(row[1]), int(row[2])
-        expected = np.linalg.inv(refined[i]) @ refined[j]
-        assert np.linalg.norm(expected[:3, 3] - [float(v) for v in row[3:6]]) < 0.1
+    # Each agrees with the refined poses, which all of them made, as far as it knows of the motion: sixteen
+    # matches a hand wide leave a rotation open that moves the other camera by 0.1 m.
+    off = [
+        loop_error(row, np.linalg.inv(refined[int(row[1])]) @ refined[int(row[2])]) for row in loops
+    ]
+    metres, sigmas = np.array(off).T
+    assert np.median(metres) < 0.02
+    assert sigmas.max() < 3.0
     assert ["FIX", "0"] in rows
     assert_allclose([[float(v) for v in r[2:5]] for r in vertices], refined[:, :3, 3], atol=1e-6)
     assert all(len(r) == 3 + 7 + 21 for r in edges)

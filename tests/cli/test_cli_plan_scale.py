@@ -16,7 +16,9 @@ TOO_LARGE = 1.06
 
 
 @pytest.fixture(scope="module")
-def finished(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def finished(
+    small_scan: Path, brief: list[str], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, Path]:
     """A scan whose plan is drawn too large, and its run."""
     folder = tmp_path_factory.mktemp("plan_scale")
     scan, out = folder / "scan", folder / "out"
@@ -24,7 +26,7 @@ def finished(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> tupl
     segments = np.load(scan / "floorplan.npy")
     (scan / "floorplan.npy").unlink()  # a link to the file of the scan that all tests share
     np.save(scan / "floorplan.npy", TOO_LARGE * segments)
-    assert run(["refine", str(scan), "-o", str(out)]) in (0, 1)
+    assert run(["refine", str(scan), "-o", str(out), *brief]) in (0, 1)
     found = json.loads((out / "run.json").read_text())["alignment"]["metres_per_unit_xy"]
     assert found[0] == pytest.approx(1 / TOO_LARGE, rel=0.01)
     return scan, out

@@ -237,10 +237,12 @@ def test_the_same_run_again_reuses_its_stages(finished: Path, small_scan: Path) 
     assert (finished / "trajectory.tum").read_bytes() == poses
 
 
-def test_hidden_masks_give_way_to_geometry(small_scan: Path, tmp_path: Path) -> None:
+def test_hidden_masks_give_way_to_geometry(
+    small_scan: Path, tmp_path: Path, brief: list[str]
+) -> None:
     out = tmp_path / "out"
     arguments = ["refine", str(small_scan), "-o", str(out), "--segmentation.back-end", "geometry"]
-    assert run(arguments) == 0
+    assert run([*arguments, *brief]) == 0
     record = json.loads((out / "run.json").read_text())
     assert record["labels_from"] == "geometry"
     _, truth = read_tum(small_scan / "groundtruth.tum")
@@ -249,13 +251,13 @@ def test_hidden_masks_give_way_to_geometry(small_scan: Path, tmp_path: Path) -> 
 
 
 def test_options_from_toml_and_flags_are_the_same_options(
-    small_scan: Path, tmp_path: Path, capsys
+    small_scan: Path, tmp_path: Path, brief: list[str], capsys
 ) -> None:
     config = tmp_path / "options.toml"
     config.write_text("[matching.pairs]\nneighbours = 2\n[adjust.walls]\nsigma_m = 0.07\n")
     out = tmp_path / "out"
     words = ["refine", str(small_scan), "-o", str(out), "--config", str(config)]
-    assert run([*words, "--matching.pairs.neighbours", "3"]) == 0
+    assert run([*words, "--matching.pairs.neighbours", "3", *brief]) == 0
     options = json.loads((out / "run.json").read_text())["options"]
     assert options["matching"]["pairs"]["neighbours"] == 3
     assert options["adjust"]["walls"]["sigma_m"] == 0.07
@@ -284,9 +286,11 @@ def test_installed_command_runs() -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_preset_and_offsets_reach_the_run(small_scan: Path, tmp_path: Path) -> None:
+def test_preset_and_offsets_reach_the_run(
+    small_scan: Path, tmp_path: Path, brief: list[str]
+) -> None:
     out = tmp_path / "out"
-    words = ["refine", str(small_scan), "-o", str(out), "--preset", "paper"]
+    words = ["refine", str(small_scan), "-o", str(out), *brief, "--preset", "paper"]
     words += ["--adjust.walls.sigma-m", "0.5", "--align.method", "search"]
     assert run(words) in (0, 1)
     record = json.loads((out / "run.json").read_text())
@@ -295,7 +299,7 @@ def test_preset_and_offsets_reach_the_run(small_scan: Path, tmp_path: Path) -> N
     assert adjust["odometry"]["weight"] == 0
     assert adjust["walls"]["sigma_m"] == 0.5  # flags come after the preset
     assert set(record["cost_by_term"]) == {"points", "floor", "walls"}
-    words = ["refine", str(small_scan), "-o", str(out), "--overwrite"]
+    words = ["refine", str(small_scan), "-o", str(out), *brief, "--overwrite"]
     assert run([*words, "--adjust.walls.offset-sigma-m", "0.03"]) == 0
     offsets = json.loads((out / "run.json").read_text())["walls"]["offsets"]
     assert offsets

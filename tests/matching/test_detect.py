@@ -3,17 +3,20 @@
 import cv2
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import CAMERA, look, room_scan
+from planfit.geometry.camera import Camera
 from planfit.matching.detect import (
     KeypointOptions,
     detect,
     lift,
     make_detector,
     may_have_depth,
+    reduced,
     sample_depth,
     sharpness,
+    sift,
 )
 
 
@@ -91,6 +94,44 @@ def test_keypoints_are_lifted_to_where_they_are_seen(view):
     assert_allclose(found.points_cam[:, 2], view[1][at[:, 1], at[:, 0]], rtol=0.02)
     assert found.descriptors.shape == (len(found), 128)
     assert found.descriptors.dtype == np.uint8
+
+
+@pytest.mark.parametrize("shape", [(480, 640), (640, 480), (300, 401)])
+def test_large_images_are_looked_at_reduced(rng, shape):
+    # Blobs at known places, large enough to be seen at either size.
+    uv = rng.uniform([40, 40], np.array(shape)[::-1] - 40.0, (60, 2))
+    rows, columns = np.mgrid[: shape[0], : shape[1]]
+    grey = np.full(shape, 90.0)
+    for u, v in uv:
+        grey += 80 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * 5.0**2))
+    image = np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+    depth = np.full(shape, 2.0)
+    camera = Camera(shape[1], shape[0], 500.0, 500.0, shape[1] / 2, shape[0] / 2)
+    seen: list[tuple[int, int]] = []
+
+    def spy(grey, useful):
+        seen.append(grey.shape)
+        assert useful.shape == grey.shape
+        return sift(1500, 0.02)(grey, useful)
+
+    options = KeypointOptions(min_reduced=1)
+    found = detect(image, depth, camera, options, reduced(spy, 400, 1))
+    assert max(seen[0]) == 400
+    gap = np.linalg.norm(found.uv[:, None] - uv, axis=2).min(axis=1)
+    alone = [k for k in range(len(uv)) if np.sort(np.linalg.norm(uv - uv[k], axis=1))[1] > 25]
+    nearest = np.linalg.norm(found.uv[:, None] - uv[alone], axis=2).min(axis=0)
+    assert len(alone) > 10
+    # A quarter of a pixel, which OpenCV's SIFT is off by unless told not to be, would be seen.
+    assert np.median(nearest) < 0.1
+    assert np.median(gap) < 8
+    assert_allclose(camera.project(found.points_cam.astype(float)), found.uv, atol=1e-2)
+
+    # Too few in the reduced image: the whole one is looked at as well, as it was.
+    seen.clear()
+    again = detect(image, depth, camera, options, reduced(spy, 400, 10**6))
+    assert seen == [seen[0], shape]
+    whole = detect(image, depth, camera, KeypointOptions(max_side_px=max(shape)))
+    assert_array_equal(again.uv, whole.uv)
 
 
 def test_descriptors_are_root_sift(view):

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.matching.kernels import agreeing, best_motion, rigid_triples
+from planfit.matching.verify_kernels import agreeing, best_motion, fit_triples, rigid_triples
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def verify(
     triples = drawn[rigid_triples(drawn, points_a, points_b, tolerance, options.rounds)]
     if len(triples) == 0:
         return None
-    candidates = _fit_triples(points_a[triples], points_b[triples])
+    candidates = fit_triples(triples, points_a, points_b)
     a_from_b = candidates[best_motion(candidates, points_a, points_b, tolerance)]
     cameras = np.array([[c.fx, c.fy, c.cx, c.cy] for c in (camera_a, camera_b)])
     is_inlier = np.zeros(m, dtype=bool)
@@ -107,14 +107,3 @@ def verify(
             points_b[is_inlier], points_a[is_inlier], 1.0 / tolerance[is_inlier] ** 2
         )
     return RelativePose(a_from_b, is_inlier)
-
-
-def _fit_triples(
-    a: Float[np.ndarray, "r 3 3"], b: Float[np.ndarray, "r 3 3"]
-) -> Float[np.ndarray, "r 4 4"]:
-    """Rigid a_from_b of triples of points, all at once (Kabsch 1976)."""
-    mean_a, mean_b = a.mean(axis=1), b.mean(axis=1)
-    # The sum over points of a b^T, a product of matrices a triple; the nearest rotation to it is the best.
-    covariance = np.swapaxes(a - mean_a[:, None], 1, 2) @ (b - mean_b[:, None])
-    rotation = se3.project_to_so3(covariance)
-    return se3.make_transform(rotation, mean_a - (rotation @ mean_b[..., None])[..., 0])

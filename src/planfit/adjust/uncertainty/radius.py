@@ -2,7 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 
 def radius_95(covariances: Float[np.ndarray, "k d d"]) -> Float[np.ndarray, " k"]:
@@ -16,4 +16,5 @@ def radius_95(covariances: Float[np.ndarray, "k d d"]) -> Float[np.ndarray, " k"
     safe = np.where(mean > 0, mean, 1.0)
     scale = np.where(mean > 0, square / safe, 0.0)
     dof = np.where(mean > 0, safe**2 / np.where(square > 0, square, 1.0), 1.0)
-    return np.sqrt(scale * chi2.ppf(0.95, dof))
+    # Quantile of chi square; scipy.stats, which has it by name, takes half a second to import.
+    return np.sqrt(scale * 2 * gammaincinv(dof / 2, 0.95))

@@ -6,7 +6,13 @@ from numpy.testing import assert_array_equal
 
 from builders import CAMERA
 from planfit.geometry import se3
-from planfit.matching.kernels import MIN_SIDE_M, agreeing, best_motion, rigid_triples
+from planfit.matching.verify_kernels import (
+    MIN_SIDE_M,
+    agreeing,
+    best_motion,
+    fit_triples,
+    rigid_triples,
+)
 
 
 def points_and_motions(rng, m=80, r=40):
@@ -48,6 +54,31 @@ def test_best_motion(seed):
 def test_the_first_of_equal_motions_is_best(rng):
     a, b, tolerance, motions = points_and_motions(rng)
     assert best_motion(motions[[3, 3, 3]], a, b, tolerance) == 0
+
+
+def test_fit_triples_is_the_fit_by_singular_values(rng):
+    a, b, _, _ = points_and_motions(rng)
+    triples = np.array([rng.choice(len(a), 3, replace=False) for _ in range(200)])
+    expected = [se3.fit_rigid(b[t], a[t], np.ones(3)) for t in triples]
+    np.testing.assert_allclose(fit_triples(triples, a, b), expected, atol=1e-8)
+
+
+def test_triples_half_a_turn_apart_are_fitted(rng):
+    # A real part of 0 in the quaternion, and eigenvalues that the matrix shows on its diagonal already.
+    b = np.array([[1.0, 0, 2], [0, 1, 2], [-1, 0, 2]])
+    for axis in range(3):
+        turn = -np.eye(3)
+        turn[axis, axis] = 1
+        found = fit_triples(np.arange(3)[None], b @ turn.T, b)[0]
+        np.testing.assert_allclose(se3.transform(found, b), b @ turn.T, atol=1e-12)
+
+
+def test_points_on_a_line_give_a_motion_that_fits_them(rng):
+    b = np.array([[0.0, 0, 2], [1, 0, 2], [2, 0, 2]])
+    true = se3.make_transform(se3.exp_so3(np.array([0.3, -0.2, 0.5])), np.array([1.0, 2, 3]))
+    found = fit_triples(np.arange(3)[None], se3.transform(true, b), b)[0]
+    np.testing.assert_allclose(se3.transform(found, b), se3.transform(true, b), atol=1e-9)
+    np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-12)
 
 
 def test_agreeing(rng):
