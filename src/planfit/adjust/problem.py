@@ -17,6 +17,7 @@ from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.paper.descent import PaperWeights, descend
 from planfit.adjust.rigid_motion import hold_whole
+from planfit.adjust.terms.control import control_term
 from planfit.adjust.terms.effective_observations import as_mean
 from planfit.adjust.terms.levels import LevelTerm, floor_term
 from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
@@ -41,6 +42,7 @@ from planfit.lsq.solver import Cost, Solution
 from planfit.lsq.term import Term
 from planfit.lsq.terms.between import BetweenTerm
 from planfit.lsq.terms.prior import PosePriorTerm
+from planfit.lsq.terms.residual import ResidualTerm
 from planfit.segmentation import WallPatches
 
 
@@ -71,6 +73,8 @@ class AdjustmentProblem:
     moved_walls: OffsetWallTerm | None = None
     """Wall on faces that stand elsewhere than drawn: it holds frames to each other, not to the plan."""
     moved_prior: PosePriorTerm | None = None
+    control: ResidualTerm | None = None
+    """Points whose coordinates are known; None while nothing tells where they lie in the target frame."""
     extra: tuple[Term, ...] = ()
     """The user's."""
     gauge: PosePriorTerm | None = None
@@ -87,6 +91,11 @@ class AdjustmentProblem:
         return _present(self.ceiling, self.columns, self.walls)
 
     @property
+    def fixed_terms(self) -> list[Term]:
+        """Those that hold poses to something that does not move: plan, control points, the user's."""
+        return [*self.plan_terms, *_present(self.control), *self.extra]
+
+    @property
     def terms(self) -> list[Term]:
         """All that are solved for. Costs are summed in this order."""
         return [*_present(self.geometric), *self.terms_but_geometric]
@@ -100,11 +109,11 @@ class AdjustmentProblem:
             walls = _present(self.offset_walls, self.offset_prior)
         walls += _present(self.moved_walls, self.moved_prior)
         level = _present(self.surfaces, self.floor, self.odometry, self.ceiling, self.columns)
-        return [*level, *walls, *self.extra, *_present(self.gauge)]
+        return [*level, *walls, *_present(self.control), *self.extra, *_present(self.gauge)]
 
     def costs(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> dict[str, float]:
         """Robust cost of each term at poses, for reports; faces as drawn, without the gauge's prior."""
-        terms = [*self.scan_terms, *self.plan_terms, *self.extra]
+        terms = [*self.scan_terms, *self.fixed_terms]
         return {term.name: term.reweight(target_from_cams)[1] for term in terms}
 
     def solve(self, start: Float[np.ndarray, "u 4 4"] | None = None) -> Solution:
@@ -206,13 +215,15 @@ def build_problem(
         surfaces=_surface_term(measurements, options),
         floor=_floor_term(measurements, options),
         odometry=_odometry_term(measurements, options),
+        control=control_term(measurements.control, options.control),
         extra=extra,
     )
     if correspondences is not None:
         problem = _with_plan(problem, correspondences)
     _require_extra_terms_to_work(problem)
     is_held = problem.walls is not None or problem.columns is not None
-    if not is_held and not hold_whole(extra, target_from_cams):
+    known = [*_present(problem.control), *extra]
+    if not is_held and not hold_whole(known, target_from_cams):
         problem = replace(problem, gauge=_gauge_prior(target_from_cams, problem.floor is not None))
     return problem
 

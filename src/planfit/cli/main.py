@@ -66,8 +66,8 @@ COMMANDS = (
         "SCAN -o OUT [--plan FILE | --no-plan]",
         "refine the camera poses of a scan; OUT/report.html tells how it went",
         (
-            "plan", "no-plan", "unit", "scale", "storey", "poses", "calibration", "preset", "config",
-            "overwrite",
+            "plan", "no-plan", "unit", "scale", "storey", "control-points", "check-points", "marks", "tags",
+            "survey-axes", "poses", "calibration", "preset", "config", "overwrite",
         ),
         keeps_stages=True,
     ),
@@ -83,7 +83,7 @@ COMMANDS = (
         "SCAN PLAN -o OUT",
         "align a scan with a plan; a picture of each hypothesis that fits",
         (
-            "candidate", "control-points", "unit", "scale", "storey", "mirror", "poses", "calibration",
+            "candidate", "pin", "unit", "scale", "storey", "mirror", "poses", "calibration",
             "preset", "config", "workers",
         ),
     ),
