@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.association import Association, PlanCorrespondences
-from planfit.adjust.extra_terms import check_extra_terms
+from planfit.adjust.extra_terms import require_extra_terms_to_work
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.paper.descent import PaperWeights, descend
@@ -34,7 +34,6 @@ from planfit.adjust.terms.wall_offsets import (
     with_offsets,
 )
 from planfit.adjust.terms.walls import WallTerm
-from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.lsq.bounded import solve_bounded
 from planfit.lsq.problem import Problem
@@ -220,10 +219,10 @@ def build_problem(
     )
     if correspondences is not None:
         problem = _with_plan(problem, correspondences)
-    _require_extra_terms_to_work(problem)
+    names, is_reduced = [term.name for term in problem.terms], measurements.frame_idx is not None
+    require_extra_terms_to_work(extra, names, target_from_cams, options, is_reduced)
     is_held = problem.walls is not None or problem.columns is not None
-    known = [*_present(problem.control), *extra]
-    if not is_held and not hold_whole(known, target_from_cams):
+    if not is_held and not hold_whole([*_present(problem.control), *extra], target_from_cams):
         problem = replace(problem, gauge=_gauge_prior(target_from_cams, problem.floor is not None))
     return problem
 
@@ -398,19 +397,3 @@ def _gauge_prior(target_from_cams: Float[np.ndarray, "n 4 4"], has_floor: bool) 
     free = np.inf if has_floor else 1e-3
     sigma = np.array([free, free, 1e-3, 1e-3, 1e-3, free])
     return PosePriorTerm(np.array([0]), target_from_cams[:1], sigma, name="gauge")
-
-
-def _require_extra_terms_to_work(problem: AdjustmentProblem) -> None:
-    frame_idx = problem.measurements.frame_idx
-    check_extra_terms(
-        problem.extra, problem.options, problem.n_cams if frame_idx is not None else None
-    )
-    # Checks what every problem of the engine must be: terms with names, and indices that are there. Face
-    # offsets stand behind the frames and are not for the user's terms.
-    Problem(problem.extra, problem.unknowns[: problem.n_cams])
-    names = [term.name for term in problem.terms]
-    for term in problem.extra:
-        if names.count(term.name) > 1:
-            raise OptionError(
-                f"extra_terms: expected a name that no other term has, found {term.name!r}"
-            )

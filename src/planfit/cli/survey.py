@@ -26,18 +26,18 @@ class SurveyFlags:
     """Surveyed points that the scan sees."""
 
     control_points: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
-    """Table id,x,y,z[,sigma] (m) of points that hold the poses; an empty z is a height that is not known."""
+    """Table id,x,y,z[,sigma] (m) of points that hold the poses; an empty z is not known."""
     check_points: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
     """The same of points that take no part: how far they end from their places is reported."""
     marks: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
-    """Table frame,u,v,id of pixels that show the points; with empty u and v, the camera stood at the point."""
+    """Table frame,u,v,id of pixels that show points; with empty u and v, the camera stood at the point."""
     survey_axes: SurveyAxes | None = None
-    """Whose axes the points are in: `plan`, as at the rim of `planfit plan PLAN -o plan.png`, heights above the
-    floor; `file`, the plan file's own; `map`, those of its map conversion (IFC) or world file; `site`, others,
-    without a plan. By default `plan`, without a plan `site`."""
+    """Whose axes the points are in: `plan`, as at the rim of `planfit plan PLAN -o plan.png`, heights above
+    the floor; `file`, the plan file's own; `map`, those of its map conversion (IFC) or world file; `site`,
+    others, without a plan. By default `plan`, without a plan `site`."""
     tags: Annotated[str, tyro.conf.arg(metavar="FAMILY")] = ""
-    """Look for tags in the images, whose ids are ids of points: `apriltag-36h11`, `aruco-4x4-50` and others of
-    these kinds."""
+    """Look for tags in the images, whose ids are ids of points: `apriltag-36h11`, `aruco-4x4-50` and others
+    of these kinds."""
     tag_size_m: float | None = None
     """Side of the black square of a tag: tells its distance where depth is missing."""
 
@@ -66,7 +66,7 @@ class SurveyFlags:
         )
         require(
             self.tags == "" or self.tags in FAMILIES,
-            f"--tags: expected one of {', '.join(FAMILIES)}, found {self.tags!r}; name the family of the tags",
+            f"--tags: expected one of {', '.join(FAMILIES)}, found {self.tags!r}; name that of the tags",
         )
         require(
             self.tag_size_m is None or self.tag_size_m > 0,

@@ -130,8 +130,8 @@ def find_alignment(
 ) -> Alignment | None:
     """The scan's alignment by its walls; None where it shows none and the plan is in metres.
 
-    Its scale is refitted here only where the plan claims metres. `surveyed` are control points besides those of
-    the options.
+    Its scale is refitted here only where the plan claims metres. `surveyed` are control points besides those
+    of the options.
 
     Raises:
         FloorplanError: the plan fits in another unit than it claims, or its unit cannot be found.

@@ -28,6 +28,12 @@ class ScanOnPlan:
     """Where surveyed points are, if some were given."""
 
     @property
+    def is_placed(self) -> bool:
+        """Whether something says where on its plan the scan is: walls or control points."""
+        is_surveyed = self.survey is not None and self.survey.is_placed
+        return self.floorplan is None or self.alignment is not None or is_surveyed
+
+    @property
     def recorded_plan_from_level(self) -> Float[np.ndarray, "4 4"]:
         """For the poses as recorded: what the format claims where nothing contradicts it.
 

@@ -1,15 +1,15 @@
 """Control and check points in a refinement: seen, brought onto the plan, held to, measured in the end.
 
-Control points first straighten the scan, whose drift would else keep them from agreeing with any one alignment;
-three of them then say where on the plan it is, whatever the walls look like; in the adjustment they are a term
-beside the others. Check points are measured when all is done.
+Control points first straighten the scan, whose drift would else keep them from agreeing with any one
+alignment; three of them then say where on the plan it is, whatever the walls look like; in the adjustment
+they are a term beside the others. Check points are measured when all is done.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float, Int
 
 from planfit.adjust import build_problem
 from planfit.adjust.terms.control import ControlMarks
@@ -37,6 +37,7 @@ from planfit.survey import (
     measure_residuals,
     place_points,
 )
+from planfit.survey.blunders import find_blunders
 from planfit.survey.fit import are_apart, are_on_a_line, height_shift, require_fit
 from planfit.survey.types import some_ids
 from planfit.tracking import choose_keyframes
@@ -74,8 +75,8 @@ def observe_survey(
     """Lift all marks, and refuse now what could not be used after an hour of matching.
 
     Raises:
-        OptionError: points lie off the plan, marks have no depth, there are too few points, or points on a line
-            where nothing else tells where the scan is.
+        OptionError: points lie off the plan, marks have no depth, there are too few points, or points on a
+            line where nothing else tells where the scan is.
         ScanError: an image cannot be read.
     """
     if isinstance(floorplan, Mapping):
@@ -90,8 +91,8 @@ def observe_survey(
     surveyed = SurveyedScan(survey, marks, placed)
     if not survey.is_check.all() and options.adjust.control.weight <= 0:
         raise OptionError(
-            "adjust.control.weight: expected a weight above 0 with control points, found 0 (the paper's preset "
-            "has no such term); give a weight, or give the points as check points"
+            "adjust.control.weight: expected a weight above 0 with control points, found 0 (the paper's "
+            "preset has no such term); give a weight, or give the points as check points"
         )
     if floorplan is None:
         _require_three(surveyed)
@@ -141,46 +142,56 @@ def hold_by_control(
         OptionError: points and scan do not fit, and a mistake in the survey explains it.
     """
     placed, own_datum = surveyed.placed, surveyed.placed.has_own_datum
-    idx, level = _seen_points(prepared)
+    idx, level, walked_m = _seen_points(prepared)
     site = placed.xyz[idx]
-    shift_m = height_shift(level, site, own_datum)
     if not are_apart(level):
         pins = tuple(ControlPoint(p[:2], q[:2]) for p, q in zip(level, site, strict=True))
-        return HeldScan(prepared, None, pins, False, shift_m)
+        return HeldScan(prepared, None, pins, False, height_shift(level, site, own_datum))
     fit = fit_site(level, site, is_metric, own_datum)
     require_fit(fit, level, site)
+    in_metres = site * (fit.scale, fit.scale, 1.0)
+    is_off = find_blunders(level, in_metres, walked_m)
+    prepared, site = _without_points(prepared, idx[is_off]), site[~is_off]
+    fit = fit_site(level[~is_off], site, is_metric, own_datum)
     prepared = _straightened(prepared, fit.to_level(placed.xyz), options)
     # Once more: drift has bent what the first fit went by.
-    _, level = _seen_points(prepared)
+    _, level, _ = _seen_points(prepared)
     fit = fit_site(level, site, is_metric, own_datum)
-    off_m = np.linalg.norm(level[:, :2] - fit.to_level(site)[:, :2], axis=1)
-    is_off = off_m > options.align.control_point_tolerance_m
-    pins = tuple(
-        ControlPoint(p[:2], q[:2]) for p, q, bad in zip(level, site, is_off, strict=True) if not bad
-    )
-    # Both axes of the horizontal are told by three points, or by two: gravity is known. Of two or of a line,
-    # a mirrored site cannot be told from a right one, so that the walls keep a say.
+    # Two points tell heading and place, as gravity is known. But of two, or of points on a line, a mirrored
+    # site looks like a right one: the walls keep a say then.
     return HeldScan(
         prepared,
         fit,
-        pins,
-        is_metric and (~is_off).sum() >= 3 and not are_on_a_line(site[~is_off]),
+        tuple(ControlPoint(p[:2], q[:2]) for p, q in zip(level, site, strict=True)),
+        is_metric and not are_on_a_line(site),
         height_shift(level, site, own_datum),
-        _warnings(surveyed.survey, idx, is_off, off_m, site),
+        _warnings(surveyed.survey, idx[is_off], site),
     )
+
+
+def _without_points(prepared: PreparedScan, points: Int[np.ndarray, " b"]) -> PreparedScan:
+    """The scan without marks of some points."""
+    marks = prepared.measurements.control
+    kept = ~np.isin(marks.point_idx, points)
+    return replace(prepared, measurements=replace(prepared.measurements, control=marks[kept]))
 
 
 def _seen_points(
     prepared: PreparedScan,
-) -> tuple[np.ndarray, Float[np.ndarray, "p 3"]]:
-    """Numbers of control points that have marks, and their weighted means, level frame."""
+) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
+    """Numbers of control points that have marks, their weighted means, level frame, and how far the camera
+    had walked where it first saw them, m."""
     marks = prepared.measurements.control
     seen = se3.transform_each(prepared.level_from_keys[marks.pose_idx], marks.points_cam)
     weights = marks.sigma_m**-2.0
     idx, own = np.unique(marks.point_idx, return_inverse=True)
     total = np.bincount(own, weights, len(idx))
     sums = [np.bincount(own, weights * seen[:, axis], len(idx)) for axis in range(3)]
-    return idx, np.stack(sums, axis=1) / total[:, None]
+    steps_m = np.linalg.norm(np.diff(prepared.level_from_keys[:, :3, 3], axis=0), axis=1)
+    walked_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+    first = np.full(len(idx), np.inf)
+    np.minimum.at(first, own, walked_m[marks.pose_idx])
+    return idx, np.stack(sums, axis=1) / total[:, None], first
 
 
 def _straightened(
@@ -204,18 +215,14 @@ def _straightened(
 
 
 def _warnings(
-    survey: Survey,
-    idx: np.ndarray,
-    is_off: Bool[np.ndarray, " p"],
-    off_m: Float[np.ndarray, " p"],
-    site: Float[np.ndarray, "p 3"],
+    survey: Survey, off: Int[np.ndarray, " b"], site: Float[np.ndarray, "p 3"]
 ) -> tuple[str, ...]:
     words = [
-        f"control point {survey.points[idx[k]].id!r} lies {off_m[k]:.2f} m from where the others put it: it was "
-        "not used to align; check its coordinates and marks"
-        for k in np.flatnonzero(is_off)
+        f"control point {survey.points[k].id!r} contradicts those beside it by more than drift can: it was "
+        "not used; check its coordinates and marks"
+        for k in off
     ]
-    if len(site) >= 3 and are_on_a_line(site[~is_off]):
+    if len(site) >= 3 and are_on_a_line(site):
         words.append(
             "the control points stand on one line: they cannot tell a mirrored site from a right one; add a "
             "point beside the line"
@@ -341,8 +348,8 @@ def survey_warnings(residuals: SurveyResiduals, predicted_rms_m: float) -> tuple
     for point in residuals.points:
         if not point.is_check and point.length_m > CONTRADICTED_SIGMAS * np.sqrt(3) * point.sigma_m:
             words.append(
-                f"control point {point.id!r} ends {point.length_m:.2f} m from where it was surveyed, against a "
-                f"sigma of {point.sigma_m:.3f} m: it contradicts the other evidence; check its coordinates "
+                f"control point {point.id!r} ends {point.length_m:.2f} m from where it was surveyed, against "
+                f"a sigma of {point.sigma_m:.3f} m: it contradicts the other evidence; check its coordinates "
                 "and marks"
             )
     check = residuals.check

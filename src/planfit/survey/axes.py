@@ -11,8 +11,8 @@ from planfit.floorplan import Floorplan
 from planfit.survey.types import Survey, SurveyAxes, some_ids
 
 OUTSIDE_SHARE = 0.5
-"""A point may lie so far outside of the plan's faces, as a share of their extent: control points stand in gardens
-and on pavements."""
+"""A point may lie so far outside of the plan's faces, as a share of their extent: control points stand in
+gardens and on pavements."""
 MAX_FLOOR_HEIGHT_M = 20.0
 """Heights above the floor are smaller; of a datum of their own, most are larger."""
 UNITS = {

@@ -1,5 +1,5 @@
-"""Where a survey lies against a levelled scan: rotation about the vertical, translation; and what is wrong of it
-where nothing fits."""
+"""Where a survey lies against a levelled scan: rotation about the vertical, translation; and what is wrong of
+it where nothing fits."""
 
 from dataclasses import dataclass
 
@@ -71,6 +71,13 @@ def fit_site(
     transform[:2, 3] = shift.real, shift.imag
     transform[2, 3] = height_shift(level, site, has_own_datum)
     return SiteFit(transform, float(scale) if not is_metric else 1.0, misfit_m)
+
+
+def fit_rigid_2d(
+    site: Float[np.ndarray, "p 3"], level: Float[np.ndarray, "p 3"]
+) -> tuple[complex, complex]:
+    """Rotation and translation seen from above, as complex numbers: level = factor site + shift."""
+    return _similarity(_complex(site), _complex(level), np.ones(len(site), dtype=bool), True)
 
 
 def height_shift(

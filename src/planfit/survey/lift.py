@@ -12,7 +12,7 @@ from planfit.survey.tags import find_tags
 from planfit.survey.types import LiftedMarks, Mark, Survey
 
 WINDOW_PX = 2
-"""Depth is the median of the pixels this near: a mark is set on something flat, and single pixels are noisy."""
+"""Depth is the median of the pixels this near: marks are set on something flat, single pixels are noisy."""
 SAME_SURFACE_SHARE = 0.03
 """Pixels of the window whose depth differs by more, as a share, show something else."""
 

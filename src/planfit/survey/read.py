@@ -1,8 +1,8 @@
 """Tables of surveyed points and of the pixels that show them.
 
 Points are `id,x,y,z[,sigma]` and marks `frame,u,v,id`, parted by commas, semicolons, tabs or blanks. A first
-line of names may order the columns otherwise; it is how northing is told from easting. Lines that begin with #
-are left out.
+line of names may order the columns otherwise; it is how northing is told from easting. Lines that begin with
+# are left out.
 """
 
 import re
@@ -81,8 +81,8 @@ def read_marks(path: Path, frame_ids: Sequence[str]) -> tuple[Mark, ...]:
         number = int(frame) if frame.isdecimal() else by_name.get(frame, -1)
         if not 0 <= number < len(frame_ids):
             raise OptionError(
-                f"{where}expected a frame of the scan, 0 to {len(frame_ids) - 1}, found {frame!r}; frames are "
-                "numbered as in the report, from 0"
+                f"{where}expected a frame of the scan, 0 to {len(frame_ids) - 1}, found {frame!r}; frames "
+                "are numbered as in the report, from 0"
             )
         if bool(row["u"]) != bool(row["v"]):
             raise OptionError(

@@ -12,8 +12,8 @@ from planfit.short_repr import short_repr
 
 SurveyAxes = Literal["plan", "file", "map", "site"]
 """Whose axes the points are in: `plan`, x and y as at the rim of `planfit plan PLAN -o plan.png`, z above the
-floor; `file`, the plan file's own; `map`, those that the plan's georeference leads to; `site`, others that have
-nothing to do with a plan."""
+floor; `file`, the plan file's own; `map`, those that the plan's georeference leads to; `site`, others that
+have nothing to do with a plan."""
 DEFAULT_SIGMA_M = 0.01
 """Of a point whose file tells none: what a total station or a good GNSS receiver reaches on a site."""
 

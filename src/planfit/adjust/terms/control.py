@@ -1,8 +1,8 @@
 """Control term: points of known coordinates lie where they were surveyed.
 
-The residual of a mark is T_i p - X, in metres along the target's axes: p the point as the camera lifted it, X as
-surveyed. A point that is seen in a hundred frames is one measurement of the building, and the depth of its marks
-shares its errors, so all marks of a point count as a few (ADR 3, Effective observations).
+The residual of a mark is T_i p - X, in metres along the target's axes: p the point as the camera lifted it, X
+as surveyed. A point that is seen in a hundred frames is one measurement of the building, and the depth of its
+marks shares its errors, so all marks of a point count as a few (ADR 3, Effective observations).
 """
 
 from dataclasses import dataclass, field, replace
@@ -48,13 +48,24 @@ class ControlMarks:
     sigma_m: Float[np.ndarray, " m"]
     """Standard deviation of each coordinate, by point and depth together."""
     targets: Float[np.ndarray, "m 3"] | None = None
-    """The surveyed point of each mark, m, target frame; z is NaN where the height is not known. None as long as
-    nothing tells where the survey lies."""
+    """The surveyed point of each mark, m, target frame; z is NaN where the height is not known. None as long
+    as nothing tells where the survey lies."""
 
     __repr__ = short_repr
 
     def __len__(self) -> int:
         return len(self.pose_idx)
+
+    def __getitem__(self, which: np.ndarray) -> "ControlMarks":
+        """Some of them."""
+        targets = None if self.targets is None else self.targets[which]
+        return ControlMarks(
+            self.points_cam[which],
+            self.pose_idx[which],
+            self.point_idx[which],
+            self.sigma_m[which],
+            targets,
+        )
 
     def corrected(self, sensor: SensorCalibration) -> "ControlMarks":
         """As the corrected sensor sees them; cameras that stood at a point are not corrected."""

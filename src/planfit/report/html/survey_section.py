@@ -31,8 +31,8 @@ def survey_section(survey: SurveyResiduals | None) -> str:
     if survey.unseen:
         unseen = f"<p>Seen in no frame: {escape(', '.join(survey.unseen))}.</p>"
     return (
-        "<h2>Control and check points</h2><p>Found less surveyed, in the axes of the plan. Control points held "
-        f"the poses. {judged}{datum}</p>"
+        "<h2>Control and check points</h2><p>Found less surveyed, in the axes of the plan. Control points "
+        f"held the poses. {judged}{datum}</p>"
         "<table><thead><tr><th></th><th>points</th><th>RMS, m</th><th>horizontal, m</th><th>height, m</th>"
         f"<th>worst, m</th><th>at</th></tr></thead><tbody>{sums}</tbody></table>"
         "<details open><summary>Point by point</summary>"

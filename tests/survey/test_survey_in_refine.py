@@ -1,0 +1,290 @@
+"""What control points mend, and that check points only look on: `planfit.refine` where the truth is exact."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planfit
+from builders import faces_plan, look, make_matches, make_structure, make_world, room_plan
+from planfit.errors import OptionError
+from planfit.geometry import se3
+from planfit.survey import Survey, SurveyPoint
+from surveyed import errors_m, observed, scan_at, survey_of
+
+N = 40
+LENGTH_M = 40.0
+
+
+@pytest.fixture(scope="module")
+def corridor():
+    """A walk along a corridor whose ends are not seen, with 4 % of it lost by the tracker; no place is seen
+    again and no wall runs across. Gives plan, true poses, scan, observations."""
+    rng = np.random.default_rng(7)
+    plan = faces_plan([[-20, 0], [LENGTH_M + 20, 0], [LENGTH_M + 20, 2.4], [-20, 2.4]], "corridor")
+    x = np.linspace(0.0, LENGTH_M, N)
+    truth = np.stack([look([a, 1.2 + 0.2 * np.sin(a), 1.5], 4 * np.sin(a), 12) for a in x])
+    floor, patches = [], []
+    for k, a in enumerate(x):
+        floor.append((k, rng.uniform([a, 0.2, 0], [a + 3, 2.2, 0], (60, 3))))
+        for wall, y in ((0, 0.0), (2, 2.4)):
+            on = np.column_stack(
+                [rng.uniform(a + 0.5, a + 3, 60), np.full(60, y), rng.uniform(0.3, 2.2, 60)]
+            )
+            patches.append((k, on, plan.normals[wall]))
+    recorded = truth.copy()
+    recorded[:, 0, 3] *= 0.96
+    # Matches that see nothing along the corridor: points on one line across it tell of yaw and height alone.
+    none = make_matches(truth, [], np.zeros((1, 3)))
+    return plan, truth, scan_at(recorded), observed(make_structure(truth, floor, patches), none)
+
+
+def refined(world, survey=None, plan=True, options=None):
+    floorplan, _, scan, seen = world
+    return planfit.refine(
+        scan, floorplan if plan else None, options, observations=seen, survey=survey
+    )
+
+
+@pytest.fixture(scope="module")
+def by_control(corridor):
+    survey = survey_of(corridor[1][:, :3, 3], range(0, N, 6), range(3, N, 6))
+    return refined(corridor, survey)
+
+
+def test_drift_that_no_loop_closes_is_taken_out(corridor, by_control):
+    _, truth, _, _ = corridor
+    without = np.abs(errors_m(refined(corridor), truth)).max()
+    assert without > 0.7
+    assert np.abs(errors_m(by_control, truth)).max() < 0.05 * without
+    assert by_control.survey.control.rms_m < 0.02
+
+
+def test_residuals_of_check_points_are_the_true_error(corridor, by_control):
+    true_errors = errors_m(by_control, corridor[1])
+    checks = [point for point in by_control.survey.points if point.is_check]
+    assert [point.id for point in checks] == [f"K{k}" for k in range(3, N, 6)]
+    for point in checks:
+        assert_allclose(point.residual_m, true_errors[int(point.id[1:])], atol=1e-9)
+    lengths = np.linalg.norm(true_errors[3::6], axis=1)
+    told = by_control.survey.check
+    assert told.rms_m == pytest.approx(np.sqrt(np.mean(lengths**2)))
+    assert told.worst_m == pytest.approx(lengths.max())
+    assert told.worst_id == f"K{3 + 6 * int(np.argmax(lengths))}"
+
+
+def test_check_points_have_no_influence(corridor, by_control):
+    centres = corridor[1][:, :3, 3]
+    without = refined(corridor, survey_of(centres, range(0, N, 6)))
+    assert_array_equal(without.plan_from_cams, by_control.plan_from_cams)
+    assert without.survey.check is None
+    wrong = centres + np.array([3.0, 0.5, 0.2])
+    only_checked = refined(corridor, survey_of(wrong, [], range(3, N, 6)))
+    assert_array_equal(only_checked.plan_from_cams, refined(corridor).plan_from_cams)
+    assert any("believe the check points" in warning for warning in only_checked.warnings)
+
+
+def test_a_point_written_wrongly_is_named_and_does_not_bend_the_rest(corridor, by_control):
+    survey = survey_of(corridor[1][:, :3, 3], range(0, N, 6), range(3, N, 6))
+    wrong = list(survey.points)
+    wrong[2] = replace(wrong[2], xyz=wrong[2].xyz + np.array([0.0, 5.0, 0.0]))
+    result = refined(corridor, replace(survey, points=tuple(wrong)))
+    assert result.survey.check.rms_m < by_control.survey.check.rms_m + 0.05
+    assert any("control point 'C12'" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize("offset_m", [0.0, 5_000_000.0])
+def test_millions_of_metres_lose_nothing(corridor, by_control, offset_m):
+    """In the file's own axes, far from its origin, heights of their own datum: the same to a micrometre."""
+    plan, truth, scan, seen = corridor
+    moved = np.array([offset_m, -0.5 * offset_m, 312.4])
+    file_from_plan = np.eye(3)
+    file_from_plan[:2, 2] = moved[:2]
+    far = replace(plan, source=replace(plan.source, file_from_plan=file_from_plan))
+    survey = survey_of(truth[:, :3, 3], range(0, N, 6), range(3, N, 6), axes="file", moved=moved)
+    result = refined((far, truth, scan, seen), survey)
+    assert result.survey.height_datum_m == pytest.approx(312.4, abs=0.01)
+    shift = result.survey.height_datum_m - 312.4
+    assert_allclose(errors_m(result, truth)[:, :2], errors_m(by_control, truth)[:, :2], atol=1e-4)
+    again = survey_of(
+        truth[:, :3, 3], range(0, N, 6), range(3, N, 6), axes="file", moved=[0, 0, 312.4]
+    )
+    near = replace(plan, source=replace(plan.source, file_from_plan=np.eye(3)))
+    by_near = refined((near, truth, scan, seen), again)
+    assert_allclose(result.plan_from_cams, by_near.plan_from_cams, atol=1e-6)
+    assert abs(shift) < 0.01
+
+
+def test_a_site_of_its_own_without_a_plan(corridor):
+    """Four points off a line place the walk in the site's axes, and take its drift out."""
+    truth = corridor[1]
+    turned = se3.make_transform(se3.exp_so3(np.array([0, 0, 0.7])), np.array([2.6e6, 1.2e6, 431.0]))
+    results = []
+    for far in (True, False):
+        site = turned.copy()
+        if not far:
+            site[:3, 3] = 0.0
+        rng = np.random.default_rng(3)
+        marks_at = truth[:, :3, 3] @ site[:3, :3].T + site[:3, 3]
+        survey = survey_of(marks_at, range(0, N, 5), range(2, N, 5), axes="site")
+        # A point beside the line of the walk, which the tests' frames see at no depth: frame 20 moved aside.
+        world = corridor
+        result = refined(
+            bent(world, rng), replace(survey, points=bent_points(survey, site)), plan=False
+        )
+        found = result.survey
+        back = found.site_from_plan @ np.append(result.plan_from_cams[20, :3, 3], 1.0)
+        true = bent_truth(truth)[20, :3, 3] @ site[:3, :3].T + site[:3, 3]
+        assert_allclose(back[:3] + found.site_origin, true, atol=0.03)
+        assert found.check.rms_m < 0.05
+        results.append(result)
+    assert_allclose(results[0].plan_from_cams, results[1].plan_from_cams, atol=1e-6)
+
+
+def bent_truth(truth):
+    """The walk along an arc: its points do not stand on one line."""
+    arc = truth.copy()
+    arc[:, 1, 3] += 8.0 * np.sin(np.pi * truth[:, 0, 3] / LENGTH_M)
+    return arc
+
+
+def bent(world, rng):
+    """The same walk along an arc without walls."""
+    plan, truth, _, _ = world
+    arc = bent_truth(truth)
+    recorded = arc.copy()
+    recorded[:, 0, 3] *= 0.96
+    floor = [
+        (k, np.column_stack([rng.uniform(-2, 2, (60, 2)) + arc[k, :2, 3], np.zeros(60)]))
+        for k in range(N)
+    ]
+    none = make_matches(arc, [], np.zeros((1, 3)))
+    far_wall = [
+        (0, np.column_stack([rng.uniform(0, 1, (60, 2)), rng.uniform(0.3, 2, 60)]), [0.0, 1.0])
+    ]
+    return plan, arc, scan_at(recorded), observed(make_structure(arc, floor, far_wall), none)
+
+
+def bent_points(survey, site):
+    truth = []
+    for point in survey.points:
+        plan_xyz = site[:3, :3].T @ (point.xyz - site[:3, 3])
+        plan_xyz[1] += 8.0 * np.sin(np.pi * plan_xyz[0] / LENGTH_M)
+        truth.append(replace(point, xyz=site[:3, :3] @ plan_xyz + site[:3, 3]))
+    return tuple(truth)
+
+
+@pytest.fixture(scope="module")
+def twin_ends():
+    """A room that looks the same when turned about: nothing but points tells its ends apart."""
+    rng = np.random.default_rng(5)
+    world = make_world(rng, n=12)
+    return room_plan(), world
+
+
+def in_turned_axes(world, plan, yaw_deg):
+    """The scan as recorded in axes of its own, turned by a yaw."""
+    own = se3.make_transform(
+        se3.exp_so3(np.array([0, 0, np.deg2rad(yaw_deg)])), np.array([4.0, -3, 0])
+    )
+    scan = scan_at(own @ world.plan_from_cams)
+    return plan, world.plan_from_cams, scan, observed(world.structure, world.matches)
+
+
+@pytest.mark.parametrize("method", ["three", "two"])
+def test_a_room_that_fits_twice_is_placed_by_points(twin_ends, method):
+    plan, world = twin_ends
+    frames = {"three": [0, 4, 8], "two": [1, 5]}[method]
+    survey = survey_of(world.plan_from_cams[:, :3, 3], frames, [2, 7])
+    wrong = []
+    for yaw in (10.0, 190.0):
+        given = in_turned_axes(world, plan, yaw)
+        wrong.append(np.abs(errors_m(refined(given), given[1])).max())
+        result = refined(given, survey)
+        assert np.abs(errors_m(result, given[1])).max() < 0.01
+        assert result.survey.check.worst_m < 0.01
+        assert not any("place on the plan" in reason for reason in result.verdict.reasons)
+    assert (
+        max(wrong) > 1.0
+    )  # of two ways that fit alike, the walls took the wrong one for one of the scans
+
+
+def test_a_scan_that_sees_no_wall_is_placed_by_three_points(twin_ends):
+    plan, world = twin_ends
+    floor = [
+        (k, np.random.default_rng(k).uniform([1, 1, 0], [5, 3, 0], (60, 3))) for k in range(12)
+    ]
+    given = in_turned_axes(
+        replace(world, structure=make_structure(world.plan_from_cams, floor, one_patch(world))),
+        plan,
+        30,
+    )
+    survey = survey_of(world.plan_from_cams[:, :3, 3], [0, 4, 8], [2])
+    result = refined(given, survey)
+    assert np.abs(errors_m(result, given[1])).max() < 0.02
+
+
+def one_patch(world):
+    """make_structure wants some wall: one patch of a wall that the plan does not show."""
+    points = np.column_stack([np.linspace(2, 3, 60), np.full(60, 2.0), np.linspace(0.3, 2, 60)])
+    return [(0, points, np.array([0.0, 1.0]))]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda p: p * 1000.0, "multiply them by 0.001"),
+        (lambda p: p + np.array([100, 0, 0]), "check their axes, unit"),
+        (lambda p: p * [1, -1, 1] + np.array([0, 4, 0]), "left-handed"),
+        (lambda p: p + np.array([0, 0, 250.0]), "heights above the floor"),
+    ],
+    ids=["millimetres", "elsewhere", "left-handed", "datum"],
+)
+def test_points_that_cannot_be_right_are_refused(twin_ends, spoil, words):
+    plan, world = twin_ends
+    survey = survey_of(world.plan_from_cams[:, :3, 3], range(0, 12, 2))
+    spoilt = [replace(p, xyz=np.asarray(spoil(p.xyz), dtype=float)) for p in survey.points]
+    with pytest.raises(OptionError, match=words) as found:
+        refined(in_turned_axes(world, plan, 10.0), replace(survey, points=tuple(spoilt)))
+    assert "\n" not in str(found.value)
+
+
+def test_too_few_points_or_a_line_without_a_plan(twin_ends):
+    plan, world = twin_ends
+    given = in_turned_axes(world, plan, 10.0)
+    centres = world.plan_from_cams[:, :3, 3]
+    with pytest.raises(OptionError, match="expected three control points or more"):
+        refined(given, survey_of(centres, [0, 4], axes="site"), plan=False)
+    in_line = np.column_stack([centres[:, 0], 0.5 * centres[:, 0], centres[:, 2]])
+    with pytest.raises(OptionError, match="do not stand on one line, found C0, C2, C4, C6 on one"):
+        refined(given, survey_of(in_line, [0, 2, 4, 6], axes="site"), plan=False)
+    with pytest.raises(OptionError, match="without a plan points are in axes of their own"):
+        refined(given, survey_of(centres, [0, 4, 8]), plan=False)
+    with pytest.raises(OptionError, match="nothing tells where on it the site's axes lie"):
+        refined(given, survey_of(centres, [0, 4, 8], axes="site"))
+
+
+def test_the_papers_preset_takes_no_control_points(twin_ends):
+    plan, world = twin_ends
+    given = in_turned_axes(world, plan, 10.0)
+    survey = survey_of(world.plan_from_cams[:, :3, 3], [0, 4, 8])
+    options = planfit.RefineOptions().with_("adjust.control.weight", 0.0)
+    with pytest.raises(OptionError, match=r"adjust\.control\.weight: expected a weight above 0"):
+        refined(given, survey, options=options)
+
+
+def test_plans_by_storey_are_refused_for_now(twin_ends):
+    plan, world = twin_ends
+    given = in_turned_axes(world, plan, 10.0)
+    survey = survey_of(world.plan_from_cams[:, :3, 3], [0, 4, 8])
+    with pytest.raises(OptionError, match="expected one plan, found plans by storey"):
+        refined(({0: plan, 1: plan}, *given[1:]), survey)
+
+
+def test_a_survey_knows_its_own_contradictions():
+    point = SurveyPoint("A", np.zeros(3))
+    with pytest.raises(OptionError, match="expected each point once, found 'A' twice"):
+        Survey((point, replace(point, is_check=True)))
+    with pytest.raises(OptionError, match="expected points, found none"):
+        Survey(())
