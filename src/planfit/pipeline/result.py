@@ -27,6 +27,7 @@ from planfit.pipeline.diagnostics import (
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.on_plan import ScanOnPlan, Storeys
 from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.registration import Registration, register
 from planfit.pipeline.sensor import SensorParameter, sensor_parameters, sensor_warnings
 from planfit.pipeline.survey import SurveyedScan, survey_residuals, survey_warnings
 from planfit.pipeline.validation import Check, Validation
@@ -120,6 +121,11 @@ class RefineResult:
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
         """Refined poses in the scan's own axes."""
         return self.world_from_plan @ self.plan_from_cams
+
+    @property
+    def registration(self) -> Registration:
+        """Residuals, fitted and held out, and the accuracy by what was held out."""
+        return register(self.evidence, self.checks, self.survey)
 
     @property
     def sensor(self) -> SensorCalibration:
