@@ -19,7 +19,7 @@ DOUBT_M, DOUBT_SHARE = 0.3, 0.05
 """A misfit (median) beyond both, m and as a share of the extent, asks for a reason."""
 BETTER = 1 / 3
 """A reason must bring the misfit down to this share."""
-HOPELESS_SHARE = 0.4
+HOPELESS_SHARE = 0.25
 """Beyond this share of the extent points and scan have nothing to do with each other."""
 
 

@@ -40,19 +40,20 @@ def find_marks(
     """
     index = {point.id: k for k, point in enumerate(survey.points)}
     rows = [_lifted(scan, mark) for mark in survey.marks]
+    besides = [0.0] * len(rows)
     frame_idx = [mark.frame_idx for mark in survey.marks]
     point_idx = [index[mark.point_id] for mark in survey.marks]
     if survey.tags:
-        for frame, name, point in find_tags(
-            scan, survey.tags, survey.tag_size_m, frames, runtime or Runtime()
-        ):
-            if name in index:
-                rows.append(point)
-                frame_idx.append(frame)
-                point_idx.append(index[name])
+        tags = find_tags(scan, survey.tags, survey.tag_size_m, frames, runtime or Runtime())
+        for tag in tags:
+            if tag.id in index:
+                rows.append(tag.middle_cam)
+                besides.append(tag.sigma_m)
+                frame_idx.append(tag.frame_idx)
+                point_idx.append(index[tag.id])
     points = np.array(rows, dtype=float).reshape(-1, 3)
     is_camera = (points == 0).all(axis=1)
-    sigma = np.where(is_camera, 0.0, sigma_of_depth(points[:, 2]))
+    sigma = np.where(is_camera, 0.0, np.hypot(sigma_of_depth(points[:, 2]), besides))
     return LiftedMarks(points, sigma, np.array(frame_idx, int), np.array(point_idx, int))
 
 

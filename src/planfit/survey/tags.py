@@ -1,5 +1,7 @@
 """AprilTags and ArUco markers in the images of a scan, by OpenCV's detectors."""
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -24,6 +26,20 @@ FAMILIES = {
 """Names of families of tags."""
 MIN_SIDE_PX = 8.0
 """Tags seen smaller are not read: their ids are guesses."""
+CORNER_PX = 0.5
+"""Standard deviation of the length of a tag's side in the image, from which its distance follows."""
+
+
+@dataclass(frozen=True)
+class SeenTag:
+    """A tag in a frame."""
+
+    frame_idx: int
+    id: str
+    middle_cam: Float[np.ndarray, "3"]
+    """m, axes of the camera."""
+    sigma_m: float
+    """Standard deviation of its distance where its size tells that; 0 where depth does, which has its own."""
 
 
 def find_tags(
@@ -32,8 +48,8 @@ def find_tags(
     size_m: float | None,
     frames: Int[np.ndarray, " k"],
     runtime: Runtime,
-) -> list[tuple[int, str, Float[np.ndarray, "3"]]]:
-    """Frame, id and middle (m, camera axes) of each tag seen.
+) -> list[SeenTag]:
+    """Each tag seen.
 
     The plane of the depth inside a tag gives the distance of its middle; without depth, its size does.
     A tag with neither is left out.
@@ -55,18 +71,18 @@ def find_tags(
         frame = int(frames[k])
         color = scan.files.color(frame)
         if color is None:
-            return {"ids": np.zeros(0, int), "points": np.zeros((0, 3))}
+            return {"ids": np.zeros(0, int), "points": np.zeros((0, 4))}
         ids, corners = detect(color, family)
         depth = scan.files.depth(frame) if len(ids) else np.zeros((1, 1), np.float32)
         points = [_middle(each, depth, scan.cameras[frame], size_m) for each in corners]
         kept = [i for i, point in enumerate(points) if point is not None]
-        found = np.array([points[i] for i in kept], dtype=float).reshape(-1, 3)
+        found = np.array([points[i] for i in kept], dtype=float).reshape(-1, 4)
         return {"ids": ids[kept], "points": found}
 
     key = cache_key(scan.fingerprint, "tags", family, size_m, frames.tolist())
     each = runtime.map("tags", key, len(frames), seen)
     return [
-        (int(frames[k]), str(int(name)), point)
+        SeenTag(int(frames[k]), str(int(name)), point[:3], float(point[3]))
         for k, found in enumerate(each)
         for name, point in zip(found["ids"], found["points"], strict=True)
     ]
@@ -96,11 +112,12 @@ def _middle(
     depth_m: np.ndarray,
     camera: Camera,
     size_m: float | None,
-) -> Float[np.ndarray, "3"] | None:
+) -> Float[np.ndarray, "4"] | None:
+    """Middle (m) and the sigma of its distance (m) beside that of depth; None where nothing tells it."""
     ray = camera.rays(_crossing(corners)[None])[0]
     depth = _plane_depth(corners, depth_m, camera, ray)
     if depth is not None:
-        return ray * depth
+        return np.append(ray * depth, 0.0)
     if size_m is None:
         return None
     half = 0.5 * size_m
@@ -108,7 +125,11 @@ def _middle(
     is_solved, _, translation = cv2.solvePnP(
         square, corners, camera.matrix, np.zeros(4), flags=cv2.SOLVEPNP_IPPE_SQUARE
     )
-    return np.asarray(translation, dtype=float).reshape(3) if is_solved else None
+    if not is_solved:
+        return None
+    middle = np.asarray(translation, dtype=float).reshape(3)
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    return np.append(middle, middle[2] * CORNER_PX / sides.max())
 
 
 def _crossing(corners: Float[np.ndarray, "4 2"]) -> Float[np.ndarray, "2"]:
