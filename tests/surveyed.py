@@ -2,7 +2,6 @@
 
 import numpy as np
 
-import planfit
 from builders import CAMERA, NoFiles
 from planfit.pipeline.observations import Observations
 from planfit.scan import Scan
@@ -47,6 +46,3 @@ def survey_of(centres, control, check=(), sigma_m=0.005, axes="plan", moved=(0.0
 def errors_m(result, true_plan_from_cams):
     """Of the camera positions, vectors."""
     return result.plan_from_cams[:, :3, 3] - true_plan_from_cams[:, :3, 3]
-
-
-QUICK = planfit.RefineOptions()

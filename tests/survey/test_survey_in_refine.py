@@ -13,8 +13,8 @@ from planfit.geometry import se3
 from planfit.survey import Survey, SurveyPoint
 from surveyed import errors_m, observed, scan_at, survey_of
 
-N = 40
-LENGTH_M = 40.0
+N = 31
+LENGTH_M = 30.0
 
 
 @pytest.fixture(scope="module")
@@ -40,11 +40,14 @@ def corridor():
     return plan, truth, scan_at(recorded), observed(make_structure(truth, floor, patches), none)
 
 
-def refined(world, survey=None, plan=True, options=None):
+# One start and few folds: what control points do is the same from each, and the tests stay short.
+QUICK = planfit.RefineOptions().with_("adjust.starts", ["aligned"]).with_("verdict.folds", 2)
+
+
+def refined(world, survey=None, plan=True, options=QUICK):
     floorplan, _, scan, seen = world
-    return planfit.refine(
-        scan, floorplan if plan else None, options, observations=seen, survey=survey
-    )
+    plans = floorplan if plan else None
+    return planfit.refine(scan, plans, options, observations=seen, survey=survey)
 
 
 @pytest.fixture(scope="module")
@@ -56,9 +59,10 @@ def by_control(corridor):
 def test_drift_that_no_loop_closes_is_taken_out(corridor, by_control):
     _, truth, _, _ = corridor
     without = np.abs(errors_m(refined(corridor), truth)).max()
-    assert without > 0.7
+    assert without > 0.5
     assert np.abs(errors_m(by_control, truth)).max() < 0.05 * without
     assert by_control.survey.control.rms_m < 0.02
+    assert not any("ambiguous" in words for words in by_control.warnings)
 
 
 def test_residuals_of_check_points_are_the_true_error(corridor, by_control):
@@ -197,17 +201,18 @@ def test_a_room_that_fits_twice_is_placed_by_points(twin_ends, method):
     plan, world = twin_ends
     frames = {"three": [0, 4, 8], "two": [1, 5]}[method]
     survey = survey_of(world.plan_from_cams[:, :3, 3], frames, [2, 7])
-    wrong = []
     for yaw in (10.0, 190.0):
         given = in_turned_axes(world, plan, yaw)
-        wrong.append(np.abs(errors_m(refined(given), given[1])).max())
         result = refined(given, survey)
         assert np.abs(errors_m(result, given[1])).max() < 0.01
         assert result.survey.check.worst_m < 0.01
         assert not any("place on the plan" in reason for reason in result.verdict.reasons)
-    assert (
-        max(wrong) > 1.0
-    )  # of two ways that fit alike, the walls took the wrong one for one of the scans
+
+
+def test_without_points_the_walls_take_the_wrong_one_of_two_ways(twin_ends):
+    plan, world = twin_ends
+    scans = [in_turned_axes(world, plan, yaw) for yaw in (10.0, 190.0)]
+    assert max(np.abs(errors_m(refined(given), given[1])).max() for given in scans) > 1.0
 
 
 def test_a_scan_that_sees_no_wall_is_placed_by_three_points(twin_ends):
@@ -269,7 +274,7 @@ def test_the_papers_preset_takes_no_control_points(twin_ends):
     plan, world = twin_ends
     given = in_turned_axes(world, plan, 10.0)
     survey = survey_of(world.plan_from_cams[:, :3, 3], [0, 4, 8])
-    options = planfit.RefineOptions().with_("adjust.control.weight", 0.0)
+    options = QUICK.with_("adjust.control.weight", 0.0)
     with pytest.raises(OptionError, match=r"adjust\.control\.weight: expected a weight above 0"):
         refined(given, survey, options=options)
 

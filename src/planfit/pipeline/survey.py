@@ -42,6 +42,9 @@ from planfit.survey.fit import are_apart, are_on_a_line, height_shift, require_f
 from planfit.survey.types import some_ids
 from planfit.tracking import choose_keyframes
 
+WELL_PLACED_M = 0.1
+"""Where the furthest camera is surer than this (standard deviation), control points alone place the scan:
+walls find their faces from there."""
 NARROWING = 4.0
 """Factor between the widths of the loss while the scan is straightened, from what the worst mark asks for."""
 
@@ -125,7 +128,7 @@ class HeldScan:
     pins: tuple[ControlPoint, ...]
     """Points as the search takes them."""
     is_placed: bool
-    """Whether control points alone say where the scan is."""
+    """Whether control points alone say where the scan is, not the walls near there."""
     height_shift_m: float
     """Added to heights of the survey: heights above the floor."""
     warnings: tuple[str, ...] = ()
@@ -145,28 +148,52 @@ def hold_by_control(
     idx, level, walked_m = _seen_points(prepared)
     site = placed.xyz[idx]
     if not are_apart(level):
-        pins = tuple(ControlPoint(p[:2], q[:2]) for p, q in zip(level, site, strict=True))
-        return HeldScan(prepared, None, pins, False, height_shift(level, site, own_datum))
+        return _near_points(prepared, level, site, own_datum)
     fit = fit_site(level, site, is_metric, own_datum)
     require_fit(fit, level, site)
     in_metres = site * (fit.scale, fit.scale, 1.0)
     is_off = find_blunders(level, in_metres, walked_m)
-    prepared, site = _without_points(prepared, idx[is_off]), site[~is_off]
-    fit = fit_site(level[~is_off], site, is_metric, own_datum)
+    prepared = _without_points(prepared, idx[is_off])
+    level, site = level[~is_off], site[~is_off]
+    warnings = _warnings(surveyed.survey, idx[is_off], site)
+    if not are_apart(level):
+        return replace(_near_points(prepared, level, site, own_datum), warnings=warnings)
+    fit = fit_site(level, site, is_metric, own_datum)
     prepared = _straightened(prepared, fit.to_level(placed.xyz), options)
     # Once more: drift has bent what the first fit went by.
     _, level, _ = _seen_points(prepared)
     fit = fit_site(level, site, is_metric, own_datum)
-    # Two points tell heading and place, as gravity is known. But of two, or of points on a line, a mirrored
-    # site looks like a right one: the walls keep a say then.
+    # Two points tell heading and place, as gravity is known. But of two, or of points on a line, a
+    # mirrored site looks like a right one, and points close together tell the heading badly: the walls keep
+    # a say then, near where the points are.
     return HeldScan(
         prepared,
         fit,
         tuple(ControlPoint(p[:2], q[:2]) for p, q in zip(level, site, strict=True)),
-        is_metric and not are_on_a_line(site),
+        is_metric and not are_on_a_line(site) and _reach_m(prepared, level) < WELL_PLACED_M,
         height_shift(level, site, own_datum),
-        _warnings(surveyed.survey, idx[is_off], site),
+        warnings,
     )
+
+
+def _near_points(
+    prepared: PreparedScan,
+    level: Float[np.ndarray, "p 3"],
+    site: Float[np.ndarray, "p 3"],
+    own_datum: bool,
+) -> HeldScan:
+    """What points at one place tell: where it is, and no heading."""
+    pins = tuple(ControlPoint(p[:2], q[:2]) for p, q in zip(level, site, strict=True))
+    return HeldScan(prepared, None, pins, False, height_shift(level, site, own_datum))
+
+
+def _reach_m(prepared: PreparedScan, level: Float[np.ndarray, "p 3"]) -> float:
+    """Standard deviation of the furthest camera if control points alone say where the scan is, m."""
+    middle = level[:, :2].mean(axis=0)
+    lever = np.linalg.norm(level[:, :2] - middle)
+    far_m = np.linalg.norm(prepared.level_from_keys[:, :2, 3] - middle, axis=1).max()
+    sigma_m = np.median(prepared.measurements.control.sigma_m)
+    return float(sigma_m * np.hypot(1.0 / np.sqrt(len(level)), far_m / lever))
 
 
 def _without_points(prepared: PreparedScan, points: Int[np.ndarray, " b"]) -> PreparedScan:
@@ -241,13 +268,19 @@ def on_plan_by_control(held: HeldScan, surveyed: SurveyedScan, on_plan: ScanOnPl
         assert held.fit is not None  # three points off a line were required
         xyz = held.fit.to_level(placed.xyz)
         site_from_plan = se3.inverse(held.fit.level_from_site)
-    elif held.is_placed and held.fit is not None:
+    elif held.fit is not None and (
+        held.is_placed or (found is None and on_plan.floorplan.is_metric)
+    ):
         plan_from_level = se3.inverse(held.fit.level_from_site)
         plan_from_level[2, 3] = 0.0  # the floor is at z = 0 in both frames
         if found is not None:
             found = replace(found, plan_from_level=plan_from_level)
     elif found is not None:
         xyz[:, :2] *= found.scale_xy
+    if found is not None and held.fit is not None:
+        # The search was held to the points: that the walls would leave the place open says nothing any more.
+        told = tuple(words for words in found.warnings if not words.startswith("ambiguous"))
+        found = replace(found, is_surveyed=True, is_sure=True, warnings=told)
     has_datum = placed.has_own_datum and len(held.prepared.measurements.control) > 0
     if placed.has_own_datum and not has_datum:
         xyz[:, 2] = np.nan  # nothing tells where its heights count from
@@ -257,7 +290,7 @@ def on_plan_by_control(held: HeldScan, surveyed: SurveyedScan, on_plan: ScanOnPl
         alignment=found,
         survey=SurveyOnPlan(
             targets=xyz,
-            is_placed=held.is_placed,
+            is_placed=held.fit is not None,
             height_datum_m=-held.height_shift_m + placed.origin[2] if has_datum else None,
             site_from_plan=site_from_plan,
             site_origin=placed.origin,
