@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from planfit.export.registration import registration_record, write_registration
 from planfit.pipeline.evidence import Evidence, Stretch, Visit
-from planfit.pipeline.registration import FACTOR_95, loa_class, register
+from planfit.pipeline.registration import FACTOR_95, FACTOR_95_FLAT, loa_class, register
 from planfit.pipeline.validation import Check
 from planfit.report.html.registration_section import registration_section
 from planfit.survey import PointResidual, SurveyResiduals
@@ -54,9 +54,11 @@ def test_classes_by_their_bounds(deviation_m, name):
 
 def test_the_factor_is_that_of_a_normal_distribution(rng):
     assert pytest.approx(np.sqrt(chi2.ppf(0.95, 3) / 3), abs=5e-4) == FACTOR_95
-    lengths = np.linalg.norm(rng.normal(size=(200_000, 3)), axis=1)
-    rms = np.sqrt(np.mean(lengths**2))
-    assert np.mean(lengths < FACTOR_95 * rms) == pytest.approx(0.95, abs=0.002)
+    assert pytest.approx(np.sqrt(chi2.ppf(0.95, 2) / 2), abs=5e-4) == FACTOR_95_FLAT
+    for axes, factor in ((3, FACTOR_95), (2, FACTOR_95_FLAT)):
+        lengths = np.linalg.norm(rng.normal(size=(200_000, axes)), axis=1)
+        rms = np.sqrt(np.mean(lengths**2))
+        assert np.mean(lengths < factor * rms) == pytest.approx(0.95, abs=0.002)
 
 
 def test_fit_and_held_out_stand_apart():
@@ -117,7 +119,7 @@ def test_files_and_page_say_the_same(tmp_path):
     assert lines[-1].startswith('"accuracy at 95 %, stated LOA10",m,,,0.06')
     record = registration_record(found)
     assert record["usibd_loa"] == "LOA10"
-    assert record["stated_95_m"] == pytest.approx(FACTOR_95 * np.sqrt((0.05**2 + 0.02**2) / 2))
+    assert record["stated_95_m"] == pytest.approx(FACTOR_95_FLAT * np.sqrt((0.05**2 + 0.02**2) / 2))
     page = registration_section(found)
     assert "USIBD LOA10" in page
     assert "check points, height" not in page  # no height is known

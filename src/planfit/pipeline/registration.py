@@ -20,6 +20,8 @@ C120, version 3), each with the largest deviation (m) that 95 % keep to; beyond,
 FACTOR_95 = 1.614
 """From the RMS of lengths of residuals in space to the radius that holds 95 %, residuals being normal and
 alike along three axes: the root of a third of the 95 % quantile of chi squared, three degrees of freedom."""
+FACTOR_95_FLAT = 1.731
+"""The same of residuals seen from above, where no height is known: two degrees of freedom."""
 MANY_CHECK_POINTS = 20
 """The U.S. National Standard for Spatial Data Accuracy (FGDC-STD-007.3-1998) asks for as many."""
 
@@ -75,7 +77,10 @@ def register(
     predicted = float(np.quantile(of_frames[is_placed], 0.95)) if is_placed.any() else np.inf
     check = None if survey is None else survey.check
     control = None if survey is None else survey.control
-    checked = None if check is None else FACTOR_95 * check.rms_m
+    checked = None
+    if check is not None:
+        factor = FACTOR_95_FLAT if check.rms_height_m is None else FACTOR_95
+        checked = factor * check.rms_m
     is_told = check is not None or control is not None or len(evidence.visits) > 0
     stated = max(predicted, checked or 0.0) if is_told else None
     return Registration(

@@ -3,18 +3,14 @@
 from html import escape
 
 from planfit.pipeline.registration import Registration, RegistrationRow
-from planfit.report.formatting import SPACE
+from planfit.report.formatting import SPACE, quantity
+from planfit.report.html.tables import table
 
 
 def registration_section(registration: Registration) -> str:
     """What a surveyor looks for first."""
-    rows = "".join(_row(row) for row in registration.rows)
-    table = (
-        "<table><thead><tr><th></th><th>before</th><th>fit</th><th>held out</th><th>number</th></tr></thead>"
-        f"<tbody>{rows}</tbody></table>"
-        if rows
-        else ""
-    )
+    heads = ("", "before", "fit", "held out", "number")
+    rows = table(heads, [_row(row) for row in registration.rows], "wnnnn")
     stated = "No accuracy is stated."
     if registration.stated_95_m is not None:
         by_checks = ""
@@ -29,16 +25,12 @@ def registration_section(registration: Registration) -> str:
         "<h2>Registration</h2><p>How well something fits that was fitted is no accuracy: what is held out "
         f"had no say in the poses. {stated} {escape(basis)}. Of camera positions; points add the error of "
         "depth. Also in <code>registration.csv</code>.</p>"
-        f"{table}"
+        f"{rows if registration.rows else ''}"
     )
 
 
-def _row(row: RegistrationRow) -> str:
-    cells = "".join(f"<td>{_amount(v, row.unit)}</td>" for v in (row.before, row.fit, row.held_out))
-    return f"<tr><td>{escape(row.name)}</td>{cells}<td>{row.count}</td></tr>"
-
-
-def _amount(value: float | None, unit: str) -> str:
-    if value is None or value != value:
-        return ""
-    return f"{value:.0%}" if unit == "share" else f"{value:.3f}{SPACE}{unit}"
+def _row(row: RegistrationRow) -> tuple[str, ...]:
+    amounts = (
+        "" if v is None else quantity(v, row.unit) for v in (row.before, row.fit, row.held_out)
+    )
+    return (escape(row.name), *amounts, str(row.count))
