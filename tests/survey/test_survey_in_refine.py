@@ -70,6 +70,21 @@ def test_drift_that_no_loop_closes_is_taken_out(corridor, by_walls, by_control):
     assert not any("ambiguous" in words for words in by_control.warnings)
 
 
+def test_points_seen_between_keyframes_count_as_well(corridor, by_walls):
+    """Frames that are not solved for show all control points: the keyframes about them carry these."""
+    plan, truth, scan, seen = corridor
+    keys = np.arange(0, N, 5)
+    marked = [k for k in range(2, N, 5)] + [N - 2]
+    sparse = replace(seen, keyframe_idx=np.union1d(keys, [N - 1]))
+    survey = survey_of(truth[:, :3, 3], marked, keys)
+    result = refined((plan, truth, scan, sparse), survey)
+    assert result.survey.control.count == len(marked)
+    assert not set(marked) & set(result.solved_frame_idx.tolist())
+    without = np.abs(errors_m(by_walls, truth)).max()
+    assert np.abs(errors_m(result, truth)).max() < 0.25 * without
+    assert result.survey.check.rms_m < 0.1
+
+
 def test_residuals_of_check_points_are_the_true_error(corridor, by_control):
     true_errors = errors_m(by_control, corridor[1])
     checks = [point for point in by_control.survey.points if point.is_check]

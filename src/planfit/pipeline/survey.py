@@ -158,11 +158,11 @@ def hold_by_control(
     warnings = _warnings(surveyed.survey, idx[is_off], site)
     if not are_apart(level):
         return replace(_near_points(prepared, level, site, own_datum), warnings=warnings)
-    fit = fit_site(level, site, is_metric, own_datum)
+    fit = fit_site(level, site, is_metric, own_datum, is_robust=False)
     prepared = _straightened(prepared, fit.to_level(placed.xyz), options)
     # Once more: drift has bent what the first fit went by.
     _, level, _ = _seen_points(prepared)
-    fit = fit_site(level, site, is_metric, own_datum)
+    fit = fit_site(level, site, is_metric, own_datum, is_robust=False)
     # Two points tell heading and place, as gravity is known. But of two, or of points on a line, a
     # mirrored site looks like a right one, and points close together tell the heading badly: the walls keep
     # a say then, near where the points are.

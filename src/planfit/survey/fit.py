@@ -46,21 +46,22 @@ def fit_site(
     site: Float[np.ndarray, "p 3"],
     is_metric: bool = True,
     has_own_datum: bool = True,
+    is_robust: bool = True,
 ) -> SiteFit:
     """Fit by the horizontal positions, heights by their median difference.
-
-    Of four points or more, those that most pairs agree on decide: one that is wrong has no say.
 
     Args:
         level: points as the scan has them, level frame, m; two or more that are apart.
         site: the same as surveyed, z up; z may be NaN.
         is_metric: whether x and y are metres; else their scale is fitted.
         has_own_datum: whether heights count from elsewhere than the floor.
+        is_robust: whether of four points or more those decide that the best pair brings together: one that is
+            wrong then has no say. Which these are may hang on the last digit where drift has bent all.
     """
     p, q = _complex(level), _complex(site)
     every = np.ones(len(p), dtype=bool)
     best = _similarity(q, p, every, is_metric)
-    if len(p) > 3:
+    if len(p) > 3 and is_robust:
         best = _similarity(q, p, _agreed(q, p, is_metric), is_metric)
     factor, shift = best
     misfit_m = np.abs(factor * q + shift - p)
@@ -186,7 +187,7 @@ def _agreed(q: np.ndarray, p: np.ndarray, is_metric: bool) -> Bool[np.ndarray, "
     for i, j in pairs:
         if abs(q[i] - q[j]) < 1e-9 or abs(p[i] - p[j]) < DISTINCT_M:
             continue
-        used = np.isin(idx, (i, j))
+        used = np.isin(idx, [int(i), int(j)])
         factor, shift = _similarity(q, p, used, is_metric)
         off = np.abs(factor * q + shift - p)
         if (median := float(np.median(off))) < best_off:
