@@ -1,5 +1,6 @@
 """Where points of a plan's, a file's, a map's axes lie on the plan, to the micrometre, and which cannot."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from planfit.floorplan import read_floorplan
 from planfit.floorplan.formats.ifc_places import MapConversion
 from planfit.survey import Survey, SurveyPoint, place_points
 
+SHARED = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[3] / "shared" / "data"))
 CORNERS = np.array([[0.5, 0.5, 1.0], [5.5, 0.5, 1.2], [5.5, 3.5, 0.3], [0.5, 3.5, 2.0]])
 
 
@@ -69,6 +71,22 @@ def test_a_world_file_is_honoured(tmp_path: Path):
     assert_allclose(by_map.xyz, by_pixel.xyz, atol=1e-8)
     corner = plan.ends.reshape(-1, 2).min(axis=0)
     assert (np.abs(by_map.xyz[:, :2] - corner) < 20).all()
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(
+    not SHARED.is_dir(), reason="no real models: set PLANFIT_SHARED to their folder"
+)
+def test_the_map_conversion_of_a_real_model_is_honoured():
+    """Its origin is at (76670, 77179) in EPSG:9897, its x turned by 71 degrees."""
+    pytest.importorskip("ifcopenshell")
+    path = SHARED / "real_files" / "ifc_georef" / "Duplex_A_20110907_georeferenced.ifczip"
+    plan = read_floorplan(path)
+    corners = plan.ends.reshape(-1, 2)
+    c, s = np.cos(np.deg2rad(71.0)), np.sin(np.deg2rad(71.0))
+    on_map = corners @ np.array([[c, s], [-s, c]]) + np.array([76670.0, 77179.0])
+    survey = survey_at(np.column_stack([on_map, np.full(len(corners), 12.0)]), "map")
+    assert_allclose(place_points(survey, plan).xyz[:, :2], corners, atol=0.02)
 
 
 @pytest.mark.parametrize(
