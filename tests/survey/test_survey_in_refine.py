@@ -62,15 +62,15 @@ def by_control(corridor):
 
 
 def test_drift_that_no_loop_closes_is_taken_out(corridor, by_walls, by_control):
-    _, truth, _, _ = corridor
-    without = np.abs(errors_m(by_walls, truth)).max()
-    assert without > 0.5
-    assert np.abs(errors_m(by_control, truth)).max() < 0.05 * without
+    """By walls alone the walk stays too short, and may lie anywhere along the corridor."""
+    truth = corridor[1]
+    assert np.ptp(errors_m(by_walls, truth)[:, 0]) > 0.03 * LENGTH_M
+    assert np.abs(errors_m(by_control, truth)).max() < 0.005
     assert by_control.survey.control.rms_m < 0.02
     assert not any("ambiguous" in words for words in by_control.warnings)
 
 
-def test_points_seen_between_keyframes_count_as_well(corridor, by_walls):
+def test_points_seen_between_keyframes_count_as_well(corridor):
     """Frames that are not solved for show all control points: the keyframes about them carry these."""
     plan, truth, scan, seen = corridor
     keys = np.arange(0, N, 5)
@@ -80,9 +80,9 @@ def test_points_seen_between_keyframes_count_as_well(corridor, by_walls):
     result = refined((plan, truth, scan, sparse), survey)
     assert result.survey.control.count == len(marked)
     assert not set(marked) & set(result.solved_frame_idx.tolist())
-    without = np.abs(errors_m(by_walls, truth)).max()
-    assert np.abs(errors_m(result, truth)).max() < 0.25 * without
-    assert result.survey.check.rms_m < 0.1
+    # Marks are carried over two metres by a tracker that loses 4 % of these.
+    assert np.abs(errors_m(result, truth)).max() < 0.1
+    assert result.survey.check.rms_m < 0.04 * 2.0 + 0.005
 
 
 def test_residuals_of_check_points_are_the_true_error(corridor, by_control):
@@ -114,7 +114,7 @@ def test_a_point_written_wrongly_is_named_and_does_not_bend_the_rest(corridor, b
     wrong = list(survey.points)
     wrong[2] = replace(wrong[2], xyz=wrong[2].xyz + np.array([0.0, 5.0, 0.0]))
     result = refined(corridor, replace(survey, points=tuple(wrong)))
-    assert result.survey.check.rms_m < by_control.survey.check.rms_m + 0.05
+    assert result.survey.check.rms_m < by_control.survey.check.rms_m + 0.005
     assert any("control point 'C12'" in warning for warning in result.warnings)
 
 
