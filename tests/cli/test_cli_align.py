@@ -49,7 +49,7 @@ def test_another_candidate_or_a_bad_control_point_is_one_line(
     arguments = ["align", str(small_scan), plan, "-o", str(aligned)]
     assert run([*arguments, "--candidate", "99"]) == 2
     assert "align.candidate: expected 1 to" in capsys.readouterr().err
-    assert run([*arguments, "--control-points", "1,2=3"]) == 2
+    assert run([*arguments, "--pin", "1,2=3"]) == 2
     (line,) = capsys.readouterr().err.splitlines()[-1:]
     assert "align.control-points: expected x,y,z=u,v" in line
 

@@ -45,7 +45,7 @@ def test_the_same_files_as_with_a_plan_are_written(alone: Path) -> None:
     assert {path.name for path in alone.iterdir()} == {
         "report.html", "overlay.png", "poses", "trajectory.tum", "cloud_before.ply",
         "cloud_after.ply", "run.json", "matches.npz", "covariances.npz",
-        "trajectory_sigma.csv", "cache", ".planfit.json", ".planfit.lock",
+        "trajectory_sigma.csv", "registration.csv", "cache", ".planfit.json", ".planfit.lock",
     }  # fmt: skip
     assert "Walls of the plan" not in (alone / "report.html").read_text()
 

@@ -9,7 +9,7 @@ import shapely
 
 from planfit.cli import run
 from planfit.floorplan import read_floorplan
-from planfit.floorplan.formats.ifc_places import map_words
+from planfit.floorplan.formats.ifc_places import map_conversion
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
 ifcopenshell = pytest.importorskip("ifcopenshell")
@@ -98,15 +98,21 @@ def model_on_map(schema: str, east: float, north: float, **entries: object):
     return model
 
 
+def words_on_map(model, unit_scale: float) -> str:
+    found = map_conversion(model, unit_scale)
+    assert found is not None
+    return found.words
+
+
 def test_a_map_conversion_in_the_unit_that_is_meant() -> None:
     """A real exporter writes millimetres and claims feet; east of the Earth's edge, they are millimetres."""
     turned = {"XAxisAbscissa": -0.8167, "XAxisOrdinate": 0.577}
-    words = map_words(model_on_map("IFC4", 93869354.3, 435604866.6, **turned), 0.001)
+    words = words_on_map(model_on_map("IFC4", 93869354.3, 435604866.6, **turned), 0.001)
     assert words == "origin at (93869.354, 435604.867) m in EPSG:28992, x turned by 144.759 deg"
-    words = map_words(model_on_map("IFC4", 93869.3543, 435604.8665), 0.001)
+    words = words_on_map(model_on_map("IFC4", 93869.3543, 435604.8665), 0.001)
     assert words.startswith("origin at (93869.354, 435604.86")
-    assert map_words(ifcopenshell.file(schema="IFC4"), 1.0) == ""
-    assert map_words(ifcopenshell.file(schema="IFC2X3"), 1.0) == ""
+    assert map_conversion(ifcopenshell.file(schema="IFC4"), 1.0) is None
+    assert map_conversion(ifcopenshell.file(schema="IFC2X3"), 1.0) is None
 
 
 @pytest.mark.shared

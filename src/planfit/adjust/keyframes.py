@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust.measurements import Measurements
+from planfit.adjust.terms.control import ControlMarks
 from planfit.geometry import se3
 from planfit.matching import Matches, SurfacePairs
 from planfit.scan.odometry import Odometry
@@ -64,6 +65,7 @@ def reduce_measurements(measurements: Measurements, keyframes: Keyframes) -> Mea
         tuple(measurements.cameras[i] for i in keyframes.frame_idx) if measurements.cameras else (),
         keyframes.frame_idx,
         _reduce_surfaces(measurements.surfaces, keyframes),
+        _reduce_control(measurements.control, keyframes),
     )
 
 
@@ -132,6 +134,12 @@ def _reduce_surfaces(surfaces: SurfacePairs, keyframes: Keyframes) -> SurfacePai
     moved = first @ motion @ second
     # The earlier keyframe first: keyframes grow with frames, so pairs keep their order.
     return SurfacePairs(pairs[keep], moved, information, surfaces.explained[keep])
+
+
+def _reduce_control(marks: ControlMarks, keyframes: Keyframes) -> ControlMarks:
+    """Marks in the axes of keyframes, whichever frames show the points."""
+    moved = se3.transform_each(keyframes.key_from_cam[marks.pose_idx], marks.points_cam)
+    return replace(marks, points_cam=moved, pose_idx=keyframes.nearest[marks.pose_idx])
 
 
 def _reduce_structure(structure: Structure, keyframes: Keyframes) -> Structure:

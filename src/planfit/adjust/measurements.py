@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Int
 
+from planfit.adjust.terms.control import ControlMarks, no_control_marks
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
 from planfit.matching import Matches, SurfacePairs
@@ -30,6 +31,8 @@ class Measurements:
     """The scan's number of each frame, where only some are solved for."""
     surfaces: SurfacePairs = field(default_factory=SurfacePairs.none)
     """Pairs of frames matched by their surfaces."""
+    control: ControlMarks = field(default_factory=no_control_marks)
+    """Control points that frames see."""
 
     __repr__ = short_repr
 
@@ -41,6 +44,7 @@ class Measurements:
             "ceiling point": (self.structure.ceiling.points_cam,),
             "point of a column": (self.structure.columns.points_cam,),
             "recorded step": (self.odometry.cam_from_next,),
+            "mark of a control point": (self.control.points_cam, self.control.sigma_m),
             "pair of surfaces": (self.surfaces.a_from_b, self.surfaces.information),
         }
         for name, arrays in named.items():

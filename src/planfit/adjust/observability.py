@@ -33,7 +33,7 @@ def describe_observability(
     # What holds poses to something fixed, and what the user's terms hold, linearised at these poses.
     parts = [
         term.reweight(plan_from_cams)[0].normal_blocks(plan_from_cams)
-        for term in (*problem.plan_terms, *problem.extra)
+        for term in problem.fixed_terms
     ]
     links = _links(problem, parts)
     is_held = _sees_floor(problem)

@@ -8,6 +8,7 @@ from planfit.adjust.ceilings import CeilingOptions
 from planfit.adjust.moved_walls import MovedWallOptions
 from planfit.adjust.paper.descent import DescentOptions
 from planfit.adjust.reach import ReachOptions
+from planfit.adjust.terms.control import ControlOptions
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
@@ -53,6 +54,8 @@ class AdjustOptions:
     """Odometry term."""
     surfaces: SurfaceTermOptions = field(default_factory=SurfaceTermOptions)
     """Surfaces term: pairs of frames that were matched by geometry."""
+    control: ControlOptions = field(default_factory=ControlOptions)
+    """Control term: points whose coordinates were surveyed."""
     averaging: Literal["observations", "mean"] = "observations"
     """What a term adds up: effective observations in sigmas, or, as in the paper, the mean over its points,
     a sigma of matches being 1 m."""
@@ -132,7 +135,7 @@ class AdjustOptions:
                 (self.geometric, self.wall_strategy, self.averaging) == ("points", "fixed", "mean")
                 and not self.is_bounded
                 and self.odometry.weight == self.ceiling.weight == self.columns.weight == 0
-                and self.surfaces.weight == 0
+                and self.surfaces.weight == self.control.weight == 0
             )
             require(
                 is_papers,

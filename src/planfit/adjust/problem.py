@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.association import Association, PlanCorrespondences
-from planfit.adjust.extra_terms import check_extra_terms
+from planfit.adjust.extra_terms import require_extra_terms_to_work
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.paper.descent import PaperWeights, descend
 from planfit.adjust.rigid_motion import hold_whole
+from planfit.adjust.terms.control import control_term
 from planfit.adjust.terms.effective_observations import as_mean
 from planfit.adjust.terms.levels import LevelTerm, floor_term
 from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
@@ -33,7 +34,6 @@ from planfit.adjust.terms.wall_offsets import (
     with_offsets,
 )
 from planfit.adjust.terms.walls import WallTerm
-from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.lsq.bounded import solve_bounded
 from planfit.lsq.problem import Problem
@@ -41,6 +41,7 @@ from planfit.lsq.solver import Cost, Solution
 from planfit.lsq.term import Term
 from planfit.lsq.terms.between import BetweenTerm
 from planfit.lsq.terms.prior import PosePriorTerm
+from planfit.lsq.terms.residual import ResidualTerm
 from planfit.segmentation import WallPatches
 
 
@@ -71,6 +72,8 @@ class AdjustmentProblem:
     moved_walls: OffsetWallTerm | None = None
     """Wall on faces that stand elsewhere than drawn: it holds frames to each other, not to the plan."""
     moved_prior: PosePriorTerm | None = None
+    control: ResidualTerm | None = None
+    """Points whose coordinates are known; None while nothing tells where they lie in the target frame."""
     extra: tuple[Term, ...] = ()
     """The user's."""
     gauge: PosePriorTerm | None = None
@@ -87,6 +90,11 @@ class AdjustmentProblem:
         return _present(self.ceiling, self.columns, self.walls)
 
     @property
+    def fixed_terms(self) -> list[Term]:
+        """Those that hold poses to something that does not move: plan, control points, the user's."""
+        return [*self.plan_terms, *_present(self.control), *self.extra]
+
+    @property
     def terms(self) -> list[Term]:
         """All that are solved for. Costs are summed in this order."""
         return [*_present(self.geometric), *self.terms_but_geometric]
@@ -100,11 +108,11 @@ class AdjustmentProblem:
             walls = _present(self.offset_walls, self.offset_prior)
         walls += _present(self.moved_walls, self.moved_prior)
         level = _present(self.surfaces, self.floor, self.odometry, self.ceiling, self.columns)
-        return [*level, *walls, *self.extra, *_present(self.gauge)]
+        return [*level, *walls, *_present(self.control), *self.extra, *_present(self.gauge)]
 
     def costs(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> dict[str, float]:
         """Robust cost of each term at poses, for reports; faces as drawn, without the gauge's prior."""
-        terms = [*self.scan_terms, *self.plan_terms, *self.extra]
+        terms = [*self.scan_terms, *self.fixed_terms]
         return {term.name: term.reweight(target_from_cams)[1] for term in terms}
 
     def solve(self, start: Float[np.ndarray, "u 4 4"] | None = None) -> Solution:
@@ -206,13 +214,15 @@ def build_problem(
         surfaces=_surface_term(measurements, options),
         floor=_floor_term(measurements, options),
         odometry=_odometry_term(measurements, options),
+        control=control_term(measurements.control, options.control),
         extra=extra,
     )
     if correspondences is not None:
         problem = _with_plan(problem, correspondences)
-    _require_extra_terms_to_work(problem)
+    names, is_reduced = [term.name for term in problem.terms], measurements.frame_idx is not None
+    require_extra_terms_to_work(extra, names, target_from_cams, options, is_reduced)
     is_held = problem.walls is not None or problem.columns is not None
-    if not is_held and not hold_whole(extra, target_from_cams):
+    if not is_held and not hold_whole([*_present(problem.control), *extra], target_from_cams):
         problem = replace(problem, gauge=_gauge_prior(target_from_cams, problem.floor is not None))
     return problem
 
@@ -387,19 +397,3 @@ def _gauge_prior(target_from_cams: Float[np.ndarray, "n 4 4"], has_floor: bool) 
     free = np.inf if has_floor else 1e-3
     sigma = np.array([free, free, 1e-3, 1e-3, 1e-3, free])
     return PosePriorTerm(np.array([0]), target_from_cams[:1], sigma, name="gauge")
-
-
-def _require_extra_terms_to_work(problem: AdjustmentProblem) -> None:
-    frame_idx = problem.measurements.frame_idx
-    check_extra_terms(
-        problem.extra, problem.options, problem.n_cams if frame_idx is not None else None
-    )
-    # Checks what every problem of the engine must be: terms with names, and indices that are there. Face
-    # offsets stand behind the frames and are not for the user's terms.
-    Problem(problem.extra, problem.unknowns[: problem.n_cams])
-    names = [term.name for term in problem.terms]
-    for term in problem.extra:
-        if names.count(term.name) > 1:
-            raise OptionError(
-                f"extra_terms: expected a name that no other term has, found {term.name!r}"
-            )

@@ -81,7 +81,8 @@ def _doubt(judged: AdjustedAlignment, alignment: Alignment, options: AlignOption
     score, elsewhere = judged.score, judged.runner_up_score
     if alignment.is_mirrored:
         return "the scan fits the plan better with left and right swapped"
-    is_given = alignment.is_as_recorded or options.candidate > 1 or bool(options.control_points)
+    is_pinned = bool(options.control_points) or alignment.is_surveyed
+    is_given = alignment.is_as_recorded or options.candidate > 1 or is_pinned
     # The walls were adjusted to this place and to no other: that one explains more is a strong sign. In a
     # symmetric room that was seen whole, both explain all.
     is_beaten = elsewhere > (score + TIE if score >= TIE_SCORE else score)

@@ -84,6 +84,8 @@ class Alignment:
     """Whether a plan in metres was taken at another scale than it is drawn at."""
     evidence: PlanEvidence | None = None
     """What the camera walked and saw through, where that was looked at."""
+    is_surveyed: bool = False
+    """Whether surveyed points say that the scan is here: other places that fit as well are no rivals then."""
 
     __repr__ = short_repr
 

@@ -97,16 +97,16 @@ class AlignmentFlags:
 
     candidate: int = 1
     """Which of the alignment hypotheses is taken, 1 the best, as numbered by `planfit align`."""
-    control_points: Annotated[
+    pin: Annotated[
         tyro.conf.UseAppendAction[tuple[tuple[str, ...], ...]],
-        tyro.conf.arg(aliases=["--pin"], metavar="X,Y,Z=X,Y ..."),
+        tyro.conf.arg(metavar="X,Y,Z=X,Y ..."),
     ] = ()
     """Known pairs "x,y,z=X,Y": a point of the scan in its own axes (m) and the same point on the plan, in the
     coordinates at the rim of `planfit plan PLAN -o plan.png`; "x,y,z=file:X,Y" in the file's own."""
 
     def added_to(self, options: RefineOptions) -> RefineOptions:
         """Options with these in place of `align.candidate`, and beside `align.control_points`."""
-        points = tuple(point for points in self.control_points for point in points)
+        points = tuple(point for points in self.pin for point in points)
         chosen = replace(
             options.align,
             candidate=self.candidate if self.candidate != 1 else options.align.candidate,

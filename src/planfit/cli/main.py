@@ -83,7 +83,7 @@ COMMANDS = (
         "SCAN PLAN -o OUT",
         "align a scan with a plan; a picture of each hypothesis that fits",
         (
-            "candidate", "control-points", "unit", "scale", "storey", "mirror", "poses", "calibration",
+            "candidate", "pin", "unit", "scale", "storey", "mirror", "poses", "calibration",
             "preset", "config", "workers",
         ),
     ),

@@ -12,6 +12,7 @@ import tyro
 from planfit.cli.arguments import AlignmentFlags, PlanFlags
 from planfit.cli.console import StageBars, err, note, out, table, tell_scan
 from planfit.cli.storeys import read_plans, tell_storeys
+from planfit.cli.survey import SurveyFlags, tell_survey
 from planfit.errors import FloorplanError, require
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
@@ -23,6 +24,7 @@ from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
 from planfit.saving import RunInputs, result_views, write_run
 from planfit.scan import Scan, ScanOptions, read_scan
+from planfit.survey import Survey
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,9 @@ class RefineArguments:
     plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
     alignment_flags: Annotated[AlignmentFlags, tyro.conf.arg(name="")] = field(
         default_factory=AlignmentFlags
+    )
+    survey_flags: Annotated[SurveyFlags, tyro.conf.arg(name="")] = field(
+        default_factory=SurveyFlags
     )
     config: Path | None = None
     """TOML file of options, on top of the preset and overruled by flags."""
@@ -78,6 +83,7 @@ def refine_files(
         arguments.scan, arguments.options.segmentation.reads_masks, arguments.scan_options
     )
     floorplan = _read_plan(arguments, scan)
+    survey = arguments.survey_flags.read(scan, floorplan is not None)
     result = refine_into(
         arguments.out,
         scan,
@@ -86,9 +92,10 @@ def refine_files(
         arguments.workers,
         arguments.overwrite,
         scan_options=arguments.scan_options,
-        more_inputs=more_inputs,
+        more_inputs={**(more_inputs or {}), **arguments.survey_flags.inputs},
         report_options=arguments.report,
         cache=arguments.cache,
+        survey=survey,
     )
     summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
     return result
@@ -126,13 +133,14 @@ def refine_into(
     more_inputs: Mapping[str, str] | None = None,
     report_options: ReportOptions | None = None,
     cache: Path | None = None,
+    survey: Survey | None = None,
 ) -> RefineResult:
     """Refine a scan and write everything a run writes; see docs/outputs.md.
 
     `truth_of` gives the errors of a result against true poses, where they are known, for the report.
     `scan_options` are those that the scan was read with, for the record, and `more_inputs` stand there beside
     the fingerprints. `report_options`: by default, all of a report. `cache` takes the place of the folder's
-    own.
+    own. `survey` are control and check points.
     """
     inputs = RunInputs(
         scan,
@@ -145,7 +153,7 @@ def refine_into(
     )
     with RunFolder.claimed(folder, inputs.names, overwrite) as run, StageBars() as bars:
         runtime = Runtime(workers, cache or run.cache_dir, bars.update)
-        result = refine(scan, floorplan, options, runtime)
+        result = refine(scan, floorplan, options, runtime, survey=survey)
         seen = result_views(inputs, result, runtime)
         with run.writing() as staging:
             bars.update("write results", 0, 0)
@@ -193,6 +201,8 @@ def summarise(
             f"the plan's unit was found to be {alignment.metres_per_unit:.5g} m, within "
             f"{alignment.scale_sigma:.2%} (one standard deviation)"
         )
+    if result.survey is not None:
+        tell_survey(result.survey)
     tell_scan(scan)
     for warning in result.warnings:
         note(warning)

@@ -10,6 +10,8 @@ from jaxtyping import Int
 
 from planfit.alignment import Alignment
 from planfit.evaluation import surface_metrics, wall_distances
+from planfit.export.registration import registration_record
+from planfit.export.survey import survey_record
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
@@ -53,6 +55,8 @@ def make_record(
         **_transforms(scan, result),
         "sensor": sensor_record(result.sensor, result.sensor_parameters, scan.cameras[0]),
         "walls": _walls_record(result),
+        "registration": registration_record(result.registration),
+        "survey": None if result.survey is None else survey_record(result.survey),
         "stop": result.adjustment.solution.stop.value,
         "cost_by_term": {
             name: {"before": before, "after": after}

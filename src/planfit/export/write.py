@@ -10,7 +10,9 @@ from jaxtyping import Float
 from planfit.export.cloud import Cloud, place_cloud, write_ply
 from planfit.export.loops import loop_edges
 from planfit.export.matches_file import MATCHES, write_matches
+from planfit.export.registration import write_registration
 from planfit.export.sigmas import write_sigmas
+from planfit.export.survey import write_survey
 from planfit.lsq.g2o import PoseGraph, write_g2o
 from planfit.matching import Matches
 from planfit.pipeline.result import RefineResult
@@ -38,6 +40,9 @@ def write_results(
         write_ply(folder / f"cloud_{name}.ply", points, cloud.colors)
     write_matches(folder / MATCHES, result.matches)
     write_sigmas(folder, scan.timestamps, result.evidence.pose_covariances)
+    write_registration(folder, result.registration)
+    if result.survey is not None:
+        write_survey(folder, result.survey)
     (folder / "run.json").write_text(json.dumps(record, indent=1, allow_nan=False) + "\n")
 
 

@@ -51,6 +51,8 @@ class PlanSource:
     """What the openings are, counted: "5 doors", "11 windows"; empty where the file does not tell."""
     map_words: str = ""
     """Where on a map the plan lies, in words; empty where the file does not tell."""
+    map_from_file: Float[np.ndarray, "3 3"] | None = None
+    """From the file's own coordinates to those of the map, in its unit; None where the file does not tell."""
     is_picture: bool = False
     """Whether the file's own coordinates are pixels of a picture: points of the plan are then given in these
     (u right, v down), else in the plan frame."""

@@ -1,5 +1,6 @@
 """The scan's alignment with the plan: what the search is given, and what its answer means."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from planfit.alignment import (
     scale_words,
 )
 from planfit.alignment import align as search_alignment
+from planfit.alignment.control_points import ControlPoint
 from planfit.alignment.options import RecordedAxes
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
@@ -85,6 +87,7 @@ def align_to_plan(
     floorplan: Floorplan,
     options: RefineOptions,
     timer: StageTimer,
+    surveyed: Sequence[ControlPoint] = (),
 ) -> ScanOnPlan:
     """Align, bring the plan to metres, and refit a scale that was searched by all measurements.
 
@@ -97,7 +100,7 @@ def align_to_plan(
         claimed = claimed_alignment(
             scan, floorplan, prepared.level_from_world, options.align.recorded_axes
         )
-        found = find_alignment(prepared, floorplan, options, claimed)
+        found = find_alignment(prepared, floorplan, options, claimed, surveyed)
     if found is None:
         fallback = np.eye(4) if claimed is None else claimed
         return ScanOnPlan(floorplan, fallback, None, claimed)
@@ -123,10 +126,12 @@ def find_alignment(
     floorplan: Floorplan,
     options: RefineOptions,
     claimed: Float[np.ndarray, "4 4"] | None = None,
+    surveyed: Sequence[ControlPoint] = (),
 ) -> Alignment | None:
     """The scan's alignment by its walls; None where it shows none and the plan is in metres.
 
-    Its scale is refitted here only where the plan claims metres.
+    Its scale is refitted here only where the plan claims metres. `surveyed` are control points besides those
+    of the options.
 
     Raises:
         FloorplanError: the plan fits in another unit than it claims, or its unit cannot be found.
@@ -143,8 +148,9 @@ def find_alignment(
     if chosen.method == "paper":
         points = scan_points(prepared.measurements.structure, prepared.level_from_keys)
         return align_paper(points, walls, floorplan, chosen, np.random.default_rng(0))
-    control_points = read_control_points(
-        chosen.control_points, prepared.level_from_world, floorplan
+    control_points = (
+        *read_control_points(chosen.control_points, prepared.level_from_world, floorplan),
+        *surveyed,
     )
     drawn = search_alignment(walls, floorplan, chosen, claimed, control_points)
     scaled = find_plan_scale(walls, floorplan, drawn, chosen, claimed, control_points)
@@ -159,7 +165,7 @@ def find_alignment(
             f"{floorplan.size[1]:.4g} that fits the scan in {unit[0]}; "
             f"multiply its coordinates by {unit[1]:g}"
         )
-    if chosen.control_points and drawn.score < chosen.min_score:
+    if control_points and drawn.score < chosen.min_score:
         words = (
             f"with the control points given, the plan explains only {drawn.score:.0%} of the wall: check "
             "their numbers, or leave them out"

@@ -57,6 +57,7 @@ def corrected(observations: Observations, sensor: SensorCalibration) -> Observat
         observations,
         structure=corrected_structure(observations.structure, sensor),
         matches=corrected_matches(observations.matches, sensor),
+        control=observations.control.corrected(sensor),
     )
 
 
@@ -181,7 +182,10 @@ def prepare_nominal(scan: Scan, calibrated: CalibratedScan, options: RefineOptio
     if calibrated.calibration.sensor.is_nominal:
         return calibrated.prepared.measurements
     loose = replace(options, adjust=replace(options.adjust, loops_first=False))
-    return prepare(scan, calibrated.as_lifted, loose).measurements
+    measured = prepare(scan, calibrated.as_lifted, loose).measurements
+    # Where control points are does not depend on the sensor, but for what it bends.
+    targets = calibrated.prepared.measurements.control.targets
+    return replace(measured, control=replace(measured.control, targets=targets))
 
 
 def _solved(

@@ -236,7 +236,7 @@ def gather_evidence(
         torn=find_broken_steps(measurements, solved),
         alignment=_judge_alignment(prepared, on_plan, solved, align_options),
         scan_costs=_scan_costs(prepared, solved, options),
-        is_placed=on_plan.floorplan is None or on_plan.alignment is not None,
+        is_placed=on_plan.is_placed,
         rival_error_m=_rms(np.sqrt(np.trace(spread, axis1=1, axis2=2))),
         moved_walls=_moved_walls(on_plan, adjustment),
         is_alone=problem.gauge is not None,

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.adjust.terms.control import ControlMarks, no_control_marks
 from planfit.errors import require_plain_numbers
 from planfit.matching import (
     Matches,
@@ -59,6 +60,8 @@ class Observations:
     """Frames matched by geometry, where keypoints are few."""
     keyframe_idx: Int[np.ndarray, " k"] | None = None
     """Frames whose images were looked at, increasing, first and last among them; None: all."""
+    control: ControlMarks = field(default_factory=no_control_marks)
+    """Surveyed control points, in whichever frames show them."""
 
     __repr__ = short_repr
 

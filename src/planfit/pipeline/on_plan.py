@@ -24,6 +24,14 @@ class ScanOnPlan:
     """What the scan's format claims, if it does."""
     storeys: "Storeys | None" = None
     """Where plans were given by storey."""
+    survey: "SurveyOnPlan | None" = None
+    """Where surveyed points are, if some were given."""
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether something says where on its plan the scan is: walls or control points."""
+        is_surveyed = self.survey is not None and self.survey.is_placed
+        return self.floorplan is None or self.alignment is not None or is_surveyed
 
     @property
     def recorded_plan_from_level(self) -> Float[np.ndarray, "4 4"]:
@@ -40,6 +48,22 @@ class ScanOnPlan:
 
 STANDS_ALONE = ScanOnPlan(None, np.eye(4), None, None)
 """Where there is no plan: what is called the plan frame elsewhere is then the level frame."""
+
+
+@dataclass(frozen=True)
+class SurveyOnPlan:
+    """Surveyed points in the frame of the poses; p points."""
+
+    targets: Float[np.ndarray, "p 3"]
+    """m, plan frame; z is NaN where the height is not known."""
+    is_placed: bool
+    """Whether control points alone say where the scan is."""
+    height_datum_m: float | None
+    """Height of the floor in heights of the survey; None where heights count from the floor."""
+    site_from_plan: Float[np.ndarray, "4 4"] | None
+    """To the survey's axes less `site_origin`, where there is no plan."""
+    site_origin: Float[np.ndarray, "3"]
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,7 @@ def prepare(
             tracking.odometry,
             scan.cameras,
             surfaces=observations.surfaces,
+            control=observations.control,
         ),
         keyframes,
     )

@@ -15,9 +15,11 @@ from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import MadeOf, RefineResult, make_result
 from planfit.pipeline.storeys import place_on_storeys
+from planfit.pipeline.survey import SurveyedScan, observe_survey, place_by_control
 from planfit.pipeline.validation import validate
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
+from planfit.survey import Survey
 from planfit.tracking import choose_keyframes
 
 MAX_CORRECTIONS = 2
@@ -31,6 +33,7 @@ def refine(
     runtime: Runtime | None = None,
     observations: Observations | None = None,
     extra_terms: Iterable[Term] = (),
+    survey: Survey | None = None,
 ) -> RefineResult:
     """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan.
 
@@ -44,26 +47,34 @@ def refine(
         runtime: threads, cache and progress; by default nothing is kept and nothing is said.
         observations: what `extract_observations` saw in this scan, or a user's own.
         extra_terms: terms of one's own over plan_from_cams of all frames, in the adjustment on the plan.
+        survey: control points, which hold the poses, and check points, which only judge them.
 
     Raises:
         ScanError: a file of the scan cannot be used.
         FloorplanError: the plan is not in the unit that it claims, or its unit cannot be found.
             Or plans of storeys fit in another order than that of their numbers.
-        OptionError: an option cannot work, or an extra term meets frames that are no unknowns.
+        OptionError: an option cannot work, an extra term meets frames that are no unknowns, or the survey
+            cannot be right.
     """
     chosen, own = options or RefineOptions(), tuple(extra_terms)
     _require_frames_for(own, scan, chosen, observations)
     timer = StageTimer(runtime or Runtime())
+    surveyed = None
+    if survey is not None:
+        with timer.stage("survey"):
+            surveyed = observe_survey(scan, survey, floorplan, chosen, runtime)
     # Gravity, floor and walls (paper, Sec. III-A and III-B), matches of keypoints.
     seen = observations or extract_observations(scan, chosen, runtime, timer=timer)
+    if surveyed is not None:
+        seen = replace(seen, control=surveyed.control)
     # Keyframes; loops closed by what needs no plan; the sensor, by the same; plan and sensor in turns.
-    calibrated, on_plan, adjustment = _solve(scan, seen, floorplan, chosen, own, timer)
+    calibrated, on_plan, adjustment = _solve(scan, seen, floorplan, chosen, own, timer, surveyed)
     # Is it better, by solves that did without a part of the evidence?
     with timer.stage("validate"):
         prepared, structure = calibrated.prepared, calibrated.observations.structure
         found = calibrated.calibration
         validation = validate(prepared, on_plan, adjustment, structure, chosen, own, found)
-    result = make_result(scan, calibrated, on_plan, adjustment, validation, chosen, timer)
+    result = make_result(scan, calibrated, on_plan, adjustment, validation, chosen, timer, surveyed)
     return replace(result, made_of=MadeOf(scan, floorplan, chosen))
 
 
@@ -90,9 +101,10 @@ def _solve(
     options: RefineOptions,
     extra_terms: tuple[Term, ...],
     timer: StageTimer,
+    surveyed: SurveyedScan | None = None,
 ) -> tuple[CalibratedScan, ScanOnPlan, PlanAdjustment]:
     """The sensor by what needs no plan, the scan on the plan; both again while walls correct the sensor."""
-    place = partial(_place, scan, floorplan, options, extra_terms, timer)
+    place = partial(_place, scan, floorplan, options, extra_terms, timer, surveyed)
     calibrated, on_plan, adjustment = place(calibrate_alone(scan, seen, options, timer))
     for _ in range(MAX_CORRECTIONS):
         # Walls may show that the sensor is off: then all that follows from its points comes again.
@@ -110,13 +122,18 @@ def _place(
     options: RefineOptions,
     extra_terms: tuple[Term, ...],
     timer: StageTimer,
+    surveyed: SurveyedScan | None,
     calibrated: CalibratedScan,
 ) -> tuple[CalibratedScan, ScanOnPlan, PlanAdjustment]:
     """Bring a scan onto its plan, as a whole, then each pose; with storeys, the scan learns its own."""
     # Rotation, translation and scale of the whole (paper, Sec. III-A).
     on_plan = STANDS_ALONE
     prepared = calibrated.prepared
-    if isinstance(floorplan, Floorplan):
+    if surveyed is not None and not isinstance(floorplan, Mapping):
+        # Control points take drift out, and say where the scan is.
+        prepared, on_plan = place_by_control(scan, prepared, surveyed, floorplan, options, timer)
+        calibrated = replace(calibrated, prepared=prepared)
+    elif isinstance(floorplan, Floorplan):
         on_plan = align_to_plan(scan, prepared, floorplan, options, timer)
     elif floorplan is not None:
         # Each storey alone, then all in one frame (docs/adr/0011-several-storeys.md).

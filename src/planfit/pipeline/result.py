@@ -27,13 +27,16 @@ from planfit.pipeline.diagnostics import (
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.on_plan import ScanOnPlan, Storeys
 from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.registration import Registration, register
 from planfit.pipeline.sensor import SensorParameter, sensor_parameters, sensor_warnings
+from planfit.pipeline.survey import SurveyedScan, survey_residuals, survey_warnings
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Gravity, Structure
 from planfit.short_repr import short_repr
+from planfit.survey import SurveyResiduals
 from planfit.tracking import Tracking
 
 
@@ -89,6 +92,8 @@ class RefineResult:
     """The same, parameter by parameter, in words and units."""
     surfaces: SurfacePairs = field(default_factory=SurfacePairs.none)
     """Frames matched by geometry, where keypoints are few."""
+    survey: SurveyResiduals | None = None
+    """Residuals of control and check points, where some were given."""
     made_of: MadeOf | None = None
     """What it was made of; None where a result was put together otherwise."""
 
@@ -116,6 +121,11 @@ class RefineResult:
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
         """Refined poses in the scan's own axes."""
         return self.world_from_plan @ self.plan_from_cams
+
+    @property
+    def registration(self) -> Registration:
+        """Residuals, fitted and held out, and the accuracy by what was held out."""
+        return register(self.evidence, self.checks, self.survey)
 
     @property
     def sensor(self) -> SensorCalibration:
@@ -151,12 +161,17 @@ def make_result(
     validation: Validation,
     options: RefineOptions,
     timer: StageTimer,
+    surveyed: SurveyedScan | None = None,
 ) -> RefineResult:
     """All of it together, with what a user should know of it in words."""
     observations, prepared = calibrated.observations, calibrated.prepared
     structure, matches = observations.structure, observations.matches
     plan_from_world = on_plan.recorded_plan_from_level @ prepared.level_from_world
     found = sensor_parameters(calibrated.calibration, scan.cameras[0])
+    survey = None
+    if surveyed is not None and on_plan.survey is not None:
+        marks = surveyed.marks.corrected(calibrated.calibration.sensor)
+        survey = survey_residuals(surveyed, marks, on_plan.survey, validation.after)
     neighbours, has_plan = options.matching.pairs.neighbours, on_plan.floorplan is not None
     return RefineResult(
         floorplan=on_plan.floorplan,
@@ -186,6 +201,8 @@ def make_result(
                 prepared.keyframes.frame_idx,
             ),
             *prepared.warnings,
+            *(on_plan.survey.warnings if on_plan.survey else ()),
+            *(survey_warnings(survey, validation.evidence.predicted_rms_m) if survey else ()),
             *(storey_warnings(on_plan.storeys) if on_plan.storeys else ()),
             *(
                 alignment_warnings(
@@ -207,4 +224,5 @@ def make_result(
         calibration=calibrated.calibration,
         storeys=on_plan.storeys,
         sensor_parameters=found,
+        survey=survey,
     )

@@ -38,8 +38,8 @@ class KeyframeOptions:
     max_step_m: float = 0.25
     """A frame this far along the path from the last keyframe is the next one."""
     max_rotation_deg: float = 7.0
-    """So is a frame that has rotated by this much, added up along the path. In a room, 7 degrees place keyframes
-    as well as all frames do (0.02 m on 7-Scenes' kitchen), 10 degrees half as well."""
+    """So is a frame that has rotated by this much, added up along the path. In a room, 7 degrees place
+    keyframes as well as all frames do (0.02 m on 7-Scenes' kitchen), 10 degrees half as well."""
     max_interval_s: float = 1.0
     """And one this much later, however slowly the camera moves."""
     steadier_share: float = 0.4

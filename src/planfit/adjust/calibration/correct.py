@@ -18,6 +18,7 @@ def corrected_measurements(measurements: Measurements, sensor: SensorCalibration
         matches=corrected_matches(measurements.matches, sensor),
         structure=corrected_structure(measurements.structure, sensor),
         cameras=tuple(sensor.camera(camera) for camera in measurements.cameras),
+        control=measurements.control.corrected(sensor),
     )
 
 

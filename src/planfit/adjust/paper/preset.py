@@ -17,6 +17,7 @@ from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.paper.descent import PaperWeights
 from planfit.adjust.problem import build_problem
+from planfit.adjust.terms.control import ControlOptions
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions
@@ -49,6 +50,7 @@ def paper_options(weights: PaperWeights | None = None) -> AdjustOptions:
         columns=WallOptions(weight=0.0),
         odometry=OdometryTermOptions(weight=0.0),
         surfaces=SurfaceTermOptions(weight=0.0),
+        control=ControlOptions(weight=0.0),
         # The cost is in metres: IBA's bound is 1.05 times the least mean distance, and nothing on top.
         bounded=BoundedOptions(slack=weights.rounding_m),
         association=AssociationOptions(oriented=False, mutual=True),

@@ -159,7 +159,10 @@ def place_on_map(floorplan: Floorplan, georeference: Georeference) -> Floorplan:
         np.sqrt(abs(np.linalg.det((metres_from_map @ georeference.map_from_pixel)[:2, :2])))
     )
     source = replace(
-        placed.source, unit=f"px of {pixel_m:.4g} m", unit_from=georeference.told_by + where
+        placed.source,
+        unit=f"px of {pixel_m:.4g} m",
+        unit_from=georeference.told_by + where,
+        map_from_file=georeference.map_from_pixel,
     )
     return replace(placed, source=source)
 

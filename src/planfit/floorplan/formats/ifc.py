@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.ifc_openings import find_openings
-from planfit.floorplan.formats.ifc_places import map_words
+from planfit.floorplan.formats.ifc_places import map_conversion
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import name_of_unit
@@ -61,6 +61,7 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
     solid = _without_seams(areas)
     faces = faces_of_regions(solid, TOLERANCE_M, MIN_FACE_M)
     found = find_openings(ifcopenshell, walls, solid, floor + options.cut_height_m, unit_scale)
+    on_map = map_conversion(model, unit_scale)
     has_units = len(model.by_type("IfcUnitAssignment")) > 0
     return Floorplan(
         str(path),
@@ -81,7 +82,8 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
             drawn_lines=longest(outlines(areas)) / unit_scale,
             opening_kinds=found.kinds,
             warnings=_warnings(walls, by_storey, storeys, chosen),
-            map_words=map_words(model, unit_scale),
+            map_words="" if on_map is None else on_map.words,
+            map_from_file=None if on_map is None else on_map.map_from_file,
         ),
     )
 

@@ -12,8 +12,10 @@ from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
+from planfit.report.html.registration_section import registration_section
 from planfit.report.html.sensor import sensor_section
 from planfit.report.html.storey_section import storeys
+from planfit.report.html.survey_section import survey_section
 from planfit.report.html.view_section import view_data, view_script, view_section, view_style
 from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import CloudXY, measure
@@ -60,6 +62,8 @@ def make_report(
         seen_on_plan,
         *([] if scene is None else [view_section(scene)]),
         sections.certainty(result, truth),
+        registration_section(result.registration),
+        survey_section(result.survey),
         sections.fit_and_correction(both),
         sensor_section(result),
         sections.floor(floorplan, both, crop),

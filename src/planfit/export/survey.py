@@ -1,0 +1,76 @@
+"""Residuals of control and check points: a table, and what the record says."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planfit.survey import RoleResiduals, SurveyResiduals
+
+HEADER = (
+    "id,role,marks,given_x,given_y,given_z,plan_x_m,plan_y_m,plan_z_m,dx_m,dy_m,dz_m,horizontal_m,length_m,"
+    "sigma_m"
+)
+"""Columns of `control_points.csv`, as docs/outputs.md has them."""
+
+
+def write_survey(folder: Path, survey: SurveyResiduals) -> None:
+    """Write `control_points.csv`.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    lines = [HEADER]
+    for point in survey.points:
+        role = "check" if point.is_check else "control"
+        numbers = [
+            *point.given,
+            *point.surveyed,
+            *point.residual_m,
+            point.horizontal_m,
+            point.length_m,
+            point.sigma_m,
+        ]
+        cells = [f"{v:.6f}" if np.isfinite(v) else "" for v in numbers]
+        name = (
+            point.id if not set(point.id) & set(',"') else '"' + point.id.replace('"', '""') + '"'
+        )
+        lines.append(",".join([name, role, str(point.n_marks), *cells]))
+    (folder / "control_points.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def survey_record(survey: SurveyResiduals) -> dict[str, Any]:
+    """Residuals by role and by point, and where the survey lies, for `run.json`."""
+    site = survey.site_from_plan
+    return {
+        "axes": survey.axes,
+        "height_of_floor_m": survey.height_datum_m,
+        "site_from_plan": None if site is None else site.tolist(),
+        "site_origin_m": None if site is None else survey.site_origin.tolist(),
+        "control": _role_record(survey.control),
+        "check": _role_record(survey.check),
+        "points": [
+            {
+                "id": point.id,
+                "role": "check" if point.is_check else "control",
+                "marks": point.n_marks,
+                "residual_m": [float(v) if np.isfinite(v) else None for v in point.residual_m],
+                "sigma_m": point.sigma_m,
+            }
+            for point in survey.points
+        ],
+        "unseen": list(survey.unseen),
+    }
+
+
+def _role_record(role: RoleResiduals | None) -> dict[str, Any] | None:
+    if role is None:
+        return None
+    return {
+        "count": role.count,
+        "rms_m": role.rms_m,
+        "rms_horizontal_m": role.rms_horizontal_m,
+        "rms_height_m": role.rms_height_m,
+        "worst_m": role.worst_m,
+        "worst": role.worst_id,
+    }

@@ -1,0 +1,81 @@
+"""Control points that cannot be where they were written, told before any of them pulls.
+
+A solve follows a point that is metres off where only recorded motion contradicts it: it costs a detour,
+and what follows the detour fits. So each point is first predicted by those beside it. However a tracker
+drifts, it loses a small share of the path walked between them; a point that is off by more is wrong, or
+they are.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from planfit.errors import OptionError
+from planfit.survey.fit import are_apart, fit_rigid_2d
+
+LEAST_M = 0.5
+"""Points may be off by so much anyway: marks, depth."""
+DRIFT_SHARE = 0.15
+"""And by this share of the path between: no tracker loses as much."""
+NEIGHBOURS = 4
+"""Points that predict one, the nearest along the path: the further, the more drift explains."""
+FEWEST = 4
+"""Of fewer points that contradict each other, nothing tells which is wrong."""
+
+
+def find_blunders(
+    level: Float[np.ndarray, "p 3"],
+    site: Float[np.ndarray, "p 3"],
+    walked_m: Float[np.ndarray, " p"],
+) -> Bool[np.ndarray, " p"]:
+    """Points that contradict their neighbours, the worst first, until none does.
+
+    Args:
+        level: points as the scan has them, z up.
+        site: the same as surveyed, z up, m; z may be NaN.
+        walked_m: how far the camera had walked where it saw each.
+
+    Raises:
+        OptionError: so few contradict each other that nothing tells which is wrong.
+    """
+    is_bad = np.zeros(len(level), dtype=bool)
+    while True:
+        left = np.flatnonzero(~is_bad)
+        off = np.array(
+            [_excess(level[left], site[left], walked_m[left], k) for k in range(len(left))]
+        )
+        if len(left) < 2 or off.max() <= 1.0:
+            return is_bad
+        if len(left) < FEWEST:
+            raise OptionError(
+                "the survey: expected control points that lie to each other as the scan has them, found "
+                f"{len(left)} that contradict each other by more than drift can; check their coordinates and "
+                "marks, or mark more points"
+            )
+        is_bad[left[np.argmax(off)]] = True
+
+
+def _excess(
+    level: Float[np.ndarray, "p 3"],
+    site: Float[np.ndarray, "p 3"],
+    walked_m: Float[np.ndarray, " p"],
+    k: int,
+) -> float:
+    """How far a point is from where its neighbours predict it, by what drift explains."""
+    path_m = np.abs(walked_m - walked_m[k])
+    path_m[k] = np.inf
+    near = np.argsort(path_m, kind="stable")[: min(NEIGHBOURS, len(level) - 1)]
+    if len(near) == 0:
+        return 0.0
+    allowed = max(LEAST_M, DRIFT_SHARE * float(path_m[near].mean()))
+    z = level[:, 2] - site[:, 2]
+    known = near[np.isfinite(z[near])]
+    up = abs(z[k] - np.median(z[known])) if len(known) and np.isfinite(z[k]) else 0.0
+    if are_apart(level[near]):
+        factor, shift = fit_rigid_2d(site[near], level[near])
+        at = factor * complex(*site[k, :2]) + shift
+        across = abs(at - complex(*level[k, :2]))
+    else:  # a distance is all that points at one place tell
+        middle = level[near, :2].mean(axis=0), site[near, :2].mean(axis=0)
+        lengths = [np.linalg.norm(p[k, :2] - m) for p, m in zip((level, site), middle, strict=True)]
+        across = abs(lengths[0] - lengths[1])
+    return float(max(across, up)) / allowed

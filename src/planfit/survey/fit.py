@@ -1,0 +1,195 @@
+"""Where a survey lies against a levelled scan: rotation about the vertical, translation; and what is wrong of
+it where nothing fits."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from planfit.errors import OptionError
+from planfit.survey.axes import UNITS
+
+DISTINCT_M = 0.5
+"""Points nearer together tell no heading."""
+LINE_SHARE = 0.03
+"""Points whose spread across their line is a smaller share of that along it stand on a line."""
+NEAR_UNIT = 0.06
+"""A scale this near to that of a unit, as a share, is that unit: drift changes lengths by less."""
+DOUBT_M, DOUBT_SHARE = 0.3, 0.05
+"""A misfit (median) beyond both, m and as a share of the extent, asks for a reason."""
+BETTER = 1 / 3
+"""A reason must bring the misfit down to this share."""
+HOPELESS_SHARE = 0.25
+"""Beyond this share of the extent points and scan have nothing to do with each other."""
+
+
+@dataclass(frozen=True)
+class SiteFit:
+    """From axes of a survey, whose z is up, to the level frame."""
+
+    level_from_site: Float[np.ndarray, "4 4"]
+    """Of points in metres."""
+    scale: float
+    """Metres of one unit of the survey's x and y."""
+    misfit_m: Float[np.ndarray, " p"]
+    """How far each point ends from where the scan has it, seen from above."""
+
+    def to_level(self, site: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p 3"]:
+        """Points of the survey, level frame, m; an unknown height stays unknown."""
+        rotation, translation = self.level_from_site[:2, :2], self.level_from_site[:, 3]
+        xy = self.scale * site[:, :2] @ rotation.T + translation[:2]
+        return np.column_stack([xy, site[:, 2] + translation[2]])
+
+
+def fit_site(
+    level: Float[np.ndarray, "p 3"],
+    site: Float[np.ndarray, "p 3"],
+    is_metric: bool = True,
+    has_own_datum: bool = True,
+    is_robust: bool = True,
+) -> SiteFit:
+    """Fit by the horizontal positions, heights by their median difference.
+
+    Args:
+        level: points as the scan has them, level frame, m; two or more that are apart.
+        site: the same as surveyed, z up; z may be NaN.
+        is_metric: whether x and y are metres; else their scale is fitted.
+        has_own_datum: whether heights count from elsewhere than the floor.
+        is_robust: whether of four points or more those decide that the best pair brings together: one that is
+            wrong then has no say. Which these are may hang on the last digit where drift has bent all.
+    """
+    p, q = _complex(level), _complex(site)
+    every = np.ones(len(p), dtype=bool)
+    best = _similarity(q, p, every, is_metric)
+    if len(p) > 3 and is_robust:
+        best = _similarity(q, p, _agreed(q, p, is_metric), is_metric)
+    factor, shift = best
+    misfit_m = np.abs(factor * q + shift - p)
+    transform = np.eye(4)
+    scale = abs(factor)
+    c, s = (factor / scale).real, (factor / scale).imag
+    transform[:2, :2] = [[c, -s], [s, c]]
+    transform[:2, 3] = shift.real, shift.imag
+    transform[2, 3] = height_shift(level, site, has_own_datum)
+    return SiteFit(transform, float(scale) if not is_metric else 1.0, misfit_m)
+
+
+def fit_rigid_2d(
+    site: Float[np.ndarray, "p 3"], level: Float[np.ndarray, "p 3"]
+) -> tuple[complex, complex]:
+    """Rotation and translation seen from above, as complex numbers: level = factor site + shift."""
+    return _similarity(_complex(site), _complex(level), np.ones(len(site), dtype=bool), True)
+
+
+def height_shift(
+    level: Float[np.ndarray, "p 3"], site: Float[np.ndarray, "p 3"], has_own_datum: bool
+) -> float:
+    """What to add to heights of a survey to have them above the floor (m): the median over points."""
+    off = (level[:, 2] - site[:, 2])[np.isfinite(site[:, 2])]
+    return float(np.median(off)) if has_own_datum and len(off) else 0.0
+
+
+def are_apart(level: Float[np.ndarray, "p 3"]) -> bool:
+    """Whether points tell a heading: two that are `DISTINCT_M` from each other."""
+    return len(level) > 1 and bool(np.ptp(level[:, :2], axis=0).max() > DISTINCT_M)
+
+
+def are_on_a_line(points: Float[np.ndarray, "p 3"]) -> bool:
+    """Whether points stand on a line, seen from above; two always do."""
+    centred = points[:, :2] - points[:, :2].mean(axis=0)
+    spread = np.linalg.svd(centred, compute_uv=False)
+    return len(points) < 3 or bool(spread[1] < LINE_SHARE * max(spread[0], 1e-12))
+
+
+def require_fit(
+    fit: SiteFit, level: Float[np.ndarray, "p 3"], site: Float[np.ndarray, "p 3"]
+) -> None:
+    """Raise where points do not fit the scan and one mistake explains it, or nothing does.
+
+    Raises:
+        OptionError: another unit, swapped or left-handed axes, y up, or no relation at all.
+    """
+    if len(level) < 3:
+        return
+    extent_m = float(np.ptp(level[:, :2], axis=0).max())
+    off_m = float(np.median(fit.misfit_m))
+    if off_m < max(DOUBT_M, DOUBT_SHARE * extent_m):
+        return
+    found = f"found them {off_m:.2f} m off (median) over {extent_m:.1f} m"
+    expected = "the survey: expected control points that lie to each other as the scan has them"
+    for name, changed, is_metric in _mistakes(site):
+        other = fit_site(level, changed, is_metric)
+        if np.median(other.misfit_m) > BETTER * off_m:
+            continue
+        if is_metric:
+            raise OptionError(f"{expected}, {found}; they fit with {name}")
+        for unit, metres in UNITS.items():
+            if abs(other.scale / metres - 1) < NEAR_UNIT:
+                raise OptionError(
+                    f"{expected}, {found}; they fit as {unit}: multiply x, y and z by {metres:g}"
+                )
+    if off_m > HOPELESS_SHARE * extent_m:
+        raise OptionError(
+            f"{expected}, {found}; check ids, marks, axes and unit, or leave the points out"
+        )
+
+
+def _mistakes(
+    site: Float[np.ndarray, "p 3"],
+) -> list[tuple[str, Float[np.ndarray, "p 3"], bool]]:
+    """What could be wrong: its remedy, the points without it, and whether the scale is kept."""
+    x, y, z = site.T
+    mistakes = [
+        ("", site, False),
+        (
+            "x and y swapped, or one of them negated: the axes are left-handed; x is the easting, y the "
+            "northing, z up",
+            np.column_stack([y, x, z]),
+            True,
+        ),
+    ]
+    if np.isfinite(z).all():
+        mistakes += [
+            ("z for y: y is up in them; write x, -z, y", np.column_stack([x, -z, y]), True),
+            ("z for y, left-handed: y is up in them; write x, z, y", np.column_stack([x, z, y]), True),
+        ]  # fmt: skip
+    return mistakes
+
+
+def _complex(points: Float[np.ndarray, "p 3"]) -> np.ndarray:
+    return points[:, 0] + 1j * points[:, 1]
+
+
+def _similarity(
+    q: np.ndarray, p: np.ndarray, used: Bool[np.ndarray, " p"], is_metric: bool
+) -> tuple[complex, complex]:
+    """Complex factor and shift with p = factor q + shift, by least squares (Umeyama 1991)."""
+    q_middle, p_middle = q[used].mean(), p[used].mean()
+    a, b = q[used] - q_middle, p[used] - p_middle
+    across = np.sum(np.conj(a) * b)
+    spread = max(float(np.sum(np.abs(a) ** 2)), 1e-300)
+    factor = across / abs(across) if is_metric and abs(across) > 0 else across / spread
+    if abs(factor) == 0:
+        factor = 1.0 + 0j
+    return complex(factor), complex(p_middle - factor * q_middle)
+
+
+def _agreed(q: np.ndarray, p: np.ndarray, is_metric: bool) -> Bool[np.ndarray, " p"]:
+    """Points that the fit of the best pair brings together: least median of residuals (Rousseeuw 1984)."""
+    best, best_off = np.ones(len(p), dtype=bool), np.inf
+    idx = np.arange(len(p))
+    # Pairs of many points are enough from a few: each with the one that is furthest from it.
+    pairs = (
+        [(i, j) for i in idx for j in idx[i + 1 :]]
+        if len(p) <= 40
+        else [(i, int(np.argmax(np.abs(p - p[i])))) for i in idx]
+    )
+    for i, j in pairs:
+        if abs(q[i] - q[j]) < 1e-9 or abs(p[i] - p[j]) < DISTINCT_M:
+            continue
+        used = np.isin(idx, [int(i), int(j)])
+        factor, shift = _similarity(q, p, used, is_metric)
+        off = np.abs(factor * q + shift - p)
+        if (median := float(np.median(off))) < best_off:
+            best, best_off = off <= max(3 * median, 0.05), median
+    return best
