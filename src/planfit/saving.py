@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from planfit import __version__
+from planfit.as_built import AS_BUILT, AsBuilt, compare_as_built, write_as_built
 from planfit.errors import OptionError
 from planfit.export import make_record, sample_cloud, write_results
 from planfit.export.cloud import Cloud, place_cloud
@@ -155,9 +156,20 @@ def write_run(
     seen = _seen_from_above(views.cloud, result)
     for name, overlay in draw_overlays(result, seen).items():
         (staging / name).write_bytes(overlay)
-    text = to_toml(options)
-    report = make_report(scan.name, result.floorplan, result, text, errors, seen, views.scene)
+    text, as_built = to_toml(options), _as_built(inputs, result)
+    if as_built is not None:
+        write_as_built(staging / AS_BUILT, as_built)
+    report = make_report(
+        scan.name, result.floorplan, result, text, errors, seen, views.scene, as_built
+    )
     (staging / "report.html").write_text(report, encoding="utf-8")
+
+
+def _as_built(inputs: RunInputs, result: RefineResult) -> AsBuilt | None:
+    """Verdicts on the walls of the plan; None where the scan has no place on one."""
+    if result.floorplan is None or result.alignment is None:
+        return None
+    return compare_as_built(result, inputs.report.as_built)
 
 
 def _seen_from_above(cloud: Cloud, result: RefineResult) -> CloudXY:

@@ -145,6 +145,19 @@ class AsBuilt:
 
     __repr__ = short_repr
 
+    @property
+    def file_units_per_metre(self) -> float:
+        """Of the coordinates that drawings are written in."""
+        if self.file_from_plan is None:
+            return 1.0
+        return float(np.sqrt(abs(np.linalg.det(self.file_from_plan[:2, :2]))))
+
+    def in_file(self, xy: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
+        """Points (m, plan frame) in the coordinates of the plan's own file; as they are where it has none."""
+        if self.file_from_plan is None:
+            return xy
+        return xy @ self.file_from_plan[:2, :2].T + self.file_from_plan[:2, 2]
+
     def verdict(self, wall: AsBuiltWall, tolerance_m: float | None = None) -> Verdict:
         """What became of a wall; by another tolerance than that of the options, where one is given."""
         tolerance = self.options.tolerance_m if tolerance_m is None else tolerance_m
