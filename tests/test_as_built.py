@@ -1,0 +1,351 @@
+"""Verdicts on walls, on results whose truth is made here: no refine is run."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from builders import faces_plan, look, make_structure
+from planfit.as_built import (
+    AsBuilt,
+    AsBuiltOptions,
+    AsBuiltWall,
+    Verdict,
+    counted,
+    deviations,
+    in_words,
+    judge_walls,
+    read_as_built,
+    write_as_built,
+)
+from planfit.as_built.lines_of_sight import lines_of_sight, through_shares
+from planfit.as_built.wall_offsets import offset_sigma, place_walls
+from planfit.errors import ScanError
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3
+
+WIDTH, DEPTH, HEIGHT = 6.0, 4.0, 2.6
+SOUTH, EAST, NORTH, WEST = range(4)
+
+
+def room() -> Floorplan:
+    """A room from the origin, its faces looking into it: south, east, north, west."""
+    return faces_plan([[0, 0], [WIDTH, 0], [WIDTH, DEPTH], [0, DEPTH]], "room")
+
+
+def cameras(n: int = 12) -> np.ndarray:
+    """In the middle of the room, looking all around."""
+    return np.stack([look([3.0, 2.0, 1.5], yaw) for yaw in np.linspace(0, 330, n)])
+
+
+def wall_points(ends, rng, count=300, top_m=HEIGHT, off_m=0.0, normal=(0.0, 0.0)):
+    """Points all over a wall, m."""
+    first, last = np.asarray(ends, dtype=float)
+    at = rng.uniform(0.02, 0.98, (count, 1))
+    xy = first + at * (last - first) + off_m * np.asarray(normal)
+    return np.column_stack([xy, rng.uniform(0.1, top_m, count)])
+
+
+def seen_by(walls, rng, frames=range(12), noise_m=0.0):
+    """Patches: each wall (ends, normal) seen by all frames, as (frame, points, normal)."""
+    return [
+        (
+            frame,
+            wall_points(ends, rng) + noise_m * rng.normal() * np.array([*normal, 0.0]),
+            np.asarray(normal, dtype=float),
+        )
+        for ends, normal in walls
+        for frame in frames
+    ]
+
+
+def faces_of(plan, but=()):
+    return [(plan.ends[i], plan.normals[i]) for i in range(len(plan)) if i not in but]
+
+
+def judged(plan, patches, poses=None, covariances=None, options=None, structure=None):
+    poses = cameras() if poses is None else poses
+    options = options or AsBuiltOptions()
+    structure = structure or make_structure(poses, patches=patches)
+    if covariances is None:
+        covariances = np.zeros((len(poses), 6, 6))
+    placed = place_walls(structure, plan, poses, covariances, options)
+    sight = lines_of_sight(structure, poses, structure.floor_heights_m)
+    return judge_walls(plan, placed, sight, options)
+
+
+def verdict_of(as_built: AsBuilt, face: int, tolerance_m=None) -> Verdict:
+    (wall,) = [wall for wall in as_built.walls if wall.face_idx == face]
+    return as_built.verdict(wall, tolerance_m)
+
+
+def wall_of(as_built: AsBuilt, face: int) -> AsBuiltWall:
+    return next(wall for wall in as_built.walls if wall.face_idx == face)
+
+
+def test_walls_as_drawn_agree(rng):
+    found = judged(room(), seen_by(faces_of(room()), rng))
+    assert counted(found.verdicts()) == {v: 4 if v is Verdict.AGREES else 0 for v in Verdict}
+    assert max(abs(wall.offset_m) for wall in found.walls) < 1e-9
+
+
+@pytest.mark.parametrize("off_m", [0.1, 0.35, -0.1, -0.35])
+def test_a_moved_wall_has_its_offset_and_side(off_m, rng):
+    plan = room()
+    moved = plan.ends[NORTH] + off_m * plan.normals[NORTH]
+    walls = [*faces_of(plan, but=[NORTH]), (moved, plan.normals[NORTH])]
+    found = judged(plan, seen_by(walls, rng))
+    wall = wall_of(found, NORTH)
+    assert found.verdict(wall) is Verdict.MOVED
+    assert wall.offset_m == pytest.approx(off_m, abs=1e-6)
+    np.testing.assert_allclose(wall.built_ends, moved, atol=1e-6)
+    assert ("into the room" if off_m > 0 else "into the wall") in in_words(wall, Verdict.MOVED)
+    # North looks south: into the room is towards -y.
+    assert f"towards {'-' if off_m > 0 else '+'}y" in in_words(wall, Verdict.MOVED)
+    assert counted(found.verdicts())[Verdict.AGREES] == 3
+    assert counted(found.verdicts())[Verdict.NEW] == 0
+
+
+def test_the_tolerance_moves_the_border_between_agreeing_and_moved(rng):
+    plan = room()
+    walls = [*faces_of(plan, but=[EAST]), (plan.ends[EAST] - [0.06, 0.0], plan.normals[EAST])]
+    found = judged(plan, seen_by(walls, rng))
+    assert wall_of(found, EAST).offset_m == pytest.approx(0.06, abs=1e-6)
+    assert verdict_of(found, EAST) is Verdict.MOVED
+    assert verdict_of(found, EAST, 0.08) is Verdict.AGREES
+    assert verdict_of(
+        judged(plan, seen_by(walls, rng), options=AsBuiltOptions(tolerance_m=0.08)), EAST
+    ) is (Verdict.AGREES)
+
+
+def with_partition(plan):
+    """A partition across the room that nothing but the plan knows of, both faces."""
+    ends = np.array([[[3.06, 0.0], [3.06, 3.0]], [[2.94, 3.0], [2.94, 0.0]]])
+    normals = np.array([[1.0, 0.0], [-1.0, 0.0]])
+    return replace(
+        plan,
+        ends=np.concatenate([plan.ends, ends]),
+        normals=np.concatenate([plan.normals, normals]),
+        is_oriented=np.ones(6, dtype=bool),
+    )
+
+
+def looking_across(n=12):
+    """From the west end of the room, so that lines of sight pass its middle."""
+    return np.stack([look([0.8, y, 1.5], 0.0) for y in np.linspace(0.5, 3.5, n)])
+
+
+def test_a_wall_that_cameras_look_through_is_missing(rng):
+    plan, poses = with_partition(room()), looking_across()
+    found = judged(plan, seen_by(faces_of(room(), but=[WEST]), rng), poses)
+    assert [verdict_of(found, face) for face in (4, 5)] == [Verdict.MISSING] * 2
+    assert wall_of(found, 4).through_share > 0.9
+    assert verdict_of(found, WEST) is Verdict.NOT_SEEN
+    assert verdict_of(found, EAST) is Verdict.AGREES
+    # Both faces are one wall.
+    (one,) = deviations(found)
+    assert one.verdict is Verdict.MISSING
+    assert {wall.face_idx for wall in one.walls} == {4, 5}
+
+
+def test_a_wall_that_nothing_was_seen_behind_is_not_missing(rng):
+    """Cameras that see only the west of the room say nothing of the partition."""
+    plan, poses = with_partition(room()), looking_across()
+    found = judged(plan, seen_by([faces_of(room())[WEST]], rng), poses)
+    assert verdict_of(found, 4) is Verdict.NOT_SEEN
+
+
+@pytest.mark.parametrize(("heights_m", "is_missing"), [((0.3, 1.9), True), ((0.3, 0.5), False)])
+def test_lines_of_sight_count_at_some_heights(heights_m, is_missing, rng):
+    """Between 1.0 and 1.9 m lines of sight pass; below none does, as walls are seen above 1 m alone."""
+    plan, poses = with_partition(room()), looking_across()
+    patches = [
+        (frame, np.column_stack([points[:, :2], np.clip(points[:, 2], 1.0, 2.0)]), normal)
+        for frame, points, normal in seen_by(faces_of(room(), but=[WEST]), rng)
+    ]
+    found = judged(plan, patches, poses, options=AsBuiltOptions(heights_m=heights_m))
+    assert (verdict_of(found, 4) is Verdict.MISSING) == is_missing
+
+
+def test_few_frames_or_a_short_hole_make_no_wall_missing(rng):
+    plan, poses = with_partition(room()), looking_across()
+    patches = seen_by(faces_of(room(), but=[WEST]), rng)
+    few = [patch for patch in patches if patch[0] < 2]
+    assert verdict_of(judged(plan, few, poses), 4) is Verdict.NOT_SEEN
+    # A door of 0.9 m in a partition of 3 m: what is seen lies behind the door.
+    door = [(0, np.column_stack([np.full(60, 6.0), rng.uniform(0.6, 1.2, 60), np.full(60, 1.5)]))]
+    behind = [(f, door[0][1], np.array([-1.0, 0.0])) for f in range(12)]
+    near = np.stack([look([2.5, 0.9, 1.5], 0.0)] * 12)
+    assert verdict_of(judged(plan, behind, near), 4) is Verdict.NOT_SEEN
+
+
+def slow_through_share(points, eyes, ends, options):
+    """Twin of `through_shares` for one face: a loop over frames and lines."""
+    along, length = ends[1] - ends[0], np.linalg.norm(ends[1] - ends[0])
+    along = along / length
+    normal = np.array([-along[1], along[0]])
+    n_bins = max(int((length - 0.2) / 0.1), 1)
+    frames = np.zeros(n_bins, dtype=int)
+    for eye, own in zip(eyes, points, strict=True):
+        passed = set()
+        for point in own:
+            at_eye, at_end = (eye[:2] - ends[0]) @ normal, (point[:2] - ends[0]) @ normal
+            if at_eye * at_end >= 0 or abs(at_end) <= options.beyond_m:
+                continue
+            crossing = eye + at_eye / (at_eye - at_end) * (point - eye)
+            which = int(np.floor(((crossing[:2] - ends[0]) @ along - 0.1) / 0.1))
+            if options.heights_m[0] < crossing[2] < options.heights_m[1] and 0 <= which < n_bins:
+                passed.add(which)
+        for which in passed:
+            frames[which] += 1
+    return np.mean(frames >= options.min_frames)
+
+
+def test_lines_of_sight_equal_their_slow_twin(rng):
+    plan, options = with_partition(room()), AsBuiltOptions()
+    poses = np.stack(
+        [look([*rng.uniform([0.5, 0.5], [5.5, 3.5]), 1.5], rng.uniform(0, 360)) for _ in range(8)]
+    )
+    patches = seen_by(faces_of(room()), rng, frames=range(8))
+    structure = make_structure(poses, patches=[(f, p[:40], n) for f, p, n in patches])
+    sight = lines_of_sight(structure, poses, np.zeros(8))
+    points = [sight.points[a:b] for a, b in zip(sight.start[:-1], sight.start[1:], strict=True)]
+    expected = [slow_through_share(points, sight.eyes, ends, options) for ends in plan.ends]
+    np.testing.assert_allclose(through_shares(sight, plan, options), expected)
+
+
+def test_a_wall_that_the_plan_lacks_is_new_with_its_place(rng):
+    """Drawn: the room without its east wall."""
+    whole = room()
+    plan = replace(
+        whole,
+        ends=whole.ends[[0, 2, 3]],
+        normals=whole.normals[[0, 2, 3]],
+        is_oriented=whole.is_oriented[:3],
+    )
+    found = judged(plan, seen_by(faces_of(whole), rng))
+    (new,) = [wall for wall in found.walls if wall.face_idx < 0]
+    assert found.verdict(new) is Verdict.NEW
+    assert new.normal @ whole.normals[EAST] == pytest.approx(1.0, abs=1e-6)
+    assert new.length_m == pytest.approx(DEPTH, abs=0.3)
+    assert new.ends[:, 0] == pytest.approx(WIDTH, abs=0.01)
+    (one,) = deviations(found)
+    assert one.walls == (new,)
+
+
+def test_a_cupboard_is_no_new_wall(rng):
+    """As long as a wall, but lower."""
+    plan = room()
+    ends, normal = np.array([[2.0, 0.6], [4.0, 0.6]]), np.array([0.0, 1.0])
+    low = [(frame, wall_points(ends, rng, top_m=1.9), normal) for frame in range(12)]
+    high = [(frame, wall_points(ends, rng, top_m=2.6), normal) for frame in range(12)]
+    walls = seen_by(faces_of(plan), rng)
+    assert counted(judged(plan, walls + low).verdicts())[Verdict.NEW] == 0
+    assert counted(judged(plan, walls + high).verdicts())[Verdict.NEW] == 1
+    lower = AsBuiltOptions(min_new_top_m=1.5)
+    assert counted(judged(plan, walls + low, options=lower).verdicts())[Verdict.NEW] == 1
+
+
+def test_a_short_wall_is_told_by_points_that_are_on_no_patch(rng):
+    """Half a metre of wall beside a door: no patch is of it."""
+    whole = room()
+    plan = replace(
+        whole,
+        ends=np.concatenate([whole.ends[:3], [[[0.0, 0.7], [0.0, 0.0]]]]),
+    )
+    walls = seen_by(faces_of(whole, but=[WEST]), rng)
+    poses = cameras()
+    structure = make_structure(poses, patches=walls)
+    points, frames = [], []
+    for frame in range(12):
+        seen = wall_points(plan.ends[3], rng, count=40)
+        points.append(se3.transform(se3.inverse(poses[frame]), seen))
+        frames += [frame] * len(seen)
+    structure = replace(
+        structure,
+        unassigned_points_cam=np.concatenate(points),
+        unassigned_frame_idx=np.array(frames),
+    )
+    assert verdict_of(judged(plan, walls), 3) is Verdict.NOT_SEEN
+    found = judged(plan, walls, structure=structure)
+    assert verdict_of(found, 3) is Verdict.AGREES
+    assert wall_of(found, 3).n_frames == 12
+
+
+def test_sigma_has_what_the_poses_may_be_off(rng):
+    """All cameras off by 3 cm along x (one sigma): east and west walls are, north and south are not."""
+    covariances = np.zeros((12, 6, 6))
+    covariances[:, 3, 3] = 0.03**2
+    found = judged(room(), seen_by(faces_of(room()), rng), covariances=covariances)
+    assert wall_of(found, EAST).sigma_m == pytest.approx(0.03, abs=0.003)
+    assert wall_of(found, NORTH).sigma_m < 0.01
+
+
+def test_sigma_follows_rotations_by_their_lever(rng):
+    """Yaw off by 1 deg moves a wall that is seen ahead along itself, one at the side across."""
+    covariances = np.zeros((1, 6, 6))
+    covariances[0, 2, 2] = np.deg2rad(1.0) ** 2
+    pose = look([3.0, 2.0, 1.5], 0.0)[None]
+    ahead = np.array([[6.0, 1.5], [6.0, 2.5]])
+    aside = np.array([[5.0, 4.0], [4.0, 4.0]])
+    walls = seen_by([(ahead, [-1.0, 0.0]), (aside, [0.0, -1.0])], rng, frames=[0])
+    structure = make_structure(pose, patches=walls)
+    placed = place_walls(structure, room(), pose, covariances, AsBuiltOptions())
+    sigma = placed.pose_sigma_m(placed.frame_idx, placed.ends.mean(axis=1), placed.normals)
+    # 1 deg over the 1.5 m by which the wall at the side lies ahead.
+    np.testing.assert_allclose(sigma, [0.0, np.deg2rad(1.0) * 1.5], atol=1e-3)
+
+
+def test_offsets_err_as_their_sigmas_say(rng):
+    """Scatter of 2 cm a frame: of 200 walls, all but few lie within 2 sigma, and sigma is no larger than it
+    must be."""
+    errors, sigmas = [], []
+    for _ in range(200):
+        offsets = 0.02 * rng.normal(size=9)
+        errors.append(np.median(offsets))
+        sigmas.append(offset_sigma(offsets, np.zeros(9), AsBuiltOptions()))
+    z = np.array(errors) / np.array(sigmas)
+    assert np.mean(np.abs(z) < 2) > 0.9
+    assert 0.7 < np.sqrt(np.mean(z**2)) < 1.2
+
+
+def test_a_verdict_near_the_tolerance_is_not_sure():
+    wall = AsBuiltWall(
+        0, np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([0.0, 1.0]), True, 0.06, 0.01, 3, 3, 0.0
+    )
+    found = AsBuilt((wall,), AsBuiltOptions(tolerance_m=0.05))
+    assert not found.is_sure(wall)
+    assert found.is_sure(wall, 0.03)
+    assert not AsBuilt((wall,), AsBuiltOptions(tolerance_m=0.03, sure_sigmas=4)).is_sure(wall)
+
+
+def test_short_faces_are_not_judged(rng):
+    found = judged(room(), seen_by(faces_of(room()), rng), options=AsBuiltOptions(min_length_m=5.0))
+    assert [wall.face_idx for wall in found.walls] == [SOUTH, NORTH]
+
+
+def test_the_record_is_read_back(tmp_path, rng):
+    plan = with_partition(room())
+    plan = replace(plan, source=replace(plan.source, file_from_plan=np.diag([100.0, -100.0, 1.0])))
+    found = judged(plan, seen_by(faces_of(room(), but=[WEST]), rng), looking_across())
+    write_as_built(tmp_path / "as_built.json", found)
+    again = read_as_built(tmp_path)
+    assert again.verdicts() == found.verdicts()
+    assert again.options == found.options
+    np.testing.assert_array_equal(again.file_from_plan, found.file_from_plan)
+    for one, other in zip(again.walls, found.walls, strict=True):
+        np.testing.assert_array_equal(one.ends, other.ends)
+        np.testing.assert_equal((one.offset_m, one.sigma_m), (other.offset_m, other.sigma_m))
+        assert one.n_frames == other.n_frames
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"walls": 3}', '{"walls": [{}], "options": {}}'])
+def test_a_damaged_record_is_told(text, tmp_path):
+    (tmp_path / "as_built.json").write_text(text)
+    with pytest.raises(ScanError, match=r"as_built\.json: expected the walls.*found a damaged"):
+        read_as_built(tmp_path)
+
+
+def test_a_folder_without_verdicts_is_told(tmp_path):
+    with pytest.raises(ScanError, match="found nothing; give the output folder"):
+        read_as_built(tmp_path)
