@@ -233,17 +233,63 @@ def test_a_wall_that_the_plan_lacks_is_new_with_its_place(rng):
     assert one.walls == (new,)
 
 
-def test_a_cupboard_is_no_new_wall(rng):
-    """As long as a wall, but lower."""
+def new_before_the_south_wall(rng, length_m, top_m, is_seen_over, **values):
+    """New walls found where something stands 0.6 m before the middle of the south wall, which is seen beside
+    it; over it only as told."""
+    plan, half = room(), length_m / 2
+    ends = np.array([[3.0 - half, 0.6], [3.0 + half, 0.6]])
+    seen = [*faces_of(plan, but=[SOUTH]), (np.array([[0.0, 0.0], [1.6, 0.0]]), plan.normals[SOUTH])]
+    seen.append((np.array([[4.4, 0.0], [6.0, 0.0]]), plan.normals[SOUTH]))
+    patches = seen_by(seen, rng)
+    for frame in range(12):
+        patches.append((frame, wall_points(ends, rng, top_m=top_m), np.array([0.0, 1.0])))
+        if is_seen_over:
+            behind = wall_points([[2.0, 0.0], [4.0, 0.0]], rng)
+            behind[:, 2] = rng.uniform(2.3, 2.6, len(behind))
+            patches.append((frame, behind, plan.normals[SOUTH]))
+    return counted(judged(plan, patches, options=AsBuiltOptions(**values)).verdicts())[Verdict.NEW]
+
+
+@pytest.mark.parametrize(
+    ("length_m", "top_m", "is_seen_over", "n_new"),
+    [
+        (1.4, 2.0, False, 0),  # a cupboard
+        (1.4, 2.5, False, 1),  # higher than cupboards
+        (2.0, 2.0, False, 1),  # longer than cupboards, and nobody sees over it
+        (2.0, 2.0, True, 0),  # a row of cupboards
+    ],
+)
+def test_a_cupboard_is_no_new_wall(length_m, top_m, is_seen_over, n_new, rng):
+    assert new_before_the_south_wall(rng, length_m, top_m, is_seen_over) == n_new
+
+
+def test_how_high_and_long_cupboards_are_can_be_chosen(rng):
+    assert new_before_the_south_wall(rng, 1.4, 2.0, False, min_top_m=1.8) == 1
+    assert new_before_the_south_wall(rng, 1.4, 2.0, False, max_cupboard_m=(0.9, 1.2)) == 1
+    assert new_before_the_south_wall(rng, 2.0, 2.0, False, max_cupboard_m=(0.9, 2.2)) == 0
+
+
+def test_a_wall_behind_cupboards_stands_as_drawn(rng):
+    """Half of what is seen near it is a row of cupboards as high as a wall; beside them it shows."""
     plan = room()
-    ends, normal = np.array([[2.0, 0.6], [4.0, 0.6]]), np.array([0.0, 1.0])
-    low = [(frame, wall_points(ends, rng, top_m=1.9), normal) for frame in range(12)]
-    high = [(frame, wall_points(ends, rng, top_m=2.6), normal) for frame in range(12)]
-    walls = seen_by(faces_of(plan), rng)
-    assert counted(judged(plan, walls + low).verdicts())[Verdict.NEW] == 0
-    assert counted(judged(plan, walls + high).verdicts())[Verdict.NEW] == 1
-    lower = AsBuiltOptions(min_new_top_m=1.5)
-    assert counted(judged(plan, walls + low, options=lower).verdicts())[Verdict.NEW] == 1
+    row = np.array([[0.1, 0.5], [2.9, 0.5]])
+    # The row hides the corner behind it.
+    west = (np.array([[0.0, 4.0], [0.0, 0.6]]), plan.normals[WEST])
+    seen = [*faces_of(plan, but=[SOUTH, WEST]), west, (row, plan.normals[SOUTH])]
+    patches = seen_by(seen, rng)
+    gap = (np.array([[3.0, 0.0], [5.9, 0.0]]), plan.normals[SOUTH])
+    alone = judged(plan, patches)
+    assert wall_of(alone, SOUTH).offset_m == pytest.approx(0.5, abs=1e-6)
+    found = judged(plan, patches + seen_by([gap], rng))
+    assert wall_of(found, SOUTH).offset_m == pytest.approx(0.0, abs=1e-6)
+    # A gap of 2.1 m is less than the row; by a low share, the row would count as the wall.
+    short = (np.array([[3.0, 0.0], [5.1, 0.0]]), plan.normals[SOUTH])
+    patches += seen_by([short], rng)
+    assert wall_of(judged(plan, patches), SOUTH).offset_m == pytest.approx(0.0, abs=1e-6)
+    low = AsBuiltOptions(min_moved_share=0.5)
+    assert wall_of(judged(plan, patches, options=low), SOUTH).offset_m == pytest.approx(
+        0.5, abs=1e-6
+    )
 
 
 def test_a_short_wall_is_told_by_points_that_are_on_no_patch(rng):

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from planfit.as_built.lines_of_sight import LinesOfSight, lines_of_sight, through_shares
-from planfit.as_built.new_walls import NewWall, find_new_walls
+from planfit.as_built.new_walls import find_new_walls
+from planfit.as_built.standing import Piece
 from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.as_built.wall_offsets import (
     FaceOffset,
@@ -59,12 +60,11 @@ def judge_walls(
         sight: from `lines_of_sight`.
         options: tolerances.
     """
-    offsets = find_offsets(placed, floorplan, options)
+    offsets = find_offsets(placed, floorplan, sight, options)
     through = through_shares(sight, floorplan, options)
     judged = np.flatnonzero(floorplan.lengths >= options.min_length_m)
     of_plan = [_of_plan(floorplan, int(f), offsets, float(through[f])) for f in judged]
-    floors_m = np.nan_to_num(sight.floors_m)[placed.frame_idx]
-    found = find_new_walls(placed, ~_is_explained(placed, offsets), floorplan, floors_m, options)
+    found = find_new_walls(placed, ~_is_explained(placed, offsets), floorplan, sight, options)
     new = [_new(wall, placed, options) for wall in found]
     file_from_plan = None if floorplan.source.is_picture else floorplan.source.file_from_plan
     return AsBuilt((*of_plan, *new), options, floorplan.name, file_from_plan)
@@ -98,7 +98,7 @@ def _of_plan(
     )
 
 
-def _new(wall: NewWall, placed: PlacedWalls, options: AsBuiltOptions) -> AsBuiltWall:
+def _new(wall: Piece, placed: PlacedWalls, options: AsBuiltOptions) -> AsBuiltWall:
     middles, frames = placed.ends[wall.patch_idx].mean(axis=1), placed.frame_idx[wall.patch_idx]
     normals = np.broadcast_to(wall.normal, middles.shape)
     poses_m = placed.pose_sigma_m(frames, middles, normals)

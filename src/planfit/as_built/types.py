@@ -45,6 +45,9 @@ class AsBuiltOptions:
     """Patches agree on an offset within this."""
     min_moved_patches: int = 2
     """Patches that must agree on an offset beyond `as_drawn_m`: one alone may be a cupboard."""
+    min_moved_share: float = 0.6
+    """Share of the length of patches, of those as drawn and those that agree, that must agree on such an
+    offset: of a wall behind cupboards, some is seen between them."""
     min_length_m: float = 0.5
     """Shorter faces are ends of walls and jambs of doors, and are not judged."""
     min_through_share: float = 0.5
@@ -60,8 +63,10 @@ class AsBuiltOptions:
     """Wall patches that a new wall consists of, at least."""
     min_new_length_m: float = 0.6
     """Length of a new wall, at least."""
-    min_new_top_m: float = 2.15
-    """A new wall is seen up to this height over the floor, at least: what is lower may be a cupboard."""
+    min_top_m: float = 2.15
+    """Wall where none is drawn is seen up to this height over the floor, or is longer than cupboards are."""
+    max_cupboard_m: tuple[float, float] = (0.9, 1.6)
+    """Length of what may be the side of a cupboard; of what may be its front, a wall being drawn behind."""
     min_part_m: float = 0.2
     """Length of a face that each of those frames must show."""
     floor_sigma_m: float = 0.004
@@ -79,7 +84,7 @@ class AsBuiltOptions:
             "min_length_m",
             "beyond_m",
         )
-        require_share(self, "min_through_share")
+        require_share(self, "min_through_share", "min_moved_share")
 
 
 @dataclass(frozen=True)

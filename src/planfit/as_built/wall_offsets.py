@@ -14,6 +14,8 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.association import associate, wall_patches_in_plan
 from planfit.adjust.moved_walls import nearest_unexplained
+from planfit.as_built.lines_of_sight import LinesOfSight
+from planfit.as_built.standing import DEPTH_M, Piece, are_walls, top_of
 from planfit.as_built.types import AsBuiltOptions
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
@@ -55,6 +57,13 @@ class PlacedWalls:
     def lengths(self) -> Float[np.ndarray, " k"]:
         """Of patches, m."""
         return segments.lengths(self.ends)
+
+    @cached_property
+    def storeys_of_patches(self) -> Int[np.ndarray, " k"]:
+        """That the camera of each patch stands on; 0 for all where the plan has one."""
+        if self.storeys is None:
+            return np.zeros(len(self.frame_idx), dtype=int)
+        return self.storeys[self.frame_idx]
 
     @cached_property
     def by_x(self) -> Int[np.ndarray, " m_plus_u"]:
@@ -140,13 +149,20 @@ def place_walls(
 
 
 def find_offsets(
-    placed: PlacedWalls, floorplan: Floorplan, options: AsBuiltOptions
+    placed: PlacedWalls, floorplan: Floorplan, sight: LinesOfSight, options: AsBuiltOptions
 ) -> dict[int, FaceOffset]:
-    """Where the faces stand that enough patches agree on, or, where there are few, enough frames as drawn."""
+    """Where the faces stand that enough patches agree on, or, where there are few, enough frames as drawn.
+
+    Args:
+        placed: patches and points in the plan frame.
+        floorplan: as drawn.
+        sight: what is seen over is no wall that was moved.
+        options: see there.
+    """
     found = {}
     for face in np.unique(placed.face_idx[placed.face_idx >= 0]):
         own = np.flatnonzero(placed.face_idx == face)
-        agree = own[_most_agreed(placed.offset_m[own], placed.lengths[own], options.within_m)]
+        agree = own[_most_agreed(placed.offset_m[own], placed.lengths[own], options)]
         offset_m = placed.offset_m[agree]
         offset, frames = float(np.median(offset_m)), placed.frame_idx[agree]
         if abs(offset) > options.as_drawn_m and len(agree) < options.min_moved_patches:
@@ -155,6 +171,11 @@ def find_offsets(
         poses_m = placed.pose_sigma_m(frames, placed.ends[agree].mean(axis=1), normals)
         sigma = offset_sigma(offset_m, poses_m, options)
         found[int(face)] = FaceOffset(offset, sigma, agree, np.unique(frames))
+    moved = [face for face, one in found.items() if abs(one.offset_m) > options.as_drawn_m]
+    pieces = [_piece(placed, floorplan, face, found[face], sight) for face in moved]
+    for face, is_wall in zip(moved, are_walls(pieces, sight, options), strict=True):
+        if not is_wall:
+            del found[face]
     for face in np.flatnonzero(floorplan.lengths >= options.min_length_m):
         known = found.get(int(face))
         if known is None or len(known.frame_idx) < options.min_frames:
@@ -163,6 +184,30 @@ def find_offsets(
                 patch_idx = by_points.patch_idx if known is None else known.patch_idx
                 found[int(face)] = replace(by_points, patch_idx=patch_idx)
     return found
+
+
+def _piece(
+    placed: PlacedWalls, floorplan: Floorplan, face: int, found: FaceOffset, sight: LinesOfSight
+) -> Piece:
+    """What is seen of a face where it stands."""
+    normal, first = floorplan.normals[face], floorplan.ends[face, 0]
+    along = segments.directions(floorplan.ends[face][None])[0]
+    # Patches may reach beyond the face, over a door to the next wall.
+    at = np.clip((placed.ends[found.patch_idx] - first) @ along, 0.0, floorplan.lengths[face])
+    stands = first + found.offset_m * normal
+    which = np.concatenate(
+        [np.arange(placed.start[i], placed.start[i + 1]) for i in found.patch_idx]
+    )
+    above_m = placed.points[which, 2] - sight.floors_m[placed.point_frame_idx[which]]
+    return Piece(
+        stands + np.array([at.min(), at.max()])[:, None] * along,
+        normal,
+        found.patch_idx,
+        top_of(above_m),
+        # The wall behind may be that which is drawn; of a face of unknown side, on either side.
+        DEPTH_M[0] < (found.offset_m if floorplan.is_oriented[face] else abs(found.offset_m)),
+        None if floorplan.storeys is None else int(floorplan.storeys[face]),
+    )
 
 
 def _by_points(
@@ -214,11 +259,17 @@ def _near_face(
 
 
 def _most_agreed(
-    offset_m: Float[np.ndarray, " p"], length_m: Float[np.ndarray, " p"], within_m: float
+    offset_m: Float[np.ndarray, " p"], length_m: Float[np.ndarray, " p"], options: AsBuiltOptions
 ) -> Int[np.ndarray, " a"]:
-    """Of some patches, those about the offset that the greatest length of them agrees on."""
-    agree = np.abs(offset_m[:, None] - offset_m) <= within_m
-    return np.flatnonzero(agree[int(np.argmax(agree @ length_m))])
+    """Of some patches, those about the offset that the greatest length of them agrees on; those as drawn, if
+    that is not by far more than theirs."""
+    near = np.abs(offset_m[:, None] - offset_m) <= options.within_m
+    most = int(np.argmax(near @ length_m))
+    agree, drawn = near[most], np.abs(offset_m) <= options.as_drawn_m
+    if abs(float(np.median(offset_m[agree]))) > options.as_drawn_m and drawn.any():
+        share = length_m[agree].sum() / length_m[agree | drawn].sum()
+        agree = agree if share >= options.min_moved_share else drawn
+    return np.flatnonzero(agree)
 
 
 def offset_sigma(
