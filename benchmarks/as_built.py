@@ -2,9 +2,9 @@
 
     python benchmarks/as_built.py [--seeds 1 3 5 ...] [--cache FOLDER] [--json FILE] [--each]
 
-Cases are those of `as_built_cases.py`. Even seeds up to 26 were for choosing parameters, and odd ones up to 19
-were looked at once before the rules for cupboards were made; those from 21 on are for reporting.
-A wall of the plan is counted where the cameras saw it, by depth at the true poses; its true verdict is by the
+Cases are those of `as_built_cases.py`. Even seeds up to 26 were for choosing parameters, and odd ones up to
+19 were looked at once before the rules for cupboards were made; those from 21 on are for reporting. A wall of
+the plan is counted where the cameras saw it, by depth at the true poses; its true verdict is by the
 tolerance (3 cm: walls are drawn right, or 5 cm off at least). A wall that the plan lacks is found where new
 walls stand for half of it. A new wall that stands where none was built counts as one more verdict, wrong.
 """
