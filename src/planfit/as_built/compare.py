@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Bool, Float
 
+from planfit.as_built.elements import element_ids
 from planfit.as_built.lines_of_sight import LinesOfSight, lines_of_sight, through_shares
 from planfit.as_built.new_walls import find_new_walls
 from planfit.as_built.standing import Piece
@@ -63,11 +64,14 @@ def judge_walls(
     offsets = find_offsets(placed, floorplan, sight, options)
     through = through_shares(sight, floorplan, options)
     judged = np.flatnonzero(floorplan.lengths >= options.min_length_m)
-    of_plan = [_of_plan(floorplan, int(f), offsets, float(through[f])) for f in judged]
+    ids = element_ids(floorplan)
+    of_plan = [_of_plan(floorplan, int(f), offsets, float(through[f]), ids[f]) for f in judged]
     found = find_new_walls(placed, ~_is_explained(placed, offsets), floorplan, sight, options)
     new = [_new(wall, placed, options) for wall in found]
-    file_from_plan = None if floorplan.source.is_picture else floorplan.source.file_from_plan
-    return AsBuilt((*of_plan, *new), options, floorplan.name, file_from_plan)
+    source = floorplan.source
+    file_from_plan = None if source.is_picture else source.file_from_plan
+    walls = (*of_plan, *new)
+    return AsBuilt(walls, options, floorplan.name, file_from_plan, source.elevation_m)
 
 
 def _is_explained(placed: PlacedWalls, offsets: Mapping[int, FaceOffset]) -> Bool[np.ndarray, " k"]:
@@ -83,6 +87,7 @@ def _of_plan(
     face: int,
     offsets: Mapping[int, FaceOffset],
     through_share: float,
+    element_id: str,
 ) -> AsBuiltWall:
     found = offsets.get(face)
     return AsBuiltWall(
@@ -95,6 +100,7 @@ def _of_plan(
         n_patches=0 if found is None else len(found.patch_idx),
         n_frames=0 if found is None else len(found.frame_idx),
         through_share=through_share,
+        element_id=element_id,
     )
 
 
