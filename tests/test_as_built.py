@@ -233,6 +233,30 @@ def test_a_wall_that_the_plan_lacks_is_new_with_its_place(rng):
     assert one.walls == (new,)
 
 
+def test_patches_in_line_are_one_new_wall_and_each_side_is_its_own(rng):
+    """Seen in pieces with a gap of 0.3 m; the other side, from outside, by two patches only."""
+    whole = room()
+    plan = replace(
+        whole,
+        ends=whole.ends[[0, 2, 3]],
+        normals=whole.normals[[0, 2, 3]],
+        is_oriented=whole.is_oriented[:3],
+    )
+    pieces = [(0.0, 1.4), (1.7, 2.8), (2.9, 4.0)]
+    inside = [(np.array([[WIDTH, a], [WIDTH, b]]), np.array([-1.0, 0.0])) for a, b in pieces]
+    outside = [(np.array([[6.2, 4.0], [6.2, 2.0]]), np.array([1.0, 0.0]))]
+    patches = seen_by(faces_of(plan), rng) + seen_by(inside, rng, frames=range(3))
+    found = judged(plan, patches + seen_by(outside, rng, frames=range(2)))
+    (new,) = [wall for wall in found.walls if wall.face_idx < 0]
+    assert (new.n_patches, new.n_frames) == (9, 3)
+    assert new.length_m == pytest.approx(4.0, abs=0.2)
+    found = judged(plan, patches + seen_by(outside, rng, frames=range(3)))
+    new = [wall for wall in found.walls if wall.face_idx < 0]
+    assert [wall.length_m for wall in new] == pytest.approx([4.0, 2.0], abs=0.2)
+    (one,) = deviations(found)  # both sides of one wall
+    assert len(one.walls) == 2
+
+
 def new_before_the_south_wall(rng, length_m, top_m, is_seen_over, **values):
     """New walls found where something stands 0.6 m before the middle of the south wall, which is seen beside
     it; over it only as told."""

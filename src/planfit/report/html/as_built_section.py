@@ -3,7 +3,6 @@ follow a tolerance that is chosen on the page (`as_built.js`)."""
 
 from collections.abc import Iterator, Sequence
 from html import escape
-from importlib import resources
 
 import numpy as np
 from jaxtyping import Float
@@ -39,7 +38,6 @@ def as_built_section(as_built: AsBuilt, crop: Crop) -> str:
     counts = counted([as_built.verdict(wall) for _, wall in shown])
     words = ", ".join(f"{count} {escape(verdict.value)}" for verdict, count in counts.items())
     n_walls = len(deviations(as_built))
-    script = resources.files("planfit.report.html").joinpath("as_built.js").read_text("utf-8")
     return f"""<section class="as-built"><h2>As built against as planned</h2>
 <p>Every face of the plan half a metre long or more: it agrees, was moved (its offset, positive into the
 room, with one standard deviation, what the poses may be off included), is missing (cameras look through where
@@ -51,9 +49,7 @@ italics is not sure: the tolerance lies within {options.sure_sigmas:g} standard 
 step="0.005" value="{options.tolerance_m:g}" data-sure="{options.sure_sigmas:g}"> m</label>
 <span class="as-built-counts" role="status">{words}</span></p>
 <p>{keys}</p>{_map(as_built, shown, crop)}
-{sortable_table(_HEADS, list(_rows(as_built, shown)))}</section>
-<script>
-{script}</script>"""
+{sortable_table(_HEADS, list(_rows(as_built, shown)))}</section>"""
 
 
 def _map(as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], crop: Crop) -> str:

@@ -81,10 +81,11 @@ def make_report(
 def page_of(title: str, body: Sequence[str], scene: Scene | None = None) -> str:
     """A self-contained page of parts that are HTML; the title is plain text. `scene` is that of a
     part that is a 3D view."""
-    style, script = (
+    style, sort, as_built = (
         resources.files("planfit.report.html").joinpath(name).read_text("utf-8")
-        for name in ("style.css", "sort.js")
+        for name in ("style.css", "sort.js", "as_built.js")
     )
+    script = sort + as_built
     first = rest = ""
     if scene is not None:
         style, script = style + view_style(), script + view_script()

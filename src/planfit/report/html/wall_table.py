@@ -1,15 +1,13 @@
-"""The table of walls: what the scan says of each wall of the plan, and what the plan lacks."""
+"""The table of walls that the fit used, and what sortable tables are made of."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
 import numpy as np
-from jaxtyping import Int
 
-from planfit.floorplan import Floorplan
 from planfit.report import formatting
-from planfit.report.walls import SeenFace, UndrawnWall
+from planfit.report.walls import SeenFace
 
 _HEADS = ("No.", "verdict", "offset", "MAD", "patches", "length", "middle x, y (m)")
 
@@ -27,31 +25,11 @@ class Cell:
         return Cell("", float("inf"))
 
 
-_NONE = Cell.empty()
-
-
-def wall_table(
-    faces: Sequence[SeenFace],
-    undrawn: Sequence[UndrawnWall] = (),
-    unseen: Sequence[int] | Int[np.ndarray, " k"] = (),
-    floorplan: Floorplan | None = None,
-) -> str:
-    """A table that sorts by the column whose head is pressed.
-
-    Args:
-        faces: seen walls of the plan, in the order to begin with.
-        undrawn: walls that the plan lacks; after those.
-        unseen: faces of `floorplan` that were not seen; last.
-        floorplan: needed where there are any unseen.
-    """
+def wall_table(faces: Sequence[SeenFace]) -> str:
+    """Seen walls of the plan, in the order to begin with."""
     has_solved = any(face.solved for face in faces)
     heads = (*_HEADS, "given way by") if has_solved else _HEADS
-    blank = (_NONE,) if has_solved else ()
     rows = [("displaced" if f.is_displaced else "", "", _seen(f, has_solved)) for f in faces]
-    rows += [("undrawn", "", (*_undrawn(wall), *blank)) for wall in undrawn]
-    if len(unseen):
-        assert floorplan is not None
-        rows += [("unseen", "", (*_unseen(floorplan, face), *blank)) for face in unseen]
     return sortable_table(heads, rows)
 
 
@@ -80,27 +58,6 @@ def sortable_table(heads: Sequence[str], rows: Sequence[tuple[str, str, tuple[Ce
     )
 
 
-def _undrawn(wall: UndrawnWall) -> tuple[Cell, ...]:
-    """Cells of a wall that the plan lacks."""
-    return (
-        _NONE,
-        Cell("missing in the plan", "missing in the plan"),
-        _NONE,
-        _NONE,
-        Cell(str(wall.n_patches), wall.n_patches),
-        _length(wall.length),
-        _position(*wall.middle_xy),
-    )
-
-
-def _unseen(floorplan: Floorplan, face: int) -> tuple[Cell, ...]:
-    """Cells of a face that the scan does not show."""
-    x, y = floorplan.ends[face].mean(axis=0)
-    verdict = Cell(f'<span data-wall="{face}">not seen</span>', "not seen")
-    size = _length(float(floorplan.lengths[face]))
-    return _NONE, verdict, _NONE, _NONE, Cell("0", 0), size, _position(float(x), float(y))
-
-
 def _seen(face: SeenFace, has_solved: bool) -> tuple[Cell, ...]:
     """Cells of a face that the scan shows."""
     cells = (
@@ -115,7 +72,7 @@ def _seen(face: SeenFace, has_solved: bool) -> tuple[Cell, ...]:
     if not has_solved:
         return cells
     if face.solved is None:
-        return (*cells, _NONE)
+        return (*cells, Cell.empty())
     offset, sigma = face.solved
     shown = f"{formatting.centimetres(offset, signed=True)} ± {formatting.centimetres(sigma)}"
     return (*cells, Cell(shown, offset))
