@@ -71,7 +71,7 @@ def _pieces_of(
     # From right to left of who sees it: the free side is on the left of the way.
     along = np.array([normal[1], -normal[0]])
     across = float(np.median(placed.ends[patch_idx].mean(axis=1) @ normal))
-    which = np.concatenate([np.arange(placed.start[i], placed.start[i + 1]) for i in patch_idx])
+    which = placed.points_of(patch_idx)
     of_patch = np.repeat(patch_idx, np.diff(placed.start)[patch_idx])
     at, above_m = placed.points[which, :2] @ along, above_m[which]
     first = at.min()
@@ -154,9 +154,8 @@ def _in_line(
         & (np.abs(np.sum(between * normals[j], axis=1)) < SAME_WALL_M)
         & (np.abs(np.sum(between * along[i], axis=1)) < (length[i] + length[j]) / 2 + MAX_GAP_M)
     )
-    graph = sparse.coo_array(
-        (np.ones(joined.sum()), (i[joined], j[joined])), shape=(len(ends),) * 2
-    )
+    pairs = (np.ones(joined.sum()), (i[joined], j[joined]))
+    graph = sparse.coo_array(pairs, shape=(len(ends), len(ends)))
     # Patches that are joined pairwise are one wall: connected components of the graph of pairs.
     n_groups, group = connected_components(graph, directed=False)
     return [np.flatnonzero(group == k) for k in range(n_groups)]

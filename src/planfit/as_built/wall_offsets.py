@@ -65,6 +65,12 @@ class PlacedWalls:
             return np.zeros(len(self.frame_idx), dtype=int)
         return self.storeys[self.frame_idx]
 
+    def points_of(self, patch_idx: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
+        """Points of some patches, patch by patch."""
+        sizes = np.diff(self.start)[patch_idx]
+        before = np.cumsum(sizes) - sizes
+        return np.repeat(self.start[patch_idx] - before, sizes) + np.arange(int(sizes.sum()))
+
     @cached_property
     def by_x(self) -> Int[np.ndarray, " m_plus_u"]:
         """Points from left to right, so that those near a face are found without looking at all."""
@@ -195,9 +201,7 @@ def _piece(
     # Patches may reach beyond the face, over a door to the next wall.
     at = np.clip((placed.ends[found.patch_idx] - first) @ along, 0.0, floorplan.lengths[face])
     stands = first + found.offset_m * normal
-    which = np.concatenate(
-        [np.arange(placed.start[i], placed.start[i + 1]) for i in found.patch_idx]
-    )
+    which = placed.points_of(found.patch_idx)
     above_m = placed.points[which, 2] - sight.floors_m[placed.point_frame_idx[which]]
     return Piece(
         stands + np.array([at.min(), at.max()])[:, None] * along,
