@@ -293,6 +293,34 @@ def test_how_high_and_long_cupboards_are_can_be_chosen(rng):
     assert new_before_the_south_wall(rng, 2.0, 2.0, False, max_cupboard_m=(0.9, 2.2)) == 0
 
 
+def test_a_moved_wall_with_a_door_is_no_row_of_cupboards(rng):
+    """It stands behind where it is drawn, and cameras look through its door: found on a real scan."""
+    plan = room()
+    sides = [np.array([[0.0, -0.11], [2.4, -0.11]]), np.array([[3.6, -0.11], [6.0, -0.11]])]
+    walls = [*faces_of(plan, but=[SOUTH]), *((side, plan.normals[SOUTH]) for side in sides)]
+    patches = seen_by(walls, rng)
+    beyond = wall_points([[2.5, -1.0], [3.5, -1.0]], rng)
+    patches += [(frame, beyond, plan.normals[SOUTH]) for frame in range(12)]
+    found = judged(plan, patches)
+    assert wall_of(found, SOUTH).offset_m == pytest.approx(-0.11, abs=1e-6)
+
+
+def test_the_edge_of_what_stands_elsewhere_is_no_wall_as_drawn(rng):
+    """Single points scatter 3 cm about 0.1 m behind the wall that is drawn: some lie within 0.07 m of it."""
+    plan, poses = room(), cameras()
+    walls = seen_by(faces_of(plan, but=[SOUTH]), rng)
+    structure = make_structure(poses, patches=walls)
+    points = np.stack([wall_points(plan.ends[SOUTH], rng, count=100) for _ in poses])
+    points[..., 1] += rng.normal(-0.1, 0.03, points.shape[:2])
+    assert (np.abs(points[..., 1]) < 0.07).sum(axis=1).min() >= 8
+    structure = replace(
+        structure,
+        unassigned_points_cam=se3.transform(se3.inverse(poses), points).reshape(-1, 3),
+        unassigned_frame_idx=np.repeat(np.arange(12), 100),
+    )
+    assert verdict_of(judged(plan, walls, structure=structure), SOUTH) is Verdict.NOT_SEEN
+
+
 def test_a_wall_behind_cupboards_stands_as_drawn(rng):
     """Half of what is seen near it is a row of cupboards as high as a wall; beside them it shows."""
     plan = room()
@@ -392,6 +420,55 @@ def test_a_verdict_near_the_tolerance_is_not_sure():
 def test_short_faces_are_not_judged(rng):
     found = judged(room(), seen_by(faces_of(room()), rng), options=AsBuiltOptions(min_length_m=5.0))
     assert [wall.face_idx for wall in found.walls] == [SOUTH, NORTH]
+
+
+def test_each_storey_is_judged_by_those_who_walked_it(rng):
+    """Two storeys with the same room; the frames of the upper one see no south wall and a wall more."""
+    one = room()
+    plan = replace(
+        one,
+        ends=np.tile(one.ends, (2, 1, 1)),
+        normals=np.tile(one.normals, (2, 1)),
+        is_oriented=np.ones(8, dtype=bool),
+        storeys=np.repeat([0, 1], 4),
+    )
+    poses = np.concatenate([cameras(6), cameras(6)])
+    poses[6:, 2, 3] += 3.0
+    upper = [
+        *faces_of(one, but=[SOUTH]),
+        (np.array([[1.0, 1.0], [4.0, 1.0]]), np.array([0.0, 1.0])),
+    ]
+    patches = seen_by(faces_of(one), rng, frames=range(6))
+    for frame, points, normal in seen_by(upper, rng, frames=range(6, 12)):
+        patches.append((frame, points + np.array([0.0, 0.0, 3.0]), normal))
+    structure = replace(make_structure(poses, patches=patches), storeys=np.repeat([0, 1], 6))
+    structure = replace(structure, floor_heights_m=np.repeat([0.0, 3.0], 6))
+    found = judged(plan, patches, poses, structure=structure)
+    assert [verdict_of(found, face) for face in range(8)] == [
+        *[Verdict.AGREES] * 4,
+        Verdict.NOT_SEEN,
+        *[Verdict.AGREES] * 3,
+    ]
+    (new,) = [wall for wall in found.walls if wall.face_idx < 0]
+    assert (new.n_frames, new.length_m) == (6, pytest.approx(3.0, abs=0.2))
+
+
+def test_walls_have_the_names_and_the_height_of_the_plans_file(rng):
+    """A model in millimetres: outlines of two elements, one of which goes round a corner."""
+    plan = room()
+    names = ("south and east", "south and east", "north", "elsewhere")
+    lines = np.concatenate([plan.ends[[SOUTH, EAST, NORTH]], [[[0.5, 0.2], [0.5, 3.8]]]]) * 1000.0
+    source = replace(
+        plan.source,
+        file_from_plan=np.diag([1000.0, 1000.0, 1.0]),
+        element_lines=lines,
+        element_ids=names,
+        elevation_m=6.2,
+    )
+    found = judged(replace(plan, source=source), seen_by(faces_of(plan), rng))
+    assert [wall.element_id for wall in found.walls] == [*names[:3], ""]
+    assert found.elevation_m == 6.2
+    np.testing.assert_allclose(found.in_file(found.walls[EAST].ends), lines[1])
 
 
 def test_the_record_is_read_back(tmp_path, rng):

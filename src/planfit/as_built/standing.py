@@ -1,8 +1,8 @@
 """Which pieces of upright surface are wall, where no wall is drawn: not the backs and sides of cupboards.
 
-Cameras see over a cupboard, and nothing is ever seen over a wall. But who looks down sees over neither: what
-is as short as the side of a cupboard, or as its front where a wall is drawn as far behind as cupboards are
-deep, is wall only if it is seen higher than cupboards are.
+What is seen higher than cupboards are is wall. What is not may be wall that cameras looked down at: if it is
+longer than the side of a cupboard, or, where a wall is drawn as far behind as cupboards are deep, than its
+front, and no line of sight passes over it, as some do over most cupboards and none over a wall.
 """
 
 from collections.abc import Sequence
@@ -72,4 +72,4 @@ def are_walls(
     is_high = np.array([piece.top_m >= options.min_top_m for piece in pieces])
     side_m, front_m = options.max_cupboard_m
     most_m = np.where([piece.has_wall_behind for piece in pieces], front_m, side_m)
-    return ~is_over & (is_high | (segments.lengths(ends) > most_m))
+    return is_high | (~is_over & (segments.lengths(ends) > most_m))

@@ -27,6 +27,8 @@ END_M = 0.1
 """So near to the ends of a face, points may be of the walls that it meets."""
 MIN_POINTS = 8
 """Of a frame, that tell where a face stands."""
+NEAR_FACTOR = 3.0
+"""Points up to this many times the distance of those as drawn are looked at beside them."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +179,8 @@ def find_offsets(
         poses_m = placed.pose_sigma_m(frames, placed.ends[agree].mean(axis=1), normals)
         sigma = offset_sigma(offset_m, poses_m, options)
         found[int(face)] = FaceOffset(offset, sigma, agree, np.unique(frames))
-    moved = [face for face, one in found.items() if abs(one.offset_m) > options.as_drawn_m]
+    # What stands nearer to where a wall is drawn, or behind that, is no cupboard before it.
+    moved = [face for face, one in found.items() if _is_before(one.offset_m, face, floorplan)]
     pieces = [_piece(placed, floorplan, face, found[face], sight) for face in moved]
     for face, is_wall in zip(moved, are_walls(pieces, sight, options), strict=True):
         if not is_wall:
@@ -192,10 +195,17 @@ def find_offsets(
     return found
 
 
+def _is_before(offset_m: float, face: int, floorplan: Floorplan) -> bool:
+    """Whether a face stands as far before where it is drawn as cupboards are deep; on either side where its
+    free side is unknown."""
+    before_m = offset_m if floorplan.is_oriented[face] else abs(offset_m)
+    return before_m > DEPTH_M[0]
+
+
 def _piece(
     placed: PlacedWalls, floorplan: Floorplan, face: int, found: FaceOffset, sight: LinesOfSight
 ) -> Piece:
-    """What is seen of a face where it stands."""
+    """What is seen of a face where it stands, before where it is drawn."""
     normal, first = floorplan.normals[face], floorplan.ends[face, 0]
     along = segments.directions(floorplan.ends[face][None])[0]
     # Patches may reach beyond the face, over a door to the next wall.
@@ -208,8 +218,7 @@ def _piece(
         normal,
         found.patch_idx,
         top_of(above_m),
-        # The wall behind may be that which is drawn; of a face of unknown side, on either side.
-        DEPTH_M[0] < (found.offset_m if floorplan.is_oriented[face] else abs(found.offset_m)),
+        True,
         None if floorplan.storeys is None else int(floorplan.storeys[face]),
     )
 
@@ -221,12 +230,16 @@ def _by_points(
 
     Few points are seen of a short wall, and a long patch in line reaches over it.
     """
-    near, at, off_m = _near_face(placed, floorplan, face, options)
+    near, at, off_m = _near_face(placed, floorplan, face, NEAR_FACTOR * options.as_drawn_m)
+    is_drawn = np.abs(off_m) <= options.as_drawn_m
     frames, offsets, places = [], [], []
     for frame in np.unique(placed.point_frame_idx[near]):
-        own = placed.point_frame_idx[near] == frame
-        span_m = np.subtract(*np.quantile(at[own], [0.95, 0.05]))
-        if own.sum() >= MIN_POINTS and span_m >= options.min_part_m:
+        of_frame = placed.point_frame_idx[near] == frame
+        own = of_frame & is_drawn
+        # Else what lies at the border of "as drawn" is the edge of something that stands elsewhere.
+        if own.sum() < max(MIN_POINTS, 0.5 * of_frame.sum()):
+            continue
+        if np.subtract(*np.quantile(at[own], [0.95, 0.05])) >= options.min_part_m:
             frames.append(int(frame))
             offsets.append(float(np.median(off_m[own])))
             places.append(placed.points[near[own], :2].mean(axis=0))
@@ -241,12 +254,12 @@ def _by_points(
 
 
 def _near_face(
-    placed: PlacedWalls, floorplan: Floorplan, face: int, options: AsBuiltOptions
+    placed: PlacedWalls, floorplan: Floorplan, face: int, reach_m: float
 ) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
     """Points near a face as drawn that cameras see from its free side, where along it they lie, and how far
     off, m."""
     ends, normal = floorplan.ends[face], floorplan.normals[face]
-    low, high = ends.min(axis=0) - options.as_drawn_m, ends.max(axis=0) + options.as_drawn_m
+    low, high = ends.min(axis=0) - reach_m, ends.max(axis=0) + reach_m
     first, last = np.searchsorted(placed.points[:, 0], [low[0], high[0]], sorter=placed.by_x)
     near = np.sort(placed.by_x[first:last])
     near = near[(placed.points[near, 1] >= low[1]) & (placed.points[near, 1] <= high[1])]
@@ -255,10 +268,10 @@ def _near_face(
     from_first = placed.points[near, :2] - ends[0]
     at, off_m = from_first @ segments.directions(ends[None])[0], from_first @ normal
     length = float(floorplan.lengths[face])
-    ok = (at > END_M) & (at < length - END_M) & (np.abs(off_m) <= options.as_drawn_m)
+    ok = (at > END_M) & (at < length - END_M) & (np.abs(off_m) <= reach_m)
     if floorplan.is_oriented[face]:
         eyes = placed.plan_from_cams[placed.point_frame_idx[near], :2, 3]
-        ok &= (eyes - ends[0]) @ normal > options.as_drawn_m
+        ok &= (eyes - ends[0]) @ normal > 0
     return near[ok], at[ok], off_m[ok]
 
 
