@@ -30,8 +30,8 @@ from planfit.report.plots.close_ups import choose_close_ups
 from planfit.report.plots.cross_sections import cut_walls
 from planfit.report.plots.drawing import Picture
 from planfit.report.plots.matches import loop_closures_of, matches_by_frame
-from planfit.report.plots.top_view import Crop, crop_to_scan, find_gaps
-from planfit.report.walls import seen_faces, undrawn_walls, unseen_faces
+from planfit.report.plots.top_view import crop_to_scan, find_gaps
+from planfit.report.walls import seen_faces
 from planfit.segmentation import (
     Gravity,
     LevelPoints,
@@ -602,67 +602,6 @@ def test_offsets_that_the_adjustment_gave_are_shown_with_their_sigma():
     assert "+3.4" in html
     assert "±" in html
     assert "given way by" not in wall_table(seen_faces(plan, walls_of(plan, association)))
-
-
-def patches_at(ends):
-    """Upright patches (k, 2, 2) m, seen by one camera that stands in the plan's axes; normals to the left."""
-    ends = np.asarray(ends, dtype=float)
-    normals = segments.left_normals(ends)
-    k = len(ends)
-    return WallPatches(
-        points_cam=np.zeros((k, 3)),
-        start=np.arange(k + 1),
-        frame_idx=np.zeros(k, dtype=int),
-        normals_cam=np.column_stack([normals, np.zeros(k)]),
-        ends_cam=np.concatenate([ends, np.ones((k, 2, 1))], axis=2),
-    )
-
-
-def row(y, *starts, length=0.6, back=False):
-    """Patches along x at a height on the plan, from left to right or looking the other way."""
-    ends = [[[x, y], [x + length, y]] for x in starts]
-    return [list(reversed(e)) for e in ends] if back else ends
-
-
-def test_walls_that_the_plan_lacks_are_joined_from_their_patches():
-    ends = [
-        *row(0.0, 0.0, 0.5, 1.0, 1.9),  # one wall, with a gap of 0.3 m
-        *row(0.05, 0.2, length=1.0),  # the same wall, seen again
-        *row(0.0, 0.0, 0.5, 1.0, back=True),  # its other side
-        *row(1.0, 0.0, 0.5),  # too few
-        *row(2.0, 0.0, 0.05, 0.1, length=0.2),  # too short
-        *row(3.0, 5.0, 5.5, 6.0),  # taken up by the plan
-    ]
-    face_idx = np.full(len(ends), -1)
-    face_idx[-3:] = 0
-    walls = undrawn_walls(
-        patches_at(ends), Association(face_idx, np.zeros(len(ends))), np.eye(4)[None]
-    )
-    assert [wall.n_patches for wall in walls] == [5, 3]
-    assert walls[0].length == pytest.approx(2.5, abs=0.01)
-    assert walls[0].middle_xy == pytest.approx((1.25, 0.01), abs=0.02)
-    assert walls[1].length == pytest.approx(1.6)
-
-
-def test_only_faces_in_view_count_as_not_seen(floorplan):
-    association = Association(np.array([0, 0, -1]), np.zeros(3))
-    everything = Crop(np.array([-1.0, -1.0]), np.array([9.0, 7.0]))
-    assert list(unseen_faces(floorplan, association, everything)) == [2, 1, 3]
-    left = Crop(np.array([-1.0, -1.0]), np.array([5.0, 7.0]))
-    assert list(unseen_faces(floorplan, association, left)) == [2, 3]
-
-
-def test_missing_and_unseen_walls_stand_in_the_table(floorplan, no_pictures):
-    result = make_result()
-    face_idx = result.adjustment.association.face_idx.copy()
-    face_idx[face_idx == 2] = -1
-    none = Association(face_idx, np.where(face_idx < 0, np.nan, 0.0))
-    adjustment = replace(
-        result.adjustment, correspondences=replace(result.adjustment.correspondences, walls=none)
-    )
-    words = read(floorplan, replace(result, adjustment=adjustment)).words
-    assert "missing in the plan32.00 m3.0, 6.0" in words
-    assert "not seen08.00 m4.0, 6.0" in words
 
 
 def test_loop_closures_and_matches_of_frames_are_counted():

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from planfit import __version__
+from planfit.as_built import AS_BUILT, AsBuilt, compare_as_built, write_as_built
 from planfit.errors import OptionError
 from planfit.export import make_record, sample_cloud, write_results
 from planfit.export.cloud import Cloud, place_cloud
@@ -63,6 +64,8 @@ class RunViews:
     """Points of the frames that have a place, as the corrected sensor sees them."""
     scene: Scene | None
     """What the 3D view of the report shows; None where none is wanted."""
+    as_built: AsBuilt | None = None
+    """Verdicts on the walls of the plan; None where the scan has no place on one."""
 
 
 def plan_inputs(floorplan: Floorplan | dict[int, Floorplan] | None) -> dict[str, str]:
@@ -116,19 +119,20 @@ def save_result(
 
 
 def result_views(inputs: RunInputs, result: RefineResult, runtime: Runtime) -> RunViews:
-    """Sample the images once more, for the clouds and the report."""
-    scan, options = inputs.scan, inputs.report
+    """Sample the images once more, for the clouds and the report, and judge the walls of the plan."""
+    scan, options, as_built = inputs.scan, inputs.report, _as_built(inputs, result)
     corrected, unplaced = calibrated_scan(scan, result.sensor), result.evidence.unplaced
     # Keyframes see what all frames see, and their images are all that a run opens.
     sample = partial(sample_cloud, corrected, runtime, frame_idx=result.solved_frame_idx)
     cloud = sample().without(unplaced)
     if not options.has_view:
-        return RunViews(cloud, None)
+        return RunViews(cloud, None, as_built)
     sampled = sample(max_points=options.max_points, max_per_frame=VIEW_POINTS_OF_FRAME)
     shown = sampled.without(unplaced).thinned(options.max_points)
     pictures = make_pictures(scan, result.plan_from_cams, options.max_pictures, runtime)
-    scene = make_scene(scan, result, shown.points_cam, shown.colors, shown.start, pictures)
-    return RunViews(cloud, scene)
+    points = (shown.points_cam, shown.colors, shown.start)
+    scene = make_scene(scan, result, *points, pictures, as_built)
+    return RunViews(cloud, scene, as_built)
 
 
 def write_run(
@@ -155,9 +159,18 @@ def write_run(
     seen = _seen_from_above(views.cloud, result)
     for name, overlay in draw_overlays(result, seen).items():
         (staging / name).write_bytes(overlay)
-    text = to_toml(options)
-    report = make_report(scan.name, result.floorplan, result, text, errors, seen, views.scene)
+    if views.as_built is not None:
+        write_as_built(staging / AS_BUILT, views.as_built)
+    text, shown = to_toml(options), (seen, views.scene, views.as_built)
+    report = make_report(scan.name, result.floorplan, result, text, errors, *shown)
     (staging / "report.html").write_text(report, encoding="utf-8")
+
+
+def _as_built(inputs: RunInputs, result: RefineResult) -> AsBuilt | None:
+    """Verdicts on the walls of the plan; None where the scan has no place on one."""
+    if result.floorplan is None or result.alignment is None:
+        return None
+    return compare_as_built(result, inputs.report.as_built)
 
 
 def _seen_from_above(cloud: Cloud, result: RefineResult) -> CloudXY:

@@ -1,5 +1,6 @@
 """`planfit export`: what is written is what a run found, read back by readers of the forms."""
 
+import csv
 import json
 import sys
 from pathlib import Path
@@ -281,3 +282,17 @@ def test_evaluate_reads_the_scan_as_the_run_did(
 ) -> None:
     assert run(["evaluate", str(finished)]) == 0
     assert "58 frames" in capsys.readouterr().out
+
+
+def test_walls_of_a_run_are_judged(finished: Path, tmp_path: Path) -> None:
+    """The plan is right: walls that were seen agree, and none that is sure does not."""
+    assert (
+        run(["export", str(finished), "--to", "as-built", "-o", str(tmp_path / "walls.csv")]) == 0
+    )
+    with (tmp_path / "walls.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    words = [row["verdict"] for row in rows]
+    assert words.count("agrees") >= 5
+    assert not {"moved", "missing"} & {row["verdict"] for row in rows if row["is_sure"] == "yes"}
+    errors = [abs(float(row["offset_m"])) for row in rows if row["verdict"] == "agrees"]
+    assert np.median(errors) < 0.02

@@ -1,15 +1,19 @@
 """Openings of IFC models by kind, and their place on a map."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 
+from plan_files import make_plan, write_ifc
+from planfit.as_built.elements import element_ids
 from planfit.cli import run
-from planfit.floorplan import read_floorplan
+from planfit.floorplan import PlanOptions, read_floorplan
 from planfit.floorplan.formats.ifc_places import map_conversion
+from planfit.floorplan.types import PlanSource
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
 ifcopenshell = pytest.importorskip("ifcopenshell")
@@ -69,6 +73,31 @@ def wall_with_holes(path: Path, scale: float) -> Path:
     )
     model.write(str(path))
     return path
+
+
+@pytest.mark.parametrize("scale", [1.0, 1000.0])
+def test_faces_know_their_elements(tmp_path: Path, scale: float) -> None:
+    """Two walls that meet: after the union that faces are made of, each face is still of its wall."""
+    path = wall_with_holes(tmp_path / "a.ifc", scale)
+    along_x, along_y = (wall.GlobalId for wall in ifcopenshell.open(str(path)).by_type("IfcWall"))
+    plan = read_floorplan(path)
+    ids = element_ids(plan)
+    for ends, length, found in zip(plan.ends, plan.lengths, ids, strict=True):
+        if length > 0.4:
+            is_along_y = abs(ends[0, 0] - ends[1, 0]) < 0.01
+            assert found == (along_y if is_along_y else along_x)
+    assert {along_x, along_y} == set(ids)
+    # Whatever becomes of the plan's axes, they stay.
+    assert element_ids(plan.mirrored()) == ids
+    assert element_ids(replace(plan, source=PlanSource())) == ("",) * len(plan)
+
+
+def test_the_elevation_of_the_storey_is_kept(tmp_path: Path) -> None:
+    walls, _ = make_plan(n_rooms=4)
+    path = write_ifc(tmp_path / "a.ifc", walls, storeys=(("Ground", 0.0), ("First", 3.0)))
+    for storey, elevation_m in (("Ground", 0.0), ("First", 3.0)):
+        plan = read_floorplan(path, PlanOptions(storey=storey))
+        assert plan.source.elevation_m == pytest.approx(elevation_m)
 
 
 @pytest.mark.parametrize("scale", [1.0, 1000.0])

@@ -11,6 +11,7 @@ from PIL import Image
 from scipy.spatial import KDTree
 
 from builders import CAMERA, look
+from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall, Verdict
 from planfit.errors import OptionError
 from planfit.floorplan.nearest_faces import nearest_distance
 from planfit.geometry import se3
@@ -19,6 +20,7 @@ from planfit.report import ReportOptions, make_report
 from planfit.report.scene.encode import REACH_M, quantise, tile_frames
 from planfit.report.scene.pictures import frames_with_pictures, make_pictures, quarter_turns
 from planfit.report.scene.scene import ScenePoints
+from planfit.report.scene.walls import scene_walls
 from planfit.runtime import Runtime
 from planfit.scan import scan_from_arrays
 from report.scenes import PER_FRAME, decode, room_plan, room_scene, view_of
@@ -157,6 +159,24 @@ def test_walls_say_what_the_table_says():
     assert rows["Offset"] == "\u221212.0\u00a0cm"
     assert rows["Verdict"] == "displaced by 12.0\u00a0cm into the wall"
     assert by_face[3].title == "Wall No. 4 of the plan"
+
+
+def test_walls_have_the_colours_of_their_verdicts():
+    """Those that are not judged keep the colours of the fit."""
+    result = make_result()
+    plan = result.floorplan
+    verdicts = (Verdict.MISSING, Verdict.NOT_SEEN, Verdict.MOVED)
+    offsets = (np.nan, np.nan, 0.2)
+    walls = tuple(
+        AsBuiltWall(k, plan.ends[k], plan.normals[k], True, off, 0.01, 3, 3, 0.9 * (k == 0))
+        for k, off in enumerate(offsets)
+    )
+    bounds = np.array([[0.0, 0.0, 0.0], [8.0, 6.0, 2.5]])
+    found = scene_walls(plan, result, bounds, AsBuilt(walls, AsBuiltOptions()))
+    assert [wall.status for wall in found] == ["missing", "unseen", "displaced", "agrees"]
+    for wall, verdict in zip(found, verdicts, strict=False):
+        assert verdict.value in dict(wall.rows)["As built"]
+    assert "As built" not in dict(found[3].rows)
 
 
 def test_walls_of_a_storey_stand_on_its_floor():

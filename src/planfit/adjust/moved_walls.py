@@ -93,7 +93,7 @@ def find_moved(
     if options.sigma_m == 0 or len(patches) == 0:
         return moved_m
     is_drawn = np.abs(np.nan_to_num(as_drawn.distance_m, nan=np.inf)) < options.min_offset_m
-    nearest, off = _nearest_unexplained(
+    nearest, off = nearest_unexplained(
         patches, ~is_drawn, floorplan, plan_from_cams, association, options.max_offset_m, storeys
     )
     n_drawn = np.bincount(as_drawn.face_idx[is_drawn], minlength=len(floorplan))
@@ -115,7 +115,7 @@ def find_moved(
     return moved_m
 
 
-def _nearest_unexplained(
+def nearest_unexplained(
     patches: WallPatches,
     is_open: np.ndarray,
     floorplan: Floorplan,
@@ -191,11 +191,11 @@ def is_one_wall(face: int, other: int, floorplan: Floorplan) -> bool:
 
 def _name(wall: MovedWall, floorplan: Floorplan) -> str:
     (x1, y1), (x2, y2) = floorplan.ends[wall.face_idx]
-    towards = _direction(floorplan.normals[wall.face_idx], wall.offset_m)
+    towards = direction_words(floorplan.normals[wall.face_idx], wall.offset_m)
     return f"the wall at ({x1:.1f}, {y1:.1f})-({x2:.1f}, {y2:.1f}): {abs(wall.offset_m):.2f} m {towards}"
 
 
-def _direction(normal: Float[np.ndarray, " 2"], offset_m: float) -> str:
+def direction_words(normal: Float[np.ndarray, " 2"], offset_m: float) -> str:
     """Which way a face is off, by the plan's axes: "towards +x"."""
     towards = normal * np.sign(offset_m)
     axis = int(np.argmax(np.abs(towards)))

@@ -1,4 +1,5 @@
-"""`planfit export`: poses of a run, or of a scan as recorded, in the forms of other programs."""
+"""`planfit export`: poses of a run, or of a scan as recorded, and walls as built, in the forms of other
+programs."""
 
 import os
 from dataclasses import dataclass, field
@@ -9,6 +10,7 @@ import numpy as np
 import tyro
 from jaxtyping import Float
 
+from planfit.cli.as_built import export_as_built
 from planfit.cli.console import StageBars, out, tell_scan
 from planfit.cli.run_record import read_record
 from planfit.errors import OutputError, ScanError, require_positive
@@ -31,15 +33,19 @@ FOLDERS = ("colmap", "nerfstudio")
 
 @dataclass(frozen=True)
 class ExportArguments:
-    """Write the poses of a run, or those of a scan as recorded, in the form of another program."""
+    """Write the poses of a run, those of a scan as recorded, or the walls of a run as built, in the form of
+    another program."""
 
     source: tyro.conf.Positional[Path]
     """Output folder of `planfit refine` (refined poses), or a scan (poses as recorded)."""
-    to: Literal["tum", "kitti", "open3d", "g2o", "ply", "mesh", "cloud", "colmap", "nerfstudio"]
+    to: Literal[
+        "tum", "kitti", "open3d", "g2o", "ply", "mesh", "cloud", "colmap", "nerfstudio", "as-built"
+    ]
     """Form: trajectory files (`tum`, `kitti`, `open3d` log, `g2o` pose graph), coloured points (`ply`), a
     coloured `mesh` (.ply, .obj or .glb; needs planfit[map]), the whole `cloud` of a laser scan in its own
-    format (.las, .laz, .e57), or folders with images and depth (`colmap`
-    model, `nerfstudio`)."""
+    format (.las, .laz, .e57), folders with images and depth (`colmap`
+    model, `nerfstudio`), or the verdicts on the walls of the plan, `as-built` (.csv, .geojson, .dxf with a
+    layer a verdict, .bcf)."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """File to write; a folder for `colmap` and `nerfstudio`. It must not be there yet."""
     frame: Literal["world", "plan"] = "world"
@@ -48,6 +54,8 @@ class ExportArguments:
     """Edge of a voxel of the mesh; half of it takes four times the memory."""
     max_depth_m: float = 6.0
     """Depth beyond this takes no part in the mesh."""
+    tolerance_m: float | None = None
+    """Of `as-built`: walls that stand off by no more agree; by default what the run was told."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
     scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
@@ -60,6 +68,8 @@ def export_command(arguments: ExportArguments) -> int:
     target = _named(arguments.out, arguments.to)
     if target.exists() or target.is_symlink():
         raise OutputError(f"{target}: expected no such file or folder; choose another with -o")
+    if arguments.to == "as-built":
+        return export_as_built(arguments.source, target, arguments.tolerance_m)
     if arguments.to == "mesh":
         check_suffix(target)
         require_positive(arguments, "voxel_m", "max_depth_m")

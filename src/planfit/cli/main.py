@@ -130,7 +130,7 @@ COMMANDS = (
         "export",
         "SOURCE --to KIND -o FILE",
         "write poses for other programs: tum, kitti, open3d, g2o, ply, mesh, ...",
-        ("frame", "voxel-m", "max-depth-m", "workers"),
+        ("frame", "voxel-m", "max-depth-m", "tolerance-m", "workers"),
     ),
     Command(
         "demo",

@@ -53,6 +53,13 @@ class PlanSource:
     """Where on a map the plan lies, in words; empty where the file does not tell."""
     map_from_file: Float[np.ndarray, "3 3"] | None = None
     """From the file's own coordinates to those of the map, in its unit; None where the file does not tell."""
+    element_lines: Float[np.ndarray, "e 2 2"] | None = None
+    """In the file's own coordinates: outlines of the elements of a model that were read as walls; None where
+    the file has none."""
+    element_ids: tuple[str, ...] = ()
+    """What the file calls the element that each of those is of: GlobalId of IFC."""
+    elevation_m: float = 0.0
+    """Height of the floor of the storey that was read in the file's own axes."""
     is_picture: bool = False
     """Whether the file's own coordinates are pixels of a picture: points of the plan are then given in these
     (u right, v down), else in the plan frame."""

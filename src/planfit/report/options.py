@@ -1,7 +1,8 @@
 """What can be chosen about the report."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from planfit.as_built import AsBuiltOptions
 from planfit.errors import OptionError
 
 
@@ -15,6 +16,8 @@ class ReportOptions:
     """Points of the 3D view at most; each adds about 8 bytes to the page."""
     max_pictures: int = 120
     """Frames whose images the page holds, evenly spread, about 15 kB each; of others the nearest is shown."""
+    as_built: AsBuiltOptions = field(default_factory=AsBuiltOptions)
+    """Verdicts on the walls of the plan."""
 
     def __post_init__(self) -> None:
         for name in ("max_points", "max_pictures"):

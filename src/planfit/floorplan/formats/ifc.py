@@ -51,7 +51,7 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
     by_storey = _by_storey([*elements, *model.by_type("IfcDoor")], ifcopenshell.util.element)
     chosen = _choose(path, options.storey, storeys, names, by_storey)
     floor = 0.0 if chosen is None else _elevation(storeys[chosen], unit_scale)
-    areas, n_failed = _cut(ifcopenshell, elements, floor + options.cut_height_m)
+    areas, ids, n_failed = _cut(ifcopenshell, elements, floor + options.cut_height_m)
     if not areas:
         raise FloorplanError(
             f"{path}: expected walls {options.cut_height_m:g} m above the floor of "
@@ -62,6 +62,7 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
     faces = faces_of_regions(solid, TOLERANCE_M, MIN_FACE_M)
     found = find_openings(ifcopenshell, walls, solid, floor + options.cut_height_m, unit_scale)
     on_map = map_conversion(model, unit_scale)
+    lines = [outlines([area]) / unit_scale for area in areas]
     has_units = len(model.by_type("IfcUnitAssignment")) > 0
     return Floorplan(
         str(path),
@@ -84,6 +85,11 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
             warnings=_warnings(walls, by_storey, storeys, chosen),
             map_words="" if on_map is None else on_map.words,
             map_from_file=None if on_map is None else on_map.map_from_file,
+            element_lines=np.concatenate(lines),
+            element_ids=tuple(
+                one for one, own in zip(ids, lines, strict=True) for _ in range(len(own))
+            ),
+            elevation_m=floor,
         ),
     )
 
@@ -206,8 +212,11 @@ def _choose(
     return next(iter([*with_doors, *with_walls, *range(len(storeys))]), None)
 
 
-def _cut(ifcopenshell: Any, elements: list[Any], height: float) -> tuple[list[BaseGeometry], int]:
-    """Areas of solid at a height, m, and the number of elements without geometry.
+def _cut(
+    ifcopenshell: Any, elements: list[Any], height: float
+) -> tuple[list[BaseGeometry], list[str], int]:
+    """Areas of solid at a height, m, the GlobalId of the element of each, and the number of elements without
+    geometry.
 
     All elements of the building are cut, not those of the storey alone: walls may go on through
     several, and hang on the one they begin in.
@@ -215,6 +224,7 @@ def _cut(ifcopenshell: Any, elements: list[Any], height: float) -> tuple[list[Ba
     settings = ifcopenshell.geom.settings()
     settings.set("use-world-coords", True)
     areas: list[BaseGeometry] = []
+    ids: list[str] = []
     failed = 0
     for element in elements:
         parts = [element, *_parts(element)]
@@ -231,7 +241,8 @@ def _cut(ifcopenshell: Any, elements: list[Any], height: float) -> tuple[list[Ba
             area = section_area(corners, triangles, height)
             if not area.is_empty:
                 areas.append(area)
-    return areas, failed
+                ids.append(str(element.GlobalId))
+    return areas, ids, failed
 
 
 def _parts(element: Any) -> list[Any]:

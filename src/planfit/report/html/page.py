@@ -8,10 +8,12 @@ from pathlib import PurePath
 import numpy as np
 
 from planfit import __version__
+from planfit.as_built import AsBuilt
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
+from planfit.report.html.as_built_section import as_built_section
 from planfit.report.html.registration_section import registration_section
 from planfit.report.html.sensor import sensor_section
 from planfit.report.html.storey_section import storeys
@@ -34,6 +36,7 @@ def make_report(
     truth: TruthErrors | None = None,
     cloud: CloudXY | None = None,
     scene: Scene | None = None,
+    as_built: AsBuilt | None = None,
 ) -> str:
     """The report of a run as one self-contained HTML page: no links, pictures and scripts inside.
 
@@ -45,6 +48,7 @@ def make_report(
         truth: position errors against true poses, where these are known.
         cloud: what is drawn from above without a plan; else walls are.
         scene: what a 3D view shows; without, there is none.
+        as_built: verdicts on the walls of the plan; without, there are none.
     """
     both = measure(floorplan, result, cloud)
     crop = crop_to_scan(both)
@@ -68,6 +72,7 @@ def make_report(
         sensor_section(result),
         sections.floor(floorplan, both, crop),
         walls_of_plan,
+        *([] if as_built is None else [as_built_section(as_built, crop)]),
         sections.frame_matches(floorplan, both, result, crop),
         _costs_and_time(result),
         _statistics(result, options_text),
@@ -80,10 +85,11 @@ def make_report(
 def page_of(title: str, body: Sequence[str], scene: Scene | None = None) -> str:
     """A self-contained page of parts that are HTML; the title is plain text. `scene` is that of a
     part that is a 3D view."""
-    style, script = (
+    style, sort, as_built = (
         resources.files("planfit.report.html").joinpath(name).read_text("utf-8")
-        for name in ("style.css", "sort.js")
+        for name in ("style.css", "sort.js", "as_built.js")
     )
+    script = sort + as_built
     first = rest = ""
     if scene is not None:
         style, script = style + view_style(), script + view_script()

@@ -42,8 +42,6 @@ from planfit.report.walls import (
     FEW_PATCHES,
     SeenFace,
     seen_faces,
-    undrawn_walls,
-    unseen_faces,
 )
 
 
@@ -216,18 +214,12 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
             "A wall that was scanned twice makes two upright bands before; after, one.</p>"
             f'<div class="pair">{"".join(_cut(cut) for cut in cuts)}</div>'
         )
-    undrawn = undrawn_walls(result.structure.walls, association, result.plan_from_cams)
-    unseen = unseen_faces(floorplan, association, crop)
-    if faces or undrawn:
+    if faces:
         html.append(
-            "<h3>Wall by wall</h3>"
-            f"<p>{len(faces)} seen, {len(undrawn)} missing in the plan, {len(unseen)} not seen. Press a "
-            "head to sort. Offset: median distance of the scanned "
-            "patches of a wall from where it is drawn, after the fit; positive towards the room, "
-            "negative into the wall. MAD: median absolute deviation of the patches from that. Walls "
-            "with most patches come first, then what was scanned but is missing in the plan (furniture, "
-            "too, where it stands like a wall), then walls of the part shown above that were not seen.</p>"
-            f"{wall_table(faces, undrawn, unseen, floorplan)}"
+            f"<h3>Wall by wall</h3><p>{len(faces)} faces of the plan that the fit used, those with most "
+            "patches first. Press a head to sort. Offset: median distance of the scanned patches of a wall "
+            "from where it is drawn, after the fit; positive towards the room, negative into the wall. MAD: "
+            f"median absolute deviation of the patches from that.</p>{wall_table(faces)}"
         )
     return "\n".join(html)
 

@@ -2,7 +2,7 @@
 
 from importlib import resources
 
-from planfit.report.plots.drawing import AGREES, DISPLACED, NOT_SEEN, UNMATCHED
+from planfit.report.plots.drawing import AGREES, BEFORE, DISPLACED, NOT_SEEN, UNMATCHED
 from planfit.report.scene.encode import encode_levels, scene_json
 from planfit.report.scene.scene import Scene
 
@@ -22,6 +22,7 @@ SCRIPTS = (
 _WALL_COLORS = (
     (AGREES, "wall agrees"),
     (DISPLACED, "scanned elsewhere"),
+    (BEFORE, "missing"),
     (UNMATCHED, "too little seen"),
     (NOT_SEEN, "not seen"),
 )

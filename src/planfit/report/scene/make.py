@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from planfit.adjust.uncertainty import radius_95
+from planfit.as_built import AsBuilt
 from planfit.floorplan.nearest_faces import nearest_distance
 from planfit.geometry import se3
 from planfit.pipeline.result import RefineResult
@@ -33,6 +34,7 @@ def make_scene(
     colors: UInt8[np.ndarray, "m 3"],
     start: Int[np.ndarray, " starts"],
     pictures: Mapping[int, bytes],
+    as_built: AsBuilt | None = None,
 ) -> Scene:
     """The scene of a run.
 
@@ -43,6 +45,7 @@ def make_scene(
         colors: RGB of each.
         start: (n + 1,), points of frame i are start[i]:start[i + 1].
         pictures: JPEGs of some frames, by frame.
+        as_built: verdicts on the walls of the plan, where there are any.
     """
     sides = (result.initial_plan_from_cams, result.plan_from_cams)
     placed = [_placed(points_cam, start, poses) for poses in sides]
@@ -64,7 +67,7 @@ def make_scene(
         frames=_frames(scan, result, is_placed),
         is_placed=is_placed,
         keyframe_idx=_drawn_cameras(result),
-        walls=() if plan is None else scene_walls(plan, result, bounds),
+        walls=() if plan is None else scene_walls(plan, result, bounds, as_built),
         pictures=pictures,
     )
 

@@ -62,7 +62,7 @@ class SceneWall:
     heights: tuple[float, float]
     """Of its lower and upper edge, m."""
     status: str
-    """agrees, displaced, few (too few patches to tell), unseen."""
+    """agrees, displaced, missing, few (too few patches to tell), unseen."""
     title: str
     """In words."""
     rows: tuple[tuple[str, str], ...]

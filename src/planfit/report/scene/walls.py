@@ -1,8 +1,12 @@
 """Walls of the plan as the 3D view shows them: upright rectangles with what the scan says of each."""
 
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
+from planfit.as_built import AsBuilt, Verdict, in_words
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
@@ -14,10 +18,19 @@ WALL_HEIGHT_M = 2.5
 _MARGIN_M = 3.0
 """Walls further from the scan are left out: a plan may be of a whole campus."""
 _LEAST_LENGTH_M = 0.02
+_STATUS = {
+    Verdict.AGREES: "agrees",
+    Verdict.MOVED: "displaced",
+    Verdict.MISSING: "missing",
+    Verdict.NOT_SEEN: "unseen",
+}
 
 
 def scene_walls(
-    floorplan: Floorplan, result: RefineResult, bounds: Float[np.ndarray, "2 3"]
+    floorplan: Floorplan,
+    result: RefineResult,
+    bounds: Float[np.ndarray, "2 3"],
+    as_built: AsBuilt | None = None,
 ) -> tuple[SceneWall, ...]:
     """Faces of the plan near the scan.
 
@@ -25,6 +38,7 @@ def scene_walls(
         floorplan: plan frame, m.
         result: of `planfit.refine` with that plan.
         bounds: lower and upper corner of the scan, plan frame, m.
+        as_built: verdicts on the faces; without, they have the colours of the fit.
     """
     seen = {face.face_idx: face for face in seen_faces(floorplan, result.adjustment)}
     low, high = bounds[0, :2] - _MARGIN_M, bounds[1, :2] + _MARGIN_M
@@ -32,7 +46,22 @@ def scene_walls(
         (floorplan.ends.max(axis=1) >= low) & (floorplan.ends.min(axis=1) <= high), axis=1
     )
     shown = np.flatnonzero(near & (floorplan.lengths >= _LEAST_LENGTH_M))
-    return tuple(_wall(floorplan, result, int(face), seen.get(int(face))) for face in shown)
+    walls = (_wall(floorplan, result, int(face), seen.get(int(face))) for face in shown)
+    return tuple(walls if as_built is None else _with_verdicts(walls, as_built))
+
+
+def _with_verdicts(walls: Iterable[SceneWall], as_built: AsBuilt) -> Iterator[SceneWall]:
+    """The same, coloured by verdict and saying it; faces that are not judged as they are."""
+    judged = {wall.face_idx: wall for wall in as_built.walls}
+    for wall in walls:
+        found = judged.get(wall.face_idx)
+        if found is None:
+            yield wall
+            continue
+        verdict = as_built.verdict(found)
+        title = f"A wall of the plan, {verdict.value}" if wall.status == "unseen" else wall.title
+        rows = (("As built", in_words(found, verdict)), *wall.rows)
+        yield replace(wall, status=_STATUS[verdict], title=title, rows=rows)
 
 
 def _wall(

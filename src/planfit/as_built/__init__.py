@@ -1,0 +1,25 @@
+"""As built against as planned: a verdict on every wall of a plan, from a finished result
+(docs/as-built.md)."""
+
+from planfit.as_built.compare import compare_as_built, judge_walls
+from planfit.as_built.deviations import Deviation, deviations
+from planfit.as_built.record import AS_BUILT, read_as_built, write_as_built
+from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall, Verdict, counted
+from planfit.as_built.words import in_words, title
+
+__all__ = [
+    "AS_BUILT",
+    "AsBuilt",
+    "AsBuiltOptions",
+    "AsBuiltWall",
+    "Deviation",
+    "Verdict",
+    "compare_as_built",
+    "counted",
+    "deviations",
+    "in_words",
+    "judge_walls",
+    "read_as_built",
+    "title",
+    "write_as_built",
+]

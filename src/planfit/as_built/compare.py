@@ -1,0 +1,130 @@
+"""As built against as planned: what a finished result says of every wall of its plan."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from planfit.as_built.elements import element_ids
+from planfit.as_built.lines_of_sight import LinesOfSight, lines_of_sight, through_shares
+from planfit.as_built.new_walls import find_new_walls
+from planfit.as_built.standing import Piece
+from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall
+from planfit.as_built.wall_offsets import (
+    FaceOffset,
+    PlacedWalls,
+    find_offsets,
+    offset_sigma,
+    place_walls,
+)
+from planfit.errors import OptionError
+from planfit.floorplan import Floorplan
+from planfit.pipeline.result import RefineResult
+from planfit.segmentation import NO_STOREY
+
+
+def compare_as_built(result: RefineResult, options: AsBuiltOptions | None = None) -> AsBuilt:
+    """A verdict on every wall of the plan, and the walls that it lacks.
+
+    Args:
+        result: of `planfit.refine` with a plan that the scan was aligned with.
+        options: tolerances.
+
+    Raises:
+        OptionError: there was no plan, or the scan was not aligned with it.
+    """
+    if result.floorplan is None or result.alignment is None:
+        found = "none" if result.floorplan is None else "one that the scan was not aligned with"
+        raise OptionError(
+            f"as built: expected a result on a plan, found {found}; refine the scan with its plan first"
+        )
+    chosen, structure = options or AsBuiltOptions(), result.structure
+    placed = place_walls(
+        structure,
+        result.floorplan,
+        result.plan_from_cams,
+        result.evidence.pose_covariances,
+        chosen,
+    )
+    sight = lines_of_sight(structure, result.plan_from_cams, _floors_m(result))
+    return judge_walls(result.floorplan, placed, sight, chosen)
+
+
+def judge_walls(
+    floorplan: Floorplan, placed: PlacedWalls, sight: LinesOfSight, options: AsBuiltOptions
+) -> AsBuilt:
+    """The same of a plan, wall patches and lines of sight.
+
+    Args:
+        floorplan: as drawn, m.
+        placed: from `place_walls`.
+        sight: from `lines_of_sight`.
+        options: tolerances.
+    """
+    offsets = find_offsets(placed, floorplan, sight, options)
+    through = through_shares(sight, floorplan, options)
+    judged = np.flatnonzero(floorplan.lengths >= options.min_length_m)
+    ids = element_ids(floorplan)
+    of_plan = [_of_plan(floorplan, int(f), offsets, float(through[f]), ids[f]) for f in judged]
+    found = find_new_walls(placed, ~_is_explained(placed, offsets), floorplan, sight, options)
+    new = [_new(wall, placed, options) for wall in found]
+    source = floorplan.source
+    file_from_plan = None if source.is_picture else source.file_from_plan
+    walls = (*of_plan, *new)
+    return AsBuilt(walls, options, floorplan.name, file_from_plan, source.elevation_m)
+
+
+def _is_explained(placed: PlacedWalls, offsets: Mapping[int, FaceOffset]) -> Bool[np.ndarray, " k"]:
+    """Whether a patch lies on a face of the plan, as drawn or where it was moved to."""
+    explained = np.zeros(len(placed.face_idx), dtype=bool)
+    for found in offsets.values():
+        explained[found.patch_idx] = True
+    return explained
+
+
+def _of_plan(
+    floorplan: Floorplan,
+    face: int,
+    offsets: Mapping[int, FaceOffset],
+    through_share: float,
+    element_id: str,
+) -> AsBuiltWall:
+    found = offsets.get(face)
+    return AsBuiltWall(
+        face_idx=face,
+        ends=floorplan.ends[face],
+        normal=floorplan.normals[face],
+        is_oriented=bool(floorplan.is_oriented[face]),
+        offset_m=np.nan if found is None else found.offset_m,
+        sigma_m=np.nan if found is None else found.sigma_m,
+        n_patches=0 if found is None else len(found.patch_idx),
+        n_frames=0 if found is None else len(found.frame_idx),
+        through_share=through_share,
+        element_id=element_id,
+    )
+
+
+def _new(wall: Piece, placed: PlacedWalls, options: AsBuiltOptions) -> AsBuiltWall:
+    middles, frames = placed.ends[wall.patch_idx].mean(axis=1), placed.frame_idx[wall.patch_idx]
+    normals = np.broadcast_to(wall.normal, middles.shape)
+    poses_m = placed.pose_sigma_m(frames, middles, normals)
+    return AsBuiltWall(
+        face_idx=-1,
+        ends=wall.ends,
+        normal=wall.normal,
+        is_oriented=True,
+        offset_m=0.0,
+        sigma_m=offset_sigma(middles @ wall.normal, poses_m, options),
+        n_patches=len(wall.patch_idx),
+        n_frames=len(np.unique(frames)),
+        through_share=0.0,
+    )
+
+
+def _floors_m(result: RefineResult) -> Float[np.ndarray, " n"]:
+    """Height of the floor that each frame stands over, plan frame, m; NaN on stairs."""
+    if result.storeys is None or result.structure.storeys is None:
+        return result.structure.floor_heights_m
+    of_frames = result.structure.storeys
+    heights = np.array([storey.floor_m for storey in result.storeys.walked])
+    return np.where(of_frames == NO_STOREY, np.nan, heights[of_frames])

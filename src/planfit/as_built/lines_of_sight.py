@@ -1,0 +1,139 @@
+"""Walls that are not there: cameras look through the place where they are drawn."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from planfit.as_built.types import AsBuiltOptions
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3, segments
+from planfit.segmentation import Structure
+
+BIN_M = 0.1
+"""Faces are looked at in parts of this length."""
+END_M = 0.1
+"""This much of a face is left out at either end: poses and the drawing are off by centimetres."""
+MAX_POINTS = 800
+"""Of a frame, evenly taken: so many lines of sight pass every decimetre of what it sees."""
+
+
+@dataclass(frozen=True)
+class LinesOfSight:
+    """From n cameras to points of floor, ceiling and walls; m points."""
+
+    points: Float[np.ndarray, "m 3"]
+    """Where they end, plan frame, m, frame by frame."""
+    start: Int[np.ndarray, " n_plus_1"]
+    """Points of frame i are start[i]:start[i + 1]."""
+    eyes: Float[np.ndarray, "n 3"]
+    """Cameras, plan frame, m."""
+    floors_m: Float[np.ndarray, " n"]
+    """Height of the floor that each camera stands over; NaN where there is none, on stairs."""
+    storeys: Int[np.ndarray, " n"] | None = None
+    """That each stands on, where the plan has storeys."""
+
+
+def lines_of_sight(
+    structure: Structure,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    floors_m: Float[np.ndarray, " n"],
+) -> LinesOfSight:
+    """What each camera sees: nothing stands between it and what it shows.
+
+    Args:
+        structure: points of floor, ceiling, walls.
+        plan_from_cams: refined poses.
+        floors_m: height of the floor that each camera stands over, plan frame, m.
+    """
+    points = np.concatenate(
+        [
+            structure.floor.points_cam,
+            structure.ceiling.points_cam,
+            structure.walls.points_cam,
+            structure.unassigned_points_cam,
+        ]
+    )
+    frame = np.concatenate(
+        [
+            structure.floor.frame_idx,
+            structure.ceiling.frame_idx,
+            structure.walls.point_frame_idx,
+            structure.unassigned_frame_idx,
+        ]
+    )
+    order = np.argsort(frame, kind="stable")
+    parts = []
+    for i, of_frame in enumerate(
+        np.split(order, np.cumsum(np.bincount(frame, minlength=len(plan_from_cams)))[:-1])
+    ):
+        some = of_frame
+        if len(of_frame) > MAX_POINTS:
+            some = of_frame[np.linspace(0, len(of_frame) - 1, MAX_POINTS).astype(int)]
+        parts.append(se3.transform(plan_from_cams[i], points[some]))
+    return LinesOfSight(
+        np.concatenate([np.zeros((0, 3)), *parts]),
+        np.cumsum([0, *(len(part) for part in parts)]),
+        plan_from_cams[:, :3, 3],
+        floors_m,
+        structure.storeys,
+    )
+
+
+def through_shares(
+    sight: LinesOfSight, floorplan: Floorplan, options: AsBuiltOptions
+) -> Float[np.ndarray, " f"]:
+    """Share of the length of each face that enough frames look through, either way."""
+    n_bins = np.maximum((floorplan.lengths - 2 * END_M) / BIN_M, 1.0).astype(int)
+    first_bin = np.cumsum([0, *n_bins])
+    n_frames = np.zeros(first_bin[-1], dtype=int)
+    for i, eye in enumerate(sight.eyes):
+        points = sight.points[sight.start[i] : sight.start[i + 1]]
+        if len(points) == 0 or not np.isfinite(sight.floors_m[i]):
+            continue
+        faces = _within(floorplan, points, eye)
+        if sight.storeys is not None and floorplan.storeys is not None:
+            faces = faces[floorplan.storeys[faces] == sight.storeys[i]]
+        passed = _passed(
+            points, eye, float(sight.floors_m[i]), floorplan, faces, n_bins[faces], options
+        )
+        for face, bins in zip(faces, passed, strict=True):
+            n_frames[first_bin[face] + bins] += 1
+    is_through = n_frames >= options.min_frames
+    return np.add.reduceat(is_through.astype(float), first_bin[:-1]) / n_bins
+
+
+def _within(
+    floorplan: Floorplan, points: Float[np.ndarray, "p 3"], eye: Float[np.ndarray, "3"]
+) -> Int[np.ndarray, " k"]:
+    """Faces that meet the box of some lines of sight."""
+    low = np.minimum(points[:, :2].min(axis=0), eye[:2])
+    high = np.maximum(points[:, :2].max(axis=0), eye[:2])
+    ends = floorplan.ends
+    return np.flatnonzero(np.all((ends.max(axis=1) >= low) & (ends.min(axis=1) <= high), axis=1))
+
+
+def _passed(
+    points: Float[np.ndarray, "p 3"],
+    eye: Float[np.ndarray, "3"],
+    floor_m: float,
+    floorplan: Floorplan,
+    faces: Int[np.ndarray, " k"],
+    n_bins: Int[np.ndarray, " k"],
+    options: AsBuiltOptions,
+) -> list[Int[np.ndarray, " b"]]:
+    """Parts of each face that lines of sight of one frame pass."""
+    normals, offsets = floorplan.normals[faces], floorplan.offsets[faces]
+    at_eye = normals @ eye[:2] - offsets
+    at_end = points[:, :2] @ normals.T - offsets  # (p, k) m
+    crosses = (at_end * at_eye < 0) & (np.abs(at_end) > options.beyond_m)
+    share = np.where(crosses, at_eye / np.where(crosses, at_eye - at_end, 1.0), 0.0)
+    height = eye[2] + share * (points[:, 2:] - eye[2]) - floor_m
+    low, high = options.heights_m
+    crosses &= (height > low) & (height < high)
+    along, first = segments.directions(floorplan.ends[faces]), floorplan.ends[faces, 0]
+    at = np.einsum("ki,ki->k", along, eye[:2] - first)
+    at = at + share * ((points[:, :2] - eye[:2]) @ along.T)
+    bins = np.floor((at - END_M) / BIN_M).astype(int)
+    crosses &= (bins >= 0) & (bins < n_bins)
+    return [np.unique(bins[crosses[:, k], k]) for k in range(len(faces))]

@@ -1,0 +1,96 @@
+"""Verdicts as plain values, and back: `as_built.json` of a run."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall
+from planfit.errors import ScanError
+from planfit.option_values import options_of
+
+AS_BUILT = "as_built.json"
+
+
+def as_built_record(as_built: AsBuilt) -> dict[str, Any]:
+    """All of it as plain values; the verdicts, which follow from the rest, for readers."""
+    matrix = as_built.file_from_plan
+    return {
+        "plan": as_built.plan_name,
+        "file_from_plan": None if matrix is None else matrix.tolist(),
+        "elevation_m": as_built.elevation_m,
+        "options": asdict(as_built.options),
+        "walls": [
+            {
+                "verdict": as_built.verdict(wall).value,
+                "face": wall.face_idx,
+                "element_id": wall.element_id,
+                "ends": wall.ends.tolist(),
+                "normal": wall.normal.tolist(),
+                "is_oriented": wall.is_oriented,
+                "offset_m": wall.offset_m if wall.is_standing else None,
+                "sigma_m": wall.sigma_m if wall.is_standing else None,
+                "patches": wall.n_patches,
+                "frames": wall.n_frames,
+                "through_share": wall.through_share,
+            }
+            for wall in as_built.walls
+        ],
+    }
+
+
+def write_as_built(path: Path, as_built: AsBuilt) -> None:
+    """Write the record.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    text = json.dumps(as_built_record(as_built), indent=1, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def read_as_built(folder: Path) -> AsBuilt:
+    """The verdicts of a run.
+
+    Raises:
+        ScanError: the folder has none, or a damaged file.
+    """
+    path = folder / AS_BUILT
+    if not path.is_file():
+        raise ScanError(
+            f"{path}: expected the walls of a run as built, found nothing; give the output folder of "
+            "'planfit refine' with a plan that the scan was aligned with, made by this version"
+        )
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        matrix = record["file_from_plan"]
+        return AsBuilt(
+            tuple(_wall(row) for row in record["walls"]),
+            options_of(record["options"], AsBuiltOptions(), f"{path}: "),
+            str(record["plan"]),
+            None if matrix is None else np.array(matrix, dtype=float).reshape(3, 3),
+            float(record["elevation_m"]),
+        )
+    except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
+        raise ScanError(
+            f"{path}: expected the walls of a run as built, found a damaged file; run 'planfit refine' again"
+        ) from error
+
+
+def _wall(row: Mapping[str, Any]) -> AsBuiltWall:
+    offset, sigma = row["offset_m"], row["sigma_m"]
+    return AsBuiltWall(
+        face_idx=int(row["face"]),
+        ends=np.array(row["ends"], dtype=float).reshape(2, 2),
+        normal=np.array(row["normal"], dtype=float).reshape(2),
+        is_oriented=bool(row["is_oriented"]),
+        offset_m=np.nan if offset is None else float(offset),
+        sigma_m=np.nan if sigma is None else float(sigma),
+        n_patches=int(row["patches"]),
+        n_frames=int(row["frames"]),
+        through_share=float(row["through_share"]),
+        element_id=str(row["element_id"]),
+    )

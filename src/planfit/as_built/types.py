@@ -1,0 +1,190 @@
+"""Verdicts on the walls of a plan, and on those that it lacks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.adjust.association import AssociationOptions
+from planfit.errors import require_positive, require_share
+from planfit.short_repr import short_repr
+
+
+class Verdict(Enum):
+    """What became of a wall; the value is the word for it."""
+
+    AGREES = "agrees"
+    """It stands where it is drawn, within the tolerance."""
+    MOVED = "moved"
+    """It stands elsewhere, by more than the tolerance."""
+    MISSING = "missing"
+    """Cameras look through the place where it is drawn."""
+    NOT_SEEN = "not seen"
+    """Nothing is known of it."""
+    NEW = "new"
+    """It stands, and the plan does not draw it."""
+
+
+@dataclass(frozen=True)
+class AsBuiltOptions:
+    """When a wall agrees with its drawing, was moved, is missing, or is new."""
+
+    tolerance_m: float = 0.05
+    """A wall that stands off by no more agrees. What else is measured does not depend on it, so that it can
+    be chosen again when results are looked at."""
+    sure_sigmas: float = 2.0
+    """A verdict is sure where the tolerance lies so many standard deviations from the offset."""
+    max_offset_m: float = 0.7
+    """Wall further off than this is another wall."""
+    as_drawn_m: float = 0.07
+    """Wall patches this near to a face as drawn are of that face; what is further is looked at once these are
+    told."""
+    within_m: float = 0.05
+    """Patches agree on an offset within this."""
+    min_moved_patches: int = 2
+    """Patches that must agree on an offset beyond `as_drawn_m`: one alone may be a cupboard."""
+    min_moved_share: float = 0.6
+    """Share of the length of patches, of those as drawn and those that agree, that must agree on such an
+    offset: of a wall behind cupboards, some is seen between them."""
+    min_length_m: float = 0.5
+    """Shorter faces are ends of walls and jambs of doors, and are not judged."""
+    min_through_share: float = 0.5
+    """Share of a wall's length that is looked through where it is missing; a door of 1 m in a wall of 2.5 m
+    is 0.4."""
+    min_frames: int = 3
+    """Frames that must look through a place of a wall that is missing, or show a wall that no patch is of."""
+    beyond_m: float = 0.25
+    """A line of sight passes a face where it ends this far behind."""
+    heights_m: tuple[float, float] = (0.3, 1.9)
+    """Over the floor, between which lines of sight count: above are lintels, below are thresholds."""
+    min_new_patches: int = 3
+    """Wall patches that a new wall consists of, at least."""
+    min_new_length_m: float = 0.6
+    """Length of a new wall, at least."""
+    min_top_m: float = 2.15
+    """Wall where none is drawn is seen up to this height over the floor, or is longer than cupboards are."""
+    max_cupboard_m: tuple[float, float] = (0.9, 1.6)
+    """Length of what may be the side of a cupboard; of what may be its front, a wall being drawn behind."""
+    min_part_m: float = 0.2
+    """Length of a face that each of those frames must show."""
+    floor_sigma_m: float = 0.004
+    """Of any offset, at least: what depth errs by alike for all who see a wall."""
+    association: AssociationOptions = field(default_factory=AssociationOptions)
+    """Which faces a wall patch may be of."""
+
+    def __post_init__(self) -> None:
+        require_positive(
+            self,
+            "tolerance_m",
+            "max_offset_m",
+            "as_drawn_m",
+            "within_m",
+            "min_length_m",
+            "beyond_m",
+        )
+        require_share(self, "min_through_share", "min_moved_share")
+
+
+@dataclass(frozen=True)
+class AsBuiltWall:
+    """A face of the plan, or of a wall that it lacks, and what the scan says of it."""
+
+    face_idx: int
+    """Of the plan; -1: the plan does not draw it."""
+    ends: Float[np.ndarray, "2 2"]
+    """Where it is drawn, plan frame, m; of one that is not drawn, where it stands."""
+    normal: Float[np.ndarray, "2"]
+    """Unit, towards the side that it is seen from; of a face whose free side is unknown, either."""
+    is_oriented: bool
+    """Whether the free side is known: that a positive offset is into the room."""
+    offset_m: float
+    """How far along the normal it stands off where it is drawn; NaN where no wall was seen."""
+    sigma_m: float
+    """Standard deviation of that, what the poses may be off included."""
+    n_patches: int
+    """Wall patches that it was seen by."""
+    n_frames: int
+    """Frames that these are of."""
+    through_share: float
+    """Share of its length, as drawn, that cameras look through; 0 of one that is not drawn."""
+    element_id: str = ""
+    """What the plan's file calls the wall: GlobalId of IFC."""
+
+    @property
+    def length_m(self) -> float:
+        """As drawn."""
+        return float(np.linalg.norm(self.ends[1] - self.ends[0]))
+
+    @property
+    def is_standing(self) -> bool:
+        """Whether wall was seen."""
+        return bool(np.isfinite(self.offset_m))
+
+    @property
+    def built_ends(self) -> Float[np.ndarray, "2 2"]:
+        """Where it stands, plan frame, m; where it is drawn if it was not seen."""
+        return self.ends + (self.offset_m if self.is_standing else 0.0) * self.normal
+
+    def is_one_place(self, other: "AsBuiltWall", within_m: float) -> bool:
+        """Whether this and another stand off by the same motion."""
+        motion = self.built_ends[0] - self.ends[0] - (other.built_ends[0] - other.ends[0])
+        return bool(np.linalg.norm(motion) <= within_m)
+
+
+@dataclass(frozen=True)
+class AsBuilt:
+    """All walls of a plan, and those that it lacks."""
+
+    walls: tuple[AsBuiltWall, ...]
+    """Faces of the plan in its order, then those that are new, the longest first."""
+    options: AsBuiltOptions
+    """By which they were judged."""
+    plan_name: str = ""
+    """Where the plan was read from."""
+    file_from_plan: Float[np.ndarray, "3 3"] | None = None
+    """From homogeneous plan x-y to the coordinates of the plan's own file, where that is a drawing."""
+    elevation_m: float = 0.0
+    """Height of the plan's floor in its own file, m."""
+
+    __repr__ = short_repr
+
+    @property
+    def file_units_per_metre(self) -> float:
+        """Of the coordinates that drawings are written in."""
+        if self.file_from_plan is None:
+            return 1.0
+        return float(np.sqrt(abs(np.linalg.det(self.file_from_plan[:2, :2]))))
+
+    def in_file(self, xy: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
+        """Points (m, plan frame) in the coordinates of the plan's own file; as they are where it has none."""
+        if self.file_from_plan is None:
+            return xy
+        return xy @ self.file_from_plan[:2, :2].T + self.file_from_plan[:2, 2]
+
+    def verdict(self, wall: AsBuiltWall, tolerance_m: float | None = None) -> Verdict:
+        """What became of a wall; by another tolerance than that of the options, where one is given."""
+        tolerance = self.options.tolerance_m if tolerance_m is None else tolerance_m
+        if wall.face_idx < 0:
+            return Verdict.NEW
+        if wall.is_standing:
+            return Verdict.MOVED if abs(wall.offset_m) > tolerance else Verdict.AGREES
+        is_missing = wall.through_share >= self.options.min_through_share
+        return Verdict.MISSING if is_missing else Verdict.NOT_SEEN
+
+    def is_sure(self, wall: AsBuiltWall, tolerance_m: float | None = None) -> bool:
+        """Whether a wall that stands surely agrees, or was surely moved; of others, true."""
+        tolerance = self.options.tolerance_m if tolerance_m is None else tolerance_m
+        if wall.face_idx < 0 or not wall.is_standing:
+            return True
+        return abs(abs(wall.offset_m) - tolerance) > self.options.sure_sigmas * wall.sigma_m
+
+    def verdicts(self, tolerance_m: float | None = None) -> tuple[Verdict, ...]:
+        """Of all walls."""
+        return tuple(self.verdict(wall, tolerance_m) for wall in self.walls)
+
+
+def counted(verdicts: Sequence[Verdict]) -> dict[Verdict, int]:
+    """How many walls have each verdict, in the order of `Verdict`."""
+    return {verdict: sum(one is verdict for one in verdicts) for verdict in Verdict}

@@ -1,0 +1,181 @@
+"""Walls as built, for other programs: CSV, GeoJSON, and DXF with a layer a verdict.
+
+A drawing is written in the coordinates of the plan's own file, so that it lies over it; where the plan was a
+picture, in metres of the plan frame. The table is always in metres of the plan frame.
+"""
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ezdxf.enums import TextEntityAlignment
+from ezdxf.filemanagement import new
+from jaxtyping import Float
+
+from planfit.as_built import AsBuilt, AsBuiltWall, Verdict, in_words
+from planfit.export.bcf import write_bcf
+from planfit.whole_files import whole_file, write_whole
+
+AS_BUILT_HEADER = (
+    "wall,verdict,is_sure,face,element_id,offset_m,sigma_m,length_m,x1_m,y1_m,x2_m,y2_m,normal_x,normal_y,"
+    "is_oriented,patches,frames,through_share,words"
+)
+"""Columns of the table, as docs/as-built.md has them."""
+LAYER_COLORS = {
+    Verdict.AGREES: 3,
+    Verdict.MOVED: 6,
+    Verdict.MISSING: 1,
+    Verdict.NOT_SEEN: 8,
+    Verdict.NEW: 30,
+}
+"""Of AutoCAD's index: green, magenta, red, grey, orange."""
+AS_DRAWN_LAYER, TEXT_M = "AS_BUILT_MOVED_AS_DRAWN", 0.12
+
+
+def write_as_built_csv(path: Path, as_built: AsBuilt, tolerance_m: float | None = None) -> None:
+    """A line a wall; lengths in metres, coordinates of the plan frame.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(AS_BUILT_HEADER.split(","))
+    for number, wall in enumerate(as_built.walls, start=1):
+        verdict = as_built.verdict(wall, tolerance_m)
+        writer.writerow(
+            [
+                number,
+                verdict.value,
+                "yes" if as_built.is_sure(wall, tolerance_m) else "no",
+                wall.face_idx if wall.face_idx >= 0 else "",
+                wall.element_id,
+                _metres(wall.offset_m) if wall.face_idx >= 0 else "",
+                _metres(wall.sigma_m),
+                _metres(wall.length_m),
+                *(_metres(value) for value in wall.ends.ravel()),
+                *(f"{value:.6f}" for value in wall.normal),
+                "yes" if wall.is_oriented else "no",
+                wall.n_patches,
+                wall.n_frames,
+                f"{wall.through_share:.2f}",
+                in_words(wall, verdict),
+            ]
+        )
+    write_whole(path, text.getvalue())
+
+
+def write_as_built_geojson(path: Path, as_built: AsBuilt, tolerance_m: float | None = None) -> None:
+    """A line a wall where it is drawn, and, of those that were moved, one where it stands.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    features = []
+    for number, wall in enumerate(as_built.walls, start=1):
+        verdict = as_built.verdict(wall, tolerance_m)
+        properties: dict[str, Any] = {
+            "wall": number,
+            "verdict": verdict.value,
+            "is_sure": as_built.is_sure(wall, tolerance_m),
+            "face": wall.face_idx if wall.face_idx >= 0 else None,
+            "element_id": wall.element_id or None,
+            "offset_m": _rounded(wall.offset_m) if wall.face_idx >= 0 else None,
+            "sigma_m": _rounded(wall.sigma_m),
+            "length_m": _rounded(wall.length_m),
+            "patches": wall.n_patches,
+            "frames": wall.n_frames,
+            "through_share": round(wall.through_share, 2),
+            "words": in_words(wall, verdict),
+        }
+        shown = "as built" if verdict is Verdict.NEW else "as drawn"
+        features.append(_feature(as_built, wall.ends, {**properties, "line": shown}))
+        if verdict is Verdict.MOVED:
+            features.append(_feature(as_built, wall.built_ends, {**properties, "line": "as built"}))
+    content = {"type": "FeatureCollection", "name": "as built", "features": features}
+    write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def _feature(
+    as_built: AsBuilt, ends: Float[np.ndarray, "2 2"], properties: dict[str, Any]
+) -> dict[str, Any]:
+    # Nine digits of a degree are a tenth of a millimetre.
+    line = [[round(float(value), 9) for value in end] for end in as_built.in_file(ends)]
+    return {
+        "type": "Feature",
+        "geometry": {"type": "LineString", "coordinates": line},
+        "properties": properties,
+    }
+
+
+def write_as_built_dxf(path: Path, as_built: AsBuilt, tolerance_m: float | None = None) -> None:
+    """A line a wall on the layer of its verdict, those that were moved where they stand, with their offset;
+    where they are drawn, on a layer of its own.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    # The unit of the plan's own file is not known here, only its coordinates: 0 says so.
+    document = new("R2010", units=6 if as_built.file_from_plan is None else 0, setup=["linetypes"])
+    for verdict, color in LAYER_COLORS.items():
+        document.layers.add(layer_of(verdict), color=color)
+    document.layers.add(AS_DRAWN_LAYER, color=LAYER_COLORS[Verdict.MOVED], linetype="DASHED")
+    space = document.modelspace()
+    text_height = TEXT_M * as_built.file_units_per_metre
+    for wall in as_built.walls:
+        verdict = as_built.verdict(wall, tolerance_m)
+        layer = {"layer": layer_of(verdict)}
+        stands = wall.built_ends if verdict is Verdict.MOVED else wall.ends
+        first, last = as_built.in_file(stands)
+        space.add_line(tuple(first), tuple(last), dxfattribs=layer)
+        if verdict is Verdict.MOVED:
+            first, last = as_built.in_file(wall.ends)
+            space.add_line(tuple(first), tuple(last), dxfattribs={"layer": AS_DRAWN_LAYER})
+            space.add_text(
+                _label(wall),
+                height=text_height,
+                rotation=_upright_deg(last - first),
+                dxfattribs=layer,
+            ).set_placement(
+                tuple(as_built.in_file(stands).mean(axis=0)),
+                align=TextEntityAlignment.BOTTOM_CENTER,
+            )
+    with whole_file(path) as part:
+        document.saveas(part)
+
+
+def layer_of(verdict: Verdict) -> str:
+    """Name of the layer of a verdict: `AS_BUILT_MOVED`."""
+    return f"AS_BUILT_{verdict.name}"
+
+
+def _label(wall: AsBuiltWall) -> str:
+    return f"{100 * wall.offset_m:+.1f} cm +- {100 * wall.sigma_m:.1f}"
+
+
+def _upright_deg(along: Float[np.ndarray, "2"]) -> float:
+    """Direction of a line, deg, so that text along it is read from below or from the right."""
+    angle = float(np.rad2deg(np.arctan2(along[1], along[0])))
+    return (angle + 90.0) % 180.0 - 90.0
+
+
+def _metres(value: float) -> str:
+    return f"{value:.4f}" if np.isfinite(value) else ""
+
+
+def _rounded(value: float) -> float | None:
+    return round(float(value), 4) if np.isfinite(value) else None
+
+
+AS_BUILT_WRITERS: dict[str, Callable[[Path, AsBuilt, float | None], None]] = {
+    ".csv": write_as_built_csv,
+    ".geojson": write_as_built_geojson,
+    ".dxf": write_as_built_dxf,
+    ".bcf": write_bcf,
+    ".bcfzip": write_bcf,
+}
+"""By the suffix of the file."""

@@ -1,0 +1,23 @@
+// Verdicts of walls follow the tolerance: only of walls that stand, which agree or were moved.
+for (const section of document.querySelectorAll("section.as-built")) {
+  const input = section.querySelector(".as-built-tolerance");
+  const rows = [...section.querySelectorAll("tbody tr")];
+  const words = ["agrees", "moved", "missing", "not seen", "new"];
+  const judge = () => {
+    const tolerance = Number(input.value);
+    if (input.value === "" || !(tolerance >= 0)) return;
+    for (const one of section.querySelectorAll("[data-offset]")) {
+      const off = Math.abs(Number(one.dataset.offset));
+      const verdict = off > tolerance ? "moved" : "agrees";
+      const unsure = Math.abs(off - tolerance) <= Number(input.dataset.sure) * Number(one.dataset.sigma);
+      one.classList.toggle("as-built-moved", verdict === "moved");
+      one.classList.toggle("as-built-agrees", verdict === "agrees");
+      if (one.tagName !== "TR") continue;
+      one.classList.toggle("unsure", unsure);
+      one.cells[1].textContent = one.cells[1].dataset.key = verdict;
+    }
+    const count = (word) => rows.filter((row) => row.cells[1].dataset.key === word).length;
+    section.querySelector(".as-built-counts").textContent = words.map((w) => `${count(w)} ${w}`).join(", ");
+  };
+  input.addEventListener("input", judge);
+}
