@@ -64,6 +64,7 @@ def reduce_measurements(measurements: Measurements, keyframes: Keyframes) -> Mea
         tuple(measurements.cameras[i] for i in keyframes.frame_idx) if measurements.cameras else (),
         keyframes.frame_idx,
         _reduce_surfaces(measurements.surfaces, keyframes),
+        None if measurements.by_hand is None else _reduce_matches(measurements.by_hand, keyframes),
     )
 
 

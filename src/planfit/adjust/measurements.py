@@ -30,6 +30,8 @@ class Measurements:
     """The scan's number of each frame, where only some are solved for."""
     surfaces: SurfacePairs = field(default_factory=SurfacePairs.none)
     """Pairs of frames matched by their surfaces."""
+    by_hand: Matches | None = None
+    """Matches that a person vouches for: no loss lets go of them, and no step of the walk outweighs them."""
 
     __repr__ = short_repr
 
@@ -43,6 +45,8 @@ class Measurements:
             "recorded step": (self.odometry.cam_from_next,),
             "pair of surfaces": (self.surfaces.a_from_b, self.surfaces.information),
         }
+        if self.by_hand is not None:
+            named["point by hand"] = (self.by_hand.points_a, self.by_hand.points_b)
         for name, arrays in named.items():
             for array in arrays:
                 # The sum is not finite where an entry is not, and needs no array of its own.

@@ -66,8 +66,8 @@ COMMANDS = (
         "SCAN -o OUT [--plan FILE | --no-plan]",
         "refine the camera poses of a scan; OUT/report.html tells how it went",
         (
-            "plan", "no-plan", "unit", "scale", "storey", "poses", "calibration", "preset", "config",
-            "overwrite",
+            "plan", "no-plan", "unit", "scale", "storey", "poses", "calibration", "corrections", "preset",
+            "config", "overwrite",
         ),
         keeps_stages=True,
     ),
