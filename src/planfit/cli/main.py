@@ -66,10 +66,16 @@ COMMANDS = (
         "SCAN -o OUT [--plan FILE | --no-plan]",
         "refine the camera poses of a scan; OUT/report.html tells how it went",
         (
-            "plan", "no-plan", "unit", "scale", "storey", "poses", "calibration", "corrections", "preset",
-            "config", "overwrite",
+            "plan", "no-plan", "unit", "scale", "storey", "poses", "calibration", "preset", "config",
+            "overwrite",
         ),
         keeps_stages=True,
+    ),
+    Command(
+        "view",
+        "FOLDER",
+        "show a run on a page of this machine, correct it by hand, solve again",
+        ("scan", "plan", "port", "no-browser", "without-contradicted", "unit", "scale", "storey", "workers"),
     ),
     Command(
         "batch",
