@@ -26,7 +26,8 @@ from planfit.corrections import (
 )
 from planfit.errors import FloorplanError, OptionError
 from planfit.geometry import se3
-from planfit.matching import Matches, lift_pixel
+from planfit.matching import Matches, RelativePoses, lift_pixel
+from planfit.matching.loop_closure import cycle_consistent
 from planfit.pipeline.contradicted import ContradictedError
 from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.options import RefineOptions
@@ -259,6 +260,19 @@ def test_two_frames_that_are_said_to_see_the_same_are_matched(drifted_room):
     assert result.by_hand.outcomes[0].residual_m < 0.03
 
 
+def test_frames_that_are_no_keyframes_are_opened_for_a_loop(drifted_room):
+    """Their matches are carried to the keyframes beside them, which stay those they were."""
+    true, scan, observations = drifted_room
+    keys = np.array([0, 3, 6, 9, 12, 15, 18, 21, 23])
+    held = replace(observations, keyframe_idx=keys)
+    open_ended = planfit.refine(scan, None, observations=held)
+    told = by_hand(AddedLoop(1, (1, 22)))
+    result = planfit.refine(scan, None, observations=held, corrections=told)
+    assert result.solved_frame_idx.tolist() == keys.tolist()
+    assert end_error_m(result, true) < 0.5 * end_error_m(open_ended, true)
+    assert result.by_hand.outcomes[0].residual_m < 0.06
+
+
 def test_images_that_do_not_match_are_said_so(drifted_room):
     _, scan, observations = drifted_room
     told = by_hand(AddedLoop(1, (0, 12)))
@@ -322,6 +336,27 @@ def test_a_pixel_without_depth_is_refused(drifted_room):
     told = by_hand(Place(1, (1.0, 1.0), 2, (500.0, 10.0)))
     with pytest.raises(OptionError, match=r"place 1: frame 2: expected a pixel within 160 x 120"):
         planfit.refine(scan, room_plan(), observations=observations, corrections=told)
+
+
+def test_other_loops_are_held_to_one_by_hand():
+    """A tracker drifted by 1.7 m, within its sigmas: what agrees with it shows a look-alike."""
+    true = straight_walk(60)
+    recorded = true.copy()
+    recorded[:, 0, 3] *= 1.1
+    loose = OdometryOptions(sigma_base_m=0.05)
+    odometry = make_odometry(recorded, loose)
+    pairs = np.array([[1, 58], [2, 57], [3, 56]])
+
+    def motions(poses):
+        return se3.inverse(poses[pairs[:, 0]]) @ poses[pairs[:, 1]]
+
+    options = RefineOptions().matching.cycle_consistency
+    seen = RelativePoses(pairs, motions(recorded), np.full(3, 40))
+    assert cycle_consistent(seen, recorded, odometry, options).all()
+    right = RelativePoses(pairs[1:2], motions(true)[1:2], np.full(1, 40))
+    assert not cycle_consistent(seen, recorded, odometry, options, right).any()
+    agreeing = replace(seen, a_from_b=motions(true))
+    assert cycle_consistent(agreeing, recorded, odometry, options, right).all()
 
 
 # Frames

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import socket
 import subprocess
 import sys
 import urllib.request
@@ -16,6 +17,7 @@ from planfit.cli.view import ViewArguments, open_session
 from planfit.corrections import read_corrections
 from planfit.errors import FloorplanError, ScanError
 from planfit.floorplan import PlanOptions, read_floorplan
+from planfit.viewer import ViewServer
 
 
 def refine(scan: Path, out: Path, *flags: str) -> int:
@@ -111,6 +113,24 @@ def test_a_run_is_opened_as_it_was_read(corrected, small_scan: Path, tmp_path: P
     np.save(other, faces[:-1])
     with pytest.raises(FloorplanError, match="expected the plan as the run read it"):
         open_session(ViewArguments(corrected[1], plan=other))
+
+
+def test_no_browser_and_a_taken_port_are_told(corrected, monkeypatch, capsys) -> None:
+    def ended(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("webbrowser.open", lambda _: False)
+    monkeypatch.setattr(ViewServer, "serve_forever", ended)
+    assert run(["view", str(corrected[1])]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("http://127.0.0.1:")
+    assert "no browser was found to open it: open the address above in one" in said
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert run(["view", str(corrected[1]), "--port", str(port)]) == 2
+    assert f"--port: expected a free port, found one in use at {port}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import hmac
 import json
 import secrets
 from collections.abc import Callable
-from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from typing import Any
@@ -90,7 +89,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif name == "frame" and rest.isascii() and rest.isdigit() and len(rest) < 10:
             self._answer(lambda: session.image(int(rest)), "image/jpeg")
         else:
-            self._send(HTTPStatus.NOT_FOUND, b"nothing here", "text/plain")
+            self._send(404, b"nothing here", "text/plain")
 
     def do_POST(self) -> None:
         """A correction added or removed, or a solve."""
@@ -108,7 +107,7 @@ class _Handler(BaseHTTPRequestHandler):
             "solve": session.start_solve,
         }
         if path not in actions:
-            self._send(HTTPStatus.NOT_FOUND, b"nothing here", "text/plain")
+            self._send(404, b"nothing here", "text/plain")
             return
 
         def done() -> bytes:
@@ -127,9 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
         is_here = self.headers.get("Host") in (host, host.replace(HOST, "localhost"))
         if is_ours and is_here and origin in (None, f"http://{host}", "null"):
             return path
-        self._send(
-            HTTPStatus.FORBIDDEN, b"open the address that planfit view printed", "text/plain"
-        )
+        self._send(403, b"open the address that planfit view printed", "text/plain")
         return None
 
     def _body(self) -> dict[str, Any] | None:
@@ -138,14 +135,14 @@ class _Handler(BaseHTTPRequestHandler):
         is_json = self.headers.get("Content-Type", "").split(";")[0] == "application/json"
         if not is_json or not length.isdigit() or int(length) > MAX_BODY:
             self.close_connection = True
-            self._send(HTTPStatus.BAD_REQUEST, b"expected JSON of at most 1 MB", "text/plain")
+            self._send(400, b"expected JSON of at most 1 MB", "text/plain")
             return None
         try:
             content = json.loads(self.rfile.read(int(length)) or b"{}")
         except (ValueError, RecursionError):
             content = None
         if not isinstance(content, dict):
-            self._send(HTTPStatus.BAD_REQUEST, b"expected a JSON object", "text/plain")
+            self._send(400, b"expected a JSON object", "text/plain")
             return None
         return content
 
@@ -154,11 +151,11 @@ class _Handler(BaseHTTPRequestHandler):
             content = make()
         except PlanfitError as error:
             told = as_json({"error": printable(str(error))})
-            self._send(HTTPStatus.BAD_REQUEST, told, "application/json")
+            self._send(400, told, "application/json")
             return
-        self._send(HTTPStatus.OK, content, kind)
+        self._send(200, content, kind)
 
-    def _send(self, status: HTTPStatus, content: bytes, kind: str) -> None:
+    def _send(self, status: int, content: bytes, kind: str) -> None:
         try:
             self.send_response(status)
             self.send_header("Content-Type", kind)

@@ -21,7 +21,7 @@ from planfit.errors import OptionError, PlanfitError
 from planfit.floorplan import Floorplan
 from planfit.floorplan.edits import faces_at
 from planfit.matching import lift_pixel
-from planfit.run_folder import RECORD, finished_record
+from planfit.run_folder import finished_record
 from planfit.scan import Scan
 
 FILE = "corrections.toml"
@@ -200,7 +200,6 @@ class Session:
             self._failed = f"{type(error).__name__}: {error}"
 
     def _write(self, entries: tuple[Any, ...]) -> None:
-        # Read once more, so that entries have the numbers that the file gives them.
         write_corrections(self.path, Corrections(str(self.path), entries))
 
     def _require_frame(self, frame: int) -> None:
@@ -275,11 +274,6 @@ def report_page(folder: Path) -> str:
     if not path.exists():
         raise OptionError(f"{path}: expected the report of a run, found none; run 'planfit refine'")
     return path.read_text(encoding="utf-8")
-
-
-def has_run(folder: Path) -> bool:
-    """Whether a folder holds a finished run."""
-    return (folder / RECORD).exists() and finished_record(folder) is not None
 
 
 def as_json(value: Any) -> bytes:
