@@ -176,6 +176,11 @@ def associate(
         distance_m, face_idx = mutually_nearest(ends, normals, n_points, floorplan, rule)
     else:
         distance_m, face_idx = nearest_of_segments(ends, normals, floorplan, rule)
+    if floorplan.is_unused is not None:
+        # What lies at a face that is not used belongs to no other one either.
+        is_out = (face_idx >= 0) & floorplan.is_unused[face_idx]
+        face_idx = np.where(is_out, -1, face_idx)
+        distance_m = np.where(is_out, np.nan, distance_m)
     return Association(face_idx, distance_m)
 
 

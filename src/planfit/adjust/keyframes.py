@@ -66,6 +66,7 @@ def reduce_measurements(measurements: Measurements, keyframes: Keyframes) -> Mea
         keyframes.frame_idx,
         _reduce_surfaces(measurements.surfaces, keyframes),
         _reduce_control(measurements.control, keyframes),
+        None if measurements.by_hand is None else _reduce_matches(measurements.by_hand, keyframes),
     )
 
 

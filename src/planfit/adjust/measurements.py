@@ -33,6 +33,8 @@ class Measurements:
     """Pairs of frames matched by their surfaces."""
     control: ControlMarks = field(default_factory=no_control_marks)
     """Control points that frames see."""
+    by_hand: Matches | None = None
+    """Matches that a person vouches for: no loss lets go of them, and no step of the walk outweighs them."""
 
     __repr__ = short_repr
 
@@ -47,6 +49,8 @@ class Measurements:
             "mark of a control point": (self.control.points_cam, self.control.sigma_m),
             "pair of surfaces": (self.surfaces.a_from_b, self.surfaces.information),
         }
+        if self.by_hand is not None:
+            named["point by hand"] = (self.by_hand.points_a, self.by_hand.points_b)
         for name, arrays in named.items():
             for array in arrays:
                 # The sum is not finite where an entry is not, and needs no array of its own.

@@ -22,7 +22,7 @@ from planfit.adjust.terms.effective_observations import as_mean
 from planfit.adjust.terms.levels import LevelTerm, floor_term
 from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
 from planfit.adjust.terms.odometry import OdometryTerm
-from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.rays import RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionTerm
 from planfit.adjust.terms.surfaces import surface_term
@@ -37,6 +37,7 @@ from planfit.adjust.terms.walls import WallTerm
 from planfit.floorplan import Floorplan
 from planfit.lsq.bounded import solve_bounded
 from planfit.lsq.problem import Problem
+from planfit.lsq.robust import SQUARES
 from planfit.lsq.solver import Cost, Solution
 from planfit.lsq.term import Term
 from planfit.lsq.terms.between import BetweenTerm
@@ -58,6 +59,8 @@ class AdjustmentProblem:
     n_cams: int
     geometric: PointTerm | RayTerm | ReprojectionTerm | None = None
     """What matches are held to."""
+    by_hand: PointTerm | None = None
+    """Matches that a person vouches for."""
     surfaces: BetweenTerm | None = None
     """Pairs of frames matched by geometry."""
     floor: LevelTerm | None = None
@@ -82,7 +85,7 @@ class AdjustmentProblem:
     @property
     def scan_terms(self) -> list[Term]:
         """Those that need no plan."""
-        return _present(self.geometric, self.surfaces, self.floor, self.odometry)
+        return _present(self.geometric, self.by_hand, self.surfaces, self.floor, self.odometry)
 
     @property
     def plan_terms(self) -> list[Term]:
@@ -107,7 +110,9 @@ class AdjustmentProblem:
         else:
             walls = _present(self.offset_walls, self.offset_prior)
         walls += _present(self.moved_walls, self.moved_prior)
-        level = _present(self.surfaces, self.floor, self.odometry, self.ceiling, self.columns)
+        level = _present(
+            self.by_hand, self.surfaces, self.floor, self.odometry, self.ceiling, self.columns
+        )
         return [*level, *walls, *_present(self.control), *self.extra, *_present(self.gauge)]
 
     def costs(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> dict[str, float]:
@@ -211,6 +216,7 @@ def build_problem(
         target_from_cams,
         len(target_from_cams),
         geometric=_geometric_term(measurements, options),
+        by_hand=_by_hand_term(measurements, options),
         surfaces=_surface_term(measurements, options),
         floor=_floor_term(measurements, options),
         odometry=_odometry_term(measurements, options),
@@ -260,6 +266,23 @@ def _geometric_term(
     if options.geometric == "rays":
         return RayTerm(matches, chosen)
     return ReprojectionTerm(matches, measurements.cameras, chosen)
+
+
+def _by_hand_term(measurements: Measurements, options: AdjustOptions) -> PointTerm | None:
+    """Plain least squares of 3D points, whatever the geometric term is; None where nobody vouches for any.
+
+    A pair that a person vouches for is worth as much as the best matched one, be it a single point: as one
+    observation it would bend the steps of a walk half way.
+    """
+    matches = measurements.by_hand
+    if matches is None or matches.n_matches == 0:
+        return None
+    most = options.points.max_observations
+    counts = np.diff(matches.start)
+    share = np.repeat(np.minimum(counts, most) / most, counts)
+    sure = PointOptions(loss=SQUARES, max_observations=most)
+    matches = replace(matches, sigma=matches.sigma * np.sqrt(share))
+    return PointTerm(matches, sure, name="loops by hand", device=options.solver.device)
 
 
 def _surface_term(measurements: Measurements, options: AdjustOptions) -> BetweenTerm | None:

@@ -155,6 +155,41 @@ def fit_control_points(
     return yaw, translation, scale
 
 
+def worst_control_point(
+    control_points: Sequence[ControlPoint], metres_per_unit: float | None, tolerance_m: float
+) -> tuple[int, float] | None:
+    """Index of the point without which the others agree best, and how far off these put it (m).
+
+    None where all agree within the tolerance; also where they are all at one point, which
+    `fit_control_points` refuses.
+    """
+    if len(control_points) < 2 or _largest_off_m(control_points, metres_per_unit) <= tolerance_m:
+        return None
+    left = [
+        _largest_off_m([*control_points[:k], *control_points[k + 1 :]], metres_per_unit)
+        for k in range(len(control_points))
+    ]
+    # Of two, nothing tells which is wrong: the later one.
+    worst = len(left) - 1 - int(np.argmin(left[::-1]))
+    return worst, _largest_off_m(control_points, metres_per_unit)
+
+
+def _largest_off_m(control_points: Sequence[ControlPoint], metres_per_unit: float | None) -> float:
+    """How far off (m) the worst ends, once they are brought together as well as they can be."""
+    if len(control_points) < 2:
+        return 0.0
+    scan = np.array([point.level_xy for point in control_points])
+    plan = np.array([point.plan_xy for point in control_points])
+    try:
+        fit = fit_control_points(control_points, metres_per_unit, np.inf)
+    except OptionError:  # all at one point
+        return 0.0
+    yaw, translation, scale = fit
+    c, s = np.cos(yaw), np.sin(yaw)
+    off = scan @ np.array([[c, -s], [s, c]]).T + translation - scale * plan
+    return float(np.linalg.norm(off, axis=1).max())
+
+
 def _numbers(text: str) -> list[float] | None:
     try:
         values = [float(part) for part in text.split(",")]

@@ -72,6 +72,12 @@ COMMANDS = (
         keeps_stages=True,
     ),
     Command(
+        "view",
+        "FOLDER",
+        "show a run on a page of this machine, correct it by hand, solve again",
+        ("scan", "plan", "port", "no-browser", "without-contradicted", "unit", "scale", "storey", "workers"),
+    ),
+    Command(
         "batch",
         "JOBS.csv -o OUT",
         "refine many scans, a line each; OUT/index.html shows all; goes on where it stopped",

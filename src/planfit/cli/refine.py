@@ -13,6 +13,7 @@ from planfit.cli.arguments import AlignmentFlags, PlanFlags
 from planfit.cli.console import StageBars, err, note, out, table, tell_scan
 from planfit.cli.storeys import read_plans, tell_storeys
 from planfit.cli.survey import SurveyFlags, tell_survey
+from planfit.corrections import NO_CORRECTIONS, Corrections, read_corrections
 from planfit.errors import FloorplanError, require
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
@@ -55,6 +56,11 @@ class RefineArguments:
     survey_flags: Annotated[SurveyFlags, tyro.conf.arg(name="")] = field(
         default_factory=SurveyFlags
     )
+    corrections: Path | None = None
+    """TOML file of corrections by hand (docs/corrections.md): places, loops, frames, walls."""
+    without_contradicted: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Leave out corrections that others or the scan contradict, and solve again without them; else they are
+    used, as far as they can be, and named."""
     config: Path | None = None
     """TOML file of options, on top of the preset and overruled by flags."""
     overwrite: bool = False
@@ -68,6 +74,17 @@ class RefineArguments:
     options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
 
 
+@dataclass(frozen=True)
+class HandChoice:
+    """Corrections by hand, and what becomes of those that something contradicts."""
+
+    corrections: Corrections = NO_CORRECTIONS
+    without_contradicted: bool = False
+
+
+NOTHING_BY_HAND = HandChoice()
+
+
 def refine_command(arguments: RefineArguments) -> int:
     """Read, refine, write, summarise. Exit code 0 where the verdict is "refined", 1 where it has
     reservations or the result is no better than the input."""
@@ -79,6 +96,10 @@ def refine_files(
 ) -> RefineResult:
     """Read, refine, write, summarise; `more_inputs` stand among the inputs in the record."""
     begin = time.perf_counter()
+    # Before anything that takes time: a bad file is told at once.
+    corrections = NO_CORRECTIONS
+    if arguments.corrections is not None:
+        corrections = read_corrections(arguments.corrections)
     scan = read_scan(
         arguments.scan, arguments.options.segmentation.reads_masks, arguments.scan_options
     )
@@ -96,6 +117,7 @@ def refine_files(
         report_options=arguments.report,
         cache=arguments.cache,
         survey=survey,
+        by_hand=HandChoice(corrections, arguments.without_contradicted),
     )
     summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
     return result
@@ -134,13 +156,15 @@ def refine_into(
     report_options: ReportOptions | None = None,
     cache: Path | None = None,
     survey: Survey | None = None,
+    by_hand: HandChoice = NOTHING_BY_HAND,
 ) -> RefineResult:
     """Refine a scan and write everything a run writes; see docs/outputs.md.
 
     `truth_of` gives the errors of a result against true poses, where they are known, for the report.
     `scan_options` are those that the scan was read with, for the record, and `more_inputs` stand there beside
     the fingerprints. `report_options`: by default, all of a report. `cache` takes the place of the folder's
-    own. `survey` are control and check points.
+    own. `survey` are control and check points. `by_hand`: corrections, and whether contradicted ones are left
+    out.
     """
     inputs = RunInputs(
         scan,
@@ -153,7 +177,15 @@ def refine_into(
     )
     with RunFolder.claimed(folder, inputs.names, overwrite) as run, StageBars() as bars:
         runtime = Runtime(workers, cache or run.cache_dir, bars.update)
-        result = refine(scan, floorplan, options, runtime, survey=survey)
+        result = refine(
+            scan,
+            floorplan,
+            options,
+            runtime,
+            survey=survey,
+            corrections=by_hand.corrections,
+            without_contradicted=by_hand.without_contradicted,
+        )
         seen = result_views(inputs, result, runtime)
         with run.writing() as staging:
             bars.update("write results", 0, 0)
@@ -204,6 +236,8 @@ def summarise(
     if result.survey is not None:
         tell_survey(result.survey)
     tell_scan(scan)
+    if result.by_hand is not None:
+        out.print(result.by_hand.sentence)
     for warning in result.warnings:
         note(warning)
     tell_verdict(result.verdict)

@@ -1,6 +1,7 @@
 """The record of a run, and the scan and plan that it names, as the run took them."""
 
 import json
+import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,13 @@ from jaxtyping import Float
 from planfit.alignment import metric_plan
 from planfit.archives import archive_of
 from planfit.cli.config import scan_options_of
+from planfit.corrections import NO_CORRECTIONS, Corrections
+from planfit.corrections.file import corrections_of
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
 from planfit.option_values import options_of
+from planfit.pipeline.by_hand import corrected_plan
 from planfit.pipeline.observations import with_poses
 from planfit.pipeline.options import RefineOptions
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum
@@ -47,6 +51,8 @@ class RunRecord:
     scan_options: ScanOptions
     sensor: SensorCalibration
     """As the run corrected it."""
+    corrections: Corrections = NO_CORRECTIONS
+    """By hand, that the run was made with."""
 
     def poses(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 4 4"]]:
         """Times, and refined plan_from_cams."""
@@ -89,7 +95,9 @@ class RunRecord:
             FloorplanError: it cannot be read, or is another.
         """
         path = moved_to or self.plan_path
-        return None if path is None else _read_plan(path, options, self.n_faces, self.scale_xy)
+        if path is None:
+            return None
+        return _read_plan(path, options, self.n_faces, self.scale_xy, self.corrections)
 
 
 def read_record(folder: Path) -> RunRecord:
@@ -123,6 +131,7 @@ def read_record(folder: Path) -> RunRecord:
             options=replace(options, poses_convention=RECORDED),
             scan_options=scan_options_of(record, where),
             sensor=SensorCalibration(**record["sensor"]["correction"]),
+            corrections=_corrections(record, where),
         )
     except (ValueError, KeyError, TypeError, OptionError) as error:
         raise ScanError(
@@ -139,8 +148,22 @@ def cache_of(folder: Path) -> Path | None:
     return Path(shared) if isinstance(shared, str) else folder / "cache"
 
 
+def _corrections(record: dict[str, Any], where: str) -> Corrections:
+    """Those that the run was made with; none where it is older than corrections."""
+    told = record.get("corrections")
+    return (
+        corrections_of(tomllib.loads(told["toml"]), f"{where}corrections")
+        if told
+        else NO_CORRECTIONS
+    )
+
+
 def _read_plan(
-    path: Path, options: PlanOptions, n_faces: int | None, scale_xy: tuple[float, float]
+    path: Path,
+    options: PlanOptions,
+    n_faces: int | None,
+    scale_xy: tuple[float, float],
+    corrections: Corrections,
 ) -> Floorplan:
     """The plan of a run, in metres."""
     if n_faces is None:
@@ -148,7 +171,7 @@ def _read_plan(
             f"{path}: expected no plan, as the run was made without one, found one; leave out --plan, or "
             "run 'planfit refine' with it"
         )
-    floorplan = read_floorplan(path, options)
+    floorplan = corrected_plan(read_floorplan(path, options), corrections)
     if len(floorplan) != n_faces:
         raise FloorplanError(
             f"{path}: expected the {n_faces} wall faces that the run read, found "

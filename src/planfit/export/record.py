@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from planfit.alignment import Alignment
+from planfit.corrections import to_toml
 from planfit.evaluation import surface_metrics, wall_distances
 from planfit.export.registration import registration_record
 from planfit.export.survey import survey_record
@@ -17,6 +18,7 @@ from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
 from planfit.matching import Matches, SurfacePairs
+from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.on_plan import Storey, Storeys, frame_runs
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
@@ -51,6 +53,7 @@ def make_record(
         "matches": _matches_record(result.matches, neighbours, result.solved_frame_idx),
         "surfaces": _surfaces_record(result.surfaces, neighbours, result.solved_frame_idx),
         "alignment": None if result.alignment is None else _alignment_record(result.alignment),
+        "corrections": None if result.by_hand is None else _corrections_record(result.by_hand),
         "storeys": None if result.storeys is None else _storeys_record(result, result.storeys),
         **_transforms(scan, result),
         "sensor": sensor_record(result.sensor, result.sensor_parameters, scan.cameras[0]),
@@ -67,6 +70,33 @@ def make_record(
         "verdict": _verdict_record(result),
         "warnings": list(result.warnings),
         "seconds_by_stage": result.seconds_by_stage,
+    }
+
+
+def _corrections_record(by_hand: ByHand) -> dict[str, Any]:
+    """Corrections by hand: the text of those that were used, what each came to, and those left out."""
+    reasons = {
+        (each.correction.kind, each.correction.number): each.reason
+        for each in by_hand.contradictions
+    }
+    return {
+        "file": by_hand.used.name,
+        "used": [
+            {
+                "kind": each.correction.kind,
+                "number": each.correction.number,
+                "words": each.correction.words,
+                "note": each.correction.note,
+                "residual_m": each.residual_m,
+                "contradicted": reasons.get((each.correction.kind, each.correction.number)),
+            }
+            for each in by_hand.outcomes
+        ],
+        "left_out": [
+            {"words": each.correction.words, "contradicted": each.reason}
+            for each in by_hand.left_out
+        ],
+        "toml": to_toml(by_hand.used),
     }
 
 

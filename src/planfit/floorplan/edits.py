@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError, OptionError
@@ -146,6 +146,18 @@ def edited(floorplan: Floorplan, edits: PlanEdits, name: str) -> Floorplan:
     source = replace(plan.source, dropped=(*plan.source.dropped, words))
     mark = digest.hexdigest()[:8]
     return replace(plan, source=source, fingerprint=f"{floorplan.fingerprint} edited {mark}")
+
+
+def faces_at(
+    floorplan: Floorplan, ends: Float[np.ndarray, "d 2 2"], name: str
+) -> Int[np.ndarray, " d"]:
+    """Indices of the faces that lie at ends in the coordinates at the rim.
+
+    Raises:
+        FloorplanError: one does not; the message begins with `name`.
+    """
+    plan_from_rim = np.linalg.inv(floorplan.source.rim_from_plan)
+    return _found(floorplan, _moved(ends, plan_from_rim), name)
 
 
 def _ends(values: object) -> Float[np.ndarray, "n 2 2"]:

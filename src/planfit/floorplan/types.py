@@ -105,6 +105,8 @@ class Floorplan:
     """Where it came from."""
     storeys: Int[np.ndarray, " n"] | None = None
     """Storey of each face, where plans of several storeys were joined; None: one plan for all frames."""
+    is_unused: Bool[np.ndarray, " n"] | None = None
+    """Faces that a user knows to mislead: they are drawn, and hold nothing. None: all are used."""
 
     __repr__ = short_repr
 
@@ -134,6 +136,29 @@ class Floorplan:
                 f"{self.name}: expected unit normals across their faces, found one of length "
                 f"{length[np.argmax(np.abs(length - 1.0))]:.3g}, or slanted by {slant:.3g}"
             )
+
+    def used(self) -> "Floorplan":
+        """The faces that are used, as a plan of its own; the very same one where all are.
+
+        Raises:
+            FloorplanError: none is.
+        """
+        if self.is_unused is None:
+            return self
+        kept = ~self.is_unused
+        if not kept.any():
+            raise FloorplanError(
+                f"{self.name}: expected a wall that is used, found all {len(self)} excluded; exclude less"
+            )
+        return replace(
+            self,
+            ends=self.ends[kept],
+            normals=self.normals[kept],
+            is_oriented=self.is_oriented[kept],
+            thickness=None if self.thickness is None else self.thickness[kept],
+            storeys=None if self.storeys is None else self.storeys[kept],
+            is_unused=None,
+        )
 
     @classmethod
     def from_segments(

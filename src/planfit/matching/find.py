@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from planfit.geometry import se3
+from planfit.matching.by_hand import HandVerdicts
 from planfit.matching.cycles import is_near
 from planfit.matching.loop_closure import cycle_consistent
 from planfit.matching.options import MatchingOptions
@@ -32,6 +33,7 @@ def find_matches(
     options: MatchingOptions,
     runtime: Runtime,
     neighbours: NeighbourMotions | None = None,
+    by_hand: HandVerdicts | None = None,
 ) -> Matches:
     """Detect, match and verify; see the options for each step.
 
@@ -41,13 +43,14 @@ def find_matches(
         options: see there.
         runtime: threads, cache and progress.
         neighbours: what `measure_neighbours` found with these options; without, it is measured here.
+        by_hand: what a person says of frames and pairs.
 
     Raises:
         OptionError: a learned detector or matcher cannot be had.
         ScanError: an image cannot be read, or the COLMAP files are not those of this scan.
     """
     measured = neighbours or measure_neighbours(scan, options, runtime)
-    return search_matches(scan, odometry, options, runtime, measured)[0]
+    return search_matches(scan, odometry, options, runtime, measured, by_hand)[0]
 
 
 def search_matches(
@@ -56,27 +59,38 @@ def search_matches(
     options: MatchingOptions,
     runtime: Runtime,
     known: NeighbourMotions,
+    by_hand: HandVerdicts | None = None,
 ) -> tuple[Matches, NeighbourMotions]:
     """As `find_matches`; pairs that are `known` are not tried again, and the new ones come with them."""
     seen = known.keypoints
     tentative = choose_tentative(scan, seen, odometry, options)
+    certain = None if by_hand is None else by_hand.certain
 
     def verified(pairs: np.ndarray, stage: str) -> VerifiedPairs:
         nonlocal known
         new = pairs[~is_among(pairs, known.tried)]
         known = known.with_more(new, verify_pairs(scan, seen, new, options, runtime, stage))
-        return _possible(known.of(pairs), scan, odometry, options)
+        found = _possible(known.of(pairs), scan, odometry, options)
+        # All pairs are tried, whatever a person says, so that what was kept of them serves again.
+        return found if by_hand is None else by_hand.kept(found)
 
     def accepted(found: VerifiedPairs) -> np.ndarray:
         return cycle_consistent(
-            found.relative_poses, scan.world_from_cams, odometry, options.cycle_consistency
+            found.relative_poses,
+            scan.world_from_cams,
+            odometry,
+            options.cycle_consistency,
+            certain,
         )
 
     found = _compared(verified(tentative.pairs, "pairs"), seen, options)
     is_accepted = accepted(found)
     n_tried = len(tentative.pairs)
     if tentative.propose is not None:
-        proposed = tentative.propose(found.relative_poses[is_accepted])
+        told = found.relative_poses[is_accepted]
+        if certain is not None:
+            told = replace(told, explained=None).joined(certain)
+        proposed = tentative.propose(told)
         found = _compared(found.joined(verified(proposed, "more pairs")), seen, options)
         is_accepted = accepted(found)
         n_tried += len(proposed)

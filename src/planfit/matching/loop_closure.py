@@ -46,6 +46,7 @@ def cycle_consistent(
     world_from_cams: Float[np.ndarray, "n 4 4"],
     odometry: Odometry,
     options: CycleConsistencyOptions,
+    certain: RelativePoses | None = None,
 ) -> Bool[np.ndarray, " p"]:
     """Which relative poses agree with the recorded motion and with those accepted before them.
 
@@ -57,6 +58,7 @@ def cycle_consistent(
         world_from_cams: recorded poses.
         odometry: how far the recorded motion may be off.
         options: see there.
+        certain: loops that are right, as a person says: all others are held to them.
     """
     is_accepted = np.zeros(len(relative_poses), dtype=bool)
     if len(relative_poses) == 0:
@@ -70,7 +72,11 @@ def cycle_consistent(
     sigmas = (sigma_rotation, sigma_translation)
     is_accepted[is_sure] = is_near(motions, recorded, sigmas, options)[is_sure]
 
-    graph = PoseGraph(world_from_cams, odometry, pairs)
+    known = np.zeros((0, 2), dtype=int) if certain is None else certain.pairs
+    graph = PoseGraph(world_from_cams, odometry, np.concatenate([pairs, known]))
+    if certain is not None:
+        surely = options.sigma_rotation_deg, options.sigma_translation_m
+        graph.add(certain.pairs, certain.a_from_b, *surely)
     cluster = _clusters(relative_poses, odometry, options.cluster_m)
     pending, new = np.flatnonzero(~is_sure & is_possible), np.flatnonzero(is_accepted)
     speaker = _speakers(relative_poses, pending, cluster, world_from_cams, odometry, options)

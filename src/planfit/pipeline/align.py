@@ -100,13 +100,13 @@ def align_to_plan(
         claimed = claimed_alignment(
             scan, floorplan, prepared.level_from_world, options.align.recorded_axes
         )
-        found = find_alignment(prepared, floorplan, options, claimed, surveyed)
+        found = find_alignment(prepared, floorplan.used(), options, claimed, surveyed)
     if found is None:
         fallback = np.eye(4) if claimed is None else claimed
         return ScanOnPlan(floorplan, fallback, None, claimed)
     if not floorplan.is_metric and found.is_sure and found.scale_sigma > 0:
         with timer.stage("refit scale"):
-            found = with_refitted_scale(prepared, floorplan, found, options.adjust)
+            found = with_refitted_scale(prepared, floorplan.used(), found, options.adjust)
     metric = metric_plan(floorplan, found.scale_xy)
     return ScanOnPlan(metric, found.plan_from_level, found, claimed)
 

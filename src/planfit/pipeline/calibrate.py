@@ -53,11 +53,17 @@ class CalibratedScan:
 
 def corrected(observations: Observations, sensor: SensorCalibration) -> Observations:
     """Observations with every lifted point corrected."""
+    by_hand = observations.by_hand
+    if by_hand is not None:
+        found = by_hand.matches
+        found = replace(found, matches=corrected_matches(found.matches, sensor))
+        by_hand = replace(by_hand, matches=found)
     return replace(
         observations,
         structure=corrected_structure(observations.structure, sensor),
         matches=corrected_matches(observations.matches, sensor),
         control=observations.control.corrected(sensor),
+        by_hand=by_hand,
     )
 
 

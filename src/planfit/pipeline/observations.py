@@ -10,8 +10,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.adjust.terms.control import ControlMarks, no_control_marks
+from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import require_plain_numbers
 from planfit.matching import (
+    HandVerdicts,
     Matches,
     NeighbourMotions,
     SurfaceMotions,
@@ -24,6 +26,12 @@ from planfit.matching import (
     measure_surface_neighbours,
     search_matches,
     without_misled,
+)
+from planfit.pipeline.by_hand import (
+    HandSeen,
+    allowed_neighbours,
+    allowed_surfaces,
+    look_by_hand,
 )
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer
@@ -62,6 +70,8 @@ class Observations:
     """Frames whose images were looked at, increasing, first and last among them; None: all."""
     control: ControlMarks = field(default_factory=no_control_marks)
     """Surveyed control points, in whichever frames show them."""
+    by_hand: HandSeen | None = None
+    """What a person corrected of it, and what the images say of that."""
 
     __repr__ = short_repr
 
@@ -73,6 +83,8 @@ class _Keyed:
     scan: Scan
     frame_idx: Int[np.ndarray, " k"]
     """Keyframes: increasing, the first and the last frame among them."""
+    by_hand: HandSeen | None = None
+    """Corrections."""
 
     @property
     def is_whole(self) -> bool:
@@ -89,6 +101,12 @@ class _Keyed:
         """Steps between the keyframes."""
         poses = tracking.world_from_cams[self.frame_idx]
         return tracking.odometry.between(self.frame_idx, poses)
+
+    def verdicts(self, tracking: Tracking) -> HandVerdicts | None:
+        """What a person says of the keyframes."""
+        if self.by_hand is None:
+            return None
+        return self.by_hand.verdicts(self.frame_idx, tracking.world_from_cams)
 
     def number_of(self, frames: Int[np.ndarray, "..."]) -> Int[np.ndarray, "..."]:
         """Of frames of the scan, the number of the last keyframe up to each."""
@@ -111,6 +129,7 @@ def extract_observations(
     runtime: Runtime | None = None,
     matches: Matches | None = None,
     timer: StageTimer | None = None,
+    corrections: Corrections = NO_CORRECTIONS,
 ) -> Observations:
     """Everything that takes the images: gravity, floor and walls, matches.
 
@@ -120,16 +139,19 @@ def extract_observations(
         runtime: threads, cache and progress.
         matches: a user's own, of any frames: all are looked at; without, keypoints are matched here.
         timer: times the stages.
+        corrections: by hand: frames and pairs that are left out, loops that are there.
 
     Raises:
         ScanError: a file of the scan cannot be used.
-        OptionError: an option has a value that cannot work.
+        OptionError: an option has a value that cannot work, or a correction names what is not there.
     """
     chosen = options or RefineOptions()
     require_plain_numbers(chosen)
     running = runtime or Runtime()
     stages = timer or StageTimer(running)
-    keyed = _Keyed(scan, _keyframes(scan, chosen, matches))
+    with stages.stage("corrections"):
+        by_hand = look_by_hand(scan, corrections, chosen, running)
+    keyed = _Keyed(scan, _keyframes(scan, chosen, matches), by_hand)
     tracking = _believed(keyed, chosen)
     known, by_surfaces = None, None
     if matches is None and chosen.tracking.is_judged:
@@ -145,16 +167,39 @@ def extract_observations(
     surfaces = SurfacePairs.none()
     if matches is None:
         with stages.stage("matching"):
+            verdicts = keyed.verdicts(tracking)
             known = known or measure_neighbours(believed, chosen.matching, running)
-            matches = find_matches(believed, odometry, chosen.matching, running, known)
+            allowed = allowed_neighbours(known, verdicts)
+            matches = find_matches(believed, odometry, chosen.matching, running, allowed, verdicts)
         with stages.stage("matching by geometry"):
             if by_surfaces is None:
                 by_surfaces = _surface_neighbours(keyed, known, tracking, chosen, running)
+                by_surfaces = allowed_surfaces(by_surfaces, verdicts)
             surfaces = find_surface_pairs(
                 believed, odometry, gravity.up_world, by_surfaces, chosen.matching, running
             )
     found = Observations(gravity, structure, matches, tracking, surfaces)
-    return found if keyed.is_whole else _numbered(found, keyed)
+    found = found if keyed.is_whole else _numbered(found, keyed)
+    return found if by_hand is None else corrected_observations(found, by_hand)
+
+
+def corrected_observations(observations: Observations, by_hand: HandSeen) -> Observations:
+    """Observations as a person corrected them: what is ruled out is left out, whoever found it."""
+    excluded = by_hand.is_excluded
+    matches, surfaces = observations.matches, observations.surfaces
+    idx = observations.keyframe_idx
+    if excluded.any():
+        frames = np.arange(len(excluded)) if idx is None else idx
+        # The first and the last frame stay, without anything that they show.
+        idx = frames[~excluded[frames] | (frames == 0) | (frames == len(excluded) - 1)]
+    return replace(
+        observations,
+        structure=observations.structure.of_frames(~excluded),
+        matches=matches.of_pairs(by_hand.allows(matches.pairs)),
+        surfaces=surfaces[by_hand.allows(surfaces.pairs)],
+        keyframe_idx=idx,
+        by_hand=by_hand,
+    )
 
 
 def with_poses(scan: Scan, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Scan:
@@ -218,21 +263,39 @@ def _judge(keyed: _Keyed, believed: Tracking, options: RefineOptions, runtime: R
     """
     matching = options.matching
     known = measure_neighbours(keyed.at(keyed.scan.world_from_cams), matching, runtime)
-    by_surfaces = _surface_neighbours(keyed, known, believed, options, runtime)
-    judged = _by_neighbours(_Judged(keyed, believed, known, by_surfaces), options, runtime)
+    judged = _by_neighbours(_allowed(keyed, believed, known, options, runtime), options, runtime)
     more = frames_in_doubt(
         judged.tracking, keyed.frame_idx, _are_bridged(judged), options.keyframes
     )
     if len(more):
-        denser = _Keyed(keyed.scan, np.union1d(keyed.frame_idx, more))
+        denser = replace(keyed, frame_idx=np.union1d(keyed.frame_idx, more))
         known_idx = denser.number_of(keyed.frame_idx)
         # From what was measured: what a break misled may be right beside other frames.
         known = measure_between(
             denser.at(keyed.scan.world_from_cams), known, known_idx, matching, runtime
         )
-        by_surfaces = _surface_neighbours(denser, known, believed, options, runtime)
-        judged = _by_neighbours(_Judged(denser, believed, known, by_surfaces), options, runtime)
+        judged = _by_neighbours(
+            _allowed(denser, believed, known, options, runtime), options, runtime
+        )
     return _by_revisits(judged, options, runtime)
+
+
+def _allowed(
+    keyed: _Keyed,
+    believed: Tracking,
+    known: NeighbourMotions,
+    options: RefineOptions,
+    runtime: Runtime,
+) -> _Judged:
+    """Motions of neighbours, by keypoints and by surfaces, but for those that a person ruled out."""
+    by_surfaces = _surface_neighbours(keyed, known, believed, options, runtime)
+    verdicts = keyed.verdicts(believed)
+    return _Judged(
+        keyed,
+        believed,
+        allowed_neighbours(known, verdicts),
+        allowed_surfaces(by_surfaces, verdicts),
+    )
 
 
 def _by_neighbours(judged: _Judged, options: RefineOptions, runtime: Runtime) -> _Judged:
@@ -251,6 +314,7 @@ def _by_neighbours(judged: _Judged, options: RefineOptions, runtime: Runtime) ->
         pairs = pairs_across(steps, len(keyed.frame_idx), matching.pairs.neighbours)
         at_recorded = keyed.at(keyed.scan.world_from_cams)
         known = measure_more(at_recorded, known, pairs, matching, runtime)
+        known = allowed_neighbours(known, keyed.verdicts(tracking))
         known = without_misled(known, recorded, odometry, matching)
         tracking = _compared(judged, known, options)
     return replace(judged, tracking=tracking, known=known)
@@ -289,7 +353,8 @@ def _by_revisits(judged: _Judged, options: RefineOptions, runtime: Runtime) -> _
     opened = with_open_steps(tracking.odometry, tracking.doubtful_steps)
     steps = keyed.odometry(replace(tracking, odometry=opened))
     mended = keyed.at(tracking.world_from_cams)
-    found, known = search_matches(mended, steps, matching, runtime, judged.known)
+    verdicts = keyed.verdicts(tracking)
+    found, known = search_matches(mended, steps, matching, runtime, judged.known, verdicts)
     revisits = found.numbered(keyed.frame_idx)
     placed = place_submaps(tracking, revisits, matching.verify, options.tracking)
     return replace(judged, tracking=placed, known=known)

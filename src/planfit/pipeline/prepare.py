@@ -13,6 +13,7 @@ from planfit.adjust import (
     reduce_measurements,
 )
 from planfit.errors import require_plain_numbers
+from planfit.pipeline.by_hand import with_interpolated
 from planfit.pipeline.observations import Observations, believe_recorded
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer
@@ -62,6 +63,9 @@ def prepare(
     poses, keyframe_idx = tracking.world_from_cams, observations.keyframe_idx
     if keyframe_idx is None:
         keyframe_idx = np.arange(len(scan))
+    by_hand = observations.by_hand
+    if by_hand is not None:
+        poses = with_interpolated(poses, scan.timestamps, by_hand.is_excluded)
     keyframes = hold_to_keyframes(poses, keyframe_idx)
     measurements = reduce_measurements(
         Measurements(
@@ -71,6 +75,7 @@ def prepare(
             scan.cameras,
             surfaces=observations.surfaces,
             control=observations.control,
+            by_hand=None if by_hand is None else by_hand.matches.matches,
         ),
         keyframes,
     )

@@ -1,16 +1,36 @@
 """The method on one screen: from a posed scan and a floorplan to poses that fit the plan."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
 from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms
 from planfit.adjust.calibration import Calibration
+from planfit.corrections import NO_CORRECTIONS, Contradiction, Corrections
+from planfit.errors import require
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
 from planfit.pipeline.align import align_to_plan
+from planfit.pipeline.by_hand import (
+    contradictions_among,
+    contradictions_of_images,
+    corrected_plan,
+    look_by_hand,
+    require_one_plan,
+)
 from planfit.pipeline.calibrate import CalibratedScan, calibrate_alone, calibrate_on_plan
-from planfit.pipeline.observations import Observations, extract_observations
+from planfit.pipeline.contradicted import (
+    ByHand,
+    ContradictedError,
+    by_hand_outcome,
+    first_of_each,
+    with_places,
+)
+from planfit.pipeline.observations import (
+    Observations,
+    corrected_observations,
+    extract_observations,
+)
 from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import MadeOf, RefineResult, make_result
@@ -34,6 +54,8 @@ def refine(
     observations: Observations | None = None,
     extra_terms: Iterable[Term] = (),
     survey: Survey | None = None,
+    corrections: Corrections = NO_CORRECTIONS,
+    without_contradicted: bool = False,
 ) -> RefineResult:
     """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan.
 
@@ -48,25 +70,94 @@ def refine(
         observations: what `extract_observations` saw in this scan, or a user's own.
         extra_terms: terms of one's own over plan_from_cams of all frames, in the adjustment on the plan.
         survey: control points, which hold the poses, and check points, which only judge them.
+        corrections: by hand; see docs/corrections.md.
+        without_contradicted: whether corrections that others or the scan contradict are left out, and all is
+            solved again without them; else they are used, as far as they can be, and named.
 
     Raises:
         ScanError: a file of the scan cannot be used.
         FloorplanError: the plan is not in the unit that it claims, or its unit cannot be found.
             Or plans of storeys fit in another order than that of their numbers.
+            Or a wall that is corrected is not there.
         OptionError: an option cannot work, an extra term meets frames that are no unknowns, or the survey
             cannot be right.
+            Or a correction names what is not there, or others that contradict it prevent any solution.
     """
     chosen, own = options or RefineOptions(), tuple(extra_terms)
     _require_frames_for(own, scan, chosen, observations)
+    if not corrections.entries:
+        return _refined(scan, floorplan, chosen, runtime, observations, own, survey, NO_CORRECTIONS)
+    solve = partial(_refined, scan, floorplan, chosen, runtime, observations, own, survey)
+    require_one_plan(floorplan, corrections)
+    corrections.require_frames(len(scan))
+    require(
+        not corrections.walls("exclude_wall") or chosen.adjust.wall_strategy == "fixed",
+        f"{corrections.name}: exclude_wall: expected adjust.wall-strategy fixed, found "
+        f"{chosen.adjust.wall_strategy}; erase_wall leaves a wall out of all of them",
+    )
+    return _settled(solve, corrections, without_contradicted)
+
+
+def _settled(
+    solve: Callable[[Corrections], RefineResult], corrections: Corrections, leave_out: bool
+) -> RefineResult:
+    """A result with corrections; where `leave_out`, solved again without what contradicts it until nothing
+    does."""
+    left_out: tuple[Contradiction, ...] = ()
+    while True:  # ends, as each round leaves one out or is the last
+        used = corrections.without(left_out)
+        try:
+            among = contradictions_among(used)
+            if among:
+                raise ContradictedError(corrections.name, among)
+            result = solve(used)
+        except ContradictedError as error:
+            if not leave_out:
+                raise
+            left_out += error.contradictions
+            continue
+        told = result.by_hand
+        if not leave_out or told is None or not told.contradictions:
+            break
+        left_out += told.contradictions
+    told = result.by_hand or ByHand(used, (), ())
+    told = replace(told, left_out=left_out)
+    return replace(result, by_hand=told, warnings=(*told.warnings, *result.warnings))
+
+
+def _refined(
+    scan: Scan,
+    floorplan: Floorplan | Mapping[int, Floorplan] | None,
+    chosen: RefineOptions,
+    runtime: Runtime | None,
+    observations: Observations | None,
+    own: tuple[Term, ...],
+    survey: Survey | None,
+    corrections: Corrections,
+) -> RefineResult:
+    """One solve, with these corrections, whatever they come to."""
+    given = floorplan
+    if isinstance(floorplan, Floorplan):
+        floorplan = corrected_plan(floorplan, corrections)
     timer = StageTimer(runtime or Runtime())
     surveyed = None
     if survey is not None:
         with timer.stage("survey"):
             surveyed = observe_survey(scan, survey, floorplan, chosen, runtime)
     # Gravity, floor and walls (paper, Sec. III-A and III-B), matches of keypoints.
-    seen = observations or extract_observations(scan, chosen, runtime, timer=timer)
+    seen = observations or extract_observations(
+        scan, chosen, runtime, timer=timer, corrections=corrections
+    )
     if surveyed is not None:
         seen = replace(seen, control=surveyed.control)
+    if corrections.entries and seen.by_hand is None:
+        by_hand = look_by_hand(scan, corrections, chosen, runtime or Runtime())
+        assert by_hand is not None
+        seen = corrected_observations(seen, by_hand)
+    against = () if seen.by_hand is None else contradictions_of_images(seen.by_hand)
+    if any(each.prevents for each in against):
+        prevented = tuple(each for each in against if each.prevents)
+        raise ContradictedError(corrections.name, prevented)
     # Keyframes; loops closed by what needs no plan; the sensor, by the same; plan and sensor in turns.
     calibrated, on_plan, adjustment = _solve(scan, seen, floorplan, chosen, own, timer, surveyed)
     # Is it better, by solves that did without a part of the evidence?
@@ -75,7 +166,19 @@ def refine(
         found = calibrated.calibration
         validation = validate(prepared, on_plan, adjustment, structure, chosen, own, found)
     result = make_result(scan, calibrated, on_plan, adjustment, validation, chosen, timer, surveyed)
-    return replace(result, made_of=MadeOf(scan, floorplan, chosen))
+    made_of = MadeOf(scan, given, chosen)
+    if seen.by_hand is None:
+        return replace(result, made_of=made_of)
+    told, more = by_hand_outcome(
+        seen.by_hand,
+        result.plan_from_cams,
+        on_plan.plan_from_level @ prepared.level_from_world,
+        on_plan.floorplan,
+        chosen.align.control_point_tolerance_m,
+    )
+    return replace(
+        result, made_of=made_of, by_hand=ByHand(corrections, told, first_of_each((*against, *more)))
+    )
 
 
 def calibrate(
@@ -129,12 +232,15 @@ def _place(
     # Rotation, translation and scale of the whole (paper, Sec. III-A).
     on_plan = STANDS_ALONE
     prepared = calibrated.prepared
+    placed = options
+    if isinstance(floorplan, Floorplan):
+        placed = with_places(options, calibrated.observations.by_hand, prepared, floorplan)
     if surveyed is not None and not isinstance(floorplan, Mapping):
         # Control points take drift out, and say where the scan is.
-        prepared, on_plan = place_by_control(scan, prepared, surveyed, floorplan, options, timer)
+        prepared, on_plan = place_by_control(scan, prepared, surveyed, floorplan, placed, timer)
         calibrated = replace(calibrated, prepared=prepared)
     elif isinstance(floorplan, Floorplan):
-        on_plan = align_to_plan(scan, prepared, floorplan, options, timer)
+        on_plan = align_to_plan(scan, prepared, floorplan, placed, timer)
     elif floorplan is not None:
         # Each storey alone, then all in one frame (docs/adr/0011-several-storeys.md).
         seen = calibrated.observations

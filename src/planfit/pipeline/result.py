@@ -18,6 +18,7 @@ from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.calibrate import CalibratedScan
+from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.diagnostics import (
     adjustment_warnings,
     alignment_warnings,
@@ -94,6 +95,8 @@ class RefineResult:
     """Frames matched by geometry, where keypoints are few."""
     survey: SurveyResiduals | None = None
     """Residuals of control and check points, where some were given."""
+    by_hand: ByHand | None = None
+    """What corrections by hand came to; None where there were none."""
     made_of: MadeOf | None = None
     """What it was made of; None where a result was put together otherwise."""
 

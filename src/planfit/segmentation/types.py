@@ -30,6 +30,12 @@ class LevelPoints:
         """Frame of each point."""
         return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
 
+    def of_frames(self, frames: Bool[np.ndarray, " n"]) -> "LevelPoints":
+        """The points of some frames alone."""
+        sizes = np.diff(self.start)
+        keep = np.repeat(frames, sizes)
+        return LevelPoints(self.points_cam[keep], np.cumsum([0, *np.where(frames, sizes, 0)]))
+
     def numbered(self, frame_idx: Int[np.ndarray, " k"], n_frames: int) -> "LevelPoints":
         """The same of a scan of `n_frames`, whose frames `frame_idx` these are: the others have no points."""
         sizes = np.zeros(n_frames, dtype=int)
@@ -141,6 +147,14 @@ class Structure:
             unassigned_points_cam=self.unassigned_points_cam[keep],
             unassigned_frame_idx=self.unassigned_frame_idx[keep],
             columns=self.columns.of(frames[self.columns.frame_idx]),
+        )
+
+    def of_frames(self, frames: Bool[np.ndarray, " n"]) -> "Structure":
+        """The same as seen by some frames alone."""
+        return replace(
+            self.with_walls_of(frames),
+            floor=self.floor.of_frames(frames),
+            ceiling=self.ceiling.of_frames(frames),
         )
 
     def numbered(self, frame_idx: Int[np.ndarray, " k"], n_frames: int) -> "Structure":

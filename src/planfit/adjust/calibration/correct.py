@@ -16,6 +16,9 @@ def corrected_measurements(measurements: Measurements, sensor: SensorCalibration
     return replace(
         measurements,
         matches=corrected_matches(measurements.matches, sensor),
+        by_hand=None
+        if measurements.by_hand is None
+        else corrected_matches(measurements.by_hand, sensor),
         structure=corrected_structure(measurements.structure, sensor),
         cameras=tuple(sensor.camera(camera) for camera in measurements.cameras),
         control=measurements.control.corrected(sensor),

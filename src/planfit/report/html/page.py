@@ -10,6 +10,7 @@ import numpy as np
 from planfit import __version__
 from planfit.as_built import AsBuilt
 from planfit.floorplan import Floorplan
+from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
@@ -122,6 +123,8 @@ def _top(
         f'<p class="verdict {_COLOR[result.verdict.outcome]}">'
         f"{escape(verdict_in_words(result, numbers, truth))}</p>",
     ]
+    if result.by_hand is not None:
+        parts.append(_by_hand(result.by_hand))
     if result.verdict.reservations:
         parts.append(_reservations(result.verdict))
     if warnings:
@@ -134,6 +137,16 @@ def _top(
     else:
         parts.append("<p>Too little was seen of walls, floor and matches to measure anything.</p>")
     return "\n".join(parts)
+
+
+def _by_hand(by_hand: ByHand) -> str:
+    """What was corrected by hand, and what each correction came to."""
+    items = "".join(f"<li>{escape(each.sentence)}</li>" for each in by_hand.outcomes)
+    items += "".join(f"<li>left out: {escape(each.sentence)}</li>" for each in by_hand.left_out)
+    return (
+        f'<details class="by-hand"><summary>{escape(by_hand.sentence)}</summary>'
+        f"<ul>{items}</ul></details>"
+    )
 
 
 def _reservations(verdict: Verdict) -> str:

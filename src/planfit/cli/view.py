@@ -1,0 +1,131 @@
+"""`planfit view`: a finished run on a local page, and corrections by hand."""
+
+import os
+import webbrowser
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from planfit.cli.arguments import PlanFlags
+from planfit.cli.console import out
+from planfit.cli.refine import HandChoice, refine_into
+from planfit.cli.run_record import RunRecord, read_present_scan, read_record
+from planfit.corrections import Corrections
+from planfit.errors import FloorplanError, OptionError
+from planfit.floorplan import Floorplan, read_floorplan
+from planfit.run_folder import finished_record
+from planfit.scan import Scan
+from planfit.viewer import Session, ViewServer
+
+
+@dataclass(frozen=True)
+class ViewArguments:
+    """Show a finished run on a page that only this machine reaches, correct it there by hand, and solve
+    again."""
+
+    folder: tyro.conf.Positional[Path]
+    """Output folder of `planfit refine`; corrections are kept in its `corrections.toml`."""
+    scan: Path | None = None
+    """Where the scan is now, if it was moved."""
+    plan: Path | None = None
+    """Where the plan is now, if it was moved."""
+    port: int = 0
+    """Port of the page; 0 takes one that is free."""
+    no_browser: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Do not open the page in a browser; its address is printed either way."""
+    without_contradicted: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Leave out corrections that others or the scan contradict when solving again."""
+    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Threads."""
+
+
+def view_command(arguments: ViewArguments) -> int:
+    """Serve until Ctrl-C."""
+    session = open_session(arguments)
+    with ViewServer(session, arguments.port) as server:
+        out.print(f"{server.address}", soft_wrap=True)
+        out.print(f"corrections are kept in {session.path}; Ctrl-C ends", soft_wrap=True)
+        if not arguments.no_browser and not _opened(server.address):
+            out.print("no browser was found to open it: open the address above in one")
+        try:
+            server.serve_forever(poll_interval=0.2)
+        except KeyboardInterrupt:
+            told = (
+                "a solve was stopped, the results before it are whole; "
+                if session.is_solving
+                else ""
+            )
+            out.print(f"ended; {told}corrections are in {session.path}", soft_wrap=True)
+    return 0
+
+
+def open_session(arguments: ViewArguments) -> Session:
+    """The run, its scan and its plan as the run read them.
+
+    Raises:
+        ScanError: the folder is not that of a run, or the scan is another.
+        FloorplanError: the plan is another.
+    """
+    folder = arguments.folder
+    record = read_record(folder)
+    written = finished_record(folder)
+    if written is None:
+        raise OptionError(
+            f"{folder}: expected a finished run, found files missing; run 'planfit refine' again"
+        )
+    path = arguments.scan or record.scan_path
+    scan = read_present_scan(path, record.options.segmentation, record.scan_options)
+    floorplan = _plan(arguments, record, written["inputs"].get("plan_fingerprint", ""))
+    convention = written["options"]["poses_convention"]
+    options = replace(record.options, poses_convention=convention)
+    cache = written.get("cache")
+
+    def solve(corrections: Corrections) -> None:
+        refine_into(
+            folder,
+            scan,
+            floorplan,
+            options,
+            arguments.workers,
+            # The scan may have been moved; the folder is that of this run.
+            overwrite=True,
+            scan_options=record.scan_options,
+            cache=Path(cache) if cache else None,
+            by_hand=HandChoice(corrections, arguments.without_contradicted),
+        )
+
+    _require_frames(scan, record)
+    return Session(folder, scan, floorplan, solve)
+
+
+def _plan(arguments: ViewArguments, record: RunRecord, fingerprint: str) -> Floorplan | None:
+    """The plan as the run read it, before corrections."""
+    path = arguments.plan or record.plan_path
+    if record.plan_path is None or path is None:
+        return None
+    floorplan = read_floorplan(path, arguments.plan_flags.options)
+    if floorplan.fingerprint != fingerprint:
+        raise FloorplanError(
+            f"{path}: expected the plan as the run read it, found another, or other flags; give the same "
+            "plan, unit and storey as to 'planfit refine'"
+        )
+    return floorplan
+
+
+def _require_frames(scan: Scan, record: RunRecord) -> None:
+    if len(scan) != record.n_frames:
+        raise OptionError(
+            f"{scan.name}: expected the {record.n_frames} frames of the run, found {len(scan)}; give the "
+            "run's own scan with --scan"
+        )
+
+
+def _opened(address: str) -> bool:
+    """Whether a browser took it."""
+    try:
+        return webbrowser.open(address)
+    except (webbrowser.Error, OSError):
+        return False

@@ -1,0 +1,146 @@
+// Corrections by hand: each goes to the file at once; the page keeps nothing of its own.
+const hand = document.getElementById("hand");
+const of = (name) => hand.querySelector(`.hand-${name}`);
+const say = (words, isBad = false) => {
+  of("status").textContent = words;
+  of("status").classList.toggle("hand-bad", isBad);
+};
+
+async function ask(name, body) {
+  const request = body === undefined ? {} : {
+    method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
+  };
+  let answer;
+  try {
+    answer = await fetch(name, request);
+  } catch {
+    throw new Error("planfit view has ended; what was corrected is in corrections.toml: start it again");
+  }
+  const isJson = (answer.headers.get("Content-Type") || "").startsWith("application/json");
+  const found = isJson ? await answer.json() : { error: await answer.text() };
+  if (!answer.ok) throw new Error(found.error);
+  return found;
+}
+
+const button = (words, action) => {
+  const made = document.createElement("button");
+  Object.assign(made, { type: "button", textContent: words });
+  made.addEventListener("click", action);
+  return made;
+};
+
+const item = (list, words, ...children) => {
+  const made = document.createElement("li");
+  made.append(`${words} `, ...children);
+  list.append(made);
+  return made;
+};
+
+async function change(name, body, words) {
+  try {
+    draw(await ask(name, body));
+    say(words);
+  } catch (error) {
+    say(error.message, true);
+  }
+}
+
+function draw(state) {
+  for (const name of ["a", "b"]) of(name).max = String(state.frames - 1);
+  of("list").replaceChildren();
+  for (const each of state.corrections) {
+    const came = !each.is_solved ? "not solved with yet"
+      : each.contradicted ? `contradicted: ${each.contradicted}`
+        : each.residual_m === null ? "used" : `used, ${each.residual_m.toFixed(2)} m apart in the result`;
+    const note = each.note ? ` (${each.note})` : "";
+    const row = item(of("list"), `${each.words}${note}; ${came}`,
+      button("take out", () => change("remove", each, "taken out")));
+    row.classList.toggle("hand-bad", Boolean(each.contradicted));
+  }
+  of("visits").replaceChildren();
+  for (const visit of state.visits) {
+    const [first, last] = [visit.first_frames, visit.last_frames];
+    const words = `frames ${first.join("-")} and ${last.join("-")}: ${visit.after_m.toFixed(3)} m apart, `
+      + `${visit.kept_out_m.toFixed(3)} without this loop`;
+    item(of("visits"), words,
+      button("show", () => { a.show(first[0]); b.show(last[0]); }),
+      button("delete", () => change("add", { kind: "delete_loop", entry: { frames: [first, last] } }, "loop deleted")));
+  }
+  const rows = state.changed.map((cells) => {
+    const row = document.createElement("tr");
+    row.append(...cells.map((cell) => Object.assign(document.createElement("td"), { textContent: cell })));
+    return row;
+  });
+  of("changed").hidden = rows.length === 0;
+  of("changed").querySelector("tbody").replaceChildren(...rows);
+  of("solve").disabled = state.solving;
+  if (state.failed) say(state.failed, true);
+}
+
+const [a, b] = [...hand.querySelectorAll("figure")].map(imagePicker);
+let map = { point: null, before: null, wall: null };
+const add = (kind, entry, words) => change("add", { kind, entry }, words);
+of("add").addEventListener("click", () => {
+  const pixels = a.pixel && b.pixel ? { pixels: [a.pixel, b.pixel] } : {};
+  add("add_loop", { frames: [a.frame, b.frame], ...pixels }, "loop added");
+});
+of("delete").addEventListener("click", () => add("delete_loop", { frames: [a.frame, b.frame] }, "loop deleted"));
+of("exclude").addEventListener("click", () => {
+  const [first, last] = [a.frame, b.frame].sort((x, y) => x - y);
+  add("exclude_frames", { frames: [[first, last]] }, "frames left out");
+});
+of("place").addEventListener("click", () => {
+  if (!a.pixel || !map.point) return say("press a point in A, and on the plan", true);
+  add("place", { frame: a.frame, pixel: a.pixel, plan: map.point }, "placed; three points are safest");
+});
+for (const [name, kind] of [["unuse", "exclude_wall"], ["erase", "erase_wall"]])
+  of(name).addEventListener("click", () => {
+    if (!map.wall) return say("press a wall of the plan", true);
+    add(kind, { ends: map.wall }, "wall corrected");
+  });
+of("draw").addEventListener("click", () => {
+  if (!map.before || !map.point) return say("press the two ends on the plan", true);
+  add("draw_wall", { ends: [map.before, map.point] }, "wall drawn");
+});
+of("solve").addEventListener("click", async () => {
+  await change("solve", {}, "solving …");
+  watch();
+});
+
+// The report is another one after a solve; what changed is told on the new page.
+async function watch() {
+  for (;;) {
+    await new Promise((wake) => setTimeout(wake, 700));
+    try {
+      const state = await ask("state");
+      if (state.solving) continue;
+      if (!state.failed) return location.reload();
+      return draw(state);
+    } catch (error) {
+      return say(error.message, true);
+    }
+  }
+}
+
+// Beside the 3D view; the frame that is chosen there, in plots or in tables is frame A.
+document.getElementById("view")?.after(hand);
+const [slider, shown] = [".view-frame", ".view-frame-words"].map((name) => document.querySelector(name));
+if (slider && shown)
+  new MutationObserver(() => a.show(Number(slider.value)))
+    .observe(shown, { childList: true, characterData: true, subtree: true });
+
+(async () => {
+  try {
+    const state = await ask("state");
+    draw(state);
+    a.show(0);
+    b.show(state.frames - 1);
+    const plan = await ask("plan");
+    of("plan").hidden = plan.faces.length === 0;
+    map = planMap(of("plan").querySelector("svg"), plan);
+    hand.dataset.ready = "1";
+    if (state.solving) watch();
+  } catch (error) {
+    say(error.message, true);
+  }
+})();

@@ -1,0 +1,26 @@
+// A frame's image, in which a point is picked: pixels of the image as recorded, centres at integers.
+function imagePicker(figure) {
+  const [input, box] = [figure.querySelector("input"), figure.querySelector(".hand-picture")];
+  const [image, mark] = [box.querySelector("img"), box.querySelector("i")];
+  const picker = { frame: 0, pixel: null };
+  picker.show = (frame) => {
+    picker.frame = frame;
+    picker.pixel = null;
+    mark.hidden = true;
+    input.value = String(frame);
+    image.src = `frame/${frame}`;
+  };
+  input.addEventListener("change", () => {
+    const last = Number(input.max);
+    picker.show(Math.max(0, Math.min(last, Math.round(Number(input.value)) || 0)));
+  });
+  box.addEventListener("click", (event) => {
+    const rim = image.getBoundingClientRect();
+    if (!image.naturalWidth || !rim.width) return;
+    const [x, y] = [(event.clientX - rim.left) / rim.width, (event.clientY - rim.top) / rim.height];
+    picker.pixel = [x * image.naturalWidth - 0.5, y * image.naturalHeight - 0.5].map((v) => Math.round(v * 10) / 10);
+    Object.assign(mark, { hidden: false });
+    Object.assign(mark.style, { left: `${100 * x}%`, top: `${100 * y}%` });
+  });
+  return picker;
+}

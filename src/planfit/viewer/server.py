@@ -1,0 +1,205 @@
+"""A small HTTP server on 127.0.0.1: the report with its panel of corrections, behind a token.
+
+Nothing but this machine reaches it; and of this machine, only who has the address: other users and pages of
+other origins in the same browser have not. What it is asked to do it does to one file, OUT/corrections.toml,
+and by one solve at a time.
+"""
+
+import errno
+import hmac
+import json
+import secrets
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from typing import Any
+from urllib.parse import urlsplit
+
+from planfit.errors import OptionError, PlanfitError, printable
+from planfit.viewer.session import Session, as_json, report_page
+
+HOST = "127.0.0.1"
+MAX_BODY = 1_000_000
+SCRIPTS = ("pick.js", "plan_map.js", "panel.js")
+_POLICY = (
+    "default-src 'none'; img-src 'self' data: blob:; style-src 'unsafe-inline'; "
+    "script-src 'unsafe-inline'; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'"
+)
+
+
+class ViewServer(ThreadingHTTPServer):
+    """Serves a session until `shutdown`."""
+
+    daemon_threads = True
+    # Windows lets two servers take one port where this is set.
+    allow_reuse_address = False
+
+    def __init__(self, session: Session, port: int = 0) -> None:
+        """Bind at once.
+
+        Args:
+            session: what is shown.
+            port: 0 takes one that is free.
+
+        Raises:
+            OptionError: the port is taken, or may not be used.
+        """
+        self.session = session
+        self.token = secrets.token_urlsafe(24)
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OverflowError as error:
+            raise OptionError(f"--port: expected 0 to 65535, found {port}") from error
+        except OSError as error:
+            why = "one in use" if error.errno == errno.EADDRINUSE else f"{error.strerror}"
+            raise OptionError(
+                f"--port: expected a free port, found {why} at {port}; choose another, or leave it out"
+            ) from error
+
+    @property
+    def address(self) -> str:
+        """Of the page, with its token."""
+        return f"http://{HOST}:{self.server_address[1]}/{self.token}/"
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: ViewServer  # type: ignore[assignment]
+    protocol_version = "HTTP/1.1"
+    # A connection that says nothing is not waited for.
+    timeout = 60
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Nothing is printed by a library."""
+
+    def do_GET(self) -> None:
+        """The page, an image, or the state."""
+        session = self.server.session
+        path = self._path()
+        if path is None:
+            return
+        name, _, rest = path.partition("/")
+        if path == "":
+            self._answer(
+                lambda: page(report_page(session.folder)).encode(), "text/html; charset=utf-8"
+            )
+        elif path == "state":
+            self._answer(lambda: as_json(session.state()), "application/json")
+        elif path == "plan":
+            self._answer(lambda: as_json(session.plan()), "application/json")
+        elif name == "frame" and rest.isascii() and rest.isdigit() and len(rest) < 10:
+            self._answer(lambda: session.image(int(rest)), "image/jpeg")
+        else:
+            self._send(404, b"nothing here", "text/plain")
+
+    def do_POST(self) -> None:
+        """A correction added or removed, or a solve."""
+        path = self._path()
+        if path is None:
+            return
+        session, body = self.server.session, self._body()
+        if body is None:
+            return
+        actions: dict[str, Callable[[], None]] = {
+            "add": lambda: session.add(_word(body, "kind"), _table(body, "entry")),
+            "remove": lambda: session.remove(
+                _word(body, "kind"), _number(body, "number"), _word(body, "words")
+            ),
+            "solve": session.start_solve,
+        }
+        if path not in actions:
+            self._send(404, b"nothing here", "text/plain")
+            return
+
+        def done() -> bytes:
+            actions[path]()
+            return as_json(session.state())
+
+        self._answer(done, "application/json")
+
+    def _path(self) -> str | None:
+        """What is asked for, behind the token; None where it was refused."""
+        host = f"{HOST}:{self.server.server_address[1]}"
+        origin = self.headers.get("Origin")
+        token, _, path = urlsplit(self.path).path.lstrip("/").partition("/")
+        is_ours = hmac.compare_digest(token.encode(), self.server.token.encode())
+        # A name that leads here from elsewhere (DNS rebinding) stands in Host; a page of elsewhere in Origin.
+        is_here = self.headers.get("Host") in (host, host.replace(HOST, "localhost"))
+        if is_ours and is_here and origin in (None, f"http://{host}", "null"):
+            return path
+        self._send(403, b"open the address that planfit view printed", "text/plain")
+        return None
+
+    def _body(self) -> dict[str, Any] | None:
+        """JSON of a request; None where it was refused."""
+        length = self.headers.get("Content-Length", "")
+        is_json = self.headers.get("Content-Type", "").split(";")[0] == "application/json"
+        if not is_json or not length.isdigit() or int(length) > MAX_BODY:
+            self.close_connection = True
+            self._send(400, b"expected JSON of at most 1 MB", "text/plain")
+            return None
+        try:
+            content = json.loads(self.rfile.read(int(length)) or b"{}")
+        except (ValueError, RecursionError):
+            content = None
+        if not isinstance(content, dict):
+            self._send(400, b"expected a JSON object", "text/plain")
+            return None
+        return content
+
+    def _answer(self, make: Callable[[], bytes], kind: str) -> None:
+        try:
+            content = make()
+        except PlanfitError as error:
+            told = as_json({"error": printable(str(error))})
+            self._send(400, told, "application/json")
+            return
+        self._send(200, content, kind)
+
+    def _send(self, status: int, content: bytes, kind: str) -> None:
+        try:
+            self.send_response(status)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(content)))
+            self.send_header("Cache-Control", "no-store")
+            self.send_header("Referrer-Policy", "no-referrer")
+            self.send_header("X-Content-Type-Options", "nosniff")
+            if kind.startswith("text/html"):
+                self.send_header("Content-Security-Policy", _POLICY)
+            self.end_headers()
+            self.wfile.write(content)
+        except (BrokenPipeError, ConnectionResetError):
+            self.close_connection = True  # the page was closed
+
+
+def page(report: str) -> str:
+    """The report with the panel of corrections in it."""
+    style, markup = _read("panel.css"), _read("panel.html")
+    script = "\n".join(_read(name) for name in SCRIPTS)
+    panel = f'<style>\n{style}</style>\n{markup}<script>(() => {{\n"use strict";\n{script}}})();</script>\n'
+    head, body, tail = report.rpartition("</body>")
+    return f"{head}{panel}{body}{tail}" if body else report + panel
+
+
+def _read(name: str) -> str:
+    return resources.files("planfit.viewer").joinpath("page", name).read_text("utf-8")
+
+
+def _word(body: dict[str, Any], key: str) -> str:
+    value = body.get(key)
+    if not isinstance(value, str):
+        raise OptionError(f"expected words for {key}, found {type(value).__name__}")
+    return value
+
+
+def _number(body: dict[str, Any], key: str) -> int:
+    value = body.get(key)
+    if not isinstance(value, int):
+        raise OptionError(f"expected a number for {key}, found {type(value).__name__}")
+    return value
+
+
+def _table(body: dict[str, Any], key: str) -> dict[str, Any]:
+    value = body.get(key)
+    if not isinstance(value, dict):
+        raise OptionError(f"expected a table for {key}, found {type(value).__name__}")
+    return value

@@ -1,0 +1,163 @@
+"""Corrections by hand on the command line: used, recorded and told, or refused in one line."""
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planfit.cli import run
+from planfit.cli.run_record import read_record
+from planfit.cli.view import ViewArguments, open_session
+from planfit.corrections import read_corrections
+from planfit.errors import FloorplanError, ScanError
+from planfit.floorplan import PlanOptions, read_floorplan
+from planfit.viewer import ViewServer
+
+
+def refine(scan: Path, out: Path, *flags: str) -> int:
+    return run(["refine", str(scan), "-o", str(out), "--report.no-has-view", *flags])
+
+
+@pytest.fixture(scope="module")
+def corrected(small_scan: Path, tmp_path_factory) -> tuple[Path, Path]:
+    """A run with a correction of each kind, and their file."""
+    folder = tmp_path_factory.mktemp("corrected")
+    path, out = folder / "hand.toml", folder / "out"
+    faces = read_floorplan(small_scan / "floorplan.npy").ends
+    short = np.argsort(np.linalg.norm(faces[:, 1] - faces[:, 0], axis=1))
+    # Short ones: the others bound the rooms.
+    lines = ["[[add_loop]]", "frames = [1, 58]", "note = 'seen on site'"]
+    lines += ["[[delete_loop]]", "frames = [[0, 5], [50, 55]]"]
+    lines += ["[[exclude_frames]]", "frames = [[20, 22]]"]
+    lines += ["[[erase_wall]]", f"ends = {faces[short[0]].tolist()}"]
+    lines += ["[[exclude_wall]]", f"ends = {faces[short[1]].tolist()}"]
+    lines += ["[[draw_wall]]", "ends = [[0.5, 0.4], [0.9, 0.4]]"]
+    path.write_text("\n".join(lines))
+    assert refine(small_scan, out, "--corrections", str(path)) in (0, 1)
+    return path, out
+
+
+def test_all_that_was_used_is_recorded_and_told(corrected, small_scan: Path) -> None:
+    path, out = corrected
+    record = json.loads((out / "run.json").read_text())
+    told = record["corrections"]
+    assert told["file"] == str(path)
+    assert told["left_out"] == []
+    assert [each["kind"] for each in told["used"]] == [
+        "add_loop", "delete_loop", "exclude_frames", "exclude_wall", "erase_wall", "draw_wall",
+    ]  # fmt: skip
+    assert told["used"][0]["note"] == "seen on site"
+    assert told["used"][0]["residual_m"] < 0.1
+    assert record["keyframes"] == record["frames"] - 3
+    n_faces = len(read_floorplan(small_scan / "floorplan.npy"))
+    assert record["plan_faces"] == n_faces
+    assert "6 corrections by hand: 1 loop added" in (out / "report.html").read_text()
+    # The text of the record repeats the run.
+    again = path.with_name("again.toml")
+    again.write_text(told["toml"])
+    assert [each.words for each in read_corrections(again)] == [
+        each.words for each in read_corrections(path)
+    ]
+
+
+def test_a_corrected_run_is_judged_on_its_corrected_plan(corrected, small_scan: Path) -> None:
+    """Though it has as many faces as the plan as read, they are other ones."""
+    plan = read_record(corrected[1]).floorplan(PlanOptions())
+    assert plan is not None
+    read = read_floorplan(small_scan / "floorplan.npy")
+    assert len(plan) == len(read)
+    np.testing.assert_allclose(plan.ends[-1], [[0.5, 0.4], [0.9, 0.4]])
+    assert plan.is_unused is not None
+    assert plan.is_unused.sum() == 1
+
+
+def test_the_page_is_served_until_it_is_ended(corrected) -> None:
+    """By the command itself, without a browser; Ctrl-C ends it, and says where corrections are."""
+    command = [
+        sys.executable,
+        "-m",
+        "planfit",
+        "view",
+        str(corrected[1]),
+        "--no-browser",
+        "--workers=1",
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        address = process.stdout.readline().strip()
+        assert process.stdout.readline().startswith("corrections are kept in")
+        with urllib.request.urlopen(f"{address}state", timeout=20) as answer:
+            assert json.load(answer)["frames"] == 60
+        process.send_signal(signal.SIGINT)
+        told = process.communicate(timeout=20)[0]
+    assert process.returncode == 0
+    assert told.strip().startswith("ended; corrections are in")
+
+
+def test_a_run_is_opened_as_it_was_read(corrected, small_scan: Path, tmp_path: Path) -> None:
+    session = open_session(ViewArguments(corrected[1], workers=1))
+    assert len(session.scan) == 60
+    assert session.floorplan is not None
+    session.add("add_loop", {"frames": [3, 57]})
+    assert (corrected[1] / "corrections.toml").exists()
+    with pytest.raises(ScanError, match="expected the record of a run, found nothing"):
+        open_session(ViewArguments(tmp_path))
+    other = tmp_path / "other.npy"
+    faces = np.load(small_scan / "floorplan.npy")
+    np.save(other, faces[:-1])
+    with pytest.raises(FloorplanError, match="expected the plan as the run read it"):
+        open_session(ViewArguments(corrected[1], plan=other))
+
+
+def test_no_browser_and_a_taken_port_are_told(corrected, monkeypatch, capsys) -> None:
+    def ended(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("webbrowser.open", lambda _: False)
+    monkeypatch.setattr(ViewServer, "serve_forever", ended)
+    assert run(["view", str(corrected[1])]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("http://127.0.0.1:")
+    assert "no browser was found to open it: open the address above in one" in said
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert run(["view", str(corrected[1]), "--port", str(port)]) == 2
+    assert f"--port: expected a free port, found one in use at {port}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[[add_lop]]", "did you mean 'add_loop'"),
+        ("[[add_loop]]\nframes = [1, 99]", "add_loop 1: expected frames from 0 to 59, found 99"),
+        ("[[erase_wall]]\nends = [[50, 50], [51, 50]]", "expected a face from [50.0, 50.0]"),
+        (
+            "[[place]]\nscan = [0, 0, 0]\nplan = [900, 900]",
+            "expected points on the plan, which spans",
+        ),
+        (
+            "[[add_loop]]\nframes = [1, 58]\n[[delete_loop]]\nframes = [1, 58]",
+            "found 1 contradicted: add_loop 1: frames 1 and 58 see the same: a delete_loop says the opposite",
+        ),
+    ],
+)
+def test_bad_corrections_are_refused_in_one_line(
+    small_scan: Path, corrected, tmp_path: Path, capsys, text: str, words: str
+) -> None:
+    path, out = tmp_path / "hand.toml", tmp_path / "out"
+    path.write_text(text)
+    cache = corrected[1] / "cache"  # places are refused once loops are closed
+    assert refine(small_scan, out, "--corrections", str(path), "--cache", str(cache)) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    (line,) = [one for one in said if one.startswith("planfit:")]
+    assert str(path) in line
+    assert words in line
+    assert not (out / "run.json").exists()

@@ -1,0 +1,328 @@
+"""`planfit view` through its HTTP endpoints: who may ask, what is kept, and a scan placed by three picks."""
+
+import http.client
+import json
+import threading
+
+import numpy as np
+import pytest
+
+import planfit
+from browser_probe import BROWSER
+from builders import RoomFiles, position_rms_m, room_plan, room_scan
+from planfit.corrections import read_corrections
+from planfit.errors import OptionError
+from planfit.geometry import se3
+from planfit.matching import lift_pixel
+from planfit.pipeline.observations import extract_observations
+from planfit.saving import save_result
+from planfit.scan import read_tum
+from planfit.viewer import Session, ViewServer
+from test_corrections import HALF_TURN, walk_in_a_room
+
+
+class Served:
+    """A session behind a running server."""
+
+    def __init__(self, session, server):
+        self.session, self.server = session, server
+        self.prefix = f"/{server.token}/"
+
+    def ask(self, name, body=None, prefix=None, **headers):
+        """Status, and JSON or bytes."""
+        port = self.server.server_address[1]
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
+        sent = {
+            "Content-Type": "application/json",
+            **{k.replace("_", "-"): v for k, v in headers.items()},
+        }
+        path = (self.prefix if prefix is None else prefix) + name
+        if body is None:
+            connection.request("GET", path, headers=headers)
+        else:
+            content = body if isinstance(body, bytes) else json.dumps(body).encode()
+            connection.request("POST", path, content, sent)
+        answer = connection.getresponse()
+        content = answer.read()
+        connection.close()
+        is_json = answer.getheader("Content-Type") == "application/json"
+        return answer.status, json.loads(content) if is_json else content
+
+    def add(self, kind, **entry):
+        return self.ask("add", {"kind": kind, "entry": entry})
+
+
+RECORD = {
+    "inputs": {},
+    "verdict": {
+        "outcome": "refined",
+        "predicted_error_rms_m": 0.02,
+        "visits": [
+            {
+                "first_frames": [0, 3],
+                "last_frames": [9, 11],
+                "before_m": 0.1,
+                "kept_out_m": m,
+                "after_m": m,
+            }
+            for m in (0.01, 0.5)
+        ],
+    },
+    "alignment": None,
+    "plan_from_world_before": np.eye(4).tolist(),
+    "matches": {"pairs_verified": 3, "loop_closures": 1},
+    "keyframes": 12,
+    "plan_faces": 4,
+    "warnings": [],
+    "corrections": None,
+}
+
+
+@pytest.fixture
+def served(tmp_path):
+    """A run folder as far as the page asks for it, with a solve that tells what it was given."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "run.json").write_text(json.dumps(RECORD))
+    (folder / "report.html").write_text("<html><body><h1>report</h1></body></html>")
+    owner = {"inputs": {}, "results": ["run.json", "report.html"]}
+    (folder / ".planfit.json").write_text(json.dumps(owner))
+    given = []
+    release = threading.Event()
+
+    def solve(corrections):
+        release.wait(10)
+        given.append(corrections)
+        if len(corrections) > 3:
+            raise OptionError("too many")
+        record = {**RECORD, "keyframes": 12 - len(corrections)}
+        (folder / "run.json").write_text(json.dumps(record))
+
+    scan = room_scan(walk_in_a_room(12))
+    session = Session(folder, scan, room_plan(), solve)
+    with ViewServer(session) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        served = Served(session, server)
+        served.given, served.release = given, release
+        yield served
+        release.set()
+        session.wait()
+        server.shutdown()
+        thread.join()
+
+
+def test_only_who_has_the_address_is_answered(served):
+    assert served.server.server_address[0] == "127.0.0.1"
+    assert len(served.server.token) >= 32
+    assert served.ask("")[0] == 200
+    wrong = "/" + "x" * len(served.server.token) + "/"
+    for prefix in ("/", wrong, f"/{served.server.token[:-1]}/"):
+        status, said = served.ask("state", prefix=prefix)
+        assert status == 403
+        assert said == b"open the address that planfit view printed"
+        assert served.ask("add", {"kind": "add_loop", "entry": {}}, prefix=prefix)[0] == 403
+    # A name that was made to lead here, and a page of elsewhere.
+    assert served.ask("state", Host="elsewhere.example")[0] == 403
+    assert served.ask("solve", {}, Origin="http://elsewhere.example")[0] == 403
+    assert not served.session.is_solving
+    # A form of another page can send text, not JSON.
+    assert served.ask("solve", {}, Content_Type="text/plain")[0] == 400
+    assert not served.session.path.exists()
+
+
+def test_page_images_and_state(served):
+    status, page = served.ask("")
+    assert status == 200
+    assert b"<h1>report</h1>" in page
+    assert page.index(b'id="hand"') < page.index(b"</body>")
+    assert served.ask("frame/3")[1][:3] == b"\xff\xd8\xff"
+    assert served.ask("frame/12")[1] == {"error": "expected a frame from 0 to 11, found 12"}
+    for missing in ("frame/x", "frame/", "frame/" + "9" * 40, "../run.json", "run.json", "other"):
+        assert served.ask(missing)[0] == 404
+    state = served.ask("state")[1]
+    assert state["frames"] == 12
+    assert [visit["after_m"] for visit in state["visits"]] == [0.5, 0.01]
+    plan = served.ask("plan")[1]
+    assert np.shape(plan["faces"]) == (4, 2, 2)
+
+
+def test_every_correction_goes_to_the_file_at_once(served):
+    assert served.add("add_loop", frames=[0, 11], pixels=[[20, 30], [40, 50.5]])[0] == 200
+    assert served.add("delete_loop", frames=[[0, 3], [9, 11]])[0] == 200
+    assert served.add("exclude_frames", frames=[[5, 6]])[0] == 200
+    assert served.add("place", frame=2, pixel=[80, 60], plan=[1.5, 2])[0] == 200
+    assert served.add("exclude_wall", ends=[[0, 0], [6, 0]], note="curtain")[0] == 200
+    assert served.add("draw_wall", ends=[[2, 0], [2, 4]])[0] == 200
+    status, state = served.add("erase_wall", ends=[[6, 4], [0, 4]])
+    assert status == 200
+    read = read_corrections(served.session.path)
+    assert [each.words for each in read] == [row["words"] for row in state["corrections"]]
+    assert {each.kind for each in read} == {
+        "add_loop", "delete_loop", "exclude_frames", "place", "exclude_wall", "draw_wall", "erase_wall",
+    }  # fmt: skip
+    # One is taken out again, by what it says.
+    loop = next(row for row in state["corrections"] if row["kind"] == "add_loop")
+    assert served.ask("remove", loop)[0] == 200
+    assert len(read_corrections(served.session.path)) == 6
+    status, said = served.ask("remove", loop)
+    assert status == 400
+    assert "the list was changed elsewhere" in said["error"]
+    # What is written there by hand meanwhile is kept.
+    with served.session.path.open("a") as file:
+        file.write("\n[[add_loop]]\nframes = [1, 10]\n")
+    assert served.add("add_loop", frames=[2, 9])[0] == 200
+    assert [each.frames for each in read_corrections(served.session.path).added] == [
+        (1, 10),
+        (2, 9),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "entry", "words"),
+    [
+        ("add_loop", {"frames": [0, 12]}, "expected frames from 0 to 11, found 12"),
+        ("add_loop", {"frames": [0, 11], "pixels": [[200, 1], [1, 1]]}, "a pixel within 160 x 120"),
+        ("erase_wall", {"ends": [[1, 1], [2, 1]]}, "expected a face from [1.0, 1.0]"),
+        ("place", {"frame": 1, "pixel": [1, 1]}, "expected plan or plan_file"),
+        ("wall", {}, "expected tables of corrections, found 'wall'"),
+        ("add_loop", [], "expected a table for entry"),
+        (3, {}, "expected words for kind"),
+    ],
+)
+def test_a_wrong_correction_is_refused_and_not_kept(served, kind, entry, words):
+    status, said = served.ask("add", {"kind": kind, "entry": entry})
+    assert status == 400
+    assert words in said["error"]
+    assert not served.session.path.exists()
+
+
+def test_requests_of_other_kinds_are_refused(served):
+    assert served.ask("add", b"no JSON")[0] == 400
+    assert served.ask("add", b"[1]")[0] == 400
+    assert served.ask("add", b"{}", Content_Length="2000000")[0] == 400
+    assert served.ask("other", {})[0] == 404
+
+
+def test_a_damaged_file_is_told_and_left_as_it_is(served):
+    served.session.path.write_text("[[add_loop")
+    assert "expected TOML" in served.ask("state")[1]["failed"]
+    assert served.add("add_loop", frames=[0, 11])[0] == 400
+    assert served.session.path.read_text() == "[[add_loop"
+
+
+def test_one_solve_at_a_time_with_what_the_file_says(served):
+    served.add("add_loop", frames=[0, 11])
+    status, state = served.ask("solve", {})
+    assert (status, state["solving"]) == (200, True)
+    status, said = served.ask("solve", {})
+    assert status == 400
+    assert "wait for it" in said["error"]
+    served.release.set()
+    served.session.wait()
+    assert [each.frames for each in served.given[0].added] == [(0, 11)]
+    state = served.ask("state")[1]
+    assert state["changed"] == [["keyframes", "12", "11"]]
+    for other in range(3):
+        served.add("add_loop", frames=[0, 8 + other])
+    served.ask("solve", {})
+    served.session.wait()
+    assert served.ask("state")[1]["failed"] == "too many"
+
+
+def test_a_port_that_is_taken_is_told(served):
+    port = served.server.server_address[1]
+    with pytest.raises(
+        OptionError, match=f"--port: expected a free port, found one in use at {port}"
+    ):
+        ViewServer(served.session, port)
+    with pytest.raises(OptionError, match="--port: expected 0 to 65535"):
+        ViewServer(served.session, 70_000)
+
+
+def test_three_picks_place_a_scan_that_fits_in_two_ways(tmp_path, monkeypatch):
+    """A rectangle fits when turned by half: placed wrongly at first, rightly once solved again."""
+    walk = walk_in_a_room(12)
+    scan, plan, folder = room_scan(walk), room_plan(), tmp_path / "out"
+    monkeypatch.setattr(RoomFiles, "write_poses", lambda *_: None)  # it is of no format
+    observations = extract_observations(scan)
+    first = planfit.refine(scan, plan, observations=observations)
+    truth = min(
+        (walk, HALF_TURN @ walk), key=lambda poses: -position_rms_m(first.plan_from_cams, poses)
+    )
+
+    def solve(corrections):
+        result = planfit.refine(scan, plan, observations=observations, corrections=corrections)
+        save_result(result, folder)
+
+    save_result(first, folder)
+    with ViewServer(Session(folder, scan, plan, solve)) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        served = Served(server.session, server)
+        for frame, uv in [(1, (30.0, 40.0)), (5, (100.0, 60.0)), (10, (80.0, 50.0))]:
+            point = se3.transform(truth[frame], lift_pixel(scan, frame, uv)[None])[0]
+            status, _ = served.add("place", frame=frame, pixel=uv, plan=point[:2].round(3).tolist())
+            assert status == 200
+        assert position_rms_m(read_tum(folder / "trajectory.tum")[1], truth) > 1.0
+        assert served.ask("solve", {})[0] == 200
+        served.session.wait(120)
+        state = served.ask("state")[1]
+        server.shutdown()
+        thread.join()
+    assert state["failed"] == ""
+    assert position_rms_m(read_tum(folder / "trajectory.tum")[1], truth) < 0.08
+    assert all(row["is_solved"] and row["residual_m"] < 0.1 for row in state["corrections"])
+    assert "placed at" in [row[0] for row in state["changed"]]
+    assert "3 corrections by hand: 3 places" in (folder / "report.html").read_text()
+    assert (folder / "corrections.toml").exists()
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium to open the page with")
+def test_points_are_picked_and_a_loop_is_added_in_a_browser(served, tmp_path):
+    webdriver = pytest.importorskip("selenium.webdriver")
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for flag in (
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        f"--user-data-dir={tmp_path / 'p'}",
+    ):
+        options.add_argument(flag)
+    browser = webdriver.Chrome(options=options)
+    try:
+        browser.set_window_size(390, 900)
+        browser.get(served.server.address)
+        waiting = WebDriverWait(browser, 20)
+        waiting.until(lambda b: b.find_element(By.ID, "hand").get_attribute("data-ready"))
+        find = lambda name: browser.find_element(By.CSS_SELECTOR, f"#hand .hand-{name}")  # noqa: E731
+        waiting.until(
+            lambda b: b.execute_script(
+                "return [...document.querySelectorAll('.hand-picture img')].every(i => i.naturalWidth)"
+            )
+        )
+        for picture in browser.find_elements(By.CSS_SELECTOR, "#hand .hand-picture"):
+            browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", picture)
+            picture.click()  # its middle
+        add = find("add")
+        browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", add)
+        add.click()
+        waiting.until(lambda _: find("list").find_elements(By.TAG_NAME, "li"))
+        (loop,) = read_corrections(served.session.path).added
+        assert loop.frames == (0, 11)
+        for uv in loop.pixels:
+            assert np.allclose(uv, [79.5, 59.5], atol=1.0)
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+        browser.save_screenshot(str(tmp_path / "page.png"))
+        # Taken out, and nothing of it is left.
+        out = find("list").find_element(By.TAG_NAME, "button")
+        browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", out)
+        out.click()
+        waiting.until(lambda _: not find("list").find_elements(By.TAG_NAME, "li"))
+        assert len(read_corrections(served.session.path)) == 0
+    finally:
+        browser.quit()
