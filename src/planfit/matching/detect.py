@@ -105,9 +105,10 @@ def reduced(whole: Detector, max_side_px: int, min_found: int) -> Detector:
             return whole(grey, useful)
         size = (max(1, round(width * share)), max(1, round(height * share)))
         small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+        useful_small = None
         if useful is not None:
             useful_small = cv2.resize(useful, size, interpolation=cv2.INTER_NEAREST)
-        found = whole(small, None if useful is None else useful_small)
+        found = whole(small, useful_small)
         if len(found.uv) < min_found:
             return whole(grey, useful)
         # Pixels are numbered by their centres: the corner of the image lies at -0.5 in both.
