@@ -71,11 +71,11 @@ def test_a_thinned_cloud_has_no_more_points_and_keeps_their_frames(most):
 def test_a_run_leaves_frames_without_place_out_of_its_clouds(small_run, tmp_path, monkeypatch):
     scan, floorplan, result = small_run
     evidence = replace(result.evidence, unplaced=((2, 4),))
-    monkeypatch.setattr(command, "refine", lambda *_: replace(result, evidence=evidence))
+    monkeypatch.setattr(command, "refine", lambda *_, **__: replace(result, evidence=evidence))
     command.refine_into(tmp_path / "out", scan, floorplan, planfit.RefineOptions(), 1, False)
     record = json.loads((tmp_path / "out" / "run.json").read_text())
     assert record["verdict"]["frames_without_place"] == [[2, 4]]
-    monkeypatch.setattr(command, "refine", lambda *_: result)
+    monkeypatch.setattr(command, "refine", lambda *_, **__: result)
     command.refine_into(tmp_path / "whole", scan, floorplan, planfit.RefineOptions(), 1, False)
     some, whole = (
         len(trimesh.load(tmp_path / name / "cloud_after.ply").vertices) for name in ("out", "whole")

@@ -98,7 +98,6 @@ def test_every_option_of_refine_can_be_a_column():
         "--workers",
         "--cache",
         "--plan",
-        "--pin",
     }
     known = {f"--{name}" for name in columns()}
     switches = {f"--{name}" for name, column in columns().items() if column.has_no}
@@ -106,7 +105,9 @@ def test_every_option_of_refine_can_be_a_column():
     assert known | off == flags
     assert not known & {f"--{name}" for name in OWN_COLUMNS}
     files = {name for name, column in columns().items() if column.is_file}
-    assert files == {"poses", "calibration", "config", "wall-mask", "plan-edits"}
+    of_plan = {"wall-mask", "plan-edits"}
+    of_survey = {"control-points", "check-points", "marks"}
+    assert files == {"poses", "calibration", "config", "corrections"} | of_plan | of_survey
 
 
 @pytest.mark.parametrize("n", [1, 3, 8])

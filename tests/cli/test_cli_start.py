@@ -117,4 +117,4 @@ def test_main_exits_with_the_code_of_the_command(capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit) as stop:
         main_function(["nothing"])
     assert stop.value.code == 2
-    assert "unknown command 'nothing'; known: refine, batch, align" in capsys.readouterr().err
+    assert "unknown command 'nothing'; known: refine, view, batch, align" in capsys.readouterr().err
