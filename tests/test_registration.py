@@ -7,9 +7,10 @@ import pytest
 from scipy.stats import chi2
 
 from planfit.export.registration import registration_record, write_registration
-from planfit.pipeline.evidence import Evidence, Stretch, Visit
+from planfit.pipeline.evidence import Evidence, Stretch
 from planfit.pipeline.registration import FACTOR_95, FACTOR_95_FLAT, loa_class, register
 from planfit.pipeline.validation import Check
+from planfit.pipeline.visits import Visit
 from planfit.report.html.registration_section import registration_section
 from planfit.survey import PointResidual, SurveyResiduals
 

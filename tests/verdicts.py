@@ -3,9 +3,10 @@
 import numpy as np
 
 from planfit.alignment import AdjustedAlignment
-from planfit.pipeline.evidence import Evidence, Stretch, Visit
+from planfit.pipeline.evidence import Evidence, Stretch
 from planfit.pipeline.verdict import Verdict, judge
 from planfit.pipeline.verdict_options import VerdictOptions
+from planfit.pipeline.visits import Visit
 
 
 def make_stretch(k, **changes):

@@ -17,15 +17,21 @@ from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.paper.descent import PaperWeights, descend
 from planfit.adjust.rigid_motion import hold_whole
+from planfit.adjust.scan_terms import (
+    by_hand_term,
+    floor_points_term,
+    geometric_term,
+    odometry_term,
+    surfaces_term,
+)
 from planfit.adjust.terms.control import control_term
 from planfit.adjust.terms.effective_observations import as_mean
-from planfit.adjust.terms.levels import LevelTerm, floor_term
+from planfit.adjust.terms.levels import LevelTerm
 from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
 from planfit.adjust.terms.odometry import OdometryTerm
-from planfit.adjust.terms.points import PointOptions, PointTerm
+from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.rays import RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionTerm
-from planfit.adjust.terms.surfaces import surface_term
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
     offset_prior,
@@ -37,7 +43,6 @@ from planfit.adjust.terms.walls import WallTerm
 from planfit.floorplan import Floorplan
 from planfit.lsq.bounded import solve_bounded
 from planfit.lsq.problem import Problem
-from planfit.lsq.robust import SQUARES
 from planfit.lsq.solver import Cost, Solution
 from planfit.lsq.term import Term
 from planfit.lsq.terms.between import BetweenTerm
@@ -215,11 +220,11 @@ def build_problem(
         correspondences,
         target_from_cams,
         len(target_from_cams),
-        geometric=_geometric_term(measurements, options),
-        by_hand=_by_hand_term(measurements, options),
-        surfaces=_surface_term(measurements, options),
-        floor=_floor_term(measurements, options),
-        odometry=_odometry_term(measurements, options),
+        geometric=geometric_term(measurements, options),
+        by_hand=by_hand_term(measurements, options),
+        surfaces=surfaces_term(measurements, options),
+        floor=floor_points_term(measurements, options),
+        odometry=odometry_term(measurements, options),
         control=control_term(measurements.control, options.control),
         extra=extra,
     )
@@ -247,63 +252,6 @@ def costs(
 
 def _present(*terms: Term | None) -> list[Term]:
     return [term for term in terms if term is not None]
-
-
-def _geometric_term(
-    measurements: Measurements, options: AdjustOptions
-) -> PointTerm | RayTerm | ReprojectionTerm | None:
-    """What the matches are held to; None without matches or weight."""
-    matches = measurements.matches
-    if matches.n_matches == 0 or getattr(options, options.geometric).weight == 0:
-        return None
-    chosen = getattr(options, options.geometric)
-    if options.averaging == "mean":
-        # The paper's means know no sigmas: a metre is a metre for every match.
-        matches = replace(matches, sigma=np.ones_like(matches.sigma))
-        chosen = as_mean(chosen, matches.n_matches)
-    if options.geometric == "points":
-        return PointTerm(matches, chosen, device=options.solver.device)
-    if options.geometric == "rays":
-        return RayTerm(matches, chosen)
-    return ReprojectionTerm(matches, measurements.cameras, chosen)
-
-
-def _by_hand_term(measurements: Measurements, options: AdjustOptions) -> PointTerm | None:
-    """Plain least squares of 3D points, whatever the geometric term is; None where nobody vouches for any.
-
-    A pair that a person vouches for is worth as much as the best matched one, be it a single point: as one
-    observation it would bend the steps of a walk half way.
-    """
-    matches = measurements.by_hand
-    if matches is None or matches.n_matches == 0:
-        return None
-    most = options.points.max_observations
-    counts = np.diff(matches.start)
-    share = np.repeat(np.minimum(counts, most) / most, counts)
-    sure = PointOptions(loss=SQUARES, max_observations=most)
-    matches = replace(matches, sigma=matches.sigma * np.sqrt(share))
-    return PointTerm(matches, sure, name="loops by hand", device=options.solver.device)
-
-
-def _surface_term(measurements: Measurements, options: AdjustOptions) -> BetweenTerm | None:
-    if options.surfaces.weight <= 0 or len(measurements.surfaces) == 0:
-        return None
-    return surface_term(measurements.surfaces, options.surfaces)
-
-
-def _floor_term(measurements: Measurements, options: AdjustOptions) -> LevelTerm | None:
-    structure, floor = measurements.structure, options.floor
-    if floor.weight <= 0 or not structure.has_floor:
-        return None
-    if options.averaging == "mean":
-        floor = as_mean(floor, len(structure.floor))
-    return floor_term(structure, floor, options.solver.device)
-
-
-def _odometry_term(measurements: Measurements, options: AdjustOptions) -> OdometryTerm | None:
-    if options.odometry.weight <= 0 or not len(measurements.odometry.cam_from_next):
-        return None
-    return OdometryTerm(measurements.odometry, options.odometry)
 
 
 def _with_plan(

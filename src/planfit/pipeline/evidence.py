@@ -10,19 +10,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from planfit.adjust import AdjustOptions, PlanAdjustment, TornStep, build_problem, costs, name_walls
 from planfit.adjust.association import associate
 from planfit.adjust.calibration import NOT_CALIBRATED, Calibration, CalibrationOptions
 from planfit.adjust.torn_steps import find_broken_steps
 from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
-from planfit.evaluation import NEAR_FACE_M, match_distances
+from planfit.evaluation import NEAR_FACE_M
 from planfit.lsq import Term
 from planfit.pipeline.align import wall_samples
 from planfit.pipeline.calibrate import shared_error
 from planfit.pipeline.folds import (
-    NOT_KEPT_OUT,
     Folds,
     choose_folds,
     without_fold,
@@ -36,6 +35,7 @@ from planfit.pipeline.predicted_error import (
 )
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storeys import judge_storeys
+from planfit.pipeline.visits import Visit, frames_of_stretch, judge_visits
 from planfit.short_repr import short_repr
 
 FOLD_TOLERANCE = 1e-4
@@ -46,22 +46,6 @@ CONTRADICTED_M = 0.3
 """A visit whose matches end further apart (median) is contradicted by the result."""
 DRIFT_COST = 3.0
 """See `Evidence.scan_costs`."""
-
-
-@dataclass(frozen=True)
-class Visit:
-    """All pairs of frames between two stretches of the walk, judged by a solve that did without them."""
-
-    first_frames: tuple[int, int]
-    """First and last frame of the earlier stretch, as numbered in the scan."""
-    last_frames: tuple[int, int]
-    """First and last frame of the later one."""
-    before_m: float
-    """Median distance between the two sightings of a point, poses as recorded."""
-    kept_out_m: float
-    """The same by the solve that did without this visit."""
-    after_m: float
-    """The same by the result."""
 
 
 @dataclass(frozen=True)
@@ -232,7 +216,7 @@ def gather_evidence(
         pose_covariances=interpolated(covariance, every, keys),
         correction_m=np.interp(every, keys, correction_m),
         stretches=_stretches(prepared, folds, of_positions, near),
-        visits=_visits(prepared, folds, recorded, by_fold, solved),
+        visits=judge_visits(prepared, folds, recorded, by_fold, solved),
         torn=find_broken_steps(measurements, solved),
         alignment=_judge_alignment(prepared, on_plan, solved, align_options),
         scan_costs=_scan_costs(prepared, solved, options),
@@ -317,7 +301,7 @@ def _stretches(
         shares = seen.mean(axis=0) if len(seen) else np.full(3, np.nan)
         stretches.append(
             Stretch(
-                frames=_frames(prepared, folds, k),
+                frames=frames_of_stretch(prepared, folds, k),
                 predicted_m=float(np.sqrt(np.trace(mean))),
                 open_direction=_open_direction(mean[:2, :2]),
                 n_patches=len(seen),
@@ -337,38 +321,6 @@ def _open_direction(covariance: Float[np.ndarray, "2 2"]) -> tuple[float, float]
     # Of an axis and its opposite, the one whose larger entry is positive.
     x, y = axes[:, 1] * (1 if axes[np.argmax(np.abs(axes[:, 1])), 1] > 0 else -1)
     return float(x), float(y)
-
-
-def _visits(
-    prepared: PreparedScan,
-    folds: Folds,
-    recorded: Float[np.ndarray, "k 4 4"],
-    by_fold: Sequence[Float[np.ndarray, "k 4 4"]],
-    solved: Float[np.ndarray, "k 4 4"],
-) -> tuple[Visit, ...]:
-    matches = prepared.measurements.matches
-    sizes = np.diff(matches.start)
-    fold_of_match = np.repeat(folds.of_pairs, sizes)
-    visit_of_match = np.repeat(folds.visit, sizes)
-    before_m, after_m = match_distances(matches, recorded), match_distances(matches, solved)
-    kept_out_m = after_m.copy()
-    for fold, poses in enumerate(by_fold):
-        is_out = fold_of_match == fold
-        kept_out_m[is_out] = match_distances(matches, poses)[is_out]
-    # Sorted by visit, a visit's matches are a run; those of no visit stand before the first.
-    order = np.argsort(visit_of_match, kind="stable")
-    n_visits = int(folds.visit.max(initial=NOT_KEPT_OUT)) + 1
-    borders = np.searchsorted(visit_of_match[order], np.arange(n_visits + 1))
-    pair_of_match = np.repeat(np.arange(len(sizes)), sizes)
-    visits = []
-    for k in range(n_visits):
-        own = order[borders[k] : borders[k + 1]]
-        if len(own) == 0:  # frames that surfaces alone brought together
-            continue
-        a, b = folds.stretch[matches.pairs[pair_of_match[own[0]]]]
-        medians = (float(np.median(each[own])) for each in (before_m, kept_out_m, after_m))
-        visits.append(Visit(_frames(prepared, folds, a), _frames(prepared, folds, b), *medians))
-    return tuple(visits)
 
 
 def _judge_alignment(
@@ -394,12 +346,6 @@ def _scan_costs(
         costs(measurements, poses, options) for poses in (prepared.level_from_keys, solved)
     )
     return {name: (max(before[name], least), max(after[name], least)) for name in before}
-
-
-def _frames(prepared: PreparedScan, folds: Folds, stretch: int | np.integer) -> tuple[int, int]:
-    """First and last frame of a stretch, as numbered in the scan."""
-    own: Int[np.ndarray, " k"] = prepared.keyframes.frame_idx[folds.stretch == stretch]
-    return int(own[0]), int(own[-1])
 
 
 def _rms(values: Float[np.ndarray, " n"]) -> float:

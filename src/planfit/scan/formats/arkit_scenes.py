@@ -25,9 +25,10 @@ from planfit.geometry import se3
 from planfit.scan.association import pair_times, poses_at
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
+from planfit.scan.intrinsics import make_camera
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import MAX_ENTRY
-from planfit.scan.recording import Frame, LensOfFrame, Recording, Size, make_camera
+from planfit.scan.recording import Frame, LensOfFrame, Recording, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
 

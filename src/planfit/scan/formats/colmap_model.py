@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.images.lens import Lens
-from planfit.scan.recording import make_camera
+from planfit.scan.intrinsics import make_camera
 from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import shorten
 

@@ -24,9 +24,10 @@ from planfit.geometry.camera import Camera
 from planfit.scan.images.decode import decode_image, header_size
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
+from planfit.scan.intrinsics import make_camera
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import UP_Y, read_pose, write_pose
-from planfit.scan.recording import Frame, Recording, Size, make_camera
+from planfit.scan.recording import Frame, Recording, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
 from planfit.scan.types import Label

@@ -20,9 +20,10 @@ from jaxtyping import Float
 from planfit.errors import ScanError
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
+from planfit.scan.intrinsics import make_camera
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import check_recorded_pose, from_opengl
-from planfit.scan.recording import Frame, Recording, Size, id_of_name, make_camera
+from planfit.scan.recording import Frame, Recording, Size, id_of_name
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
 

@@ -26,9 +26,10 @@ from planfit.geometry import se3
 from planfit.scan.images.decode import depth_from_metres
 from planfit.scan.images.files import ImageFiles, drop_unsure, whole_image_size
 from planfit.scan.images.lens import Lens
+from planfit.scan.intrinsics import make_camera
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import MAX_ENTRY, from_opengl
-from planfit.scan.recording import Frame, Recording, Size, check_proportions, make_camera
+from planfit.scan.recording import Frame, Recording, Size, check_proportions
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json, shorten
 

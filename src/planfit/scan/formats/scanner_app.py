@@ -18,9 +18,10 @@ from jaxtyping import Float
 
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
+from planfit.scan.intrinsics import make_camera
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import UP_Y, check_recorded_pose, from_opengl
-from planfit.scan.recording import Frame, Recording, Size, make_camera
+from planfit.scan.recording import Frame, Recording, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
 

@@ -19,9 +19,10 @@ from jaxtyping import Float
 from planfit.errors import ScanError
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
+from planfit.scan.intrinsics import make_camera, matrix_intrinsics
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import check_pose, read_pose, write_pose
-from planfit.scan.recording import Frame, Recording, Size, make_camera, matrix_intrinsics
+from planfit.scan.recording import Frame, Recording, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
 

@@ -23,9 +23,10 @@ from planfit.errors import ScanError
 from planfit.scan.images.files import ImageFiles, whole_image_size
 from planfit.scan.images.lens import Lens
 from planfit.scan.images.video import Video
+from planfit.scan.intrinsics import make_camera, matrix_intrinsics
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import check_recorded_pose
-from planfit.scan.recording import Frame, Recording, Size, make_camera, matrix_intrinsics
+from planfit.scan.recording import Frame, Recording, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
 

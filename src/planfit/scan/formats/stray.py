@@ -26,16 +26,10 @@ from planfit.geometry import se3
 from planfit.scan.images.files import ImageFiles, whole_image_size
 from planfit.scan.images.lens import Lens
 from planfit.scan.images.video import Video
+from planfit.scan.intrinsics import make_camera, matrix_intrinsics
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import MAX_ENTRY, UP_Y
-from planfit.scan.recording import (
-    Frame,
-    LensOfFrame,
-    Recording,
-    Size,
-    make_camera,
-    matrix_intrinsics,
-)
+from planfit.scan.recording import Frame, LensOfFrame, Recording, Size
 from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import read_matrix, shorten
 

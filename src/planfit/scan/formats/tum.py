@@ -19,10 +19,11 @@ from planfit.errors import ScanError
 from planfit.scan.association import pair_times, poses_at
 from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
+from planfit.scan.intrinsics import make_camera
 from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import parse_poses
 from planfit.scan.poses import write_tum
-from planfit.scan.recording import Frame, Recording, Size, make_camera
+from planfit.scan.recording import Frame, Recording, Size
 from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import read_matrix, read_rows, shorten
 

@@ -18,7 +18,8 @@ from planfit.scan.images.decode import (
     depth_from_raw,
 )
 from planfit.scan.images.lens import Lens
-from planfit.scan.recording import Size, make_camera
+from planfit.scan.intrinsics import make_camera
+from planfit.scan.recording import Size
 
 # Bytes a channel, channels, and the conversion to RGB.
 _COLORS: dict[str, tuple[int, int | None]] = {

@@ -23,9 +23,10 @@ from planfit.scan.formats.rtabmap.blobs import (
 from planfit.scan.formats.rtabmap.source import DatabaseSource
 from planfit.scan.images.files import ImageFiles, whole_image_size
 from planfit.scan.images.lens import Lens
+from planfit.scan.intrinsics import make_camera
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import check_recorded_pose, is_lost
-from planfit.scan.recording import Frame, Recording, Size, make_camera
+from planfit.scan.recording import Frame, Recording, Size
 
 EXPECTS = "a .db file of RTAB-Map with images and depth"
 STALE = (

@@ -1,0 +1,77 @@
+"""Terms that need no plan, made of what a scan says; None where there is no data, or no weight."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from planfit.adjust.measurements import Measurements
+from planfit.adjust.options import AdjustOptions
+from planfit.adjust.terms.effective_observations import as_mean
+from planfit.adjust.terms.levels import LevelTerm, floor_term
+from planfit.adjust.terms.odometry import OdometryTerm
+from planfit.adjust.terms.points import PointOptions, PointTerm
+from planfit.adjust.terms.rays import RayTerm
+from planfit.adjust.terms.reprojection import ReprojectionTerm
+from planfit.adjust.terms.surfaces import surface_term
+from planfit.lsq.robust import SQUARES
+from planfit.lsq.terms.between import BetweenTerm
+
+
+def geometric_term(
+    measurements: Measurements, options: AdjustOptions
+) -> PointTerm | RayTerm | ReprojectionTerm | None:
+    """What the matches are held to; None without matches or weight."""
+    matches = measurements.matches
+    if matches.n_matches == 0 or getattr(options, options.geometric).weight == 0:
+        return None
+    chosen = getattr(options, options.geometric)
+    if options.averaging == "mean":
+        # The paper's means know no sigmas: a metre is a metre for every match.
+        matches = replace(matches, sigma=np.ones_like(matches.sigma))
+        chosen = as_mean(chosen, matches.n_matches)
+    if options.geometric == "points":
+        return PointTerm(matches, chosen, device=options.solver.device)
+    if options.geometric == "rays":
+        return RayTerm(matches, chosen)
+    return ReprojectionTerm(matches, measurements.cameras, chosen)
+
+
+def by_hand_term(measurements: Measurements, options: AdjustOptions) -> PointTerm | None:
+    """Plain least squares of 3D points, whatever the geometric term is; None where nobody vouches for any.
+
+    A pair that a person vouches for is worth as much as the best matched one, be it a single point: as one
+    observation it would bend the steps of a walk half way.
+    """
+    matches = measurements.by_hand
+    if matches is None or matches.n_matches == 0:
+        return None
+    most = options.points.max_observations
+    counts = np.diff(matches.start)
+    share = np.repeat(np.minimum(counts, most) / most, counts)
+    sure = PointOptions(loss=SQUARES, max_observations=most)
+    matches = replace(matches, sigma=matches.sigma * np.sqrt(share))
+    return PointTerm(matches, sure, name="loops by hand", device=options.solver.device)
+
+
+def surfaces_term(measurements: Measurements, options: AdjustOptions) -> BetweenTerm | None:
+    """Pairs of frames that were matched by their surfaces."""
+    if options.surfaces.weight <= 0 or len(measurements.surfaces) == 0:
+        return None
+    return surface_term(measurements.surfaces, options.surfaces)
+
+
+def floor_points_term(measurements: Measurements, options: AdjustOptions) -> LevelTerm | None:
+    """Floor points on the floor of their storey."""
+    structure, floor = measurements.structure, options.floor
+    if floor.weight <= 0 or not structure.has_floor:
+        return None
+    if options.averaging == "mean":
+        floor = as_mean(floor, len(structure.floor))
+    return floor_term(structure, floor, options.solver.device)
+
+
+def odometry_term(measurements: Measurements, options: AdjustOptions) -> OdometryTerm | None:
+    """Recorded steps from frame to frame."""
+    if options.odometry.weight <= 0 or not len(measurements.odometry.cam_from_next):
+        return None
+    return OdometryTerm(measurements.odometry, options.odometry)
