@@ -10,13 +10,16 @@ PYTHON ?= python3
 BIN := $(VENV)/bin
 endif
 
-.PHONY: demo test check format docs reference bench tables tables-small fuzz-short wheel-check clean
+.PHONY: demo test test-slow check format docs reference bench tables tables-small fuzz-short wheel-check clean
 
 demo: $(VENV)/installed
 	$(BIN)/planfit demo -o demo
 
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
+
+test-slow: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
 
 check: $(VENV)/installed-dev
 	$(BIN)/ruff check src tests benchmarks examples docs

@@ -37,6 +37,7 @@ def observations(synthetic):
     return planfit.extract_observations(synthetic.scan)
 
 
+@pytest.mark.slow
 def test_the_stages_one_by_one_are_refine_bit_for_bit(synthetic, observations):
     scan, options, timer = synthetic.scan, planfit.RefineOptions(), StageTimer(Runtime())
     prepared = prepare(scan, observations)
@@ -85,6 +86,7 @@ def known_positions(synthetic, frames, offset_m):
     )
 
 
+@pytest.mark.slow
 def test_extra_terms_hold_the_poses_and_their_cost_is_told(synthetic, observations):
     frames, offset_m = np.array([0, 20, 39]), np.array([0.03, 0.0, 0.0])
     without = planfit.refine(synthetic.scan, synthetic.floorplan, observations=observations)

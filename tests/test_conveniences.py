@@ -92,6 +92,7 @@ def test_repr_tells_shapes_and_what_is_short(rng: np.random.Generator) -> None:
     assert repr(small) == "Small(n=3, share=0.333333, xy=[1., 2.], kind=huber)"
 
 
+@pytest.mark.slow
 def test_save_writes_what_the_command_line_writes(
     result: planfit.RefineResult, folder: Path, tmp_path: Path
 ) -> None:

@@ -46,6 +46,7 @@ EXAMPLES = {
 """What the output of each example must hold."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "example", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem
 )

@@ -73,6 +73,7 @@ def counted(dense, world_from_cams=None):
     ), opened
 
 
+@pytest.mark.slow
 def test_only_keyframes_are_opened_and_all_frames_get_poses(dense, runtime):
     scan, opened = counted(dense)
     result = planfit.refine(scan, dense.floorplan, KEYS, runtime)
@@ -121,6 +122,7 @@ def test_what_is_seen_is_numbered_by_the_whole_scan(dense, seen):
     assert seen.matches.n_loops(4, keys) < seen.matches.n_loops(4)
 
 
+@pytest.mark.slow
 def test_a_jump_is_found_at_its_frame_and_mended(dense, seen, runtime):
     jump = se3.yaw_transform(np.deg2rad(25.0), np.array([2.0, 1.0, 0.0]))
     poses = dense.scan.world_from_cams.copy()
@@ -135,6 +137,7 @@ def test_a_jump_is_found_at_its_frame_and_mended(dense, seen, runtime):
     assert errors_m(tracking.world_from_cams, dense.scan.world_from_cams).max() < 0.1
 
 
+@pytest.mark.slow
 def test_frames_whose_pose_froze_are_placed_by_their_images(dense, runtime):
     poses = dense.scan.world_from_cams.copy()
     poses[100:112] = poses[100]

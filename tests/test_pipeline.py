@@ -129,6 +129,7 @@ def test_error_falls_to_centimetres(synthetic, refined):
     assert refined.warnings == ()
 
 
+@pytest.mark.slow
 def test_same_input_same_bits(synthetic, refined):
     again = planfit.refine(synthetic.scan, synthetic.floorplan, runtime=Runtime(workers=1))
     np.testing.assert_array_equal(again.plan_from_cams, refined.plan_from_cams)
@@ -158,6 +159,7 @@ def test_a_term_of_no_weight_is_left_out(name, adjust, synthetic, runtime):
     assert rms(result.world_from_cams, truth) < 0.06
 
 
+@pytest.mark.slow
 def test_keyframes_alone_are_nearly_as_good(synthetic, runtime):
     keyframes = KeyframeOptions(min_frames=0, max_step_m=1.0, max_rotation_deg=50.0)
     options = planfit.RefineOptions(keyframes=keyframes)
@@ -167,6 +169,7 @@ def test_keyframes_alone_are_nearly_as_good(synthetic, runtime):
     assert rms(result.world_from_cams, synthetic.true_world_from_cams) < 0.05
 
 
+@pytest.mark.slow
 def test_scan_in_axes_of_its_own_is_found_on_the_plan():
     moved = make_scan(dataclasses.replace(BASE, world="moved"))
     result = planfit.refine(moved.scan, moved.floorplan)
@@ -175,6 +178,7 @@ def test_scan_in_axes_of_its_own_is_found_on_the_plan():
     assert rms(result.world_from_cams, moved.scan.world_from_cams) < 0.4
 
 
+@pytest.mark.slow
 def test_phone_depth_and_geometry_labels():
     phone = make_scan(
         dataclasses.replace(
@@ -225,6 +229,7 @@ def test_no_floor_seen_is_refined_by_the_rest(synthetic):
     assert rms(result.world_from_cams, truth) < 0.5 * rms(synthetic.scan.world_from_cams, truth)
 
 
+@pytest.mark.slow
 def test_a_plan_drawn_too_small_is_scaled_and_said_to_be(synthetic, refined, runtime):
     drawn = synthetic.floorplan.scaled(0.96)
     result = planfit.refine(synthetic.scan, drawn, runtime=runtime)
@@ -240,6 +245,7 @@ def test_a_plan_drawn_too_small_is_scaled_and_said_to_be(synthetic, refined, run
     assert kept.alignment.scale_xy == (1.0, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [78, 79, 80])
 def test_plan_of_another_building_is_warned_of(seed, synthetic, runtime):
     other = make_scan(dataclasses.replace(BASE, seed=seed)).floorplan

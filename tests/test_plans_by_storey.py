@@ -102,6 +102,7 @@ def test_frames_know_their_storeys(synthetic, refined):
     assert len(refined.storeys.walked[1].frames) == 1
 
 
+@pytest.mark.slow
 def test_a_plan_with_axes_and_unit_of_its_own(synthetic, observations):
     plan_from_true = se3.yaw_transform(np.pi / 2, np.array([13.0, -4.0, 0.0]))
     upper = synthetic.floorplans[1].placed(plan_from_true).scaled(1 / 0.013)
@@ -145,6 +146,7 @@ def test_a_storey_without_a_plan_is_named(synthetic, observations, given):
     assert rms(np.linalg.norm(off[frames, :2, 3], axis=1)) < 0.3
 
 
+@pytest.mark.slow
 def test_a_plan_of_a_storey_that_was_not_walked_is_left_out(synthetic, observations, refined):
     plans = {**dict(enumerate(synthetic.floorplans)), 2: room_plan(9.0, 7.0, "attic")}
     result = refine(synthetic, observations, plans)
@@ -165,6 +167,7 @@ def test_what_only_one_plan_can_have_is_refused(synthetic, observations):
         refine(synthetic, observations, {})
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_an_overlay_a_storey(synthetic, tmp_path, capsys):
     scan, out = tmp_path / "scan", tmp_path / "out"
     write_facap(scan, synthetic)

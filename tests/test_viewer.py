@@ -240,6 +240,7 @@ def test_a_port_that_is_taken_is_told(served):
         ViewServer(served.session, 70_000)
 
 
+@pytest.mark.slow
 def test_three_picks_place_a_scan_that_fits_in_two_ways(tmp_path, monkeypatch):
     """A rectangle fits when turned by half: placed wrongly at first, rightly once solved again."""
     walk = walk_in_a_room(12)

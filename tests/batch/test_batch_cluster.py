@@ -60,6 +60,7 @@ def tasks(ledger, tmp_path, scans):
     return [Task(Errand(Job(name, str(tmp_path / name)), str(ledger.out)), None) for name in scans]
 
 
+@pytest.mark.slow
 def test_one_of_two_workers_is_killed_and_all_is_done_once(ledger, tmp_path, cluster):
     address = cluster
     scans = {  # the first two begin first

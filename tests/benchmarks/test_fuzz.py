@@ -54,6 +54,7 @@ def warns(path: Path) -> str:
     return ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("reader", "kind"),
     [

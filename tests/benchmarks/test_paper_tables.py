@@ -144,6 +144,7 @@ def test_truth_has_the_smallest_distance_to_the_true_scan(tiny):
     )
 
 
+@pytest.mark.slow
 def test_a_run_that_stopped_goes_on(tmp_path: Path):
     variants = (UNADJUSTED, BY_KEY["default/all"])
     options = BenchOptions(tmp_path / "out.json", (tiny_scan(),), variants=variants[:1])

@@ -81,6 +81,7 @@ def chunks(cache: Path) -> dict[str, int]:
     }
 
 
+@pytest.mark.slow
 def test_refine_goes_on_where_align_ended(small_scan: Path, tmp_path: Path, capsys) -> None:
     out, plan = tmp_path / "out", small_scan / "floorplan.npy"
     words = [str(small_scan), "-o", str(out)]
@@ -101,6 +102,7 @@ def test_refine_goes_on_where_align_ended(small_scan: Path, tmp_path: Path, caps
     assert "found the results of another run" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_cache_is_shared_between_runs(small_scan: Path, tmp_path: Path) -> None:
     cache, plan = tmp_path / "cache", str(small_scan / "floorplan.npy")
     shared = ["--cache", str(cache)]

@@ -120,6 +120,7 @@ def test_folder_with_other_files_is_refused(
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
 
 
+@pytest.mark.slow
 def test_full_disk_leaves_nothing_half_written(
     small_scan: Path,
     tmp_path: Path,
@@ -141,6 +142,7 @@ def test_full_disk_leaves_nothing_half_written(
     assert run(["refine", str(small_scan), "-o", str(out), "--report.no-has-view"]) == 0
 
 
+@pytest.mark.slow
 def test_stopping_keeps_what_was_finished(
     small_scan: Path,
     tmp_path: Path,
@@ -164,6 +166,7 @@ def test_stopping_keeps_what_was_finished(
     )
 
 
+@pytest.mark.slow
 def test_missing_plan_says_how_to_give_one(
     spoiled_scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -185,6 +188,7 @@ def test_overwrite_never_touches_files_that_are_no_runs(
     assert (tmp_path / "poses" / "mine.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_folder_of_a_run_that_never_finished_is_free(small_scan: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     (out / "cache").mkdir(parents=True)

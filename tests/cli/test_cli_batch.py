@@ -16,6 +16,7 @@ from planfit.cli.batch import columns, exit_code, parse_shard
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.slow
 def test_a_batch_from_files_to_the_page_and_again(small_scan, tmp_path, capsys):
     folder = tmp_path / "die Häuser"
     folder.mkdir()

@@ -56,6 +56,7 @@ def test_evaluate_gives_the_metrics_of_the_run(finished: Path, capsys) -> None:
     assert metrics["nsd"]["after"] == pytest.approx(record["metrics"]["nsd"]["after"])
 
 
+@pytest.mark.slow
 def test_calibrate_writes_what_other_scans_are_read_with(
     long_scan: Path, small_scan: Path, tmp_path: Path
 ) -> None:

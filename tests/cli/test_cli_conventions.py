@@ -57,6 +57,7 @@ def test_compare_holds_a_run_against_the_poses_that_it_took(runs, capsys) -> Non
     assert_allclose(told["by_frame"]["distance_m"], usual["by_frame"]["distance_m"], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_compare_two_runs_that_took_the_poses_otherwise(
     runs, brief, tmp_path: Path, capsys
 ) -> None:

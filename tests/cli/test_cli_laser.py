@@ -52,6 +52,7 @@ def test_files_missing_or_spoiled(suffix, tmp_path, capsys):
     assert "give it with --poses FILE" in refused(capsys, "inspect", cloud)
 
 
+@pytest.mark.slow
 def test_refine_and_export(tmp_path, capsys):
     """Without a plan, level and at the floor: files of a run, and the cloud in axes of both kinds."""
     walk = at_site(walk_in_a_room(seconds=4.0, per_second=60_000, side_deg=120.0))

@@ -135,6 +135,7 @@ def evaluated(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, A
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_evaluate_poses_of_a_scan(finished: Path, small_scan: Path, capsys) -> None:
     truth = small_scan / "groundtruth.tum"
     few = ("--map.frame-step", 4)  # a quarter of the depth maps takes a quarter of the time
@@ -177,6 +178,7 @@ def test_evaluate_reads_a_scan_by_the_flags_of_refine(
     assert "is read as the run did, found some; leave them out" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_evaluate_against_a_true_scan(finished: Path, small_scan: Path, capsys) -> None:
     cloud = finished / "cloud_after.ply"
     words = (finished, "--true-cloud", cloud, "--map.frame-step", 4, "--map.mom-frames", 1)
@@ -228,6 +230,7 @@ def test_evaluate_says_what_does_not_belong_together(
     assert "--truth-frame: expected plan" in refused(*words)
 
 
+@pytest.mark.slow
 def test_the_same_run_again_reuses_its_stages(finished: Path, small_scan: Path) -> None:
     before = {p: p.stat().st_mtime_ns for p in (finished / "cache").rglob("*.chunk")}
     poses = (finished / "trajectory.tum").read_bytes()
@@ -237,6 +240,7 @@ def test_the_same_run_again_reuses_its_stages(finished: Path, small_scan: Path) 
     assert (finished / "trajectory.tum").read_bytes() == poses
 
 
+@pytest.mark.slow
 def test_hidden_masks_give_way_to_geometry(
     small_scan: Path, tmp_path: Path, brief: list[str]
 ) -> None:
@@ -250,6 +254,7 @@ def test_hidden_masks_give_way_to_geometry(
     assert position_errors(after, truth).rms_m < 0.05
 
 
+@pytest.mark.slow
 def test_options_from_toml_and_flags_are_the_same_options(
     small_scan: Path, tmp_path: Path, brief: list[str], capsys
 ) -> None:
@@ -286,6 +291,7 @@ def test_installed_command_runs() -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_preset_and_offsets_reach_the_run(
     small_scan: Path, tmp_path: Path, brief: list[str]
 ) -> None:

@@ -52,6 +52,7 @@ def write(path: Path, header, rows) -> None:
         writer.writerows(rows)
 
 
+@pytest.mark.slow
 def test_residuals_of_both_are_written(small_scan: Path, tables: Path, tmp_path: Path, capsys):
     out = tmp_path / "out"
     given = [f"--{name}-points={tables / name}.csv" for name in ("control", "check")]

@@ -27,6 +27,7 @@ def pdf():
     return read_floorplan(PLANS / "pdf" / "NSH2012_GIS-1.pdf")
 
 
+@pytest.mark.slow
 def test_the_same_floor_as_pdf_and_as_svg_gives_the_same_faces(pdf):
     svg = read_floorplan(PLANS / "svg" / "NSH2012_GIS-1.svg")
     points = svg.ends / 1.25 + (0, 612)  # 1.25 px a point; y down from the top
@@ -45,6 +46,7 @@ def test_faces_of_the_university_floor_follow_its_two_directions(pdf):
     assert not (pdf.ends[..., 0] < 150).any()  # the legend
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "unit", "size"),
     [

@@ -67,6 +67,7 @@ def test_neighbours_are_those_left_when_a_pose_goes(rng):
             near[u] = (near[u] | near[v]) - {u, v}
 
 
+@pytest.mark.slow
 def test_few_loops_are_factorised_and_paths_and_scattered_loops_are_not(rng):
     assert BlockPattern(*graph(rng, 20_000, 100), 20_000).cholesky is not None
     assert BlockPattern(*graph(rng, 20_000, 0), 20_000).is_banded

@@ -286,6 +286,7 @@ def test_only_frames_with_few_matches_are_looked_at(walk) -> None:
     assert (known.neighbours.pairs == 20).any(axis=1).all()
 
 
+@pytest.mark.slow
 def test_options_of_the_search_reach_it(walk) -> None:
     base = found_in(walk)[1]
     assert (found_in(walk, neighbours=1)[0].neighbours.pairs @ [-1, 1]).max() == 1
@@ -355,6 +356,7 @@ def test_sigmas_and_observations_reach_the_information(walk) -> None:
     assert size(max_observations=4.0) < 0.5 * size()
 
 
+@pytest.mark.slow
 def test_rivals_within_the_drift_refuse_a_revisit() -> None:
     """A corridor walked twice: a revisit counts where drift is far below the doors' distance."""
     way = [look((x, 0.6, 1.5), 35, 8) for x in np.arange(12.0, 18.0, 0.4)]

@@ -49,6 +49,7 @@ def test_what_is_not_broken_stays_bit_for_bit(rng):
     st.floats(0.0, 90.0),
     st.integers(0, 1000),
 )
+@pytest.mark.slow
 def test_jumps_are_found_where_they_are_and_corrected(after, metres, degrees, seed):
     rng = np.random.default_rng(seed)
     true = walk(rng)
