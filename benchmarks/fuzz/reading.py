@@ -154,6 +154,27 @@ def _read_edits(path: Path) -> str:
     return _not_finite({"drop": edits.drop, **{f"keep {i}": k for i, k in enumerate(edits.keep)}})
 
 
+def _read_points(path: Path) -> str:
+    from planfit.survey.read import read_points
+
+    points = read_points(path)  # a height may be unknown
+    return _not_finite({"x, y": np.array([point.xyz[:2] for point in points])})
+
+
+def _read_marks(path: Path) -> str:
+    from planfit.survey.read import read_marks
+
+    marks = read_marks(path, tuple(f"{i:04d}" for i in range(900)))
+    return _not_finite({"pixels": np.array([m.uv for m in marks if m.uv is not None])})
+
+
+def _read_corrections(path: Path) -> str:
+    from planfit.corrections import read_corrections
+
+    places = read_corrections(path).places
+    return _not_finite({"plan": np.array([place.plan for place in places])})
+
+
 def _read_g2o(path: Path) -> str:
     from planfit.lsq import read_g2o
 
@@ -189,6 +210,9 @@ READERS: dict[str, Callable[[Path], str]] = {
     "poses": _read_poses,
     "options": _read_options,
     "edits": _read_edits,
+    "points": _read_points,
+    "marks": _read_marks,
+    "corrections": _read_corrections,
     "g2o": _read_g2o,
     "calibration": _read_calibration,
 }

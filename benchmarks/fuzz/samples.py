@@ -28,7 +28,8 @@ class Sample:
 
     name: str
     kind: str
-    """How it is read: `plan`, `scan`, `laser`, `poses`, `options`, `edits`, `calibration`, `record`."""
+    """How it is read: `plan`, `scan`, `laser`, `poses`, `options`, `edits`, `calibration`, `record`,
+    `points`, `marks`, `corrections`."""
     entry: str
     """What the reader is given, relative to the folder of the files."""
     files: dict[str, bytes]
@@ -241,6 +242,27 @@ def _others() -> dict[str, Make]:
         f"14036{i:014d},0.1,0.2,0.3,1,0,0,0\n" for i in range(6)
     )
     toml = 'seed = 3\n[adjust.walls]\nweight = 2.0\n[align]\ncontrol_points = ["1,2,3=4,5"]\n'
+    points = "id,easting,northing,height,sigma\nA1,500001.2,4200017.9,3.1,0.01\nA2,500004.2,4200018.1,,\n"
+    marks = "frame,u,v,id\n3,310.5,205,A1\n0012,122,190.25,A2\n7,,,A1\n"
+    corrections = """planfit_corrections = 1
+[[place]]
+frame = 12
+pixel = [310, 205]
+plan = [4.2, 1.0]
+[[place]]
+scan = [1.02, 0.4, 3.3]
+plan_file = [500001.2, 4200017.9]
+[[add_loop]]
+frames = [12, 880]
+pixels = [[310, 205], [122, 190]]
+[[delete_loop]]
+frames = [[40, 60], [900, 930]]
+[[exclude_frames]]
+frames = [3, [400, 455]]
+[[draw_wall]]
+ends = [[0, 6], [5.2, 6]]
+note = "glass"
+"""
 
     def text(kind: str, name: str, content: str) -> Make:
         def make(folder: Path) -> tuple[str, str]:
@@ -284,6 +306,9 @@ def _others() -> dict[str, Make]:
         "poses-euroc": text("poses", "poses.csv", euroc),
         "options-toml": text("options", "options.toml", toml),
         "edits-json": edits,
+        "points-csv": text("points", "control.csv", points),
+        "marks-csv": text("marks", "marks.csv", marks),
+        "corrections-toml": text("corrections", "corrections.toml", corrections),
         "graph-g2o": g2o,
         "calibration-json": calibration,
     }
