@@ -13,7 +13,7 @@ from planfit.errors import OptionError
 FrameRange = tuple[int, int]
 """First and last frame, as numbered in the scan from 0."""
 Pixel = tuple[float, float]
-"""Column u and row v of an image as it was recorded, px; integers are centres of pixels."""
+"""Column u and row v of an image at the size of its `Scan.cameras`, px; integers are centres of pixels."""
 
 
 @dataclass(frozen=True)

@@ -163,7 +163,7 @@ def lift_pixel(scan: Scan, frame: int, uv: tuple[float, float]) -> Float[np.ndar
     if not (-0.5 <= u <= camera.width - 0.5 and -0.5 <= v <= camera.height - 0.5):
         raise ScanError(
             f"frame {frame}: expected a pixel within {camera.width} x {camera.height}, found ({u:g}, {v:g}); "
-            "pixels are those of the image as recorded"
+            "pixels are those of the image as planfit reads it, which may be smaller than as recorded"
         )
     depth = scan.files.depth(frame)
     rows, columns = np.mgrid[: depth.shape[0], : depth.shape[1]]

@@ -1,4 +1,4 @@
-// A frame's image, in which a point is picked: pixels of the image as recorded, centres at integers.
+// A frame's image, in which a point is picked: pixels of the image as planfit reads it, centres at integers.
 function imagePicker(figure) {
   const [input, box] = [figure.querySelector("input"), figure.querySelector(".hand-picture")];
   const [image, mark] = [box.querySelector("img"), box.querySelector("i")];
