@@ -293,7 +293,8 @@ def keep_images(scan: Scan, folder: Path) -> Scan:
         # Colour, depth and labels of a frame one after the other: it is then rendered once.
         images = [[read(i) for read in kinds.values()] for i in range(n)]
         for k, path in enumerate(paths.values()):
-            part = path.with_suffix(".part.npy")
+            # Cases of one scan run side by side: each process writes a file of its own.
+            part = path.with_suffix(f".{os.getpid()}.part.npy")
             np.save(part, np.stack([image[k] for image in images]))
             part.replace(path)
     arrays = [np.load(path, mmap_mode="r") for path in paths.values()]

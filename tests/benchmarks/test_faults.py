@@ -1,5 +1,6 @@
 """The battery of faults: injectors do what their names say, numbers stay, what is done is not done again."""
 
+import multiprocessing
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +15,7 @@ from faults.inputs import Inputs, MovedWall
 from faults.layouts import corridor, niches, same_rooms, scan_of_layout
 from faults.measure import CRASHED, How, Measured, measure
 from faults.page import make_page
-from faults.scans import drifted, inputs_of
+from faults.scans import drifted, inputs_of, keep_images
 from faults.words import NAMES, moved_walls_found, recognised
 from scipy.spatial.transform import Rotation
 
@@ -416,6 +417,27 @@ def test_a_case_is_the_same_each_time_and_wherever_it_stands(flat: Inputs) -> No
         assert (other.floorplan.ends == spoilt[0].floorplan.ends).all()
     assert len(broken_steps(drifted(flat, 1), spoilt[0])) == 1
     assert spoilt[0].moved_walls
+
+
+def test_cases_that_run_side_by_side_may_render_the_same_scan(
+    flat: Inputs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two processes save at the same moment: each ends with all images, no file of the other is missed."""
+    forked = multiprocessing.get_context("fork")
+    together, save = forked.Barrier(2, timeout=30), np.save
+
+    def save_together(path: Path, array: np.ndarray) -> None:
+        save(path, array)
+        together.wait()
+
+    monkeypatch.setattr(np, "save", save_together)
+    both = [forked.Process(target=keep_images, args=(flat.scan, tmp_path)) for _ in range(2)]
+    for process in both:
+        process.start()
+    for process in both:
+        process.join(60)
+    assert [process.exitcode for process in both] == [0, 0]
+    assert len(list(tmp_path.iterdir())) == 3
 
 
 def test_choice_brings_its_references() -> None:
