@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from builders import gradient_by_differences, make_world, nudged, random_transforms
 from planfit.adjust import AdjustOptions, build_problem, hold_to_keyframes, reduce_measurements
 from planfit.adjust.paper.preset import paper_options
-from planfit.adjust.terms.surfaces import SurfaceTermOptions, surface_term
+from planfit.adjust.terms.surfaces import SurfaceTerm, SurfaceTermOptions
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
 from planfit.lsq.robust import SQUARES
@@ -23,7 +23,10 @@ def make_pairs(rng, poses, pairs, rank=6):
     i, j = pairs.T
     motion = se3.inverse(poses[i]) @ poses[j]
     rows = rng.normal(size=(len(pairs), rank, 6))
-    return SurfacePairs(pairs, motion, np.swapaxes(rows, 1, 2) @ rows * 100, np.ones(len(pairs)))
+    information = np.swapaxes(rows, 1, 2) @ rows * 100
+    by_sensor = 0.3 * rng.normal(size=(len(pairs), 6, 7))
+    ones = np.ones(len(pairs))
+    return SurfacePairs(pairs, motion, information, ones, by_sensor, 2.5 * ones)
 
 
 @pytest.mark.parametrize("rank", [6, 5, 3])
@@ -31,10 +34,10 @@ def test_cost_is_the_information_along_the_tangent(rng, rank) -> None:
     poses = random_transforms(rng, 4)
     pairs = make_pairs(rng, poses, [[0, 1], [1, 3]], rank)
     assert (pairs.n_free == 6 - rank).all()
-    term = surface_term(pairs, SurfaceTermOptions(loss=SQUARES))
+    term = SurfaceTerm(pairs, SurfaceTermOptions(loss=SQUARES))
     tangent = 1e-4 * rng.normal(size=(2, 6))
     off = replace(pairs, a_from_b=se3.retract(pairs.a_from_b, tangent))
-    moved = surface_term(off, SurfaceTermOptions(loss=SQUARES))
+    moved = SurfaceTerm(off, SurfaceTermOptions(loss=SQUARES))
     expected = 0.5 * np.einsum("pi,pij,pj->", tangent, pairs.information, tangent)
     assert term.reweight(poses)[1] == pytest.approx(0.0, abs=1e-12)
     assert moved.reweight(poses)[1] == pytest.approx(expected, rel=2e-3)
@@ -43,7 +46,7 @@ def test_cost_is_the_information_along_the_tangent(rng, rank) -> None:
 def test_gradient_by_differences_at_a_rank_below_six(rng) -> None:
     poses = random_transforms(rng, 4)
     pairs = make_pairs(rng, poses, [[0, 1], [1, 3], [0, 3]], rank=5)
-    term = surface_term(pairs, SurfaceTermOptions())
+    term = SurfaceTerm(pairs, SurfaceTermOptions())
     there = nudged(rng, poses, 2.0, 0.05)
     by_terms = term.reweight(there)[0].normal_blocks(there).gradient
     slopes = gradient_by_differences(lambda p: term.reweight(p)[1], there)
@@ -56,7 +59,7 @@ def test_weight_and_loss_reach_the_term(rng) -> None:
     there = nudged(rng, poses, 5.0, 0.3)
 
     def cost(**options):
-        return surface_term(pairs, SurfaceTermOptions(**options)).reweight(there)[1]
+        return SurfaceTerm(pairs, SurfaceTermOptions(**options)).reweight(there)[1]
 
     assert cost(weight=2.0) == pytest.approx(2 * cost())
     assert cost(loss=SQUARES) > cost()
@@ -84,8 +87,15 @@ def test_pairs_hold_frames_that_nothing_else_holds(rng) -> None:
 def test_a_direction_left_free_is_not_held(rng) -> None:
     poses = np.tile(np.eye(4), (2, 1, 1))
     information = np.diag([1e4, 1e4, 1e4, 1e4, 1e4, 0.0])[None]
-    pairs = SurfacePairs(np.array([[0, 1]]), np.eye(4)[None], information, np.ones(1))
-    term = surface_term(pairs, SurfaceTermOptions())
+    pairs = SurfacePairs(
+        np.array([[0, 1]]),
+        np.eye(4)[None],
+        information,
+        np.ones(1),
+        np.zeros((1, 6, 7)),
+        np.ones(1),
+    )
+    term = SurfaceTerm(pairs, SurfaceTermOptions())
     along, across = poses.copy(), poses.copy()
     along[1, 2, 3] = 3.0
     across[1, 0, 3] = 0.1
@@ -121,8 +131,8 @@ def test_keyframes_carry_pairs_and_what_they_observe(rng) -> None:
     own = pairs[between[:, 0] != between[:, 1]]
     assert len(reduced) == len(own) > 0
     assert (reduced.n_free == 1).all()
-    expected = surface_term(own, options).reweight(every)[1]
-    assert surface_term(reduced, options).reweight(moved)[1] == pytest.approx(expected, rel=1e-3)
+    expected = SurfaceTerm(own, options).reweight(every)[1]
+    assert SurfaceTerm(reduced, options).reweight(moved)[1] == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_pair_that_is_not_finite_is_refused_by_name(rng) -> None:

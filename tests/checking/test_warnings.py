@@ -135,7 +135,12 @@ def test_a_scan_without_colour_is_told_how_it_was_matched(world):
     none = world.matches.of_pairs(np.zeros(len(world.matches.pairs), dtype=bool))
     information = np.stack([np.eye(6), np.diag([1.0, 1, 1, 1, 1, 0])])
     two = SurfacePairs(
-        np.array([[0, 1], [0, 9]]), np.tile(np.eye(4), (2, 1, 1)), information, np.ones(2)
+        np.array([[0, 1], [0, 9]]),
+        np.tile(np.eye(4), (2, 1, 1)),
+        information,
+        np.ones(2),
+        np.zeros((2, 6, 7)),
+        np.ones(2),
     )
     (told,) = warnings_of_scan(world, scan=bare, matches=none, surfaces=two)
     assert (

@@ -134,7 +134,15 @@ def _reduce_surfaces(surfaces: SurfacePairs, keyframes: Keyframes) -> SurfacePai
     information = np.swapaxes(inverse, 1, 2) @ surfaces.information[keep] @ inverse
     moved = first @ motion @ second
     # The earlier keyframe first: keyframes grow with frames, so pairs keep their order.
-    return SurfacePairs(pairs[keep], moved, information, surfaces.explained[keep])
+    of_sensor = jacobian @ surfaces.by_sensor[keep]
+    return SurfacePairs(
+        pairs[keep],
+        moved,
+        information,
+        surfaces.explained[keep],
+        of_sensor,
+        surfaces.distance_m[keep],
+    )
 
 
 def _reduce_control(marks: ControlMarks, keyframes: Keyframes) -> ControlMarks:

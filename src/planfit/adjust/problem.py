@@ -32,6 +32,7 @@ from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.rays import RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionTerm
+from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
     offset_prior,
@@ -45,7 +46,6 @@ from planfit.lsq.bounded import solve_bounded
 from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Cost, Solution
 from planfit.lsq.term import Term
-from planfit.lsq.terms.between import BetweenTerm
 from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.lsq.terms.residual import ResidualTerm
 from planfit.segmentation import WallPatches
@@ -66,7 +66,7 @@ class AdjustmentProblem:
     """What matches are held to."""
     by_hand: PointTerm | None = None
     """Matches that a person vouches for."""
-    surfaces: BetweenTerm | None = None
+    surfaces: SurfaceTerm | None = None
     """Pairs of frames matched by geometry."""
     floor: LevelTerm | None = None
     odometry: OdometryTerm | None = None

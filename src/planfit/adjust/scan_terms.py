@@ -12,9 +12,8 @@ from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.rays import RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionTerm
-from planfit.adjust.terms.surfaces import surface_term
+from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.lsq.robust import SQUARES
-from planfit.lsq.terms.between import BetweenTerm
 
 
 def geometric_term(
@@ -53,11 +52,11 @@ def by_hand_term(measurements: Measurements, options: AdjustOptions) -> PointTer
     return PointTerm(matches, sure, name="loops by hand", device=options.solver.device)
 
 
-def surfaces_term(measurements: Measurements, options: AdjustOptions) -> BetweenTerm | None:
+def surfaces_term(measurements: Measurements, options: AdjustOptions) -> SurfaceTerm | None:
     """Pairs of frames that were matched by their surfaces."""
     if options.surfaces.weight <= 0 or len(measurements.surfaces) == 0:
         return None
-    return surface_term(measurements.surfaces, options.surfaces)
+    return SurfaceTerm(measurements.surfaces, options.surfaces)
 
 
 def floor_points_term(measurements: Measurements, options: AdjustOptions) -> LevelTerm | None:

@@ -62,6 +62,7 @@ def corrected(observations: Observations, sensor: SensorCalibration) -> Observat
         observations,
         structure=corrected_structure(observations.structure, sensor),
         matches=corrected_matches(observations.matches, sensor),
+        surfaces=observations.surfaces.corrected(sensor),
         control=observations.control.corrected(sensor),
         by_hand=by_hand,
     )

@@ -264,6 +264,13 @@ def _judge(keyed: _Keyed, believed: Tracking, options: RefineOptions, runtime: R
     matching = options.matching
     known = measure_neighbours(keyed.at(keyed.scan.world_from_cams), matching, runtime)
     judged = _by_neighbours(_allowed(keyed, believed, known, options, runtime), options, runtime)
+    found = judged.tracking.convention
+    if found != believed.convention:
+        # Surfaces are brought together from the recorded motion, too: now that of the convention found.
+        believed = _believed(keyed, replace(options, poses_convention=found))
+        judged = _by_neighbours(
+            _allowed(keyed, believed, known, options, runtime), options, runtime
+        )
     more = frames_in_doubt(
         judged.tracking, keyed.frame_idx, _are_bridged(judged), options.keyframes
     )

@@ -17,6 +17,7 @@ from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL
 from planfit.lsq.robust import loss_value
+from planfit.matching import SurfacePairs
 
 STEP = 1e-6
 
@@ -221,3 +222,65 @@ def test_points_that_no_depth_image_can_have_say_nothing_of_the_sensor(world, z)
     far = replace(measured, matches=replace(measured.matches, points_a=with_one(points, -7.0)))
     elsewhere = shared_blocks(world.problem(far), poses)
     assert_allclose(found.by_self, elsewhere.by_self, rtol=1e-9)
+
+
+def surface_world(world, rng):
+    """The world with nothing but motions by surfaces, which follow the sensor in any way."""
+    poses = world.plan_from_cams
+    pairs = np.array([[0, 1], [1, 2], [0, 3], [3, 5]])
+    rows = rng.normal(size=(len(pairs), 5, 6))
+    surfaces = SurfacePairs(
+        pairs,
+        se3.inverse(poses[pairs[:, 0]]) @ poses[pairs[:, 1]],
+        100 * np.swapaxes(rows, 1, 2) @ rows,
+        np.ones(len(pairs)),
+        0.3 * rng.normal(size=(len(pairs), 6, 7)),
+        rng.uniform(1.0, 4.0, len(pairs)),
+    )
+    problem = world.problem(replace(world.measurements, surfaces=surfaces))
+    kept = {role: None for role in ROLES.values()}
+    return surfaces, replace(problem, **kept)
+
+
+def test_blocks_of_motions_by_surfaces_are_those_of_differences(world, rng):
+    """Weights frozen where nothing departs: then the Gauss-Newton block is the Hessian of the cost."""
+    surfaces, problem = surface_world(world, rng)
+    poses = world.plan_from_cams
+    n = 6 * len(poses)
+    term = problem.surfaces
+
+    def cost(delta):
+        sensor = NOMINAL.with_vector(NOMINAL.vector + delta[n:])
+        seen = replace(term, measured=surfaces.corrected(sensor))
+        return seen.reweight(se3.retract(poses, delta[:n].reshape(-1, 6)))[1]
+
+    found = shared_blocks(problem, poses)
+    step, axes = 1e-4, np.eye(n + 7)
+    expected = np.zeros((n + 7, 7))
+    for j in range(7):
+        for i in range(n + 7):
+            expected[i, j] = sum(
+                a * b * cost(step * (a * axes[i] + b * axes[n + j]))
+                for a in (1, -1)
+                for b in (1, -1)
+            ) / (4 * step**2)
+    size = np.abs(expected).max()
+    assert size > 0
+    assert_allclose(found.by_pose.reshape(n, S)[:, :7], expected[:n], atol=2e-3 * size)
+    assert_allclose(found.by_self[:7, :7], expected[n:], atol=2e-3 * size)
+    assert not found.by_self[7:].any()
+
+
+def test_the_gradient_of_motions_by_surfaces_is_that_of_their_robust_cost(world, rng):
+    surfaces, problem = surface_world(world, rng)
+    poses = nudged(rng, world.plan_from_cams, 0.2, 0.004)
+    found = shared_blocks(problem, poses).gradient
+    for k in range(7):
+        ends = []
+        for way in (STEP, -STEP):
+            off = way * np.eye(7)[k]
+            seen = surfaces.corrected(NOMINAL.with_vector(NOMINAL.vector + off))
+            ends.append(replace(problem.surfaces, measured=seen).reweight(poses)[1])
+        expected = (ends[0] - ends[1]) / (2 * STEP)
+        # A turn of the measured motion turns the axes of its departure: of second order.
+        assert found[k] == pytest.approx(expected, rel=0.02, abs=0.02 * np.abs(found).max())

@@ -11,6 +11,7 @@ from planfit.adjust.terms.groups import PairGroups, PlaneGroups
 from planfit.adjust.terms.levels import LevelTerm
 from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
 from planfit.geometry.calibration import PARAMETERS
@@ -39,7 +40,7 @@ class SharedBlocks:
 def shared_blocks(
     problem: AdjustmentProblem, target_from_cams: Float[np.ndarray, "n 4 4"]
 ) -> SharedBlocks:
-    """Of all terms of a problem that know the shared parameters: points, levels, walls, odometry."""
+    """Of the terms that know the shared parameters: points, surfaces, levels, walls, odometry."""
     n = len(target_from_cams)
     parts = []
     for term in problem.terms:
@@ -51,6 +52,8 @@ def shared_blocks(
             parts.append(_of_planes(term.groups, target_from_cams, is_drawn=True))
         elif isinstance(term, OdometryTerm):
             parts.append(_of_steps(term, target_from_cams))
+        elif isinstance(term, SurfaceTerm):
+            parts.append(_of_surfaces(term, target_from_cams))
     return SharedBlocks(
         sum((part.by_pose for part in parts), np.zeros((n, 6, S))),
         sum((part.by_self for part in parts), np.zeros((S, S))),
@@ -139,4 +142,20 @@ def _of_steps(term: OdometryTerm, target_from_cams: Float[np.ndarray, "n 4 4"]) 
     by_pose[:, :, ODOMETRY] += sum_by_pose(between.pairs[:, 1], by_ends[:, 6:], n)
     by_self[ODOMETRY, ODOMETRY] = np.sum(information * by_scale**2)
     gradient[ODOMETRY] = np.sum(information * by_scale * residuals)
+    return SharedBlocks(by_pose, by_self, gradient)
+
+
+def _of_surfaces(term: SurfaceTerm, target_from_cams: Float[np.ndarray, "n 4 4"]) -> SharedBlocks:
+    """Motions by surfaces, which follow the sensor as they were measured with it."""
+    n, between = len(target_from_cams), term.between
+    weighted, _ = term.reweight(target_from_cams)
+    by_sensor = term.by_sensor(target_from_cams)
+    scaled = weighted.information @ by_sensor  # (k, 6, K)
+    residuals = between.rows.residuals(target_from_cams)
+    by_ends = np.swapaxes(between.rows.jacobians(target_from_cams), 1, 2) @ scaled
+    by_pose, by_self, gradient = np.zeros((n, 6, S)), np.zeros((S, S)), np.zeros(S)
+    by_pose[:, :, :K] = sum_by_pose(between.pairs[:, 0], by_ends[:, :6], n)
+    by_pose[:, :, :K] += sum_by_pose(between.pairs[:, 1], by_ends[:, 6:], n)
+    by_self[:K, :K] = np.einsum("kds,kdt->st", by_sensor, scaled)
+    gradient[:K] = np.einsum("kds,kd->s", scaled, residuals)
     return SharedBlocks(by_pose, by_self, gradient)

@@ -19,6 +19,7 @@ def corrected_measurements(measurements: Measurements, sensor: SensorCalibration
         by_hand=None
         if measurements.by_hand is None
         else corrected_matches(measurements.by_hand, sensor),
+        surfaces=measurements.surfaces.corrected(sensor),
         structure=corrected_structure(measurements.structure, sensor),
         cameras=tuple(sensor.camera(camera) for camera in measurements.cameras),
         control=measurements.control.corrected(sensor),

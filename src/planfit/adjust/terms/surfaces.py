@@ -5,12 +5,15 @@ along these it holds nothing (docs/adr/0018-matches-by-geometry.md).
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from planfit.geometry.calibration import PARAMETERS
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.terms.between import BetweenTerm
+from planfit.lsq.terms.residual import WeightedResiduals
 from planfit.matching import SurfacePairs
 
 
@@ -25,16 +28,54 @@ class SurfaceTermOptions:
     false as a whole."""
 
 
-def surface_term(pairs: SurfacePairs, options: SurfaceTermOptions) -> BetweenTerm:
-    """The pairs as relative poses that were measured, with their information."""
-    return BetweenTerm(
-        pairs=pairs.pairs,
-        first_from_second=pairs.a_from_b,
-        information=of_departures(pairs),
-        loss=options.loss,
-        weight=options.weight,
-        name="surfaces",
-    )
+@dataclass(frozen=True)
+class SurfaceTerm:
+    """Sum over pairs of rho(|departure of the relative pose from the measured one| in sigmas)."""
+
+    measured: SurfacePairs
+    options: SurfaceTermOptions = field(default_factory=SurfaceTermOptions)
+    name: str = "surfaces"
+
+    @property
+    def pairs(self) -> Int[np.ndarray, "k 2"]:
+        """First and second pose of each measurement."""
+        return self.measured.pairs
+
+    def reweight(
+        self, target_from_cams: Float[np.ndarray, "n 4 4"]
+    ) -> tuple[WeightedResiduals, float]:
+        """Weights of the pairs at these poses."""
+        return self.between.reweight(target_from_cams)
+
+    @cached_property
+    def between(self) -> BetweenTerm:
+        """The pairs as relative poses that were measured, with their information."""
+        return BetweenTerm(
+            pairs=self.measured.pairs,
+            first_from_second=self.measured.a_from_b,
+            information=of_departures(self.measured),
+            loss=self.options.loss,
+            weight=self.options.weight,
+            name=self.name,
+        )
+
+    def by_sensor(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "k 6 7"]:
+        """Derivatives of the departures by the sensor's parameters (`geometry.calibration.PARAMETERS`).
+
+        A departure is R_m^T (w, v) from the measured motion, which follows the sensor; and the sigma of its
+        translation grows with the points, else shrinking them would always pay.
+        """
+        measured, residuals = self.measured, self.between.rows.residuals(target_from_cams)
+        to_second = np.swapaxes(measured.a_from_b[:, :3, :3], 1, 2)
+        moved = np.concatenate(
+            [to_second @ measured.by_sensor[:, :3], to_second @ measured.by_sensor[:, 3:]], axis=1
+        )
+        # Of the logarithm of the stretch: depth's scale, offset and quadratic.
+        distance, one = measured.distance_m, np.ones(len(measured))
+        grown = np.zeros((len(measured), len(PARAMETERS)))
+        grown[:, :3] = np.stack([one, 1.0 / distance, distance], axis=1)
+        moved[:, 3:] += residuals[:, 3:, None] * grown[:, None, :]
+        return -moved
 
 
 def of_departures(pairs: SurfacePairs) -> Float[np.ndarray, "p 6 6"]:

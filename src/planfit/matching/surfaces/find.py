@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
+from planfit.geometry.calibration import PARAMETERS
 from planfit.matching.cycles import by_way_of
 from planfit.matching.options import MatchingOptions
 from planfit.matching.pairs import choose_pairs
@@ -120,7 +121,7 @@ def measure_surface_neighbours(
         return _as_arrays(grids, (i, j), found, surfaces)
 
     key = cache_key(
-        scan.fingerprint, "surface neighbours", surfaces, pairs.tobytes(), recorded.tobytes()
+        scan.fingerprint, "neighbours by surfaces", surfaces, pairs.tobytes(), recorded.tobytes()
     )
     items = runtime.map("surface neighbours", key, len(pairs), one, chunk_size=64)
     found, contradicted, _ = _gathered(pairs, items)
@@ -164,7 +165,7 @@ def find_surface_pairs(
         return neighbours
     compute = partial(_loop, known.grids, poses, pairs, odometry, up_world, surfaces)
     key = cache_key(
-        scan.fingerprint, "surface revisits", surfaces, pairs.tobytes(), poses.tobytes(),
+        scan.fingerprint, "revisits by surfaces", surfaces, pairs.tobytes(), poses.tobytes(),
         up_world, odometry.sigma_rotation.tobytes(), odometry.sigma_translation.tobytes(),
     )  # fmt: skip
     items = runtime.map("surface revisits", key, len(pairs), compute, chunk_size=16)
@@ -203,12 +204,13 @@ def _as_arrays(
     if not found:
         return {"a_from_b": np.zeros((0, 4, 4))}
     best = found[0]
-    information = observe(grids, *pair, best.a_from_b, options).information
+    seen = observe(grids, *pair, best.a_from_b, options)
     rival = found[1].explained / max(best.explained, 1e-9) if len(found) > 1 else 0.0
     return {
         "a_from_b": best.a_from_b[None],
-        "information": information,
-        "judged": np.array([best.explained, best.contradicted, rival]),
+        "information": seen.information,
+        "by_sensor": seen.by_sensor,
+        "judged": np.array([best.explained, best.contradicted, rival, seen.distance_m]),
     }
 
 
@@ -217,12 +219,14 @@ def _gathered(
 ) -> tuple[SurfacePairs, Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
     """Pairs that were brought together, what contradicts each, and how near its rival comes."""
     some = [k for k, item in enumerate(items) if len(item["a_from_b"])]
-    judged = np.array([items[k]["judged"] for k in some]).reshape(-1, 3)
+    judged = np.array([items[k]["judged"] for k in some]).reshape(-1, 4)
     found = SurfacePairs(
         pairs[some],
         np.array([items[k]["a_from_b"][0] for k in some]).reshape(-1, 4, 4),
         np.array([items[k]["information"] for k in some]).reshape(-1, 6, 6),
         judged[:, 0],
+        np.array([items[k]["by_sensor"] for k in some]).reshape(-1, 6, len(PARAMETERS)),
+        judged[:, 3],
     )
     return found, judged[:, 1], judged[:, 2]
 

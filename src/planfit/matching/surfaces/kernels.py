@@ -19,6 +19,8 @@ STILL = 1e-4
 """A step shorter than this, m (rotations by their lever), ends them."""
 GATES_M = np.array([0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1])
 """Distances of cells that are taken for one surface, one after the other."""
+K = 7
+"""Parameters of a sensor."""
 N_COARSE = 5
 """At the first of them, every other row and column tells enough."""
 
@@ -37,12 +39,14 @@ def bring_together(
     """
     motion = start.copy()
     hessian, gradient, sums = np.zeros((6, 6)), np.zeros(6), np.zeros(7)
+    by_sensor = np.zeros((0, K))
     for k in range(len(GATES_M) + ROUNDS):
         gate = GATES_M[min(k, len(GATES_M) - 1)]
         stride = 2 if k < N_COARSE else 1
         hessian[:], gradient[:], sums[:] = 0.0, 0.0, 0.0
-        _add(view_a, view_b, motion, gate, sigma, stride, False, hessian, gradient, sums)
-        _add(view_b, view_a, motion, gate, sigma, stride, True, hessian, gradient, sums)
+        out = hessian, gradient, sums, by_sensor
+        _add(view_a, view_b, motion, gate, sigma, stride, False, *out)
+        _add(view_b, view_a, motion, gate, sigma, stride, True, *out)
         if sums[0] < MIN_CELLS / stride**2:
             return motion, 0.0
         values, vectors, scaling = observed(hessian, sums, motion)
@@ -59,12 +63,14 @@ def bring_together(
 
 @numba.njit(cache=True, nogil=True)
 def sums_at(view_a: tuple, view_b: tuple, motion: np.ndarray, sigma: np.ndarray) -> tuple:
-    """Normal equations (6, 6) at a motion, and sums as `_add` has them, at the last gate."""
+    """Normal equations (6, 6) at a motion, sums as `_add` has them, at the last gate, and what motion and
+    sensor share (6, K): J_motion^T J_sensor."""
     hessian, gradient, sums = np.zeros((6, 6)), np.zeros(6), np.zeros(7)
-    gate = GATES_M[-1]
-    _add(view_a, view_b, motion, gate, sigma, 1, False, hessian, gradient, sums)
-    _add(view_b, view_a, motion, gate, sigma, 1, True, hessian, gradient, sums)
-    return hessian, sums
+    by_sensor, gate = np.zeros((6, K)), GATES_M[-1]
+    out = hessian, gradient, sums, by_sensor
+    _add(view_a, view_b, motion, gate, sigma, 1, False, *out)
+    _add(view_b, view_a, motion, gate, sigma, 1, True, *out)
+    return hessian, sums, by_sensor
 
 
 @numba.njit(cache=True, nogil=True)
@@ -103,12 +109,14 @@ def _add(
     hessian: np.ndarray,
     gradient: np.ndarray,
     sums: np.ndarray,
+    by_sensor: np.ndarray,
 ) -> None:
     """Add the distances of cells of the second view from surfaces of the first, in place.
 
     `motion` is first_from_second, or with `is_back` second_from_first: derivatives are by the tangent of
     `motion`. `sums`: cells, weights, weighted places (3) and squared distances from the origin, in the axes
-    that `motion` leads to, and squared distances from the planes in sigmas.
+    that `motion` leads to, and squared distances from the planes in sigmas. `by_sensor` (6, K) is left out
+    where it is empty.
     """
     depth_a, normals_a, camera_a = view_a
     depth_b, normals_b, camera_b = view_b
@@ -127,7 +135,7 @@ def _add(
         else:
             shift[r] = motion[r, 3]
     x, n, p, j = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(6)
-    at, own = np.zeros(3), np.zeros(3)
+    at, own, of_sensor = np.zeros(3), np.zeros(3), np.zeros(K)
     for row in range(stride // 2, depth_b.shape[0], stride):
         for column in range(stride // 2, depth_b.shape[1], stride):
             z = depth_b[row, column]
@@ -171,11 +179,11 @@ def _add(
             of_point = sigma[0] + sigma[1] * (z + depth) * 0.5
             scaled = distance / (LOSS_SIGMAS * of_point)
             weight = 1.0 / (of_point**2 * (1.0 + scaled**2))
+            for r in range(3):
+                # The normal, in the axes of the own point.
+                at[r] = rotation[0, r] * n[0] + rotation[1, r] * n[1] + rotation[2, r] * n[2]
             if is_back:
                 # first = motion^-1: m . (R^T (y - t) - p), y the own point; by (w, v) of motion.
-                for r in range(3):
-                    # The normal, in the axes of the own point.
-                    at[r] = rotation[0, r] * n[0] + rotation[1, r] * n[1] + rotation[2, r] * n[2]
                 j[3], j[4], j[5] = -at[0], -at[1], -at[2]
                 ax, ay, az = (
                     own[0] - motion[0, 3],
@@ -197,12 +205,39 @@ def _add(
                 gradient[r] += weight * j[r] * distance
                 for c in range(6):
                     hessian[r, c] += weight * j[r] * j[c]
+            if len(by_sensor):
+                # Both ends move with the sensor: n . (R own + t - p).
+                of_sensor[:] = 0.0
+                _add_by_sensor(own, at, 1.0, of_sensor)
+                _add_by_sensor(p, n, -1.0, of_sensor)
+                for r in range(6):
+                    for c in range(K):
+                        by_sensor[r, c] += weight * j[r] * of_sensor[c]
             sums[0] += 1.0
             sums[1] += weight
             sums[6] += weight * distance**2
             for r in range(3):
                 sums[2 + r] += weight * place[r]
                 sums[5] += weight * place[r] ** 2
+
+
+@numba.njit(cache=True, nogil=True)
+def _add_by_sensor(point: np.ndarray, normal: np.ndarray, sign: float, row: np.ndarray) -> None:
+    """Add how far the sensor's parameters move a point (its camera's axes) along a normal, in place.
+
+    Depth scale p, offset p / z, quadratic z p; focal scale -(x, y, 0), aspect -(0, y, 0); principal point
+    -(z, 0, 0) and -(0, z, 0): `planfit.geometry.calibration` near its nominal values.
+    """
+    x, y, z = point
+    a, b, c = normal
+    along = sign * (a * x + b * y + c * z)
+    row[0] += along
+    row[1] += along / z
+    row[2] += along * z
+    row[3] -= sign * (a * x + b * y)
+    row[4] -= sign * b * y
+    row[5] -= sign * a * z
+    row[6] -= sign * b * z
 
 
 @numba.njit(cache=True, nogil=True)

@@ -52,6 +52,10 @@ class Observed:
     """Tangent (rotation, translation) to directions."""
     variances: Float[np.ndarray, " 6"]
     """m^2, of each direction; infinite where it is free."""
+    by_sensor: Float[np.ndarray, "6 7"]
+    """How the tangent follows the sensor's parameters; 0 in free directions."""
+    distance_m: float
+    """Of the surfaces from the camera, root mean square."""
 
     @property
     def information(self) -> Float[np.ndarray, "6 6"]:
@@ -95,7 +99,8 @@ def observe(
 ) -> Observed:
     """What the surfaces of two frames say of the motion that brings them together."""
     sigma = np.array([options.sigma_base_m, options.sigma_per_m])
-    hessian, sums = sums_at(_view(grids, i), _view(grids, j), np.ascontiguousarray(a_from_b), sigma)
+    a, b = _view(grids, i), _view(grids, j)
+    hessian, sums, across = sums_at(a, b, np.ascontiguousarray(a_from_b), sigma)
     values, vectors, scaling = observed(hessian, sums, a_from_b)
     # What the distances are, against what the options say of them: depth cameras differ tenfold.
     factor = max(sums[6] / max(sums[0], 1.0), LEAST_FACTOR)
@@ -103,7 +108,15 @@ def observe(
     is_held = values > options.min_observed * sums[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         variances = np.where(is_held, 1.0 / (worth * values) + FLOOR_M**2, np.inf)
-    return Observed(vectors.T @ np.linalg.inv(scaling), variances)
+    # The least squares H d + C s = 0 of a sensor's change s, along observed directions.
+    held = scaling @ vectors[:, is_held]
+    by_sensor = -held @ ((held.T @ across) / values[is_held, None])
+    return Observed(
+        vectors.T @ np.linalg.inv(scaling),
+        variances,
+        by_sensor,
+        float(np.sqrt(sums[5] / max(sums[1], 1e-12))),
+    )
 
 
 def starts_about(

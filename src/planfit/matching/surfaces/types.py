@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
+from planfit.geometry import se3
+from planfit.geometry.calibration import NOMINAL, PARAMETERS, SensorCalibration
 from planfit.matching.types import count_loops
 from planfit.short_repr import short_repr
 
@@ -25,6 +27,11 @@ class SurfacePairs:
     below 6 where the surfaces leave directions free."""
     explained: Float[np.ndarray, " p"]
     """Share of both views whose surfaces agree."""
+    by_sensor: Float[np.ndarray, "p 6 7"]
+    """How the motion follows the sensor's parameters (`geometry.calibration.PARAMETERS`), as tangents; 0 in
+    directions left free."""
+    distance_m: Float[np.ndarray, " p"]
+    """Of the surfaces from the cameras, root mean square."""
 
     __repr__ = short_repr
 
@@ -35,7 +42,12 @@ class SurfacePairs:
     def none() -> "SurfacePairs":
         """No pairs at all."""
         return SurfacePairs(
-            np.zeros((0, 2), int), np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), np.zeros(0)
+            np.zeros((0, 2), int),
+            np.zeros((0, 4, 4)),
+            np.zeros((0, 6, 6)),
+            np.zeros(0),
+            np.zeros((0, 6, len(PARAMETERS))),
+            np.zeros(0),
         )
 
     @property
@@ -67,7 +79,12 @@ class SurfacePairs:
     def __getitem__(self, idx: Shaped[np.ndarray, " k"]) -> "SurfacePairs":
         """Those that an index or a mask takes."""
         return SurfacePairs(
-            self.pairs[idx], self.a_from_b[idx], self.information[idx], self.explained[idx]
+            self.pairs[idx],
+            self.a_from_b[idx],
+            self.information[idx],
+            self.explained[idx],
+            self.by_sensor[idx],
+            self.distance_m[idx],
         )
 
     def joined(self, other: "SurfacePairs") -> "SurfacePairs":
@@ -79,4 +96,21 @@ class SurfacePairs:
             np.concatenate([self.a_from_b, other.a_from_b])[order],
             np.concatenate([self.information, other.information])[order],
             np.concatenate([self.explained, other.explained])[order],
+            np.concatenate([self.by_sensor, other.by_sensor])[order],
+            np.concatenate([self.distance_m, other.distance_m])[order],
         )
+
+    def corrected(self, sensor: SensorCalibration) -> "SurfacePairs":
+        """As a calibrated sensor would have measured them; sigmas of translations grow with the points.
+
+        To the first order: exact for the scale of depth, whose corrections may be the largest.
+        """
+        if sensor.is_nominal or len(self) == 0:
+            return self
+        off = sensor.vector - NOMINAL.vector
+        moved = se3.retract(self.a_from_b, self.by_sensor @ off)
+        grown = sensor.depths(self.distance_m) / self.distance_m
+        shrink = np.ones((len(self), 6))
+        shrink[:, 3:] = 1.0 / grown[:, None]
+        information = shrink[:, :, None] * self.information * shrink[:, None, :]
+        return replace(self, a_from_b=moved, information=information)
