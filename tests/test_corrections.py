@@ -26,13 +26,14 @@ from planfit.corrections import (
 )
 from planfit.errors import FloorplanError, OptionError
 from planfit.geometry import se3
-from planfit.matching import Matches, RelativePoses, lift_pixel
+from planfit.matching import Matches, RelativePoses
 from planfit.matching.loop_closure import cycle_consistent
 from planfit.pipeline.contradicted import ContradictedError
 from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
+from planfit.scan.pixels import lift_pixel
 from planfit.segmentation import Gravity
 from planfit.tracking import Tracking
 

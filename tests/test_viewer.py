@@ -13,10 +13,10 @@ from builders import RoomFiles, position_rms_m, room_plan, room_scan
 from planfit.corrections import read_corrections
 from planfit.errors import OptionError
 from planfit.geometry import se3
-from planfit.matching import lift_pixel
 from planfit.pipeline.observations import extract_observations
 from planfit.saving import save_result
 from planfit.scan import read_tum
+from planfit.scan.pixels import lift_pixel
 from planfit.viewer import Session, ViewServer
 from test_corrections import HALF_TURN, walk_in_a_room
 

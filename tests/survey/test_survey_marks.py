@@ -139,11 +139,11 @@ def test_marks_are_lifted_by_the_depth_about_them():
 @pytest.mark.parametrize(
     ("mark", "words"),
     [
-        (Mark(0, "A", (400, 20)), "expected a pixel of an image of 320 x 240, found (400, 20)"),
+        (Mark(0, "A", (400, 20)), "expected a pixel within 320 x 240, found (400, 20)"),
         (Mark(0, "A", (20, -3)), "found (20, -3)"),
         (
             Mark(0, "A", (100, 100)),
-            "expected depth at pixel (100, 100), found none within 2 pixels",
+            "expected a pixel with depth, found none at (100, 100) nor within 3 px",
         ),
     ],
 )
@@ -153,7 +153,7 @@ def test_marks_that_cannot_be_lifted_are_named(mark, words):
     with pytest.raises(OptionError) as found:
         find_marks(scan, survey, np.arange(3), alike)
     assert words in str(found.value)
-    assert "mark of 'A' in frame 0" in str(found.value)
+    assert "mark of 'A': frame 0" in str(found.value)
 
 
 def test_a_mark_of_no_point_and_a_family_that_is_none():

@@ -5,7 +5,6 @@ from planfit.matching.by_hand import HandMatches as HandMatches
 from planfit.matching.by_hand import HandVerdicts as HandVerdicts
 from planfit.matching.by_hand import PickedPoint as PickedPoint
 from planfit.matching.by_hand import carried as carried
-from planfit.matching.by_hand import lift_pixel as lift_pixel
 from planfit.matching.by_hand import match_by_hand as match_by_hand
 from planfit.matching.by_hand import no_hand_matches as no_hand_matches
 from planfit.matching.find import find_matches as find_matches

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.matching.options import MatchingOptions
 from planfit.matching.relative_motions import VerifiedPairs, verify_pairs
@@ -20,12 +19,11 @@ from planfit.matching.types import Matches, RelativePoses
 from planfit.matching.verify import match_sigma
 from planfit.runtime import Runtime
 from planfit.scan import Scan
+from planfit.scan.pixels import lift_pixel
 from planfit.scan.views import select_frames
 
 PICK_PX = 3.0
 """How far off its point a pixel is that a person picks, standard deviation."""
-NEAR_PX = 3
-"""Depth is looked for within so many pixels of one that has none."""
 AGREES_M = 0.3
 """Two picked points that the images put further apart than this are not one."""
 
@@ -150,33 +148,6 @@ def no_hand_matches() -> HandMatches:
     """What no loops by hand come to."""
     none = RelativePoses(np.zeros((0, 2), dtype=int), np.zeros((0, 4, 4)), np.zeros(0, dtype=int))
     return HandMatches(_gathered([]), none, (), ())
-
-
-def lift_pixel(scan: Scan, frame: int, uv: tuple[float, float]) -> Float[np.ndarray, "3"]:
-    """The point (m, camera frame) that a pixel of a frame shows.
-
-    Raises:
-        ScanError: the pixel is outside of the image, or has no depth, nor those beside it.
-    """
-    camera = scan.cameras[frame]
-    u, v = uv
-    if not (-0.5 <= u <= camera.width - 0.5 and -0.5 <= v <= camera.height - 0.5):
-        raise ScanError(
-            f"frame {frame}: expected a pixel within {camera.width} x {camera.height}, found ({u:g}, {v:g}); "
-            "pixels are those of the image as planfit reads it, which may be smaller than as recorded"
-        )
-    depth = scan.files.depth(frame)
-    rows, columns = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    far = np.hypot(columns - u, rows - v)
-    far[~(np.isfinite(depth) & (depth > 0))] = np.inf
-    nearest = np.unravel_index(int(np.argmin(far)), far.shape)
-    if far[nearest] > NEAR_PX:
-        raise ScanError(
-            f"frame {frame}: expected a pixel with depth, found none at ({u:g}, {v:g}) nor within "
-            f"{NEAR_PX} px; pick another point"
-        )
-    at = np.array([[u, v]])
-    return camera.lift(at, np.array([float(depth[nearest])]))[0]
 
 
 def _lifted(

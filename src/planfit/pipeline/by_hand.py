@@ -18,7 +18,6 @@ from planfit.matching import (
     PickedPoint,
     SurfaceMotions,
     carried,
-    lift_pixel,
     match_by_hand,
     no_hand_matches,
 )
@@ -26,6 +25,7 @@ from planfit.matching.by_hand import AGREES_M
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime
 from planfit.scan import Scan
+from planfit.scan.pixels import lift_pixel
 from planfit.short_repr import short_repr
 
 

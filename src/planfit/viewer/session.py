@@ -20,9 +20,9 @@ from planfit.corrections.file import corrections_of
 from planfit.errors import OptionError, PlanfitError
 from planfit.floorplan import Floorplan
 from planfit.floorplan.edits import faces_at
-from planfit.matching import lift_pixel
 from planfit.run_folder import finished_record
 from planfit.scan import Scan
+from planfit.scan.pixels import lift_pixel
 
 FILE = "corrections.toml"
 _QUALITY = 88
