@@ -26,7 +26,13 @@ def compare_with_truth(
 
     Both see what the run saw of the scan and its plan in the end.
     """
-    seen = Observations(result.gravity, result.structure, result.matches, result.tracking)
+    seen = Observations(
+        result.gravity,
+        result.structure,
+        result.matches,
+        result.tracking,
+        result.surfaces,
+    )
     prepared = prepare(inputs.scan, seen, options)
     measurements, plan = prepared.measurements, result.floorplan
     assert plan is not None  # without a plan there is nothing to compare on

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from planfit.adjust import paper_options
 from planfit.alignment import AlignOptions
 from planfit.errors import OptionError
+from planfit.matching import MatchingOptions, SurfaceOptions
 from planfit.pipeline.options import RefineOptions
 from planfit.tracking import KeyframeOptions, TrackingOptions
 
@@ -21,6 +22,8 @@ def paper_preset() -> RefineOptions:
     return RefineOptions(
         keyframes=KeyframeOptions(min_frames=PAPER_MIN_FRAMES),
         tracking=TrackingOptions(is_judged=False),
+        # The paper matches keypoints alone.
+        matching=MatchingOptions(surfaces=SurfaceOptions(use="never")),
         align=AlignOptions(method="paper"),
         adjust=paper_options(),
     )

@@ -5,31 +5,25 @@ from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
 from planfit.geometry.calibration import PARAMETERS
-from planfit.matching.cycles import by_way_of
 from planfit.matching.options import MatchingOptions
 from planfit.matching.pairs import choose_pairs
 from planfit.matching.surfaces.grids import SurfaceGrids, find_surface_grids
 from planfit.matching.surfaces.options import SurfaceOptions
 from planfit.matching.surfaces.register import Registered, observe, register, starts_about
-from planfit.matching.surfaces.types import NULL_SHARE, SurfacePairs
+from planfit.matching.surfaces.types import SurfacePairs
+from planfit.matching.surfaces.witnesses import is_supported, is_witnessed, squared_sigmas
 from planfit.matching.types import RelativePoses
 from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
 
+PLAIN = 0.95
+"""Where this share of what both see agrees from the recorded motion on, no other one is tried."""
 MAX_USUAL = 0.15
 """Depth that contradicts itself by more than this between neighbours tells nothing of revisits."""
-LINK_M = 1.5
-"""Revisits whose ends are both within this much of way are of one visit."""
-SLACK_M = 0.15
-"""Departure, rotations by their lever, up to which two revisits of one visit agree, besides their sigmas."""
-
-ALIAS_SHARE = 0.15
-"""Of a quarter turn: motions off the recorded ones by so nearly one, two or three of them are an alias."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +31,7 @@ class SurfaceMotions:
     """Motions between neighbouring frames by their surfaces, and what is needed to look for revisits."""
 
     is_poor: Bool[np.ndarray, " n"]
-    """Frames with few matched keypoints."""
+    """Frames with few matched keypoints, at least to one side."""
     grids: SurfaceGrids
     """Of these."""
     neighbours: SurfacePairs
@@ -48,7 +42,9 @@ class SurfaceMotions:
 def poor_frames(
     n: int, matched: RelativePoses, options: MatchingOptions, has_color: bool = True
 ) -> Bool[np.ndarray, " n"]:
-    """Frames whose keypoints match those of no neighbour well; all or none where the options say so.
+    """Frames whose keypoints match those of no neighbour well, or of none before or after them.
+
+    All or none where the options say so.
 
     Args:
         n: frames.
@@ -63,10 +59,19 @@ def poor_frames(
         return np.full(n, use == "always")
     pairs = matched.pairs
     is_near = pairs[:, 1] - pairs[:, 0] <= options.pairs.neighbours
+    is_good = matched.n_inliers >= options.surfaces.few_matches
     most = np.zeros(n, dtype=int)
     for side in (0, 1):
         np.maximum.at(most, pairs[is_near, side], matched.n_inliers[is_near])
-    return most < options.surfaces.few_matches
+    is_poor = most < options.surfaces.few_matches
+    # Both frames of a step that no good pair spans: each may match what is on its own side.
+    begun, ended = (
+        np.bincount(pairs[is_near & is_good, side], minlength=n)[: n - 1] for side in (0, 1)
+    )
+    is_open = np.cumsum(begun - ended) == 0
+    is_poor[:-1] |= is_open
+    is_poor[1:] |= is_open
+    return is_poor
 
 
 def measure_surface_neighbours(
@@ -78,9 +83,10 @@ def measure_surface_neighbours(
 ) -> SurfaceMotions:
     """Match frames with few matched keypoints with those that follow them, by their surfaces.
 
-    The motion is sought from none at all, and from the recorded one: what explains more counts, so that
-    recorded poses of another convention have little say. A motion that they contradict needs two others that
-    close a triangle with it, and may not be off by quarter turns: one corner of a room is like the next.
+    The motion is sought from none at all, from the recorded one, and from those before and after it: what
+    agrees best where both see counts, so that jumps, or poses of another convention, have little say. A
+    motion that they contradict needs two others that close a triangle with it, and may not be off by quarter
+    turns: one corner of a room is like the next.
 
     Args:
         scan: its depth is read.
@@ -112,16 +118,23 @@ def measure_surface_neighbours(
         .reshape(-1, 2)
         .astype(int)
     )
-    recorded = se3.inverse(scan.world_from_cams[pairs[:, 0]]) @ scan.world_from_cams[pairs[:, 1]]
 
     def one(k: int) -> Arrays:
         i, j = (int(v) for v in pairs[k])
-        starts = np.stack([np.eye(4), recorded[k]])
-        found = register(grids, i, j, starts, surfaces)
+        recorded, *others = _neighbour_starts(scan.world_from_cams, i, j)
+        found = register(grids, i, j, recorded[None], surfaces)
+        if not any(f.agreement > PLAIN and f.explained >= surfaces.min_overlap for f in found):
+            found += register(grids, i, j, np.stack(others), surfaces)
+        # Not what explains most: a camera that walked on shares less with its own view than one that stood.
+        found.sort(key=lambda f: (f.explained >= surfaces.min_overlap, f.agreement), reverse=True)
         return _as_arrays(grids, (i, j), found, surfaces)
 
     key = cache_key(
-        scan.fingerprint, "neighbours by surfaces", surfaces, pairs.tobytes(), recorded.tobytes()
+        scan.fingerprint,
+        "neighbours by surfaces",
+        surfaces,
+        pairs.tobytes(),
+        scan.world_from_cams.tobytes(),
     )
     items = runtime.map("surface neighbours", key, len(pairs), one, chunk_size=64)
     found, contradicted, _ = _gathered(pairs, items)
@@ -130,7 +143,12 @@ def measure_surface_neighbours(
     most = min(max(surfaces.max_contradicted, surfaces.usual_factor * usual), MAX_USUAL)
     found = found[is_alike & (contradicted <= most)]
     return SurfaceMotions(
-        is_poor, grids, found[_is_witnessed(found, scan, odometry, options)], most
+        is_poor,
+        grids,
+        found[
+            is_witnessed(found, matched, scan.world_from_cams, odometry, options.cycle_consistency)
+        ],
+        most,
     )
 
 
@@ -176,7 +194,23 @@ def find_surface_pairs(
         & (rivals <= surfaces.max_rival)
     )
     loops = _possible(found[believed], scan, odometry, options)
-    return neighbours.joined(loops[_supported(loops, poses, odometry)])
+    return neighbours.joined(loops[is_supported(loops, poses, odometry)])
+
+
+def _neighbour_starts(
+    world_from_cams: Float[np.ndarray, "n 4 4"], i: int, j: int
+) -> Float[np.ndarray, "s 4 4"]:
+    """The recorded motion, none, and as far as the camera went before the first and after the second.
+
+    Over a jump of the tracker the camera itself goes on as before: of eight such steps, 0.3 to 0.9 m long,
+    no motion led to one that was right, these to seven.
+    """
+    n, apart = len(world_from_cams), j - i
+    ways = [(i, j), (i - apart, i), (j, j + apart)]
+    moved = [
+        se3.inverse(world_from_cams[a]) @ world_from_cams[b] for a, b in ways if a >= 0 and b < n
+    ]
+    return np.stack([moved[0], np.eye(4), *moved[1:]])
 
 
 def _loop(
@@ -239,75 +273,4 @@ def _possible(
     predicted = se3.inverse(scan.world_from_cams[i]) @ scan.world_from_cams[j]
     sigmas = odometry.sigma_between(i, j)
     most = options.cycle_consistency.max_sigmas**2
-    return found[_squared_sigmas(found, predicted, sigmas) < most]
-
-
-def _squared_sigmas(
-    found: SurfacePairs,
-    predicted: Float[np.ndarray, "p 4 4"],
-    sigmas: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
-) -> Float[np.ndarray, " p"]:
-    """Squared norms of departures from predicted motions, in what each pair observes.
-
-    With information W = L L^T, L (6, rank): L^T d is of unit covariance, besides L^T C L of the predicted.
-    """
-    off = se3.difference(predicted, found.a_from_b)
-    result = np.zeros(len(found))
-    for k, information in enumerate(found.information):
-        values, vectors = np.linalg.eigh(information)
-        is_held = values > NULL_SHARE * values[-1]
-        factor = vectors[:, is_held] * np.sqrt(values[is_held])
-        variances = np.repeat([sigmas[0][k] ** 2, sigmas[1][k] ** 2], 3)
-        total = factor.T @ (variances[:, None] * factor) + np.eye(factor.shape[1])
-        scaled = factor.T @ off[k]
-        result[k] = scaled @ np.linalg.solve(total, scaled)
-    return result
-
-
-def _is_witnessed(
-    found: SurfacePairs, scan: Scan, odometry: Odometry, options: MatchingOptions
-) -> Bool[np.ndarray, " p"]:
-    """Neighbours that agree with the recorded motion, or with two others by way of a third frame."""
-    i, j = found.pairs.T
-    recorded = se3.inverse(scan.world_from_cams[i]) @ scan.world_from_cams[j]
-    most = options.cycle_consistency.max_sigmas**2
-    is_recorded = _squared_sigmas(found, recorded, odometry.sigma_between(i, j)) < most
-    motions = {(int(a), int(b)): found.a_from_b[k] for k, (a, b) in enumerate(found.pairs)}
-    motions |= {(b, a): se3.inverse(m) for (a, b), m in motions.items()}
-    near: dict[int, list[int]] = {}
-    for a, b in motions:
-        near.setdefault(a, []).append(b)
-    sigmas = (np.array([SLACK_M / 3.0]), np.array([SLACK_M]))
-    off = np.swapaxes(recorded[:, :3, :3], 1, 2) @ found.a_from_b[:, :3, :3]
-    quarters = np.rad2deg(se3.rotation_angle(off)) / 90.0
-    is_alias = (np.rint(quarters) > 0) & (np.abs(quarters - np.rint(quarters)) < ALIAS_SHARE)
-    for k in np.flatnonzero(~is_recorded & ~is_alias):
-        a, b = (int(v) for v in found.pairs[k])
-        for c in near[a]:
-            if (c, b) in motions and not is_recorded[k]:
-                by_c = (motions[a, c] @ motions[c, b])[None]
-                is_recorded[k] = _squared_sigmas(found[np.array([k])], by_c, sigmas)[0] < 9.0
-    return is_recorded
-
-
-def _supported(
-    loops: SurfacePairs, poses: Float[np.ndarray, "n 4 4"], odometry: Odometry
-) -> Bool[np.ndarray, " p"]:
-    """Revisits that another one of the same visit agrees with: a false one seldom finds its like."""
-    if len(loops) == 0:
-        return np.zeros(0, dtype=bool)
-    walked = odometry.walked_m[loops.pairs]
-    links = cKDTree(walked).query_pairs(LINK_M, p=np.inf, output_type="ndarray")
-    as_poses = RelativePoses(loops.pairs, loops.a_from_b, np.zeros(len(loops), int))
-    is_supported = np.zeros(len(loops), dtype=bool)
-    for one, other in (links.T, links.T[::-1]):
-        predicted = by_way_of(as_poses[other], loops.pairs[one], poses)
-        first = odometry.sigma_between(loops.pairs[one, 0], loops.pairs[other, 0])
-        second = odometry.sigma_between(loops.pairs[other, 1], loops.pairs[one, 1])
-        sigmas = (
-            np.hypot(np.hypot(first[0], second[0]), SLACK_M / 3.0),
-            np.hypot(np.hypot(first[1], second[1]), SLACK_M),
-        )
-        agrees = _squared_sigmas(loops[one], predicted, sigmas) < 9.0
-        is_supported[one[agrees]] = True
-    return is_supported
+    return found[squared_sigmas(found, predicted, sigmas) < most]

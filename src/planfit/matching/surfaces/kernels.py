@@ -21,43 +21,45 @@ GATES_M = np.array([0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1])
 """Distances of cells that are taken for one surface, one after the other."""
 K = 7
 """Parameters of a sensor."""
-N_COARSE = 5
-"""At the first of them, every other row and column tells enough."""
 
 
 @numba.njit(cache=True, nogil=True)
 def bring_together(
-    view_a: tuple, view_b: tuple, start: np.ndarray, sigma: np.ndarray, min_observed: float
+    view_a: tuple,
+    view_b: tuple,
+    start: np.ndarray,
+    sigma: np.ndarray,
+    min_observed: float,
+    stride: int,
 ) -> tuple:
     """Motion a_from_b (4, 4) at which the surfaces of two views lie in each other, from `start` on.
 
     Point-to-plane distances both ways, cells paired by projection (Blais and Levine 1995). Steps go along
     observed directions alone, so that what nothing observes stays as it was (Zhang, Kaess and Singh 2016).
+    With a `stride` of 1, all cells near each other are brought still nearer; with another one, every so many
+    rows and columns, from all gates on, which is enough to say where a start leads.
 
     Returns:
         motion; number of cells that were paired, 0 where they were too few.
     """
     motion = start.copy()
     hessian, gradient, sums = np.zeros((6, 6)), np.zeros(6), np.zeros(7)
-    by_sensor = np.zeros((0, K))
-    for k in range(len(GATES_M) + ROUNDS):
-        gate = GATES_M[min(k, len(GATES_M) - 1)]
-        stride = 2 if k < N_COARSE else 1
+    by_sensor, step = np.zeros((0, K)), np.zeros(6)
+    last = len(GATES_M) - 1
+    first = last if stride == 1 else 0
+    for k in range(first, last + ROUNDS):
         hessian[:], gradient[:], sums[:] = 0.0, 0.0, 0.0
+        gate = GATES_M[min(k, last)]
         out = hessian, gradient, sums, by_sensor
         _add(view_a, view_b, motion, gate, sigma, stride, False, *out)
         _add(view_b, view_a, motion, gate, sigma, stride, True, *out)
         if sums[0] < MIN_CELLS / stride**2:
             return motion, 0.0
         values, vectors, scaling = observed(hessian, sums, motion)
-        of_scaled = vectors.T @ (scaling.T @ gradient)
-        step = np.zeros(6)
-        for e in range(6):
-            if values[e] > min_observed * sums[1]:
-                step -= vectors[:, e] * of_scaled[e] / values[e]
-        if k >= len(GATES_M) and np.sqrt(np.sum(step**2)) < STILL:
+        squared = _step(values, vectors, scaling, gradient, min_observed * sums[1], step)
+        _retract(motion, step)
+        if k >= last and squared < (STILL * stride) ** 2:
             break
-        _retract(motion, scaling @ step)
     return motion, sums[0]
 
 
@@ -81,20 +83,60 @@ def observed(hessian: np.ndarray, sums: np.ndarray, motion: np.ndarray) -> tuple
     so that all six numbers compare. `scaling` (6, 6) takes such a tangent to (rotation, translation).
     """
     total = max(sums[1], 1e-12)
-    middle = sums[2:5] / total
-    lever = np.sqrt(max(sums[5] / total - np.sum(middle**2), 1e-4))
-    scaling = np.zeros((6, 6))
+    spread = sums[5] / total
     arm = np.zeros(3)
     for r in range(3):
-        arm[r] = motion[r, 3] - middle[r]
+        middle = sums[2 + r] / total
+        spread -= middle * middle
+        arm[r] = motion[r, 3] - middle
+    lever = np.sqrt(max(spread, 1e-4))
+    scaling = np.zeros((6, 6))
+    for r in range(3):
         scaling[r, r] = 1.0 / lever
         scaling[3 + r, 3 + r] = 1.0
     # The middle m moves by v_m = v + w x (m - t): v = v_m + w x (t - m) = v_m - [arm]x w, arm = t - m.
     scaling[3, 1], scaling[3, 2] = arm[2] / lever, -arm[1] / lever
     scaling[4, 0], scaling[4, 2] = -arm[2] / lever, arm[0] / lever
     scaling[5, 0], scaling[5, 1] = arm[1] / lever, -arm[0] / lever
-    values, vectors = np.linalg.eigh(scaling.T @ hessian @ scaling)
+    scaled = np.zeros((6, 6))  # scaling^T hessian scaling
+    for r in range(6):
+        for c in range(6):
+            for u in range(6):
+                for v in range(6):
+                    scaled[r, c] += scaling[u, r] * hessian[u, v] * scaling[v, c]
+    values, vectors = np.linalg.eigh(scaled)
     return values, vectors, scaling
+
+
+@numba.njit(cache=True, nogil=True)
+def _step(
+    values: np.ndarray,
+    vectors: np.ndarray,
+    scaling: np.ndarray,
+    gradient: np.ndarray,
+    least: float,
+    step: np.ndarray,
+) -> float:
+    """Put the tangent that lowers the cost most into `step`, along directions observed by more than `least`.
+
+    Returns:
+        squared length of the step, m, rotations by their lever.
+    """
+    squared = 0.0
+    step[:] = 0.0
+    for e in range(6):
+        if values[e] <= least:
+            continue
+        along = 0.0
+        for r in range(6):
+            for c in range(6):
+                along += vectors[c, e] * scaling[r, c] * gradient[r]
+        along /= -values[e]
+        squared += along * along
+        for r in range(6):
+            for c in range(6):
+                step[r] += scaling[r, c] * vectors[c, e] * along
+    return squared
 
 
 @numba.njit(cache=True, nogil=True)
@@ -243,26 +285,31 @@ def _add_by_sensor(point: np.ndarray, normal: np.ndarray, sign: float, row: np.n
 @numba.njit(cache=True, nogil=True)
 def _retract(motion: np.ndarray, tangent: np.ndarray) -> None:
     """Rotate by exp(tangent[:3]) from the left and add tangent[3:] to the translation, in place."""
-    angle = np.sqrt(np.sum(tangent[:3] ** 2))
-    k = np.zeros((3, 3))
-    k[0, 1], k[0, 2], k[1, 2] = -tangent[2], tangent[1], -tangent[0]
-    k[1, 0], k[2, 0], k[2, 1] = tangent[2], -tangent[1], tangent[0]
+    x, y, z = tangent[0], tangent[1], tangent[2]
+    squared = x * x + y * y + z * z
+    angle = np.sqrt(squared)
     a = 1.0 if angle < 1e-8 else np.sin(angle) / angle
-    b = 0.5 if angle < 1e-4 else (1.0 - np.cos(angle)) / angle**2
-    turn = np.eye(3) + a * k + b * (k @ k)
-    motion[:3, :3] = turn @ np.ascontiguousarray(motion[:3, :3])
-    motion[:3, 3] += tangent[3:]
+    b = 0.5 if angle < 1e-4 else (1.0 - np.cos(angle)) / squared
+    for c in range(3):
+        # Rodrigues, column by column: q + a w x q + b w x (w x q).
+        p, q, r = motion[0, c], motion[1, c], motion[2, c]
+        u, v, w = y * r - z * q, z * p - x * r, x * q - y * p
+        motion[0, c] += a * u + b * (y * w - z * v)
+        motion[1, c] += a * v + b * (z * u - x * w)
+        motion[2, c] += a * w + b * (x * v - y * u)
+        motion[c, 3] += tangent[3 + c]
 
 
 @numba.njit(cache=True, nogil=True)
 def compare_surfaces(
     view_a: tuple, view_b: tuple, a_from_b: np.ndarray, base_m: float, per_m: float
 ) -> np.ndarray:
-    """Cells of the second view, at a motion: agreeing with the first, looked past by it, and all (3,)."""
+    """Cells of the second view, at a motion: agreeing with the first, looked past by it, all, and those that
+    lie where the first shows anything (4,)."""
     depth_a, normals_a, camera_a = view_a
     depth_b, normals_b, camera_b = view_b
     rows_a, columns_a = depth_a.shape
-    counts = np.zeros(3)
+    counts = np.zeros(4)
     for row in range(depth_b.shape[0]):
         for column in range(depth_b.shape[1]):
             z = depth_b[row, column]
@@ -280,6 +327,7 @@ def compare_surfaces(
             v = int(np.floor(camera_a[1] * y / there + camera_a[3] + 0.5))
             if u < 0 or v < 0 or u >= columns_a or v >= rows_a or not depth_a[v, u] > 0:
                 continue
+            counts[3] += 1
             # The plane of the first view's cell, distance of the point from it.
             z_a = depth_a[v, u]
             n0, n1, n2 = (

@@ -10,9 +10,9 @@ from planfit.errors import require_choice, require_positive, require_share
 class SurfaceOptions:
     """When frames are matched by the surfaces that their depth shows, and when that is believed."""
 
-    use: Literal["without_colour", "few", "always", "never"] = "without_colour"
-    """`without_colour`: frames with few matched keypoints, of scans without colour; `few`: such frames of any
-    scan, as at white walls; `always`: all; `never`: none."""
+    use: Literal["without_colour", "few", "always", "never"] = "few"
+    """`few`: frames with few matched keypoints, as at white walls, and those of steps that no pair spans;
+    `without_colour`: the same, of scans without colour alone; `always`: all frames; `never`: none."""
     few_matches: int = 25
     """A frame has few where the keypoints that match those of its neighbours are fewer."""
     neighbours: int = 3

@@ -1,5 +1,6 @@
 """A pair of frames brought together by its surfaces: the motion, and what is observed of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -29,6 +30,8 @@ RIVAL_M, RIVAL_DEG = 0.3, 4.0
 START_STEP_M, START_STEP_DEG = 0.5, 6.0
 """A pair is brought together from every start about this far from the next: half of what the first gate
 allows."""
+COARSE = 2
+"""Every so many rows and columns of cells say where a start leads."""
 MAX_STEPS = 2
 """So many starts to each side, at most."""
 
@@ -42,6 +45,9 @@ class Registered:
     """Share of the views whose surfaces agree, of the view that agrees less."""
     contradicted: float
     """Share of what both could see at which one looks past a surface of the other."""
+    agreement: float
+    """Share of what lies where the other view shows anything that agrees with it, of the view that agrees
+    less: unlike `explained`, it is no smaller where the camera moved far."""
 
 
 @dataclass(frozen=True)
@@ -83,14 +89,18 @@ def register(
     """Motions that different starts lead to, the one that explains most first; none where nothing agrees."""
     a, b = _view(grids, i), _view(grids, j)
     sigma = np.array([options.sigma_base_m, options.sigma_per_m])
-    found: list[Registered] = []
+    coarse: list[Float[np.ndarray, "4 4"]] = []
     for start in starts:
         motion, n_cells = bring_together(
-            a, b, np.ascontiguousarray(start, dtype=float), sigma, options.min_observed
+            a, b, np.ascontiguousarray(start, dtype=float), sigma, options.min_observed, COARSE
         )
-        if n_cells < MIN_CELLS or any(_is_same(motion, other.a_from_b) for other in found):
-            continue
-        found.append(_judged(a, b, motion))
+        if n_cells >= MIN_CELLS / COARSE**2 and not _is_known(motion, coarse):
+            coarse.append(motion)
+    found: list[Registered] = []
+    for start in coarse:
+        motion, n_cells = bring_together(a, b, start, sigma, options.min_observed, 1)
+        if n_cells >= MIN_CELLS and not _is_known(motion, [one.a_from_b for one in found]):
+            found.append(_judged(a, b, motion))
     return sorted(found, key=lambda one: -one.explained * (1.0 - one.contradicted))
 
 
@@ -165,11 +175,23 @@ def _judged(a: tuple, b: tuple, motion: np.ndarray) -> Registered:
             compare_surfaces(b, a, back, AGREE_M, AGREE_PER_M),
         ]
     )
-    agreeing, past, size = both.T
+    agreeing, past, size, seen = both.T
     explained = float((agreeing / np.maximum(size, 1.0)).min())
-    return Registered(motion, explained, float(past.sum() / max((agreeing + past).sum(), 1.0)))
+    return Registered(
+        motion,
+        explained,
+        float(past.sum() / max((agreeing + past).sum(), 1.0)),
+        float((agreeing / np.maximum(seen, 1.0)).min()),
+    )
 
 
-def _is_same(one: np.ndarray, other: np.ndarray) -> bool:
-    angle = np.rad2deg(se3.rotation_angle(one[:3, :3].T @ other[:3, :3]))
-    return bool(np.linalg.norm(one[:3, 3] - other[:3, 3]) < RIVAL_M and angle < RIVAL_DEG)
+def _is_known(motion: Float[np.ndarray, "4 4"], others: Sequence[Float[np.ndarray, "4 4"]]) -> bool:
+    """Whether a motion is one of some others: hundreds of starts lead to a few."""
+    if not others:
+        return False
+    stacked = np.stack(others)
+    apart = stacked[:, :3, 3] - motion[:3, 3]
+    # The trace of A^T B is the sum of products; of an angle it is 1 + 2 cos.
+    cosine = (np.einsum("kij,ij->k", stacked[:, :3, :3], motion[:3, :3]) - 1.0) / 2.0
+    is_near = np.einsum("ki,ki->k", apart, apart) < RIVAL_M**2
+    return bool((is_near & (cosine > np.cos(np.deg2rad(RIVAL_DEG)))).any())
