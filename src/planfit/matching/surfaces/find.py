@@ -119,14 +119,16 @@ def measure_surface_neighbours(
         .astype(int)
     )
 
+    def by_agreement(one: Registered) -> float:
+        # Not what is explained: a camera that walked on shares less with its own view than one that stood.
+        return one.agreement if one.explained >= surfaces.min_overlap else 0.0
+
     def one(k: int) -> Arrays:
         i, j = (int(v) for v in pairs[k])
-        recorded, *others = _neighbour_starts(scan.world_from_cams, i, j)
-        found = register(grids, i, j, recorded[None], surfaces)
-        if not any(f.agreement > PLAIN and f.explained >= surfaces.min_overlap for f in found):
-            found += register(grids, i, j, np.stack(others), surfaces)
-        # Not what explains most: a camera that walked on shares less with its own view than one that stood.
-        found.sort(key=lambda f: (f.explained >= surfaces.min_overlap, f.agreement), reverse=True)
+        starts = _neighbour_starts(scan.world_from_cams, i, j)
+        found = register(grids, i, j, starts[:1], surfaces, by_agreement)
+        if not found or by_agreement(found[0]) < PLAIN:
+            found = register(grids, i, j, starts, surfaces, by_agreement)
         return _as_arrays(grids, (i, j), found, surfaces)
 
     key = cache_key(

@@ -1,6 +1,6 @@
 """A pair of frames brought together by its surfaces: the motion, and what is observed of it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -79,29 +79,39 @@ class Observed:
         return float(off @ np.linalg.solve(total, off))
 
 
+def by_explained(one: Registered) -> float:
+    """Rank of a revisit, where any motion within the drift is possible: views may share next to nothing."""
+    return one.explained * (1.0 - one.contradicted)
+
+
 def register(
     grids: SurfaceGrids,
     i: int,
     j: int,
     starts: Float[np.ndarray, "s 4 4"],
     options: SurfaceOptions,
+    rank: Callable[[Registered], float] = by_explained,
 ) -> list[Registered]:
-    """Motions that different starts lead to, the one that explains most first; none where nothing agrees."""
+    """Motions that different starts lead to, the one of the highest rank first; none where nothing agrees.
+
+    Only the first is brought together to the last: of the others it counts how well they explain the views.
+    """
     a, b = _view(grids, i), _view(grids, j)
     sigma = np.array([options.sigma_base_m, options.sigma_per_m])
-    coarse: list[Float[np.ndarray, "4 4"]] = []
+    ends: list[Float[np.ndarray, "4 4"]] = []
     for start in starts:
         motion, n_cells = bring_together(
             a, b, np.ascontiguousarray(start, dtype=float), sigma, options.min_observed, COARSE
         )
-        if n_cells >= MIN_CELLS / COARSE**2 and not _is_known(motion, coarse):
-            coarse.append(motion)
-    found: list[Registered] = []
-    for start in coarse:
-        motion, n_cells = bring_together(a, b, start, sigma, options.min_observed, 1)
-        if n_cells >= MIN_CELLS and not _is_known(motion, [one.a_from_b for one in found]):
-            found.append(_judged(a, b, motion))
-    return sorted(found, key=lambda one: -one.explained * (1.0 - one.contradicted))
+        if n_cells >= MIN_CELLS / COARSE**2 and not _is_known(motion, ends):
+            ends.append(motion)
+    found = sorted((_judged(a, b, motion) for motion in ends), key=rank, reverse=True)
+    if found:
+        motion, n_cells = bring_together(a, b, found[0].a_from_b, sigma, options.min_observed, 1)
+        found[0] = _judged(a, b, motion)
+        if n_cells < MIN_CELLS:
+            return []
+    return found
 
 
 def observe(
