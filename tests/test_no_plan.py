@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import planfit
 from planfit.adjust import AdjustOptions, adjust_to_plan
 from planfit.adjust.terms.levels import LevelOptions
+from planfit.adjust.terms.surfaces import SurfaceTermOptions
 from planfit.errors import OptionError
 from planfit.evaluation import evaluate, position_errors
 from planfit.geometry import se3
@@ -105,13 +106,17 @@ def with_ceiling(synthetic, observations, height_m, rng):
 
 
 def test_ceilings_hold_where_nothing_else_does(synthetic, observations, rng):
-    """Without floor, tilt and height drift; ceilings take them out again."""
+    """Without floor and surfaces, tilt and height drift; ceilings take them out again."""
     seen = with_ceiling(synthetic, observations, 2.6, rng)
     true_m = synthetic.true_plan_from_cams[:, 2, 3]
     spread = {}
     for weight in (0.0, 1.0):
         ceiling = dataclasses.replace(AdjustOptions().ceiling, weight=weight)
-        adjust = AdjustOptions(floor=LevelOptions(weight=0.0), ceiling=ceiling)
+        adjust = AdjustOptions(
+            floor=LevelOptions(weight=0.0),
+            surfaces=SurfaceTermOptions(weight=0.0),
+            ceiling=ceiling,
+        )
         options = planfit.RefineOptions(adjust=adjust)
         result = planfit.refine(synthetic.scan, None, options, observations=seen)
         spread[weight] = np.std(result.plan_from_cams[:, 2, 3] - true_m)

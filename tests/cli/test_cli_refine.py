@@ -59,7 +59,8 @@ def test_record_tells_what_was_done(finished: Path, small_scan: Path) -> None:
     assert record["options"]["matching"]["verify"]["min_inliers"] == 15
     assert record["verdict"]["outcome"] == "refined"
     assert len(record["verdict"]["predicted_error_m"]) == 60
-    assert set(record["cost_by_term"]) == {"points", "floor", "odometry", "ceiling", "walls"}
+    terms = {"points", "surfaces", "floor", "odometry", "ceiling", "walls"}
+    assert set(record["cost_by_term"]) == terms
     assert record["metrics"]["nsd"]["after"] < record["metrics"]["nsd"]["before"]
     assert record["stop"]
 

@@ -1,5 +1,7 @@
 """The usual mistakes of export, made here, are named and undone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from measured_walk import displaced, measure, tracked, walk
@@ -10,7 +12,12 @@ from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
 from planfit.tracking import TrackingOptions, believe, judge_tracking
-from planfit.tracking.conventions import CONVENTIONS, apply_convention, best_convention
+from planfit.tracking.conventions import (
+    CONVENTIONS,
+    ConventionFit,
+    apply_convention,
+    best_convention,
+)
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
@@ -155,6 +162,13 @@ def test_poses_of_another_recording_are_not_explained(walked):
     other = walk(np.random.default_rng(99), len(poses))
     tracking = judged(other, motions, "recorded")
     assert "no usual convention explains more" in tracking.warnings[0]
+
+
+def test_a_convention_that_explains_no_more_than_the_poses_as_recorded_is_not_clear():
+    """However much likelier: what neither explains may be nearer to one of them by chance."""
+    alike = ConventionFit("opengl", 0.86, "recorded", 0.86, 132, 1.0)
+    assert not alike.is_clear
+    assert replace(alike, asked_share=0.5).is_clear
 
 
 def test_few_motions_tell_no_convention(walked):

@@ -40,6 +40,9 @@ MIN_SHARE = 0.5
 MIN_LOG_RATIO = 0.25
 """And is more likely than the poses as recorded by this, natural logarithm, a motion. Where poses are right,
 none of the others is likelier at all."""
+MIN_MORE = 0.05
+"""And explains more of the motions than these by this share. Surfaces that leave most of a motion free, as a
+floor does, agree with any convention, and a few false motions among them would decide."""
 MAX_UNIT_ERROR = 1.5
 """Factor up to which the lengths of recorded and measured steps agree in the right unit. Noise makes a
 smaller unit likelier than it should be."""
@@ -166,7 +169,8 @@ class ConventionFit:
     def is_clear(self) -> bool:
         """Whether it explains the scan, and clearly better than the one that was asked for."""
         is_enough = self.n_motions >= MIN_MOTIONS and self.share >= MIN_SHARE
-        return self.name != self.asked and is_enough and self.log_ratio >= MIN_LOG_RATIO
+        is_more = self.share >= self.asked_share + MIN_MORE
+        return self.name != self.asked and is_enough and is_more and self.log_ratio >= MIN_LOG_RATIO
 
     @property
     def is_unexplained(self) -> bool:
