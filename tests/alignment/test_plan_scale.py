@@ -110,6 +110,7 @@ def test_another_building_fits_at_no_scale(scan, seed):
     assert found_in(scan, rooms_plan(rooms))[1] is None
 
 
+@pytest.mark.slow
 def test_a_claim_of_axes_resolves_an_ambiguity_at_another_scale_too(scan, office):
     """Two equal wings, 60 m apart; the plan 4 % too large about its origin."""
     twins = rooms_plan([*ROOMS, *((x + 60, y, w, d) for x, y, w, d in ROOMS)]).scaled(1.04)

@@ -306,7 +306,12 @@ def test_scale_steps_are_even_and_close_enough():
 
 
 @pytest.mark.parametrize(
-    ("metres", "name"), [(0.001, "millimetres"), (0.3048, "feet"), (0.0123, "units of 0.0123 m")]
+    ("metres", "name"),
+    [
+        (0.3048, "feet"),
+        pytest.param(0.001, "millimetres", marks=pytest.mark.slow),
+        pytest.param(0.0123, "units of 0.0123 m", marks=pytest.mark.slow),
+    ],
 )
 def test_a_plan_that_claims_metres_is_questioned_in_its_own_unit(office, scan, metres, name):
     plan = replace(office, ends=office.ends / metres)

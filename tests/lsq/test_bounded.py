@@ -68,7 +68,14 @@ LOSSES = [
 
 
 @pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: loss.kind.name)
-@pytest.mark.parametrize(("weight", "share"), [(1.0, 0.1), (30.0, 1e-3), (1000.0, 1e-6)])
+@pytest.mark.parametrize(
+    ("weight", "share"),
+    [
+        (1.0, 0.1),
+        pytest.param(30.0, 1e-3, marks=pytest.mark.slow),
+        pytest.param(1000.0, 1e-6, marks=pytest.mark.slow),
+    ],
+)
 def test_point_error_never_exceeds_the_bound_at_any_iterate(accepted, loss, weight, share, rng):
     world = make_world(rng)
     points = noisy_points(world, rng, loss)
