@@ -204,3 +204,22 @@ def test_two_images_of_one_pose_are_left_alone(rng):
     twice = true.copy()
     twice[31] = twice[30]
     assert judged(twice, motions).breaks == ()
+
+
+@pytest.mark.parametrize("step", [30, 31, 32])
+@pytest.mark.parametrize(("metres", "degrees"), [(3.0, 20.0), (8.0, 90.0), (0.0, 100.0)])
+def test_of_steps_that_the_same_motions_span_the_long_one_is_the_jump(rng, step, metres, degrees):
+    """Nothing is measured that ends at the frames between: 31 and 32 match each other alone."""
+    true = walk(rng)
+    motions = measure(true, rng)
+    first, second = motions.pairs.T
+    is_between = np.isin(motions.pairs, [31, 32])
+    spans = (first <= 30) & (second >= 33)
+    motions = motions[is_between.all(axis=1) | ~is_between.any(axis=1)]
+    assert spans.any()
+    poses = displaced(tracked(true, rng), step + 1, len(true) - 1, metres, degrees, rng)
+    tracking = judged(poses, motions)
+    assert [b.first_frame for b in tracking.breaks] == [step]
+    metres_off, radians_off = step_errors(tracking.world_from_cams, true)
+    assert metres_off < 0.3
+    assert np.rad2deg(radians_off) < 6.0

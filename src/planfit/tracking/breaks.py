@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
-from planfit.scan.odometry import Odometry
+from planfit.scan.odometry import LONG, USUAL_SHARE, Odometry, step_sizes
 from planfit.tracking.motions import (
     MeasuredMotions,
     departures,
@@ -26,6 +26,9 @@ TRUNCATION = 8.0
 MAX_STRETCH = 3
 """Frames in a row that are taken for outliers; more are two breaks."""
 
+MOST_UNUSUAL = 4.0
+"""Steps that are longer than long ones by more than this factor tell no more of a jump. Its square is what
+the length of a step counts at most, beside squared sigmas of motions."""
 MAX_CONTRADICTED = 0.4
 """Where a larger share of the motions contradicts the poses, what is broken is no single step."""
 
@@ -96,8 +99,10 @@ def find_displacement(
     squared = squared_sigmas(departures(motions, world_from_cams), covariance)
     contradicts = squared > options.max_sigmas**2
     best: Displacement | None = None
+    best_rank = 0.0
     if np.mean(contradicts) > MAX_CONTRADICTED:
         return None
+    long = _long_step(world_from_cams)
     for first, last in _hypotheses(motions.pairs[contradicts], len(world_from_cams)):
         inside = np.zeros(len(world_from_cams), dtype=bool)
         inside[first : last + 1] = True
@@ -105,16 +110,44 @@ def find_displacement(
         of = inside[motions.pairs[:, 0]] != inside[motions.pairs[:, 1]]
         # No displacement can gain more than making all contradictions vanish.
         bound = np.minimum(squared[of], TRUNCATION**2)[contradicts[of]].sum()
-        if best is not None and bound <= best.gain:
+        if best is not None and bound + MOST_UNUSUAL**2 <= best_rank:
             continue
         votes = votes_on(world_from_cams, motions[of], covariance[of], inside)
         found = _agreed(votes, (first, last), contradicts[of], options)
-        if found is None or (best is not None and found.gain <= best.gain):
+        if found is None:
             continue
         is_tail = last == len(world_from_cams) - 1
+        rank = found.gain
+        if is_tail:
+            rank += _less_unusual(world_from_cams, found, long)
+        if best is not None and rank <= best_rank:
+            continue
         if is_tail or _is_seen_from_both_sides(votes, found, contradicts[of], options):
-            best = found
+            best, best_rank = found, rank
     return best
+
+
+def _long_step(world_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[float, float]:
+    """Length (m) and angle (rad) from which on a step is long."""
+    steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
+    length, angle = (LONG * float(np.quantile(size, USUAL_SHARE)) for size in step_sizes(steps))
+    return max(length, 1e-6), max(angle, 1e-6)
+
+
+def _less_unusual(
+    world_from_cams: Float[np.ndarray, "n 4 4"], jump: Displacement, long: tuple[float, float]
+) -> float:
+    """By how much more usual a step is without the jump in it.
+
+    Where no motion ends between two steps, either may have been the jump as far as motions say. It was the
+    one that is long, and not the one that would be if that were undone.
+    """
+    before, after = world_from_cams[jump.first - 1], world_from_cams[jump.first]
+    steps = se3.inverse(before) @ np.stack([after, jump.world_from_recorded @ after])
+    lengths, angles = step_sizes(steps)
+    ratio = np.maximum(lengths / long[0], angles / long[1])
+    recorded, corrected = np.minimum(ratio, MOST_UNUSUAL) ** 2
+    return float(recorded - corrected)
 
 
 def _hypotheses(pairs: np.ndarray, n: int) -> list[tuple[int, int]]:
