@@ -6,6 +6,7 @@ from numpy.testing import assert_array_equal
 
 from planfit.errors import OptionError
 from planfit.geometry import se3
+from planfit.matching import spanned_steps
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.tracking import (
     KeyframeOptions,
@@ -13,7 +14,6 @@ from planfit.tracking import (
     TrackingBreak,
     choose_keyframes,
     frames_in_doubt,
-    spanned_steps,
 )
 
 PLAIN = KeyframeOptions(min_frames=0, steadier_share=0.0)

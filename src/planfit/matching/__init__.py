@@ -7,6 +7,7 @@ from planfit.matching.by_hand import PickedPoint as PickedPoint
 from planfit.matching.by_hand import carried as carried
 from planfit.matching.by_hand import match_by_hand as match_by_hand
 from planfit.matching.by_hand import no_hand_matches as no_hand_matches
+from planfit.matching.cycles import spanned_steps as spanned_steps
 from planfit.matching.find import find_matches as find_matches
 from planfit.matching.find import search_matches as search_matches
 from planfit.matching.misled import without_misled as without_misled

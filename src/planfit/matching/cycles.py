@@ -99,6 +99,13 @@ def by_way_of(
     return i_from_k @ relative_poses.a_from_b @ m_from_j
 
 
+def spanned_steps(pairs: Int[np.ndarray, "p 2"], n_steps: int) -> Bool[np.ndarray, " s"]:
+    """Which steps (frame i to i + 1) lie between the frames of a pair."""
+    # Pairs that begin less those that end, up to each step: how many span it.
+    begun, ended = (np.bincount(side, minlength=n_steps + 1)[:n_steps] for side in pairs.T)
+    return np.cumsum(begun - ended) > 0
+
+
 def spans_any(
     pairs: Int[np.ndarray, "p 2"], is_marked: Bool[np.ndarray, " s"]
 ) -> Bool[np.ndarray, " p"]:

@@ -25,6 +25,7 @@ from planfit.matching import (
     measure_neighbours,
     measure_surface_neighbours,
     search_matches,
+    spanned_steps,
     without_misled,
 )
 from planfit.pipeline.by_hand import (
@@ -49,7 +50,6 @@ from planfit.tracking import (
     measured_motions,
     pairs_across,
     place_submaps,
-    spanned_steps,
     surface_motions,
     with_open_steps,
 )

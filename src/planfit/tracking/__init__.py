@@ -7,7 +7,6 @@ from planfit.tracking.keyframes import KeyframeOptions as KeyframeOptions
 from planfit.tracking.keyframes import choose_keyframes as choose_keyframes
 from planfit.tracking.keyframes import frames_in_doubt as frames_in_doubt
 from planfit.tracking.motions import measured_motions as measured_motions
-from planfit.tracking.motions import spanned_steps as spanned_steps
 from planfit.tracking.motions import surface_motions as surface_motions
 from planfit.tracking.options import TrackingOptions as TrackingOptions
 from planfit.tracking.submaps import pairs_across as pairs_across

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Float, Int, Shaped
 
 from planfit.geometry import se3
 from planfit.matching import SurfacePairs
@@ -69,13 +69,6 @@ def measured_motions(verified: VerifiedPairs, options: VerifyOptions) -> Measure
         # A little of the identity: points on one spot leave rotations open, which must stay invertible.
         covariance[k] = np.linalg.inv(information + np.eye(6)) + np.diag(floor)
     return MeasuredMotions(relative.pairs, relative.a_from_b, covariance, relative.n_inliers)
-
-
-def spanned_steps(pairs: Int[np.ndarray, "p 2"], n_steps: int) -> Bool[np.ndarray, " s"]:
-    """Which steps (frame i to i + 1) lie between the frames of a pair."""
-    # Pairs that begin less those that end, up to each step: how many span it.
-    begun, ended = (np.bincount(side, minlength=n_steps + 1)[:n_steps] for side in pairs.T)
-    return np.cumsum(begun - ended) > 0
 
 
 def surface_motions(surfaces: SurfacePairs) -> MeasuredMotions:

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from planfit.geometry import se3
 from planfit.matching import Matches
+from planfit.matching.cycles import spanned_steps
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.types import RelativePoses
 from planfit.matching.verify import VerifyOptions
@@ -22,7 +23,6 @@ from planfit.tracking.motions import (
     departures,
     expected_covariance,
     measured_motions,
-    spanned_steps,
     squared_sigmas,
 )
 from planfit.tracking.options import TrackingOptions

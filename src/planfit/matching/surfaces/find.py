@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 
 from planfit.geometry import se3
 from planfit.geometry.calibration import PARAMETERS
+from planfit.matching.cycles import spanned_steps
 from planfit.matching.options import MatchingOptions
 from planfit.matching.pairs import choose_pairs
 from planfit.matching.surfaces.grids import SurfaceGrids, find_surface_grids
@@ -65,10 +66,7 @@ def poor_frames(
         np.maximum.at(most, pairs[is_near, side], matched.n_inliers[is_near])
     is_poor = most < options.surfaces.few_matches
     # Both frames of a step that no good pair spans: each may match what is on its own side.
-    begun, ended = (
-        np.bincount(pairs[is_near & is_good, side], minlength=n)[: n - 1] for side in (0, 1)
-    )
-    is_open = np.cumsum(begun - ended) == 0
+    is_open = ~spanned_steps(pairs[is_near & is_good], n - 1)
     is_poor[:-1] |= is_open
     is_poor[1:] |= is_open
     return is_poor
