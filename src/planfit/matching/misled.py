@@ -17,7 +17,7 @@ from planfit.matching.cycles import is_near, spans_any
 from planfit.matching.options import MatchingOptions
 from planfit.matching.relative_motions import NeighbourMotions, match_sigmas
 from planfit.matching.view_agreement import compare
-from planfit.scan.odometry import LONG, USUAL_SHARE, Odometry, step_sizes
+from planfit.scan.odometry import LONG, Odometry, times_usual, usual_step
 
 MIN_SHARED = 0.05
 """Share of the views that both could see by a motion, from which on they tell of it."""
@@ -64,7 +64,5 @@ def without_misled(
 
 
 def _spans_long_step(pairs: Int[np.ndarray, "p 2"], odometry: Odometry) -> Bool[np.ndarray, " p"]:
-    is_long = [
-        size > LONG * np.quantile(size, USUAL_SHARE) for size in step_sizes(odometry.cam_from_next)
-    ]
-    return spans_any(pairs, np.any(is_long, axis=0))
+    steps = odometry.cam_from_next
+    return spans_any(pairs, times_usual(steps, usual_step(steps)) > LONG)

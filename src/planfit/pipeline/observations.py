@@ -263,14 +263,12 @@ def _judge(keyed: _Keyed, believed: Tracking, options: RefineOptions, runtime: R
     """
     matching = options.matching
     known = measure_neighbours(keyed.at(keyed.scan.world_from_cams), matching, runtime)
-    judged = _by_neighbours(_allowed(keyed, believed, known, options, runtime), options, runtime)
+    judged = _by_neighbours(keyed, believed, known, options, runtime)
     found = judged.tracking.convention
     if found != believed.convention:
         # Surfaces are brought together from the recorded motion, too: now that of the convention found.
         believed = _believed(keyed, replace(options, poses_convention=found))
-        judged = _by_neighbours(
-            _allowed(keyed, believed, known, options, runtime), options, runtime
-        )
+        judged = _by_neighbours(keyed, believed, known, options, runtime)
     more = frames_in_doubt(
         judged.tracking, keyed.frame_idx, _are_bridged(judged), options.keyframes
     )
@@ -281,33 +279,25 @@ def _judge(keyed: _Keyed, believed: Tracking, options: RefineOptions, runtime: R
         known = measure_between(
             denser.at(keyed.scan.world_from_cams), known, known_idx, matching, runtime
         )
-        judged = _by_neighbours(
-            _allowed(denser, believed, known, options, runtime), options, runtime
-        )
+        judged = _by_neighbours(denser, believed, known, options, runtime)
     return _by_revisits(judged, options, runtime)
 
 
-def _allowed(
+def _by_neighbours(
     keyed: _Keyed,
     believed: Tracking,
     known: NeighbourMotions,
     options: RefineOptions,
     runtime: Runtime,
 ) -> _Judged:
-    """Motions of neighbours, by keypoints and by surfaces, but for those that a person ruled out."""
+    """The recorded poses compared with motions between neighbours, by keypoints and by surfaces.
+
+    But for those that a person ruled out, or that patterns misled.
+    """
     by_surfaces = _surface_neighbours(keyed, known, believed, options, runtime)
-    verdicts = keyed.verdicts(believed)
-    return _Judged(
-        keyed,
-        believed,
-        allowed_neighbours(known, verdicts),
-        allowed_surfaces(by_surfaces, verdicts),
-    )
-
-
-def _by_neighbours(judged: _Judged, options: RefineOptions, runtime: Runtime) -> _Judged:
-    """The recorded poses compared with motions between neighbours, without those that patterns misled."""
-    keyed, matching, known = judged.keyed, options.matching, judged.known
+    verdicts, matching = keyed.verdicts(believed), options.matching
+    known = allowed_neighbours(known, verdicts)
+    judged = _Judged(keyed, believed, known, allowed_surfaces(by_surfaces, verdicts))
     tracking = _compared(judged, known, options)
     # As recorded, in the convention that was found: of another, all motions would seem misled.
     recorded = tracking.recorded_world_from_cams[keyed.frame_idx]

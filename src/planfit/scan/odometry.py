@@ -106,6 +106,20 @@ def step_sizes(
     )
 
 
+def usual_step(cam_from_next: Float[np.ndarray, "s 4 4"]) -> tuple[float, float]:
+    """Length (m) and angle (rad) that usual steps do not exceed."""
+    length, angle = (float(np.quantile(s, USUAL_SHARE)) for s in step_sizes(cam_from_next))
+    return max(length, 1e-9), max(angle, 1e-9)
+
+
+def times_usual(
+    cam_from_next: Float[np.ndarray, "s 4 4"], usual: tuple[float, float]
+) -> Float[np.ndarray, " s"]:
+    """How many times as large as a usual step each is, in length or angle, whichever is more."""
+    length, angle = step_sizes(cam_from_next)
+    return np.maximum(length / usual[0], angle / usual[1])
+
+
 def make_odometry(
     world_from_cams: Float[np.ndarray, "n 4 4"],
     options: OdometryOptions,

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
-from planfit.scan.odometry import LONG, USUAL_SHARE, Odometry, step_sizes
+from planfit.scan.odometry import LONG, Odometry, times_usual, usual_step
 from planfit.tracking.motions import (
     MeasuredMotions,
     departures,
@@ -102,7 +102,7 @@ def find_displacement(
     best_rank = 0.0
     if np.mean(contradicts) > MAX_CONTRADICTED:
         return None
-    long = _long_step(world_from_cams)
+    usual = usual_step(se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:])
     for first, last in _hypotheses(motions.pairs[contradicts], len(world_from_cams)):
         inside = np.zeros(len(world_from_cams), dtype=bool)
         inside[first : last + 1] = True
@@ -119,7 +119,7 @@ def find_displacement(
         is_tail = last == len(world_from_cams) - 1
         rank = found.gain
         if is_tail:
-            rank += _less_unusual(world_from_cams, found, long)
+            rank += _less_unusual(world_from_cams, found, usual)
         if best is not None and rank <= best_rank:
             continue
         if is_tail or _is_seen_from_both_sides(votes, found, contradicts[of], options):
@@ -127,15 +127,8 @@ def find_displacement(
     return best
 
 
-def _long_step(world_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[float, float]:
-    """Length (m) and angle (rad) from which on a step is long."""
-    steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
-    length, angle = (LONG * float(np.quantile(size, USUAL_SHARE)) for size in step_sizes(steps))
-    return max(length, 1e-6), max(angle, 1e-6)
-
-
 def _less_unusual(
-    world_from_cams: Float[np.ndarray, "n 4 4"], jump: Displacement, long: tuple[float, float]
+    world_from_cams: Float[np.ndarray, "n 4 4"], jump: Displacement, usual: tuple[float, float]
 ) -> float:
     """By how much more usual a step is without the jump in it.
 
@@ -144,9 +137,7 @@ def _less_unusual(
     """
     before, after = world_from_cams[jump.first - 1], world_from_cams[jump.first]
     steps = se3.inverse(before) @ np.stack([after, jump.world_from_recorded @ after])
-    lengths, angles = step_sizes(steps)
-    ratio = np.maximum(lengths / long[0], angles / long[1])
-    recorded, corrected = np.minimum(ratio, MOST_UNUSUAL) ** 2
+    recorded, corrected = np.minimum(times_usual(steps, usual) / LONG, MOST_UNUSUAL) ** 2
     return float(recorded - corrected)
 
 

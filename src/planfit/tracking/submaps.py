@@ -16,7 +16,14 @@ from planfit.matching.cycles import spanned_steps
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.types import RelativePoses
 from planfit.matching.verify import VerifyOptions
-from planfit.scan.odometry import LONG, USUAL_SHARE, Odometry, step_sizes
+from planfit.scan.odometry import (
+    LONG,
+    USUAL_SHARE,
+    Odometry,
+    step_sizes,
+    times_usual,
+    usual_step,
+)
 from planfit.tracking.breaks import Votes, consensus, is_far, is_large, isotropic, votes_on
 from planfit.tracking.motions import (
     MeasuredMotions,
@@ -215,9 +222,8 @@ def _merge(votes: Votes, first: int, second: int, options: TrackingOptions) -> l
 def _chained(tracking: Tracking, placed: _Placed) -> Float[np.ndarray, "n 4 4"]:
     """Poses of all frames, the groups that nothing placed hung on by recorded steps, the likeliest first."""
     recorded, poses, group = tracking.world_from_cams, placed.poses.copy(), placed.group.copy()
-    length, angle = step_sizes(tracking.odometry.cam_from_next)
-    usual = [max(float(np.quantile(s, USUAL_SHARE)), 1e-9) for s in (length, angle)]
-    unlikely = np.maximum(length / usual[0], angle / usual[1])
+    steps = tracking.odometry.cam_from_next
+    unlikely = times_usual(steps, usual_step(steps))
     unlikely[tracking.open_steps] = np.inf
     doubtful = tracking.doubtful_steps
     for step in doubtful[np.argsort(unlikely[doubtful], kind="stable")]:

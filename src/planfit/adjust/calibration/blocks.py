@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from planfit.adjust.calibration.kernels import K, sum_pairs_by_sensor, sum_planes_by_sensor
 from planfit.adjust.problem import AdjustmentProblem
@@ -118,8 +118,7 @@ def _of_pairs(groups: PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"]) 
     sum_pairs_by_sensor(points_a, points_b, groups.start, a_from_b, weight, *of_sensor)
     by_ends = np.swapaxes(relative_pose_jacobians(target_from_cams[pairs]), 1, 2) @ of_sensor[0]
     by_pose, by_self, gradient = np.zeros((n, 6, S)), np.zeros((S, S)), np.zeros(S)
-    by_pose[:, :, :K] = sum_by_pose(pairs[:, 0], by_ends[:, :6], n)
-    by_pose[:, :, :K] += sum_by_pose(pairs[:, 1], by_ends[:, 6:], n)
+    by_pose[:, :, :K] = _by_both_ends(pairs, by_ends, n)
     by_self[:K, :K], gradient[:K] = of_sensor[1], of_sensor[2]
     return SharedBlocks(by_pose, by_self, gradient)
 
@@ -138,8 +137,7 @@ def _of_steps(term: OdometryTerm, target_from_cams: Float[np.ndarray, "n 4 4"]) 
     jacobians = between.rows.jacobians(target_from_cams)
     by_ends = np.einsum("kdc,kd->kc", jacobians, information * by_scale)
     by_pose, by_self, gradient = np.zeros((n, 6, S)), np.zeros((S, S)), np.zeros(S)
-    by_pose[:, :, ODOMETRY] = sum_by_pose(between.pairs[:, 0], by_ends[:, :6], n)
-    by_pose[:, :, ODOMETRY] += sum_by_pose(between.pairs[:, 1], by_ends[:, 6:], n)
+    by_pose[:, :, ODOMETRY] = _by_both_ends(between.pairs, by_ends, n)
     by_self[ODOMETRY, ODOMETRY] = np.sum(information * by_scale**2)
     gradient[ODOMETRY] = np.sum(information * by_scale * residuals)
     return SharedBlocks(by_pose, by_self, gradient)
@@ -154,8 +152,15 @@ def _of_surfaces(term: SurfaceTerm, target_from_cams: Float[np.ndarray, "n 4 4"]
     residuals = between.rows.residuals(target_from_cams)
     by_ends = np.swapaxes(between.rows.jacobians(target_from_cams), 1, 2) @ scaled
     by_pose, by_self, gradient = np.zeros((n, 6, S)), np.zeros((S, S)), np.zeros(S)
-    by_pose[:, :, :K] = sum_by_pose(between.pairs[:, 0], by_ends[:, :6], n)
-    by_pose[:, :, :K] += sum_by_pose(between.pairs[:, 1], by_ends[:, 6:], n)
+    by_pose[:, :, :K] = _by_both_ends(between.pairs, by_ends, n)
     by_self[:K, :K] = np.einsum("kds,kdt->st", by_sensor, scaled)
     gradient[:K] = np.einsum("kds,kd->s", scaled, residuals)
     return SharedBlocks(by_pose, by_self, gradient)
+
+
+def _by_both_ends(
+    pairs: Int[np.ndarray, "k 2"], by_ends: Float[np.ndarray, "k 12 ..."], n: int
+) -> Float[np.ndarray, "n 6 ..."]:
+    """Rows of the first pose's tangent, then of the second's, summed over the pairs of each pose."""
+    first, second = pairs.T
+    return sum_by_pose(first, by_ends[:, :6], n) + sum_by_pose(second, by_ends[:, 6:], n)

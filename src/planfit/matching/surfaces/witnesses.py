@@ -5,6 +5,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
+from planfit.geometry.calibration import PARAMETERS
 from planfit.matching.cycles import CycleConsistencyOptions, by_way_of
 from planfit.matching.surfaces.types import NULL_SHARE, SurfacePairs
 from planfit.matching.types import RelativePoses
@@ -14,7 +15,6 @@ LINK_M = 1.5
 """Revisits whose ends are both within this much of way are of one visit."""
 SLACK_M = 0.15
 """Departure, rotations by their lever, up to which two revisits of one visit agree, besides their sigmas."""
-
 ALIAS_SHARE = 0.15
 """Of a quarter turn: motions off the recorded ones by so nearly one, two or three of them are an alias."""
 AGREE_SIGMAS = 3.0
@@ -87,7 +87,7 @@ def _as_surfaces(matched: RelativePoses) -> SurfacePairs:
         matched.a_from_b,
         np.tile(information, (n, 1, 1)),
         np.ones(n),
-        np.zeros((n, 6, 7)),
+        np.zeros((n, 6, len(PARAMETERS))),
         np.ones(n),
     )
 
@@ -154,7 +154,7 @@ def is_supported(
     walked = odometry.walked_m[loops.pairs]
     links = cKDTree(walked).query_pairs(LINK_M, p=np.inf, output_type="ndarray")
     as_poses = RelativePoses(loops.pairs, loops.a_from_b, np.zeros(len(loops), int))
-    isis_supported = np.zeros(len(loops), dtype=bool)
+    supported = np.zeros(len(loops), dtype=bool)
     for one, other in (links.T, links.T[::-1]):
         predicted = by_way_of(as_poses[other], loops.pairs[one], poses)
         first = odometry.sigma_between(loops.pairs[one, 0], loops.pairs[other, 0])
@@ -163,6 +163,6 @@ def is_supported(
             np.hypot(np.hypot(first[0], second[0]), SLACK_M / 3.0),
             np.hypot(np.hypot(first[1], second[1]), SLACK_M),
         )
-        agrees = squared_sigmas(loops[one], predicted, sigmas) < 9.0
-        isis_supported[one[agrees]] = True
-    return isis_supported
+        agrees = squared_sigmas(loops[one], predicted, sigmas) < AGREE_SIGMAS**2
+        supported[one[agrees]] = True
+    return supported
