@@ -9,7 +9,7 @@ from builders import look, make_matches, make_structure
 from planfit.adjust import AdjustOptions, Measurements
 from planfit.adjust.alternation import PlanTask
 from planfit.adjust.association import AssociationOptions
-from planfit.adjust.competition import WALL_COST, best_of_starts
+from planfit.adjust.competition import best_of_starts
 from planfit.adjust.moved_walls import MovedWallOptions
 from planfit.adjust.shifts import other_places
 from planfit.floorplan import Floorplan
@@ -96,6 +96,20 @@ def test_pieces_in_one_line_are_one_wall():
     assert (shift.n_for, shift.n_against) == (1, 1)
 
 
+def test_a_vote_counts_for_less_where_many_walls_were_moved():
+    """Two walls for, three against: alone, and beside four that were moved each in its own way."""
+
+    def unlikeliness(beside_m):
+        drawn = [2.0, 4.0, 6.0, -2.0, -4.0, *8.0 + 2.0 * np.arange(len(beside_m))]
+        off = np.array([0.0, 0.0, 0.0, MOVED_M, MOVED_M, *beside_m])
+        is_moved = np.flatnonzero(off)
+        shift = places(drawn, drawn + off, is_moved, offset_m=-off[is_moved])[0]
+        assert (shift.n_for, shift.n_against) == (2, 3)
+        return shift.unlikeliness
+
+    assert unlikeliness([0.45, -0.15, -0.3, 0.6]) < unlikeliness([]) - 0.3
+
+
 def test_few_patches_are_no_vote():
     (shift,) = places([2.0, 6.0], [2.0, 6.0 + MOVED_M], 1, n_patches=2)
     assert (shift.n_for, shift.n_against) == (0, 0)
@@ -138,4 +152,4 @@ def test_control_points_speak_against_another_place(one_against_one):
     task, poses = one_against_one
     held = PosePriorTerm(np.arange(len(poses)), poses, np.full(6, 0.01))
     found = best_of_starts(replace(task, extra_terms=(held,)), poses)
-    assert all(rival.excess_cost > WALL_COST for rival in found.rivals)
+    assert all(rival.odds < 0.1 for rival in found.rivals)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from planfit.adjust import Rival
+from planfit.adjust.competition import RIVAL_COST
 from planfit.geometry import se3
 from planfit.pipeline.predicted_error import (
-    RIVAL_COST,
     brought_close,
     interpolated,
     larger_of,

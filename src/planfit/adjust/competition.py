@@ -37,9 +37,9 @@ REACH_SIGMAS = 2.0
 """A loss is made as wide as so many sigmas of the patch's place."""
 VOTED_WIDTH = 3.0
 """Factor on the width of losses after a vote: several of its steps."""
-WALL_COST = 22.0
-"""What each wall costs by which more walls were moved if the scan stands elsewhere. As a rival's odds go with
-exp(-cost / 10), odds of nine to one: of plans that are wrong at all, about one wall in ten is."""
+RIVAL_COST = 10.0
+"""A rival whose full cost is this much higher counts 1/e as much as the result: errors of one wall, or of the
+matches of one place, are not independent, so costs are no log likelihoods to the letter."""
 MAX_SHIFTED_RIVALS = 4
 """Places elsewhere that are kept, the likeliest."""
 
@@ -50,7 +50,13 @@ class Rival:
 
     plan_from_cams: Float[np.ndarray, "n 4 4"]
     excess_cost: float
-    """Full cost above that of the result; of the same poses put elsewhere as a whole, `WALL_COST` a wall."""
+    """Full cost above that of the result; of the same poses put elsewhere as a whole, by the odds that other
+    walls were moved."""
+
+    @property
+    def odds(self) -> float:
+        """How likely it is for each time that the result is right."""
+        return float(np.exp(-self.excess_cost / RIVAL_COST))
 
 
 @dataclass(frozen=True)
@@ -129,11 +135,7 @@ def _with_other_places(task: PlanTask, found: Competition) -> Competition:
     rivals = []
     for shift in shifts[:MAX_SHIFTED_RIVALS]:
         there = _shifted(placed, shift)
-        more = (
-            WALL_COST * (shift.n_against - shift.n_for)
-            + robust_cost(task.extra_terms, there)
-            - held
-        )
+        more = RIVAL_COST * shift.unlikeliness + robust_cost(task.extra_terms, there) - held
         rivals.append(Rival(there, max(more, 0.0)))
     return replace(found, rivals=(*found.rivals, *rivals))
 

@@ -2,7 +2,8 @@
 
 A scan that shows two parallel walls, one of them moved, fits the plan in two places: with either wall as
 drawn and the other elsewhere. No cost of patches tells which, as all patches of a wall err alike. What tells
-is how many walls stand as drawn in either place: one wall, one vote.
+is how many walls stand as drawn in either place: one wall, one vote. A vote counts for less the more walls of
+the plan were moved anyway.
 """
 
 from collections.abc import Iterable
@@ -11,6 +12,7 @@ from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.special import betaln
 
 from planfit.adjust.association import AssociationOptions
 from planfit.adjust.moved_walls import MovedWallOptions, is_one_wall
@@ -24,6 +26,8 @@ MAX_SHIFTS = 64
 """So many are tried, those that most wall patches ask for first."""
 ACROSS = 0.5
 """Two shifts are combined where the cosine between them is below this."""
+USUALLY_MOVED, USUALLY_STANDING = 1.0, 9.0
+"""Walls that count as seen beforehand: of plans that are wrong at all, about one wall in ten was moved."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,8 @@ class Shift:
     """Walls that stand as drawn there, and do not where the scan was put."""
     n_against: int
     """Walls that stand as drawn where the scan was put, and do not there."""
+    unlikeliness: float
+    """Natural logarithm of the odds for where the scan was put against there, by the walls moved in each."""
 
 
 def other_places(
@@ -67,15 +73,31 @@ def other_places(
     tried = _tried(-moved_m[moved, None] * floorplan.normals[moved])
     shifts = np.concatenate([np.zeros((1, 2)), tried])
     as_drawn = _as_drawn(patch, face, distance_m, shifts, floorplan.normals, options)
-    wall_of_face, walls = _walls(np.flatnonzero(as_drawn.any(axis=0)), floorplan)
-    stand = np.stack([_any_face(row[walls], wall_of_face) for row in as_drawn])
+    is_moved = np.isfinite(moved_m)
+    wall_of_face, faces = _walls(np.flatnonzero(as_drawn.any(axis=0) | is_moved), floorplan)
+    stand = np.stack([_any_face(row[faces], wall_of_face) for row in as_drawn])
     # A wall that the shift runs along stands as drawn before and after: nothing of it is seen across.
     here = stand[0]
-    found = [
-        Shift(by_m, int((there & ~here).sum()), int((here & ~there).sum()))
-        for by_m, there in zip(tried, stand[1:], strict=True)
-    ]
+    n_moved = int((_any_face(is_moved[faces], wall_of_face) & ~here).sum())
+    n_walls = n_moved + int(here.sum())
+    found = []
+    for by_m, there in zip(tried, stand[1:], strict=True):
+        n_for, n_against = int((there & ~here).sum()), int((here & ~there).sum())
+        n_moved_there = max(n_moved + n_against - n_for, 0)
+        odds = _log_odds(n_moved, n_moved_there, n_walls)
+        found.append(Shift(by_m, n_for, n_against, odds))
     return tuple(sorted(found, key=lambda shift: (shift.n_against - shift.n_for, *abs(shift.by_m))))
+
+
+def _log_odds(n_moved: int, n_moved_there: int, n_walls: int) -> float:
+    """Logarithm of how much likelier it is that so many of the walls seen were moved than so many others.
+
+    The share of walls that were moved is not known, but that it is of a beta distribution; integrated over.
+    """
+    here, there = (
+        betaln(USUALLY_MOVED + k, USUALLY_STANDING + n_walls - k) for k in (n_moved, n_moved_there)
+    )
+    return float(here - there)
 
 
 def _tried(wanted: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "s 2"]:

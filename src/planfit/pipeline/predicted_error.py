@@ -20,10 +20,6 @@ MAX_COVARIANCES, MAX_ALIGNED_COVARIANCES = 120, 60
 fixed holds the whole, all of them are needed at once."""
 MAX_STEP_SIGMAS = 5.0
 """A step that departs by more counts as this much in the misfit of its stretch: the jackknife sees it too."""
-RIVAL_COST = 10.0
-"""A rival whose full cost is this much higher counts 1/e as much as the result: errors of one wall, or of the
-matches of one place, are not independent, so costs are no log likelihoods to the letter."""
-
 LEAST_SHARE, LEAST_VARIANCE = 1e-9, 1e-14
 """No variance is below this share of the pose's largest, nor below this (rad^2, m^2)."""
 
@@ -137,7 +133,7 @@ def spread_of_rivals(
     Each is weighed by its cost. Folds begin at the result and do not leave its optimum, so they know nothing
     of another that costs as little: walls that were moved alike hold a scan as firmly as right ones.
     """
-    weights = np.exp([-rival.excess_cost / RIVAL_COST for rival in rivals])
+    weights = np.array([rival.odds for rival in rivals])
     covariance = np.zeros((len(solved), 3, 3))
     for weight, rival in zip(weights, rivals, strict=True):
         apart = rival.plan_from_cams[:, :3, 3] - solved[:, :3, 3]
