@@ -94,9 +94,8 @@ def _log_odds(n_moved: int, n_moved_there: int, n_walls: int) -> float:
 
     The share of walls that were moved is not known, but that it is of a beta distribution; integrated over.
     """
-    here, there = (
-        betaln(USUALLY_MOVED + k, USUALLY_STANDING + n_walls - k) for k in (n_moved, n_moved_there)
-    )
+    moved = np.array([n_moved, n_moved_there])
+    here, there = betaln(USUALLY_MOVED + moved, USUALLY_STANDING + n_walls - moved)
     return float(here - there)
 
 

@@ -88,7 +88,7 @@ class SurfacePairs:
         )
 
     def joined(self, other: "SurfacePairs") -> "SurfacePairs":
-        """These and those of `other`, sorted by pair; each pair is in one of them alone."""
+        """These and those of `other`, sorted by pair; a pair that both have stands twice."""
         pairs = np.concatenate([self.pairs, other.pairs])
         order = np.lexsort((pairs[:, 1], pairs[:, 0]))
         return SurfacePairs(

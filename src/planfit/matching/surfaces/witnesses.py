@@ -123,10 +123,12 @@ def _is_ruled_out(
     others: SurfacePairs,
     world_from_cams: Float[np.ndarray, "n 4 4"],
 ) -> bool:
-    """Whether motions that agree with the recorded one say of every step of pair k that it is no jump.
+    """Whether others say of every step of pair k that the tracker did not jump there as pair k says.
 
-    If the tracker jumped in a step that both pairs span, then as far as pair k says: the other's motion
-    follows, and where it differs from what was measured, in what that observes, the step is ruled out.
+    They are motions by surfaces that agree with the recorded one, and all by keypoints: one that shows the
+    same jump agrees with pair k. If the tracker jumped in a step that both pairs span, then as far as pair k
+    says: the other's motion follows, and where it differs from what was measured, in what that observes, the
+    step is ruled out.
     """
     a, b = (int(v) for v in found.pairs[k])
     spans = others[(others.pairs[:, 0] < b) & (others.pairs[:, 1] > a)]
