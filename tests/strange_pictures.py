@@ -7,7 +7,7 @@ drawn with Pillow at twice the size.
 import io
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -275,6 +275,76 @@ def white_walls(sheet: Sheet, plan: House, rng: np.random.Generator) -> None:
     _fixtures(sheet, plan, rng, (0, 0, 0), 1.0)
 
 
+def _thick_and_thin(plan: House) -> tuple[House, House]:
+    """Outer walls, and partitions."""
+    opened = plan.walls.buffer(-0.1, join_style="mitre").buffer(0.1001, join_style="mitre")
+    thick = shapely.intersection(opened, plan.walls)
+    parts = shapely.get_parts(shapely.difference(plan.walls, thick))
+    thin = shapely.union_all(parts[shapely.area(parts) > 1e-4])
+    return replace(plan, walls=thick), replace(plan, walls=thin)
+
+
+def black_and_outlined(sheet: Sheet, plan: House, rng: np.random.Generator) -> None:
+    """Bearing walls filled, partitions as two lines."""
+    thick, thin = _thick_and_thin(plan)
+    sheet.area(thick.walls, (0, 0, 0))
+    sheet.area(thin.walls, None, (0, 0, 0), 1.4)
+    _fixtures(sheet, plan, rng, (0, 0, 0), 1.0)
+
+
+def black_with_cupboards(sheet: Sheet, plan: House, rng: np.random.Generator) -> None:
+    """Filled walls; along them rows of cupboards and shelves, which are as long and thin as walls."""
+    sheet.area(plan.walls, (0, 0, 0))
+    for k, (x0, y0, x1, y1) in enumerate(plan.rooms):
+        deep = 0.6 if k % 2 else 0.3
+        rows = [
+            shapely.box(x0 + 0.08, y1 - 0.08 - deep, x1 - 1.0, y1 - 0.08),
+            shapely.box(x0 + 0.08, y0 + 0.08, x0 + 0.08 + deep, y1 - 1.2),
+        ]
+        for row in rows:
+            sheet.area(shapely.difference(row, plan.walls), None, (0, 0, 0), 1.2)
+    _fixtures(sheet, plan, rng, (0, 0, 0), 1.0)
+
+
+def outlined_and_black(sheet: Sheet, plan: House, rng: np.random.Generator) -> None:
+    thick, thin = _thick_and_thin(plan)
+    sheet.area(thick.walls, None, (0, 0, 0), 1.6)
+    sheet.area(thin.walls, (0, 0, 0))
+    _fixtures(sheet, plan, rng, (0, 0, 0), 1.0)
+
+
+def black_and_grey(sheet: Sheet, plan: House, rng: np.random.Generator) -> None:
+    """Old walls black, new ones grey."""
+    thick, thin = _thick_and_thin(plan)
+    sheet.area(thin.walls, (150, 150, 150))
+    sheet.area(thick.walls, (0, 0, 0))
+    _fixtures(sheet, plan, rng, (0, 0, 0), 1.0)
+
+
+def grey_and_black(sheet: Sheet, plan: House, rng: np.random.Generator) -> None:
+    thick, thin = _thick_and_thin(plan)
+    sheet.area(thick.walls, (150, 150, 150), (20, 20, 20), 1.6)
+    sheet.area(thin.walls, (0, 0, 0))
+    _fixtures(sheet, plan, rng, (0, 0, 0), 1.0)
+
+
+def hatched_and_black(sheet: Sheet, plan: House, rng: np.random.Generator) -> None:
+    """Masonry hatched, dry walls filled."""
+    thick, thin = _thick_and_thin(plan)
+    _hatch(sheet, thick, 0.09, 1.0)
+    sheet.area(thick.walls, None, (0, 0, 0), 1.8)
+    sheet.area(thin.walls, (0, 0, 0))
+    _fixtures(sheet, plan, rng, (0, 0, 0), 1.0)
+
+
+def hatched_and_outlined(sheet: Sheet, plan: House, rng: np.random.Generator) -> None:
+    thick, thin = _thick_and_thin(plan)
+    _hatch(sheet, thick, 0.09, 1.0)
+    sheet.area(thick.walls, None, (0, 0, 0), 1.8)
+    sheet.area(thin.walls, None, (0, 0, 0), 1.4)
+    _fixtures(sheet, plan, rng, (0, 0, 0), 1.0)
+
+
 def as_it_is(image: np.ndarray, _rng: np.random.Generator) -> np.ndarray:
     return image
 
@@ -346,6 +416,16 @@ STYLES: dict[str, tuple[Draw, Callable[..., np.ndarray]]] = {
     "gridded": (gridded, as_it_is),
     "gridded, JPEG": (gridded, jpeg),
     "white walls": (white_walls, as_it_is),
+    "black and outlined": (black_and_outlined, as_it_is),
+    "black with cupboards": (black_with_cupboards, as_it_is),
+    "outlined and black": (outlined_and_black, as_it_is),
+    "black and grey": (black_and_grey, as_it_is),
+    "grey and black": (grey_and_black, as_it_is),
+    "hatched and black": (hatched_and_black, as_it_is),
+    "hatched and outlined": (hatched_and_outlined, as_it_is),
+    "black and outlined, scanned": (black_and_outlined, scanned),
+    "black and outlined, JPEG": (black_and_outlined, jpeg),
+    "hatched and black, JPEG": (hatched_and_black, jpeg),
 }
 
 

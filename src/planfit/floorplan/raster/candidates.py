@@ -156,13 +156,16 @@ def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> 
     smooth = cv2.blur(darkness, (3, 3))
     flat = cv2.dilate(darkness, np.ones((3, 3))) - cv2.erode(darkness, np.ones((3, 3))) < 0.08
     counts, edges = np.histogram(smooth[flat], 50, (0.0, 1.0))
-    smooth_counts = np.convolve(counts, [1, 1, 1], "same")
+    smooth_counts, middles = np.convolve(counts, [1, 1, 1], "same"), (edges[1:] + edges[:-1]) / 2
     result = []
     for k in range(4, 46):
-        around = smooth_counts[max(k - 3, 0) : k + 4]
-        if smooth_counts[k] < around.max() or smooth_counts[k] < 6 * extent or counts[k] == 0:
+        before, after = smooth_counts[k - 3 : k], smooth_counts[k + 1 : k + 4]
+        if smooth_counts[k] <= before.max() or smooth_counts[k] < after.max():
             continue
-        tone = float(edges[k] + edges[k + 1]) / 2
+        if smooth_counts[k] < 6 * extent:
+            continue
+        # The mean: a few pixels beside a tone may move the middle of three bins off it.
+        tone = float(np.average(middles[k - 1 : k + 2], weights=counts[k - 1 : k + 2]))
         if tone > 0.9:
             continue
         fill = (np.abs(darkness - tone) < _TONE_WIDTH).astype(np.uint8)

@@ -1,6 +1,6 @@
 """What became of the ink of a picture: how much of it is wall now, and what was left out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -9,11 +9,16 @@ from jaxtyping import Float, UInt8
 from planfit.floorplan.raster.candidates import LINE
 from planfit.floorplan.raster.interpretation import Interpretation
 from planfit.floorplan.raster.line_work import opened
+from planfit.floorplan.raster.walls_alone import STYLE
+from planfit.floorplan.types import Floorplan
+from planfit.geometry import segments
 
 _SOFT_PX = 2
 """Soft edges of strokes reach so far beyond the walls."""
 _LONG = 0.03
 """Strokes left out are shown where they reach over this share of the drawing: letters are not."""
+_DOUBTFUL_SHARE = 0.35
+"""Of the ink, what walls are at least: drawings full of furniture and words have 0.43 and more."""
 _MOST_SHOWN = 3_000
 _SUBPIXEL = 16
 
@@ -46,7 +51,56 @@ def account_for(interpretation: Interpretation, small: Float[np.ndarray, "h w"])
     edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
     lines = np.concatenate([np.zeros((0, 2, 2)), *edges]).astype(float)
     longest = np.argsort(-np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1))[:_MOST_SHOWN]
-    return InkAccount(share, _stroke_length(left), lines[longest])
+    return InkAccount(share, stroke_length(left), lines[longest])
+
+
+def dropped_words(interpretation: Interpretation, shrink: float) -> tuple[str, ...]:
+    """What looked like wall but has not its form, in words; `shrink` pixels of the file to one."""
+    if not interpretation.dropped:
+        return ()
+    # The outline goes up one side of a stroke and down the other.
+    length = sum(region.length for region in interpretation.dropped) / 2 * shrink
+    kind = (
+        "specks"
+        if interpretation.candidate.style == STYLE
+        else "marks of the tone and thickness of walls, but not of their form (letters, arrows, furniture, "
+        "frames)"
+    )
+    return (f"{len(interpretation.dropped)} {kind}, {length:.0f} px long in all",)
+
+
+def left_out(
+    interpretation: Interpretation, ink: InkAccount | None, shrink: float
+) -> Float[np.ndarray, "k 2 2"]:
+    """Edges of what was dropped, and of longer strokes that were no candidates, px of the upright picture."""
+    parts = [np.zeros((0, 2, 2)) if ink is None else ink.left_lines]
+    for region in interpretation.dropped:
+        for ring in (region.exterior, *region.interiors):
+            points = np.asarray(ring.coords)
+            parts.append(np.stack([points[:-1], points[1:]], axis=1))
+    edges = (np.concatenate(parts) + 0.5) * shrink - 0.5
+    return edges[segments.lengths(edges) > 0]
+
+
+def with_account(
+    plan: Floorplan, ink: InkAccount, interpretation: Interpretation, shrink: float
+) -> Floorplan:
+    """The plan with what became of the picture's ink, and a warning where little of it became wall."""
+    source = plan.source
+    read = f"{100 * ink.share:.0f} % of the ink is read as wall"
+    words = f"{read}; strokes of {ink.left_px * shrink:.0f} px in all are not"
+    if interpretation.candidate.style != STYLE:
+        words += " (thinner or paler than walls, or of other form: furniture, words, dimensions)"
+    warnings = source.warnings
+    if ink.share < _DOUBTFUL_SHARE:
+        warnings += (
+            f"only {read}: the picture may be no floorplan, or drawn in a way that planfit does not know; "
+            "compare the overlay (-o FILE.png) with the drawing, or give a picture of its walls with "
+            "--wall-mask",
+        )
+    return replace(
+        plan, source=replace(source, dropped=(words, *source.dropped), warnings=warnings)
+    )
 
 
 def ink_share(interpretation: Interpretation, ink: UInt8[np.ndarray, "h w"]) -> float:
@@ -56,12 +110,16 @@ def ink_share(interpretation: Interpretation, ink: UInt8[np.ndarray, "h w"]) -> 
 
 def _near_walls(interpretation: Interpretation, shape: tuple[int, ...]) -> UInt8[np.ndarray, "h w"]:
     """1 inside the walls, and on the strokes that outline them."""
-    reach = 2 * (_SOFT_PX + int(np.ceil(max(interpretation.candidate.grow_px, 0.0)))) + 1
-    return np.asarray(cv2.dilate(_filled(interpretation, shape), np.ones((reach, reach), np.uint8)))
+    near = np.zeros(shape, np.uint8)
+    for part in interpretation.parts:
+        reach = 2 * (_SOFT_PX + int(np.ceil(max(part.candidate.grow_px, 0.0)))) + 1
+        grown = cv2.dilate(_filled(part, shape), np.ones((reach, reach), np.uint8))
+        near = np.maximum(near, grown)
+    return near
 
 
 def _filled(interpretation: Interpretation, shape: tuple[int, ...]) -> UInt8[np.ndarray, "h w"]:
-    """1 inside the walls."""
+    """1 inside the walls of one style."""
     mask = np.zeros(shape, np.uint8)
     for wall in interpretation.walls:
         rings = [
@@ -72,7 +130,7 @@ def _filled(interpretation: Interpretation, shape: tuple[int, ...]) -> UInt8[np.
     return mask
 
 
-def _stroke_length(strokes: UInt8[np.ndarray, "h w"]) -> float:
+def stroke_length(strokes: UInt8[np.ndarray, "h w"]) -> float:
     """Length of strokes of any width up to a dozen pixels, px: area over width, for each width."""
     areas, total, size = float(strokes.sum()), 0.0, 1
     while areas > 0 and size < 12:

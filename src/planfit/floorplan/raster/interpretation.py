@@ -36,6 +36,23 @@ class Interpretation:
     score: float
     straight_share: float
     """Of the outline of everything traced, what is straight wall."""
+    beside: tuple["Interpretation", ...] = ()
+    """Walls in other styles of the same drawing, nothing dropped."""
+
+    @property
+    def parts(self) -> tuple["Interpretation", ...]:
+        """This and those beside, a style each."""
+        return (self, *self.beside)
+
+    @property
+    def all_walls(self) -> tuple[shapely.Polygon, ...]:
+        """Of all styles."""
+        return tuple(wall for part in self.parts for wall in part.walls)
+
+    @property
+    def style(self) -> str:
+        """All styles in words."""
+        return " and ".join(dict.fromkeys(part.candidate.style for part in self.parts))
 
 
 def interpret(candidate: Candidate, extent_px: float, is_given: bool = False) -> Interpretation:

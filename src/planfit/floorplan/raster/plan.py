@@ -1,5 +1,6 @@
 """From a picture of a plan to its wall faces."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -10,9 +11,9 @@ from jaxtyping import Bool, Float, Int, UInt8
 from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
-from planfit.floorplan.raster.choice import choose
+from planfit.floorplan.raster.choice import choose, with_paler_walls
 from planfit.floorplan.raster.doubts import MOST_STOREYS, find_doubts
-from planfit.floorplan.raster.ink import InkAccount, account_for
+from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
 from planfit.floorplan.raster.interpretation import (
     Interpretation,
     interpret,
@@ -36,7 +37,6 @@ from planfit.floorplan.raster.words import count_words
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
 from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
-from planfit.geometry import segments
 
 WORK_SIDE_PX = 2000
 """Walls are found in a picture of about this size and their faces placed in the full one. Pictures up to half
@@ -49,8 +49,6 @@ _LEAST_WORDS = 4
 _LEAST_STRAIGHT = 0.35
 _LEAST_LONG_SHARE = 0.25
 _SURELY_STRAIGHT = 0.6
-_DOUBTFUL_SHARE = 0.35
-"""Of the ink, what walls are at least: drawings full of furniture and words have 0.43 and more."""
 
 
 def plan_of_picture(
@@ -88,7 +86,9 @@ def plan_of_picture(
     if wall_mask is None:
         small = without_frame(small)
         interpretation = find_walls_alone(small, upright.darkness)
-        if interpretation is None:
+        if interpretation is not None:
+            interpretation = with_paler_walls(interpretation, small)
+        else:
             interpretation = choose(
                 find_candidates(small), find_extent(small), (small > LINE).astype(np.uint8)
             )
@@ -99,12 +99,12 @@ def plan_of_picture(
     interpretation = _checked(name, interpretation, small.shape)
     found = _faces(interpretation, upright, shrink)
     plan = _to_floorplan(name, fingerprint, found, interpretation, upright, options, shrink)
-    drawn = f"{kind}, walls {interpretation.candidate.style}"
+    drawn = f"{kind}, walls {interpretation.style}"
     ink = None if wall_mask is not None else account_for(interpretation, small)
-    dropped = _moved(_left_out(interpretation, ink, shrink), _picture_from(upright))
+    dropped = _moved(left_out(interpretation, ink, shrink), _picture_from(upright))
     plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
     if ink is not None:
-        plan = _with_account(plan, ink, interpretation, shrink)
+        plan = with_account(plan, ink, interpretation, shrink)
     if not plan.source.unit_from:
         plan = _with_words_seen(plan, small)
     plan = _enlarged(plan, pixels_per_read)
@@ -185,7 +185,7 @@ def _checked(
         is_alone = interpretation.candidate.style == STYLE  # of which straightness is asked before
         if not is_alone and _long_share(interpretation) < _LEAST_LONG_SHARE:
             raise _no_walls(name, "short strokes, as of letters or curves")
-    length = float(sum(shapely.length(np.array(interpretation.walls, dtype=object))))
+    length = float(sum(shapely.length(np.array(interpretation.all_walls, dtype=object))))
     if length < 0.5 * max(shape):
         raise _no_walls(name, f"{length:.0f} px of them, too little for a building")
     return interpretation
@@ -234,32 +234,55 @@ def _shrunk(values: Float[np.ndarray, "h w"], shrink: float) -> Float[np.ndarray
 
 def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _Found:
     """Faces of each storey, where the ink of the full picture has them."""
-    walls = np.array(interpretation.walls, dtype=object)
-    is_alone = interpretation.candidate.style == STYLE
-    # Of walls of many thicknesses, what is short is known for wall where nothing else is drawn.
-    least_px = 3.0 if is_alone else max(0.5 * interpretation.thickness_px, 5.0)
-    faces = faces_of_regions(shapely.GeometryCollection(list(walls)), 0.6, least_px)
+    walls = np.array(interpretation.all_walls, dtype=object)
+    parts = [_faces_of_style(part) for part in interpretation.parts]
+    faces = _together(parts)
     openings = find_openings(faces.ends, faces.normals, faces.thickness)
     small = _shrunk(upright.darkness, shrink)
     storey_of = find_storeys(walls, interpretation.thickness_px, openings, small > LINE)
     inside = faces.ends.mean(axis=1) - 0.5 * faces.normals
     storey = storey_of[shapely.STRtree(walls).nearest(shapely.points(inside))]
     size = np.array(upright.darkness.shape[::-1]) / np.array(small.shape[::-1])
-    faces = RegionFaces((faces.ends + 0.5) * size - 0.5, faces.normals, faces.thickness * shrink)
     candidate = interpretation.candidate
-    if candidate.edge != "mask" and len(faces.ends):
-        faces = settle_faces(
-            faces,
-            upright.darkness,
-            candidate.level,
-            candidate.edge == "stroke",
-            max(1.5, 1.2 * shrink, 0.75 * abs(candidate.grow_px) * shrink),
-        )
+    settled = []
+    for part, own in zip(interpretation.parts, parts, strict=True):
+        found = RegionFaces((own.ends + 0.5) * size - 0.5, own.normals, own.thickness * shrink)
+        settled.append(_settled(found, part.candidate, upright, shrink))
+    faces = _together(settled)
     words = storey_words(walls, storey_of)
-    doubts = find_doubts(faces.ends, openings, interpretation.walls, len(words))
+    doubts = find_doubts(faces.ends, openings, interpretation.all_walls, len(words))
     if len(words) > MOST_STOREYS:
         storey, words = np.zeros_like(storey), ("all",)
     return _Found(faces, storey, words, () if candidate.edge == "mask" else doubts)
+
+
+def _faces_of_style(part: Interpretation) -> RegionFaces:
+    # Of walls of many thicknesses, what is short is known for wall where nothing else is drawn.
+    least_px = 3.0 if part.candidate.style == STYLE else max(0.5 * part.thickness_px, 5.0)
+    return faces_of_regions(shapely.GeometryCollection(list(part.walls)), 0.6, least_px)
+
+
+def _together(parts: Sequence[RegionFaces]) -> RegionFaces:
+    return RegionFaces(
+        np.concatenate([part.ends for part in parts]),
+        np.concatenate([part.normals for part in parts]),
+        np.concatenate([part.thickness for part in parts]),
+    )
+
+
+def _settled(
+    faces: RegionFaces, candidate: Candidate, upright: Upright, shrink: float
+) -> RegionFaces:
+    """Faces of one style, px of the upright picture, where its ink has them."""
+    if candidate.edge == "mask" or len(faces.ends) == 0:
+        return faces
+    return settle_faces(
+        faces,
+        upright.darkness,
+        candidate.level,
+        candidate.edge == "stroke",
+        max(1.5, 1.2 * shrink, 0.75 * abs(candidate.grow_px) * shrink),
+    )
 
 
 def _to_floorplan(
@@ -297,7 +320,7 @@ def _to_floorplan(
             storeys=tuple(f"{k}: {w}" for k, w in enumerate(found.storeys))
             if len(found.storeys) > 1
             else (),
-            dropped=_dropped_words(interpretation, shrink),
+            dropped=dropped_words(interpretation, shrink),
             warnings=_warnings(found, interpretation, upright, options),
             file_from_plan=np.diag([1.0, -1.0, 1.0]),
         ),
@@ -341,54 +364,6 @@ def _storey_number(name: str, asked: str, storeys: tuple[str, ...]) -> int:
     listed = ", ".join(f"{k} ({where})" for k, where in enumerate(storeys))
     raise FloorplanError(
         f"{name}: expected a storey of {listed}, found {asked!r}; choose one of these"
-    )
-
-
-def _dropped_words(interpretation: Interpretation, shrink: float) -> tuple[str, ...]:
-    if not interpretation.dropped:
-        return ()
-    # The outline goes up one side of a stroke and down the other.
-    length = sum(region.length for region in interpretation.dropped) / 2 * shrink
-    kind = (
-        "specks"
-        if interpretation.candidate.style == STYLE
-        else "marks of the tone and thickness of walls, but not of their form (letters, arrows, furniture, "
-        "frames)"
-    )
-    return (f"{len(interpretation.dropped)} {kind}, {length:.0f} px long in all",)
-
-
-def _left_out(
-    interpretation: Interpretation, ink: InkAccount | None, shrink: float
-) -> Float[np.ndarray, "k 2 2"]:
-    """Edges of what was dropped, and of longer strokes that were no candidates, px of the upright picture."""
-    parts = [np.zeros((0, 2, 2)) if ink is None else ink.left_lines]
-    for region in interpretation.dropped:
-        for ring in (region.exterior, *region.interiors):
-            points = np.asarray(ring.coords)
-            parts.append(np.stack([points[:-1], points[1:]], axis=1))
-    edges = (np.concatenate(parts) + 0.5) * shrink - 0.5
-    return edges[segments.lengths(edges) > 0]
-
-
-def _with_account(
-    plan: Floorplan, ink: InkAccount, interpretation: Interpretation, shrink: float
-) -> Floorplan:
-    """The plan with what became of the picture's ink, and a warning where little of it became wall."""
-    source = plan.source
-    read = f"{100 * ink.share:.0f} % of the ink is read as wall"
-    words = f"{read}; strokes of {ink.left_px * shrink:.0f} px in all are not"
-    if interpretation.candidate.style != STYLE:
-        words += " (thinner or paler than walls, or of other form: furniture, words, dimensions)"
-    warnings = source.warnings
-    if ink.share < _DOUBTFUL_SHARE:
-        warnings += (
-            f"only {read}: the picture may be no floorplan, or drawn in a way that planfit does not know; "
-            "compare the overlay (-o FILE.png) with the drawing, or give a picture of its walls with "
-            "--wall-mask",
-        )
-    return replace(
-        plan, source=replace(source, dropped=(words, *source.dropped), warnings=warnings)
     )
 
 
