@@ -205,13 +205,21 @@ def other_building(inputs: Inputs, _size: int, rng: np.random.Generator) -> Inpu
 
 
 def other_storey(inputs: Inputs, _size: int, _rng: np.random.Generator) -> Inputs:
-    """The same shell with other inner walls: those of this storey, half a turn about the middle."""
+    """The same shell with other inner walls: those of this storey, mirrored along its longest outer wall.
+
+    Not turned by half: a shell that is nearly symmetric would show the same storey, in another place.
+    """
     plan = inputs.floorplan
-    inner = ~outer_faces(plan)
+    outer = outer_faces(plan)
     ends, normals = plan.ends.copy(), plan.normals.copy()
-    if inner.any():
+    if not outer.all():
         middle = 0.5 * (ends.min(axis=(0, 1)) + ends.max(axis=(0, 1)))
-        ends[inner], normals[inner] = 2 * middle - ends[inner], -normals[inner]
+        longest = np.flatnonzero(outer)[np.argmax(segments.lengths(ends[outer]))]
+        along = np.array([-normals[longest, 1], normals[longest, 0]])
+        mirror = np.eye(2) - 2.0 * np.outer(along, along)
+        # Other ends first: the wall stays on the same side of its faces.
+        ends[~outer] = (ends[~outer][:, ::-1] - middle) @ mirror + middle
+        normals[~outer] = normals[~outer] @ mirror
     return inputs.with_faces(ends, normals, plan.is_oriented)
 
 
