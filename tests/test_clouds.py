@@ -68,6 +68,7 @@ def test_a_thinned_cloud_has_no_more_points_and_keeps_their_frames(most):
     assert_array_equal(less.colors[:, 0], frame)
 
 
+@pytest.mark.slow
 def test_a_run_leaves_frames_without_place_out_of_its_clouds(small_run, tmp_path, monkeypatch):
     scan, floorplan, result = small_run
     evidence = replace(result.evidence, unplaced=((2, 4),))

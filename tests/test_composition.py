@@ -56,6 +56,7 @@ def test_the_stages_one_by_one_are_refine_bit_for_bit(synthetic, observations):
     assert found.cost_by_term == whole.cost_by_term
 
 
+@pytest.mark.slow
 def test_align_is_the_first_half_of_refine(synthetic, observations):
     aligned = planfit.align(synthetic.scan, synthetic.floorplan)
     whole = planfit.refine(synthetic.scan, synthetic.floorplan, observations=observations)
@@ -65,6 +66,7 @@ def test_align_is_the_first_half_of_refine(synthetic, observations):
     assert np.abs(before - whole.initial_plan_from_cams).max() < 0.1
 
 
+@pytest.mark.slow
 def test_align_says_that_no_wall_was_seen(synthetic):
     scan = synthetic.scan
     floor = np.full((120, 160), 1.5, np.float32)  # all cameras look straight down at a floor

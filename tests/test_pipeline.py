@@ -135,6 +135,7 @@ def test_same_input_same_bits(synthetic, refined):
     np.testing.assert_array_equal(again.plan_from_cams, refined.plan_from_cams)
 
 
+@pytest.mark.slow
 def test_plan_aligns_the_scan_better_than_loops_alone(synthetic, refined, runtime):
     no_walls = planfit.RefineOptions(adjust=AdjustOptions(walls=WallOptions(weight=0.0)))
     alone = planfit.refine(synthetic.scan, synthetic.floorplan, no_walls, runtime)
@@ -143,6 +144,7 @@ def test_plan_aligns_the_scan_better_than_loops_alone(synthetic, refined, runtim
     assert "walls" not in alone.cost_by_term
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "adjust"),
     [
@@ -211,6 +213,7 @@ def test_path_without_a_loop_says_so(synthetic):
     assert any("no loop" in warning or "no two frames" in warning for warning in result.warnings)
 
 
+@pytest.mark.slow
 def test_no_wall_seen_keeps_the_recorded_poses(synthetic):
     n = np.arange(len(synthetic.scan))
     result = planfit.refine(subset(synthetic.scan, n, (Label.WALL,)), synthetic.floorplan)
@@ -221,6 +224,7 @@ def test_no_wall_seen_keeps_the_recorded_poses(synthetic):
     assert rms(result.world_from_cams, truth) < rms(synthetic.scan.world_from_cams, truth)
 
 
+@pytest.mark.slow
 def test_no_floor_seen_is_refined_by_the_rest(synthetic):
     n = np.arange(len(synthetic.scan))
     result = planfit.refine(subset(synthetic.scan, n, (Label.FLOOR,)), synthetic.floorplan)
@@ -262,6 +266,7 @@ def test_mask_back_end_without_masks_is_an_error(synthetic):
         planfit.refine(bare, synthetic.floorplan, options)
 
 
+@pytest.mark.slow
 def test_moving_world_as_a_whole_moves_only_the_world(synthetic, refined):
     transform = se3.make_transform(
         se3.exp_so3(np.array([0.0, 0.7, 0.0])), np.array([3.0, 0.0, -2.0])

@@ -659,6 +659,7 @@ def test_errors_that_users_see_are_refusals_and_others_crashes(
     assert crash.said.startswith("ZeroDivisionError")
 
 
+@pytest.mark.slow
 def test_a_small_case_from_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     options = SynthOptions(
         seed=1,

@@ -39,6 +39,7 @@ def test_misses_are_counted_and_those_called_refined_too():
     assert words.endswith("of the others 1 called refined")
 
 
+@pytest.mark.slow
 def test_the_verdict_of_a_start_may_be_either():
     (good,) = flat_starts(0, 1)  # ends 0.03 m off
     assert outcome(good, AdjustOptions()) is Outcome.REFINED

@@ -62,6 +62,7 @@ def test_a_folder_with_other_files_is_left_alone(small_scan: Path, tmp_path: Pat
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
+@pytest.mark.slow
 def test_mirror_undoes_a_mirrored_plan(aligned: Path, small_scan: Path, tmp_path: Path) -> None:
     drawn = tmp_path / "plan.npy"
     np.save(drawn, np.load(small_scan / "floorplan.npy") * [-1, 1, -1, 1])

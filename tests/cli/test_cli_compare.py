@@ -52,6 +52,7 @@ def test_a_run_is_preferred_to_the_recorded_poses(runs, tmp_path: Path, capsys) 
     assert "pass --overwrite" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_two_runs_and_the_same_run_twice(runs, capsys) -> None:
     fitted, alone = runs
     both = compared(capsys, fitted, alone, "--no-depth-maps")
@@ -65,6 +66,7 @@ def test_two_runs_and_the_same_run_twice(runs, capsys) -> None:
     assert same["stretches"] == []
 
 
+@pytest.mark.slow
 def test_poses_of_a_file_moved_in_one_stretch(runs, tmp_path: Path, capsys) -> None:
     fitted, _ = runs
     times, poses = read_tum(fitted / "trajectory.tum")

@@ -23,6 +23,7 @@ def words(world: np.ndarray, plan: np.ndarray, prefix: str = "") -> str:
     return ",".join(f"{v:.4f}" for v in world) + "=" + prefix + ",".join(f"{v:.4f}" for v in plan)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["plan", "file", "together"])
 def test_points_in_the_axes_of_the_plan_are_taken(
     small_scan: Path, tmp_path: Path, form: str

@@ -87,6 +87,7 @@ def test_export_writes_the_steps_that_the_run_took(runs, tmp_path: Path) -> None
     assert_allclose(told[:, 7:], usual[:, 7:], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_auto_is_recorded_by_the_name_that_was_found(runs, brief, tmp_path: Path, capsys) -> None:
     _, told = runs
     scan = json.loads((told / "run.json").read_text())["inputs"]["scan"]

@@ -148,6 +148,7 @@ def results(synthetic, observations, torn_at):
 FEW = planfit.CompareOptions(map=planfit.evaluation.MapOptions(frame_step=2))
 
 
+@pytest.mark.slow
 def test_every_witness_prefers_the_truth_and_the_stretch_is_named(
     synthetic, observations, results, torn_at
 ):

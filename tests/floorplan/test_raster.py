@@ -79,6 +79,7 @@ def test_formats(tmp_path: Path, suffix: str) -> None:
     assert min(precision, recall) > 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [
     {"skew_deg": 2.3}, {"skew_deg": -14.0}, {"noise": 6.0, "jpeg_quality": 60}, {"shade": 0.4},
     {"perspective": 0.02}, {"is_cluttered": True},
@@ -174,6 +175,7 @@ def test_a_wall_around_a_yard_is_no_storey() -> None:
         assert storey_of.max() + 1 == n_storeys
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 6])
 @pytest.mark.parametrize("change", [
     {}, {"is_cluttered": True},
@@ -236,6 +238,7 @@ def test_file_from_plan_leads_to_pixels(tmp_path: Path) -> None:
         assert (uv < 1000).all()
 
 
+@pytest.mark.slow
 def test_storeys_side_by_side(tmp_path: Path) -> None:
     one, other = drawn(3).image, drawn(4).image
     height = max(len(one), len(other))

@@ -38,6 +38,7 @@ def test_the_same_floor_as_pdf_and_as_svg_gives_the_same_faces(pdf):
     assert not pdf.is_metric
 
 
+@pytest.mark.slow
 def test_faces_of_the_university_floor_follow_its_two_directions(pdf):
     angle = np.rad2deg(np.arctan2(pdf.normals[:, 1], pdf.normals[:, 0])) % 90
     is_along = np.minimum(angle, 90 - angle) < 3

@@ -157,6 +157,7 @@ def test_an_unknown_name_is_refused(walked):
         believe(walked[0], "blender", OdometryOptions())
 
 
+@pytest.mark.slow
 def test_poses_of_another_recording_are_not_explained(walked):
     poses, motions = walked
     other = walk(np.random.default_rng(99), len(poses))

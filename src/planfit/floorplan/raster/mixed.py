@@ -46,7 +46,7 @@ def with_other_styles(
         extent_px: of the drawing.
     """
     for _ in range(_MOST_STYLES - 1):
-        own = shapely.union_all(np.array(base.all_walls, dtype=object))
+        own = shapely.union_all(_valid(base.all_walls))
         gaps = _gaps(own, base.thickness_px)
         beside = [_walls_beside(base, other, own, gaps, extent_px) for other in others]
         most = max(beside, key=lambda added: added.score, default=None)
@@ -78,7 +78,7 @@ def _walls_beside(
     # Strokes of outlines lie between the walls of two styles.
     reach_px = _TOUCHING_PX + 2 * max(base.candidate.grow_px, other.candidate.grow_px, 0.0)
     around = shapely.buffer(own, reach_px, join_style="mitre")
-    pieces = _outside(np.array(other.walls, dtype=object), shapely.union(around, gaps))
+    pieces = _outside(_valid(other.walls), shapely.union(around, gaps))
     if len(pieces) == 0:
         return nothing
     thickness, outline = _thickness(pieces), shapely.length(pieces)
@@ -132,10 +132,15 @@ def _gaps(own: BaseGeometry, thickness_px: float) -> BaseGeometry:
 
 def _joined(base: Interpretation, added: Interpretation) -> Interpretation:
     """Both; what the first left out for furniture and is wall of the other style is not left out."""
-    new = shapely.union_all(np.array(added.walls, dtype=object))
+    new = shapely.union_all(_valid(added.walls))
     new = shapely.buffer(new, _TOUCHING_PX + max(added.candidate.grow_px, 0.0))
     dropped = tuple(region for region in base.dropped if not shapely.covers(new, region))
     return replace(base, beside=(*base.beside, added), dropped=dropped)
+
+
+def _valid(walls: Sequence[shapely.Polygon]) -> Shaped[np.ndarray, " n"]:
+    """Outlines that were straightened may cross themselves, which GEOS refuses to cut."""
+    return np.asarray(shapely.buffer(np.array(walls, dtype=object), 0.0))
 
 
 def _outside(walls: Shaped[np.ndarray, " n"], around: BaseGeometry) -> Shaped[np.ndarray, " p"]:
