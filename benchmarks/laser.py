@@ -49,7 +49,8 @@ def main(arguments: Arguments) -> None:
 
 
 def records(seed: int, n_points: int) -> list[Record]:
-    """Error, wall seconds and peak memory of `planfit refine` with one drift."""
+    """Error, wall seconds and peak memory of `planfit refine` with one drift; of several, the peak of all so
+    far is told, as systems keep no other of processes that ended."""
     inputs = drifted(conslam(), seed)
     load = machine()
     with tempfile.TemporaryDirectory() as folder:

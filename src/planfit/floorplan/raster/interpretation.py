@@ -61,18 +61,11 @@ def interpret(candidate: Candidate, extent_px: float, is_given: bool = False) ->
     regions = np.array(trace_regions(mask, candidate.grow_px), dtype=object)
     if len(regions) == 0:
         return Interpretation(candidate, (), (), 0.0, 0.0, 0.0)
-    outline = shapely.length(regions)
-    thickness = 2 * shapely.area(regions) / np.maximum(outline, 1e-6)
-    bounds = shapely.bounds(regions)
-    reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
-    straight = np.array(
-        [
-            straight_length(region, max(1.5 * t, 6.0))
-            for region, t in zip(regions, thickness, strict=True)
-        ]
-    )
+    forms = measure_forms(regions)
+    outline, thickness, reach, straight = (
+        forms.outline, forms.thickness, forms.reach, forms.straight
+    )  # fmt: skip
     share = straight / np.maximum(outline, 1e-6)
-    # A wall by itself, of length L and thickness t, has 2 A / P = t L / (L + t), a little less than t.
     is_long = (
         (reach >= _LONG * thickness) & (share >= _STRAIGHT) & (thickness < _FATTEST * extent_px)
     )
@@ -91,16 +84,47 @@ def interpret(candidate: Candidate, extent_px: float, is_given: bool = False) ->
         )
     good = float(straight[is_wall].sum())
     straight_share = good / float(outline.sum())
-    # Walls hang together: long walls tell more than many short ones of the same length.
-    weight = straight / (straight + 0.3 * extent_px)
     return Interpretation(
         candidate,
         _joined(regions[is_wall], candidate),
         tuple(regions[~is_wall]),
         usual,
-        float((weight * straight)[is_wall].sum()) * straight_share,
+        worth_of_walls(straight[is_wall], extent_px) * straight_share,
         straight_share,
     )
+
+
+@dataclass(frozen=True)
+class Forms:
+    """What some regions look like, px each."""
+
+    outline: Float[np.ndarray, " n"]
+    """Length of it."""
+    thickness: Float[np.ndarray, " n"]
+    """Of a wall by itself, of length L and thickness t, 2 A / P = t L / (L + t), a little less than t."""
+    reach: Float[np.ndarray, " n"]
+    """Larger side of the box around."""
+    straight: Float[np.ndarray, " n"]
+    """Length of the edges that are long for the region's thickness."""
+
+
+def measure_forms(regions: Shaped[np.ndarray, " n"]) -> Forms:
+    """Form of each of some polygons."""
+    outline = shapely.length(regions)
+    thickness = 2 * shapely.area(regions) / np.maximum(outline, 1e-6)
+    bounds = shapely.bounds(regions)
+    reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
+    straight = [
+        straight_length(region, max(1.5 * t, 6.0))
+        for region, t in zip(regions, thickness, strict=True)
+    ]
+    return Forms(outline, thickness, reach, np.array(straight))
+
+
+def worth_of_walls(straight: Float[np.ndarray, " n"], extent_px: float) -> float:
+    """Straight length, weighed: walls hang together, and long ones tell more than many short ones."""
+    weight = straight / (straight + 0.3 * extent_px)
+    return float((weight * straight).sum())
 
 
 def _joined(walls: Shaped[np.ndarray, " n"], candidate: Candidate) -> tuple[shapely.Polygon, ...]:

@@ -10,12 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Bool, Shaped
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import weighted_median
-from planfit.floorplan.raster.interpretation import Interpretation, straight_length
+from planfit.floorplan.raster.interpretation import (
+    Interpretation,
+    measure_forms,
+    straight_length,
+    worth_of_walls,
+)
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.vector.regions import faces_of_regions
 
@@ -81,8 +86,9 @@ def _walls_beside(
     pieces = _outside(_valid(other.walls), shapely.union(around, gaps))
     if len(pieces) == 0:
         return nothing
-    thickness, outline = _thickness(pieces), shapely.length(pieces)
-    is_wall = _are_walls(pieces, thickness)
+    forms = measure_forms(pieces)
+    thickness, outline = forms.thickness, forms.outline
+    is_wall = (forms.reach > _LONG * thickness) & (forms.straight > _STRAIGHT * outline)
     beside = shapely.intersection(
         shapely.boundary(pieces), shapely.buffer(around, 1.0, join_style="mitre")
     )
@@ -113,7 +119,7 @@ def _family(part: Interpretation) -> str:
 def _worth(walls: Sequence[shapely.Polygon], thickness_px: float, extent_px: float) -> float:
     """As interpretations are scored: straight length, that of long walls the most."""
     straight = np.array([straight_length(wall, max(1.5 * thickness_px, 6.0)) for wall in walls])
-    return float((straight**2 / (straight + 0.3 * extent_px)).sum())
+    return worth_of_walls(straight, extent_px)
 
 
 def _gaps(own: BaseGeometry, thickness_px: float) -> BaseGeometry:
@@ -152,22 +158,6 @@ def _outside(walls: Shaped[np.ndarray, " n"], around: BaseGeometry) -> Shaped[np
     parts = shapely.get_parts(left)
     is_polygon = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     return parts[is_polygon & (shapely.area(parts) > 4.0)]
-
-
-def _thickness(pieces: Shaped[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    return 2 * shapely.area(pieces) / np.maximum(shapely.length(pieces), 1e-6)
-
-
-def _are_walls(
-    pieces: Shaped[np.ndarray, " n"], thickness: Float[np.ndarray, " n"]
-) -> Bool[np.ndarray, " n"]:
-    """Long and straight."""
-    bounds = shapely.bounds(pieces)
-    reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
-    straight = np.array(
-        [straight_length(p, max(1.5 * t, 6.0)) for p, t in zip(pieces, thickness, strict=True)]
-    )
-    return (reach > _LONG * thickness) & (straight > _STRAIGHT * shapely.length(pieces))
 
 
 def _hang_together(
