@@ -1,11 +1,17 @@
 """Numerical accidents are errors; shapes are checked; seeded randomness; builders live in `builders.py`."""
 
+import signal
+
 import numpy as np
 import pytest
 
 import shape_checks
 
 shape_checks.install()  # before planfit is imported anywhere
+# Of a shell's background job Ctrl-C is ignored, which every program that a test starts would inherit: those
+# that a test ends by it would run on, and the test with them.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)

@@ -92,10 +92,13 @@ def test_the_page_is_served_until_it_is_ended(corrected) -> None:
         assert process.stdout is not None
         address = process.stdout.readline().strip()
         assert process.stdout.readline().startswith("corrections are kept in")
-        with urllib.request.urlopen(f"{address}state", timeout=20) as answer:
-            assert json.load(answer)["frames"] == 60
-        process.send_signal(signal.SIGINT)
-        told = process.communicate(timeout=20)[0]
+        try:
+            with urllib.request.urlopen(f"{address}state", timeout=20) as answer:
+                assert json.load(answer)["frames"] == 60
+            process.send_signal(signal.SIGINT)
+            told = process.communicate(timeout=20)[0]
+        finally:
+            process.kill()  # else a page that goes on is waited for without end
     assert process.returncode == 0
     assert told.strip().startswith("ended; corrections are in")
 

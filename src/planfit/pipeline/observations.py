@@ -159,7 +159,9 @@ def extract_observations(
             judged = _judge(keyed, tracking, chosen, running)
         keyed, tracking = judged.keyed, judged.tracking
         known, by_surfaces = judged.known, judged.by_surfaces
-    believed, odometry = keyed.at(tracking.world_from_cams), keyed.odometry(tracking)
+    believed = keyed.at(tracking.world_from_cams)
+    opened = with_open_steps(tracking.odometry, tracking.contradicted_steps)
+    odometry = keyed.odometry(replace(tracking, odometry=opened))
     with stages.stage("level"):
         gravity = find_gravity(believed, chosen.segmentation.gravity, running)
     with stages.stage("floor and walls"):

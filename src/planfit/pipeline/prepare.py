@@ -8,6 +8,7 @@ from jaxtyping import Float
 from planfit.adjust import (
     Keyframes,
     Measurements,
+    TornStep,
     close_loops_untorn,
     hold_to_keyframes,
     reduce_measurements,
@@ -38,6 +39,8 @@ class PreparedScan:
     """Revisits that were given up, a sentence each."""
     unplaced: tuple[tuple[int, int], ...] = ()
     """Runs of frames, first and last, whose place nothing tells: tracking was lost there."""
+    torn_steps: tuple[TornStep, ...] = ()
+    """Recorded steps that closing loops gave up, the worst first."""
     tracking_doubt: str = ""
     """Why the recorded poses as a whole say nothing, in words."""
 
@@ -104,5 +107,6 @@ def prepare(
         closed.solution.target_from_cams,
         tuple(visit.sentence for visit in closed.dropped),
         tracking.unplaced,
+        closed.torn_steps,
         tracking.doubt,
     )

@@ -10,7 +10,6 @@ from planfit.corrections import NO_CORRECTIONS, Contradiction, Corrections
 from planfit.errors import require
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
-from planfit.pipeline.align import align_to_plan
 from planfit.pipeline.by_hand import (
     contradictions_among,
     contradictions_of_images,
@@ -26,6 +25,7 @@ from planfit.pipeline.contradicted import (
     first_of_each,
     with_places,
 )
+from planfit.pipeline.jumps import align_with_jumps
 from planfit.pipeline.observations import (
     Observations,
     corrected_observations,
@@ -240,7 +240,8 @@ def _place(
         prepared, on_plan = place_by_control(scan, prepared, surveyed, floorplan, placed, timer)
         calibrated = replace(calibrated, prepared=prepared)
     elif isinstance(floorplan, Floorplan):
-        on_plan = align_to_plan(scan, prepared, floorplan, placed, timer)
+        calibrated, on_plan = align_with_jumps(scan, calibrated, floorplan, placed, timer)
+        prepared = calibrated.prepared
     elif floorplan is not None:
         # Each storey alone, then all in one frame (docs/adr/0011-several-storeys.md).
         seen = calibrated.observations

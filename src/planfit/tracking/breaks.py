@@ -117,6 +117,10 @@ def find_displacement(
         if found is None:
             continue
         is_tail = last == len(world_from_cams) - 1
+        if is_tail and _lengthens_blindly(
+            world_from_cams, votes, found, contradicts[of], usual, options
+        ):
+            continue
         rank = found.gain
         if is_tail:
             rank += _less_unusual(world_from_cams, found, usual)
@@ -139,6 +143,27 @@ def _less_unusual(
     steps = se3.inverse(before) @ np.stack([after, jump.world_from_recorded @ after])
     recorded, corrected = np.minimum(times_usual(steps, usual) / LONG, MOST_UNUSUAL) ** 2
     return float(recorded - corrected)
+
+
+def _lengthens_blindly(
+    world_from_cams: Float[np.ndarray, "n 4 4"],
+    votes: Votes,
+    jump: Displacement,
+    contradicts: Bool[np.ndarray, " k"],
+    usual: tuple[float, float],
+    options: TrackingOptions,
+) -> bool:
+    """Whether a jump would make a long step of one that is as usual, and no motion of many matches says so.
+
+    A tracker that jumps makes a usual step long. Surfaces repeat, in corridors above all, and neighbouring
+    pairs slide by the same way together: two of them turned steps of 0.8 m, like all about it, into 1.7 m.
+    """
+    before, after = world_from_cams[jump.first - 1], world_from_cams[jump.first]
+    steps = se3.inverse(before) @ np.stack([after, jump.world_from_recorded @ after])
+    recorded, corrected = times_usual(steps, usual) / LONG
+    supports = (votes.cost(jump.world_from_recorded) < options.max_sigmas**2) & contradicts
+    is_sure = bool((votes.n_inliers[supports] >= options.min_matches_alone).any())
+    return recorded <= 1.0 < corrected and not is_sure
 
 
 def _hypotheses(pairs: np.ndarray, n: int) -> list[tuple[int, int]]:

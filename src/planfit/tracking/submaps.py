@@ -142,15 +142,17 @@ def place_submaps(
     # Revisits say where a submap is however unsure the steps between are: those do not make votes less sure.
     inside = _with_usual_steps(tracking.odometry, tracking.open_steps)
     placed = _Placed(tracking.world_from_cams, group, np.zeros(n, dtype=int), False, (0.0, 0.0))
-    revisits = _revisits(matches, group, verify)
+    revisits = motions_between(matches, group, verify)
     while True:
         merged = _merge_surest(placed, revisits, inside, options)
         if merged is None:
             break
         placed = merged
-    if not placed.is_moved and len(tracking.open_steps) == 0:
-        return replace(tracking, doubtful_steps=np.zeros(0, dtype=int))
-    return _with_placed(tracking, _chained(tracking, placed), placed, options)
+    found = replace(tracking, doubtful_steps=np.zeros(0, dtype=int))
+    if placed.is_moved or len(tracking.open_steps):
+        found = _with_placed(tracking, _chained(tracking, placed), placed, options)
+    is_undecided = placed.group[doubtful] != placed.group[doubtful + 1]
+    return replace(found, undecided_steps=np.setdiff1d(doubtful[is_undecided], found.open_steps))
 
 
 def _with_usual_steps(odometry: Odometry, steps: Int[np.ndarray, " d"]) -> Odometry:
@@ -163,8 +165,10 @@ def _with_usual_steps(odometry: Odometry, steps: Int[np.ndarray, " d"]) -> Odome
     return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
 
 
-def _revisits(matches: Matches, group: np.ndarray, verify: VerifyOptions) -> MeasuredMotions:
-    """Motions of matched pairs between different submaps."""
+def motions_between(
+    matches: Matches, group: Int[np.ndarray, " n"], verify: VerifyOptions
+) -> MeasuredMotions:
+    """Motions of matched pairs between frames of different groups."""
     between = np.flatnonzero(group[matches.pairs[:, 0]] != group[matches.pairs[:, 1]])
     points = [
         (matches.points_a[of], matches.points_b[of], matches.sigma[of])
@@ -320,4 +324,9 @@ def _unplaced(tracking: Tracking, changed: np.ndarray) -> Tracking:
     )
     found = TrackingBreak("jump", first, last, size, size, 0, reason)
     breaks = tuple(sorted((*tracking.breaks, found), key=lambda b: b.first_frame))
-    return replace(tracking, breaks=breaks, doubtful_steps=np.zeros(0, dtype=int))
+    return replace(
+        tracking,
+        breaks=breaks,
+        doubtful_steps=np.zeros(0, dtype=int),
+        contradicted_steps=np.setdiff1d(changed, tracking.open_steps),
+    )

@@ -29,7 +29,7 @@ class TrackingBreak:
     corrected: tuple[float, float]
     """Over a jump the motion that takes its place, m and degrees; else how far the frames were moved."""
     n_motions: int
-    """Measured motions that say so; 0 where only continuity does."""
+    """Measured motions that say so; 0 where only continuity or the plan does."""
     reason: str
     """A sentence for the user."""
 
@@ -61,6 +61,14 @@ class Tracking:
     open_steps: Int[np.ndarray, " o"] = field(default_factory=lambda: np.zeros(0, dtype=int))
     """Steps about lost frames that nothing tells, neither the tracker nor images: what is beyond may be
     anywhere. Revisits place it, and what they place is taken off the list."""
+    undecided_steps: Int[np.ndarray, " u"] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    """Steps that were doubtful and that revisits did not decide: what tears the walk elsewhere may be a jump
+    at one of these (`tracking/undecided.py`)."""
+    contradicted_steps: Int[np.ndarray, " c"] = field(
+        default_factory=lambda: np.zeros(0, dtype=int)
+    )
+    """Those among which revisits say that the walk jumps, and not at which. As recorded, but not to be
+    trusted where revisits are sought."""
 
     n_repeated: int = 0
     """Frames that repeat the pose before while the images move, where these are most frames; fewer are lost
