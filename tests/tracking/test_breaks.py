@@ -223,3 +223,20 @@ def test_of_steps_that_the_same_motions_span_the_long_one_is_the_jump(rng, step,
     metres_off, radians_off = step_errors(tracking.world_from_cams, true)
     assert metres_off < 0.3
     assert np.rad2deg(radians_off) < 6.0
+
+
+@pytest.mark.parametrize(("n_inliers", "n_found"), [(20, 0), (100, 1)])
+def test_surfaces_alone_make_no_long_step_of_a_usual_one(rng, n_inliers, n_found):
+    """Pairs over one step that all slid by the same way: so few matches do not say that it is a long one."""
+    angle = np.zeros((60, 3))
+    way = np.column_stack([0.5 * np.arange(60), np.zeros((60, 2))])
+    poses = se3.make_transform(se3.exp_so3(angle), way)
+    slid = poses.copy()
+    slid[31:, 0, 3] += 1.0
+    motions = measure(slid, rng, neighbours=2, n_inliers=n_inliers)
+    spans = (motions.pairs[:, 0] <= 30) & (motions.pairs[:, 1] > 30)
+    assert spans.sum() == 3
+    tracking = judge_tracking(
+        "scan", poses, motions, "recorded", OdometryOptions(), TrackingOptions()
+    )
+    assert len(tracking.breaks) == n_found

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.alignment import Alignment, align
 from planfit.alignment.refine import AlignmentHypothesis, explained
-from planfit.alignment.wall_samples import thin
+from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching.cycles import spanned_steps
@@ -65,6 +65,7 @@ def placed_by_parts(
     plan, found = on_plan.floorplan, on_plan.alignment
     if plan is None or found is None or options.align.method == "paper":
         return None
+    plan = plan.used()
     parts = _parts(prepared, _cuts(prepared, tracking, options.tracking))
     if len(parts) < 2 or not _is_any_poor(prepared, parts, plan, found):
         return None
@@ -106,7 +107,7 @@ def _parts(prepared: PreparedScan, cuts: Int[np.ndarray, " c"]) -> list[tuple[in
     return list(zip(starts, ends, strict=True))
 
 
-def _walls_of(prepared: PreparedScan, first: int, last: int):
+def _walls_of(prepared: PreparedScan, first: int, last: int) -> WallSamples:
     structure = prepared.measurements.structure
     n = len(prepared.level_from_keys)
     part = structure.with_walls_of(_is_within(n, first, last))

@@ -1,0 +1,89 @@
+"""A jump that nothing but the plan's walls tells: each part of the walk is aligned by itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from builders import faces_plan, look, make_matches, make_structure
+from planfit import RefineOptions
+from planfit.adjust import Measurements, hold_to_keyframes
+from planfit.alignment import Alignment
+from planfit.geometry import se3
+from planfit.pipeline.on_plan import ScanOnPlan
+from planfit.pipeline.parts import placed_by_parts
+from planfit.pipeline.prepare import PreparedScan
+from planfit.scan.odometry import OdometryOptions
+from planfit.tracking.judge import believe
+
+N, STEP = 40, 19
+CORNERS = [(0, 0), (14, 0), (14, 5), (9, 5), (9, 9), (3, 9), (3, 6), (0, 6)]
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(3)
+
+
+@pytest.fixture
+def truth():
+    """A walk along a building of no symmetry, a step of 0.25 m at a time."""
+    return np.stack([look([2 + 0.25 * i, 3.0, 1.5], 20 * np.sin(i / 5), 10) for i in range(N)])
+
+
+def world(truth, recorded, rng, bridged=False):
+    """What the scan shows, its poses as recorded, and the whole aligned by its first part."""
+    plan = faces_plan(CORNERS)
+    patches = []
+    for i in range(N):
+        for k, (first, last) in enumerate(plan.ends):
+            xy = first + (last - first) * rng.uniform(0.05, 0.95, (40, 1))
+            on_wall = np.column_stack([xy, rng.uniform(0.3, 2.5, 40)])
+            patches.append((i, on_wall, plan.normals[k]))
+    floor = [(i, rng.uniform([1, 1, 0], [13, 5, 0], (40, 3))) for i in range(N)]
+    pairs = [(i, i + 1) for i in range(N - 1) if bridged or i != STEP]
+    matches = make_matches(truth, pairs, rng.uniform([0, 0, 0], [14, 9, 2.5], (30, 3)))
+    tracking = believe(recorded, "recorded", OdometryOptions())
+    measured = Measurements(matches, make_structure(truth, floor, patches), tracking.odometry)
+    keyframes = hold_to_keyframes(recorded, np.arange(N))
+    prepared = PreparedScan(keyframes, measured, np.eye(4), recorded, recorded)
+    on_plan = ScanOnPlan(plan, np.eye(4), Alignment(np.eye(4), 0.5, None), None)
+    return prepared, tracking, on_plan
+
+
+def jumped(truth, metres=3.0, degrees=20.0):
+    pivot = truth[STEP + 1, :3, 3]
+    turned = se3.yaw_transform(np.deg2rad(degrees), np.zeros(3))
+    turned[:3, 3] = pivot + [metres, 0.5, 0.0] - turned[:3, :3] @ pivot
+    poses = truth.copy()
+    poses[STEP + 1 :] = turned @ truth[STEP + 1 :]
+    return poses
+
+
+def test_both_parts_stand_to_each_other_as_they_were(truth, rng):
+    tracking = placed_by_parts(*world(truth, jumped(truth), rng), RefineOptions())
+    assert tracking is not None
+    off = np.linalg.norm((tracking.world_from_cams - truth)[:, :3, 3], axis=1)
+    assert off.max() < 0.1
+    (told,) = tracking.breaks
+    assert (told.kind, told.first_frame) == ("jump", STEP)
+    assert "the walls of the plan show a step of 0." in told.reason
+    # What the walls alone say holds the step loosely.
+    assert tracking.odometry.sigma_translation[STEP] == pytest.approx(0.5)
+
+
+def test_a_walk_that_fits_stays_as_recorded(truth, rng):
+    assert placed_by_parts(*world(truth, truth, rng), RefineOptions()) is None
+
+
+def test_a_step_that_keypoints_bridge_is_not_cut(truth, rng):
+    assert placed_by_parts(*world(truth, jumped(truth), rng, bridged=True), RefineOptions()) is None
+
+
+def test_parts_without_enough_wall_stay_with_the_part_before(truth, rng):
+    prepared, tracking, on_plan = world(truth, jumped(truth), rng)
+    structure = prepared.measurements.structure
+    few = structure.with_walls_of(np.arange(N) <= STEP)
+    measured = replace(prepared.measurements, structure=few)
+    few_walls = replace(prepared, measurements=measured)
+    assert placed_by_parts(few_walls, tracking, on_plan, RefineOptions()) is None

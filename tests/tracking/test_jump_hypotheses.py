@@ -1,0 +1,68 @@
+"""One jump, several steps that could hold it: what the walk would be with the jump at each."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from measured_walk import displaced, measure
+
+from builders import make_matches
+from planfit.geometry import se3
+from planfit.matching.verify import VerifyOptions
+from planfit.scan.odometry import OdometryOptions
+from planfit.tracking import TrackingOptions, judge_tracking, jump_hypotheses
+
+LAP = 30
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(5)
+
+
+@pytest.fixture
+def laps(rng):
+    """Three laps on one circle of 3 m, looking outwards."""
+    angle = 2 * np.pi * np.arange(3 * LAP) / LAP
+    centres = 3 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    turned = se3.exp_so3(np.column_stack([0 * angle, 0 * angle, angle]))
+    return se3.make_transform(turned, centres + rng.normal(0, 0.05, centres.shape))
+
+
+def hypotheses(laps, poses, rng, undecided):
+    """With revisits between the first lap and the third, which is after all undecided steps."""
+    motions = measure(laps, rng, unmeasured=tuple(undecided))
+    judged = judge_tracking(
+        "scan", poses, motions, "recorded", OdometryOptions(), TrackingOptions()
+    )
+    tracking = replace(judged, undecided_steps=np.array(undecided))
+    points = rng.uniform([-5, -5, -1], [5, 5, 1], (40, 3))
+    matches = make_matches(laps, [(i, i + 2 * LAP) for i in range(12, 28)], points)
+    return jump_hypotheses(tracking, matches, VerifyOptions(), TrackingOptions())
+
+
+def test_one_of_the_hypotheses_is_the_walk_as_it_was(laps, rng):
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 60.0, rng)
+    right, wrong = hypotheses(laps, jumped, rng, [40, 60])
+    assert (right.step, wrong.step) == (40, 60)
+    off, off_wrong = (
+        np.linalg.norm((each.tracking.world_from_cams - laps)[:, :3, 3], axis=1)
+        for each in (right, wrong)
+    )
+    assert off.max() < 0.15
+    assert off_wrong[61:].max() < 0.15  # the loops close there as well
+    assert off_wrong[41:61].min() > 1.0  # and the frames between stand elsewhere
+    assert right.times_usual < wrong.times_usual
+    (told,) = right.tracking.breaks
+    assert "where the revisits and the plan show a step of" in told.reason
+    steps = right.tracking.odometry.cam_from_next
+    np.testing.assert_allclose(
+        steps[40],
+        se3.inverse(right.tracking.world_from_cams[40]) @ right.tracking.world_from_cams[41],
+        atol=1e-9,
+    )
+    assert right.tracking.undecided_steps.tolist() == [60]
+
+
+def test_a_walk_that_closes_as_recorded_has_none(laps, rng):
+    assert hypotheses(laps, laps, rng, [40, 60]) == ()
