@@ -54,7 +54,7 @@ def world(truth, recorded, rng, bridged=False):
 def jumped(truth, metres=3.0, degrees=20.0):
     pivot = truth[STEP + 1, :3, 3]
     turned = se3.yaw_transform(np.deg2rad(degrees), np.zeros(3))
-    turned[:3, 3] = pivot + [metres, 0.5, 0.0] - turned[:3, :3] @ pivot
+    turned[:3, 3] = pivot + np.array([metres, 0.5, 0.0]) - turned[:3, :3] @ pivot
     poses = truth.copy()
     poses[STEP + 1 :] = turned @ truth[STEP + 1 :]
     return poses
