@@ -5,6 +5,8 @@ import numpy as np
 from planfit.geometry import se3
 from planfit.tracking.motions import MeasuredMotions
 
+LAP = 30
+"""Frames of a lap."""
 SIGMA_RAD, SIGMA_M = np.deg2rad(0.3), 0.02
 
 
@@ -18,6 +20,14 @@ def walk(rng, n=80):
     for step in steps[:-1]:
         poses.append(poses[-1] @ step)
     return np.stack(poses)
+
+
+def three_laps(rng):
+    """True poses of three laps on one circle of 3 m, looking outwards."""
+    angle = 2 * np.pi * np.arange(3 * LAP) / LAP
+    centres = 3 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    turned = se3.exp_so3(np.column_stack([0 * angle, 0 * angle, angle]))
+    return se3.make_transform(turned, centres + rng.normal(0, 0.05, centres.shape))
 
 
 def measure(poses, rng, neighbours=4, unmeasured=(), n_inliers=100):

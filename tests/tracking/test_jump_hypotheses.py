@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_walk import displaced, measure
+from measured_walk import LAP, displaced, measure, three_laps
 
 from builders import make_matches
 from planfit.geometry import se3
 from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import OdometryOptions
 from planfit.tracking import TrackingOptions, judge_tracking, jump_hypotheses
-
-LAP = 30
 
 
 @pytest.fixture
@@ -22,11 +20,7 @@ def rng():
 
 @pytest.fixture
 def laps(rng):
-    """Three laps on one circle of 3 m, looking outwards."""
-    angle = 2 * np.pi * np.arange(3 * LAP) / LAP
-    centres = 3 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    turned = se3.exp_so3(np.column_stack([0 * angle, 0 * angle, angle]))
-    return se3.make_transform(turned, centres + rng.normal(0, 0.05, centres.shape))
+    return three_laps(rng)
 
 
 def hypotheses(laps, poses, rng, undecided):

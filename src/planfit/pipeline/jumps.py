@@ -103,14 +103,9 @@ def _best_by_revisits(
     scan: Scan, calibrated: CalibratedScan, floorplan: Floorplan, options: RefineOptions
 ) -> _Tried | None:
     """The hypothesis that the walls are in favour of; None where they are not surely in favour of any."""
-    tracking, torn = calibrated.observations.tracking, len(calibrated.prepared.torn_steps)
+    tracking = calibrated.observations.tracking
     assert tracking is not None
-    tried = [
-        each
-        for each in _tried_with_jumps(scan, calibrated, floorplan, options)
-        # Others do not close the loops either.
-        if len(each.prepared.torn_steps) <= max(torn - 1, 0)
-    ]
+    tried = list(_tried_with_jumps(scan, calibrated, floorplan, options))
     if not tried:
         return None
     scores = [_adjusted_score(each, options) for each in tried]
@@ -126,14 +121,16 @@ def _best_by_revisits(
 def _tried_with_jumps(
     scan: Scan, calibrated: CalibratedScan, floorplan: Floorplan, options: RefineOptions
 ) -> Iterator[_Tried]:
-    """The walk with the jump at each undecided step where revisits ask for one, aligned."""
-    seen = calibrated.observations
+    """The walk with the jump at each undecided step where it lets loops close, aligned."""
+    seen, torn = calibrated.observations, len(calibrated.prepared.torn_steps)
     assert seen.tracking is not None
     hypotheses: tuple[JumpHypothesis, ...] = jump_hypotheses(
         seen.tracking, seen.matches, options.matching.verify, options.tracking
     )
     for each in hypotheses:
         prepared = _prepared(scan, calibrated, each.tracking, options)
+        if len(prepared.torn_steps) > max(torn - 1, 0):
+            continue
         found = _aligned(scan, each.tracking, prepared, floorplan, options)
         if found is not None:
             yield replace(found, times_usual=each.times_usual)

@@ -139,10 +139,17 @@ def _less_unusual(
     Where no motion ends between two steps, either may have been the jump as far as motions say. It was the
     one that is long, and not the one that would be if that were undone.
     """
+    recorded, corrected = np.minimum(_times_long(world_from_cams, jump, usual), MOST_UNUSUAL) ** 2
+    return float(recorded - corrected)
+
+
+def _times_long(
+    world_from_cams: Float[np.ndarray, "n 4 4"], jump: Displacement, usual: tuple[float, float]
+) -> Float[np.ndarray, "2"]:
+    """How many times as large as a long step the one onto the jump is, as recorded and corrected."""
     before, after = world_from_cams[jump.first - 1], world_from_cams[jump.first]
     steps = se3.inverse(before) @ np.stack([after, jump.world_from_recorded @ after])
-    recorded, corrected = np.minimum(times_usual(steps, usual) / LONG, MOST_UNUSUAL) ** 2
-    return float(recorded - corrected)
+    return times_usual(steps, usual) / LONG
 
 
 def _lengthens_blindly(
@@ -158,9 +165,7 @@ def _lengthens_blindly(
     A tracker that jumps makes a usual step long. Surfaces repeat, in corridors above all, and neighbouring
     pairs slide by the same way together: two of them turned steps of 0.8 m, like all about it, into 1.7 m.
     """
-    before, after = world_from_cams[jump.first - 1], world_from_cams[jump.first]
-    steps = se3.inverse(before) @ np.stack([after, jump.world_from_recorded @ after])
-    recorded, corrected = times_usual(steps, usual) / LONG
+    recorded, corrected = _times_long(world_from_cams, jump, usual)
     supports = (votes.cost(jump.world_from_recorded) < options.max_sigmas**2) & contradicts
     is_sure = bool((votes.n_inliers[supports] >= options.min_matches_alone).any())
     return recorded <= 1.0 < corrected and not is_sure
