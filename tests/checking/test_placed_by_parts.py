@@ -14,6 +14,7 @@ from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.parts import placed_by_parts
 from planfit.pipeline.prepare import PreparedScan
 from planfit.scan.odometry import OdometryOptions
+from planfit.tracking import TrackingOptions
 from planfit.tracking.judge import believe
 
 N, STEP = 40, 19
@@ -78,6 +79,12 @@ def test_a_walk_that_fits_stays_as_recorded(truth, rng):
 
 def test_a_step_that_keypoints_bridge_is_not_cut(truth, rng):
     assert placed_by_parts(*world(truth, jumped(truth), rng, bridged=True), RefineOptions()) is None
+
+
+@pytest.mark.parametrize("option", ["is_judged", "mend"])
+def test_poses_that_are_to_stay_as_recorded_do(truth, rng, option):
+    kept = RefineOptions(tracking=TrackingOptions(**{option: False}))
+    assert placed_by_parts(*world(truth, jumped(truth), rng), kept) is None
 
 
 def test_parts_without_enough_wall_stay_with_the_part_before(truth, rng):

@@ -63,6 +63,8 @@ def placed_by_parts(
         options: those of the run.
     """
     plan, found = on_plan.floorplan, on_plan.alignment
+    if not (options.tracking.is_judged and options.tracking.mend):
+        return None  # all is to stay as recorded
     if plan is None or found is None or options.align.method == "paper":
         return None
     plan = plan.used()
