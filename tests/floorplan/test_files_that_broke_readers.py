@@ -9,7 +9,7 @@ from ezdxf.filemanagement import new as new_dxf
 import planfit
 from planfit.cli.main import run
 from planfit.errors import FloorplanError, PlanfitError, printable, told_as
-from planfit.floorplan.formats import dxf_blocks, pdf
+from planfit.floorplan.formats import dxf, dxf_blocks, pdf
 
 BAD_PLANS = Path(__file__).parent.parent / "data" / "bad_plans"
 
@@ -75,6 +75,55 @@ def test_insertions_are_counted_as_they_are_drawn():
             else:
                 with pytest.raises(FloorplanError, match=f"found {drawn} once blocks"):
                     dxf_blocks.check_expansion(path, document)
+
+
+def _nested(leaf_lines: int):
+    """Blocks b0 to b4 of ten insertions each of the next, b5 with some lines; two walls beside them."""
+    document = new_dxf()
+    document.header["$INSUNITS"] = 6
+    for k in range(6):
+        block = document.blocks.new(f"b{k}")
+        for j in range(leaf_lines if k == 5 else 10):
+            if k == 5:
+                block.add_line((0, j), (1, j))
+            else:
+                block.add_blockref(f"B{k + 1}", (j, j))
+    space = document.modelspace()
+    space.add_blockref("b0", (0, 0))
+    for y in (0.0, 0.2, 5.0, 5.2):
+        space.add_line((0, y), (9, y))
+    return document
+
+
+def test_blocks_that_hold_nothing_are_not_drawn_out(tmp_path, monkeypatch):
+    inserted = []
+    decompose = dxf.recursive_decompose
+    monkeypatch.setattr(
+        dxf, "recursive_decompose", lambda parts: (inserted.append(parts), decompose(parts))[1]
+    )
+    _nested(0).saveas(tmp_path / "plan.dxf")
+    assert len(planfit.read_floorplan(tmp_path / "plan.dxf")) == 4
+    assert inserted == []
+
+
+def test_insertions_count_though_what_they_draw_is_little(tmp_path):
+    _nested(1).saveas(tmp_path / "plan.dxf")
+    assert dxf_blocks.MAX_ENTITIES > 10**5
+    with pytest.raises(
+        FloorplanError, match="at most 200,000 entities and blocks within them"
+    ) as told:
+        planfit.read_floorplan(tmp_path / "plan.dxf")
+    # 1 + 10 + ... + 10^5 insertions, 10^5 lines, four beside them.
+    assert "found 211,115, 211,111 by one insertion of the block 'b0'" in str(told.value)
+
+
+def test_a_file_that_holds_much_may_draw_much(monkeypatch):
+    document = _nested(1)
+    monkeypatch.setattr(dxf_blocks, "MAX_REPEATED", 211_111 // 51 + 1)
+    dxf_blocks.check_expansion(Path("plan.dxf"), document)
+    monkeypatch.setattr(dxf_blocks, "MAX_REPEATED", 100)
+    with pytest.raises(FloorplanError, match="at most 200,000"):
+        dxf_blocks.check_expansion(Path("plan.dxf"), document)
 
 
 def test_what_libraries_raise_names_the_file_and_what_the_system_says_passes():

@@ -73,8 +73,8 @@ def read_dxf(path: Path, options: PlanOptions) -> Floorplan:
     # ezdxf warns of every odd table entry; what matters comes back as an error or in `dropped`.
     logging.getLogger("ezdxf").setLevel(logging.ERROR)
     document, lost = _open(path)
-    check_expansion(path, document)
-    drawing = _drawing(document)
+    empty = check_expansion(path, document)
+    drawing = _drawing(document, empty)
     floorplan = plan_of_drawing(
         drawing, path, fingerprint_of(path), options, "DXF drawing", np.eye(3)
     )
@@ -113,14 +113,14 @@ def _open(path: Path) -> tuple[Document, list[str]]:
     return document, _lost_parts(auditor)
 
 
-def _drawing(document: Document) -> VectorDrawing:
+def _drawing(document: Document, empty_blocks: frozenset[str]) -> VectorDrawing:
     builder = DrawingBuilder()
     hidden = {layer.dxf.name for layer in document.layers if layer.is_off() or layer.is_frozen()}
     # Layer 0 stands for the layer of the block's insertion; on its own it may be frozen too.
     space = document.modelspace()
     flatten = _flattening_distance(space)
     seen_hidden: set[str] = set()
-    for entity, layer in _entities(space):
+    for entity, layer in _entities(space, empty_blocks):
         if layer in hidden:
             seen_hidden.add(layer)
         elif not entity.dxf.get("invisible", 0):
@@ -129,12 +129,19 @@ def _drawing(document: Document) -> VectorDrawing:
     return builder.build(METRES_PER_FILE_UNIT.get(unit), unit, tuple(sorted(seen_hidden)))
 
 
-def _entities(space) -> Iterator[tuple[Any, str]]:
+def _entities(space, empty_blocks: frozenset[str]) -> Iterator[tuple[Any, str]]:
     """Entities with blocks exploded, and the layer that decides on each: that of the entity, or of the
     block it came in where the entity is on layer 0."""
     for entity in space:
         outer = entity.dxf.get("layer", "0")
-        if entity.dxftype() == "INSERT" or entity.dxftype() in ("DIMENSION", "LEADER", "MLINE"):
+        is_insertion = entity.dxftype() == "INSERT"
+        if (
+            is_insertion
+            and str(entity.dxf.get("name", "")).lower() in empty_blocks
+            and not entity.attribs
+        ):
+            continue
+        if is_insertion or entity.dxftype() in ("DIMENSION", "LEADER", "MLINE"):
             for part in recursive_decompose([entity]):
                 inner = part.dxf.get("layer", "0")
                 dimension = entity.dxftype() in ("DIMENSION", "LEADER")
