@@ -146,6 +146,27 @@ def test_stretches_vote_for_their_shift_whatever_was_moved(walk, rng):
     assert np.ptp(moved, axis=0).max() < 1e-9  # one shift for all
 
 
+def test_where_walls_tell_nothing_stretches_stay(walk):
+    poses, _, structure = walk
+    worth = observations_of(structure.walls, WallOptions())
+
+    def shift_for(floorplan):
+        """Largest shift along x, and that along y, of walls that are believed on the way."""
+        voted = vote(
+            structure.walls, worth, floorplan, poses, AssociationOptions(), VotingOptions()
+        )
+        return np.abs(voted - poses)[:, :2, 3].max(axis=0)
+
+    far = Floorplan.from_segments([[[500.0, 500.0], [510.0, 500.0]]], [[0.0, 1.0]])
+    assert_allclose(shift_for(far), 0.0, atol=1e-12)
+    # A wall 0.3 m further to the left, and none ahead: along it nothing is known.
+    corridor = Floorplan.from_segments([[[-50.0, -0.3], [50.0, -0.3]]], [[0.0, 1.0]])
+    along, across = shift_for(corridor)
+    assert along < 1e-12
+    # The votes for one face have a limit, reached a step or two before.
+    assert across == pytest.approx(0.3, abs=0.1)
+
+
 def test_a_start_that_reaches_finds_what_a_narrow_loss_does_not(walk):
     poses, floorplan, structure = walk
     start = aside(bent(poses, 0.1))

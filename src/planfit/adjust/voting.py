@@ -16,6 +16,10 @@ from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import distances_of_segments
 from planfit.segmentation import WallPatches
 
+STAY = 0.01
+"""Observations that speak against a shift by the largest that is tried, along each axis: where walls tell nothing,
+as along a corridor or off the plan, a stretch stays where it was aligned."""
+
 
 @dataclass(frozen=True)
 class VotingOptions:
@@ -74,10 +78,11 @@ def vote(
     patch, face, distance_m = beside_faces(
         patches, floorplan, plan_from_cams, association, 1.5 * options.max_shift_m, storeys
     )
-    votes = np.zeros((n_stretches, len(grid), len(grid)))
+    stay = STAY * (grid / options.max_shift_m) ** 2
+    votes = np.tile(-np.add.outer(stay, stay), (n_stretches, 1, 1))
     for k in range(n_stretches):
         mine = stretch[patch] == k
-        votes[k] = _votes(
+        votes[k] += _votes(
             face[mine],
             floorplan.normals,
             distance_m[mine],
