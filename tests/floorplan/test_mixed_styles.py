@@ -73,7 +73,8 @@ def test_what_was_left_out_and_is_wall_of_the_other_style_is_not_left_out() -> N
     base = Interpretation(**{**vars(base), "dropped": (partition, sofa)})
     found = with_other_styles(base, [interpretation("double lines", partition)], EXTENT_PX)
     assert found.dropped == (sofa,)
-    assert found.style == "solid black and double lines"
+    share = 100 * partition.length / (partition.length + SHELL.length)
+    assert found.style == f"solid black ({100 - share:.0f} %) and double lines ({share:.0f} %)"
     assert len(found.all_walls) == 2
 
 

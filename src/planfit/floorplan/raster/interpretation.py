@@ -51,8 +51,15 @@ class Interpretation:
 
     @property
     def style(self) -> str:
-        """All styles in words."""
-        return " and ".join(dict.fromkeys(part.candidate.style for part in self.parts))
+        """All styles in words, each with its share of the walls' outlines where there are several."""
+        length: dict[str, float] = {}
+        for part in self.parts:
+            name = part.candidate.style
+            length[name] = length.get(name, 0.0) + sum(wall.length for wall in part.walls)
+        if len(length) == 1:
+            return next(iter(length))
+        total = max(sum(length.values()), 1e-9)
+        return " and ".join(f"{name} ({100 * own / total:.0f} %)" for name, own in length.items())
 
 
 def interpret(candidate: Candidate, extent_px: float, is_given: bool = False) -> Interpretation:
