@@ -17,8 +17,8 @@ from planfit.floorplan.nearest_faces import distances_of_segments
 from planfit.segmentation import WallPatches
 
 STAY = 0.01
-"""Observations that speak against a shift by the largest that is tried, along each axis: where walls tell nothing,
-as along a corridor or off the plan, a stretch stays where it was aligned."""
+"""Observations that speak against a shift by the largest that is tried, along each axis: where walls tell
+nothing, as along a corridor or off the plan, a stretch stays where it was aligned."""
 
 
 @dataclass(frozen=True)
