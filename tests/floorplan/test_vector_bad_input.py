@@ -260,9 +260,11 @@ def test_no_walls_in_ifc(tmp_path):
 
 def test_a_storey_that_is_not_there(tmp_path):
     path = write_ifc(tmp_path / "a.ifc", WALLS, storeys=(("Ground", 0.0), ("First", 3.0)))
-    assert refusal(path, PlanOptions(storey="Attic")) == (
-        "expected a storey 'Attic', found 0 'Ground', 1 'First'; pass one of them"
-    )
+    for wanted in ("Attic", "\u00b2", "9" * 20):  # a small 2 is a digit, but no number
+        assert refusal(path, PlanOptions(storey=wanted)) == (
+            f"expected a storey '{wanted}', found 0 'Ground', 1 'First'; pass one of them"
+        )
+    assert refusal(path, PlanOptions(storey="9" * 5000)).endswith("; pass one of them")
 
 
 def test_a_mesh_whose_triangles_have_no_size(tmp_path, recwarn):

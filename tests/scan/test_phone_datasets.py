@@ -48,6 +48,13 @@ def test_scannet_with_a_depth_camera_beside(sample, tmp_path):
     assert_allclose(in_depth_camera[:, 2], 2.0, atol=0.01)
 
 
+def test_a_picture_whose_name_is_no_number_is_none_of_scannets(sample, tmp_path):
+    write_scannet(tmp_path, sample)
+    # A small 2 counts as a digit in Unicode, and is no number.
+    put(tmp_path / "color" / "\u00b2.jpg", (tmp_path / "color" / "0.jpg").read_bytes())
+    assert len(read_scan(tmp_path)) == N
+
+
 def test_scannetpp_takes_colour_from_the_video(sample, tmp_path):
     write_scannetpp(tmp_path, sample)
     phone = tmp_path / "iphone"

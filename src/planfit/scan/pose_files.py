@@ -101,7 +101,7 @@ def _is_euroc(content: str) -> bool:
 
 def is_ns(word: str) -> bool:
     """Whether a word is a time in whole nanoseconds since 1970."""
-    return word.isdigit() and len(word) > MIN_NS_DIGITS
+    return word.isdecimal() and len(word) > MIN_NS_DIGITS
 
 
 def _tum_of_euroc(rows: list[list[str]]) -> str:
@@ -173,7 +173,8 @@ def _for_frames(
 
 def _frame_numbers(scan: Scan) -> Int[np.ndarray, " n"] | None:
     """What frames are called, where all names are numbers."""
-    if all(frame_id.isdigit() for frame_id in scan.frame_ids):
+    # More digits than a 64-bit integer has are a name.
+    if all(name.isdecimal() and len(name) < 19 for name in scan.frame_ids):
         return np.array([int(frame_id) for frame_id in scan.frame_ids])
     return None
 

@@ -78,7 +78,8 @@ def read_marks(path: Path, frame_ids: Sequence[str]) -> tuple[Mark, ...]:
     for line, row in _rows(path, _MARK_NAMES, ("frame", "u", "v", "id"), _SHAPE_OF_MARKS):
         where = f"{path}:{line}: "
         frame = row["frame"]
-        number = int(frame) if frame.isdecimal() else by_name.get(frame, -1)
+        is_number = frame.isdecimal() and len(frame) < 10
+        number = int(frame) if is_number else by_name.get(frame, -1)
         if not 0 <= number < len(frame_ids):
             raise OptionError(
                 f"{where}expected a frame of the scan, 0 to {len(frame_ids) - 1}, found {frame!r}; frames "

@@ -283,7 +283,7 @@ def _chosen_level(path: Path, wanted: str, levels: tuple[str, ...]) -> str:
         return levels[0] if levels else ""
     if wanted in levels:
         return wanted
-    if wanted.isdigit() and int(wanted) < len(levels):
+    if wanted.isdecimal() and len(wanted) < 10 and int(wanted) < len(levels):
         return levels[int(wanted)]
     raise FloorplanError(
         f"{path}: expected a storey {wanted!r}, found {', '.join(levels) or 'none'}; "

@@ -201,7 +201,7 @@ def _choose(
         lower = [name.lower() for name in names]
         if wanted.lower() in lower:
             return lower.index(wanted.lower())
-        if wanted.lstrip("-").isdigit() and 0 <= int(wanted) < len(names):
+        if wanted.isdecimal() and len(wanted) < 10 and int(wanted) < len(names):
             return int(wanted)
         raise FloorplanError(
             f"{path}: expected a storey {wanted!r}, found {listed}; pass one of them"

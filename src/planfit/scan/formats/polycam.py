@@ -103,7 +103,7 @@ def _frame(content: dict[str, Any], stem: str, number: int, colors: str, where: 
     check_recorded_pose(pose, where)
     return Frame(
         frame_id=stem,
-        time=int(stem) / 1e6 if stem.isdigit() else float(number),
+        time=int(stem) / 1e6 if stem.isdecimal() else float(number),
         world_from_cam=pose,
         color=f"{colors}/{stem}.jpg",
         depth=f"{TOP}/depth/{stem}.png",

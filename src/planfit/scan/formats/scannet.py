@@ -51,7 +51,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     """
     color_from_depth = _color_from_depth(source)
     frames, skipped = [], []
-    names = [n for n in source.names("color") if Path(n).stem.isdigit()]
+    names = [n for n in source.names("color") if Path(n).stem.isdecimal()]
     for name in sorted(names, key=lambda n: int(Path(n).stem)):
         number = Path(name).stem
         pose_name = f"pose/{number}.txt"
@@ -62,7 +62,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         frames.append(Frame(number, float(number), pose, f"color/{name}", f"depth/{number}.png"))
     colored = {Path(name).stem for name in names}
     others = {Path(n).stem for folder in ("depth", "pose") for n in source.names(folder)}
-    lone = sorted((n for n in others - colored if n.isdigit()), key=int)
+    lone = sorted((n for n in others - colored if n.isdecimal()), key=int)
     skipped += [f"frame {number}: color/{number}.jpg is missing" for number in lone]
 
     color = _intrinsics(source, COLOR)
