@@ -14,7 +14,7 @@ endif
 # takes to collect the tests.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test test-slow check format docs reference bench tables tables-small fuzz-short wheel-check clean
+.PHONY: demo test test-slow check format docs reference bench tables tables-small fuzz-short faults-short wheel-check clean
 
 demo: $(VENV)/installed
 	$(BIN)/planfit demo -o demo
@@ -61,6 +61,12 @@ tables-small: $(VENV)/installed
 # Two minutes of mutants of every reader's samples; fails where one is neither read nor refused in one line.
 fuzz-short: $(VENV)/installed-dev
 	$(BIN)/python benchmarks/fuzz --minutes 2 --seed $${FUZZ_SEED:-1}
+
+# Faults of tracker, plan and sensor on two small scans, in two minutes; fails where planfit is wrong without a word.
+faults-short: $(VENV)/installed-dev
+	rm -f $(VENV)/faults-short.jsonl
+	$(BIN)/python benchmarks/faults run --strict --scans flat "one room" --every 4 -o $(VENV)/faults-short.jsonl \
+		--cache $(VENV)/faults.cache
 
 # dist/ gets the wheel, made of the source archive; it is installed and tried outside of this folder.
 wheel-check:

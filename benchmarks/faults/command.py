@@ -11,7 +11,7 @@ import tyro
 from faults.batches import PageArguments, answer, of_present_scans, tell, write_page
 from faults.battery import digest_of, read_measured, run_battery
 from faults.cases import Case, all_cases, choose
-from faults.figures import make_figures, match_results
+from faults.figures import make_figures, match_results, require_none_bad
 from faults.measure import CRASHED, How, Measured
 from faults.page import make_page
 from planfit import RefineOptions
@@ -39,6 +39,9 @@ class RunArguments:
     """Folder for rendered images and keypoints."""
     optimality: bool = False
     """Also solve from the true poses, and compare costs."""
+    strict: bool = False
+    """End with an error where a case crashed, is wrong without a word, or is vouched for though nothing of it
+    can be right; where a faultless one is not; where a result is said of poses in a convention they are not in."""
 
 
 @dataclass(frozen=True)
@@ -92,12 +95,15 @@ def _run(arguments: RunArguments) -> None:
     run_battery(here, arguments.out, how, arguments.jobs, _tell)
     numbers = {case.number for case in here}
     measured = [m for m in read_measured(arguments.out) if m.number in numbers]
+    results = match_results(here, measured)
     rows = [
         [figure.name, figure.asked, figure.found, str(figure.n)]
-        for figure in make_figures(match_results(here, measured))
+        for figure in make_figures(results)
         if figure.n
     ]
     out.print(table("even and odd numbers", ["", "asked", "found", "cases"], rows))
+    if arguments.strict:
+        require_none_bad(results)
 
 
 def _tell(measured: Measured, left: int) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from faults.cases import FAULTS, Case, Part
 from faults.measure import CRASHED, REFUSED, Measured
+from planfit.errors import PlanfitError
 
 JUMPS = ("one jump", "two jumps", "three jumps")
 WITHOUT_PLACE = ("other building",)
@@ -128,6 +129,30 @@ def make_figures(results: Sequence[Result]) -> list[Figure]:
                [r for r in solved if r not in optimal], _is_vouched),
         _count("crashes", "0", results, lambda r: r.measured.exit_code == CRASHED),
     ]  # fmt: skip
+
+
+def require_none_bad(results: Sequence[Result]) -> None:
+    """Raise `PlanfitError` where planfit broke its word: never worse, never silent."""
+    bad = [f"{r.case.number} {r.case.name}: {words}" for r in results if (words := _broken(r))]
+    if bad:
+        raise PlanfitError(
+            f"expected no broken word in {len(results)} cases, found {'; '.join(bad)}"
+        )
+
+
+def _broken(result: Result) -> str:
+    """What is wrong with a result, in words; empty for nothing."""
+    m = result.measured
+    if m.exit_code == CRASHED:
+        return f"crashed ({m.said})"
+    if result.is_silent_wrong:
+        return f"{m.error_m:.3f} m off with exit 0"
+    if _is_vouched(result) and set(result.faults) & set(NEVER_VOUCHED):
+        return "exit 0, though nothing of it can be right"
+    if result.case.is_reference and not _is_vouched(result):
+        return f"exit {m.exit_code} without a fault ({m.said})"
+    is_mistaken = not m.convention and _is_accused(result)
+    return "a convention is named that the poses are not in" if is_mistaken else ""
 
 
 def _is_start(case: Case) -> bool:

@@ -1,6 +1,7 @@
 """The battery of faults: injectors do what their names say, numbers stay, what is done is not done again."""
 
 import multiprocessing
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +11,14 @@ import pytest
 from faults import images, plans, poses
 from faults.battery import read_measured, run_battery
 from faults.cases import FAULTS, Case, Part, all_cases, choose
-from faults.figures import Result, fault_rows, make_figures, match_results, reliability_rows
+from faults.figures import (
+    Result,
+    fault_rows,
+    make_figures,
+    match_results,
+    reliability_rows,
+    require_none_bad,
+)
 from faults.inputs import Inputs, MovedWall
 from faults.layouts import corridor, niches, same_rooms, scan_of_layout
 from faults.measure import CRASHED, How, Measured, measure
@@ -20,7 +28,7 @@ from faults.words import NAMES, moved_walls_found, recognised
 from scipy.spatial.transform import Rotation
 
 from builders import look, make_structure, room_plan
-from planfit.errors import OutputError, ScanError
+from planfit.errors import OutputError, PlanfitError, ScanError
 from planfit.geometry import se3, segments
 from planfit.synth import (
     BuildingOptions,
@@ -583,6 +591,28 @@ def test_other_figures() -> None:
     assert figure(results, "optimality: cost within 1 %").found == "50%"
     assert figure(results, "optimality: others with exit 0").found == "0"
     assert figure(results, "crashes").found == "1"
+
+
+def test_a_strict_run_ends_where_planfit_broke_its_word() -> None:
+    jump, shuffled, gl = Part("one jump", 1), Part("shuffled poses", 0), Part("OpenGL axes", 0)
+    cases = [case_of(k, *parts) for k, parts in enumerate(
+        ((), (jump,), (jump,), (shuffled,), (jump,), (gl,), (jump,)))]  # fmt: skip
+    kept = [
+        record(cases[0], 0, 0.04),
+        record(cases[1], 1, 0.50),  # wrong, and says so
+        record(cases[3], 1, 9.0),
+        record(cases[5], 2, None, convention="OpenGL axes", is_recognised=True),
+    ]
+    require_none_bad(match_results(cases, kept))
+    for broken, words in (
+        (record(cases[0], 1, 0.04), "0 conslam, drift 0: none: exit 1 without a fault"),
+        (record(cases[2], 0, 0.50), "0.500 m off with exit 0"),
+        (record(cases[3], 0, 0.01), "nothing of it can be right"),
+        (record(cases[4], CRASHED, None), "crashed"),
+        (record(cases[6], 0, 0.04, is_recognised=False), "a convention is named"),
+    ):
+        with pytest.raises(PlanfitError, match=re.escape(words)):
+            require_none_bad(match_results(cases, [*kept, broken]))
 
 
 def test_page_has_rows_and_halves() -> None:
