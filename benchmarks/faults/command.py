@@ -40,8 +40,8 @@ class RunArguments:
     optimality: bool = False
     """Also solve from the true poses, and compare costs."""
     strict: bool = False
-    """End with an error where a case crashes, is wrong without a word, is vouched for though nothing of it can
-    be right, or is said to be in a convention that it is not in; and where a faultless one is not vouched for."""
+    """End with an error where a case crashes, is wrong without a word, is vouched for though nothing of
+    it can be right, or is named for another convention; and where a faultless one is not vouched for."""
 
 
 @dataclass(frozen=True)
