@@ -30,3 +30,15 @@ def found_in(page, text, width_px, probe):
     title = re.search(r"<title>FOUND(.*?)</title>", done.stdout, re.S)
     assert title, done.stdout[-2000:]
     return json.loads(html.unescape(title[1]))
+
+
+def printed(page, text):
+    """The PDF that Chromium makes of a page with this text; `page` (a path) is written."""
+    page.write_text(text, encoding="utf-8")
+    pdf = page.with_suffix(".pdf")
+    command = [
+        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={page.parent / 'profile'}",
+        "--no-pdf-header-footer", f"--print-to-pdf={pdf}", page.as_uri(),
+    ]  # fmt: skip
+    subprocess.run(command, capture_output=True, timeout=120, check=True)
+    return pdf

@@ -262,7 +262,8 @@ def test_report_is_self_contained(floorplan):
     html = make_report("scan", floorplan, make_result(), "")
     page = Page(html)
     assert page.sources
-    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    # Pictures inside, and places on the page itself.
+    assert all(source.startswith(("data:image/png;base64,", "#")) for source in page.sources)
     assert not {"link", "iframe", "object"} & set(page.tags)
     assert page.tags.count("script") == 1  # our own, inside
     assert not re.search(r"fetch\(|XMLHttp|eval\(|innerHTML", html)
@@ -270,6 +271,15 @@ def test_report_is_self_contained(floorplan):
     assert "Before you use this result" not in page.words  # there are no warnings
     assert len(html) < 4e6
     assert html == make_report("scan", floorplan, make_result(), "")
+
+
+def test_contents_lead_to_every_heading(floorplan, no_pictures):
+    text = make_report("scan", floorplan, make_result(), "")
+    contents = re.search("<nav.*?</nav>", text, re.S)[0]
+    linked = re.findall('<a href="#(.*?)">(.*?)</a>', contents)
+    headings = re.findall('<h2 id="(.*?)">(.*?)</h2>', text)
+    assert linked == headings
+    assert "Statistics of the scan" in dict(headings).values()
 
 
 def test_text_is_escaped(floorplan, no_pictures):

@@ -1,8 +1,10 @@
-"""The report in a real browser: nothing overflows on a phone, heads sort, nothing is fetched."""
+"""The report in a real browser: nothing overflows on a phone, heads sort, nothing is fetched; on paper it is
+short."""
 
+import pypdfium2
 import pytest
 
-from browser_probe import BROWSER, found_in
+from browser_probe import BROWSER, found_in, printed
 from planfit.report import make_report
 from test_report import floorplan as floorplan  # a fixture
 from test_report import make_result
@@ -43,3 +45,21 @@ def test_report_fits_sorts_and_shows_its_pictures(tmp_path, floorplan, width_px)
     assert offsets(found["before"]) != sorted(offsets(found["before"]))
     assert offsets(found["up"]) == sorted(offsets(found["before"]))
     assert offsets(found["down"]) == sorted(offsets(found["before"]), reverse=True)
+
+
+def test_on_paper_it_has_few_pages_and_names_the_walls_that_are_off(tmp_path, floorplan):
+    report = make_report(
+        "scan", floorplan, make_result(12, (0.01, 0.07, -0.12, 0.0)), "[a]\nb = 1\n"
+    )
+    pages = pypdfium2.PdfDocument(printed(tmp_path / "report.html", report))
+    texts = [page.get_textpage().get_text_range() for page in pages]
+    assert len(pages) <= 8
+    assert all(text.strip() for text in texts)
+    words = " ".join(texts)
+    assert "displaced by 12.0" in words
+    assert "agrees within" in report
+    assert "agrees within" not in words
+    assert "Options of this run" not in words  # closed, and no use on paper
+    # A caption stands on the page of its picture, whose axes are the next words.
+    for text in texts:
+        assert text.count("after:") == text.count("before:")

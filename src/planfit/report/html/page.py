@@ -1,5 +1,6 @@
 """The report: one HTML file that needs nothing else, for a screen, a phone or paper."""
 
+import re
 from collections.abc import Sequence
 from html import escape
 from importlib import resources
@@ -80,7 +81,7 @@ def make_report(
         f"<footer>Made by planfit {escape(__version__)}. x and y {axes}, heights above the "
         "floor.</footer>",
     ]
-    return page_of(f"{scan_name} {on_plan}: planfit report", body, scene)
+    return page_of(f"{scan_name} {on_plan}: planfit report", _with_contents(body), scene)
 
 
 def page_of(title: str, body: Sequence[str], scene: Scene | None = None) -> str:
@@ -137,6 +138,20 @@ def _top(
     else:
         parts.append("<p>Too little was seen of walls, floor and matches to measure anything.</p>")
     return "\n".join(parts)
+
+
+def _with_contents(body: Sequence[str]) -> list[str]:
+    """The page's parts, a list of their headings after the first; each heading is what its line leads to."""
+    titles: list[str] = []
+
+    def named(heading: re.Match[str]) -> str:
+        titles.append(heading[1])
+        return f'<h2 id="section-{len(titles)}">{heading[1]}</h2>'
+
+    top, *rest = body
+    rest = [re.sub("<h2>(.*?)</h2>", named, part) for part in rest]
+    lines = (f'<a href="#section-{k}">{title}</a>' for k, title in enumerate(titles, 1))
+    return [top, f'<nav aria-label="Contents">{" ".join(lines)}</nav>', *rest]
 
 
 def _by_hand(by_hand: ByHand) -> str:

@@ -53,6 +53,7 @@ def sortable_table(heads: Sequence[str], rows: Sequence[tuple[str, str, tuple[Ce
         for style, more, row in rows
     )
     return (
+        '<p class="on-paper">On paper, walls that agree and walls that were not seen are left out.</p>'
         f'<div class="walls"><table class="sortable"><thead><tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )
