@@ -1,5 +1,6 @@
 """What the documents say is so: links lead somewhere, the examples run, the versions agree."""
 
+import json
 import re
 import runpy
 from pathlib import Path
@@ -56,6 +57,23 @@ def test_examples_run(example: Path, capsys: pytest.CaptureFixture[str]) -> None
     shown = capsys.readouterr()
     assert shown.err == ""
     assert re.search(EXAMPLES[example.stem], shown.out, re.DOTALL), shown.out
+
+
+@pytest.mark.slow
+def test_the_notebook_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cells = json.loads((ROOT / "examples" / "first_scan.ipynb").read_text("utf-8"))["cells"]
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for cell in code:
+        exec(compile(cell, "first_scan.ipynb", "exec"), names)
+    before, after = re.findall(r"(?:before|after) (0\.\d+) m", capsys.readouterr().out)
+    assert float(after) < 0.2 * float(before)
+    assert (tmp_path / "refined" / "report.html").is_file()
+    # No outputs and no counts: a notebook that was run shows changes where nobody made any.
+    assert all(not c.get("outputs") and c.get("execution_count") is None for c in cells)
 
 
 def test_examples_are_numbered_and_short() -> None:
