@@ -53,7 +53,7 @@ def sortable_table(heads: Sequence[str], rows: Sequence[tuple[str, str, tuple[Ce
         for style, more, row in rows
     )
     return (
-        '<p class="on-paper">On paper, only walls that are not as drawn, or not surely, are listed.</p>'
+        '<p class="on-paper">On paper, only walls that are not as drawn are listed.</p>'
         f'<div class="walls"><table class="sortable"><thead><tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )
