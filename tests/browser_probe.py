@@ -22,13 +22,9 @@ def found_in(page, text, width_px, probe):
         f"</iframe>{probe}",
         encoding="utf-8",
     )
-    command = [
-        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={page.parent / 'profile'}",
-        "--virtual-time-budget=20000", "--dump-dom", page.as_uri(),
-    ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    title = re.search(r"<title>FOUND(.*?)</title>", done.stdout, re.S)
-    assert title, done.stdout[-2000:]
+    shown = _run(page, "--virtual-time-budget=20000", "--dump-dom")
+    title = re.search(r"<title>FOUND(.*?)</title>", shown, re.S)
+    assert title, shown[-2000:]
     return json.loads(html.unescape(title[1]))
 
 
@@ -36,9 +32,14 @@ def printed(page, text):
     """The PDF that Chromium makes of a page with this text; `page` (a path) is written."""
     page.write_text(text, encoding="utf-8")
     pdf = page.with_suffix(".pdf")
+    _run(page, "--no-pdf-header-footer", f"--print-to-pdf={pdf}")
+    return pdf
+
+
+def _run(page, *flags):
+    """What Chromium prints of a page (a path)."""
     command = [
         BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={page.parent / 'profile'}",
-        "--no-pdf-header-footer", f"--print-to-pdf={pdf}", page.as_uri(),
+        *flags, page.as_uri(),
     ]  # fmt: skip
-    subprocess.run(command, capture_output=True, timeout=120, check=True)
-    return pdf
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout

@@ -10,6 +10,7 @@ from planfit.errors import OptionError
 from planfit.lsq.robust import Loss
 from planfit.lsq.solver import SolverOptions
 from planfit.matching.matchers import MatcherOptions
+from planfit.option_values import whole_number
 from planfit.pipeline.verdict_options import VerdictOptions
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions
@@ -41,3 +42,10 @@ def test_value_is_refused_by_name(options, name, value):
 def test_weighting_is_refused_too():
     with pytest.raises(OptionError, match="max_observations"):
         Weighting(0.0)
+
+
+def test_only_decimal_digits_are_a_whole_number():
+    assert [whole_number(word) for word in ("0", "007", "123456789")] == [0, 7, 123_456_789]
+    # A superscript counts as a digit in Unicode; Python converts no 5,000 of them.
+    for word in ("", "-1", "1.0", " 1", "a", "\u00b2", "9" * 10, "9" * 5000):
+        assert whole_number(word) is None

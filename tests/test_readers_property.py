@@ -33,22 +33,8 @@ THOROUGH = settings(
 """The same examples on every run."""
 POSES = Path("poses.txt")
 OFTEN = (
-    "0",
-    "1",
-    "-0.5",
-    "1e3",
-    "nan",
-    "inf",
-    "-inf",
-    "1e999",
-    "0x1F",
-    "1,5",
-    "١٢",
-    "",
-    "#",
-    "a",
-    '"q"',
-)
+    "0", "1", "-0.5", "1e3", "nan", "inf", "-inf", "1e999", "0x1F", "1,5", "١٢", "", "#", "a", '"q"',
+)  # fmt: skip
 KINDS = ("place", "add_loop", "delete_loop", "exclude_frames", "draw_wall", "planfit_corrections")
 KEYS = ("frame", "pixel", "scan", "plan", "frames", "pixels", "ends", "note")
 
@@ -92,7 +78,7 @@ def tables(draw):
 
 @st.composite
 def trajectories(draw):
-    """Times (s) that ascend, and poses."""
+    """Times (ns) that ascend, and poses."""
     n = draw(st.integers(1, 6))
     vectors = st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3)
     poses = np.tile(np.eye(4), (n, 1, 1))

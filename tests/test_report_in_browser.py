@@ -60,6 +60,6 @@ def test_on_paper_it_has_few_pages_and_names_the_walls_that_are_off(tmp_path, fl
     assert "agrees within" in report
     assert "agrees within" not in words
     assert "Options of this run" not in words  # closed, and no use on paper
-    # A caption stands on the page of its picture, whose axes are the next words.
+    # What is compared stands on one page.
     for text in texts:
         assert text.count("after:") == text.count("before:")

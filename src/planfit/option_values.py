@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 from planfit.errors import OptionError, did_you_mean
 
 Options = TypeVar("Options")
+_MAX_DIGITS = 9
+"""Of a number in words: no frame, storey or length has more, and Python converts no more than 4,300."""
 
 
 class Changeable:
@@ -56,6 +58,11 @@ def with_option(options: Options, name: str, value: Any) -> Options:
             f"{did_you_mean(path, known) or 'docs/options.md lists them all'}"
         )
     return _with(options, path.split("."), value, name)
+
+
+def whole_number(word: str) -> int | None:
+    """The number from 0 that a word is; None where it is none, or looks like one alone (a superscript 2)."""
+    return int(word) if word.isdecimal() and len(word) <= _MAX_DIGITS else None
 
 
 def option_names(options: Any, prefix: str = "") -> list[str]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from planfit.errors import OptionError
+from planfit.option_values import whole_number
 from planfit.survey.types import DEFAULT_SIGMA_M, Mark, SurveyPoint
 
 _POINT_NAMES = {
@@ -78,8 +79,8 @@ def read_marks(path: Path, frame_ids: Sequence[str]) -> tuple[Mark, ...]:
     for line, row in _rows(path, _MARK_NAMES, ("frame", "u", "v", "id"), _SHAPE_OF_MARKS):
         where = f"{path}:{line}: "
         frame = row["frame"]
-        is_number = frame.isdecimal() and len(frame) < 10
-        number = int(frame) if is_number else by_name.get(frame, -1)
+        number = whole_number(frame)
+        number = by_name.get(frame, -1) if number is None else number
         if not 0 <= number < len(frame_ids):
             raise OptionError(
                 f"{where}expected a frame of the scan, 0 to {len(frame_ids) - 1}, found {frame!r}; frames "

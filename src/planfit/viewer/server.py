@@ -16,6 +16,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from planfit.errors import OptionError, PlanfitError, printable
+from planfit.option_values import whole_number
 from planfit.viewer.session import Session, as_json, report_page
 
 HOST = "127.0.0.1"
@@ -86,8 +87,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(lambda: as_json(session.state()), "application/json")
         elif path == "plan":
             self._answer(lambda: as_json(session.plan()), "application/json")
-        elif name == "frame" and rest.isascii() and rest.isdigit() and len(rest) < 10:
-            self._answer(lambda: session.image(int(rest)), "image/jpeg")
+        elif name == "frame" and (number := whole_number(rest)) is not None:
+            self._answer(lambda: session.image(number), "image/jpeg")
         else:
             self._send(404, b"nothing here", "text/plain")
 
@@ -131,14 +132,14 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _body(self) -> dict[str, Any] | None:
         """JSON of a request; None where it was refused."""
-        length = self.headers.get("Content-Length", "")
+        length = whole_number(self.headers.get("Content-Length", ""))
         is_json = self.headers.get("Content-Type", "").split(";")[0] == "application/json"
-        if not is_json or not length.isdigit() or int(length) > MAX_BODY:
+        if not is_json or length is None or length > MAX_BODY:
             self.close_connection = True
             self._send(400, b"expected JSON of at most 1 MB", "text/plain")
             return None
         try:
-            content = json.loads(self.rfile.read(int(length)) or b"{}")
+            content = json.loads(self.rfile.read(length) or b"{}")
         except (ValueError, RecursionError):
             content = None
         if not isinstance(content, dict):

@@ -24,6 +24,7 @@ from planfit.floorplan.vector.line_work import ends_of, longest, outlines
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import MAX_COORDINATE, faces_of_regions
 from planfit.geometry import segments
+from planfit.option_values import whole_number
 
 _NAMING = ("category", "feature_type", "indoor", "type", "class", "layer", "kind", "building:part")
 """Properties that say what a feature is, in the order they are asked."""
@@ -283,8 +284,9 @@ def _chosen_level(path: Path, wanted: str, levels: tuple[str, ...]) -> str:
         return levels[0] if levels else ""
     if wanted in levels:
         return wanted
-    if wanted.isdecimal() and len(wanted) < 10 and int(wanted) < len(levels):
-        return levels[int(wanted)]
+    number = whole_number(wanted)
+    if number is not None and number < len(levels):
+        return levels[number]
     raise FloorplanError(
         f"{path}: expected a storey {wanted!r}, found {', '.join(levels) or 'none'}; "
         "pass one of them"

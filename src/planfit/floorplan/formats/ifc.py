@@ -18,6 +18,7 @@ from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import name_of_unit
 from planfit.floorplan.vector.line_work import longest, outlines
 from planfit.floorplan.vector.regions import faces_of_regions, section_area
+from planfit.option_values import whole_number
 
 WALL_KINDS = ("IfcWall", "IfcCurtainWall", "IfcColumn")
 """With all that derive from them, as IfcWallStandardCase does."""
@@ -201,8 +202,9 @@ def _choose(
         lower = [name.lower() for name in names]
         if wanted.lower() in lower:
             return lower.index(wanted.lower())
-        if wanted.isdecimal() and len(wanted) < 10 and int(wanted) < len(names):
-            return int(wanted)
+        number = whole_number(wanted)
+        if number is not None and number < len(names):
+            return number
         raise FloorplanError(
             f"{path}: expected a storey {wanted!r}, found {listed}; pass one of them"
         )
