@@ -126,6 +126,16 @@ def test_a_file_that_holds_much_may_draw_much(monkeypatch):
         dxf_blocks.check_expansion(Path("plan.dxf"), document)
 
 
+def test_a_hall_full_of_seats_may_be_drawn_out():
+    document = new_dxf()
+    seat = document.blocks.new("seat")
+    for k in range(120):
+        seat.add_line((k, 0), (k, 1))
+    for k in range(2000):
+        document.modelspace().add_blockref("seat", (k, 0))
+    assert dxf_blocks.check_expansion(Path("hall.dxf"), document) == frozenset()
+
+
 def test_what_libraries_raise_names_the_file_and_what_the_system_says_passes():
     path = Path("plan.obj")
     as_mesh = told_as(FloorplanError, path, "a mesh")

@@ -15,7 +15,7 @@ from planfit.errors import FloorplanError, printable
 
 MAX_ENTITIES = 2_000_000
 """Large buildings have some hundred thousand."""
-MAX_STEPS, MAX_REPEATED = 200_000, 50
+MAX_STEPS, MAX_REPEATED = 200_000, 500
 """Drawing blocks out takes about 60 us an entity and 140 us an insertion. A file may ask for this many steps
 (15 s at most), or for this many for each entity that it holds, whichever is more."""
 _BY_NAME = {"INSERT": "name", "DIMENSION": "geometry"}
