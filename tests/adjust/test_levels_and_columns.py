@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from builders import faces_plan, look, make_matches, make_structure, make_world, moved_plan
 from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan
+from planfit.adjust.ceiling_hypotheses import settle_ceilings
 from planfit.adjust.ceilings import CeilingOptions, find_ceilings
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTermOptions
@@ -185,3 +186,61 @@ def test_moving_world_and_plan_together_changes_nothing_for_columns(rng):
     assert_allclose(
         there.solution.target_from_cams, move @ here.solution.target_from_cams, atol=1e-4
     )
+
+
+def walk_that_looks_level(true_ceilings_m, fall_m, rng):
+    """60 frames along a corridor, of which the last twenty see floor; recorded poses that fall by `fall_m` on
+    the way from frame 20 to 40, and what they give; poses stand on the plan at the end."""
+    n = len(true_ceilings_m)
+    poses = np.stack([look([0.3 * i, 0.0, 1.5], 0.0) for i in range(n)])
+    floor = [
+        (i, np.column_stack([rng.uniform(-1, 1, (40, 2)) + poses[i, :2, 3], np.zeros(40)]))
+        for i in range(n - 20, n)
+    ]
+    points = []
+    for pose, height in zip(poses, true_ceilings_m, strict=True):
+        at = np.column_stack([rng.uniform(-1, 1, (90, 2)) + pose[:2, 3], np.full(90, height)])
+        points.append(
+            se3.transform(se3.inverse(pose), at + rng.normal(0, 0.01, at.shape) * [0, 0, 1])
+        )
+    ceiling = LevelPoints(np.concatenate(points), np.arange(n + 1) * 90)
+    structure = replace(make_structure(poses, floor, []), ceiling=ceiling)
+    recorded = poses.copy()
+    recorded[:, 2, 3] -= fall_m * np.interp(np.arange(n), [20, 40], [1.0, 0.0])
+    no_matches = make_matches(poses, [], np.zeros((0, 3)))
+    odometry = make_odometry(recorded, OdometryOptions())
+    return Measurements(no_matches, structure, odometry), recorded
+
+
+def test_one_ceiling_seen_at_two_heights_by_poses_that_fell_is_one(rng):
+    """A real plan walked with level cameras: the drift of half a metre stayed, and nothing told of it."""
+    measurements, recorded = walk_that_looks_level(np.full(60, 2.5), 0.5, rng)
+    options = AdjustOptions()
+    found, cameras_m = settle_ceilings(measurements, recorded, options)
+    assert_allclose(found, 2.5, atol=0.02)
+    assert_allclose(cameras_m, 1.5, atol=0.06)  # from 1.0
+    as_found = replace(options, ceiling_heights=CeilingOptions(max_drift_m=0.0))
+    left, cameras_m = settle_ceilings(measurements, recorded, as_found)
+    assert_allclose(left[:20], 2.0, atol=0.03)
+    assert_allclose(cameras_m, recorded[:, 2, 3])
+    dear = replace(options, ceiling_heights=CeilingOptions(min_gain=1e6))
+    assert_allclose(settle_ceilings(measurements, recorded, dear)[0][:20], 2.0, atol=0.03)
+
+
+@pytest.mark.parametrize("step_m", [0.3, 0.5, 0.9])
+def test_two_ceilings_stay_two(step_m, rng):
+    true_m = np.where(np.arange(60) < 30, 2.5 - step_m, 2.5)
+    measurements, recorded = walk_that_looks_level(true_m, 0.0, rng)
+    found, cameras_m = settle_ceilings(measurements, recorded, AdjustOptions())
+    assert_allclose(found, true_m, atol=0.02)
+    assert_allclose(cameras_m, 1.5, atol=1e-6)
+
+
+def test_two_ceilings_stay_two_where_poses_fell_on_the_way(rng):
+    """By 0.1 m within the frames that see the first: they stand at one height of it still."""
+    true_m = np.where(np.arange(60) < 45, 2.0, 2.5)
+    measurements, recorded = walk_that_looks_level(true_m, 0.1, rng)
+    found, _ = settle_ceilings(measurements, recorded, AdjustOptions())
+    assert np.ptp(found[45:]) == 0
+    assert_allclose(found[45:], 2.5, atol=0.02)
+    assert_allclose(found[40:45], 2.0, atol=0.1)

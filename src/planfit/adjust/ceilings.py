@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
-from planfit.segmentation import Structure
+from planfit.segmentation import LevelPoints, Structure
 
 _BIN_M = 0.02
 
@@ -24,6 +24,11 @@ class CeilingOptions:
     """A frame belongs to a ceiling when the middle of its ceiling points is within this of it."""
     min_share: float = 0.1
     """Share of the frames with ceiling that a height needs."""
+    max_drift_m: float = 1.0
+    """Ceilings this far apart at most may be one, seen from poses whose height drifted; 0: as found."""
+    min_gain: float = 10.0
+    """Cost that is saved where they are one, at least: errors of the frames of one ceiling are not
+    independent."""
 
     def __post_init__(self) -> None:
         require_positive(self, "tolerance_m")
@@ -40,26 +45,28 @@ def find_ceilings(
         level_from_cams: poses with loops closed: heights must agree to a few centimetres.
         options: see there.
     """
-    start = structure.ceiling.start
-    found = np.full(len(level_from_cams), np.nan)
-    seen = np.flatnonzero(np.diff(start))
+    middles = ceiling_middles(structure.ceiling, level_from_cams)
+    found, seen = np.full(len(level_from_cams), np.nan), np.flatnonzero(np.isfinite(middles))
+    middle = middles[seen]
     if len(seen) == 0:
         return found
-    middle = np.array(
-        [
-            np.median(
-                se3.transform(
-                    level_from_cams[i], structure.ceiling.points_cam[start[i] : start[i + 1]]
-                )[:, 2]
-            )
-            for i in seen
-        ]
-    )
     for height in _common_heights(middle, options):
         is_near = np.abs(middle - height) < options.tolerance_m
         is_near &= ~np.isfinite(found[seen])
         found[seen[is_near]] = np.median(middle[is_near])
     return found
+
+
+def ceiling_middles(
+    ceiling: LevelPoints, level_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, " n"]:
+    """Height (m) of the middle of each frame's ceiling points; NaN where it has none."""
+    start = ceiling.start
+    middles = np.full(len(level_from_cams), np.nan)
+    for i in np.flatnonzero(np.diff(start)):
+        points = se3.transform(level_from_cams[i], ceiling.points_cam[start[i] : start[i + 1]])
+        middles[i] = np.median(points[:, 2])
+    return middles
 
 
 def _common_heights(middle: np.ndarray, options: CeilingOptions) -> list[float]:
@@ -71,7 +78,9 @@ def _common_heights(middle: np.ndarray, options: CeilingOptions) -> list[float]:
     wide = np.convolve(counts, np.ones(2 * half + 1))[half:-half]
     heights: list[float] = []
     while wide.max() >= max(options.min_share * len(middle), 3):
-        k = int(np.argmax(wide))
-        heights.append(float(centres[k]))
-        wide[np.abs(centres - centres[k]) < 2 * options.tolerance_m] = 0
+        centre = centres[int(np.argmax(wide))]
+        # Most of a window may lie at its edge: its middle would miss them.
+        within = np.abs(middle - centre) < (half + 0.5) * _BIN_M
+        heights.append(float(np.median(middle[within])))
+        wide[np.abs(centres - centre) < 2 * options.tolerance_m] = 0
     return heights

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from planfit.adjust.alternation import PlanTask, alternate
 from planfit.adjust.association import Association, PlanCorrespondences
-from planfit.adjust.ceilings import find_ceilings
+from planfit.adjust.ceiling_hypotheses import settle_ceilings
 from planfit.adjust.competition import Rival, best_of_starts
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.moved_walls import MovedWall
@@ -155,7 +155,9 @@ def adjust_to_plan(
     if floorplan is None:
         return _adjust_alone(measurements, plan_from_cams, options, extra_terms)
     n = len(plan_from_cams)
-    ceilings_m = find_ceilings(measurements.structure, plan_from_cams, options.ceiling_heights)
+    ceilings_m, cameras_m = settle_ceilings(measurements, plan_from_cams, options)
+    plan_from_cams = plan_from_cams.copy()
+    plan_from_cams[:, 2, 3] = cameras_m
     task = PlanTask(measurements, floorplan, options, ceilings_m, tuple(extra_terms))
     rivals: tuple[Rival, ...] = ()
     if options.has_several_starts:
@@ -206,8 +208,7 @@ def _adjust_alone(
     extra_terms: Sequence[Term],
 ) -> PlanAdjustment:
     """Matches, floor, ceilings and odometry in one solve; the first frame is held, as by `close_loops`."""
-    heights = options.ceiling_heights
-    ceilings_m = find_ceilings(measurements.structure, level_from_cams, heights)
+    ceilings_m, _ = settle_ceilings(measurements, level_from_cams, options)
     problem = replace(
         build_problem(measurements, options, level_from_cams, extra_terms=extra_terms),
         ceiling=ceiling_term(measurements, ceilings_m, options),

@@ -1,0 +1,92 @@
+"""Whether ceilings of two heights are one, seen from poses whose height drifted.
+
+Where cameras look level, floor is seldom seen and ceilings alone hold heights. Poses that drifted by half a
+metre show one ceiling at two heights, and held there each, the drift stays. Frames on the way from one height
+to the other tell: between two ceilings there is none, between two ends of a drift there are all heights. So
+both are solved, without the plan, and the one that costs less stands.
+"""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.adjust.ceilings import ceiling_middles, find_ceilings
+from planfit.adjust.measurements import Measurements
+from planfit.adjust.options import AdjustOptions
+from planfit.adjust.problem import build_problem, ceiling_term
+from planfit.adjust.terms.effective_observations import Weighting
+from planfit.lsq.robust import loss_value
+
+
+def settle_ceilings(
+    measurements: Measurements, plan_from_cams: Float[np.ndarray, "n 4 4"], options: AdjustOptions
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Height (m) of the ceiling that each frame sees, NaN where it is none of the common; and the heights
+    (m) of the cameras to begin with, which differ from those given where two ceilings were found to be one.
+
+    Args:
+        measurements: what the scan says.
+        plan_from_cams: level, loops closed.
+        options: see `CeilingOptions`.
+    """
+    structure, chosen = measurements.structure, options.ceiling_heights
+    cameras_m = plan_from_cams[:, 2, 3]
+    found = find_ceilings(structure, plan_from_cams, chosen)
+    heights = np.unique(found[np.isfinite(found)])
+    if options.ceiling.weight <= 0 or len(heights) < 2:
+        return found, cameras_m
+    middles = ceiling_middles(structure.ceiling, plan_from_cams)
+    sees_floor = np.diff(structure.floor.start) > 0
+    cost = _cost(measurements, plan_from_cams, found, options)
+    for low, high in pairwise(heights):
+        if high - low > chosen.max_drift_m:
+            continue
+        is_one = (middles > low - chosen.tolerance_m) & (middles < high + chosen.tolerance_m)
+        # The floor holds the heights of those that see it; where none does, most are right.
+        n_low, n_high = (
+            (np.sum(sees_floor & (found == height)), np.sum(found == height))
+            for height in (low, high)
+        )
+        merged = np.where(is_one, low if n_low > n_high else high, found)
+        poses = _solved(measurements, plan_from_cams, merged, options)
+        again = find_ceilings(structure, poses, chosen)
+        cost_again = _cost(measurements, poses, again, options)
+        if cost_again < cost - chosen.min_gain:
+            found, cost, cameras_m = again, cost_again, poses[:, 2, 3]
+    return found, cameras_m
+
+
+def _solved(
+    measurements: Measurements,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    heights_m: Float[np.ndarray, " n"],
+    options: AdjustOptions,
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses of a solve without the plan, ceilings at given heights."""
+    problem = build_problem(measurements, options, plan_from_cams)
+    problem = replace(problem, ceiling=ceiling_term(measurements, heights_m, options))
+    return problem.solve().target_from_cams[: len(plan_from_cams)]
+
+
+def _cost(
+    measurements: Measurements,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    heights_m: Float[np.ndarray, " n"],
+    options: AdjustOptions,
+) -> float:
+    """Robust cost of all terms solved with ceilings at these heights; a frame whose ceiling is at none costs
+    as much as one at the tolerance, or letting go of ceilings would pay."""
+    poses = _solved(measurements, plan_from_cams, heights_m, options)
+    others = build_problem(measurements, options, poses).costs(poses)
+    term, points = options.ceiling, measurements.structure.ceiling
+    middles = ceiling_middles(points, poses)
+    is_seen = np.isfinite(middles)
+    most = options.ceiling_heights.tolerance_m
+    off_m = np.nan_to_num(np.abs(middles - heights_m)[is_seen], nan=most)
+    each, _ = loss_value((np.minimum(off_m, most) / term.sigma_m) ** 2, term.loss)
+    n_points = np.diff(points.start)[is_seen]
+    weighting = Weighting(term.max_observations, term.points_per_observation)
+    worth = term.weight * n_points * weighting.weight_per_point(n_points)
+    return sum(others.values()) + 0.5 * float(each @ worth)
