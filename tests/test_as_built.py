@@ -22,6 +22,7 @@ from planfit.as_built.lines_of_sight import lines_of_sight, through_shares
 from planfit.as_built.wall_offsets import offset_sigma, place_walls
 from planfit.errors import ScanError
 from planfit.floorplan import Floorplan
+from planfit.floorplan.types import PlanSource
 from planfit.geometry import se3
 
 WIDTH, DEPTH, HEIGHT = 6.0, 4.0, 2.6
@@ -146,6 +147,21 @@ def test_a_wall_that_cameras_look_through_is_missing(rng):
     (one,) = deviations(found)
     assert one.verdict is Verdict.MISSING
     assert {wall.face_idx for wall in one.walls} == {4, 5}
+
+
+def test_glass_that_cameras_look_through_is_not_missing(rng):
+    """The plan's file says of the outline of the partition that it is glass."""
+    plan, poses = with_partition(room()), looking_across()
+    told = PlanSource(
+        file_from_plan=np.eye(3),
+        element_lines=plan.ends,
+        element_ids=tuple("abcdgg"),
+        element_is_glass=np.arange(6) >= 4,
+    )
+    found = judged(replace(plan, source=told), seen_by(faces_of(room(), but=[WEST]), rng), poses)
+    assert [verdict_of(found, face) for face in (4, 5)] == [Verdict.NOT_SEEN] * 2
+    assert "glass" in in_words(wall_of(found, 4), Verdict.NOT_SEEN)
+    assert "glass" not in in_words(wall_of(found, WEST), Verdict.NOT_SEEN)
 
 
 def test_a_wall_that_nothing_was_seen_behind_is_not_missing(rng):

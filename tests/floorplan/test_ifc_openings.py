@@ -9,9 +9,9 @@ import pytest
 import shapely
 
 from plan_files import make_plan, write_ifc
-from planfit.as_built.elements import element_ids
 from planfit.cli import run
 from planfit.floorplan import PlanOptions, read_floorplan
+from planfit.floorplan.elements import are_glass, element_ids
 from planfit.floorplan.formats.ifc_places import map_conversion
 from planfit.floorplan.types import PlanSource
 
@@ -19,60 +19,148 @@ DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / 
 ifcopenshell = pytest.importorskip("ifcopenshell")
 
 
+class Builder:
+    """A model of one storey at height 0; lengths in units of 1 / scale m."""
+
+    def __init__(self, scale: float = 1.0) -> None:
+        import ifcopenshell.guid
+
+        self.model, self.scale = ifcopenshell.file(schema="IFC4"), scale
+        self.new_id = ifcopenshell.guid.new
+        unit = self.make(
+            "IfcSIUnit", None, "LENGTHUNIT", None if scale == 1.0 else "MILLI", "METRE"
+        )
+        origin = self.place(0, 0, 0)
+        self.context = self.make(
+            "IfcGeometricRepresentationContext", None, "Model", 3, 1e-5, origin
+        )
+        self.ground = self.make("IfcLocalPlacement", None, origin)
+        units = self.make("IfcUnitAssignment", [unit])
+        project = self.rooted(
+            "IfcProject", RepresentationContexts=[self.context], UnitsInContext=units
+        )
+        self.storey = self.rooted("IfcBuildingStorey", Name="Ground", Elevation=0.0)
+        self.rooted("IfcRelAggregates", RelatingObject=project, RelatedObjects=[self.storey])
+
+    def make(self, kind: str, *values, **named):
+        return self.model.create_entity(kind, *values, **named)
+
+    def rooted(self, kind: str, **named):
+        return self.make(kind, self.new_id(), **named)
+
+    def point(self, *xyz: float):
+        return self.make("IfcCartesianPoint", tuple(float(v) * self.scale for v in xyz))
+
+    def place(self, *xyz: float):
+        return self.make("IfcAxis2Placement3D", self.point(*xyz))
+
+    def box(self, x0, x1, y0, y1, z0, z1):
+        corners = (x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)
+        ring = [self.point(*corner) for corner in corners]
+        profile = self.make(
+            "IfcArbitraryClosedProfileDef", "AREA", None, self.make("IfcPolyline", ring)
+        )
+        up = self.make("IfcDirection", (0.0, 0.0, 1.0))
+        solid = self.make(
+            "IfcExtrudedAreaSolid", profile, self.place(0, 0, z0), up, (z1 - z0) * self.scale
+        )
+        shape = self.make("IfcShapeRepresentation", self.context, "Body", "SweptSolid", [solid])
+        return self.make("IfcProductDefinitionShape", None, None, [shape])
+
+    def element(self, kind: str, *box: float, material: str = "", **named):
+        made = self.rooted(
+            kind,
+            ObjectPlacement=self.ground,
+            Representation=self.box(*box) if box else None,
+            **named,
+        )
+        if material:
+            layers = [self.make("IfcMaterial", Name=name) for name in material.split(", ")]
+            stuff = self.make("IfcMaterialList", layers)
+            self.rooted("IfcRelAssociatesMaterial", RelatedObjects=[made], RelatingMaterial=stuff)
+        return made
+
+    def write(self, path: Path, elements: list) -> Path:
+        self.rooted(
+            "IfcRelContainedInSpatialStructure",
+            RelatedElements=elements,
+            RelatingStructure=self.storey,
+        )
+        self.model.write(str(path))
+        return path
+
+
 def wall_with_holes(path: Path, scale: float) -> Path:
-    """A wall of 6 m along x, 0.3 m thick, with a door at 1 to 2, a window at 3 to 4.5 and a hole at 5 to 5.5;
-    lengths in units of 1 / scale m."""
-    import ifcopenshell.guid
-
-    model = ifcopenshell.file(schema="IFC4")
-    make, new = model.create_entity, ifcopenshell.guid.new
-    prefix = None if scale == 1.0 else "MILLI"
-    point = lambda *c: make("IfcCartesianPoint", tuple(float(v) * scale for v in c))  # noqa: E731
-    unit = make("IfcSIUnit", None, "LENGTHUNIT", prefix, "METRE")
-    origin = make("IfcAxis2Placement3D", point(0, 0, 0))
-    context = make("IfcGeometricRepresentationContext", None, "Model", 3, 1e-5, origin)
-    project = make("IfcProject", new(), RepresentationContexts=[context],
-                   UnitsInContext=make("IfcUnitAssignment", [unit]))  # fmt: skip
-    storey = make("IfcBuildingStorey", new(), Name="Ground", Elevation=0.0)
-    make("IfcRelAggregates", new(), RelatingObject=project, RelatedObjects=[storey])
-
-    def box(x0, x1, y0, y1, z0, z1):
-        ring = [point(x0, y0), point(x1, y0), point(x1, y1), point(x0, y1), point(x0, y0)]
-        profile = make("IfcArbitraryClosedProfileDef", "AREA", None, make("IfcPolyline", ring))
-        at = make("IfcAxis2Placement3D", point(0, 0, z0))
-        up = make("IfcDirection", (0.0, 0.0, 1.0))
-        solid = make("IfcExtrudedAreaSolid", profile, at, up, (z1 - z0) * scale)
-        shape = make("IfcShapeRepresentation", context, "Body", "SweptSolid", [solid])
-        return make("IfcProductDefinitionShape", None, None, [shape])
-
-    ground = make("IfcLocalPlacement", None, origin)
-    wall = make("IfcWall", new(), ObjectPlacement=ground, Representation=box(0, 6, 0, 0.3, 0, 2.7))
-    other = make(
-        "IfcWall", new(), ObjectPlacement=ground, Representation=box(0, 0.3, 0.3, 4, 0, 2.7)
-    )
+    """A wall of 6 m along x, 0.3 m thick: a door at 1 to 2, a window at 3 to 4.5, a hole at 5 to 5.5."""
+    build = Builder(scale)
+    wall = build.element("IfcWall", 0, 6, 0, 0.3, 0, 2.7)
+    other = build.element("IfcWall", 0, 0.3, 0.3, 4, 0, 2.7)
     holes = [("IfcDoor", 1, 2, 0.0, 2.1), ("IfcWindow", 3, 4.5, 0.8, 2.0), (None, 5, 5.5, 0.0, 2.1),
              ("IfcWindow", 2.2, 2.8, 1.9, 2.3)]  # fmt: skip
     for kind, x0, x1, z0, z1 in holes:
-        hole = make("IfcOpeningElement", new(), ObjectPlacement=ground,
-                    Representation=box(x0, x1, -0.1, 0.4, z0, z1))  # fmt: skip
-        make("IfcRelVoidsElement", new(), RelatingBuildingElement=wall, RelatedOpeningElement=hole)
+        hole = build.element("IfcOpeningElement", x0, x1, -0.1, 0.4, z0, z1)
+        build.rooted("IfcRelVoidsElement", RelatingBuildingElement=wall, RelatedOpeningElement=hole)
         if kind:
-            at = make("IfcLocalPlacement", None, make("IfcAxis2Placement3D", point(x0, 0, z0)))
-            filling = make(kind, new(), ObjectPlacement=at)
-            make(
+            at = build.make("IfcLocalPlacement", None, build.place(x0, 0, z0))
+            build.rooted(
                 "IfcRelFillsElement",
-                new(),
                 RelatingOpeningElement=hole,
-                RelatedBuildingElement=filling,
+                RelatedBuildingElement=build.rooted(kind, ObjectPlacement=at),
             )
-    make(
-        "IfcRelContainedInSpatialStructure",
-        new(),
-        RelatedElements=[wall, other],
-        RelatingStructure=storey,
-    )
-    model.write(str(path))
-    return path
+    return build.write(path, [wall, other])
+
+
+def model_with_glass(path: Path) -> Path:
+    """A curtain wall along x at y 0 (three posts, two panes, a door at 4.6 to 5.5, a metal panel beyond) put
+    together in two steps, panes at x 3, a wall insulated with glass wool at x 5, and a front called
+    glass at y 6."""
+    build = Builder()
+    front = build.element("IfcCurtainWall")
+    frame = build.element("IfcElementAssembly")
+    posts = [build.element("IfcMember", x, x + 0.1, 0, 0.1, 0, 2.7) for x in (0.0, 2.0, 4.5)]
+    panes = [
+        build.element("IfcPlate", x0, x1, 0.04, 0.06, 0, 2.7, material=material)
+        for x0, x1, material in (
+            (0.1, 2.0, ""), (2.1, 4.5, "Glass, Air, Glass"), (5.5, 7.0, "Metal - Aluminium")
+        )
+    ]  # fmt: skip
+    door = build.element("IfcDoor", 4.6, 5.5, 0.03, 0.07, 0, 2.1)
+    for whole, parts in ((frame, [*posts, *panes]), (front, [frame, door])):
+        build.rooted("IfcRelAggregates", RelatingObject=whole, RelatedObjects=parts)
+    walls = [
+        build.element(
+            "IfcWall", 3, 3.05, 0.3, 5, 0, 2.7, material="Isolierglas, Luft, Isolierglas"
+        ),
+        build.element(
+            "IfcWall", 5, 5.15, 0.3, 5, 0, 2.7, material="Plasterboard, Glass wool, Plasterboard"
+        ),
+        build.element("IfcWall", 0, 7, 6, 6.1, 0, 2.7, Name="Basic Wall:Glazed front 100"),
+    ]
+    return build.write(path, [front, *walls])
+
+
+def test_glass_is_told_by_kind_and_by_material(tmp_path: Path, capsys) -> None:
+    path = model_with_glass(tmp_path / "a.ifc")
+    plan = read_floorplan(path)
+    is_glass, middle = are_glass(plan), plan.ends.mean(axis=1)
+    is_pane = (middle[:, 1] < 0.2) & (middle[:, 0] > 0.1) & (middle[:, 0] < 4.5)
+    is_pane &= plan.lengths > 1.5
+    is_partition = np.abs(middle[:, 0] - 3.0) < 0.1
+    is_front = middle[:, 1] > 5.9
+    assert is_glass[is_pane].all()
+    assert is_pane.sum() == 4
+    assert is_glass[is_partition & ~is_pane].all()
+    assert is_glass[is_front].all()
+    assert not is_glass[np.abs(middle[:, 0] - 5.07) < 0.1].any()  # glass wool
+    is_metal = (middle[:, 0] > 5.6) & (middle[:, 1] < 0.2)
+    assert is_metal.any()
+    assert not is_glass[is_metal].any()
+    # The door of the curtain wall is a gap.
+    is_doorway = (middle[:, 0] > 4.7) & (middle[:, 0] < 5.4) & (middle[:, 1] < 0.2)
+    assert not is_doorway.any()
+    assert "are glass" in plan.source.warnings[0]
+    assert run(["plan", str(path), "-o", str(tmp_path / "a.png")]) == 0
+    assert " m of faces" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("scale", [1.0, 1000.0])

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Bool, Float
 
-from planfit.as_built.elements import element_ids
 from planfit.as_built.lines_of_sight import LinesOfSight, lines_of_sight, through_shares
 from planfit.as_built.new_walls import find_new_walls
 from planfit.as_built.standing import Piece
@@ -19,6 +18,7 @@ from planfit.as_built.wall_offsets import (
 )
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
+from planfit.floorplan.elements import are_glass, element_ids
 from planfit.pipeline.result import RefineResult
 from planfit.segmentation import NO_STOREY
 
@@ -64,8 +64,11 @@ def judge_walls(
     offsets = find_offsets(placed, floorplan, sight, options)
     through = through_shares(sight, floorplan, options)
     judged = np.flatnonzero(floorplan.lengths >= options.min_length_m)
-    ids = element_ids(floorplan)
-    of_plan = [_of_plan(floorplan, int(f), offsets, float(through[f]), ids[f]) for f in judged]
+    ids, is_glass = element_ids(floorplan), are_glass(floorplan)
+    of_plan = [
+        _of_plan(floorplan, int(f), offsets, float(through[f]), ids[f], bool(is_glass[f]))
+        for f in judged
+    ]
     found = find_new_walls(placed, ~_is_explained(placed, offsets), floorplan, sight, options)
     new = [_new(wall, placed, options) for wall in found]
     source = floorplan.source
@@ -88,6 +91,7 @@ def _of_plan(
     offsets: Mapping[int, FaceOffset],
     through_share: float,
     element_id: str,
+    is_glass: bool,
 ) -> AsBuiltWall:
     found = offsets.get(face)
     return AsBuiltWall(
@@ -101,6 +105,7 @@ def _of_plan(
         n_frames=0 if found is None else len(found.frame_idx),
         through_share=through_share,
         element_id=element_id,
+        is_glass=is_glass,
     )
 
 

@@ -28,6 +28,7 @@ def as_built_record(as_built: AsBuilt) -> dict[str, Any]:
                 "verdict": as_built.verdict(wall).value,
                 "face": wall.face_idx,
                 "element_id": wall.element_id,
+                "is_glass": wall.is_glass,
                 "ends": wall.ends.tolist(),
                 "normal": wall.normal.tolist(),
                 "is_oriented": wall.is_oriented,
@@ -93,4 +94,5 @@ def _wall(row: Mapping[str, Any]) -> AsBuiltWall:
         n_frames=int(row["frames"]),
         through_share=float(row["through_share"]),
         element_id=str(row["element_id"]),
+        is_glass=bool(row.get("is_glass", False)),
     )

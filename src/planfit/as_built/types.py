@@ -111,6 +111,8 @@ class AsBuiltWall:
     """Share of its length, as drawn, that cameras look through; 0 of one that is not drawn."""
     element_id: str = ""
     """What the plan's file calls the wall: GlobalId of IFC."""
+    is_glass: bool = False
+    """Whether the plan's file says that it is of glass: it may stand though cameras look through it."""
 
     @property
     def length_m(self) -> float:
@@ -170,7 +172,7 @@ class AsBuilt:
             return Verdict.NEW
         if wall.is_standing:
             return Verdict.MOVED if abs(wall.offset_m) > tolerance else Verdict.AGREES
-        is_missing = wall.through_share >= self.options.min_through_share
+        is_missing = wall.through_share >= self.options.min_through_share and not wall.is_glass
         return Verdict.MISSING if is_missing else Verdict.NOT_SEEN
 
     def is_sure(self, wall: AsBuiltWall, tolerance_m: float | None = None) -> bool:

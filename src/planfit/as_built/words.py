@@ -20,6 +20,10 @@ def in_words(wall: AsBuiltWall, verdict: Verdict) -> str:
         return f"missing: cameras look through {wall.through_share:.0%} of its length"
     if verdict is Verdict.NEW:
         return f"new: {wall.length_m:.2f} m that the plan does not draw"
+    if wall.is_glass and wall.through_share > 0:
+        return (
+            f"not seen: glass, which cameras look through ({wall.through_share:.0%} of its length)"
+        )
     return "not seen"
 
 

@@ -16,6 +16,7 @@ from planfit.export.plan_files import write_plan_dxf, write_plan_svg
 from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
 from planfit.floorplan.columns import find_columns
 from planfit.floorplan.edits import edited, edits_of_words, write_edits
+from planfit.floorplan.elements import are_glass
 from planfit.report import draw_plan_picture
 from planfit.whole_files import write_whole
 
@@ -116,6 +117,9 @@ def summarise(floorplan: Floorplan) -> None:
         kinds = f" ({', '.join(source.opening_kinds)})" if source.opening_kinds else ""
         gaps = f"{len(floorplan.openings)} gaps of doors and windows in faces{kinds}"
         rows.append(["openings", gaps])
+    is_glass = are_glass(floorplan)
+    if is_glass.any():
+        rows.append(["glass", f"{floorplan.lengths[is_glass].sum():.4g} {unit} of faces"])
     columns = find_columns(floorplan).sizes
     if len(columns):
         low, high = columns.max(axis=1).min(), columns.max(axis=1).max()

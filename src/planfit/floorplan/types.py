@@ -58,6 +58,8 @@ class PlanSource:
     the file has none."""
     element_ids: tuple[str, ...] = ()
     """What the file calls the element that each of those is of: GlobalId of IFC."""
+    element_is_glass: Bool[np.ndarray, " e"] | None = None
+    """Whether each of those is of glass, which depth cameras look through; None: the file does not tell."""
     elevation_m: float = 0.0
     """Height of the floor of the storey that was read in the file's own axes."""
     is_picture: bool = False

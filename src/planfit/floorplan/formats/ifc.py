@@ -2,6 +2,7 @@
 
 import re
 import zipfile
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,9 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError, told_as
+from planfit.floorplan.elements import are_glass
 from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.ifc_glass import is_glass_element
 from planfit.floorplan.formats.ifc_openings import find_openings
 from planfit.floorplan.formats.ifc_places import map_conversion
 from planfit.floorplan.options import PlanOptions
@@ -52,7 +55,8 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
     by_storey = _by_storey([*elements, *model.by_type("IfcDoor")], ifcopenshell.util.element)
     chosen = _choose(path, options.storey, storeys, names, by_storey)
     floor = 0.0 if chosen is None else _elevation(storeys[chosen], unit_scale)
-    areas, ids, n_failed = _cut(ifcopenshell, elements, floor + options.cut_height_m)
+    parts, n_failed = _cut(ifcopenshell, elements, floor + options.cut_height_m)
+    areas = [part.area for part in parts]
     if not areas:
         raise FloorplanError(
             f"{path}: expected walls {options.cut_height_m:g} m above the floor of "
@@ -65,7 +69,7 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
     on_map = map_conversion(model, unit_scale)
     lines = [outlines([area]) / unit_scale for area in areas]
     has_units = len(model.by_type("IfcUnitAssignment")) > 0
-    return Floorplan(
+    plan = Floorplan(
         str(path),
         faces.ends,
         faces.normals,
@@ -83,30 +87,30 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
             file_from_plan=np.diag([1 / unit_scale, 1 / unit_scale, 1.0]),
             drawn_lines=longest(outlines(areas)) / unit_scale,
             opening_kinds=found.kinds,
-            warnings=_warnings(walls, by_storey, storeys, chosen),
             map_words="" if on_map is None else on_map.words,
             map_from_file=None if on_map is None else on_map.map_from_file,
             element_lines=np.concatenate(lines),
             element_ids=tuple(
-                one for one, own in zip(ids, lines, strict=True) for _ in range(len(own))
+                part.element_id
+                for part, own in zip(parts, lines, strict=True)
+                for _ in range(len(own))
             ),
+            element_is_glass=np.repeat([part.is_glass for part in parts], list(map(len, lines))),
             elevation_m=floor,
         ),
     )
+    return replace(plan, source=replace(plan.source, warnings=_warnings(plan)))
 
 
-def _warnings(
-    walls: list[Any], by_storey: dict[int, list[Any]], storeys: list[Any], chosen: int | None
-) -> tuple[str, ...]:
+def _warnings(plan: Floorplan) -> tuple[str, ...]:
     """On glass, which many depth cameras do not see."""
-    here = walls if chosen is None else by_storey.get(storeys[chosen].id(), [])
-    n_curtain = sum(wall.is_a("IfcCurtainWall") for wall in here)
-    if not n_curtain:
+    length_m = float(plan.lengths[are_glass(plan)].sum())
+    if length_m == 0.0:
         return ()
-    walls_are = (
-        "curtain wall is read as a wall" if n_curtain == 1 else "curtain walls are read as walls"
+    return (
+        f"{length_m:.3g} m of faces are glass (curtain walls, and walls by their material): depth cameras "
+        "may see what is behind them",
     )
-    return (f"{n_curtain} {walls_are}: glass, which depth cameras may not see",)
 
 
 def _ifcopenshell(path: Path) -> Any:
@@ -214,23 +218,30 @@ def _choose(
     return next(iter([*with_doors, *with_walls, *range(len(storeys))]), None)
 
 
-def _cut(
-    ifcopenshell: Any, elements: list[Any], height: float
-) -> tuple[list[BaseGeometry], list[str], int]:
-    """Areas of solid at a height, m, the GlobalId of the element of each, and the number of elements without
-    geometry.
+@dataclass(frozen=True)
+class _Part:
+    """Of a wall or a column, cut."""
+
+    area: BaseGeometry
+    """m"""
+    element_id: str
+    """GlobalId of the wall or column that it is of."""
+    is_glass: bool
+
+
+def _cut(ifcopenshell: Any, elements: list[Any], height: float) -> tuple[list[_Part], int]:
+    """Areas of solid at a height, and the number of elements without geometry.
 
     All elements of the building are cut, not those of the storey alone: walls may go on through
     several, and hang on the one they begin in.
     """
     settings = ifcopenshell.geom.settings()
     settings.set("use-world-coords", True)
-    areas: list[BaseGeometry] = []
-    ids: list[str] = []
+    util_element = ifcopenshell.util.element
+    found: list[_Part] = []
     failed = 0
     for element in elements:
-        parts = [element, *_parts(element)]
-        shapes = [part for part in parts if part.Representation is not None]
+        shapes = [part for part in [element, *_parts(element)] if part.Representation is not None]
         failed += not shapes
         for part in shapes:
             try:
@@ -242,13 +253,21 @@ def _cut(
             triangles = np.array(shape.geometry.faces, dtype=int).reshape(-1, 3)
             area = section_area(corners, triangles, height)
             if not area.is_empty:
-                areas.append(area)
-                ids.append(str(element.GlobalId))
-    return areas, ids, failed
+                is_glass = is_glass_element(part, util_element)
+                found.append(_Part(area, str(element.GlobalId), is_glass))
+    return found, failed
 
 
 def _parts(element: Any) -> list[Any]:
-    """Panels and posts of a curtain wall."""
-    if not element.is_a("IfcCurtainWall"):
-        return []
-    return [p for rel in element.IsDecomposedBy or () for p in rel.RelatedObjects]
+    """What a wall is put together of, at any depth: panels and posts of a curtain wall, elements of a wall.
+    A door in a curtain wall is a gap, as in other walls."""
+    found: list[Any] = []
+    met, open_ones = {element.id()}, [element]
+    while open_ones:
+        for relation in open_ones.pop().IsDecomposedBy or ():
+            # In a damaged file parts may be wholes of each other.
+            new = [one for one in relation.RelatedObjects if one.id() not in met]
+            met.update(one.id() for one in new)
+            found += new
+            open_ones += new
+    return [one for one in found if one.is_a("IfcProduct") and not one.is_a("IfcDoor")]

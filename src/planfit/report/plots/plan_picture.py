@@ -7,6 +7,7 @@ import numpy as np
 
 from planfit.floorplan import Floorplan
 from planfit.floorplan.columns import find_columns
+from planfit.floorplan.elements import are_glass
 from planfit.floorplan.formats.picture import load_picture
 from planfit.geometry import segments
 from planfit.report.plots.rim import with_rim
@@ -18,7 +19,7 @@ _GROW = 0.5
 a title block far off is not."""
 _DRAWN = (172, 172, 172)
 _FACE, _OPENING, _UNORIENTED, _DROPPED = (0, 94, 213), (178, 114, 0), (158, 115, 0), (193, 120, 200)
-_COLUMN = (115, 158, 0)
+_COLUMN, _GLASS = (115, 158, 0), (233, 180, 86)
 """BGR; Okabe and Ito's palette."""
 
 
@@ -47,11 +48,12 @@ def draw_plan_picture(floorplan: Floorplan, path: Path, has_numbers: bool = Fals
     _draw(canvas, _moved(drawn, uv_from_plan), _DRAWN, 1)
     _draw(canvas, _moved(left_out, uv_from_plan), _DROPPED, 1)
     rotation = uv_from_plan[:2, :2] / scale
-    is_column = find_columns(floorplan).face >= 0
+    is_column, is_glass = find_columns(floorplan).face >= 0, are_glass(floorplan)
     for is_oriented, color in ((True, _FACE), (False, _UNORIENTED)):
         kept = (floorplan.is_oriented == is_oriented) & ~is_column
         _draw(canvas, _moved(floorplan.ends[kept], uv_from_plan), color, 2)
     _draw(canvas, _moved(floorplan.ends[is_column], uv_from_plan), _COLUMN, 2)
+    _draw(canvas, _moved(floorplan.ends[is_glass], uv_from_plan), _GLASS, 3)
     has_tick = floorplan.is_oriented & ~is_column
     ends = _moved(floorplan.ends[has_tick], uv_from_plan)
     if len(ends):
@@ -70,7 +72,7 @@ def draw_plan_picture(floorplan: Floorplan, path: Path, has_numbers: bool = Fals
     canvas = with_rim(
         canvas, uv_from_plan @ np.linalg.inv(source.rim_from_plan), _rim_words(floorplan)
     )
-    canvas = _with_key(canvas, floorplan, bool(is_column.any()))
+    canvas = _with_key(canvas, floorplan, bool(is_column.any()), bool(is_glass.any()))
     return cv2.imencode(".png", canvas)[1].tobytes()
 
 
@@ -137,7 +139,9 @@ def _rim_words(floorplan: Floorplan) -> str:
     return "plan frame, m" if floorplan.is_metric else "plan frame, units of the drawing"
 
 
-def _with_key(canvas: np.ndarray, floorplan: Floorplan, has_columns: bool) -> np.ndarray:
+def _with_key(
+    canvas: np.ndarray, floorplan: Floorplan, has_columns: bool, has_glass: bool
+) -> np.ndarray:
     """A strip below that says what the colours mean."""
     entries = [("face, tick to its free side", _FACE)]
     if floorplan.source.drawn_lines is not None:
@@ -146,6 +150,8 @@ def _with_key(canvas: np.ndarray, floorplan: Floorplan, has_columns: bool) -> np
         entries.append(("face, free side unknown", _UNORIENTED))
     if has_columns:
         entries.append(("column", _COLUMN))
+    if has_glass:
+        entries.append(("glass", _GLASS))
     if floorplan.openings is not None and len(floorplan.openings):
         entries.append(("door or window", _OPENING))
     if floorplan.source.dropped_lines is not None and len(floorplan.source.dropped_lines):
