@@ -32,3 +32,17 @@ def test_the_walk_of_a_file_is_walked(tmp_path: Path, capsys) -> None:
     both = [*walk, "--walk.path", str(tmp_path / "walk.tum")]
     assert run(["synth", str(tmp_path / "other"), "--plan", str(plan), *both]) == 2
     assert "leave one out" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_walk_beside_the_plan_is_refused_until_it_is_moved(tmp_path: Path, capsys) -> None:
+    """Once rendered in silence: 500 images of nothing, which refine then refused for want of depth."""
+    poses = np.tile(np.eye(4), (20, 1, 1))
+    poses[:, 0, 3], poses[:, 1, 3] = np.linspace(1.0, 8.0, 20), 42.5
+    write_tum(tmp_path / "walk.tum", np.arange(20.0), poses)
+    asked = ["--plan", str(room(tmp_path / "plan.json")), "--walk-file", str(tmp_path / "walk.tum")]
+    asked += ["--walk.n-frames", "5", "--camera.width-px", "64", "--camera.height-px", "48"]
+    assert run(["synth", str(tmp_path / "scan"), *asked]) == 2
+    words = " ".join(capsys.readouterr().err.split())
+    assert "x 0 to 9, y 0 to 5 m" in words
+    assert "y 42.5 to 42.5 m" in words
+    assert run(["synth", str(tmp_path / "scan"), *asked, "--walk.path-offset-m", "0", "-40"]) == 0

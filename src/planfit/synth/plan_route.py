@@ -9,6 +9,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from planfit.errors import OptionError
+from planfit.floorplan import Floorplan
 from planfit.scan.poses import read_tum
 from planfit.synth.options import WalkOptions
 from planfit.synth.plan_building import PlanBuilding
@@ -21,12 +22,12 @@ _NEAR_M = 20.0
 """The next stop is first looked for this near: the whole of a large plan takes a second a stop."""
 
 
-def read_path(options: WalkOptions) -> Float[np.ndarray, "n 2"]:
+def read_path(options: WalkOptions, floorplan: Floorplan) -> Float[np.ndarray, "n 2"]:
     """Points, plan frame, m, of the path that the options name.
 
     Raises:
         ScanError: the file is missing or of another kind.
-        OptionError: it does not lead anywhere.
+        OptionError: it does not lead anywhere, or not through the plan.
     """
     assert options.path is not None
     _, poses = read_tum(options.path)
@@ -36,7 +37,18 @@ def read_path(options: WalkOptions) -> Float[np.ndarray, "n 2"]:
         raise OptionError(
             f"{options.path}: expected a path in metres that leads somewhere, found one within {extent:.3g} m"
         )
+    low, high = floorplan.ends.min(axis=(0, 1)), floorplan.ends.max(axis=(0, 1))
+    if np.all((xy >= low) & (xy <= high), axis=1).mean() < 0.5:
+        raise OptionError(
+            f"{options.path}: expected a path through {floorplan.name}, whose walls lie in "
+            f"{_range(low, high)}, found one in {_range(xy.min(axis=0), xy.max(axis=0))}; move it with "
+            "--walk.path-offset-m (the origin of a picture is its top left corner, y up), or check the scale"
+        )
     return xy
+
+
+def _range(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> str:
+    return f"x {low[0]:.4g} to {high[0]:.4g}, y {low[1]:.4g} to {high[1]:.4g} m"
 
 
 def find_plan_route(

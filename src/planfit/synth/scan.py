@@ -261,7 +261,7 @@ def _build_plan(options: SynthOptions, floorplan: Floorplan) -> _Built:
             f"n_storeys: expected 1 together with a plan, found {options.building.n_storeys}; "
             "leave one of them out"
         )
-    path = None if options.walk.path is None else read_path(options.walk)
+    path = None if options.walk.path is None else read_path(options.walk, floorplan)
     rng = _rng(options.seed, _WALK)
     building = make_plan_building(
         floorplan,
