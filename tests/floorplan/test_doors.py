@@ -100,3 +100,43 @@ def test_a_circle_through_points() -> None:
     np.testing.assert_allclose([*circle.centre, circle.radius], [3, -2, 5], atol=1e-9)
     assert fit_circle(np.array([[0, 0], [1, 0], [2, 0], [3, 0.0]])) is None
     assert fit_circle(np.array([[0, 0], [4, 0], [4, 1], [0, 3.0]])) is None
+
+
+PATCH = '<rect x="180" y="190" width="40" height="20" style="{style}"/>'
+"""Over the wall between two rooms, as a published map of a museum draws its doors."""
+
+
+@pytest.mark.parametrize(
+    ("style", "is_last", "is_open"),
+    [
+        ("fill:#dddddd;stroke:none", True, True),
+        ("fill:#dddddd;stroke:none", False, False),  # the wall is drawn over it
+        ("fill:#dddddd;stroke:none;fill-opacity:0.4", True, False),
+        ("fill:#dddddd;stroke:none;opacity:0.4", True, False),
+        ("fill:#333333;stroke:none", True, False),  # wall
+        ("fill:none;stroke:none", True, False),
+        ("fill:#dddddd;stroke:#000000", True, False),  # furniture
+    ],
+)
+def test_a_patch_over_a_wall_is_a_door(
+    style: str, is_last: bool, is_open: bool, tmp_path: Path
+) -> None:
+    rooms = "".join(
+        f'<rect x="{x}" y="{y}" width="300" height="100" style="fill:none;stroke:#000000"/>'
+        for x, y in ((50, 100), (50, 200), (350, 100), (350, 200))
+    )
+    # Also a stroke that the patch hides as a whole.
+    rooms += '<line x1="190" y1="198" x2="210" y2="198" style="stroke:#000000"/>'
+    patch = PATCH.format(style=style)
+    shapes = rooms + patch if is_last else patch + rooms
+    path = tmp_path / "a.svg"
+    path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg">{shapes}</svg>')
+    plan = read_floorplan(path)
+    wall = shapely.union_all(shapely.linestrings(plan.ends))
+    door = shapely.LineString([(183, -200), (217, -200)])
+    covered = shapely.intersection(wall.buffer(0.5), door).length
+    assert covered == pytest.approx(0.0 if is_open else door.length, abs=1.0)
+    beside = shapely.LineString([(60, -200), (178, -200)])
+    assert shapely.intersection(wall.buffer(0.5), beside).length == pytest.approx(
+        beside.length, abs=1
+    )

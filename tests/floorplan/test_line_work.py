@@ -240,19 +240,50 @@ def test_panes_of_a_window_are_no_faces(tmp_path):
     assert len(plan) == 8
 
 
+def filled_rooms(path, rooms, lines=()):
+    """A PDF of 40 points a metre."""
+
+    def at(x, y):
+        return f"{x * 40 + 100:.3f} {y * 40 + 100:.3f}"
+
+    fills = [
+        f"0.9 {0.2 + 0.1 * k:.1f} 0.2 rg "
+        + " ".join(
+            f"{at(*p)} {'m' if i == 0 else 'l'}" for i, p in enumerate(rings_of(room)[0][:-1])
+        )
+        + " f"
+        for k, room in enumerate(rooms)
+    ]
+    strokes = [f"0 0 0 RG 0.3 w {at(*a)} m {at(*b)} l S" for a, b in lines]
+    return write_pdf_stream(path, "\n".join([*fills, *strokes]))
+
+
 def test_rooms_filled_with_colour_leave_the_walls_between(tmp_path):
     rooms = [shapely.box(x + 0.1, y + 0.1, x + 4, y + 3) for x in (0, 4) for y in (0, 3)]
-    stream = "\n".join(
-        "0.9 0.2 0.2 rg " + " ".join(
-            f"{p[0] * 40 + 100:.3f} {p[1] * 40 + 100:.3f} {'m' if i == 0 else 'l'}"
-            for i, p in enumerate(rings_of(room)[0][:-1])
-        ) + " f" for room in rooms
-    )  # fmt: skip
-    plan = read_floorplan(write_pdf_stream(tmp_path / "a.pdf", stream))
+    plan = read_floorplan(filled_rooms(tmp_path / "a.pdf", rooms))
     assert len(plan) == 16
     middles = plan.ends.mean(axis=1) + 2 * plan.normals
     inside = shapely.union_all([shapely.box(*(np.array(r.bounds) * 40 + 100)) for r in rooms])
     assert shapely.contains(inside, shapely.points(middles)).all()
+
+
+def test_a_filled_room_ends_at_a_front_that_no_second_line_makes_a_wall(tmp_path):
+    """A glazed front between two pieces of wall, the line outside of which is drawn beside these alone."""
+    rooms = [shapely.box(x + 0.1, y + 0.1, x + 8, y + 3) for x in (0, 8) for y in (0, 3)]
+    outside = [((0, -0.1), (2, -0.1)), ((6, -0.1), (8, -0.1))]
+    plan = read_floorplan(filled_rooms(tmp_path / "a.pdf", rooms, outside))
+    front = shapely.linestrings([(0.1 * 40 + 100, 104), (8 * 40 + 100, 104)])
+    near = shapely.union_all(shapely.linestrings(plan.ends)).intersection(front.buffer(0.1))
+    assert near.length == pytest.approx(front.length, rel=0.01)
+
+
+def test_edges_that_two_filled_rooms_share_are_open_and_said_so(tmp_path):
+    rooms = [shapely.box(x + 0.1, y + 0.1, x + 4, y + 3) for x in (0, 4) for y in (0, 3)]
+    rooms.append(shapely.box(8, 0.1, 10, 3))
+    plan = read_floorplan(filled_rooms(tmp_path / "a.pdf", rooms))
+    shared = 2.9 * 40
+    words = f"{shared:.3g} units of edges where two rooms meet without a wall between them"
+    assert words in plan.source.dropped
 
 
 def test_walls_as_single_lines_are_read_and_said_so(tmp_path):
@@ -264,6 +295,25 @@ def test_walls_as_single_lines_are_read_and_said_so(tmp_path):
     assert not plan.is_oriented.any()
     assert plan.lengths.sum() == pytest.approx(34, rel=1e-3)
     assert "single lines" in plan.source.warnings[0]
+
+
+@pytest.mark.parametrize(("margin_m", "is_building"), [(0.0, True), (0.5, False), (3.0, False)])
+def test_an_outline_that_walls_end_at_is_wall_and_the_frame_of_a_sheet_is_none(
+    margin_m, is_building, tmp_path
+):
+    """Planned walls as two lines in a shell drawn as one, on a layer that says nothing, as a published plan
+    of a club has it."""
+    planned = shapely.union_all([shapely.box(3, 0, 3.1, 5), shapely.box(6, 0, 6.1, 5)])
+
+    def shell(document):
+        low, high = -margin_m, 5 + margin_m
+        ring = [(low, low), (9 - low, low), (9 - low, high), (low, high)]
+        document.modelspace().add_lwpolyline(ring, close=True, dxfattribs={"layer": "Base"})
+
+    plan = read_floorplan(write_dxf(tmp_path / "a.dxf", planned, layer="Wand (neu)", extra=shell))
+    around = plan.lengths[~plan.is_oriented].sum()
+    assert around == pytest.approx(28 - 4 * 0.1 if is_building else 0.0, abs=0.1)
+    assert any("single lines" in words for words in plan.source.warnings) == is_building
 
 
 # --- units ------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.vector.drawing import Fill
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import cut_out
+from planfit.geometry import segments
 
 
 @dataclass(frozen=True)
@@ -161,13 +162,15 @@ def _covers(hatches: Float[np.ndarray, "n 2 2"], area: BaseGeometry) -> bool:
     return shapely.intersection(shapely.union_all(bands), area).area > 0.6 * area.area
 
 
-def edges_of_rooms(rooms: list[BaseGeometry], tolerance: float) -> Float[np.ndarray, "n 2 2"]:
-    """Edges of rooms with the room on the left; where two rooms meet without a wall
-    between them, within `tolerance`, there is none."""
+def edges_of_rooms(
+    rooms: list[BaseGeometry], tolerance: float
+) -> tuple[Float[np.ndarray, "n 2 2"], float]:
+    """Edges of rooms with the room on the left; where two rooms meet without a wall between them, within
+    `tolerance`, there is none. And the length of those where there is none, each counted once."""
     parts = [p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
              if p.geom_type == "Polygon" and not p.is_empty]  # fmt: skip
     tree = shapely.STRtree(parts)
-    edges = []
+    edges, outline = [], 0.0
     for i, part in enumerate(parts):
         polygon = orient(part)
         others = [parts[j] for j in tree.query(part, "dwithin", tolerance) if j != i]
@@ -176,7 +179,9 @@ def edges_of_rooms(rooms: list[BaseGeometry], tolerance: float) -> Float[np.ndar
             corners = np.asarray(ring.coords)[:, :2]
             ends = np.stack([corners[:-1], corners[1:]], axis=1)
             edges.append(cut_out(ends, near, 3 * tolerance)[0])
-    return np.concatenate([*edges, np.zeros((0, 2, 2))])
+            outline += float(segments.lengths(ends).sum())
+    bounding = np.concatenate([*edges, np.zeros((0, 2, 2))])
+    return bounding, (outline - float(segments.lengths(bounding).sum())) / 2
 
 
 def outside_rooms(

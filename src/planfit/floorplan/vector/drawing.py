@@ -10,6 +10,9 @@ from shapely.geometry.base import BaseGeometry
 ABSURD = 1e9
 """No national grid reaches this far, in any unit: such coordinates are faults of the file."""
 
+EDGE = 1e-3
+"""Of the drawing's size: lines this near to the edge of an area that covers what is under it show."""
+
 
 @dataclass(frozen=True)
 class Lines:
@@ -89,6 +92,7 @@ class DrawingBuilder:
         """What is added next shows inside this area only."""
         self.fills: list[Fill] = []
         self.texts: list[Text] = []
+        self._covers: list[tuple[int, BaseGeometry]] = []
 
     def layer(self, name: str) -> int:
         """Index of a layer, made when first met."""
@@ -117,14 +121,24 @@ class DrawingBuilder:
         self, rings: list[Float[np.ndarray, "_ 2"]], layer: str, colour: tuple[int, int, int] | None
     ) -> None:
         """An area inside an odd number of `rings`, each (k, 2)."""
+        area = self._area(rings)
+        if area.area > 0:
+            self.fills.append(Fill(area, self.layer(layer), colour))
+
+    def add_cover(self, rings: list[Float[np.ndarray, "_ 2"]]) -> None:
+        """An opaque area: of the lines that were added before, nothing shows in it. Doors are drawn so, as
+        patches of the floor's colour over the wall."""
+        area = self._area(rings)
+        if area.area > 0:
+            self._covers.append((len(self._ends), area))
+
+    def _area(self, rings: list[Float[np.ndarray, "_ 2"]]) -> BaseGeometry:
+        """What shows of the area inside an odd number of rings."""
         area: BaseGeometry = shapely.Polygon()
         for ring in rings:
             if len(ring) >= 3 and np.isfinite(ring).all() and np.abs(ring).max() < ABSURD:
                 area = shapely.symmetric_difference(area, shapely.make_valid(shapely.Polygon(ring)))
-        if self.clip is not None:
-            area = shapely.intersection(area, self.clip)
-        if area.area > 0:
-            self.fills.append(Fill(area, self.layer(layer), colour))
+        return area if self.clip is None else shapely.intersection(area, self.clip)
 
     def build(
         self,
@@ -137,8 +151,8 @@ class DrawingBuilder:
         ends = np.concatenate([*self._ends, np.zeros((0, 2, 2))])
         lines = Lines(ends, numbers[:, 0], numbers[:, 1], numbers[:, 2], numbers[:, 3].astype(bool))
         return VectorDrawing(
-            _clipped(lines, self._clips), tuple(self.fills), tuple(self.texts), tuple(self._layers),
-            metres_per_unit, unit, hidden_layers,
+            _uncovered(_clipped(lines, self._clips), self._covers), tuple(self.fills),
+            tuple(self.texts), tuple(self._layers), metres_per_unit, unit, hidden_layers,
         )  # fmt: skip
 
 
@@ -172,5 +186,39 @@ def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:
     keep = np.concatenate([is_whole, np.ones(len(order) - len(lines), dtype=bool)])
     ends, order = np.concatenate(ends)[keep], order[keep]
     # What was cut goes where its line was, so that paths stay together.
+    in_order = np.argsort(order, kind="stable")
+    return replace(lines.take(order[in_order]), ends=ends[in_order])
+
+
+def _uncovered(lines: Lines, covers: list[tuple[int, BaseGeometry]]) -> Lines:
+    """Lines without the parts that areas drawn later cover; a line along the edge of one shows.
+
+    Args:
+        lines: of all paths.
+        covers: for each area, the number of paths that were drawn before it.
+    """
+    finite = np.flatnonzero(np.isfinite(lines.ends).all(axis=(1, 2)))
+    if not covers or len(finite) == 0:
+        return lines
+    areas = np.array([area for _, area in covers], dtype=object)
+    reach = float(np.ptp(lines.ends[finite].reshape(-1, 2), axis=0).max())
+    areas = shapely.buffer(areas, -EDGE * reach)
+    before = np.array([n for n, _ in covers])
+    drawn = shapely.linestrings(lines.ends[finite])
+    line, cover = shapely.STRtree(areas).query(drawn, predicate="intersects")
+    is_later = lines.path[finite[line]] < before[cover]
+    line, cover = line[is_later], cover[is_later]
+    hit = np.unique(line)
+    hidden = [shapely.union_all(areas[cover[line == one]]) for one in hit]
+    left, of = shapely.get_parts(
+        shapely.difference(np.asarray(drawn, dtype=object)[hit], np.array(hidden, dtype=object)),
+        return_index=True,
+    )
+    shows = shapely.length(left) > 0
+    left, of = left[shows], of[shows]
+    corners = [shapely.get_coordinates(shapely.get_point(left, i)) for i in (0, -1)]
+    whole = np.delete(np.arange(len(lines)), finite[hit])
+    ends = np.concatenate([lines.ends[whole], np.stack(corners, axis=1)])
+    order = np.concatenate([whole, finite[hit[of]]])
     in_order = np.argsort(order, kind="stable")
     return replace(lines.take(order[in_order]), ends=ends[in_order])

@@ -19,6 +19,13 @@ class LayerWords:
     warnings: tuple[str, ...]
 
 
+def length_words(amount: float, metres_per_unit: float | None) -> str:
+    """A length in a drawing's unit, in metres where that is known."""
+    if metres_per_unit is None:
+        return f"{amount:.3g} units"
+    return f"{amount * metres_per_unit:.3g} m"
+
+
 def words_on_layers(
     layers: Sequence[LayerLength], metres_per_unit: float | None, is_chosen: bool = False
 ) -> LayerWords:
@@ -32,11 +39,7 @@ def words_on_layers(
     """
 
     def length(amount: float) -> str:
-        return (
-            f"{amount:.3g} units"
-            if metres_per_unit is None
-            else f"{amount * metres_per_unit:.3g} m"
-        )
+        return length_words(amount, metres_per_unit)
 
     def listed(left: list[tuple[LayerLength, float]]) -> str:
         left = sorted(left, key=lambda pair: -pair[1])

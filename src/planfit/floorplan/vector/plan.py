@@ -14,7 +14,7 @@ from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.cleaning import cleaned
 from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
-from planfit.floorplan.vector.layer_words import words_on_layers
+from planfit.floorplan.vector.layer_words import length_words, words_on_layers
 from planfit.floorplan.vector.line_work import longest, moved, outlines
 from planfit.floorplan.vector.units import UnitFound, unit_of_drawing
 from planfit.floorplan.vector.walls import DrawnWalls, walls_of_drawing
@@ -57,6 +57,10 @@ def plan_of_drawing(
     if drawing.hidden_layers:
         hidden = f"layers that are off or frozen: {', '.join(drawing.hidden_layers)}"
         walls = replace(walls, dropped=(*walls.dropped, hidden))
+    if walls.shared_edges > 0:
+        edges = length_words(walls.shared_edges, unit.metres_per_unit)
+        shared = f"{edges} of edges where two rooms meet without a wall between them"
+        walls = replace(walls, dropped=(*walls.dropped, shared))
     by_layer = words_on_layers(walls.by_layer, unit.metres_per_unit, bool(options.layers))
     walls = replace(
         walls,

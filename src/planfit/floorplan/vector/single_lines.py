@@ -2,7 +2,7 @@
 
 import numpy as np
 import shapely
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
@@ -15,6 +15,11 @@ SINGLE_SHARE = 0.3
 """Where less became faces than this share of the long lines left, walls are drawn as single lines."""
 FEW_SHARE = 0.25
 """The same of lines longer than a tenth of the drawing, which furniture is not."""
+MIN_INSIDE, MIN_ENDING = 0.8, 4
+"""An outline is of the building where this share of the faces' length is inside, and so many faces end at it:
+both faces of two walls."""
+MAX_OUTLINE_LINES = 20_000
+"""Closing the areas of 10,000 lines takes 0.4 s; a real floor has 1,000 to 3,000 that may be faces."""
 
 
 def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> LineFaces:
@@ -22,7 +27,8 @@ def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> Lin
 
     Of layers called wall, those of which little became faces. Of a drawing without such layers all, where
     what became faces is little beside the very long ones, or is little beside the rest and fills little of
-    its room: a counter, a staircase.
+    its room: a counter, a staircase. And the outline of a building that walls drawn as two lines end at:
+    those that stand, beside those that are to be built.
 
     Args:
         candidates: all lines that were looked at.
@@ -52,11 +58,51 @@ def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> Lin
             is_corner and total < SINGLE_SHARE * left.sum()
         )
         at = own if is_single or len(faces.ends) == 0 else own[:0]
+    at = np.union1d(at, own[_encloses(rest.ends[own], candidates.ends, faces, extent)])
     ends, n = rest.ends[at], len(at)
     line = np.array([], dtype=int) if n == 0 else _nearest_line(candidates.ends, ends)
     return LineFaces(
         ends, segments.left_normals(ends), np.zeros(n, dtype=bool), np.full(n, np.nan), line
     )
+
+
+def _encloses(
+    parts: Float[np.ndarray, "k 2 2"],
+    lines: Float[np.ndarray, "n 2 2"],
+    faces: LineFaces,
+    extent: float,
+) -> Bool[np.ndarray, " k"]:
+    """Which parts of lines are on a closed outline around faces that end at it. The frame of a sheet and the
+    border of a site stand apart from walls.
+
+    Args:
+        parts: of the lines, what no face is of.
+        lines: all that were looked at.
+        faces: that were found among them.
+        extent: of the drawing.
+    """
+    is_on = np.zeros(len(parts), dtype=bool)
+    if len(parts) == 0 or len(faces.ends) == 0 or len(lines) > MAX_OUTLINE_LINES:
+        return is_on
+    tolerance = 2e-3 * extent
+    rings = shapely.get_parts(shapely.polygonize([shapely.union_all(line_strings(lines))]))
+    areas = shapely.get_parts(shapely.union_all(rings))
+    if len(areas) == 0:
+        return is_on
+    # Most faces are in one area, if in any: it is the largest.
+    area = areas[np.argmax(shapely.area(areas))]
+    outline, face_lines = shapely.get_exterior_ring(area), line_strings(faces.ends)
+    inside = shapely.length(shapely.intersection(face_lines, shapely.buffer(area, tolerance)))
+    is_around = inside.sum() > MIN_INSIDE * shapely.length(face_lines).sum()
+    tips = shapely.points(faces.ends.reshape(-1, 2))
+    touches = (shapely.distance(tips, outline) < tolerance).reshape(-1, 2).any(axis=1)
+    # The middle of a face along the outline is on it too: that one is of the outline itself.
+    middles = shapely.points(faces.ends.mean(axis=1))
+    n_ending = int(np.sum(touches & (shapely.distance(middles, outline) > tolerance)))
+    if not is_around or n_ending < MIN_ENDING:
+        return is_on
+    near = shapely.buffer(outline, tolerance)
+    return np.asarray(shapely.covers(near, line_strings(parts)))
 
 
 def _nearest_line(

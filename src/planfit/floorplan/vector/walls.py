@@ -56,6 +56,8 @@ class DrawnWalls:
     """What became of the line work of each layer."""
     opening_kinds: tuple[str, ...] = ()
     """What the openings are, counted."""
+    shared_edges: float = 0.0
+    """Length of the edges where two filled rooms meet without a wall between them, taken for open."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,8 @@ class _Found:
     parts: list[LineFaces]
     candidates: Candidates
     warnings: tuple[str, ...]
+    shared_edges: float
+    """See `DrawnWalls`."""
 
 
 def walls_of_drawing(
@@ -136,6 +140,7 @@ def walls_of_drawing(
         tuple(
             words for words in (doors_are, _counted(len(windows.openings) // 2, "window")) if words
         ),
+        found.shared_edges,
     )
 
 
@@ -264,8 +269,9 @@ def _faces_of_all(
         around = shapely.buffer(shapely.union_all([*solids, *pieces.areas]), 1e-3 * extent)
         candidates = candidates.take(~shapely.contains(around, line_strings(candidates.ends)))
     solid_length = sum(float(segments.lengths(part.ends).sum()) for part in parts)
+    shared_edges = 0.0
     if rooms:
-        candidates = _around_rooms(candidates, rooms, extent)
+        candidates, shared_edges = _around_rooms(candidates, rooms, extent)
     thickness = None
     if len(candidates):
         thickness = estimate_thickness(candidates.ends, metres_per_unit, extent)
@@ -281,29 +287,34 @@ def _faces_of_all(
             paired = LineFaces.together([])
         parts.append(paired)
     if rooms:
-        parts.append(_bare_edges(candidates, paired))
+        gap = 0.0 if thickness is None else 2 * thickness.usual
+        parts.append(_bare_edges(candidates, paired, gap))
     is_taken = LineFaces.together(parts)
     single = single_lines(candidates, is_taken, extent)
     if len(single.ends) == 0:
-        return _Found(parts, candidates, ())
+        return _Found(parts, candidates, (), shared_edges)
     length = segments.lengths(single.ends).sum()
     share = length / (length + segments.lengths(is_taken.ends).sum())
     few = "" if share > 0.995 else f" ({share:.0%} of the length of faces)"
     warning = f"walls are drawn as single lines{few}: which side of them is free is unknown"
-    return _Found([*parts, single], candidates, (warning,))
+    return _Found([*parts, single], candidates, (warning,), shared_edges)
 
 
-def _around_rooms(candidates: Candidates, rooms: list[BaseGeometry], extent: float) -> Candidates:
-    """Lines outside rooms, and the edges of these, which look into their room on the left."""
+def _around_rooms(
+    candidates: Candidates, rooms: list[BaseGeometry], extent: float
+) -> tuple[Candidates, float]:
+    """Lines outside rooms, and the edges of these, which look into their room on the left; and the length of
+    the edges that two rooms share."""
     outside = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
-    edges = edges_of_rooms(rooms, 4e-4 * extent)
+    edges, shared_edges = edges_of_rooms(rooms, 4e-4 * extent)
     n = len(edges)
-    return Candidates(
+    together = Candidates(
         np.concatenate([outside.ends, edges]),
         np.concatenate([outside.is_called_wall, np.ones(n, dtype=bool)]),
         np.concatenate([outside.layer, np.full(n, -1)]),
         np.concatenate([outside.free_side, np.ones(n, dtype=int)]),
     )
+    return together, shared_edges
 
 
 def _extent(drawing: VectorDrawing, role: Int[np.ndarray, " n"]) -> float:
@@ -335,14 +346,25 @@ def _faces_of_column(column: BaseGeometry) -> LineFaces:
     )
 
 
-def _bare_edges(candidates: Candidates, paired: LineFaces) -> LineFaces:
-    """Edges of rooms with nothing beside them: the outside of a building drawn without thickness."""
-    is_edge = candidates.free_side != 0
-    is_edge[paired.line] = False
-    at = np.flatnonzero(is_edge)
-    normals = segments.left_normals(candidates.ends[at]) * candidates.free_side[at, None]
-    n = len(at)
-    return LineFaces(candidates.ends[at], normals, np.ones(n, dtype=bool), np.full(n, np.nan), at)
+def _bare_edges(candidates: Candidates, paired: LineFaces, least: float) -> LineFaces:
+    """Edges of rooms, or parts of them longer than `least`, with nothing beside them: glazed fronts, the
+    outside of a building drawn without thickness. A room ends there, whatever the wall is drawn like."""
+    along, length = segments.directions(candidates.ends), segments.lengths(candidates.ends)
+    ends, at = [], []
+    for i in np.flatnonzero(candidates.free_side != 0):
+        taken = np.sort((paired.ends[paired.line == i] - candidates.ends[i, 0]) @ along[i], axis=1)
+        taken = taken[np.argsort(taken[:, 0])]
+        # From the end of each face, and of all before it, to the begin of the next.
+        low = np.maximum.accumulate(np.concatenate([[0.0], taken[:, 1]]))
+        high = np.concatenate([taken[:, 0], length[i : i + 1]])
+        bare = high - low > (least if len(taken) else 0.0)
+        ends.append(candidates.ends[i, 0] + np.stack([low, high], axis=1)[bare, :, None] * along[i])
+        at.append(np.full(bare.sum(), i))
+    line = np.concatenate([*at, np.zeros(0, dtype=int)])
+    parts = np.concatenate([*ends, np.zeros((0, 2, 2))])
+    normals = segments.left_normals(parts) * candidates.free_side[line, None]
+    n = len(line)
+    return LineFaces(parts, normals, np.ones(n, dtype=bool), np.full(n, np.nan), line)
 
 
 def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, Float[np.ndarray, "a 2 2"]]:

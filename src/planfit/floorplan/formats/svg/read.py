@@ -38,6 +38,8 @@ from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
 
 PIXELS_PER_INCH = 96.0
+LIGHT = 200
+"""Of 255, of every colour: paper and floors."""
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _URL = re.compile(r"url\(\s*['\"]?#([^)'\"]+)['\"]?\s*\)")
 
@@ -151,6 +153,8 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str) -> None:
         sub_paths = _sub_paths(SvgPath(shape))
     except (ZeroDivisionError, ValueError, OverflowError):
         return  # an arc with a radius that is no number
+    if _covers(shape):
+        builder.add_cover([points for points, _ in sub_paths])
     if _is_drawn(shape.stroke):
         style = (str(shape.stroke), round(float(shape.stroke_width or 1.0), 3))
         for points, is_curved in sub_paths:
@@ -159,6 +163,17 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str) -> None:
         fill = shape.fill
         colour = (int(fill.red or 0), int(fill.green or 0), int(fill.blue or 0))
         builder.add_fill([points for points, _ in sub_paths], layer, colour)
+
+
+def _covers(shape: Shape) -> bool:
+    """Whether a shape is a patch that hides what is under it: opaque, light, without an outline. What is dark
+    is wall over the lines of its faces."""
+    fill, values = shape.fill, shape.values or {}
+    if fill is None or not _is_drawn(fill) or _is_drawn(shape.stroke) or (fill.alpha or 0) < 255:
+        return False
+    is_opaque = str(values.get("opacity") or "1").strip() in ("1", "1.0", "100%")
+    light = min(int(fill.red or 0), int(fill.green or 0), int(fill.blue or 0))
+    return is_opaque and "mix-blend-mode" not in values and light >= LIGHT
 
 
 def _is_drawn(paint) -> bool:
