@@ -162,7 +162,7 @@ def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:
     for path, clip in enumerate(clips):
         if clip is not None:
             by_clip.setdefault(id(clip), []).append(path)
-    ends, source = [lines.ends], [np.arange(len(lines))]
+    shown, source = [], []
     is_whole = np.ones(len(lines), dtype=bool)
     # Paths ascend: the segments of path p are starts[p] to starts[p + 1].
     starts = np.searchsorted(lines.path, np.arange(len(clips) + 1))
@@ -170,22 +170,36 @@ def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:
         clip = clips[paths[0]]
         at = np.concatenate([np.arange(starts[p], starts[p + 1]) for p in paths])
         at = at[np.isfinite(lines.ends[at]).all(axis=(1, 2))]
-        drawn = shapely.linestrings(lines.ends[at])
+        drawn = np.asarray(shapely.linestrings(lines.ends[at]), dtype=object)
         shapely.prepare(clip)
-        outside = at[~np.asarray(shapely.covers(clip, drawn))]
-        is_whole[outside] = False
-        parts, of = shapely.get_parts(
-            shapely.intersection(shapely.linestrings(lines.ends[outside]), clip), return_index=True
-        )
-        is_line = shapely.length(parts) > 0
-        first, last = (shapely.get_point(parts[is_line], i) for i in (0, -1))
-        corners = [shapely.get_coordinates(first), shapely.get_coordinates(last)]
-        ends.append(np.stack(corners, axis=1))
-        source.append(outside[of[is_line]])
-    order = np.concatenate(source)
-    keep = np.concatenate([is_whole, np.ones(len(order) - len(lines), dtype=bool)])
-    ends, order = np.concatenate(ends)[keep], order[keep]
-    # What was cut goes where its line was, so that paths stay together.
+        is_cut = ~np.asarray(shapely.covers(clip, drawn))
+        is_whole[at[is_cut]] = False
+        shown.append(shapely.intersection(drawn[is_cut], clip))
+        source.append(at[is_cut])
+    if is_whole.all():
+        return lines
+    return _cut(lines, is_whole, np.concatenate(source), np.concatenate(shown))
+
+
+def _cut(
+    lines: Lines,
+    is_whole: Bool[np.ndarray, " n"],
+    source: Int[np.ndarray, " k"],
+    shown: np.ndarray,
+) -> Lines:
+    """Lines with what shows of some in the place of each, so that paths stay together.
+
+    Args:
+        lines: as they were drawn.
+        is_whole: those that all shows of.
+        source: the others, by index.
+        shown: what shows of each of these, shapely's, in any number of parts.
+    """
+    parts, of = shapely.get_parts(shown, return_index=True)
+    shows = shapely.length(parts) > 0
+    corners = [shapely.get_coordinates(shapely.get_point(parts[shows], i)) for i in (0, -1)]
+    ends = np.concatenate([lines.ends[is_whole], np.stack(corners, axis=1)])
+    order = np.concatenate([np.flatnonzero(is_whole), source[of[shows]]])
     in_order = np.argsort(order, kind="stable")
     return replace(lines.take(order[in_order]), ends=ends[in_order])
 
@@ -210,15 +224,7 @@ def _uncovered(lines: Lines, covers: list[tuple[int, BaseGeometry]]) -> Lines:
     line, cover = line[is_later], cover[is_later]
     hit = np.unique(line)
     hidden = [shapely.union_all(areas[cover[line == one]]) for one in hit]
-    left, of = shapely.get_parts(
-        shapely.difference(np.asarray(drawn, dtype=object)[hit], np.array(hidden, dtype=object)),
-        return_index=True,
-    )
-    shows = shapely.length(left) > 0
-    left, of = left[shows], of[shows]
-    corners = [shapely.get_coordinates(shapely.get_point(left, i)) for i in (0, -1)]
-    whole = np.delete(np.arange(len(lines)), finite[hit])
-    ends = np.concatenate([lines.ends[whole], np.stack(corners, axis=1)])
-    order = np.concatenate([whole, finite[hit[of]]])
-    in_order = np.argsort(order, kind="stable")
-    return replace(lines.take(order[in_order]), ends=ends[in_order])
+    is_whole = np.ones(len(lines), dtype=bool)
+    is_whole[finite[hit]] = False
+    shown = shapely.difference(np.asarray(drawn, dtype=object)[hit], np.array(hidden, dtype=object))
+    return _cut(lines, is_whole, finite[hit], shown)
