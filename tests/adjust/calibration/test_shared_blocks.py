@@ -32,8 +32,19 @@ def sensor_at(shared):
 
 
 def stretch(z, shared):
-    """Of depth, by which sigmas grow."""
+    """Of rays, by which sigmas across them grow."""
     return np.exp(shared[0] + shared[1] / z + shared[2] * z)
+
+
+def stretch_along(z, shared):
+    """Of depth, by which sigmas along rays grow: the derivative of what is corrected by what was measured."""
+    return np.exp(shared[0] + 2 * shared[2] * z)
+
+
+def projectors(rays):
+    """Onto rays (m, 3): (m, 3, 3)."""
+    units = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return units[:, :, None] * units[:, None]
 
 
 def residuals_of(term, poses, shared):
@@ -62,7 +73,12 @@ def residuals_of(term, poses, shared):
         first, second = (np.repeat(poses[groups.pairs[:, k]], counts, axis=0) for k in (0, 1))
         there = se3.inverse(first) @ second
         gaps = sensor.points(a) - se3.transform_each(there, sensor.points(b))
-        gaps = gaps / stretch((a[:, 2] + b[:, 2]) / 2, shared)[:, None]
+        z = (a[:, 2] + b[:, 2]) / 2
+        rays = 0.5 * projectors(a)
+        rays += 0.5 * projectors(np.einsum("mij,mj->mi", there[:, :3, :3], b))
+        along = np.einsum("mij,mj->mi", rays, gaps)
+        across = gaps - along
+        gaps = across / stretch(z, shared)[:, None] + along / stretch_along(z, shared)[:, None]
         gaps[:, :2] *= np.exp(shared[3])
         return gaps / groups.sigma_m[:, None], weights, groups.loss
     points = groups.points_cam.astype(float)
@@ -74,7 +90,7 @@ def residuals_of(term, poses, shared):
         gaps = (at + grown * planes[:, 3]) / grown
     else:
         level = np.einsum("mji,mj->mi", of_point[:, :3, :3], planes[:, :3])
-        gaps = (at + planes[:, 3]) / stretch(points[:, 2], shared)
+        gaps = (at + planes[:, 3]) / stretch_along(points[:, 2], shared)
         gaps *= np.exp(shared[3] * (level[:, 0] ** 2 + level[:, 1] ** 2))
     return gaps[:, None] / groups.sigma_m, weights, groups.loss
 

@@ -70,10 +70,10 @@ class SurfaceTerm:
         moved = np.concatenate(
             [to_second @ measured.by_sensor[:, :3], to_second @ measured.by_sensor[:, 3:]], axis=1
         )
-        # Of the logarithm of the stretch: depth's scale, offset and quadratic.
-        distance, one = measured.distance_m, np.ones(len(measured))
+        # Of the logarithm of the stretch along rays: depth's scale and quadratic.
         grown = np.zeros((len(measured), len(PARAMETERS)))
-        grown[:, :3] = np.stack([one, 1.0 / distance, distance], axis=1)
+        grown[:, PARAMETERS.index("depth_scale")] = 1.0
+        grown[:, PARAMETERS.index("depth_quadratic_per_m")] = 2.0 * measured.distance_m
         moved[:, 3:] += residuals[:, 3:, None] * grown[:, None, :]
         return -moved
 

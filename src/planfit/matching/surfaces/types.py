@@ -14,6 +14,10 @@ NULL_SHARE = 1e-9
 """Eigenvalues of an information matrix below this share of its largest are directions left free."""
 
 
+MIN_STRETCH = 0.1
+"""Of depth by a correction, at least: no correction that is believed comes near."""
+
+
 @dataclass(frozen=True)
 class SurfacePairs:
     """Motions between frames from the surfaces that both see, sorted by pair."""
@@ -109,7 +113,9 @@ class SurfacePairs:
             return self
         off = sensor.vector - NOMINAL.vector
         moved = se3.retract(self.a_from_b, self.by_sensor @ off)
-        grown = sensor.depths(self.distance_m) / self.distance_m
+        # Depth errs along rays: its error grows as the derivative of what is corrected by what was measured.
+        grown = sensor.depth_scale + 2 * sensor.depth_quadratic_per_m * self.distance_m
+        grown = np.maximum(grown, MIN_STRETCH)
         shrink = np.ones((len(self), 6))
         shrink[:, 3:] = 1.0 / grown[:, None]
         information = shrink[:, :, None] * self.information * shrink[:, None, :]
