@@ -134,10 +134,16 @@ def narrow(
     return plan_from_cams
 
 
-def without_moved_walls(task: PlanTask, end: Alternation) -> Alternation:
+def without_moved_walls(task: PlanTask, end: Alternation, known: Sequence[int] = ()) -> Alternation:
     """Go on from where an adjustment ended, with walls that stand elsewhere than drawn let go of.
 
     Poses change a little once a wall no longer pulls, so walls are looked for again.
+
+    Args:
+        task: what is adjusted.
+        end: where it ended.
+        known: faces of which other evidence says that they were moved: how sure their offset is by the
+            sigmas that terms were given does not count.
     """
     options = task.options
     if options.walls.offset_sigma_m > 0:
@@ -151,17 +157,19 @@ def without_moved_walls(task: PlanTask, end: Alternation) -> Alternation:
             options.association,
             options.moved_walls,
             task.measurements.structure.storeys,
+            known,
         )
         if np.array_equal(np.isfinite(moved_m), _is_moved(end)):
             break
-        again = _go_on(task, end, moved_m)
+        again = go_on(task, end, moved_m)
         off_m, sigmas_m = again.problem.offsets(again.solution.target_from_cams)
         is_sure = np.abs(off_m) > options.moved_walls.min_sigmas * sigmas_m
+        is_sure[list(known)] = True
         if is_sure[np.isfinite(moved_m)].all():
             end = again
             continue
         moved_m[~is_sure] = np.nan
-        return _go_on(task, end, moved_m) if is_sure.any() else end
+        return go_on(task, end, moved_m) if np.isfinite(moved_m).any() else end
     return end
 
 
@@ -173,7 +181,7 @@ def _is_moved(end: Alternation) -> Bool[np.ndarray, " f"]:
     return np.isfinite(moved_m)
 
 
-def _go_on(task: PlanTask, end: Alternation, moved_m: Float[np.ndarray, " f"]) -> Alternation:
+def go_on(task: PlanTask, end: Alternation, moved_m: Float[np.ndarray, " f"]) -> Alternation:
     """Adjust further, with other faces moved."""
     again = replace(task, moved_m=moved_m)
     more = alternate(again, end.plan_from_cams, task.options.wall_distances_m[-1:])

@@ -59,6 +59,11 @@ class Rival:
         return float(np.exp(-self.excess_cost / RIVAL_COST))
 
 
+def rival_by_odds(plan_from_cams: Float[np.ndarray, "n 4 4"], odds: float) -> Rival:
+    """A rival that is right so often for each time that the result is; none is likelier than the result."""
+    return Rival(plan_from_cams, max(-RIVAL_COST * float(np.log(odds)), 0.0))
+
+
 @dataclass(frozen=True)
 class Competition:
     """The cheapest end, and where the other starts ended."""

@@ -6,6 +6,7 @@ that lie where the face is drawn. A robust loss alone would forget the wall, or 
 are few.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +78,7 @@ def find_moved(
     association: AssociationOptions,
     options: MovedWallOptions,
     storeys: Int[np.ndarray, " n"] | None = None,
+    known: Sequence[int] = (),
 ) -> Float[np.ndarray, " f"]:
     """Offset (m) of each face that was moved, NaN for those as drawn.
 
@@ -88,6 +90,8 @@ def find_moved(
         association: which faces a patch may belong to.
         options: see there.
         storeys: that each frame stands on, where the plan has storeys.
+        known: faces that other evidence says were moved: some of their patches that agree are enough, and
+            they say nothing against the poses.
     """
     moved_m = np.full(len(floorplan), np.nan)
     if options.sigma_m == 0 or len(patches) == 0:
@@ -107,11 +111,11 @@ def find_moved(
         offset = float(np.median(mine))
         enough = len(mine) >= options.min_patches
         most = len(mine) >= options.min_share * (len(seen) + n_drawn[face])
-        if enough and most and abs(offset) >= options.min_offset_m:
+        if enough and (most or face in known) and abs(offset) >= options.min_offset_m:
             moved_m[face] = offset
-            n_moved += len(mine)
+            n_moved += 0 if face in known else len(mine)
     if n_moved > options.max_moved_share * (n_moved + is_drawn.sum()):
-        moved_m[:] = np.nan
+        moved_m[~np.isin(np.arange(len(moved_m)), known)] = np.nan
     return moved_m
 
 

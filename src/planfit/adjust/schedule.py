@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from planfit.adjust.alternation import PlanTask, alternate
+from planfit.adjust.alternation import Alternation, PlanTask, alternate
 from planfit.adjust.association import Association, PlanCorrespondences
 from planfit.adjust.ceiling_hypotheses import settle_ceilings
 from planfit.adjust.competition import Rival, best_of_starts
+from planfit.adjust.contradicted_walls import Errors, without_contradicted_walls
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.moved_walls import MovedWall
 from planfit.adjust.observability import describe_observability
@@ -154,7 +155,6 @@ def adjust_to_plan(
     """
     if floorplan is None:
         return _adjust_alone(measurements, plan_from_cams, options, extra_terms)
-    n = len(plan_from_cams)
     ceilings_m, cameras_m = settle_ceilings(measurements, plan_from_cams, options)
     plan_from_cams = plan_from_cams.copy()
     plan_from_cams[:, 2, 3] = cameras_m
@@ -165,8 +165,57 @@ def adjust_to_plan(
         end, rivals = competition.best, competition.rivals
     else:
         end = alternate(task, plan_from_cams, options.wall_distances_m)
-    unknowns = end.solution.target_from_cams
-    plan_from_cams = unknowns[:n]
+    return _as_adjustment(task, end, rivals)
+
+
+def settle_walls(
+    measurements: Measurements,
+    floorplan: Floorplan | None,
+    adjustment: PlanAdjustment,
+    options: AdjustOptions,
+    errors: Errors,
+    extra_terms: Sequence[Term] = (),
+) -> PlanAdjustment:
+    """Go on from an adjustment without the walls that all other evidence contradicts.
+
+    Args:
+        measurements: what the scan says.
+        floorplan: the plan; without one nothing changes.
+        adjustment: of the same.
+        options: of the adjustment; where walls may not have been moved, nothing changes.
+        errors: what the residuals of a problem tell.
+        extra_terms: as for `adjust_to_plan`.
+    """
+    held = adjustment.correspondences
+    is_asked = options.has_several_starts and options.moved_walls.sigma_m > 0
+    # Offsets of all walls are an own strategy; sums of means are no likelihoods.
+    is_other = options.walls.offset_sigma_m > 0 or options.averaging == "mean"
+    if floorplan is None or held is None or not is_asked or is_other:
+        return adjustment
+    ceilings_m, poses = held.ceiling_heights_m, adjustment.solution.target_from_cams
+    task = PlanTask(measurements, floorplan, options, ceilings_m, tuple(extra_terms))
+    task = replace(task, moved_m=held.moved_m)
+    begin = Alternation(
+        task.problem(poses, held),
+        adjustment.solution,
+        held,
+        adjustment.rounds,
+        adjustment.iterations,
+        adjustment.converged,
+    )
+    if begin.problem.odometry is None:
+        return adjustment
+    end, rivals = without_contradicted_walls(task, begin, errors)
+    rivals = (*adjustment.rivals, *rivals)
+    if end is begin:
+        return replace(adjustment, rivals=rivals)
+    return _as_adjustment(task, end, rivals)
+
+
+def _as_adjustment(task: PlanTask, end: Alternation, rivals: tuple[Rival, ...]) -> PlanAdjustment:
+    """Where it ended, and what is to be said of that."""
+    measurements, options, extra_terms = task.measurements, task.options, task.extra_terms
+    unknowns, plan_from_cams = end.solution.target_from_cams, end.plan_from_cams
     offsets_m, offset_sigmas_m = end.problem.offsets(unknowns)
     # The last association may differ from the one that was solved with, where it did not settle.
     found = build_problem(measurements, options, plan_from_cams, end.correspondences, extra_terms)

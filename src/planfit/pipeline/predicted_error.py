@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from planfit.adjust import AdjustmentProblem, Rival
 from planfit.adjust.torn_steps import step_departures
-from planfit.adjust.uncertainty import SharedError, pose_covariances
+from planfit.adjust.uncertainty import ErrorModel, SharedError, model_errors, pose_covariances
 from planfit.geometry import se3
 from planfit.pipeline.folds import Folds
 
@@ -93,8 +93,8 @@ def _by_residuals(
     n = problem.n_cams
     most = MAX_COVARIANCES if problem.gauge is None else MAX_ALIGNED_COVARIANCES
     some = np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))
-    misfit = _misfit(problem, folds)
-    found, _ = pose_covariances(problem, folds.stretch, misfit, some, rng, shared)
+    model = error_model(problem, folds.stretch, rng)
+    found = pose_covariances(model, problem.unknowns, some, shared)
     return interpolated(found, np.arange(n), some)
 
 
@@ -108,7 +108,14 @@ def interpolated(
     return np.column_stack([np.interp(frames, known, e) for e in entries]).reshape(-1, 6, 6)
 
 
-def _misfit(problem: AdjustmentProblem, folds: Folds) -> Float[np.ndarray, " k"]:
+def error_model(
+    problem: AdjustmentProblem, stretch: Int[np.ndarray, " k"], rng: np.random.Generator
+) -> ErrorModel:
+    """What the residuals tell of all terms, by stretches of the walk."""
+    return model_errors(problem, stretch, _misfit(problem, stretch), rng)
+
+
+def _misfit(problem: AdjustmentProblem, stretch: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     """Factor on the variance of each frame: steps that depart by more than their sigma say that the tracker
     was worse than its sigmas in that stretch."""
     odometry = problem.measurements.odometry
@@ -118,11 +125,11 @@ def _misfit(problem: AdjustmentProblem, folds: Folds) -> Float[np.ndarray, " k"]
     squares += (translation / odometry.sigma_translation) ** 2
     # Six numbers a step; that one step is torn says little of how the others were measured.
     chi_square = np.minimum(squares / 6, MAX_STEP_SIGMAS**2)
-    stretch_of_step = folds.stretch[:-1]
-    mean = np.bincount(stretch_of_step, chi_square, folds.n_stretches) / np.maximum(
-        np.bincount(stretch_of_step, minlength=folds.n_stretches), 1
+    n_stretches = int(stretch[-1]) + 1
+    mean = np.bincount(stretch[:-1], chi_square, n_stretches) / np.maximum(
+        np.bincount(stretch[:-1], minlength=n_stretches), 1
     )
-    return np.maximum(mean, 1.0)[folds.stretch]
+    return np.maximum(mean, 1.0)[stretch]
 
 
 def spread_of_rivals(

@@ -4,7 +4,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
-from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms
+import numpy as np
+
+from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms, settle_walls
 from planfit.adjust.calibration import Calibration
 from planfit.corrections import NO_CORRECTIONS, Contradiction, Corrections
 from planfit.errors import require
@@ -25,6 +27,7 @@ from planfit.pipeline.contradicted import (
     first_of_each,
     with_places,
 )
+from planfit.pipeline.folds import cut_into_stretches
 from planfit.pipeline.jumps import align_with_jumps
 from planfit.pipeline.observations import (
     Observations,
@@ -33,6 +36,7 @@ from planfit.pipeline.observations import (
 )
 from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.predicted_error import error_model
 from planfit.pipeline.result import MadeOf, RefineResult, make_result
 from planfit.pipeline.storeys import place_on_storeys
 from planfit.pipeline.survey import SurveyedScan, observe_survey, place_by_control
@@ -216,6 +220,19 @@ def _solve(
         if calibrated.prepared is before.prepared:
             break
         calibrated, on_plan, adjustment = place(calibrated)
+    # A sensor that is off looks like walls that were moved: these come last.
+    with timer.stage("adjust"):
+        prepared = calibrated.prepared
+        recorded = prepared.level_from_cams[prepared.keyframes.frame_idx]
+        stretch = cut_into_stretches(recorded, options.verdict.folds)
+        adjustment = settle_walls(
+            prepared.measurements,
+            on_plan.floorplan,
+            adjustment,
+            options.adjust,
+            lambda problem: error_model(problem, stretch, np.random.default_rng(options.seed)),
+            extra_terms,
+        )
     return calibrated, on_plan, adjustment
 
 

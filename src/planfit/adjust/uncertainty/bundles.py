@@ -39,11 +39,13 @@ class Bundles:
     """(b d, 6 n): of the residuals by the tangents of n poses."""
     cluster: Int[np.ndarray, " b"]
     """Numbers without gaps of what errors are shared by: a wall, a visit, a stretch of the walk."""
+    labels: Int[np.ndarray, " c"]
+    """What each cluster was called before."""
 
     @property
     def n_clusters(self) -> int:
         """How many there are."""
-        return int(self.cluster.max(initial=-1)) + 1
+        return len(self.labels)
 
 
 def plane_bundles(
@@ -66,9 +68,8 @@ def plane_bundles(
     levers = np.einsum("kij,kj->ki", poses[:, :3, :3], means[:, :3])
     rows = np.concatenate([np.cross(levers, planes[:, :3]), planes[:, :3]], axis=1)
     jacobian = sparse_rows(rows[:, None, None], moments.pose_idx[seen, None], len(target_from_cams))
-    return Bundles(
-        moments, residuals[:, None], weights[seen], jacobian, _without_gaps(cluster[seen])
-    )
+    labels, without_gaps = np.unique(cluster[seen], return_inverse=True)
+    return Bundles(moments, residuals[:, None], weights[seen], jacobian, without_gaps, labels)
 
 
 def pair_bundles(
@@ -91,7 +92,8 @@ def pair_bundles(
     of_a = np.concatenate([-se3.skew(mean_a), one], axis=2)
     of_b = np.concatenate([se3.skew(mean_b), -one], axis=2)
     jacobian = sparse_rows(np.stack([of_a, of_b], axis=1), pairs, len(target_from_cams))
-    return Bundles(moments, residuals, weights, jacobian, _without_gaps(cluster[seen]))
+    labels, without_gaps = np.unique(cluster[seen], return_inverse=True)
+    return Bundles(moments, residuals, weights, jacobian, without_gaps, labels)
 
 
 def _distances(
@@ -132,7 +134,3 @@ def sparse_rows(
     column = np.broadcast_to((6 * pose_idx[:, :, None, None] + np.arange(6)), shape)
     entries = (rows.ravel(), (row.ravel(), column.ravel()))
     return sparse.csr_array(entries, shape=(b * d, 6 * n_poses))
-
-
-def _without_gaps(cluster: Int[np.ndarray, " b"]) -> Int[np.ndarray, " b"]:
-    return np.unique(cluster, return_inverse=True)[1]

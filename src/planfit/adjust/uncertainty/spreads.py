@@ -113,11 +113,27 @@ def find_spread(
     signs = rng.choice([-1.0, 1.0], size=(len(of_clusters), N_PROBES))
     left = signs - (clusters.pull.T @ factors.solve(clusters.pull @ signs)) / of_clusters[:, None]
     of_unit = float(of_clusters @ np.mean(left**2, axis=1))
-    seen = max(between - factor * left_between, 0.0) / max(of_unit, 1e-12)
-    n_seen = left_between if of_unit > 0 else 0.0
-    shared = STATED_CLUSTERS * shared_prior_m**2 + n_seen * seen
+    variance = shared_variance(between, left_between, of_unit, factor, shared_prior_m)
+    return Spread(factor, float(np.sqrt(variance)))
+
+
+def shared_variance(
+    between: float, n_left: float, of_unit: float, factor: float, prior_m: float
+) -> float:
+    """Variance (m^2, each axis) of the error that clusters share.
+
+    Args:
+        between: weighted sum of squares of the clusters' mean residuals.
+        n_left: numbers in that once poses were fitted.
+        of_unit: the same sum, were each cluster's error 1 m^2 before that.
+        factor: on the variance of bundles' own errors.
+        prior_m: expected before anything is seen.
+    """
+    seen = max(between - factor * n_left, 0.0) / max(of_unit, 1e-12)
+    n_seen = max(n_left, 0.0) if of_unit > 0 else 0.0
+    shared = STATED_CLUSTERS * prior_m**2 + n_seen * seen
     # Two less: the mean of a variance that so few were seen of (inverse gamma).
-    return Spread(factor, float(np.sqrt(shared / (STATED_CLUSTERS + n_seen - 2.0))))
+    return shared / (STATED_CLUSTERS + n_seen - 2.0)
 
 
 def find_step_factors(

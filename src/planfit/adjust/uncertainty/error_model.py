@@ -1,0 +1,153 @@
+"""Errors of all terms, as residuals tell them, carried to the normal equations.
+
+The adjustment weighs its terms by the sigmas that it was given; what comes out of it errs by what they
+really are (`spreads`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import sparse
+
+from planfit.adjust.problem import AdjustmentProblem
+from planfit.adjust.rigid_motion import free_motions, rigid_tangents
+from planfit.adjust.terms.levels import LevelTerm
+from planfit.adjust.terms.odometry import OdometryTerm
+from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.walls import WallTerm
+from planfit.adjust.uncertainty.bundles import Bundles, pair_bundles, plane_bundles, sparse_rows
+from planfit.adjust.uncertainty.spreads import (
+    Clusters,
+    Probes,
+    Spread,
+    find_spread,
+    find_step_factors,
+)
+from planfit.lsq.blocks import NormalBlocks
+from planfit.lsq.covariance import Factors, factorised
+from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.term import Term
+from planfit.lsq.terms.residual import WeightedResiduals
+
+DRAWN_SIGMA_M = 0.01
+"""Of walls about where they are drawn, before anything is seen of them; no other error is thought to be
+shared."""
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """Errors of all terms, carried to the normal equations."""
+
+    factors: Factors
+    noise: sparse.csr_array
+    """(6 n, 6 n): covariance of the gradient, errors that bundles share left out."""
+    shared: sparse.csr_array
+    """(6 n, c): pulls of clusters, each by one standard deviation."""
+    free: Float[np.ndarray, "6 f"]
+    """Rigid motions that nothing fixed holds, axes of `rigid_tangents`; each is held at the first camera."""
+    spreads: dict[str, Spread]
+    """Of each term whose residuals tell them."""
+    bundles: dict[str, Bundles]
+    """Of the same terms."""
+
+
+def model_errors(
+    problem: AdjustmentProblem,
+    stretch: Int[np.ndarray, " n"],
+    misfit: Float[np.ndarray, " n"],
+    rng: np.random.Generator,
+) -> ErrorModel:
+    """Spreads of all terms where an adjustment ended, and what they come to.
+
+    Args:
+        problem: all terms, its unknowns where they are least.
+        stretch: of the walk that each camera belongs to: matches between two of them share their errors.
+        misfit: factor on the variance of the recorded steps from each camera on.
+        rng: draws random signs for traces.
+    """
+    unknowns, n = problem.unknowns, len(problem.unknowns)
+    bundles = {
+        t.name: b for t in problem.terms if (b := _bundles(t, unknowns, stretch)) is not None
+    }
+    parts = []
+    for term in problem.terms:
+        own = bundles.get(term.name)
+        quadratic = term.reweight(unknowns)[0] if own is None else own.moments
+        parts.append(quadratic.normal_blocks(unknowns))
+    if problem.gauge is None:
+        free = free_motions(parts, unknowns, problem.n_cams)
+        of_first = rigid_tangents(unknowns[: problem.n_cams, :3, 3])[0] @ free
+        factors = factorised(NormalEquations([*parts, _held_at_first(parts, of_first, n)], n))
+    else:
+        free, factors = np.eye(6), factorised(NormalEquations(parts, n))
+    probes = Probes.make(factors, rng)
+    noise, pulls, spreads = [], [sparse.csr_array((6 * n, 0))], {}
+    for term, part in zip(problem.terms, parts, strict=True):
+        own = bundles.get(term.name)
+        if own is None:
+            if isinstance(term, OdometryTerm):
+                part = _of_steps(term, unknowns, misfit, probes)
+            noise.append(part)
+            continue
+        clusters, is_wall = Clusters.of(own), isinstance(term, WallTerm)
+        prior_m = DRAWN_SIGMA_M if is_wall else 0.0
+        spread = find_spread(own, clusters, factors, probes, rng, prior_m)
+        spreads[term.name] = spread
+        noise.append(replace(part, blocks=spread.factor * part.blocks))
+        pulls.append(spread.shared_m * clusters.pull)
+    matrix = sparse.csr_array(NormalEquations(noise, n).matrix)
+    shared = sparse.hstack(pulls, format="csr")
+    return ErrorModel(factors, matrix, shared, free, spreads, bundles)
+
+
+def _held_at_first(
+    parts: Sequence[NormalBlocks], motions: Float[np.ndarray, "6 f"], n: int
+) -> NormalBlocks:
+    """Holds the first camera against some motions, as firmly as anything holds it.
+
+    Solved as they are, singular equations give columns of rounding errors: variances below 0.
+    """
+    of_first = sum(p.blocks[(p.rows == 0) & (p.columns == 0)].sum(axis=0) for p in parts)
+    diagonal = np.diagonal(of_first)
+    root = np.sqrt(np.maximum(diagonal, 1e-12 * max(diagonal.max(), 1e-300)))[:, None]
+    axes = np.linalg.qr(root * motions)[0]
+    block = root * (axes @ axes.T) * root.T
+    first = np.zeros(1, dtype=int)
+    return NormalBlocks(first, first, block[None], np.zeros((n, 6)))
+
+
+def _bundles(
+    term: Term, unknowns: Float[np.ndarray, "u 4 4"], stretch: Int[np.ndarray, " n"]
+) -> Bundles | None:
+    """Bundles of a term over points, by what their errors are shared with; None of another."""
+    found = None
+    if isinstance(term, WallTerm):
+        found = plane_bundles(term.groups, unknowns, term.association.face_idx)
+    elif isinstance(term, LevelTerm):
+        groups = term.groups
+        found = plane_bundles(groups, unknowns, stretch[groups.pose_idx])
+    elif isinstance(term, PointTerm):
+        groups = term.groups
+        first, last = np.sort(stretch[groups.pairs], axis=1).T
+        found = pair_bundles(groups, unknowns, first * (int(stretch[-1]) + 1) + last)
+    return None if found is None or len(found.weights) == 0 else found
+
+
+def _of_steps(
+    term: OdometryTerm,
+    unknowns: Float[np.ndarray, "u 4 4"],
+    misfit: Float[np.ndarray, " n"],
+    probes: Probes,
+) -> NormalBlocks:
+    """The recorded steps' part of the gradient's covariance."""
+    weighted, rows = term.reweight(unknowns)[0], term.between.rows
+    k, information = len(weighted.information), weighted.information
+    by_ends = rows.jacobians(unknowns).reshape(k, 6, 2, 6).transpose(0, 2, 1, 3)
+    jacobian = sparse_rows(by_ends, term.between.pairs, len(unknowns))
+    residuals = rows.residuals(unknowns)
+    factors = np.repeat(find_step_factors(residuals, information, jacobian, probes), 3)
+    # Where the tracker was worse than it said, in a stretch of its own, that counts.
+    by_step = np.where(misfit[:k, None] > 1.0, np.maximum(misfit[:k, None], factors), factors)
+    return WeightedResiduals(rows, by_step * information).normal_blocks(unknowns)
