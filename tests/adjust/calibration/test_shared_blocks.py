@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import nudged
-from faulty_sensors import make_sensor_world
+from faulty_sensors import make_sensor_world, with_points
+from planfit.adjust.calibration import SHARED, CalibrationOptions
 from planfit.adjust.calibration.blocks import ODOMETRY, PLAN, S, shared_blocks
 from planfit.adjust.calibration.reduced import shared_step
 from planfit.adjust.terms.levels import LevelTerm
@@ -300,3 +301,24 @@ def test_the_gradient_of_motions_by_surfaces_is_that_of_their_robust_cost(world,
         expected = (ends[0] - ends[1]) / (2 * STEP)
         # A turn of the measured motion turns the axes of its departure: of second order.
         assert found[k] == pytest.approx(expected, rel=0.02, abs=0.02 * np.abs(found).max())
+
+
+@pytest.mark.parametrize(
+    "name", ["depth_scale", "depth_offset_m", "depth_quadratic_per_m", "focal_scale"]
+)
+def test_depth_that_is_noisy_along_its_rays_does_not_look_wrong(name):
+    """Noise of 0.01 z^2: shrinking what is far would make it smaller, at 9 sigmas if that were let pay."""
+    k = SHARED.index(name)
+    sigmas = np.where(np.arange(S) == k, CalibrationOptions().sigmas, 0.0)
+    in_sigmas = []
+    for seed in range(6):
+        rng = np.random.default_rng([11, seed])
+        world = make_sensor_world(rng, noise_m=0.0)
+
+        def noisy(points, rng=rng):
+            return points * (1 + 0.01 * points[..., 2:] * rng.normal(size=(*points.shape[:-1], 1)))
+
+        problem = world.problem(with_points(world.measurements, noisy))
+        step = shared_step(problem, problem.solve().target_from_cams, np.zeros(S), sigmas)
+        in_sigmas.append(step.change[k] / np.sqrt(step.covariance[k, k]))
+    assert abs(np.mean(in_sigmas)) < 2.0
