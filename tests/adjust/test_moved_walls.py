@@ -31,10 +31,10 @@ def drawn_off(world, offsets_m):
     return displaced(world.floorplan, -np.asarray(offsets_m, dtype=float))
 
 
-def found(world, floorplan, options=MovedWallOptions()):  # noqa: B008
+def found(world, floorplan, options=MovedWallOptions(), known=()):  # noqa: B008
     walls, poses, chosen = world.structure.walls, world.plan_from_cams, AssociationOptions()
     association = associate(walls, floorplan, poses, 0.35, chosen)
-    return find_moved(walls, association, floorplan, poses, chosen, options)
+    return find_moved(walls, association, floorplan, poses, chosen, options, known=known)
 
 
 def test_a_right_plan_has_no_moved_wall(world):
@@ -61,6 +61,13 @@ def test_each_option_decides(world):
     assert n_moved(min_patches=4) == 1
     assert n_moved(min_patches=5) == 0
     assert n_moved(max_moved_share=0.2) == 0  # a quarter of the patches lie on it
+
+
+def test_walls_known_to_be_moved_say_nothing_against_the_poses(world):
+    plan = drawn_off(world, [0.3, 0.2, -0.25, 0])  # most of what is seen
+    assert np.isnan(found(world, plan)).all()
+    moved_m = found(world, plan, known=(0, 2))
+    np.testing.assert_allclose(moved_m, [0.3, 0.2, -0.25, np.nan], atol=0.02)
 
 
 def test_a_pilaster_is_told_from_the_wall_beside_it(rng):
