@@ -13,11 +13,13 @@ import numpy as np
 from faults.images import with_faulty_sensor
 from faults.inputs import Inputs
 from faults.measure import CRASHED, How, KeypointsKept, Measured, base_inputs, judge
-from faults.scans import drifted
+from faults.poses import delayed
+from faults.scans import AT_RATE, RATE_HZ, drifted
 
 import planfit
 from planfit.adjust.calibration import SHARED
 from planfit.errors import PlanfitError
+from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, PARAMETERS, SensorCalibration
 from planfit.geometry.camera import Camera
 from planfit.pipeline.result import RefineResult
@@ -25,6 +27,8 @@ from planfit.pipeline.result import RefineResult
 UNITS_PER_METRE = 37.0
 """Of a plan that does not say its unit."""
 VGA_WIDTH = 640
+CLOCK = "clock_s"
+"""How much later than their poses images were taken; all else that is found is of the camera."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,8 @@ class SensorFault:
     """Focal lengths in the file over the true ones, less one."""
     principal_px: float = 0.0
     """Principal point in the file less the true one, x, in pixels of an image 640 wide."""
+    late_s: float = 0.0
+    """How much later than their poses images were taken."""
 
     def undone_by(self, true: Camera) -> SensorCalibration:
         """The calibration that should be found of a camera."""
@@ -63,7 +69,13 @@ FAULTS = (
     SensorFault("depth +5 cm, focal +2%", SensorCalibration(depth_offset_m=-0.05), 0.02),
     SensorFault("depth x0.95, principal point 8 px", _longer(-0.05), principal_px=8.0),
 )
-"""Clocks are left out: planfit does not look for them."""
+CLOCKS = (
+    SensorFault("clock 30 ms", late_s=0.03),
+    SensorFault("clock 100 ms", late_s=0.1),
+    SensorFault("clock -100 ms", late_s=-0.1),
+    SensorFault("clock 30 ms, depth x1.05", _longer(0.05), late_s=0.03),
+)
+"""Put on scans of 30 frames a second alone: a clock is no matter of frames that are seconds apart."""
 
 SCANS: tuple[tuple[str, int, bool], ...] = (
     ("conslam", 1, True),
@@ -109,13 +121,22 @@ class SensorCase:
         """Drifted inputs with the fault."""
         if not self.has_unit:
             inputs = without_unit(inputs)
-        if self.fault in (FAULTLESS, HELD):
+        if self.fault.late_s:
+            inputs = late(inputs, self.fault.late_s)
+        if self.undone_by(inputs) == NOMINAL:
             return inputs
         return with_faulty_sensor(inputs, self.undone_by(inputs), f"sensor {self.fault.name}")
 
     def undone_by(self, inputs: Inputs) -> SensorCalibration:
         """What should be found."""
         return self.fault.undone_by(inputs.scan.cameras[0])
+
+
+def late(inputs: Inputs, late_s: float) -> Inputs:
+    """Images taken so much later than the poses that a tracker with the same drift gives them."""
+    recorded, true = inputs.scan.world_from_cams, inputs.true_world_from_cams
+    before = delayed(inputs.with_poses(true), late_s * RATE_HZ).scan.world_from_cams
+    return inputs.with_poses(recorded @ se3.inverse(true) @ before)
 
 
 def without_unit(inputs: Inputs) -> Inputs:
@@ -133,7 +154,15 @@ def without_unit(inputs: Inputs) -> Inputs:
 
 def all_cases() -> tuple[SensorCase, ...]:
     """Every fault on every scan; the faultless ones first, as all others are held against them."""
-    return tuple(SensorCase(*scan, fault) for fault in (FAULTLESS, HELD, *FAULTS) for scan in SCANS)
+    of_cameras = [
+        SensorCase(*scan, fault) for fault in (FAULTLESS, HELD, *FAULTS) for scan in SCANS
+    ]
+    of_clocks = [
+        SensorCase(scan.name, 0, True, fault)
+        for fault in (FAULTLESS, HELD, *CLOCKS)
+        for scan in AT_RATE
+    ]
+    return (*of_cameras, *of_clocks)
 
 
 def choose(
@@ -188,6 +217,8 @@ def _measure(case: SensorCase, how: How) -> Calibrated:
         result = planfit.refine(inputs.scan, inputs.floorplan, options, runtime)
         departures = case.undone_by(base).vector - NOMINAL.vector
         put_in = {name: float(d) for name, d in zip(PARAMETERS, departures, strict=True) if d}
+        if case.fault.late_s:
+            put_in[CLOCK] = case.fault.late_s
         return _with_sensor(judge(inputs, result, nothing), put_in, result)
     except PlanfitError as error:
         return replace(nothing, exit_code=2, said=str(error))
@@ -204,12 +235,18 @@ def _with_sensor(measured: Measured, put_in: dict[str, float], result: RefineRes
         for name, d in zip(PARAMETERS, calibration.sensor.vector - NOMINAL.vector, strict=True)
         if d
     }
+    asked = {name: asked[name] for name in sigmas}
+    clock = result.tracking.clock
+    if clock is not None and clock.offset_s is not None and clock.sigma_s is not None:
+        asked[CLOCK], sigmas[CLOCK] = clock.offset_s, clock.sigma_s
+        if clock.is_read:
+            found[CLOCK] = clock.offset_s
     assert isinstance(measured, Calibrated)
     return replace(
         measured,
         put_in=put_in,
         found=found,
-        asked={name: asked[name] for name in sigmas},
+        asked=asked,
         sigmas=sigmas,
         implausible=calibration.implausible,
     )
@@ -265,7 +302,7 @@ class Judged:
         found, put_in = self.measured.found, self.measured.put_in
         return {
             name: found.get(name, 0.0) - put_in.get(name, 0.0)
-            for name in PARAMETERS
+            for name in (*PARAMETERS, CLOCK)
             if name in found or name in put_in
         }
 

@@ -57,6 +57,8 @@ class Inputs:
     """Whether planfit is given the plan."""
     rendered: Rendered | None = None
     """Of a synthetic scan."""
+    drift: DriftOptions = DRIFT
+    """Of recorded poses before they are spoilt; less a frame where there are more frames a second."""
 
     @cached_property
     def up_world(self) -> Float[np.ndarray, "3"]:

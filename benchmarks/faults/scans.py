@@ -49,7 +49,7 @@ class BaseScan:
 def drifted(base: Inputs, seed: int) -> Inputs:
     """With drift of its own, as recorded poses have it."""
     rng = np.random.default_rng(seed)
-    poses = drift_poses(base.true_world_from_cams, DRIFT, rng, base.up_world)
+    poses = drift_poses(base.true_world_from_cams, base.drift, rng, base.up_world)
     return base.with_poses(poses)
 
 
@@ -200,6 +200,36 @@ PHONES = (
 )
 """More scans of a time-of-flight camera, for `benchmarks/calibration.py`."""
 
+RATE_HZ = 30.0
+
+
+def _recorded_at_rate(
+    seed: int, n_frames: int, building: BuildingOptions, **others: object
+) -> Inputs:
+    """A walk at a walker's speed, a frame each 1/30 s; as long as the others, so it drifts less a frame."""
+    inputs = _synth(seed, n_frames, building, **others)
+    scan = replace(inputs.scan, timestamps=np.arange(n_frames) / RATE_HZ)
+    per_frame = replace(
+        DRIFT, yaw_deg=0.15 * DRIFT.yaw_deg, translation_m=0.15 * DRIFT.translation_m
+    )
+    return replace(inputs, scan=scan, drift=per_frame)
+
+
+AT_RATE = (
+    BaseScan("one room, 30 Hz", partial(_recorded_at_rate, 105, 450, BuildingOptions(n_rooms=1))),
+    BaseScan(
+        "two rooms, phone, 30 Hz",
+        partial(
+            _recorded_at_rate,
+            132,
+            560,
+            BuildingOptions(n_rooms=2),
+            depth_noise=TimeOfFlightNoise(),
+        ),
+    ),
+)
+"""Scans of 15 and 19 s whose clock can be off, for `benchmarks/calibration.py`."""
+
 REAL = (
     BaseScan("conslam", conslam, is_rendered=False),
     BaseScan("kitchen", kitchen, is_rendered=False, has_up=False),
@@ -258,7 +288,8 @@ def _in_plan(plan: RealPlan) -> Inputs:
 def all_scans() -> dict[str, BaseScan]:
     """By name."""
     return {
-        scan.name: scan for scan in (*REAL, *SYNTHETIC, *PHONES, *WALKS, *NICHES, *rendered_walks())
+        scan.name: scan
+        for scan in (*REAL, *SYNTHETIC, *PHONES, *AT_RATE, *WALKS, *NICHES, *rendered_walks())
     }
 
 

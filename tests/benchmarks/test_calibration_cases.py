@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from calibration import make_page
 from calibration_cases import (
+    CLOCKS,
     FAULTLESS,
     FAULTS,
     HELD,
@@ -18,6 +19,7 @@ from calibration_cases import (
     shares,
 )
 from faults.inputs import Inputs
+from faults.scans import RATE_HZ
 from numpy.testing import assert_allclose
 
 from builders import look, room_plan, room_scan
@@ -113,3 +115,14 @@ def test_figures_count_what_is_near_and_found_and_sure():
     assert shares(judge_all(cases, worse))[
         "faultless: error at most 1.02 times that without calibration"
     ] == (0, 1)
+
+
+def test_a_late_clock_gives_each_image_a_pose_recorded_before():
+    poses = np.tile(np.eye(4), (30, 1, 1))
+    poses[:, 0, 3] = np.arange(30) / RATE_HZ  # a metre a second
+    true = room_scan(poses)
+    inputs = Inputs(true, room_plan(), poses, np.eye(4))
+    fault = next(f for f in CLOCKS if f.late_s == 0.1)
+    spoilt = SensorCase("room", 0, True, fault).spoil(inputs).scan
+    assert_allclose(spoilt.world_from_cams[5:, 0, 3], poses[5:, 0, 3] - 0.1, atol=1e-12)
+    assert spoilt.files is true.files  # nothing is wrong with the camera

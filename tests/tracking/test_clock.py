@@ -136,13 +136,21 @@ def test_nothing_is_read_across_a_jump():
     assert errors_m(tracking.world_from_cams, true).max() < 0.1
 
 
-@pytest.mark.parametrize(
-    ("name", "delay_s"), [("one_frame_late", 1 / RATE_HZ), ("two_frames_early", -2 / RATE_HZ)]
-)
-def test_whole_frames_stay_a_convention(name, delay_s):
+@pytest.mark.parametrize("frames", [1, -1, 2, -2])
+def test_whole_frames_of_a_dense_scan_are_a_clock(frames):
+    """At 30 Hz a clock that is 33 or 67 ms off is nothing that asks for a flag."""
+    _, poses, motions, times = scanned(7, frames / RATE_HZ)
+    tracking = judged(poses, motions, times)
+    assert tracking.convention == "recorded"
+    assert tracking.clock.intervals == pytest.approx(frames, abs=0.1)
+
+
+@pytest.mark.parametrize(("name", "frames"), [("one_frame_late", 1), ("two_frames_early", -2)])
+def test_whole_frames_that_are_far_apart_in_time_stay_a_convention(name, frames):
     # A pose that was recorded a frame before its image is that of the image before: late.
-    _, poses, motions, times = scanned(7, delay_s)
-    tracking = judged(poses, motions, times, "auto")
+    _, poses, motions, times = scanned(7, frames / RATE_HZ)
+    slow_times = 20 * times  # two frames a second and less: no clock is off by that
+    tracking = judged(poses, motions, slow_times, "auto")
     assert tracking.convention == name
     assert tracking.clock is None
 

@@ -31,6 +31,9 @@ MAX_STEP_M = 0.25
 ConSLAM (0.6 m, half a frame late) the offset is found, but steps read err by 0.50 m, as recorded by 0.42."""
 MAX_INTERVALS = 15.0
 """Offsets further off are not searched, however many frames a second there are."""
+INTERPOLATION_SIGMA = 0.03
+"""Frame intervals. Poses between frames lie on chords of the way. Where it bends between two frames, the
+best offset is drawn to whole frames in all stretches alike: 0.90 was found as 0.97 of a walk with corners."""
 
 Poses = Float[np.ndarray, "n 4 4"]
 
@@ -42,7 +45,7 @@ class ClockOffset:
     intervals: float
     """In frame intervals; negative where images are earlier."""
     sigma_intervals: float
-    """Standard deviation, from how much stretches of the walk disagree."""
+    """Standard deviation, from how much stretches of the walk disagree, and of what interpolation hides."""
     interval_s: float | None
     """s; None where the scan has frame numbers instead of times."""
     is_read: bool
@@ -229,6 +232,7 @@ def _minimum(costs: _Costs, times: FrameTimes, options: TrackingOptions) -> Cloc
     is_kept = abs(best) > max(least, options.clock_min_sigmas * sigma)
     if not is_kept or fall < options.clock_min_sigmas:
         return None
+    sigma = float(np.hypot(sigma, INTERPOLATION_SIGMA))
     return ClockOffset(best, sigma, times.interval_s, gain > options.clock_min_sigmas)
 
 

@@ -317,7 +317,7 @@ def _convention(
     if is_delay and clock is None and tells_clock(in_base, told, clocked.options):
         fit = replace(fit, name=base, share=fit.asked_share)
         is_delay = False
-    if is_delay and (clock is None or not clock.is_read or clock.is_whole(FRAME_DELAYS[fit.name])):
+    if is_delay and not _is_of_clocks(clock, FRAME_DELAYS[fit.name], clocked.options):
         base, clock = fit.name, None
     if clock is not None and clock.is_read:
         read = best_convention(clocked.read(in_base, clock)[0], told, odometry, RECORDED, keys)
@@ -335,6 +335,19 @@ def _convention(
         f"{name}: these poses look like {fit.name} (explains {fit.share:.0%} of {fit.n_motions} measured "
         f"motions, {said} {fit.asked_share:.0%}): run again with --poses-convention {again}"
     )
+
+
+def _is_of_clocks(clock: ClockOffset | None, frames: int, options: TrackingOptions) -> bool:
+    """Whether images and poses have clocks that differ; else each image has the pose of another frame.
+
+    A difference of 33 ms is a whole frame at 30 Hz, and as usual as one of 30 ms; at 1 Hz, where clocks
+    differ by less, a whole frame is a file that begins a line late.
+    """
+    if clock is None or not clock.is_read:
+        return False
+    if clock.offset_s is not None and abs(clock.offset_s) <= options.clock_max_s:
+        return True
+    return not clock.is_whole(frames)
 
 
 def _mended(
