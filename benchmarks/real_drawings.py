@@ -3,8 +3,8 @@
     python benchmarks/real_drawings.py [--page docs/real-plans.md]
 
 The truth (tests/floorplan/real_drawing_walls.json) was drawn over the line work by eye. Recall is the share
-of its length within 5 cm of a face found (1 % of the plan's size where the unit is not known), precision that of
-the faces within as much of it.
+of its length within 5 cm of a face found (1 % of the plan's size where the unit is not known), precision
+that of the faces within as much of it.
 """
 
 import argparse

@@ -79,7 +79,8 @@ _NO_WALL = """
     falso-techo cajetin marco aparatos barandilla
     viga vigas vigueta viguetas jacena jacenas
     mobili arredo arredi quota quote quotatura quotature testo testi scala scale assi campitura campiture
-    retino retini tratteggio sanitari pavimenti controsoffitto copertura cartiglio squadratura ringhiera trave travi architrave
+    retino retini tratteggio sanitari pavimenti controsoffitto copertura cartiglio squadratura ringhiera
+    trave travi architrave
     meubilair meubels maat maten maatvoering maatlijnen tekst teksten trap trappen arcering arceringen
     stramien plafonds plafond dak sanitair inrichting onderhoek
     ligger liggers balk
