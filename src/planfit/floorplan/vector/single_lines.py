@@ -93,8 +93,15 @@ def _around_faces(
     # Most faces are in one area, if in any: it is the largest.
     area = areas[np.argmax(shapely.area(areas))]
     outline, face_lines = shapely.get_exterior_ring(area), line_strings(faces.ends)
-    inside = shapely.length(shapely.intersection(face_lines, shapely.buffer(area, tolerance)))
-    is_around = inside.sum() > MIN_INSIDE * shapely.length(face_lines).sum()
+    grown, face_length = shapely.buffer(area, tolerance), shapely.length(face_lines)
+    shapely.prepare(grown)
+    is_inside = shapely.covers(grown, face_lines)
+    # Most are, and only the others have to be cut, each at the price of the whole outline.
+    parted = face_lines[~is_inside & shapely.intersects(grown, face_lines)]
+    inside = (
+        face_length[is_inside].sum() + shapely.length(shapely.intersection(parted, grown)).sum()
+    )
+    is_around = inside > MIN_INSIDE * face_length.sum()
     tips = shapely.points(faces.ends.reshape(-1, 2))
     touches = (shapely.distance(tips, outline) < tolerance).reshape(-1, 2).any(axis=1)
     # The middle of a face along the outline is on it too: that one is of the outline itself.
@@ -102,10 +109,11 @@ def _around_faces(
     n_ending = int(np.sum(touches & (shapely.distance(middles, outline) > tolerance)))
     if not is_around or n_ending < MIN_ENDING:
         return parts[:0]
-    near = shapely.buffer(outline, tolerance)
-    strings = line_strings(parts)
+    near, strings = shapely.buffer(outline, tolerance), line_strings(parts)
+    shapely.prepare(near)
     is_whole = shapely.covers(near, strings)
-    on = shapely.get_parts(shapely.intersection(strings[~is_whole], near))
+    parted = strings[~is_whole & shapely.intersects(near, strings)]
+    on = shapely.get_parts(shapely.intersection(parted, near))
     # A line that crosses the outline has a speck within it.
     return np.concatenate([parts[is_whole], ends_of(on[shapely.length(on) > 0.02 * extent])])
 
