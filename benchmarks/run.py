@@ -3,7 +3,8 @@
     python benchmarks/run.py [--only PART ...] [--fresh] [--out FILE]
 
 Parts: step, reweight, solvers (GTSAM and g2o), scaling, descent (the paper's solver), real_scan, picture (the
-real scan on a picture of its plan), without_planfit (Open3D), plan_pictures, real_plans, metrics, plots.
+real scan on a picture of its plan), without_planfit (Open3D), plan_pictures, real_plans,
+real_drawings, metrics, plots.
 A part replaces its own records in FILE and leaves the others; a part whose library or data is absent says so
 and is left out.
 Descents are kept between runs: `--fresh` makes them again (a few minutes each).
@@ -139,6 +140,15 @@ def real_plans_part(fresh: bool) -> list[Record]:  # noqa: ARG001
     return found
 
 
+def real_drawings_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import real_drawings
+
+    found = real_drawings.records()
+    if not found:
+        print(f"real_drawings: left out, {real_drawings.SHARED} has none (set PLANFIT_SHARED)")
+    return found
+
+
 def metrics_part(fresh: bool) -> list[Record]:  # noqa: ARG001
     with tempfile.TemporaryDirectory() as folder:
         rows_path = Path(folder) / "rows.json"
@@ -159,6 +169,7 @@ PARTS: dict[str, Callable[[bool], list[Record]]] = {
     "without_planfit": without_planfit_part,
     "plan_pictures": plan_pictures_part,
     "real_plans": real_plans_part,
+    "real_drawings": real_drawings_part,
     "metrics": metrics_part,
 }
 

@@ -316,6 +316,22 @@ def test_an_outline_that_walls_end_at_is_wall_and_the_frame_of_a_sheet_is_none(
     assert any("single lines" in words for words in plan.source.warnings) == is_building
 
 
+def test_an_outline_is_wall_as_far_as_a_bay_where_the_line_goes_on_across_its_mouth(tmp_path):
+    """The shell of that club: its side is one line, that runs on where a bay leaves it."""
+    planned = shapely.union_all([shapely.box(3, 0, 3.1, 4), shapely.box(6, 0, 6.1, 4)])
+
+    def shell(document):
+        space, layer = document.modelspace(), {"layer": "Base"}
+        space.add_lwpolyline([(0, 0), (9, 0), (9, 5), (0, 5)], close=True, dxfattribs=layer)
+        space.add_lwpolyline([(2, 5), (3.5, 6.5), (6, 6.5), (6, 5)], dxfattribs=layer)
+
+    plan = read_floorplan(write_dxf(tmp_path / "a.dxf", planned, layer="Wand (neu)", extra=shell))
+    lines = shapely.multilinestrings(shapely.linestrings(plan.ends))
+    x = np.array([0.5, 1.5, 7.0, 8.5, 3.5, 5.0])
+    apart = shapely.distance(shapely.points(x, np.full(6, 5.0)), lines)
+    assert (apart < 0.05).tolist() == [True] * 4 + [False] * 2
+
+
 # --- units ------------------------------------------------------------------------------------
 
 

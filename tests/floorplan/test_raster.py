@@ -239,6 +239,19 @@ def test_file_from_plan_leads_to_pixels(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_bar_of_a_title_is_no_storey() -> None:
+    """As above the plan on escape plans, in the colour of its symbols."""
+    house = shapely.difference(shapely.box(0, 200, 900, 800), shapely.box(10, 210, 890, 790))
+    for title, n_storeys in (
+        (shapely.box(0, 0, 1200, 80), 1),
+        (shapely.difference(shapely.box(0, 0, 1200, 80), shapely.box(10, 10, 1190, 70)), 2),
+    ):
+        walls = np.array([house, title], dtype=object)
+        lines = np.zeros((900, 1300), dtype=bool)
+        storey_of = find_storeys(walls, 10.0, np.zeros((0, 2, 2)), lines)
+        assert storey_of.max() + 1 == n_storeys
+
+
 def test_storeys_side_by_side(tmp_path: Path) -> None:
     one, other = drawn(3).image, drawn(4).image
     height = max(len(one), len(other))

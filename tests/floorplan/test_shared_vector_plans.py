@@ -1,5 +1,6 @@
 """Real drawings and models: what can be known of them without their truth."""
 
+import json
 import os
 from pathlib import Path
 
@@ -13,6 +14,9 @@ from planfit.floorplan.columns import find_columns
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
 PLANS = DATA / "floorplans"
+DRAWN_BY_HAND = json.loads(Path(__file__).with_name("real_drawing_walls.json").read_text())[
+    "drawings"
+]
 
 pytestmark = [
     pytest.mark.shared,
@@ -65,6 +69,29 @@ def test_drawings(name, unit, size):
     assert not any("damaged" in warning for warning in plan.source.warnings)
     # Chamfered squares on a layer of doors; pans and basins on that of walls are none.
     assert len(find_columns(plan).sizes) == (3 if name == "office_metres" else 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", DRAWN_BY_HAND, ids=lambda truth: Path(truth["file"]).stem)
+def test_walls_of_drawings_are_those_drawn_over_them_by_hand(truth):
+    path = DATA / truth["file"]
+    if not path.is_file():
+        pytest.skip(f"no {path}")
+    plan = read_floorplan(path)
+    walls = np.array(truth["walls"], float).reshape(-1, 2, 2)
+    near = 0.05 if plan.is_metric else 0.01 * np.ptp(walls.reshape(-1, 2), axis=0).max()
+    either = shapely.union_all([shapely.Polygon(corners) for corners in truth["either"]])
+    drawn, found = (
+        shapely.difference(shapely.multilinestrings(shapely.linestrings(ends)), either)
+        for ends in (walls, plan.ends)
+    )
+    read, right = (
+        shapely.length(shapely.intersection(lines, shapely.buffer(others, near))) / lines.length
+        for lines, others in ((drawn, found), (found, drawn))
+    )
+    # Solid corners over a metre thick are no walls to the reader.
+    assert read > (0.85 if path.stem.startswith("ttimeless") else 0.95)
+    assert right > 0.95
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,8 @@ class Role(IntEnum):
 
 
 # Words, folded: in lower case and without accents; ä, ö, ü also as ae, oe, ue, which is left to the reader of
-# these lists. What is no wall wins over an opening, and that over a wall: "wall text" holds text.
+# these lists. Beams are overhead, and drawn like walls, as two lines across a room. What is no wall wins over
+# an opening, and that over a wall: "wall text" holds text.
 _WALL = """
     wall walls partition partitions prtn structure structural shearwall firewall drywall facade
     column columns cols colm pier piers pillar pillars brickwork masonry blockwork concrete
@@ -62,30 +63,37 @@ _NO_WALL = """
     lights lite electrical elec hvac mechanical duct ceiling ceilings clng roof roofing landscape vegetation
     planting plnt tree trees car cars vehicle vehicles people table tables chair chairs shelf shelves couch
     benches bench desk desks kitchen symbol symbols room-text area areas flooring tiles tiling paving carpet
+    beam beams girder girders joist joists rafter rafters purlin purlins
     handrail handrails hral railing railings overhead ovhd above case casework appl cntr centerline
     centreline header lintel demo demolition sketch projection
     mobilier mobiliers meuble meubles cote cotes cotation cotations texte textes escalier escaliers hachure
     hachures cartouche axe dallage carrelage sanitaire sanitaires plomberie faux-plafond plafond toiture
-    garde-corps
+    garde-corps poutre poutres poutrelle poutrelles solive solives
     mobel moebel mobiliar bemassung bemassungen bemaung masse masslinie masslinien masskette massketten treppe
     treppen gelander gelaender schraffur schraffuren beschriftung beschriftungen raumstempel achse achsen
     raster sanitar sanitaer kuche kueche decke decken unterdecke dach plankopf rahmen einrichtung
+    trager traeger balken unterzug unterzuge unterzuege uberzug ueberzug sparren pfette pfetten
     ausstattung schrankwand duschwand leinwand abbruch projektion
     mobiliario moveis cota cotas texto textos escalera escaleras escada escadas eje ejes eixo eixos
     sombreado sombreados trama tramas sanitario sanitarios pavimento pavimentos baldosas cubierta techo techos
     falso-techo cajetin marco aparatos barandilla
+    viga vigas vigueta viguetas jacena jacenas
     mobili arredo arredi quota quote quotatura quotature testo testi scala scale assi campitura campiture
     retino retini tratteggio sanitari pavimenti controsoffitto copertura cartiglio squadratura ringhiera
+    trave travi architrave
     meubilair meubels maat maten maatvoering maatlijnen tekst teksten trap trappen arcering arceringen
     stramien plafonds plafond dak sanitair inrichting onderhoek
+    ligger liggers balk
     mebel meble wymiary schody nabytek koty matt mattsattning trappa trappor mobler mobel inredning
+    балка балки
     мебель размеры текст оси лестница лестницы штриховка 家具 尺寸 文字 寸法 轴 가구 치수
-    ריהוט מידות טקסט מדרגות צירים סניטריה רהיטים
+    קורה קורות ריהוט מידות טקסט מדרגות צירים סניטריה רהיטים
 """
 _NO_WALL_ENDS = """
     mobel moebel bemassung beschriftung schraffur treppe treppen text texte gelander gelaender decke decken
     achse achsen raster leuchte leuchten lampe lampen schrank schranke schraenke belag belage
     stempel dammung daemmung maatvoering arcering tekst trap trappen meubilair verkleidung
+    trager traeger balken unterzug unterzuge unterzuege sparren
 """
 _WORD = re.compile(r"[^\W\d_]+")
 _CAMEL = re.compile(r"(?<=[a-zà-ÿ])(?=[A-Z])")

@@ -2,13 +2,13 @@
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
 from planfit.floorplan.vector.candidates import Candidates
 from planfit.floorplan.vector.double_lines import LineFaces
-from planfit.floorplan.vector.line_work import cut_out
+from planfit.floorplan.vector.line_work import cut_out, ends_of
 from planfit.geometry import segments
 
 SINGLE_SHARE = 0.3
@@ -58,22 +58,24 @@ def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> Lin
             is_corner and total < SINGLE_SHARE * left.sum()
         )
         at = own if is_single or len(faces.ends) == 0 else own[:0]
-    at = np.union1d(at, own[_encloses(rest.ends[own], candidates.ends, faces, extent)])
-    ends, n = rest.ends[at], len(at)
+    others = rest.ends[np.setdiff1d(own, at)]
+    around = _around_faces(others, candidates.ends, faces, extent)
+    ends = np.concatenate([rest.ends[at], around])
+    n = len(ends)
     line = np.array([], dtype=int) if n == 0 else _nearest_line(candidates.ends, ends)
     return LineFaces(
         ends, segments.left_normals(ends), np.zeros(n, dtype=bool), np.full(n, np.nan), line
     )
 
 
-def _encloses(
+def _around_faces(
     parts: Float[np.ndarray, "k 2 2"],
     lines: Float[np.ndarray, "n 2 2"],
     faces: LineFaces,
     extent: float,
-) -> Bool[np.ndarray, " k"]:
-    """Which parts of lines are on a closed outline around faces that end at it. The frame of a sheet and the
-    border of a site stand apart from walls.
+) -> Float[np.ndarray, "m 2 2"]:
+    """What of parts of lines is on a closed outline around faces that end at it: a line may leave it where a
+    bay begins. The frame of a sheet and the border of a site stand apart from walls.
 
     Args:
         parts: of the lines, what no face is of.
@@ -81,28 +83,39 @@ def _encloses(
         faces: that were found among them.
         extent: of the drawing.
     """
-    is_on = np.zeros(len(parts), dtype=bool)
     if len(parts) == 0 or len(faces.ends) == 0 or len(lines) > MAX_OUTLINE_LINES:
-        return is_on
+        return parts[:0]
     tolerance = 2e-3 * extent
     rings = shapely.get_parts(shapely.polygonize([shapely.union_all(line_strings(lines))]))
     areas = shapely.get_parts(shapely.union_all(rings))
     if len(areas) == 0:
-        return is_on
+        return parts[:0]
     # Most faces are in one area, if in any: it is the largest.
     area = areas[np.argmax(shapely.area(areas))]
     outline, face_lines = shapely.get_exterior_ring(area), line_strings(faces.ends)
-    inside = shapely.length(shapely.intersection(face_lines, shapely.buffer(area, tolerance)))
-    is_around = inside.sum() > MIN_INSIDE * shapely.length(face_lines).sum()
+    grown, face_length = shapely.buffer(area, tolerance), shapely.length(face_lines)
+    shapely.prepare(grown)
+    is_inside = shapely.covers(grown, face_lines)
+    # Most are, and only the others have to be cut, each at the price of the whole outline.
+    parted = face_lines[~is_inside & shapely.intersects(grown, face_lines)]
+    inside = (
+        face_length[is_inside].sum() + shapely.length(shapely.intersection(parted, grown)).sum()
+    )
+    is_around = inside > MIN_INSIDE * face_length.sum()
     tips = shapely.points(faces.ends.reshape(-1, 2))
     touches = (shapely.distance(tips, outline) < tolerance).reshape(-1, 2).any(axis=1)
     # The middle of a face along the outline is on it too: that one is of the outline itself.
     middles = shapely.points(faces.ends.mean(axis=1))
     n_ending = int(np.sum(touches & (shapely.distance(middles, outline) > tolerance)))
     if not is_around or n_ending < MIN_ENDING:
-        return is_on
-    near = shapely.buffer(outline, tolerance)
-    return np.asarray(shapely.covers(near, line_strings(parts)))
+        return parts[:0]
+    near, strings = shapely.buffer(outline, tolerance), line_strings(parts)
+    shapely.prepare(near)
+    is_whole = shapely.covers(near, strings)
+    parted = strings[~is_whole & shapely.intersects(near, strings)]
+    on = shapely.get_parts(shapely.intersection(parted, near))
+    # A line that crosses the outline has a speck within it.
+    return np.concatenate([parts[is_whole], ends_of(on[shapely.length(on) > 0.02 * extent])])
 
 
 def _nearest_line(
