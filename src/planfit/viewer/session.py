@@ -7,7 +7,7 @@ a page that is closed, a browser that dies and a file that is changed by hand me
 import io
 import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from planfit.corrections import NO_CORRECTIONS, Corrections, read_corrections, write_corrections
+from planfit.corrections import (
+    NO_CORRECTIONS,
+    Corrections,
+    Place,
+    read_corrections,
+    write_corrections,
+)
 from planfit.corrections.file import corrections_of
 from planfit.errors import OptionError, PlanfitError
 from planfit.floorplan import Floorplan
@@ -23,6 +29,7 @@ from planfit.floorplan.edits import faces_at
 from planfit.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.scan.pixels import lift_pixel
+from planfit.viewer.points import PickedPoints
 
 FILE = "corrections.toml"
 _QUALITY = 88
@@ -46,6 +53,10 @@ class Session:
     _failed: str = ""
     _before: dict[str, Any] | None = None
     """What the run before the last solve said of itself."""
+    _points: PickedPoints = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._points = PickedPoints(self.scan, self.floorplan)
 
     @property
     def path(self) -> Path:
@@ -90,6 +101,7 @@ class Session:
                     "is_solved": bool(ran),
                     "residual_m": ran.get("residual_m"),
                     "contradicted": ran.get("contradicted"),
+                    "mark": self._points.mark(each, record) if isinstance(each, Place) else None,
                 }
             )
         return {
@@ -139,6 +151,15 @@ class Session:
         Image.fromarray(color).save(buffer, "JPEG", quality=_QUALITY)
         return buffer.getvalue()
 
+    def pixel_of(self, frame: int, point_cam: Sequence[float]) -> dict[str, Any]:
+        """The pixel of a frame that shows a point (m, the frame's axes) of the report's cloud.
+
+        Raises:
+            OptionError: there is no such frame, or the point lies at the edge of something.
+        """
+        self._require_frame(frame)
+        return self._points.pixel_of(frame, point_cam, finished_record(self.folder) or {})
+
     def add(self, kind: str, table: dict[str, Any]) -> None:
         """Add a correction, as a table of the file, and write the file.
 
@@ -183,8 +204,9 @@ class Session:
                 raise OptionError("expected no solve on, found one; wait for it")
             corrections = self.corrections()
             self._before, self._failed = finished_record(self.folder), ""
-            self._thread = threading.Thread(target=self._run, args=(corrections,), daemon=True)
-            self._thread.start()
+            thread = threading.Thread(target=self._run, args=(corrections,), daemon=True)
+            thread.start()
+            self._thread = thread  # never one that has not begun, for who waits
 
     def wait(self, seconds: float | None = None) -> None:
         """Until a solve that is on has ended."""

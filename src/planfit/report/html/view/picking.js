@@ -1,5 +1,6 @@
 // What lies under a finger: a camera of the path, or a wall of the plan.
 const FRAME_REACH_PX = 16;
+const POINT_REACH_PX = 7;
 const WALL_REACH_PX = 12; // of a wall seen from above, which is a line
 
 function pickFrame(scene, clipFromPlan, share, x, y, canvas) {
@@ -27,6 +28,56 @@ function pickWall(scene, { eye, along }) {
     if (isHit && distance < least) [best, least] = [i, distance];
   });
   return best;
+}
+
+// The point of the cloud that is seen under a finger: of those near it, the nearest to the eye, and of those
+// that are as near, the one that lies best. Places of all points are those of the picture, by one matrix a frame.
+function pickPoint(scene, levels, orbit, share, cut, x, y, canvas) {
+  const clip = orbit.clipFromPlan();
+  const { back, eye } = orbit.axes();
+  const rows = [0, 1, 3].map((row) => [clip[row], clip[4 + row], clip[8 + row], clip[12 + row]]);
+  rows.push([...back.map((v) => -v), dot(back, eye)], [0, 0, 1, 0]); // depth, height
+  const reach = POINT_REACH_PX;
+  const found = [];
+  let nearest = Infinity;
+  let [of, m] = [-1, null];
+  for (const { n, points } of levels)
+    for (let i = 0; i < n; i++) {
+      const k = 4 * i;
+      if (points[k + 3] !== of) {
+        of = points[k + 3];
+        m = rowsOfSteps(scene, of, share, rows);
+      }
+      const at = (row) => m[row] * points[k] + m[row + 1] * points[k + 1] + m[row + 2] * points[k + 2] + m[row + 3];
+      const w = at(8);
+      if (w <= 0 || at(16) > cut) continue;
+      const dx = (0.5 + (0.5 * at(0)) / w - x) * canvas.clientWidth;
+      const dy = (0.5 - (0.5 * at(4)) / w - y) * canvas.clientHeight;
+      const away = dx * dx + dy * dy;
+      if (away > reach * reach) continue;
+      const depth = at(12);
+      nearest = Math.min(nearest, depth);
+      found.push([depth, away, of, points[k], points[k + 1], points[k + 2]]);
+    }
+  // Noise of depth along the ray is not what chooses between points of one surface.
+  const seen = found.filter(([depth]) => depth <= nearest + Math.max(0.1, 0.03 * Math.abs(nearest)));
+  if (!seen.length) return null;
+  const [, , frame, ...steps] = seen.reduce((a, b) => (b[1] < a[1] ? b : a));
+  const tile = scene.tiles.subarray(6 * frame, 6 * frame + 6);
+  return { frame, point: steps.map((q, axis) => tile[axis] + tile[3 + axis] * q) };
+}
+
+// Rows over the plan as rows over the 16-bit steps of a frame's points.
+function rowsOfSteps(scene, frame, share, rows) {
+  const tile = scene.tiles.subarray(6 * frame, 6 * frame + 6);
+  const origin = placed(scene, frame, [tile[0], tile[1], tile[2]], share);
+  const along = [0, 1, 2].map((axis) => {
+    const step = [tile[0], tile[1], tile[2]];
+    step[axis] += tile[3 + axis];
+    return plus(placed(scene, frame, step, share), origin, -1);
+  });
+  return rows.flatMap(([a, b, c, d]) =>
+    [...along, origin].map((p, i) => a * p[0] + b * p[1] + c * p[2] + (i === 3 ? d : 0)));
 }
 
 // Seen from above: the nearest camera, or wall, to a point of the plan.
