@@ -148,6 +148,27 @@ def test_page_images_and_state(served):
     assert np.shape(plan["faces"]) == (4, 2, 2)
 
 
+def test_what_contradicts_what_is_told_with_what_takes_it_out(served):
+    frames = {"first_frames": [0, 3], "last_frames": [9, 11], "face_idx": None, "ends": []}
+    wall = {"first_frames": None, "last_frames": None, "face_idx": 0, "ends": [[0, 0], [6, 0]]}
+    told = [
+        {"item": {"kind": "loop", **frames}, "words": "loop"},
+        {"item": {"kind": "loop by hand", **frames}, "words": "by hand"},
+        {"item": {"kind": "wall", **wall}, "words": "wall"},
+    ]
+    record = {**RECORD, "verdict": {**RECORD["verdict"], "disagreements": told}}
+    (served.session.folder / "run.json").write_text(json.dumps(record))
+    loop, by_hand, wall = served.ask("state")[1]["disagreements"]
+    assert (loop["words"], loop["frames"]) == ("loop", [0, 9])
+    assert by_hand["correction"] is None  # it is in the list of corrections
+    # What takes it out is taken as it is.
+    for each in (loop, wall):
+        assert served.ask("add", each["correction"])[0] == 200
+    read = read_corrections(served.session.path)
+    assert {each.kind for each in read} == {"delete_loop", "exclude_wall"}
+    assert read.deleted[0].second == (9, 11)
+
+
 def test_a_point_of_the_cloud_is_told_its_pixel(served):
     scan = served.session.scan
     uv = (33.0, 71.0)

@@ -57,6 +57,15 @@ class PickedPoints:
             )
         return {"pixel": [float(u), float(v)]}
 
+    def rim_of(
+        self, plan_xy_m: Sequence[Sequence[float]], record: dict[str, Any]
+    ) -> list[list[float]]:
+        """Points of the plan frame (m) in the coordinates at the rim of its picture."""
+        assert self.floorplan is not None
+        rim = self.floorplan.source.rim_from_plan
+        own = np.array(plan_xy_m) / _metres_per_unit(record)
+        return np.round(own @ rim[:2, :2].T + rim[:2, 2], 4).tolist()
+
     def mark(self, place: Place, record: dict[str, Any]) -> dict[str, Any] | None:
         """Of a place picked in an image: its point in the frame's axes, and where it should be, in the plan
         (m) and at its rim; None where that is not told."""
@@ -73,7 +82,7 @@ class PickedPoints:
         if place.is_of_file and source.file_from_plan is not None:
             there_from_plan = source.file_from_plan
         at = np.linalg.inv(there_from_plan) @ np.array([*place.plan, 1.0])
-        scale = ((record.get("alignment") or {}).get("metres_per_unit_xy")) or [1.0, 1.0]
+        scale = _metres_per_unit(record)
         point = _sensor(record).points(self._lifted[seen][None])[0]
         return {
             "frame": place.frame,
@@ -81,6 +90,10 @@ class PickedPoints:
             "plan": np.round(at[:2] / at[2] * scale, 4).tolist(),
             "rim": np.round(source.rim_from_plan @ at / at[2], 4)[:2].tolist(),
         }
+
+
+def _metres_per_unit(record: dict[str, Any]) -> Sequence[float]:
+    return ((record.get("alignment") or {}).get("metres_per_unit_xy")) or (1.0, 1.0)
 
 
 def _sensor(record: dict[str, Any]) -> SensorCalibration:

@@ -109,6 +109,7 @@ class Session:
             "corrections": rows,
             "left_out": told.get("left_out", []),
             "visits": _visits(record),
+            "disagreements": self._disagreements(record),
             "solving": self.is_solving,
             "failed": failed,
             "changed": self._changed(record),
@@ -220,6 +221,21 @@ class Session:
             self._failed = str(error)
         except Exception as error:  # a page that waits has to be told, whatever it was
             self._failed = f"{type(error).__name__}: {error}"
+
+    def _disagreements(self, record: dict[str, Any]) -> list[dict[str, Any]]:
+        """What contradicts what, in words, and the corrections that take it out."""
+        found = []
+        for each in (record.get("verdict") or {}).get("disagreements", []):
+            item, correction = each["item"], None
+            if item["kind"] == "loop":
+                frames = [item["first_frames"], item["last_frames"]]
+                correction = {"kind": "delete_loop", "entry": {"frames": frames}}
+            elif item["kind"] == "wall" and self.floorplan is not None:
+                ends = self._points.rim_of(item["ends"], record)
+                correction = {"kind": "exclude_wall", "entry": {"ends": ends}}
+            frames = [item[name][0] for name in ("first_frames", "last_frames") if item[name]]
+            found.append({"words": each["words"], "frames": frames, "correction": correction})
+        return found
 
     def _write(self, entries: tuple[Any, ...]) -> None:
         write_corrections(self.path, Corrections(str(self.path), entries))

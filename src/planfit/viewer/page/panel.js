@@ -67,6 +67,15 @@ function draw(state) {
       button("show", () => { a.show(first[0]); b.show(last[0]); }),
       button("delete", () => change("add", { kind: "delete_loop", entry: { frames: [first, last] } }, "loop deleted")));
   }
+  of("against").hidden = state.disagreements.length === 0;
+  of("disagreements").replaceChildren();
+  for (const { words, frames, correction } of state.disagreements) {
+    const buttons = [];
+    if (frames.length === 2) buttons.push(button("show", () => { a.show(frames[0]); b.show(frames[1]); }));
+    const does = { delete_loop: ["delete", "loop deleted"], exclude_wall: ["do not use", "wall left out"] }[correction?.kind];
+    if (does) buttons.push(button(does[0], () => change("add", correction, does[1])));
+    item(of("disagreements"), words, ...buttons);
+  }
   const rows = state.changed.map((cells) => {
     const row = document.createElement("tr");
     row.append(...cells.map((cell) => Object.assign(document.createElement("td"), { textContent: cell })));
