@@ -11,7 +11,7 @@ import pytest
 import planfit
 from builders import RoomFiles, position_rms_m, room_plan, room_scan
 from planfit.corrections import read_corrections
-from planfit.errors import OptionError
+from planfit.errors import OptionError, OutputError
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.observations import extract_observations
@@ -287,6 +287,24 @@ def test_one_solve_at_a_time_with_what_the_file_says(served):
     served.ask("solve", {})
     served.session.wait()
     assert served.ask("state")[1]["failed"] == "too many"
+
+
+def test_a_page_that_asks_while_results_are_written_is_answered(served, monkeypatch):
+    """The folder is locked then, by this very process."""
+    served.add("exclude_frames", frames=[[5, 6]])
+    served.ask("solve", {})
+
+    def locked(_):
+        raise OutputError("another process writes here")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("planfit.viewer.session.finished_record", locked)
+        status, state = served.ask("state")
+        assert (status, state["solving"]) == (200, True)
+        assert [visit["after_m"] for visit in state["visits"]] == [0.5, 0.01]
+    served.release.set()
+    served.session.wait()
+    assert served.ask("state")[1]["changed"] == [["keyframes", "12", "11"]]
 
 
 def test_a_port_that_is_taken_is_told(served):

@@ -78,7 +78,7 @@ class Session:
 
     def state(self) -> dict[str, Any]:
         """All that the page shows beside the report, as plain values."""
-        record = finished_record(self.folder) or {}
+        record = self._record()
         told = record.get("corrections") or {}
         came_to = {(each["kind"], each["number"]): each for each in told.get("used", [])}
         failed = self._failed
@@ -122,7 +122,7 @@ class Session:
             return {"faces": [], "path": [], "is_picture": False}
         rim = self.floorplan.source.rim_from_plan
         faces = self.floorplan.ends @ rim[:2, :2].T + rim[:2, 2]
-        record = finished_record(self.folder) or {}
+        record = self._record()
         scale = ((record.get("alignment") or {}).get("metres_per_unit_xy")) or [1.0, 1.0]
         path = np.zeros((0, 2))
         if (self.folder / "trajectory.tum").exists():
@@ -159,7 +159,7 @@ class Session:
             OptionError: there is no such frame, or the point lies at the edge of something.
         """
         self._require_frame(frame)
-        return self._points.pixel_of(frame, point_cam, finished_record(self.folder) or {})
+        return self._points.pixel_of(frame, point_cam, self._record())
 
     def add(self, kind: str, table: dict[str, Any]) -> None:
         """Add a correction, as a table of the file, and write the file.
@@ -221,6 +221,11 @@ class Session:
             self._failed = str(error)
         except Exception as error:  # a page that waits has to be told, whatever it was
             self._failed = f"{type(error).__name__}: {error}"
+
+    def _record(self) -> dict[str, Any]:
+        """What the run says of itself; while a solve is on, which writes it at last, what it said before."""
+        record = self._before if self.is_solving else finished_record(self.folder)
+        return record or {}
 
     def _disagreements(self, record: dict[str, Any]) -> list[dict[str, Any]]:
         """What contradicts what, in words, and the corrections that take it out."""
