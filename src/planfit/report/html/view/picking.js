@@ -37,27 +37,30 @@ function pickPoint(scene, levels, orbit, share, cut, x, y, canvas) {
   const { back, eye } = orbit.axes();
   const rows = [0, 1, 3].map((row) => [clip[row], clip[4 + row], clip[8 + row], clip[12 + row]]);
   rows.push([...back.map((v) => -v), dot(back, eye)], [0, 0, 1, 0]); // depth, height
-  const reach = POINT_REACH_PX;
+  // Where the press is, and its reach, in the units of clip space; the loop looks at every point of the scan.
+  const [px, py] = [2 * x - 1, 1 - 2 * y];
+  const [rx, ry] = [canvas.clientWidth, canvas.clientHeight].map((size) => (2 * POINT_REACH_PX) / size);
   const found = [];
   let nearest = Infinity;
-  let [of, m] = [-1, null];
   for (const { n, points } of levels)
-    for (let i = 0; i < n; i++) {
-      const k = 4 * i;
-      if (points[k + 3] !== of) {
-        of = points[k + 3];
-        m = rowsOfSteps(scene, of, share, rows);
+    for (let i = 0; i < n;) {
+      const frame = points[4 * i + 3];
+      const m = rowsOfSteps(scene, frame, share, rows);
+      for (; i < n && points[4 * i + 3] === frame; i++) {
+        const a = points[4 * i];
+        const b = points[4 * i + 1];
+        const c = points[4 * i + 2];
+        const w = m[8] * a + m[9] * b + m[10] * c + m[11];
+        if (w <= 0) continue;
+        const dx = (m[0] * a + m[1] * b + m[2] * c + m[3]) / w - px;
+        if (dx > rx || dx < -rx) continue;
+        const dy = (m[4] * a + m[5] * b + m[6] * c + m[7]) / w - py;
+        const away = (dx * dx) / (rx * rx) + (dy * dy) / (ry * ry);
+        if (away > 1 || m[16] * a + m[17] * b + m[18] * c + m[19] > cut) continue;
+        const depth = m[12] * a + m[13] * b + m[14] * c + m[15];
+        nearest = Math.min(nearest, depth);
+        found.push([depth, away, frame, a, b, c]);
       }
-      const at = (row) => m[row] * points[k] + m[row + 1] * points[k + 1] + m[row + 2] * points[k + 2] + m[row + 3];
-      const w = at(8);
-      if (w <= 0 || at(16) > cut) continue;
-      const dx = (0.5 + (0.5 * at(0)) / w - x) * canvas.clientWidth;
-      const dy = (0.5 - (0.5 * at(4)) / w - y) * canvas.clientHeight;
-      const away = dx * dx + dy * dy;
-      if (away > reach * reach) continue;
-      const depth = at(12);
-      nearest = Math.min(nearest, depth);
-      found.push([depth, away, of, points[k], points[k + 1], points[k + 2]]);
     }
   // Noise of depth along the ray is not what chooses between points of one surface.
   const seen = found.filter(([depth]) => depth <= nearest + Math.max(0.1, 0.03 * Math.abs(nearest)));
