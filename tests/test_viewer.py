@@ -3,16 +3,17 @@
 import http.client
 import json
 import threading
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
 import planfit
-from browser_probe import BROWSER
 from builders import RoomFiles, position_rms_m, room_plan, room_scan
 from planfit.corrections import read_corrections
-from planfit.errors import OptionError
+from planfit.errors import OptionError, OutputError
 from planfit.geometry import se3
+from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.observations import extract_observations
 from planfit.saving import save_result
 from planfit.scan import read_tum
@@ -147,6 +148,64 @@ def test_page_images_and_state(served):
     assert np.shape(plan["faces"]) == (4, 2, 2)
 
 
+def test_what_contradicts_what_is_told_with_what_takes_it_out(served):
+    frames = {"first_frames": [0, 3], "last_frames": [9, 11], "face_idx": None, "ends": []}
+    wall = {"first_frames": None, "last_frames": None, "face_idx": 0, "ends": [[0, 0], [6, 0]]}
+    told = [
+        {"item": {"kind": "loop", **frames}, "words": "loop"},
+        {"item": {"kind": "loop by hand", **frames}, "words": "by hand"},
+        {"item": {"kind": "wall", **wall}, "words": "wall"},
+    ]
+    record = {**RECORD, "verdict": {**RECORD["verdict"], "disagreements": told}}
+    (served.session.folder / "run.json").write_text(json.dumps(record))
+    loop, by_hand, wall = served.ask("state")[1]["disagreements"]
+    assert (loop["words"], loop["frames"]) == ("loop", [0, 9])
+    assert by_hand["correction"] is None  # it is in the list of corrections
+    # What takes it out is taken as it is.
+    for each in (loop, wall):
+        assert served.ask("add", each["correction"])[0] == 200
+    read = read_corrections(served.session.path)
+    assert {each.kind for each in read} == {"delete_loop", "exclude_wall"}
+    assert read.deleted[0].second == (9, 11)
+
+
+def test_a_point_of_the_cloud_is_told_its_pixel(served):
+    scan = served.session.scan
+    uv = (33.0, 71.0)
+    point = lift_pixel(scan, 4, uv)
+    assert served.ask("pixel", {"frame": 4, "point": point.tolist()}) == (200, {"pixel": [*uv]})
+    # Half a metre before what its pixel shows: at an edge, or of another scan.
+    before = point * (1 - 0.5 / np.linalg.norm(point))
+    status, said = served.ask("pixel", {"frame": 4, "point": before.tolist()})
+    assert status == 400
+    assert "found the edge of something 0.50 m before or behind it" in said["error"]
+    for wrong, words in (
+        ({"frame": 12, "point": [0, 0, 1]}, "expected a frame from 0 to 11"),
+        ({"frame": 4, "point": [0, 0]}, "expected 3 numbers for point"),
+        ({"frame": 4, "point": [0, 0, float("nan")]}, "expected 3 numbers for point"),
+        ({"frame": 4, "point": [9, 0, 1]}, "expected a pixel within 160 x 120"),
+        ({"frame": 4, "point": [0, 0, -1]}, "expected a pixel within 160 x 120"),
+    ):
+        status, said = served.ask("pixel", wrong)
+        assert status == 400
+        assert words in said["error"]
+    assert not served.session.path.exists()
+
+
+def test_pixels_are_those_of_the_sensor_as_the_run_corrected_it(served):
+    sensor = SensorCalibration(depth_scale=1.04, focal_scale=0.95, principal_x=0.02)
+    record = {**RECORD, "sensor": {"correction": asdict(sensor)}}
+    (served.session.folder / "run.json").write_text(json.dumps(record))
+    uv = (120.0, 20.0)
+    point = sensor.points(lift_pixel(served.session.scan, 4, uv)[None])[0]
+    assert served.ask("pixel", {"frame": 4, "point": point.tolist()})[1] == {"pixel": [*uv]}
+    served.add("place", frame=4, pixel=uv, plan=[1.5, 2])
+    (row,) = served.ask("state")[1]["corrections"]
+    assert row["mark"]["frame"] == 4
+    np.testing.assert_allclose(row["mark"]["point"], point, atol=1e-4)
+    assert row["mark"]["plan"] == row["mark"]["rim"] == [1.5, 2.0]
+
+
 def test_every_correction_goes_to_the_file_at_once(served):
     assert served.add("add_loop", frames=[0, 11], pixels=[[20, 30], [40, 50.5]])[0] == 200
     assert served.add("delete_loop", frames=[[0, 3], [9, 11]])[0] == 200
@@ -230,6 +289,24 @@ def test_one_solve_at_a_time_with_what_the_file_says(served):
     assert served.ask("state")[1]["failed"] == "too many"
 
 
+def test_a_page_that_asks_while_results_are_written_is_answered(served, monkeypatch):
+    """The folder is locked then, by this very process."""
+    served.add("exclude_frames", frames=[[5, 6]])
+    served.ask("solve", {})
+
+    def locked(_):
+        raise OutputError("another process writes here")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("planfit.viewer.session.finished_record", locked)
+        status, state = served.ask("state")
+        assert (status, state["solving"]) == (200, True)
+        assert [visit["after_m"] for visit in state["visits"]] == [0.5, 0.01]
+    served.release.set()
+    served.session.wait()
+    assert served.ask("state")[1]["changed"] == [["keyframes", "12", "11"]]
+
+
 def test_a_port_that_is_taken_is_told(served):
     port = served.server.server_address[1]
     with pytest.raises(
@@ -277,53 +354,3 @@ def test_three_picks_place_a_scan_that_fits_in_two_ways(tmp_path, monkeypatch):
     assert "placed at" in [row[0] for row in state["changed"]]
     assert "3 corrections by hand: 3 places" in (folder / "report.html").read_text()
     assert (folder / "corrections.toml").exists()
-
-
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium to open the page with")
-def test_points_are_picked_and_a_loop_is_added_in_a_browser(served, tmp_path):
-    webdriver = pytest.importorskip("selenium.webdriver")
-    from selenium.webdriver.common.by import By
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = BROWSER
-    for flag in (
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        f"--user-data-dir={tmp_path / 'p'}",
-    ):
-        options.add_argument(flag)
-    browser = webdriver.Chrome(options=options)
-    try:
-        browser.set_window_size(390, 900)
-        browser.get(served.server.address)
-        waiting = WebDriverWait(browser, 20)
-        waiting.until(lambda b: b.find_element(By.ID, "hand").get_attribute("data-ready"))
-        find = lambda name: browser.find_element(By.CSS_SELECTOR, f"#hand .hand-{name}")  # noqa: E731
-        waiting.until(
-            lambda b: b.execute_script(
-                "return [...document.querySelectorAll('.hand-picture img')].every(i => i.naturalWidth)"
-            )
-        )
-        for picture in browser.find_elements(By.CSS_SELECTOR, "#hand .hand-picture"):
-            browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", picture)
-            picture.click()  # its middle
-        add = find("add")
-        browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", add)
-        add.click()
-        waiting.until(lambda _: find("list").find_elements(By.TAG_NAME, "li"))
-        (loop,) = read_corrections(served.session.path).added
-        assert loop.frames == (0, 11)
-        for uv in loop.pixels:
-            assert np.allclose(uv, [79.5, 59.5], atol=1.0)
-        assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
-        browser.save_screenshot(str(tmp_path / "page.png"))
-        # Taken out, and nothing of it is left.
-        out = find("list").find_element(By.TAG_NAME, "button")
-        browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", out)
-        out.click()
-        waiting.until(lambda _: not find("list").find_elements(By.TAG_NAME, "li"))
-        assert len(read_corrections(served.session.path)) == 0
-    finally:
-        browser.quit()

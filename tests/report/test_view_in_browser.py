@@ -1,7 +1,6 @@
 """The 3D view in a real browser without a network: what is pressed is shown, and stands where it should."""
 
 import io
-import shutil
 import time
 from dataclasses import replace
 
@@ -9,51 +8,32 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from driven_browser import driven_browser, needs_browser, set_size
+from planfit.geometry import se3
 from planfit.report import make_report
 from report.scenes import BLUE, GREEN, RED, room_report, room_scene
 from test_report import DEPTH, OFFSET, WIDTH, make_result
 
-webdriver = pytest.importorskip("selenium.webdriver", reason="no selenium to drive a browser with")
-from selenium.common.exceptions import WebDriverException  # noqa: E402
-from selenium.webdriver.chrome.service import Service  # noqa: E402
-from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
-from selenium.webdriver.common.by import By  # noqa: E402
-from selenium.webdriver.common.keys import Keys  # noqa: E402
+pytest.importorskip("selenium.webdriver", reason="no selenium to drive a browser with")
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
-DRIVER = shutil.which("chromedriver")
-pytestmark = pytest.mark.skipif(
-    BROWSER is None or DRIVER is None, reason="no Chromium with its driver to open the report with"
-)
+pytestmark = needs_browser
 OFFSETS = (0.0, 0.0, 0.07, -0.12)
 VIEW_HEIGHT = 1.1
 """Of the drawing from above, in heights of what is to be seen."""
-FLAGS = (
-    "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--no-first-run", "--disable-quic", "--disable-background-networking", "--disable-component-update",
-    "--disable-sync", "--host-resolver-rules=MAP * ~NOTFOUND", "--force-prefers-reduced-motion",
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def browser():
-    options = webdriver.ChromeOptions()
-    options.binary_location = BROWSER
-    for flag in FLAGS:
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    try:
-        driver = webdriver.Chrome(options=options, service=Service(DRIVER))
-    except WebDriverException as error:
-        pytest.skip(f"Chromium cannot be driven here: {error.msg}")
-    driver.set_script_timeout(60)
-    driver.execute_cdp_cmd("Network.enable", {})
-    driver.execute_cdp_cmd(
-        "Network.emulateNetworkConditions",
-        {"offline": True, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0},
-    )
-    yield driver
-    driver.quit()
+    with driven_browser() as driver:
+        driver.execute_cdp_cmd("Network.enable", {})
+        driver.execute_cdp_cmd(
+            "Network.emulateNetworkConditions",
+            {"offline": True, "latency": 0, "downloadThroughput": 0, "uploadThroughput": 0},
+        )
+        yield driver
 
 
 @pytest.fixture(scope="module")
@@ -74,11 +54,7 @@ def view(browser, report):
 
 
 def open_page(browser, path, scene, size):
-    width, height = size
-    browser.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride",
-        {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500},
-    )
+    set_size(browser, *size)
     browser.get(path.as_uri())
     return ViewPage(browser, scene)
 
@@ -288,6 +264,42 @@ def test_pressing_a_wall_shows_its_offset_and_its_points(view):
     assert (
         pixels[:, : pixels.shape[1] // 2, 2] - pixels[:, : pixels.shape[1] // 2, 0] > 60
     ).sum() > 50
+
+
+def test_a_page_around_it_is_told_the_point_that_was_pressed(view):
+    """As `planfit view` asks for: frame and point, in its camera's axes, in front of what lies behind."""
+    view.press(".view-above")
+    view.browser.execute_script(
+        "const { view } = document.getElementById('view');"
+        "view.onPoint = (found) => (window.found = found)"
+    )
+    points, frames = view.scene.points.points_cam, view.scene.points.frame_idx
+    for k in (10, 1000, 3333):
+        i = int(frames[k])
+        at = se3.transform(view.scene.after[i], points[k][None].astype(float))[0]
+        view.press_plan(*at[:2])
+        found = view.browser.execute_script("return window.found")
+        # The nearest to the eye of what is drawn there: as high as the highest, and under the finger.
+        placed = se3.transform(view.scene.after[found["frame"]], np.array([found["point"]]))[0]
+        reach_m = 7 * view.scale(
+            *[view.find(".view-stage canvas").size[n] for n in ("height", "width")]
+        )
+        assert np.linalg.norm(placed[:2] - at[:2]) < reach_m + 0.005
+        of_frame = frames == found["frame"]
+        nearest = np.linalg.norm(points[of_frame] - found["point"], axis=1).min()
+        assert nearest < 0.001  # it is a point of that frame, but for its rounding
+        drawn = view.browser.execute_script(
+            "return document.getElementById('view').view.drawnAt(arguments[0], arguments[1])",
+            found["point"], found["frame"],
+        )  # fmt: skip
+        across, down = view.pixel_of(*placed[:2])
+        size = view.find(".view-stage canvas").size
+        assert drawn == pytest.approx(
+            [across + size["width"] / 2, down + size["height"] / 2], abs=1.5
+        )
+    view.press_plan(4.0, 2.5)  # the middle of the room: nothing
+    assert view.browser.execute_script("return window.found") is None
+    assert view.card == ""  # neither a camera nor a wall was chosen
 
 
 def test_frames_and_walls_are_pressed_in_tables_and_plots(view):

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from planfit.cli.console import StageBars, note, out, table
 from planfit.cli.refine import exit_code, refine_into, tell_verdict
+from planfit.cli.view import ViewArguments, open_session, serve
 from planfit.errors import OutputError
 from planfit.evaluation import position_errors, surface_metrics
 from planfit.floorplan import read_floorplan
@@ -36,6 +37,12 @@ class DemoArguments:
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("demo")
     """Folder for the scan and for the results; an earlier demo in it is replaced."""
+    view: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Then show the run as `planfit view` does, to be corrected by hand; Ctrl-C ends."""
+    port: int = 0
+    """Port of that page; 0 takes one that is free."""
+    no_browser: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Do not open that page in a browser; its address is printed either way."""
     workers: int = 2
     """Threads."""
     synth: SynthOptions = field(default_factory=lambda: DEMO_SCAN)
@@ -92,6 +99,10 @@ def demo_command(arguments: DemoArguments) -> int:
         note(warning)
     tell_verdict(result.verdict)
     out.print(f"\n{time.perf_counter() - begin:.0f} s in all. Report: {run_folder / 'report.html'}")
+    if arguments.view:
+        out.print()
+        shown = ViewArguments(run_folder, workers=arguments.workers)
+        serve(open_session(shown), arguments.port, arguments.no_browser)
     return exit_code(result.verdict)
 
 

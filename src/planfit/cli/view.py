@@ -44,11 +44,20 @@ class ViewArguments:
 
 def view_command(arguments: ViewArguments) -> int:
     """Serve until Ctrl-C."""
-    session = open_session(arguments)
-    with ViewServer(session, arguments.port) as server:
+    serve(open_session(arguments), arguments.port, arguments.no_browser)
+    return 0
+
+
+def serve(session: Session, port: int, no_browser: bool) -> None:
+    """Print the address, open it in a browser where one is wanted, and serve until Ctrl-C.
+
+    Raises:
+        OptionError: the port is taken, or may not be used.
+    """
+    with ViewServer(session, port) as server:
         out.print(f"{server.address}", soft_wrap=True)
         out.print(f"corrections are kept in {session.path}; Ctrl-C ends", soft_wrap=True)
-        if not arguments.no_browser and not _opened(server.address):
+        if not no_browser and not _opened(server.address):
             out.print("no browser was found to open it: open the address above in one")
         try:
             server.serve_forever(poll_interval=0.2)
@@ -59,7 +68,6 @@ def view_command(arguments: ViewArguments) -> int:
                 else ""
             )
             out.print(f"ended; {told}corrections are in {session.path}", soft_wrap=True)
-    return 0
 
 
 def open_session(arguments: ViewArguments) -> Session:

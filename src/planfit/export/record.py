@@ -150,6 +150,9 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
             for stretch in evidence.stretches
         ],
         "visits": [plain(visit) for visit in evidence.visits],
+        "disagreements": [
+            {**plain(each), "words": each.sentence} for each in evidence.disagreements
+        ],
         "torn_steps": [plain(step) for step in evidence.torn],
         "adjusted_alignment": plain(evidence.alignment),
         "misfit_without_and_with_walls": {

@@ -12,8 +12,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from planfit.adjust import AdjustOptions, PlanAdjustment, TornStep, build_problem, costs, name_walls
-from planfit.adjust.association import associate
+from planfit.adjust import (
+    AdjustOptions,
+    Measurements,
+    PlanAdjustment,
+    TornStep,
+    build_problem,
+    costs,
+    name_walls,
+)
+from planfit.adjust.association import PlanCorrespondences, associate
 from planfit.adjust.calibration import NOT_CALIBRATED, Calibration, CalibrationOptions
 from planfit.adjust.torn_steps import find_broken_steps
 from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
@@ -21,6 +29,7 @@ from planfit.evaluation import NEAR_FACE_M
 from planfit.lsq import Term
 from planfit.pipeline.align import wall_samples
 from planfit.pipeline.calibrate import shared_error
+from planfit.pipeline.disagreements import Disagreement, find_disagreements
 from planfit.pipeline.folds import (
     Folds,
     choose_folds,
@@ -102,6 +111,8 @@ class Evidence:
     """Runs of frames, first and last, at whose place nothing was tracked or matched."""
     tracking_doubt: str = ""
     """Why the recorded poses as a whole say nothing of the images, in words."""
+    disagreements: tuple[Disagreement, ...] = ()
+    """Visits and walls that the rest puts elsewhere, the most suspect first, and what they stand against."""
     without_plan: tuple[Storey, ...] = ()
     """Storeys that were walked and have no plan, where others have one."""
 
@@ -200,7 +211,20 @@ def gather_evidence(
     recorded = on_plan.recorded_plan_from_level @ prepared.level_from_cams
     recorded = recorded[keyframes.frame_idx]
     folds = choose_folds(measurements, recorded, n_folds, rng)
-    by_fold = _solve_folds(prepared, adjustment, options, folds, extra_terms)
+    # A fold begins where the result ended; what changes its cost by less moves no pose by a sigma.
+    tolerance = max(FOLD_TOLERANCE, options.solver.cost_tolerance)
+    of_folds = replace(options, solver=replace(options.solver, cost_tolerance=tolerance))
+
+    def solve(
+        reduced: Measurements, correspondences: PlanCorrespondences | None
+    ) -> Float[np.ndarray, "k 4 4"]:
+        problem = build_problem(reduced, of_folds, solved, correspondences, extra_terms)
+        return problem.solve().target_from_cams[: len(solved)]
+
+    by_fold = [
+        solve(*without_fold(measurements, adjustment.correspondences, folds, fold))
+        for fold in range(folds.count)
+    ]
     problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
     shared = None if priors is None else shared_error(problem, on_plan, calibration, priors)
     covariance = predicted_covariance(problem, adjustment.rivals, folds, by_fold, rng, shared)
@@ -218,6 +242,7 @@ def gather_evidence(
         stretches=_stretches(prepared, folds, of_positions, near),
         visits=judge_visits(prepared, folds, recorded, by_fold, solved),
         torn=find_broken_steps(measurements, solved),
+        disagreements=find_disagreements(prepared, adjustment, folds, recorded, by_fold, solve),
         alignment=_judge_alignment(prepared, on_plan, solved, align_options),
         scan_costs=_scan_costs(prepared, solved, options),
         is_placed=on_plan.is_placed,
@@ -228,26 +253,6 @@ def gather_evidence(
         tracking_doubt=prepared.tracking_doubt,
         without_plan=on_plan.storeys.without_plan if on_plan.storeys else (),
     )
-
-
-def _solve_folds(
-    prepared: PreparedScan,
-    adjustment: PlanAdjustment,
-    options: AdjustOptions,
-    folds: Folds,
-    extra_terms: Sequence[Term],
-) -> list[Float[np.ndarray, "k 4 4"]]:
-    """Poses of each fold's solve."""
-    solved = adjustment.solution.target_from_cams
-    # A fold begins where the result ended; what changes its cost by less moves no pose by a sigma.
-    tolerance = max(FOLD_TOLERANCE, options.solver.cost_tolerance)
-    of_folds = replace(options, solver=replace(options.solver, cost_tolerance=tolerance))
-    by_fold = []
-    for fold in range(folds.count):
-        reduced = without_fold(prepared.measurements, adjustment.correspondences, folds, fold)
-        problem = build_problem(reduced[0], of_folds, solved, reduced[1], extra_terms)
-        by_fold.append(problem.solve().target_from_cams[: len(solved)])
-    return by_fold
 
 
 def _moved_walls(on_plan: ScanOnPlan, adjustment: PlanAdjustment) -> tuple[str, ...]:

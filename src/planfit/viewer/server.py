@@ -8,6 +8,7 @@ and by one solve at a time.
 import errno
 import hmac
 import json
+import math
 import secrets
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -21,7 +22,7 @@ from planfit.viewer.session import Session, as_json, report_page
 
 HOST = "127.0.0.1"
 MAX_BODY = 1_000_000
-SCRIPTS = ("pick.js", "plan_map.js", "panel.js")
+SCRIPTS = ("pick.js", "plan_map.js", "cloud.js", "panel.js")
 _POLICY = (
     "default-src 'none'; img-src 'self' data: blob:; style-src 'unsafe-inline'; "
     "script-src 'unsafe-inline'; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'"
@@ -93,27 +94,28 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(404, b"nothing here", "text/plain")
 
     def do_POST(self) -> None:
-        """A correction added or removed, or a solve."""
+        """A correction added or removed, a solve, or what pixel shows a point."""
         path = self._path()
         if path is None:
             return
         session, body = self.server.session, self._body()
         if body is None:
             return
-        actions: dict[str, Callable[[], None]] = {
+        actions: dict[str, Callable[[], dict[str, Any] | None]] = {
             "add": lambda: session.add(_word(body, "kind"), _table(body, "entry")),
             "remove": lambda: session.remove(
                 _word(body, "kind"), _number(body, "number"), _word(body, "words")
             ),
             "solve": session.start_solve,
+            "pixel": lambda: session.pixel_of(_number(body, "frame"), _numbers(body, "point", 3)),
         }
         if path not in actions:
             self._send(404, b"nothing here", "text/plain")
             return
 
         def done() -> bytes:
-            actions[path]()
-            return as_json(session.state())
+            told = actions[path]()
+            return as_json(session.state() if told is None else told)
 
         self._answer(done, "application/json")
 
@@ -173,7 +175,8 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def page(report: str) -> str:
-    """The report with the panel of corrections in it."""
+    """The report with the panel of corrections in it, and an empty icon, or the browser asks for one."""
+    report = report.replace("<head>", '<head><link rel="icon" href="data:,">', 1)
     style, markup = _read("panel.css"), _read("panel.html")
     script = "\n".join(_read(name) for name in SCRIPTS)
     panel = f'<style>\n{style}</style>\n{markup}<script>(() => {{\n"use strict";\n{script}}})();</script>\n'
@@ -197,6 +200,15 @@ def _number(body: dict[str, Any], key: str) -> int:
     if not isinstance(value, int):
         raise OptionError(f"expected a number for {key}, found {type(value).__name__}")
     return value
+
+
+def _numbers(body: dict[str, Any], key: str, count: int) -> list[float]:
+    value = body.get(key)
+    values = value if isinstance(value, list) else []
+    found = [float(v) for v in values if isinstance(v, int | float) and math.isfinite(v)]
+    if len(values) != count or len(found) != count:
+        raise OptionError(f"expected {count} numbers for {key}, found {value!r}")
+    return found
 
 
 def _table(body: dict[str, Any], key: str) -> dict[str, Any]:

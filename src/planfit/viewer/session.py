@@ -7,7 +7,7 @@ a page that is closed, a browser that dies and a file that is changed by hand me
 import io
 import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from planfit.corrections import NO_CORRECTIONS, Corrections, read_corrections, write_corrections
+from planfit.corrections import (
+    NO_CORRECTIONS,
+    Corrections,
+    Place,
+    read_corrections,
+    write_corrections,
+)
 from planfit.corrections.file import corrections_of
 from planfit.errors import OptionError, PlanfitError
 from planfit.floorplan import Floorplan
@@ -23,6 +29,7 @@ from planfit.floorplan.edits import faces_at
 from planfit.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.scan.pixels import lift_pixel
+from planfit.viewer.points import PickedPoints
 
 FILE = "corrections.toml"
 _QUALITY = 88
@@ -46,6 +53,10 @@ class Session:
     _failed: str = ""
     _before: dict[str, Any] | None = None
     """What the run before the last solve said of itself."""
+    _points: PickedPoints = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._points = PickedPoints(self.scan, self.floorplan)
 
     @property
     def path(self) -> Path:
@@ -67,7 +78,7 @@ class Session:
 
     def state(self) -> dict[str, Any]:
         """All that the page shows beside the report, as plain values."""
-        record = finished_record(self.folder) or {}
+        record = self._record()
         told = record.get("corrections") or {}
         came_to = {(each["kind"], each["number"]): each for each in told.get("used", [])}
         failed = self._failed
@@ -90,6 +101,7 @@ class Session:
                     "is_solved": bool(ran),
                     "residual_m": ran.get("residual_m"),
                     "contradicted": ran.get("contradicted"),
+                    "mark": self._points.mark(each, record) if isinstance(each, Place) else None,
                 }
             )
         return {
@@ -97,6 +109,7 @@ class Session:
             "corrections": rows,
             "left_out": told.get("left_out", []),
             "visits": _visits(record),
+            "disagreements": self._disagreements(record),
             "solving": self.is_solving,
             "failed": failed,
             "changed": self._changed(record),
@@ -109,7 +122,7 @@ class Session:
             return {"faces": [], "path": [], "is_picture": False}
         rim = self.floorplan.source.rim_from_plan
         faces = self.floorplan.ends @ rim[:2, :2].T + rim[:2, 2]
-        record = finished_record(self.folder) or {}
+        record = self._record()
         scale = ((record.get("alignment") or {}).get("metres_per_unit_xy")) or [1.0, 1.0]
         path = np.zeros((0, 2))
         if (self.folder / "trajectory.tum").exists():
@@ -138,6 +151,15 @@ class Session:
         buffer = io.BytesIO()
         Image.fromarray(color).save(buffer, "JPEG", quality=_QUALITY)
         return buffer.getvalue()
+
+    def pixel_of(self, frame: int, point_cam: Sequence[float]) -> dict[str, Any]:
+        """The pixel of a frame that shows a point (m, the frame's axes) of the report's cloud.
+
+        Raises:
+            OptionError: there is no such frame, or the point lies at the edge of something.
+        """
+        self._require_frame(frame)
+        return self._points.pixel_of(frame, point_cam, self._record())
 
     def add(self, kind: str, table: dict[str, Any]) -> None:
         """Add a correction, as a table of the file, and write the file.
@@ -183,8 +205,9 @@ class Session:
                 raise OptionError("expected no solve on, found one; wait for it")
             corrections = self.corrections()
             self._before, self._failed = finished_record(self.folder), ""
-            self._thread = threading.Thread(target=self._run, args=(corrections,), daemon=True)
-            self._thread.start()
+            thread = threading.Thread(target=self._run, args=(corrections,), daemon=True)
+            thread.start()
+            self._thread = thread  # never one that has not begun, for who waits
 
     def wait(self, seconds: float | None = None) -> None:
         """Until a solve that is on has ended."""
@@ -198,6 +221,26 @@ class Session:
             self._failed = str(error)
         except Exception as error:  # a page that waits has to be told, whatever it was
             self._failed = f"{type(error).__name__}: {error}"
+
+    def _record(self) -> dict[str, Any]:
+        """What the run says of itself; while a solve is on, which writes it at last, what it said before."""
+        record = self._before if self.is_solving else finished_record(self.folder)
+        return record or {}
+
+    def _disagreements(self, record: dict[str, Any]) -> list[dict[str, Any]]:
+        """What contradicts what, in words, and the corrections that take it out."""
+        found = []
+        for each in (record.get("verdict") or {}).get("disagreements", []):
+            item, correction = each["item"], None
+            if item["kind"] == "loop":
+                frames = [item["first_frames"], item["last_frames"]]
+                correction = {"kind": "delete_loop", "entry": {"frames": frames}}
+            elif item["kind"] == "wall" and self.floorplan is not None:
+                ends = self._points.rim_of(item["ends"], record)
+                correction = {"kind": "exclude_wall", "entry": {"ends": ends}}
+            frames = [item[name][0] for name in ("first_frames", "last_frames") if item[name]]
+            found.append({"words": each["words"], "frames": frames, "correction": correction})
+        return found
 
     def _write(self, entries: tuple[Any, ...]) -> None:
         write_corrections(self.path, Corrections(str(self.path), entries))

@@ -16,6 +16,7 @@ from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
 from planfit.report.html.as_built_section import as_built_section
+from planfit.report.html.disagreement_section import disagreement_section
 from planfit.report.html.registration_section import registration_section
 from planfit.report.html.sensor import sensor_section
 from planfit.report.html.storey_section import storeys
@@ -67,7 +68,7 @@ def make_report(
         _top(scan_name, floorplan, result, numbers, truth),
         seen_on_plan,
         *([] if scene is None else [view_section(scene)]),
-        sections.certainty(result, truth),
+        sections.certainty(result, truth) + disagreement_section(result.evidence.disagreements),
         registration_section(result.registration),
         survey_section(result.survey),
         sections.fit_and_correction(both),

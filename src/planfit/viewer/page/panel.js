@@ -1,6 +1,7 @@
 // Corrections by hand: each goes to the file at once; the page keeps nothing of its own.
 const hand = document.getElementById("hand");
-const of = (name) => hand.querySelector(`.hand-${name}`);
+// Parts of the panel move beside the 3D view while a scan is placed by pairs.
+const of = (name) => document.querySelector(`.hand-${name}`);
 const say = (words, isBad = false) => {
   of("status").textContent = words;
   of("status").classList.toggle("hand-bad", isBad);
@@ -66,6 +67,15 @@ function draw(state) {
       button("show", () => { a.show(first[0]); b.show(last[0]); }),
       button("delete", () => change("add", { kind: "delete_loop", entry: { frames: [first, last] } }, "loop deleted")));
   }
+  of("against").hidden = state.disagreements.length === 0;
+  of("disagreements").replaceChildren();
+  for (const { words, frames, correction } of state.disagreements) {
+    const buttons = [];
+    if (frames.length === 2) buttons.push(button("show", () => { a.show(frames[0]); b.show(frames[1]); }));
+    const does = { delete_loop: ["delete", "loop deleted"], exclude_wall: ["do not use", "wall left out"] }[correction?.kind];
+    if (does) buttons.push(button(does[0], () => change("add", correction, does[1])));
+    item(of("disagreements"), words, ...buttons);
+  }
   const rows = state.changed.map((cells) => {
     const row = document.createElement("tr");
     row.append(...cells.map((cell) => Object.assign(document.createElement("td"), { textContent: cell })));
@@ -74,11 +84,21 @@ function draw(state) {
   of("changed").hidden = rows.length === 0;
   of("changed").querySelector("tbody").replaceChildren(...rows);
   of("solve").disabled = state.solving;
+  showMarks(state.corrections.map((each) => each.mark).filter(Boolean));
   if (state.failed) say(state.failed, true);
 }
 
 const [a, b] = [...hand.querySelectorAll("figure")].map(imagePicker);
-let map = { point: null, before: null, wall: null };
+let map = { point: null, before: null, wall: null, marks: [], draw() {}, clear() {} };
+let picks = null;
+let marks = [];
+function showMarks(found) {
+  [marks, map.marks] = [found, found];
+  map.draw();
+  if (!picks) return;
+  picks.marks = found;
+  picks.draw();
+}
 const add = (kind, entry, words) => change("add", { kind, entry }, words);
 of("add").addEventListener("click", () => {
   const pixels = a.pixel && b.pixel ? { pixels: [a.pixel, b.pixel] } : {};
@@ -92,6 +112,46 @@ of("exclude").addEventListener("click", () => {
 of("place").addEventListener("click", () => {
   if (!a.pixel || !map.point) return say("press a point in A, and on the plan", true);
   add("place", { frame: a.frame, pixel: a.pixel, plan: map.point }, "placed; three points are safest");
+});
+
+// Pairs: a point of the cloud, then the same one on the plan, which beside it is drawn meanwhile.
+const PAIRS = 3;
+async function takePoint(found) {
+  if (!found) return say("there is no point of the cloud; press one", true);
+  try {
+    const { pixel } = await ask("pixel", found);
+    picks.pending = found;
+    picks.draw();
+    a.show(found.frame, pixel);
+    say("now the same point on the plan");
+  } catch (error) {
+    say(error.message, true);
+  }
+}
+async function takePlan(point) {
+  if (!picks?.pending || !a.pixel) return;
+  picks.pending = null;
+  map.clear();
+  const missing = PAIRS - 1 - marks.length;
+  const words = missing > 0 ? `${missing} more ${missing > 1 ? "pairs" : "pair"}, far apart: the next point of the cloud`
+    : "placed: solve again, or give more pairs";
+  await add("place", { frame: a.frame, pixel: a.pixel, plan: point }, words);
+}
+of("pairs").addEventListener("change", ({ target }) => {
+  const stage = document.querySelector(".hand-beside");
+  stage.classList.toggle("is-pairing", target.checked);
+  map.clear();
+  if (target.checked) stage.append(of("status"), of("plan"), of("solving"));
+  else {
+    of("buttons").after(of("plan"));
+    of("list").after(of("solving"));
+    of("details").querySelector("summary").after(of("status"));
+  }
+  picks.take(target.checked ? takePoint : null);
+  if (!target.checked) return say("");
+  document.getElementById("view").view.orbit.reset(); // the picture has another shape now
+  stage.scrollIntoView({ block: "nearest" });
+  say("press a point of the cloud that the plan shows too, as a corner at the floor or a door");
 });
 for (const [name, kind] of [["unuse", "exclude_wall"], ["erase", "erase_wall"]])
   of(name).addEventListener("click", () => {
@@ -129,6 +189,21 @@ if (slider && shown)
   new MutationObserver(() => a.show(Number(slider.value)))
     .observe(shown, { childList: true, characterData: true, subtree: true });
 
+const viewReady = (section) => new Promise((done) => {
+  const isDone = () => ["ready", "failed"].includes(section.dataset.state);
+  if (isDone()) return done();
+  const watching = new MutationObserver(() => isDone() && (watching.disconnect(), done()));
+  return watching.observe(section, { attributes: true, attributeFilter: ["data-state"] });
+});
+
+// A frame for cloud and plan side by side.
+function beside(stage) {
+  const frame = document.createElement("div");
+  frame.className = "hand-beside";
+  stage.replaceWith(frame);
+  frame.append(stage);
+}
+
 (async () => {
   try {
     const state = await ask("state");
@@ -137,7 +212,18 @@ if (slider && shown)
     b.show(state.frames - 1);
     const plan = await ask("plan");
     of("plan").hidden = plan.faces.length === 0;
-    map = planMap(of("plan").querySelector("svg"), plan);
+    map = planMap(of("plan").querySelector("svg"), plan, takePlan);
+    of("nearer").addEventListener("click", () => map.zoom(0.7));
+    of("further").addEventListener("click", () => map.zoom(1 / 0.7));
+    const section = document.getElementById("view");
+    if (section) await viewReady(section);
+    picks = plan.faces.length ? cloudPicks(section) : null;
+    if (picks) {
+      beside(section.querySelector(".view-stage"));
+      section.querySelector(".view-tools").append(of("pairing"));
+      of("pairing").hidden = false;
+    }
+    showMarks(marks);
     hand.dataset.ready = "1";
     if (state.solving) watch();
   } catch (error) {

@@ -16,6 +16,11 @@ class View {
       share: 1, isWiped: false, wipe: 0.5, coloring: 0, hasWalls: true, hasPath: true, cut: this.scene.cut,
       pointSize: 0.022, frame: null, wall: null,
     };
+    this.clouds = []; // levels of points, as they came
+    // For a page around the report (`planfit view`): what a press on a point does instead of choosing a camera
+    // or a wall, and what is done after each picture.
+    this.onPoint = null;
+    this.onPaint = () => {};
     this.msPerPoint = 1e-4; // found by drawing; begins slow, so that the first turn does not jerk
     this.card = new Card(this.scene, this.find("card"), {
       close: () => this.choose({}),
@@ -58,6 +63,7 @@ class View {
         await new Promise((done) => document.addEventListener("DOMContentLoaded", done));
       const level = await readLevel(this.scene, document.querySelectorAll("script.view-points")[i]);
       this.renderer.addLevel(level);
+      this.clouds[i] = { n: level.n, points: level.points };
       n += level.n;
       // Where drawing is slow, most of the time is kept for unpacking.
       const isLast = i + 1 === this.scene.nLevels;
@@ -103,6 +109,7 @@ class View {
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits until it is drawn
     this.paintedAt = performance.now();
     this.paintMs = this.paintedAt - begin;
+    this.onPaint();
     if (!this.isMoving || !nLevels) return;
     const took = this.paintMs / Math.max(nPoints, 1);
     this.msPerPoint += (took > this.msPerPoint ? 1 : 0.3) * (took - this.msPerPoint);
@@ -221,9 +228,28 @@ class View {
     const [x, y] = [(event.clientX - rim.left) / rim.width, (event.clientY - rim.top) / rim.height];
     const { look, scene, orbit } = this;
     const share = look.isWiped ? Number(x >= look.wipe) : look.share;
+    if (this.onPoint) {
+      const found = pickPoint(scene, this.clouds, orbit, share, look.cut, x, y, this.canvas);
+      return this.onPoint(found);
+    }
     const frame = look.hasPath ? pickFrame(scene, orbit.clipFromPlan(), share, x, y, this.canvas) : null;
     const wall = frame === null && look.hasWalls ? this.wallUnder(x, y) : null;
     this.choose({ frame, wall });
+  }
+
+  // Where a point of a frame, m in its camera's axes, or a point of the plan, m, is drawn: px from the canvas's
+  // upper left; null behind the eye.
+  drawnAt(point, frame = null) {
+    const { scene, look, orbit, canvas } = this;
+    const share = look.isWiped ? 1 : look.share;
+    const place = frame === null ? plus(point, scene.origin, -1) : placed(scene, frame, point, share);
+    const at = project(orbit.clipFromPlan(), place);
+    return at && [at[0] * canvas.clientWidth, at[1] * canvas.clientHeight];
+  }
+
+  // The same in the plan, m.
+  inPlan(point, frame) {
+    return plus(placed(this.scene, frame, point, this.look.isWiped ? 1 : this.look.share), this.scene.origin);
   }
 
   wallUnder(x, y) {
@@ -253,4 +279,7 @@ class View {
 }
 
 const viewSection = document.getElementById("view");
-if (viewSection) new View(viewSection).start();
+if (viewSection) {
+  viewSection.view = new View(viewSection);
+  viewSection.view.start();
+}

@@ -1,0 +1,288 @@
+"""Which evidence contradicts which: visits and walls that the rest puts elsewhere, and what they strain.
+
+A visit or a wall that the solves without it put far from where it says is suspect (`judge_visits`, folds).
+That alone does not tell who is wrong: two loops that contradict each other are each contradicted by the rest.
+So the suspects are left out one by one, the scan is solved once more without each, and what then fits better
+than in the result is what the suspect stood against.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from planfit.adjust import Measurements, PlanAdjustment
+from planfit.adjust.association import PlanCorrespondences, wall_patches_in_plan
+from planfit.evaluation import match_distances, median_match_distance
+from planfit.geometry import se3
+from planfit.matching import Matches
+from planfit.pipeline.folds import NOT_KEPT_OUT, Folds, without_fold
+from planfit.pipeline.prepare import PreparedScan
+from planfit.pipeline.visits import frames_of_stretch
+
+SUSPECT_FACTOR = 4.0
+"""What the rest puts this many times further off than the typical one of its kind is suspect,"""
+SUSPECT_M = {"loop": 0.1, "wall": 0.05}
+"""and at least so far off."""
+MAX_SUSPECTS = 4
+"""Each costs a solve, as long as one of a fold."""
+EASED_M = 0.01
+"""What fits better by less than this without a suspect is not told."""
+MAX_EASED = 3
+MIN_PATCHES = 3
+"""Of a wall: with fewer its offset may be an accident."""
+
+Poses = Float[np.ndarray, "k 4 4"]
+Solve = Callable[[Measurements, PlanCorrespondences | None], Poses]
+"""Poses of the keyframes by these, from the result on."""
+
+
+@dataclass(frozen=True)
+class EvidenceItem:
+    """A visit or a wall of the plan, as one piece of evidence."""
+
+    kind: str
+    """"loop", "wall", "loop by hand" or "recorded motion"."""
+    first_frames: tuple[int, int] | None = None
+    """Of a loop or recorded motion: first and last frame (of its earlier side), as numbered in the scan."""
+    last_frames: tuple[int, int] | None = None
+    """Of a loop: of the later one."""
+    face_idx: int | None = None
+    """Of a wall."""
+    ends: tuple[tuple[float, float], ...] = ()
+    """Of a wall, m, plan frame."""
+
+    @property
+    def words(self) -> str:
+        """For a user."""
+        if self.first_frames is None:
+            (ax, ay), (bx, by) = self.ends
+            return f"wall from ({ax:.2f}, {ay:.2f}) to ({bx:.2f}, {by:.2f})"
+        first = "{}-{}".format(*self.first_frames)
+        if self.last_frames is None:
+            return f"recorded motion of frames {first}"
+        return f"{self.kind} between frames {first} and {{}}-{{}}".format(*self.last_frames)
+
+
+@dataclass(frozen=True)
+class Eased:
+    """What fits better without a suspect."""
+
+    item: EvidenceItem
+    by_m: float
+    """How much nearer to where it says."""
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """A suspect, and what it stands against."""
+
+    item: EvidenceItem
+    after_m: float
+    """How far the result is from what it says: median distance of matches, or offset of a wall."""
+    kept_out_m: float
+    """The same by a solve that did without it alone."""
+    eased: tuple[Eased, ...]
+    """Most first; none where it bends nothing, as a loss let go of it."""
+
+    @property
+    def sentence(self) -> str:
+        """For a user, without a full stop."""
+        words = (
+            f"{self.item.words}: {self.after_m:.2f} m off in the result, {self.kept_out_m:.2f} m "
+            "where the rest puts it"
+        )
+        if not self.eased:
+            return f"{words}; nothing else fits better without it"
+        better = " and ".join(f"{each.item.words} by {each.by_m:.2f} m" for each in self.eased)
+        return f"{words}; without it fit better: {better}"
+
+
+@dataclass(frozen=True)
+class _Items:
+    """Pieces of evidence of a result: visits, walls, loops by hand, stretches of the recorded motion."""
+
+    prepared: PreparedScan
+    adjustment: PlanAdjustment
+    folds: Folds
+    visits: tuple[int, ...]
+    """As numbered by the folds."""
+    faces: tuple[int, ...]
+    recorded: Poses
+    """Poses of the keyframes as recorded, in any frame."""
+
+    @property
+    def all(self) -> tuple[EvidenceItem, ...]:
+        """In the order of their residuals."""
+        folds, pairs = self.folds, self.prepared.measurements.matches.pairs
+        found = []
+        for visit in self.visits:
+            a, b = folds.stretch[pairs[int(np.argmax(folds.visit == visit))]]
+            first, last = (frames_of_stretch(self.prepared, folds, s) for s in (a, b))
+            found.append(EvidenceItem("loop", first, last))
+        found += [EvidenceItem("wall", face_idx=f, ends=self._ends(f)) for f in self.faces]
+        for own in self.hand_groups:
+            pairs = self.prepared.keyframes.frame_idx[self.by_hand.pairs[own]]
+            first, last = ((int(of.min()), int(of.max())) for of in pairs.T)
+            found.append(EvidenceItem("loop by hand", first, last))
+        for stretch in range(folds.n_stretches):
+            frames = frames_of_stretch(self.prepared, folds, stretch)
+            found.append(EvidenceItem("recorded motion", frames))
+        return tuple(found)
+
+    def _ends(self, face: int) -> tuple[tuple[float, float], ...]:
+        found = self.adjustment.correspondences
+        ends = [] if found is None else found.floorplan.ends[face].tolist()
+        return tuple((float(x), float(y)) for x, y in ends)
+
+    @property
+    def by_hand(self) -> Matches:
+        """Loops that a person added, between keyframes; none where there are none."""
+        measurements = self.prepared.measurements
+        if measurements.by_hand is not None:
+            return measurements.by_hand
+        return measurements.matches.of_pairs(np.zeros(len(measurements.matches.pairs), dtype=bool))
+
+    @property
+    def hand_groups(self) -> tuple[Bool[np.ndarray, " h"], ...]:
+        """Which loops by hand are one piece of evidence: those between the same two stretches."""
+        cells = self.folds.stretch[self.by_hand.pairs].reshape(-1, 2)
+        return tuple((cells == cell).all(axis=1) for cell in np.unique(cells, axis=0))
+
+    @property
+    def patch_faces(self) -> Int[np.ndarray, " w"]:
+        """Face of each wall patch; -1 without one."""
+        found = self.adjustment.correspondences
+        n_patches = len(self.prepared.measurements.structure.walls)
+        return np.full(n_patches, -1) if found is None else found.walls.face_idx
+
+    def measured(self, poses: Poses) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " w"]]:
+        """Distance of each match, and offset of each wall patch from its face, m; NaN without one."""
+        measurements, found = self.prepared.measurements, self.adjustment.correspondences
+        walls, faces = measurements.structure.walls, self.patch_faces
+        offsets_m = np.full(len(walls), np.nan)
+        has = faces >= 0
+        if found is not None and has.any():
+            plan, (_, ends) = found.floorplan, wall_patches_in_plan(walls, poses)
+            from_face = ends.mean(axis=1)[has] - plan.ends[faces[has], 0]
+            offsets_m[has] = np.einsum("pi,pi->p", from_face, plan.normals[faces[has]])
+            if found.moved_m is not None:
+                offsets_m[has] -= np.nan_to_num(found.moved_m[faces[has]])
+        return match_distances(measurements.matches, poses), offsets_m
+
+    def residuals_m(
+        self,
+        matches_m: Float[np.ndarray, " m"],
+        patches_m: Float[np.ndarray, " w"],
+        poses: Poses,
+    ) -> Float[np.ndarray, " i"]:
+        """Median of each item; those of loops by hand are of these poses."""
+        sizes = np.diff(self.prepared.measurements.matches.start)
+        visit_of_match, faces = np.repeat(self.folds.visit, sizes), self.patch_faces
+        found = [float(np.median(matches_m[visit_of_match == v])) for v in self.visits]
+        found += [abs(float(np.median(patches_m[faces == f]))) for f in self.faces]
+        found += [
+            median_match_distance(self.by_hand.of_pairs(own), poses) for own in self.hand_groups
+        ]
+        found += [self._strain_m(poses, stretch) for stretch in range(self.folds.n_stretches)]
+        return np.array(found)
+
+    def _strain_m(self, poses: Poses, stretch: int) -> float:
+        """By how much the steps of a stretch of the walk, the one to the next stretch included, differ from
+        those recorded, added up, m."""
+        first, last = np.flatnonzero(self.folds.stretch == stretch)[[0, -1]]
+        own = slice(first, min(last + 2, len(poses)))
+        steps = [se3.inverse(p[own][:-1]) @ p[own][1:] for p in (poses, self.recorded)]
+        return float(np.linalg.norm((steps[0] - steps[1])[:, :3, 3], axis=1).sum())
+
+    def without(self, item: int) -> tuple[Measurements, PlanCorrespondences | None]:
+        """All evidence but one item."""
+        measurements, folds = self.prepared.measurements, self.folds
+        pairs, surfaces, patches = (
+            np.full(len(of), NOT_KEPT_OUT)
+            for of in (folds.of_pairs, folds.of_surfaces, folds.of_patches)
+        )
+        n_visits, n_faces = len(self.visits), len(self.faces)
+        if item < n_visits:
+            pairs[folds.visit == self.visits[item]] = 0
+            cell = folds.stretch[measurements.matches.pairs[pairs == 0][0]]
+            of_surfaces = folds.stretch[measurements.surfaces.pairs].reshape(-1, 2)
+            surfaces[(of_surfaces == cell).all(axis=1)] = 0
+        elif item < n_visits + n_faces:
+            patches[self.patch_faces == self.faces[item - n_visits]] = 0
+        else:
+            own = self.hand_groups[item - n_visits - n_faces]
+            measurements = replace(measurements, by_hand=self.by_hand.of_pairs(~own))
+        out = replace(folds, of_pairs=pairs, of_surfaces=surfaces, of_patches=patches)
+        return without_fold(measurements, self.adjustment.correspondences, out, 0)
+
+
+def find_disagreements(
+    prepared: PreparedScan,
+    adjustment: PlanAdjustment,
+    folds: Folds,
+    recorded: Poses,
+    by_fold: Sequence[Poses],
+    solve: Solve,
+) -> tuple[Disagreement, ...]:
+    """Suspects, the most suspect first, and what each stands against.
+
+    Args:
+        prepared: the scan.
+        adjustment: the result.
+        folds: what each fold kept out.
+        recorded: poses of the keyframes as recorded, in any frame.
+        by_fold: poses of the keyframes as each fold solved for them.
+        solve: once more, from the result, with less.
+    """
+    items = _items(prepared, adjustment, folds, recorded)
+    named, solved = (
+        items.all,
+        adjustment.solution.target_from_cams[: len(prepared.keyframes.frame_idx)],
+    )
+    matches_m, patches_m = items.measured(solved)
+    after_m = items.residuals_m(matches_m, patches_m, solved)
+    fold_of_match = np.repeat(folds.of_pairs, np.diff(prepared.measurements.matches.start))
+    for fold, poses in enumerate(by_fold):
+        out_matches_m, out_patches_m = items.measured(poses)
+        matches_m = np.where(fold_of_match == fold, out_matches_m, matches_m)
+        patches_m = np.where(folds.of_patches == fold, out_patches_m, patches_m)
+    kept_out_m = items.residuals_m(matches_m, patches_m, solved)
+    found = []
+    for k in _suspects(named, kept_out_m)[:MAX_SUSPECTS]:
+        poses = solve(*items.without(int(k)))
+        alone_m = items.residuals_m(*items.measured(poses), poses)
+        eased_m = after_m - alone_m
+        eased_m[k] = 0.0
+        most = [i for i in np.argsort(-eased_m)[:MAX_EASED] if eased_m[i] > EASED_M]
+        eased = tuple(Eased(named[i], float(eased_m[i])) for i in most)
+        found.append(Disagreement(named[k], float(after_m[k]), float(alone_m[k]), eased))
+    return tuple(found)
+
+
+def _items(
+    prepared: PreparedScan, adjustment: PlanAdjustment, folds: Folds, recorded: Poses
+) -> _Items:
+    has_matches = np.diff(prepared.measurements.matches.start) > 0
+    visits = np.unique(folds.visit[(folds.visit != NOT_KEPT_OUT) & has_matches])
+    items = _Items(prepared, adjustment, folds, tuple(visits.tolist()), (), recorded)
+    faces = items.patch_faces
+    seen, counts = np.unique(faces[faces >= 0], return_counts=True)
+    return replace(items, faces=tuple(seen[counts >= MIN_PATCHES].tolist()))
+
+
+def _suspects(
+    items: Sequence[EvidenceItem], kept_out_m: Float[np.ndarray, " i"]
+) -> Int[np.ndarray, " s"]:
+    """Those far further off than others of their kind, the most suspect first; before them, what a person
+    added, which nothing else tested."""
+    times = np.zeros(len(items))
+    for kind, least_m in SUSPECT_M.items():
+        own = np.array([item.kind == kind for item in items])
+        if own.any():
+            typical_m = float(np.median(kept_out_m[own]))
+            times[own] = kept_out_m[own] / max(SUSPECT_FACTOR * typical_m, least_m)
+    times[[item.kind == "loop by hand" for item in items]] = np.inf
+    order = np.argsort(-times, kind="stable")
+    return order[times[order] > 1.0]

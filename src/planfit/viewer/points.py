@@ -1,0 +1,102 @@
+"""Points of the report's cloud, of images and of the plan: what is pressed in one is shown in the others."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.corrections import Place
+from planfit.corrections.types import Pixel
+from planfit.errors import OptionError, ScanError
+from planfit.floorplan import Floorplan
+from planfit.geometry.calibration import NOMINAL, SensorCalibration
+from planfit.scan import Scan
+from planfit.scan.pixels import lift_pixel
+
+_SAME_POINT_SHARE = 0.05
+"""A point of the cloud is the one that its pixel shows where both are as near to each other, as a share of
+their distance from the camera: at the edge of something, depth about the pixel is that of something else."""
+
+
+@dataclass
+class PickedPoints:
+    """What pixels of a scan show; each image is opened once."""
+
+    scan: Scan
+    floorplan: Floorplan | None
+    """As read, before corrections."""
+    _lifted: dict[tuple[int, Pixel], Float[np.ndarray, "3"]] = field(default_factory=dict)
+
+    def pixel_of(
+        self, frame: int, point_cam: Sequence[float], record: dict[str, Any]
+    ) -> dict[str, Any]:
+        """The pixel of a frame that shows a point of the report's cloud.
+
+        Args:
+            frame: whose point it is.
+            point_cam: m, in the frame's axes, as the corrected sensor sees it.
+            record: of the run that made the cloud.
+
+        Raises:
+            OptionError: the point lies at the edge of something, or outside of the image.
+        """
+        sensor, camera = _sensor(record), self.scan.cameras[frame]
+        point = np.array([point_cam], dtype=float)
+        u, v = np.round(sensor.camera(camera).project(point)[0], 1)
+        try:
+            shown = sensor.points(lift_pixel(self.scan, frame, (float(u), float(v)))[None])[0]
+        except ScanError as error:
+            raise OptionError(str(error)) from error
+        apart, away = np.linalg.norm(shown - point[0]), np.linalg.norm(point[0])
+        if not apart <= _SAME_POINT_SHARE * away:
+            raise OptionError(
+                f"frame {frame}: expected a point on something flat, found the edge of something "
+                f"{apart:.2f} m before or behind it; press another point"
+            )
+        return {"pixel": [float(u), float(v)]}
+
+    def rim_of(
+        self, plan_xy_m: Sequence[Sequence[float]], record: dict[str, Any]
+    ) -> list[list[float]]:
+        """Points of the plan frame (m) in the coordinates at the rim of its picture."""
+        assert self.floorplan is not None
+        rim = self.floorplan.source.rim_from_plan
+        own = np.array(plan_xy_m) / _metres_per_unit(record)
+        return np.round(own @ rim[:2, :2].T + rim[:2, 2], 4).tolist()
+
+    def mark(self, place: Place, record: dict[str, Any]) -> dict[str, Any] | None:
+        """Of a place picked in an image: its point in the frame's axes, and where it should be, in the plan
+        (m) and at its rim; None where that is not told."""
+        if place.frame is None or place.pixel is None or self.floorplan is None:
+            return None
+        seen = (place.frame, place.pixel)
+        if seen not in self._lifted:
+            try:
+                self._lifted[seen] = lift_pixel(self.scan, *seen)
+            except (ScanError, IndexError):
+                return None  # the file was changed by hand; a solve names it
+        source = self.floorplan.source
+        there_from_plan = source.rim_from_plan
+        if place.is_of_file and source.file_from_plan is not None:
+            there_from_plan = source.file_from_plan
+        at = np.linalg.inv(there_from_plan) @ np.array([*place.plan, 1.0])
+        scale = _metres_per_unit(record)
+        point = _sensor(record).points(self._lifted[seen][None])[0]
+        return {
+            "frame": place.frame,
+            "point": np.round(point, 4).tolist(),
+            "plan": np.round(at[:2] / at[2] * scale, 4).tolist(),
+            "rim": np.round(source.rim_from_plan @ at / at[2], 4)[:2].tolist(),
+        }
+
+
+def _metres_per_unit(record: dict[str, Any]) -> Sequence[float]:
+    return ((record.get("alignment") or {}).get("metres_per_unit_xy")) or (1.0, 1.0)
+
+
+def _sensor(record: dict[str, Any]) -> SensorCalibration:
+    """As the run corrected it."""
+    told = (record.get("sensor") or {}).get("correction")
+    return NOMINAL if told is None else SensorCalibration(**told)

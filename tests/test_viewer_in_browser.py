@@ -1,0 +1,228 @@
+"""`planfit view` as a person uses it, in Chromium: what is wrong is right once corrected and solved again."""
+
+import threading
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+import planfit
+from builders import RoomFiles, position_rms_m, room_plan, room_scan
+from driven_browser import driven_browser, needs_browser, set_size
+from planfit.corrections import read_corrections
+from planfit.pipeline.observations import extract_observations
+from planfit.saving import save_result
+from planfit.scan import read_tum
+from planfit.viewer import Session, ViewServer
+from test_corrections import HALF_TURN, drifted_room, end_error_m, picked, walk_in_a_room
+
+pytest.importorskip("selenium.webdriver", reason="no selenium to drive a browser with")
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+
+pytestmark = needs_browser
+__all__ = ["drifted_room"]  # a fixture
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with driven_browser() as driver:
+        yield driver
+
+
+class Panel:
+    """The page of `planfit view`."""
+
+    def __init__(self, browser, server, size):
+        self.browser, self.server = browser, server
+        set_size(browser, *size)
+        browser.get(server.address)
+        self.wait_until_ready()
+
+    def wait_for(self, condition, seconds=60):
+        end = time.monotonic() + seconds
+        while not self.browser.execute_script(f"return {condition}"):
+            assert time.monotonic() < end, f"{condition}: {self.browser.get_log('browser')}"
+            time.sleep(0.05)
+
+    def wait_until_ready(self):
+        self.wait_for("document.getElementById('hand')?.dataset.ready === '1'")
+        self.wait_for(
+            "[...document.querySelectorAll('.hand-picture img')].every((i) => i.naturalWidth)"
+        )
+
+    def find(self, name):
+        return self.browser.find_element(By.CSS_SELECTOR, name)
+
+    def press(self, selector, x=None, y=None):
+        """The middle of something, or px from its upper left."""
+        found = self.find(selector)
+        self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", found)
+        actions = ActionChains(self.browser)
+        if x is None:
+            actions.move_to_element(found)
+        else:
+            rim = self.browser.execute_script(
+                "const r = arguments[0].getBoundingClientRect(); return [r.left, r.top]", found
+            )
+            actions.w3c_actions.pointer_action.move_to_location(
+                round(rim[0] + x), round(rim[1] + y)
+            )
+        actions.click().perform()
+
+    def press_pixel(self, letter, uv):
+        """A pixel of the image of frame A or B."""
+        picture = f"#hand figure:nth-child({1 + 'AB'.index(letter)}) .hand-picture"
+        width, natural = self.browser.execute_script(
+            "const i = document.querySelector(arguments[0] + ' img'); return [i.clientWidth, i.naturalWidth]",
+            picture,
+        )
+        self.press(picture, *((np.array(uv) + 0.5) * width / natural))
+
+    def show(self, letter, frame):
+        self.browser.execute_script(
+            "const i = document.querySelector(arguments[0]); i.value = arguments[1];"
+            "i.dispatchEvent(new Event('change'))",
+            f".hand-{letter.lower()}", frame,
+        )  # fmt: skip
+        self.wait_until_ready()
+
+    def press_cloud(self, point_plan):
+        """Where a point (m, plan frame) is drawn in the 3D view."""
+        at = self.browser.execute_script(
+            "return document.getElementById('view').view.drawnAt(arguments[0])", list(point_plan)
+        )
+        self.press(".view-stage canvas", *at)
+
+    def press_plan(self, xy):
+        """A point of the plan, on its map."""
+        at = self.browser.execute_script(
+            "const svg = document.querySelector('.hand-plan svg'), m = svg.getScreenCTM();"
+            "const p = new DOMPoint(arguments[0], -arguments[1]).matrixTransform(m);"
+            "const r = svg.getBoundingClientRect(); return [p.x - r.left, p.y - r.top]",
+            *xy,
+        )
+        self.press(".hand-plan svg", *at)
+
+    @property
+    def status(self):
+        return self.find(".hand-status").text
+
+    def solve(self):
+        self.press(".hand-solve")
+        self.server.session.wait(120)
+        self.wait_for("!document.querySelector('.hand-changed')?.hidden")
+        self.wait_until_ready()
+
+
+@contextmanager
+def served(session):
+    with ViewServer(session) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield server
+        finally:
+            session.wait()
+            server.shutdown()
+            thread.join()
+
+
+def refined_poses(folder):
+    return read_tum(folder / "trajectory.tum")[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(1200, 900), (390, 844)])
+def test_three_pairs_of_points_place_a_room_that_fits_in_two_ways(
+    browser, tmp_path, monkeypatch, size
+):
+    """A rectangle fits when turned by half: corners of the cloud are pressed, then those of the plan."""
+    walk = walk_in_a_room(14)
+    scan, plan, folder = room_scan(walk), room_plan(), tmp_path / "out"
+    monkeypatch.setattr(RoomFiles, "write_poses", lambda *_: None)  # it is of no format
+    observations = extract_observations(scan)
+    first = planfit.refine(scan, plan, observations=observations)
+    truth = max(
+        (walk, HALF_TURN @ walk), key=lambda poses: position_rms_m(first.plan_from_cams, poses)
+    )
+    save_result(first, folder)
+
+    def solve(corrections):
+        save_result(
+            planfit.refine(scan, plan, observations=observations, corrections=corrections), folder
+        )
+
+    with served(Session(folder, scan, plan, solve)) as server:
+        page = Panel(browser, server, size)
+        page.press(".hand-pairs")
+        page.press(".view-above")
+        n_placed = 0
+        for x, y in [(0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0)]:
+            page.press_cloud((x, y, 1.0))
+            page.wait_for("document.querySelector('.hand-status').textContent")
+            page.wait_for("!document.querySelector('.hand-status').textContent.includes('press a')")
+            time.sleep(0.5)
+            if "on the plan" not in page.status:
+                continue  # the walk did not see this corner
+            page.press_plan((6.0 - x, 4.0 - y + 0.03))  # a little beside; the corner takes it
+            n_placed += 1
+            page.wait_for(f"document.querySelectorAll('.hand-list li').length === {n_placed}")
+            if n_placed == 3:
+                break
+        assert n_placed == 3
+        places = read_corrections(folder / "corrections.toml").places
+        assert all(np.isin(place.plan[0], [0.0, 6.0]) for place in places)
+        assert "solve again" in page.status
+        assert len(browser.find_elements(By.CSS_SELECTOR, ".hand-over text")) == 3
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= size[0]
+        assert position_rms_m(refined_poses(folder), truth) > 1.0
+        page.solve()
+        assert position_rms_m(refined_poses(folder), truth) < 0.08
+        rows = [li.text for li in browser.find_elements(By.CSS_SELECTOR, ".hand-list li")]
+        assert all("used, 0.0" in row for row in rows), rows
+        assert browser.get_log("browser") == []
+
+
+@pytest.mark.slow
+def test_a_loop_pressed_in_two_images_closes_a_drifted_walk(
+    browser, tmp_path, monkeypatch, drifted_room, rng
+):
+    """Half a metre of drift that nothing else closes."""
+    true, scan, observations = drifted_room
+    monkeypatch.setattr(RoomFiles, "write_poses", lambda *_: None)
+    folder = tmp_path / "out"
+    first = planfit.refine(scan, None, observations=observations)
+    save_result(first, folder)
+    last = [first]
+
+    def solve(corrections):
+        last[0] = planfit.refine(scan, None, observations=observations, corrections=corrections)
+        save_result(last[0], folder)
+
+    ((uv_a, uv_b),) = picked(scan, true, 1, 22, rng, 1)
+    with served(Session(folder, scan, None, solve)) as server:
+        page = Panel(browser, server, (1200, 900))
+        assert not page.find(".hand-pairing").is_displayed()  # no plan to place it on
+        page.show("A", 1)
+        page.show("B", 22)
+        page.press_pixel("A", uv_a)
+        page.press_pixel("B", uv_b)
+        page.press(".hand-add")
+        page.wait_for("document.querySelectorAll('.hand-list li').length === 1")
+        (loop,) = read_corrections(folder / "corrections.toml").added
+        assert loop.frames == (1, 22)
+        np.testing.assert_allclose(loop.pixels, [uv_a, uv_b], atol=0.6)
+        before = end_error_m(last[0], true)
+        page.solve()
+        assert before > 0.3
+        assert end_error_m(last[0], true) < 0.5 * before
+        assert "m apart in the result" in page.find(".hand-list li").text
+        changed = page.find(".hand-changed").text
+        assert "loop closures" in changed or "matched pairs" in changed or "predicted" in changed
+        # Taken out again, nothing is left of it.
+        page.press(".hand-list li button")
+        page.wait_for("document.querySelectorAll('.hand-list li').length === 0")
+        assert len(read_corrections(folder / "corrections.toml")) == 0
+        assert browser.get_log("browser") == []
