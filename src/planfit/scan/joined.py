@@ -22,6 +22,8 @@ class FramesOfScan:
     first: int
     last: int
     """Inclusive."""
+    placed_by: str = ""
+    """How the place of the scan among the others was found, in words."""
 
     @property
     def frames(self) -> slice:

@@ -77,7 +77,13 @@ def refine_together(
         stage: timer.seconds.get(stage, 0.0) + together.seconds_by_stage.get(stage, 0.0)
         for stage in dict.fromkeys(stages)
     }
-    together = replace(together, scans=joined.frames, seconds_by_stage=seconds)
+    frames = tuple(
+        replace(own, placed_by=place.by)
+        for own, place in zip(joined.frames, placing.places, strict=True)
+    )
+    assert together.made_of is not None  # `refine` always says
+    made_of = replace(together.made_of, options=chosen)
+    together = replace(together, scans=frames, seconds_by_stage=seconds, made_of=made_of)
     refined = [
         RefinedScan(name, scan, None, placing.reasons.get(k, ""), None)
         for k, (name, scan) in enumerate(zip(names, scans, strict=True))

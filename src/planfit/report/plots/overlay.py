@@ -1,6 +1,7 @@
 """Wall points over the plan, before and after: the whole scan, and parts of it."""
 
 from io import BytesIO
+from itertools import cycle
 from typing import Literal
 
 from matplotlib.axes import Axes
@@ -20,6 +21,7 @@ from planfit.report.plots.drawing import (
     INK,
     PANEL_IN,
     PATH,
+    PATHS,
     Picture,
     add_axes,
     clicks_of,
@@ -32,7 +34,7 @@ from planfit.report.plots.top_view import (
     crop_to_scan,
     draw_faces,
     draw_mark,
-    draw_path,
+    draw_paths,
     draw_points,
     draw_scale,
     set_up_view,
@@ -170,8 +172,11 @@ def draw_side(
     if floorplan is not None and both.is_aligned:
         draw_faces(axes, crop, floorplan.ends)
         entries.append(("plan", INK, "-"))
-    draw_path(axes, side.trajectory[:, :2])
-    entries.append(("camera path (ring: start)", PATH, "-"))
+    draw_paths(axes, side.trajectory[:, :2], both.scans)
+    if both.scans:
+        entries += [(own.name, color, "-") for own, color in zip(both.scans, cycle(PATHS))]
+    else:
+        entries.append(("camera path (ring: start)", PATH, "-"))
     draw_scale(axes, crop)
     add_legend(axes, entries)
 
