@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scan_samples import write_seven_scenes
 
 import planfit
 from planfit.cli.main import main
@@ -22,6 +21,7 @@ from planfit.synth import (
     facap_segments,
     make_scan,
 )
+from scan_samples import write_seven_scenes
 
 N = 70
 PLAIN = {"has_labels": True, "world": "moved"}
@@ -124,7 +124,7 @@ class _WithoutColor:
     def __init__(self, files):
         self._files = files
 
-    def color(self, frame_idx):  # noqa: ARG002
+    def color(self, frame_idx):
         return None
 
     def depth(self, frame_idx):

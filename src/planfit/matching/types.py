@@ -156,9 +156,8 @@ class Matches:
         sizes = np.concatenate([np.diff(self.start), np.diff(other.start)])
         # Where the matches of each pair begin among all of both, and then each of them in the new order.
         begin = np.cumsum(sizes) - sizes
-        taken = np.concatenate(
-            [np.zeros(0, dtype=int), *(np.arange(begin[k], begin[k] + sizes[k]) for k in order)]
-        )
+        runs = [np.arange(int(begin[k]), int(begin[k] + sizes[k])) for k in order]
+        taken = np.concatenate([np.zeros(0, dtype=int), *runs])
         explained = None
         if self.explained is not None and other.explained is not None:
             explained = np.concatenate([self.explained, other.explained])[order]

@@ -233,7 +233,7 @@ def of_scans(
         return seen, verified
     keys = np.flatnonzero(is_own)
     number = np.cumsum(is_own) - 1
-    of = is_own[verified.relative_poses.pairs].all(axis=1)
-    kept = verified.where(of)
+    first, second = verified.relative_poses.pairs.T
+    kept = verified.where(is_own[first] & is_own[second])
     relative = replace(kept.relative_poses, pairs=number[kept.relative_poses.pairs])
     return seen.of_frames(keys), replace(kept, relative_poses=relative)

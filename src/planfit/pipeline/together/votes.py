@@ -97,6 +97,7 @@ class _Votes:
         weights = np.array([self._weight(agrees) for agrees in agreeing])
         best = int(np.argmax(weights))
         agrees = agreeing[best]
+        place = np.eye(4)
         for _ in range(3):
             yaw = _mean_angle(self.yaws[agrees], self.weight[agrees])
             place = self._place(yaw, np.flatnonzero(agrees))

@@ -1,7 +1,7 @@
 """Wall points over the plan, before and after: the whole scan, and parts of it."""
 
 from io import BytesIO
-from itertools import cycle
+from textwrap import shorten
 from typing import Literal
 
 from matplotlib.axes import Axes
@@ -47,6 +47,10 @@ WIDE_IN = 1.9 * PANEL_IN
 """Width of a picture that takes the whole page."""
 _WIDE = 0.55
 """A scan with less height per width than this is drawn over the whole page."""
+
+
+_NAMED_PATHS, _NAME_LENGTH = 3, 16
+"""Paths of several scans that a legend names, and how long a name may be there."""
 
 
 Entry = tuple[str, str, Literal["s", "-", "--", ":"]]
@@ -174,7 +178,9 @@ def draw_side(
         entries.append(("plan", INK, "-"))
     draw_paths(axes, side.trajectory[:, :2], both.scans)
     if both.scans:
-        entries += [(own.name, color, "-") for own, color in zip(both.scans, cycle(PATHS))]
+        # The table of the scans has all of them, in the same colours.
+        for own, color in zip(both.scans[:_NAMED_PATHS], PATHS, strict=False):
+            entries.append((shorten(own.name, _NAME_LENGTH, placeholder="…"), color, "-"))
     else:
         entries.append(("camera path (ring: start)", PATH, "-"))
     draw_scale(axes, crop)
