@@ -86,6 +86,16 @@ def test_two_visits_are_as_exact_as_each_alone(first, second, runtime):
 
 
 @pytest.mark.slow
+def test_a_few_frames_that_fit_many_places_are_placed_by_the_other_visit(first, second, runtime):
+    short, true_short = short_visit(second, n=6)
+    alone = planfit.refine(short, first.floorplan, runtime=runtime)
+    assert error_m(alone, true_short) > 1.0
+    found = planfit.refine_together([first.scan, short], first.floorplan, runtime=runtime)
+    assert found.scans[1].placed_by == "places seen in both"
+    assert error_m(found.scans[1].result, true_short) < 0.02
+
+
+@pytest.mark.slow
 def test_without_a_plan_they_stand_in_one_frame(first, second, runtime, tmp_path):
     short, true_short = short_visit(second)
     stranger = visit(0, seed=8)
