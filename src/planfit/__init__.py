@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from planfit.pipeline.prepare import prepare as prepare
     from planfit.pipeline.refine import refine as refine
     from planfit.pipeline.result import RefineResult as RefineResult
+    from planfit.pipeline.together import TogetherResult as TogetherResult
+    from planfit.pipeline.together import refine_together as refine_together
     from planfit.runtime import Runtime as Runtime
     from planfit.scan import Scan as Scan
     from planfit.scan import ScanOptions as ScanOptions
@@ -51,6 +53,7 @@ _HOMES = {
     "Scan": "planfit.scan",
     "ScanOptions": "planfit.scan",
     "Term": "planfit.lsq",
+    "TogetherResult": "planfit.pipeline.together",
     "Truth": "planfit.evaluation",
     "align": "planfit.pipeline.align",
     "compare": "planfit.evaluation",
@@ -60,6 +63,7 @@ _HOMES = {
     "read_floorplan": "planfit.floorplan",
     "read_scan": "planfit.scan",
     "refine": "planfit.pipeline.refine",
+    "refine_together": "planfit.pipeline.together",
     "scan_from_arrays": "planfit.scan",
 }
 """Where each name comes from. It is imported when it is first asked for (PEP 562): all of planfit takes a

@@ -1,5 +1,6 @@
 """Everything that a run writes into its folder: poses, clouds, pictures, record, report (docs/outputs.md)."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,10 +15,12 @@ from planfit.export.option_files import scan_options_record, to_toml
 from planfit.floorplan import Floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
+from planfit.pipeline.together import TogetherResult
 from planfit.report import (
     ReportOptions,
     Scene,
     TruthErrors,
+    draw_overlay,
     draw_overlays,
     make_pictures,
     make_report,
@@ -25,10 +28,12 @@ from planfit.report import (
 )
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
-from planfit.run_folder import RunFolder
+from planfit.run_folder import RECORD, RunFolder
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, calibrated_scan
 
+SCANS = "scans"
+"""Folder of what is written of each of several scans."""
 VIEW_POINTS_OF_FRAME = 10_000
 """Of the 3D view, at most: a short scan shows its surfaces closed, and its page stays small."""
 
@@ -47,12 +52,17 @@ class RunInputs:
     """The report."""
     more: Mapping[str, str] = field(default_factory=dict)
     """What the record says of inputs besides."""
+    scans: tuple[Scan, ...] = ()
+    """Those that `scan` was joined of, and those that found no place."""
 
     @property
     def names(self) -> dict[str, str]:
         """Paths and fingerprints of what is read: the folder of a run belongs to these."""
-        path = str(Path(self.scan.name).resolve())
-        scan = {"scan": path, "scan_fingerprint": self.scan.fingerprint}
+        read = self.scans or (self.scan,)
+        scan = {
+            "scan": " + ".join(str(Path(one.name).resolve()) for one in read),
+            "scan_fingerprint": " + ".join(one.fingerprint for one in read),
+        }
         return {**scan, **plan_inputs(self.floorplan), **self.more}
 
 
@@ -116,6 +126,80 @@ def save_result(
         views = result_views(inputs, result, runtime)
         with run.writing() as staging:
             write_run(staging, inputs, result, views)
+
+
+def save_together(
+    result: TogetherResult,
+    folder: str | Path,
+    *,
+    overwrite: bool = False,
+    runtime: Runtime | None = None,
+) -> None:
+    """Write what several scans came to as `planfit refine` does. What `TogetherResult.save` calls; arguments
+    and errors are those of `save_result`."""
+    made_of = result.together.made_of
+    assert made_of is not None
+    assert not isinstance(made_of.floorplan, Mapping)
+    scans = tuple(each.scan for each in result.scans)
+    inputs = RunInputs(made_of.scan, made_of.floorplan, made_of.options, ScanOptions(), scans=scans)
+    runtime = runtime or Runtime()
+    with RunFolder.claimed(Path(folder), inputs.names, overwrite) as run:
+        views = result_views(inputs, result.together, runtime)
+        with run.writing() as staging:
+            write_together(staging, inputs, result, views, run.cache_dir)
+
+
+def write_together(
+    staging: Path, inputs: RunInputs, result: TogetherResult, views: RunViews, cache_dir: Path
+) -> None:
+    """Write what all scans came to, and into `scans/NAME` what a run of each alone writes, but its report.
+
+    Args:
+        staging: an empty folder.
+        inputs: what the run was given; `inputs.scan` is the joined one.
+        result: what it found.
+        views: of the joined scan.
+        cache_dir: where stages were kept.
+    """
+    write_run(staging, inputs, result.together, views)
+    _tell_scans(staging / RECORD, result)
+    cache = str((inputs.cache or cache_dir).resolve())
+    placed = [each for each in result.scans if each.result is not None]
+    for each, own in zip(placed, result.together.scans, strict=True):
+        folder = staging / SCANS / each.name
+        folder.mkdir(parents=True)
+        assert each.result is not None
+        names = RunInputs(each.scan, inputs.floorplan, inputs.options, inputs.scan_options).names
+        floorplan = each.result.floorplan
+        record = make_record(__version__, names, each.scan, floorplan, inputs.options, each.result)
+        record["cache"] = cache
+        record["scan_options"] = scan_options_record(inputs.scan_options)
+        cloud = views.cloud.of_frames(own.frames)
+        write_results(folder, each.scan, each.result, record, cloud)
+        (folder / "overlay.png").write_bytes(draw_overlay(floorplan, each.result, None))
+
+
+def _tell_scans(path: Path, result: TogetherResult) -> None:
+    """All scans, also those without a place, in the record of a run."""
+    record = json.loads(path.read_text())
+    frames = {own.name: [own.first, own.last] for own in result.together.scans}
+    record["scans"] = [
+        {
+            "name": each.name,
+            "path": str(Path(each.scan.name).resolve()),
+            "frames": frames.get(each.name),
+            "placed_by": each.placed_by,
+            "without_place_because": each.reason or None,
+            "verdict": None if each.result is None else each.result.verdict.outcome.value,
+            "predicted_error_rms_m": None
+            if each.result is None
+            else each.result.evidence.predicted_rms_m,
+            "folder": None if each.result is None else f"{SCANS}/{each.name}",
+        }
+        for each in result.scans
+    ]
+    record["pairs_between_scans"] = result.between_pairs
+    path.write_text(json.dumps(record, indent=1, allow_nan=False) + "\n")
 
 
 def result_views(inputs: RunInputs, result: RefineResult, runtime: Runtime) -> RunViews:

@@ -63,8 +63,8 @@ class Command:
 COMMANDS = (
     Command(
         "refine",
-        "SCAN -o OUT [--plan FILE | --no-plan]",
-        "refine the camera poses of a scan; OUT/report.html tells how it went",
+        "SCAN [SCAN ...] -o OUT [--plan FILE | --no-plan]",
+        "refine the camera poses of a scan, or of several; OUT/report.html tells how it went",
         (
             "plan", "no-plan", "unit", "scale", "storey", "poses", "calibration", "preset", "config",
             "overwrite",

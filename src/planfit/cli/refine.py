@@ -33,8 +33,8 @@ class RefineArguments:
     """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan; or, with
     --no-plan, with itself."""
 
-    scan: tyro.conf.Positional[Path]
-    """Folder of the scan, zip archive of one, or bag."""
+    scan: tyro.conf.Positional[tuple[Path, ...]]
+    """Folder of the scan, zip archive of one, or bag; several of one storey are refined together."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for the results."""
     plan: Annotated[
@@ -88,6 +88,10 @@ NOTHING_BY_HAND = HandChoice()
 def refine_command(arguments: RefineArguments) -> int:
     """Read, refine, write, summarise. Exit code 0 where the verdict is "refined", 1 where it has
     reservations or the result is no better than the input."""
+    if len(arguments.scan) > 1:
+        from planfit.cli.together import refine_together_files
+
+        return 0 if refine_together_files(arguments).is_refined else 1
     return exit_code(refine_files(arguments).verdict)
 
 
@@ -101,9 +105,9 @@ def refine_files(
     if arguments.corrections is not None:
         corrections = read_corrections(arguments.corrections)
     scan = read_scan(
-        arguments.scan, arguments.options.segmentation.reads_masks, arguments.scan_options
+        _only_scan(arguments), arguments.options.segmentation.reads_masks, arguments.scan_options
     )
-    floorplan = _read_plan(arguments, scan)
+    floorplan = read_plan(arguments, scan)
     survey = arguments.survey_flags.read(scan, floorplan is not None)
     result = refine_into(
         arguments.out,
@@ -123,7 +127,15 @@ def refine_files(
     return result
 
 
-def _read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | dict[int, Floorplan] | None:
+def _only_scan(arguments: RefineArguments) -> Path:
+    require(
+        len(arguments.scan) == 1,
+        f"SCAN: expected the folder of one scan, found {len(arguments.scan)}; see planfit refine --help",
+    )
+    return arguments.scan[0]
+
+
+def read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | dict[int, Floorplan] | None:
     """The plan to refine against, or those of storeys; None where the user wants none."""
     if arguments.no_plan:
         require(
@@ -137,7 +149,7 @@ def _read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | dict[int, 
         return read_plans(arguments.plan, arguments.plan_flags.options)
     if scan.floorplan_path is None:
         raise FloorplanError(
-            f"{arguments.scan}: expected a floorplan inside the scan's folder, found none; "
+            f"{scan.name}: expected a floorplan inside the scan's folder, found none; "
             "give one with --plan FILE, or refine by closed loops and floor alone with --no-plan"
         )
     return read_floorplan(scan.floorplan_path, arguments.plan_flags.options)

@@ -112,6 +112,11 @@ def read_record(folder: Path) -> RunRecord:
             f"{where}expected a run on one plan, found one on plans by storey; its metrics are in that file, "
             "each wall against its storey's plan; or give SCAN --poses trajectory.tum --poses-frame plan"
         )
+    if record.get("scans"):
+        own = ", ".join(str(folder / one["folder"]) for one in record["scans"] if one.get("folder"))
+        raise ScanError(
+            f"{where}expected a run of one scan, found one of several; give that of one of them: {own}"
+        )
     try:
         inputs, alignment = record["inputs"], record["alignment"]
         options = options_of(record["options"], RefineOptions(), where)

@@ -37,6 +37,12 @@ class Cloud:
         start = np.concatenate([[0], np.cumsum(np.where(is_kept, n_points, 0))])
         return Cloud(self.points_cam[of_point], self.colors[of_point], start)
 
+    def of_frames(self, frames: slice) -> "Cloud":
+        """The points of frames in a row alone, numbered from the first of them."""
+        start = self.start[frames.start : frames.stop + 1]
+        of = slice(int(start[0]), int(start[-1]))
+        return Cloud(self.points_cam[of], self.colors[of], start - start[0])
+
     def thinned(self, max_points: int) -> "Cloud":
         """At most `max_points` of the points, evenly."""
         n_points = len(self.points_cam)

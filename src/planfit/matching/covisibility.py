@@ -29,6 +29,10 @@ class ViewSamples:
     bounds: Float[np.ndarray, "n 2 2"]
     """Smallest and largest x / z, and y / z, that a frame shows."""
 
+    def __getitem__(self, idx: Int[np.ndarray, " k"]) -> "ViewSamples":
+        """Those of some frames."""
+        return ViewSamples(self.points_cam[idx], self.bounds[idx])
+
     def covisibility(
         self, world_from_cams: Float[np.ndarray, "n 4 4"], pairs: Int[np.ndarray, "p 2"]
     ) -> Float[np.ndarray, " p"]:

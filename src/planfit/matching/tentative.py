@@ -1,6 +1,6 @@
 """Keypoints of a scan, which frames are tried with which, and their matches before they are verified."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
+from planfit.geometry.camera import Camera
 from planfit.matching.colmap import Imported, read_colmap_matches, stamp
 from planfit.matching.covisibility import sample_views
 from planfit.matching.detect import (
@@ -46,6 +47,17 @@ class ScanKeypoints:
     key: str
     """Changes with whatever the keypoints depend on."""
 
+    def of_frames(self, frame_idx: Int[np.ndarray, " f"]) -> "ScanKeypoints":
+        """Those of some frames, of which any two can be matched."""
+        key = cache_key(self.key, "some frames", frame_idx.tobytes())
+        return ScanKeypoints(
+            [self.keypoints[k] for k in frame_idx],
+            self.grids[frame_idx],
+            lambda i, j: self.of_pair(int(frame_idx[i]), int(frame_idx[j])),
+            None,
+            key,
+        )
+
 
 @dataclass(frozen=True)
 class TentativePairs:
@@ -75,7 +87,7 @@ def choose_tentative(
     """Pairs of frames to try: by recorded poses and by what the frames show, or those of COLMAP."""
     if seen.imported_pairs is not None:
         return TentativePairs(seen.imported_pairs, None)
-    descriptors = _describe(scan, seen.keypoints, np.random.default_rng(options.seed))
+    descriptors = describe_views(scan.cameras, seen.keypoints, np.random.default_rng(options.seed))
     pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs, descriptors)
 
     def propose(accepted: RelativePoses) -> Int[np.ndarray, "q 2"]:
@@ -98,7 +110,7 @@ def _from_images(scan: Scan, options: MatchingOptions, runtime: Runtime) -> Scan
     compute = partial(_detect_frame, scan, options.keypoints, detector)
     items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
     keypoints = [_keypoints(item) for item in items]
-    of_pair = partial(_match_pair, scan, keypoints, matcher)
+    of_pair = partial(_match_pair, scan.cameras, keypoints, matcher)
     return ScanKeypoints(keypoints, gather_grids(items, scan.cameras), of_pair, None, key)
 
 
@@ -121,16 +133,36 @@ def find_more_keypoints(
     order = np.argsort(np.concatenate([known_idx, new_idx]))
     both = seen.keypoints + new.keypoints
     keypoints = [both[k] for k in order]
-    of_pair = partial(_match_pair, scan, keypoints, make_matcher(options.matcher))
+    of_pair = partial(_match_pair, scan.cameras, keypoints, make_matcher(options.matcher))
     grids = seen.grids.joined(new.grids)[order]
     key = cache_key(scan.fingerprint, "more keypoints", seen.key, new.key)
     return ScanKeypoints(keypoints, grids, of_pair, None, key)
 
 
+def join_keypoints(
+    cameras: Sequence[Camera], seen: Sequence[ScanKeypoints], options: MatchingOptions
+) -> ScanKeypoints:
+    """Keypoints of our own of several scans as those of one, frame after frame.
+
+    Args:
+        cameras: of all frames.
+        seen: of each scan.
+        options: those that they were found with.
+    """
+    keypoints = [each for scan in seen for each in scan.keypoints]
+    grids = seen[0].grids
+    for scan in seen[1:]:
+        grids = grids.joined(scan.grids)
+    of_pair = partial(_match_pair, cameras, keypoints, make_matcher(options.matcher))
+    keys = [scan.key for scan in seen]
+    key = cache_key(keys[0], "joined keypoints", *keys[1:]) if all(keys) else ""
+    return ScanKeypoints(keypoints, grids, of_pair, None, key)
+
+
 def _match_pair(
-    scan: Scan, keypoints: list[Keypoints], matcher: Matcher, i: int, j: int
+    cameras: Sequence[Camera], keypoints: list[Keypoints], matcher: Matcher, i: int, j: int
 ) -> Int[np.ndarray, "m 2"]:
-    size_a, size_b = ((c.width, c.height) for c in (scan.cameras[i], scan.cameras[j]))
+    size_a, size_b = ((c.width, c.height) for c in (cameras[i], cameras[j]))
     return matcher(keypoints[i], keypoints[j], size_a, size_b)
 
 
@@ -160,13 +192,16 @@ def _from_colmap(
     return ScanKeypoints(keypoints, gather_grids(items, scan.cameras), of_pair, imported.pairs, key)
 
 
-def _describe(scan: Scan, keypoints: list[Keypoints], rng: np.random.Generator) -> FrameDescriptors:
+def describe_views(
+    cameras: Sequence[Camera], keypoints: list[Keypoints], rng: np.random.Generator
+) -> FrameDescriptors:
+    """What is known of frames besides their poses, from their keypoints."""
     with blas_on_one_thread():
         vectors = describe_frames([k.descriptors for k in keypoints], rng)
     return FrameDescriptors(
         vectors,
         np.array([k.sharpness for k in keypoints], dtype=float),
-        sample_views([k.points_cam for k in keypoints], scan.cameras),
+        sample_views([k.points_cam for k in keypoints], cameras),
     )
 
 

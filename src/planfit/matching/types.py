@@ -143,6 +143,36 @@ class Matches:
         )
 
     @staticmethod
+    def none() -> "Matches":
+        """No matches at all."""
+        none, nowhere = np.zeros(0), np.zeros((0, 3))
+        pairs = np.zeros((0, 2), dtype=int)
+        return Matches(pairs, np.zeros(1, dtype=int), nowhere, nowhere, none, 0, 0, none)
+
+    def joined(self, other: "Matches") -> "Matches":
+        """These and those of `other`, sorted by pair."""
+        pairs = np.concatenate([self.pairs, other.pairs])
+        order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+        sizes = np.concatenate([np.diff(self.start), np.diff(other.start)])
+        # Where the matches of each pair begin among all of both, and then each of them in the new order.
+        begin = np.cumsum(sizes) - sizes
+        runs = [np.arange(int(begin[k]), int(begin[k] + sizes[k])) for k in order]
+        taken = np.concatenate([np.zeros(0, dtype=int), *runs])
+        explained = None
+        if self.explained is not None and other.explained is not None:
+            explained = np.concatenate([self.explained, other.explained])[order]
+        return Matches(
+            pairs=pairs[order],
+            start=np.cumsum([0, *sizes[order]]),
+            points_a=np.concatenate([self.points_a, other.points_a])[taken],
+            points_b=np.concatenate([self.points_b, other.points_b])[taken],
+            sigma=np.concatenate([self.sigma, other.sigma])[taken],
+            n_tried=self.n_tried + other.n_tried,
+            n_keypoints=self.n_keypoints + other.n_keypoints,
+            explained=explained,
+        )
+
+    @staticmethod
     def from_arrays(
         frame_pairs: Int[np.ndarray, "m 2"],
         points_a: Float[np.ndarray, "m 3"],

@@ -145,10 +145,22 @@ def extract_observations(
         ScanError: a file of the scan cannot be used.
         OptionError: an option has a value that cannot work, or a correction names what is not there.
     """
-    chosen = options or RefineOptions()
-    require_plain_numbers(chosen)
-    running = runtime or Runtime()
+    chosen, running = options or RefineOptions(), runtime or Runtime()
     stages = timer or StageTimer(running)
+    return observe(scan, chosen, running, stages, matches, corrections)[0]
+
+
+def observe(
+    scan: Scan,
+    chosen: RefineOptions,
+    running: Runtime,
+    stages: StageTimer,
+    matches: Matches | None = None,
+    corrections: Corrections = NO_CORRECTIONS,
+) -> tuple[Observations, NeighbourMotions | None]:
+    """As `extract_observations`; with it the keypoints of the keyframes and all motions that were verified
+    between neighbours, None where the matches are a user's own."""
+    require_plain_numbers(chosen)
     with stages.stage("corrections"):
         by_hand = look_by_hand(scan, corrections, chosen, running)
     keyed = _Keyed(scan, _keyframes(scan, chosen, matches), by_hand)
@@ -182,7 +194,7 @@ def extract_observations(
             )
     found = Observations(gravity, structure, matches, tracking, surfaces)
     found = found if keyed.is_whole else _numbered(found, keyed)
-    return found if by_hand is None else corrected_observations(found, by_hand)
+    return (found if by_hand is None else corrected_observations(found, by_hand)), known
 
 
 def corrected_observations(observations: Observations, by_hand: HandSeen) -> Observations:

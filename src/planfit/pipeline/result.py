@@ -35,6 +35,7 @@ from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
+from planfit.scan.joined import FramesOfScan
 from planfit.segmentation import Gravity, Structure
 from planfit.short_repr import short_repr
 from planfit.survey import SurveyResiduals
@@ -97,6 +98,8 @@ class RefineResult:
     """Residuals of control and check points, where some were given."""
     by_hand: ByHand | None = None
     """What corrections by hand came to; None where there were none."""
+    scans: tuple[FramesOfScan, ...] = ()
+    """Which frames are whose, where several scans were refined together; else none."""
     made_of: MadeOf | None = None
     """What it was made of; None where a result was put together otherwise."""
 
@@ -113,12 +116,12 @@ class RefineResult:
             OptionError: the result does not know what it was made of.
             OutputError: the folder holds other files, is in use, or cannot be written.
         """
-        _above("planfit.saving").save_result(self, folder, overwrite=overwrite)
+        above("planfit.saving").save_result(self, folder, overwrite=overwrite)
 
     def plot(self) -> Image.Image:
         """The scan's wall points over the plan, before and after, as a picture that notebooks show; without a
         plan, its walls from above."""
-        return _above("planfit.report").plot_result(self)
+        return above("planfit.report").plot_result(self)
 
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
@@ -136,9 +139,9 @@ class RefineResult:
         return self.calibration.sensor
 
 
-def _above(module: str) -> Any:
-    """A module that stands above the pipeline and takes its results: only these two methods, which are there
-    for those who type, reach up, and by name (docs/adr/0020-methods-that-reach-up.md)."""
+def above(module: str) -> Any:
+    """A module that stands above the pipeline and takes its results: only methods that are there for those
+    who type reach up, and by name (docs/adr/0020-methods-that-reach-up.md)."""
     return import_module(module)
 
 

@@ -15,6 +15,7 @@ from planfit.evaluation import (
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.result import RefineResult
+from planfit.scan.joined import FramesOfScan
 from planfit.segmentation import Structure
 
 _MAX_DRAWN = 600_000
@@ -52,6 +53,8 @@ class BeforeAfter:
     """Whether there was one; else frames and points are in the level frame."""
     correction: Float[np.ndarray, "n 6"]
     """[rad, m] of each frame, from before to after: rotation and translation of the camera."""
+    scans: tuple[FramesOfScan, ...] = ()
+    """Which frames are whose, where several scans were refined together."""
 
     @property
     def has_walls(self) -> bool:
@@ -96,6 +99,7 @@ def measure(
         is_aligned=result.alignment is not None,
         has_plan=floorplan is not None,
         correction=se3.difference(poses[1], poses[0]),
+        scans=result.scans,
     )
 
 

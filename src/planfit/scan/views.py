@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, UInt8
 from planfit.errors import ScanError
 from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
+from planfit.scan.joined import JoinedFiles
 from planfit.scan.types import CloudFiles, Scan, ScanFiles
 from planfit.short_repr import short_repr
 
@@ -223,6 +224,12 @@ def _corrupt(files: ScanFiles) -> dict[int, str]:
         return files.reasons()
     if isinstance(files, CalibratedFiles):
         return _corrupt(files.files)
+    if isinstance(files, JoinedFiles):
+        return {
+            own.first + k: why
+            for own, each in zip(files.scans, files.files, strict=True)
+            for k, why in _corrupt(each).items()
+        }
     if isinstance(files, SelectedFiles):
         reasons = _corrupt(files.files)
         return {k: reasons[int(i)] for k, i in enumerate(files.selected) if int(i) in reasons}

@@ -127,6 +127,10 @@ def make_storey(options: BuildingOptions, rng: np.random.Generator) -> Building:
         layout = with_stairwell(layout, options)
     faces = wall_faces(layout, options.outer_wall_thickness_m)
     furniture = tuple(furnish(layout, options, rng))
+    if options.refurnished:
+        # From a stream of its own: what is drawn after the furniture stays as it was.
+        anew = rng.spawn(options.refurnished)[-1]
+        furniture = tuple(furnish(layout, options, anew))
     if options.same_doors:
         furniture += leaves_of_layout(layout, options.door_height_m, rng)
     if options.same_rooms:

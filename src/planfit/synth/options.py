@@ -53,6 +53,9 @@ class BuildingOptions:
     furniture_per_room: int = 6
     """Pieces tried in each room of usual size (16 m2), in proportion to its area. Pieces that would
     stand in the way are left out; 0 leaves the rooms bare."""
+    refurnished: int = 0
+    """How often the rooms were furnished anew since they were built: the walls, what hangs on them and the
+    floors stay, all furniture is other furniture in other places."""
     pictures_per_wall: float = 2.2
     """Pictures, notices, sockets and windows tried on a wall of 4 m, on average."""
     is_white: bool = False
@@ -113,6 +116,8 @@ class BuildingOptions:
         require(min(counts) >= 0,
                 f"furniture_per_room, n_columns, pictures_per_wall: expected none below 0, "
                 f"found {counts}")  # fmt: skip
+        require(self.refurnished >= 0,
+                f"refurnished: expected none below 0, found {self.refurnished}")  # fmt: skip
         require(0 <= self.extra_door_share <= 1,
                 f"extra_door_share: expected 0 to 1, found {self.extra_door_share:g}")  # fmt: skip
 
@@ -316,6 +321,8 @@ class SynthOptions(Changeable):
 
     seed: int = 0
     """Everything random follows from it."""
+    visit: int = 0
+    """Another number is another scan of the same building: another walk, drift, world and noise."""
     building: BuildingOptions = field(default_factory=BuildingOptions)
     walk: WalkOptions = field(default_factory=WalkOptions)
     camera: CameraOptions = field(default_factory=CameraOptions)
@@ -332,6 +339,7 @@ class SynthOptions(Changeable):
     def __post_init__(self) -> None:
         require_kinds(self)
         require(self.seed >= 0, f"seed: expected 0 or more, found {self.seed}")
+        require(self.visit >= 0, f"visit: expected 0 or more, found {self.visit}")
         require(self.world in ("plan", "moved"),
                 f"world: expected 'plan' or 'moved', found {self.world!r}")  # fmt: skip
         slit = self.building.door_width_m - 2 * self.walk.clearance_m

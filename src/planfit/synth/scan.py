@@ -34,7 +34,7 @@ from planfit.synth.storeys import (
 from planfit.synth.walk import walk_along, walk_through
 
 # Streams of the seed: what one part draws does not depend on what another part draws.
-_BUILDING, _SURFACES, _WALK, _DRIFT, _WORLD, _COLOR, _DEPTH = range(7)
+_BUILDING, _SURFACES, _WALK, _DRIFT, _WORLD, _COLOR, _DEPTH, _VISIT = range(8)
 
 
 StoreyT_co = TypeVar("StoreyT_co", bound=Building | PlanBuilding, covariant=True)
@@ -103,13 +103,13 @@ class SynthFiles:
         """Colour image, RGB; None where the scan was made without."""
         if not self._options.has_color:
             return None
-        rng = _rng(self._options.seed, _COLOR, frame_idx)
+        rng = _of_visit(self._options, _COLOR, frame_idx)
         return noisy_color(self._view(frame_idx).color, self._options.camera, rng)
 
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
         """Depth along the optical axis, float32, m, NaN where there is no measurement."""
         view = self._view(frame_idx)
-        rng = _rng(self._options.seed, _DEPTH, frame_idx)
+        rng = _of_visit(self._options, _DEPTH, frame_idx)
         return noisy_depth(view.depth, view.incidence, self._options.depth_noise, rng)
 
     def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
@@ -176,12 +176,13 @@ def make_scan(
     world_from_plan = _world_from_plan(options, built.storeys[0])
     world_from_cams = world_from_plan @ built.plan_from_cams
     world_from_cams[:, :3, :3] = se3.project_to_so3(world_from_cams[:, :3, :3])
-    drifted = drift_poses(world_from_cams, options.drift, _rng(options.seed, _DRIFT), UP_WORLD)
+    drifted = drift_poses(world_from_cams, options.drift, _of_visit(options, _DRIFT), UP_WORLD)
     n = len(built.plan_from_cams)
     camera = make_camera(options.camera)
     digest = hashlib.sha256((repr(options) + built.digest).encode()).hexdigest()[:16]
     scan = Scan(
-        name=f"synthetic scan, seed {options.seed}",
+        name=f"synthetic scan, seed {options.seed}"
+        + (f", visit {options.visit}" if options.visit else ""),
         frame_ids=tuple(frame_name(i) for i in range(n)),
         timestamps=np.arange(1.0, n + 1.0),
         cameras=(camera,) * n,
@@ -233,7 +234,7 @@ def _make_up(options: SynthOptions) -> _Built:
         return _make_up_storeys(options)
     building = make_building(options.building, _rng(options.seed, _BUILDING))
     renderer = Renderer(make_quads(building, _rng(options.seed, _SURFACES)), make_lights(building))
-    plan_from_cams = walk_through(building, options.walk, _rng(options.seed, _WALK))
+    plan_from_cams = walk_through(building, options.walk, _of_visit(options, _WALK))
     return _on_one_storey(building, renderer, plan_from_cams, "")
 
 
@@ -241,7 +242,7 @@ def _make_up_storeys(options: SynthOptions) -> _Built:
     building = make_storeys(options.building, _rng(options.seed, _BUILDING))
     quads = make_storeyed_quads(building, _rng(options.seed, _SURFACES))
     renderer = Renderer(quads, make_storeyed_lights(building))
-    walk = walk_through_storeys(building, options.walk, _rng(options.seed, _WALK))
+    walk = walk_through_storeys(building, options.walk, _of_visit(options, _WALK))
     return _Built(building.storeys, renderer, walk.plan_from_cams, building.floors_z, walk.storeys)
 
 
@@ -262,7 +263,7 @@ def _build_plan(options: SynthOptions, floorplan: Floorplan) -> _Built:
             "leave one of them out"
         )
     path = None if options.walk.path is None else read_path(options.walk, floorplan)
-    rng = _rng(options.seed, _WALK)
+    rng = _of_visit(options, _WALK)
     building = make_plan_building(
         floorplan,
         options.building,
@@ -305,13 +306,20 @@ def _rng(seed: int, *stream: int) -> np.random.Generator:
     return np.random.default_rng([seed, *stream])
 
 
+def _of_visit(options: SynthOptions, *stream: int) -> np.random.Generator:
+    """What visits to one building do not share."""
+    if options.visit == 0:
+        return _rng(options.seed, *stream)
+    return _rng(options.seed, *stream, _VISIT, options.visit)
+
+
 def _world_from_plan(
     options: SynthOptions, building: Building | PlanBuilding
 ) -> Float[np.ndarray, "4 4"]:
     axes = se3.inverse(PLAN_FROM_WORLD)
     if options.world == "plan":
         return axes
-    rng = _rng(options.seed, _WORLD)
+    rng = _of_visit(options, _WORLD)
     size = max(building.floorplan.size)
     translation = np.array([*rng.uniform(-size, size, 2), rng.uniform(-2.0, 2.0)])
     return axes @ se3.yaw_transform(float(rng.uniform(-np.pi, np.pi)), translation)

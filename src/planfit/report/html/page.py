@@ -18,6 +18,7 @@ from planfit.report.html import sections, tables
 from planfit.report.html.as_built_section import as_built_section
 from planfit.report.html.disagreement_section import disagreement_section
 from planfit.report.html.registration_section import registration_section
+from planfit.report.html.scans_section import scans_section
 from planfit.report.html.sensor import sensor_section
 from planfit.report.html.storey_section import storeys
 from planfit.report.html.survey_section import survey_section
@@ -66,6 +67,7 @@ def make_report(
         seen_on_plan = storeys(result.storeys, measure_storeys(result), crop)
     body = [
         _top(scan_name, floorplan, result, numbers, truth),
+        *([scans_section(result)] if result.scans else []),
         seen_on_plan,
         *([] if scene is None else [view_section(scene)]),
         sections.certainty(result, truth) + disagreement_section(result.evidence.disagreements),

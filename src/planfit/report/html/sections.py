@@ -245,7 +245,9 @@ def frame_matches(
     )
     pictures = [
         captioned(
-            loop_closure_map(plan_ends, both.after.trajectory, loop_closures, crop, PANEL_IN),
+            loop_closure_map(
+                plan_ends, both.after.trajectory, loop_closures, crop, PANEL_IN, both.scans
+            ),
             f"<strong>Loop closures:</strong> {formatting.count(len(loop_closures))} pairs of frames, more "
             f"than {tables.LOOP_MIN_FRAMES} keyframes apart, that see the same part of the building. Where "
             "the path comes back and there is no line, "

@@ -15,6 +15,8 @@ BEFORE, AFTER = "#d55e00", "#0072b2"
 AGREES, DISPLACED, UNMATCHED, NOT_SEEN = "#009e73", "#aa3377", "#e69f00", "#b8c0c9"
 INK, GREY, LIGHT = "#1f2933", "#6b7785", "#d5dae0"
 PATH = "#7b3fa0"
+PATHS = (PATH, "#009e73", "#b8860b", "#cc3399", "#56b4e9", "#8c510a")
+"""Of several scans, one after the other."""
 
 PANEL_IN = 4.6
 """Width of a picture: half the page on a screen, the whole of it on a phone."""

@@ -1,5 +1,7 @@
 """Matches between frames: loop closures from above, and matched points of each frame."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.collections import LineCollection
@@ -19,7 +21,8 @@ from planfit.report.plots.drawing import (
     to_picture,
 )
 from planfit.report.plots.overlay import LEGEND_IN, Entry, add_legend, view_figure
-from planfit.report.plots.top_view import Crop, draw_faces, draw_path, draw_scale, set_up_view
+from planfit.report.plots.top_view import Crop, draw_faces, draw_paths, draw_scale, set_up_view
+from planfit.scan.joined import FramesOfScan
 
 _HEIGHT_IN = 2.4
 
@@ -47,12 +50,13 @@ def loop_closure_map(
     loop_closures: Int[np.ndarray, "c 2"],
     crop: Crop,
     width_in: float,
+    scans: Sequence[FramesOfScan] = (),
 ) -> Picture:
     """A line for each loop closure, between the camera centres (m) of its two frames."""
     figure, axes = view_figure(crop, width_in, LEGEND_IN)
     set_up_view(axes, crop, len(plan_ends) > 0)
     draw_faces(axes, crop, plan_ends, LIGHT)
-    draw_path(axes, trajectory[:, :2], 0.7)
+    draw_paths(axes, trajectory[:, :2], scans, 0.7)
     lines = LineCollection(
         list(trajectory[loop_closures][:, :, :2]), colors=AFTER, linewidths=0.8, alpha=0.6, zorder=4
     )

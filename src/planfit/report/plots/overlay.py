@@ -1,6 +1,7 @@
 """Wall points over the plan, before and after: the whole scan, and parts of it."""
 
 from io import BytesIO
+from textwrap import shorten
 from typing import Literal
 
 from matplotlib.axes import Axes
@@ -20,6 +21,7 @@ from planfit.report.plots.drawing import (
     INK,
     PANEL_IN,
     PATH,
+    PATHS,
     Picture,
     add_axes,
     clicks_of,
@@ -32,7 +34,7 @@ from planfit.report.plots.top_view import (
     crop_to_scan,
     draw_faces,
     draw_mark,
-    draw_path,
+    draw_paths,
     draw_points,
     draw_scale,
     set_up_view,
@@ -45,6 +47,10 @@ WIDE_IN = 1.9 * PANEL_IN
 """Width of a picture that takes the whole page."""
 _WIDE = 0.55
 """A scan with less height per width than this is drawn over the whole page."""
+
+
+_NAMED_PATHS, _NAME_LENGTH = 3, 16
+"""Paths of several scans that a legend names, and how long a name may be there."""
 
 
 Entry = tuple[str, str, Literal["s", "-", "--", ":"]]
@@ -170,8 +176,13 @@ def draw_side(
     if floorplan is not None and both.is_aligned:
         draw_faces(axes, crop, floorplan.ends)
         entries.append(("plan", INK, "-"))
-    draw_path(axes, side.trajectory[:, :2])
-    entries.append(("camera path (ring: start)", PATH, "-"))
+    draw_paths(axes, side.trajectory[:, :2], both.scans)
+    if both.scans:
+        # The table of the scans has all of them, in the same colours.
+        for own, color in zip(both.scans[:_NAMED_PATHS], PATHS, strict=False):
+            entries.append((shorten(own.name, _NAME_LENGTH, placeholder="…"), color, "-"))
+    else:
+        entries.append(("camera path (ring: start)", PATH, "-"))
     draw_scale(axes, crop)
     add_legend(axes, entries)
 

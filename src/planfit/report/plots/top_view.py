@@ -1,6 +1,8 @@
 """The scan from above on the plan: crop, wall points as a density, faces, path, scale."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,7 +13,8 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from planfit.report.measures import BeforeAfter
-from planfit.report.plots.drawing import DPI, FONT_PT, GREY, INK, PATH
+from planfit.report.plots.drawing import DPI, FONT_PT, GREY, INK, PATH, PATHS
+from planfit.scan.joined import FramesOfScan
 
 _MARGIN_M = 1.0
 _GAP_M = 2.0
@@ -138,16 +141,33 @@ def draw_faces(
     axes.add_collection(lines, autolim=False)
 
 
-def draw_path(axes: Axes, xy: Float[np.ndarray, "n 2"], width_pt: float = 0.9) -> None:
+def draw_paths(
+    axes: Axes,
+    xy: Float[np.ndarray, "n 2"],
+    scans: Sequence[FramesOfScan],
+    width_pt: float = 0.9,
+) -> None:
+    """The path of the camera (m), or, of several scans, that of each in a colour of its own."""
+    if not scans:
+        draw_path(axes, xy, width_pt)
+    for own, color in zip(scans, cycle(PATHS)):
+        draw_path(axes, xy[own.frames], width_pt, color)
+
+
+def draw_path(
+    axes: Axes, xy: Float[np.ndarray, "n 2"], width_pt: float = 0.9, color: str = PATH
+) -> None:
     """The path of the camera, m, and where it began; dotted where the recording has a gap."""
     gaps = find_gaps(xy)
     # A line is broken at NaN.
     walked = np.insert(xy, gaps + 1, np.nan, axis=0)
-    axes.plot(walked[:, 0], walked[:, 1], color=PATH, linewidth=width_pt, zorder=5)
+    axes.plot(walked[:, 0], walked[:, 1], color=color, linewidth=width_pt, zorder=5)
     for gap in gaps:
         x, y = xy[gap : gap + 2].T
-        axes.plot(x, y, color=PATH, linewidth=width_pt, linestyle=(0, (1, 2)), zorder=5)
-    axes.plot(xy[:1, 0], xy[:1, 1], "o", color="white", mec=PATH, markersize=4.5, mew=1.2, zorder=6)
+        axes.plot(x, y, color=color, linewidth=width_pt, linestyle=(0, (1, 2)), zorder=5)
+    axes.plot(
+        xy[:1, 0], xy[:1, 1], "o", color="white", mec=color, markersize=4.5, mew=1.2, zorder=6
+    )
 
 
 def find_gaps(positions: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " g"]:

@@ -120,6 +120,7 @@ def _frames(scan: Scan, result: RefineResult, is_placed: np.ndarray) -> tuple[Sc
     turned_deg = np.rad2deg(np.linalg.norm(correction[:, :3], axis=1))
     radius_m = radius_95(result.evidence.pose_covariances[:, 3:, 3:])
     gaps = set((find_gaps(result.plan_from_cams[:, :3, 3]) + 1).tolist())
+    gaps |= {own.first for own in result.scans if own.first > 0}
     floors = _floors_m(result)
     has_times = not np.array_equal(scan.timestamps, np.round(scan.timestamps))
     frames = []

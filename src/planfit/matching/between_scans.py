@@ -1,0 +1,168 @@
+"""Frames of different scans of one building that show the same place.
+
+Nothing is recorded of how two scans stand to each other, so pairs are found first by what frames show, and
+verified; then, once the scans are placed, by where their cameras stand. Between two visits things are moved:
+the rest of two views may contradict the motion more than within one scan (`view_agreement.py`).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from planfit.matching.cycles import CycleConsistencyOptions
+from planfit.matching.loop_closure import cycle_consistent
+from planfit.matching.options import MatchingOptions
+from planfit.matching.pairs import FrameDescriptors, choose_pairs
+from planfit.matching.relative_motions import VerifiedPairs, is_among, match_sigmas, verify_pairs
+from planfit.matching.tentative import ScanKeypoints
+from planfit.matching.types import Matches, RelativePoses
+from planfit.matching.verify import match_sigma
+from planfit.matching.view_agreement import explained_shares
+from planfit.runtime import Runtime
+from planfit.scan import Scan
+from planfit.scan.odometry import Odometry
+from planfit.scan.views import select_frames
+
+RETRIEVED = 6
+"""Frames of another scan that each frame is tried with, the most alike; of two visits to a synthetic flat,
+refurnished, a tenth of these pairs are verified, all but one in eighty of them rightly."""
+LOOPS_PER_FRAME = 12
+"""Pairs a frame may take part in once the scans are placed."""
+
+
+@dataclass(frozen=True)
+class ScansSeen:
+    """What the keyframes of several scans show, one scan after the other."""
+
+    scan: Scan
+    """The keyframes, joined."""
+    of_scan: Int[np.ndarray, " k"]
+    """Number of the scan that each is of."""
+    keypoints: ScanKeypoints
+    descriptors: FrameDescriptors
+
+    def between(self, pairs: Int[np.ndarray, "p 2"]) -> Int[np.ndarray, "q 2"]:
+        """Those of frames of different scans."""
+        return pairs[self.of_scan[pairs[:, 0]] != self.of_scan[pairs[:, 1]]]
+
+    def of_frames(self, frame_idx: Int[np.ndarray, " f"]) -> "ScansSeen":
+        """Some of the keyframes alone, increasing."""
+        scan = select_frames(self.scan, frame_idx, self.scan.world_from_cams[frame_idx])
+        descriptors = FrameDescriptors(
+            self.descriptors.vectors[frame_idx],
+            self.descriptors.sharpness[frame_idx],
+            self.descriptors.samples[frame_idx],
+        )
+        keypoints = self.keypoints.of_frames(frame_idx)
+        return ScansSeen(scan, self.of_scan[frame_idx], keypoints, descriptors)
+
+
+def retrieve_between(seen: ScansSeen, view_idx: Int[np.ndarray, " v"]) -> Int[np.ndarray, "p 2"]:
+    """Pairs of frames of different scans that look alike, first < second, sorted.
+
+    Args:
+        seen: all scans.
+        view_idx: frames that stand for their like, increasing.
+    """
+    vectors, of_scan = seen.descriptors.vectors[view_idx], seen.of_scan[view_idx]
+    found = [np.zeros((0, 2), dtype=int)]
+    for own in np.unique(of_scan):
+        for other in np.unique(of_scan[of_scan != own]):
+            rows, columns = (view_idx[of_scan == k] for k in (own, other))
+            alike = vectors[of_scan == own] @ vectors[of_scan == other].T
+            k = min(RETRIEVED, len(columns))
+            best = np.argsort(-alike, axis=1, kind="stable")[:, :k]
+            ok = np.take_along_axis(alike, best, axis=1) > 0
+            found.append(
+                np.column_stack([np.broadcast_to(rows[:, None], best.shape)[ok], columns[best][ok]])
+            )
+    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
+
+
+def pairs_between(
+    seen: ScansSeen,
+    joined_from_cams: Float[np.ndarray, "k 4 4"],
+    odometry: Odometry,
+    options: MatchingOptions,
+) -> Int[np.ndarray, "p 2"]:
+    """Pairs of frames of different scans that may show the same place, by where they stand."""
+    chosen = replace(options.pairs, loops_per_frame=LOOPS_PER_FRAME)
+    return seen.between(choose_pairs(joined_from_cams, odometry, chosen, seen.descriptors))
+
+
+def verify_between(
+    seen: ScansSeen,
+    pairs: Int[np.ndarray, "p 2"],
+    known: VerifiedPairs | None,
+    options: MatchingOptions,
+    runtime: Runtime,
+) -> VerifiedPairs:
+    """Those of the pairs that hold together, and how much of both views each explains; with those known.
+
+    Args:
+        seen: all scans.
+        pairs: first < second.
+        known: of another call; not tried again.
+        options: of matching.
+        runtime: threads, cache and progress.
+    """
+    if known is not None:
+        pairs = pairs[~is_among(pairs, known.relative_poses.pairs)]
+    stage = "pairs between scans"
+    found = verify_pairs(seen.scan, seen.keypoints, pairs, options, runtime, stage)
+    relative_poses = found.relative_poses
+    agreement = replace(
+        options.agreement, max_contradicted=options.agreement.max_contradicted_between
+    )
+    explained = explained_shares(
+        relative_poses,
+        found.points_a,
+        found.points_b,
+        match_sigmas(found, options),
+        np.zeros(len(found), dtype=bool),
+        seen.keypoints.grids,
+        agreement,
+    )
+    found = replace(found, relative_poses=replace(relative_poses, explained=explained))
+    return found if known is None else known.joined(found)
+
+
+def accept_between(
+    found: VerifiedPairs,
+    within: RelativePoses,
+    joined_from_cams: Float[np.ndarray, "k 4 4"],
+    odometry: Odometry,
+    options: MatchingOptions,
+) -> Matches:
+    """Matches of the pairs between scans that agree with each other and with what each scan knows of itself.
+
+    Args:
+        found: verified pairs of frames of different scans.
+        within: accepted pairs of frames of one scan.
+        joined_from_cams: where the frames stand, loops closed and scans placed.
+        odometry: of the scans, with a step between each two that is as sure as they are placed.
+        options: of matching.
+    """
+    consistency: CycleConsistencyOptions = options.cycle_consistency
+    if within.explained is None:
+        within = replace(within, explained=np.ones(len(within)))
+    edges = found.relative_poses.joined(within)
+    is_accepted = cycle_consistent(edges, joined_from_cams, odometry, consistency)
+    return _matches_of(found.where(is_accepted[: len(found)]), options)
+
+
+def _matches_of(accepted: VerifiedPairs, options: MatchingOptions) -> Matches:
+    none = [np.zeros((0, 3))]
+    points_a = np.concatenate(accepted.points_a or none)
+    points_b = np.concatenate(accepted.points_b or none)
+    return Matches(
+        pairs=accepted.relative_poses.pairs,
+        start=np.cumsum([0, *accepted.relative_poses.n_inliers]),
+        points_a=points_a,
+        points_b=points_b,
+        sigma=match_sigma(points_a, points_b, options.verify),
+        n_tried=len(accepted),
+        n_keypoints=0,
+        explained=accepted.relative_poses.explained,
+    )

@@ -1,0 +1,239 @@
+"""Where the scans stand: those that show the same places by these, groups of them by the plan."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.errors import FloorplanError
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3
+from planfit.matching.between_scans import ScansSeen
+from planfit.matching.relative_motions import VerifiedPairs
+from planfit.pipeline.align import align_to_plan
+from planfit.pipeline.on_plan import ScanOnPlan
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.prepare import prepare
+from planfit.pipeline.together.joined import join_observed, match_between, offsets_of
+from planfit.pipeline.together.observed import ObservedScan
+from planfit.pipeline.together.votes import Link, link_by_votes
+from planfit.runtime import Runtime, StageTimer
+
+PlacedBy = Literal["the first", "places seen in both", "the plan"]
+"""How the place of a scan among the others was found."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Scans that places seen in both link to each other."""
+
+    members: tuple[int, ...]
+    """Numbers of the scans, increasing."""
+    root_from_levels: tuple[Float[np.ndarray, "4 4"], ...]
+    """From the level frame of each to that of the first of them."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a scan stands among those that are placed."""
+
+    scan: int
+    joined_from_level: Float[np.ndarray, "4 4"]
+    """To the level frame of the first scan that is placed."""
+    by: PlacedBy
+
+
+@dataclass(frozen=True)
+class Placing:
+    """Which scans are placed, and why the others are not."""
+
+    places: tuple[Place, ...]
+    """In the order of the scans."""
+    reasons: dict[int, str]
+    """By the number of each scan without a place."""
+
+
+def find_links(
+    observed: Sequence[ObservedScan], seen: ScansSeen, verified: VerifiedPairs
+) -> list[Link]:
+    """How each two scans stand to each other, where they show the same places; the surest first."""
+    offsets, links = offsets_of(observed), []
+    pairs = verified.relative_poses.pairs
+    of_first, of_second = seen.of_scan[pairs[:, 0]], seen.of_scan[pairs[:, 1]]
+    for a in range(len(observed)):
+        for b in range(a + 1, len(observed)):
+            of = np.flatnonzero((of_first == a) & (of_second == b))
+            found = verified.relative_poses[of]
+            found = replace(found, pairs=found.pairs - offsets[[a, b]])
+            poses = (observed[a].prepared.level_from_keys, observed[b].prepared.level_from_keys)
+            has_floors = all(observed[k].observations.structure.has_floor for k in (a, b))
+            link = link_by_votes(a, b, poses, found, has_floors)
+            if link is not None:
+                links.append(link)
+    return sorted(links, key=lambda link: -link.weight)
+
+
+def group_by_links(n_scans: int, links: Sequence[Link]) -> list[Group]:
+    """Scans that are linked, over others too; by their first member."""
+    group = list(range(n_scans))
+    group_from_levels = [np.eye(4)] * n_scans
+    for link in links:  # the surest first: a maximum spanning tree
+        one, other = group[link.first], group[link.second]
+        if one == other:
+            continue
+        one_from_other = (
+            group_from_levels[link.first]
+            @ link.first_from_second
+            @ se3.inverse(group_from_levels[link.second])
+        )
+        for k in range(n_scans):
+            if group[k] == other:
+                group[k], group_from_levels[k] = one, one_from_other @ group_from_levels[k]
+    groups = []
+    for own in dict.fromkeys(group):
+        members = tuple(k for k in range(n_scans) if group[k] == own)
+        root = se3.inverse(group_from_levels[members[0]])
+        groups.append(Group(members, tuple(root @ group_from_levels[k] for k in members)))
+    return groups
+
+
+def place_groups(
+    observed: Sequence[ObservedScan],
+    groups: Sequence[Group],
+    seen: ScansSeen,
+    verified: VerifiedPairs,
+    floorplan: Floorplan | None,
+    options: RefineOptions,
+    runtime: Runtime,
+    timer: StageTimer,
+) -> Placing:
+    """Bring all groups into one frame: without a plan, the largest one is all that has a place.
+
+    Args:
+        observed: the scans.
+        groups: see `group_by_links`.
+        seen: their keyframes.
+        verified: pairs between them.
+        floorplan: as given; of one storey.
+        options: those of the run.
+        runtime: threads, cache and progress.
+        timer: told of the stages.
+    """
+    by_size = sorted(groups, key=lambda g: -sum(len(observed[k].scan) for k in g.members))
+    if len(groups) == 1:
+        return _placed([(by_size[0], np.eye(4))], {})
+    if floorplan is None:
+        reason = "none of the other scans shows the same places"
+        others = {k: reason for group in by_size[1:] for k in group.members}
+        return _placed([(by_size[0], np.eye(4))], others)
+    sure: list[tuple[Group, Float[np.ndarray, "4 4"]]] = []
+    unsure: dict[int, str] = {}
+    plan = floorplan
+    for group in by_size:
+        own = _own_options(options, has_first=0 in group.members)
+        found = _align_group(observed, group, seen, verified, plan, own, runtime, timer)
+        doubt = _doubt(found, own)
+        if doubt:
+            unsure |= dict.fromkeys(
+                group.members, f"none of the other scans shows the same places, and {doubt}"
+            )
+            continue
+        assert isinstance(found, ScanOnPlan)
+        assert found.floorplan is not None
+        sure.append((group, found.plan_from_level))
+        plan = found.floorplan  # in metres, from the first that tells them
+    if not sure:
+        for k in by_size[0].members:
+            del unsure[k]
+        return _placed([(by_size[0], np.eye(4))], unsure)
+    return _placed(sure, unsure)
+
+
+def _placed(
+    groups: Sequence[tuple[Group, Float[np.ndarray, "4 4"]]], reasons: dict[int, str]
+) -> Placing:
+    """All members of groups with a place, given common_from_root of each."""
+    common = {
+        k: common_from_root @ root_from_level
+        for group, common_from_root in groups
+        for k, root_from_level in zip(group.members, group.root_from_levels, strict=True)
+    }
+    first = min(common)
+    linked = next(group for group, _ in groups if first in group.members).members
+    joined_from_common = se3.inverse(common[first])
+    places = [
+        Place(
+            k,
+            joined_from_common @ common[k],
+            "the first" if k == first else "places seen in both" if k in linked else "the plan",
+        )
+        for k in sorted(common)
+    ]
+    return Placing(tuple(places), reasons)
+
+
+def _own_options(options: RefineOptions, has_first: bool) -> RefineOptions:
+    """What is said of where the scan is, is said of the first one."""
+    if has_first:
+        return options
+    chosen = replace(options.align, control_points=(), start="", candidate=1)
+    return replace(options, align=chosen)
+
+
+def _align_group(
+    observed: Sequence[ObservedScan],
+    group: Group,
+    seen: ScansSeen,
+    verified: VerifiedPairs,
+    plan: Floorplan,
+    options: RefineOptions,
+    runtime: Runtime,
+    timer: StageTimer,
+) -> ScanOnPlan | FloorplanError:
+    """A group aligned as one scan."""
+    members = [observed[k] for k in group.members]
+    scan, prepared = members[0].corrected_scan, members[0].prepared
+    if len(members) > 1:
+        own_seen, own_verified = of_scans(seen, verified, group.members)
+        between = match_between(
+            members, group.root_from_levels, own_seen, own_verified, options, runtime
+        )
+        joined = join_observed(members, group.root_from_levels, between)
+        scan, prepared = joined.scan, prepare(joined.scan, joined.observations, options, timer)
+    try:
+        return align_to_plan(scan, prepared, plan, options, timer)
+    except FloorplanError as error:  # another group may tell the unit, or it is told when all fail
+        return error
+
+
+def _doubt(found: ScanOnPlan | FloorplanError, options: RefineOptions) -> str:
+    """Why the plan does not say where a group is; empty where it does."""
+    if isinstance(found, FloorplanError):
+        return f"the plan does not fit it ({found})"
+    if found.alignment is None:
+        return "it shows no wall to be aligned with the plan by"
+    if found.alignment.score < options.align.min_score:
+        return (
+            f"the plan explains only {found.alignment.score:.0%} of its walls wherever it is put: is it of "
+            "another storey or building?"
+        )
+    if not found.alignment.is_sure:
+        return "it fits the plan in more than one place"
+    return ""
+
+
+def of_scans(
+    seen: ScansSeen, verified: VerifiedPairs, scans: Sequence[int]
+) -> tuple[ScansSeen, VerifiedPairs]:
+    """Keyframes of some of the scans alone, and the verified pairs between these."""
+    is_own = np.isin(seen.of_scan, scans)
+    if is_own.all():
+        return seen, verified
+    keys = np.flatnonzero(is_own)
+    number = np.cumsum(is_own) - 1
+    first, second = verified.relative_poses.pairs.T
+    kept = verified.where(is_own[first] & is_own[second])
+    relative = replace(kept.relative_poses, pairs=number[kept.relative_poses.pairs])
+    return seen.of_frames(keys), replace(kept, relative_poses=relative)
