@@ -17,7 +17,10 @@ from planfit.evaluation import wall_distances
 from planfit.floorplan import Floorplan, PlanOptions, write_floorplan_json
 from planfit.floorplan.storeys import join_storeys
 from planfit.geometry import se3
+from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.storey_heights import settle_floors
 from planfit.pipeline.verdict import Outcome
+from planfit.runtime import Runtime, StageTimer
 from planfit.segmentation import NO_STOREY, number_storeys
 from planfit.segmentation.storeys import StoreyOptions
 from planfit.synth import (
@@ -52,6 +55,12 @@ def observations(synthetic):
 @pytest.fixture(scope="module")
 def refined(synthetic, observations):
     return refine(synthetic, observations, dict(enumerate(synthetic.floorplans)))
+
+
+def test_true_storeys_are_not_taken_for_one_floor_with_drift(synthetic, observations):
+    timer = StageTimer(Runtime())
+    seen, _ = settle_floors(synthetic.scan, observations, RefineOptions(), timer)
+    assert seen is observations
 
 
 def refine(synthetic, observations, plans):

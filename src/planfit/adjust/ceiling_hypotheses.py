@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust.ceilings import ceiling_middles, find_ceilings
+from planfit.adjust.ceilings import find_ceilings, level_middles
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import build_problem, ceiling_term
@@ -37,7 +37,7 @@ def settle_ceilings(
     heights = np.unique(found[np.isfinite(found)])
     if options.ceiling.weight <= 0 or len(heights) < 2:
         return found, cameras_m
-    middles = ceiling_middles(structure.ceiling, plan_from_cams)
+    middles = level_middles(structure.ceiling, plan_from_cams)
     sees_floor = np.diff(structure.floor.start) > 0
     cost = _cost(measurements, plan_from_cams, found, options)
     for low, high in pairwise(heights):
@@ -81,7 +81,7 @@ def _cost(
     poses = _solved(measurements, plan_from_cams, heights_m, options)
     others = build_problem(measurements, options, poses).costs(poses)
     term, points = options.ceiling, measurements.structure.ceiling
-    middles = ceiling_middles(points, poses)
+    middles = level_middles(points, poses)
     is_seen = np.isfinite(middles)
     most = options.ceiling_heights.tolerance_m
     off_m = np.nan_to_num(np.abs(middles - heights_m)[is_seen], nan=most)

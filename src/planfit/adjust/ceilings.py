@@ -45,7 +45,7 @@ def find_ceilings(
         level_from_cams: poses with loops closed: heights must agree to a few centimetres.
         options: see there.
     """
-    middles = ceiling_middles(structure.ceiling, level_from_cams)
+    middles = level_middles(structure.ceiling, level_from_cams)
     found, seen = np.full(len(level_from_cams), np.nan), np.flatnonzero(np.isfinite(middles))
     middle = middles[seen]
     if len(seen) == 0:
@@ -57,14 +57,14 @@ def find_ceilings(
     return found
 
 
-def ceiling_middles(
-    ceiling: LevelPoints, level_from_cams: Float[np.ndarray, "n 4 4"]
+def level_middles(
+    level: LevelPoints, level_from_cams: Float[np.ndarray, "n 4 4"]
 ) -> Float[np.ndarray, " n"]:
-    """Height (m) of the middle of each frame's ceiling points; NaN where it has none."""
-    start = ceiling.start
+    """Height (m) of the middle of each frame's points of a floor or ceiling; NaN where it has none."""
+    start = level.start
     middles = np.full(len(level_from_cams), np.nan)
     for i in np.flatnonzero(np.diff(start)):
-        points = se3.transform(level_from_cams[i], ceiling.points_cam[start[i] : start[i + 1]])
+        points = se3.transform(level_from_cams[i], level.points_cam[start[i] : start[i + 1]])
         middles[i] = np.median(points[:, 2])
     return middles
 

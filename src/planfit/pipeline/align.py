@@ -30,7 +30,8 @@ from planfit.geometry import se3
 from planfit.pipeline.observations import extract_observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import PreparedScan, prepare
+from planfit.pipeline.prepare import PreparedScan
+from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Structure
@@ -67,7 +68,7 @@ def align(
     chosen = options or RefineOptions()
     timer = StageTimer(runtime or Runtime())
     observations = extract_observations(scan, chosen, runtime, timer=timer)
-    prepared = prepare(scan, observations, chosen, timer)
+    _, prepared = settle_floors(scan, observations, chosen, timer)
     claimed = claimed_alignment(
         scan, floorplan, prepared.level_from_world, chosen.align.recorded_axes
     )

@@ -29,6 +29,7 @@ from planfit.pipeline.observations import Observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan, prepare
+from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 
@@ -75,7 +76,7 @@ def calibrate_alone(
 
     Gross errors (5 % of depth, a wrong focal length) have to be mended before they mislead the alignment.
     """
-    prepared = prepare(scan, observations, options, timer)
+    observations, prepared = settle_floors(scan, observations, options, timer)
     if options.adjust.geometric != "points":
         return CalibratedScan(observations, observations, prepared)
     measured, poses = prepared.measurements, prepared.level_from_keys

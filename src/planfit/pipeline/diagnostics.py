@@ -49,6 +49,12 @@ def scan_warnings(
             "no floor was seen: height and tilt follow the recorded poses; "
             "tilt the camera down while scanning, or give floor masks"
         )
+    if structure.drifted_floors_m:
+        heights = " and ".join(f"{height:+.1f} m" for height in structure.drifted_floors_m)
+        warnings.append(
+            f"the recorded poses drift in height: the floor was recorded at {heights} as well, and matches "
+            "and motion show that it is the same; if there are stairs, scan them with images that overlap"
+        )
     if has_plan and not structure.has_walls:
         warnings.append(
             "no wall was seen: the scan cannot be aligned with the plan by its walls, and only the "

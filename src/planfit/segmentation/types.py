@@ -120,6 +120,8 @@ class Structure:
     storeys: Int[np.ndarray, " n"] | None = None
     """Storey that each frame stands on, as faces of joined plans are numbered; `NO_STOREY` on stairs. None:
     one plan for all frames."""
+    drifted_floors_m: tuple[float, ...] = ()
+    """Heights above the main floor at which poses as recorded saw that same floor, having drifted."""
 
     __repr__ = short_repr
 
