@@ -37,6 +37,9 @@ UNKNOWN_SCALE_SIGMA = 0.05
 """Of a plan's scale that was searched, or found off: walls then say nothing of the metre."""
 PLAN_OFF_SIGMAS = 3.0
 """A metric plan that is off by more of its and the scan's standard deviations was drawn so."""
+MIN_SIGMAS_WITH_PLAN = 2.0
+"""Where the plan is believed and the scan does not fit it, depth is corrected from so many standard
+deviations on: left as it is, it would call the plan wrong, which is the more unusual of the two."""
 
 
 @dataclass(frozen=True)
@@ -150,11 +153,14 @@ def plan_prior(
     if found is None or found.scale_xy == (1.0, 1.0):
         return replace(priors, plan_scale_sigma=0.0), 0.0
     departure = float(np.log(found.metres_per_unit))
-    # Whether or not it was kept: where the odometry tells little of the metre, depth is doubted first.
-    of_depth = calibration.sigmas[SHARED.index("depth_scale")]
-    sigma = float(np.hypot(priors.plan_scale_sigma, of_depth))
-    if found.is_plan_rescaled and abs(departure) < PLAN_OFF_SIGMAS * sigma:
-        return replace(priors, max_rounds=1), departure
+    # Whether or not it was kept: where the odometry tells little of the metre, depth is doubted first. What
+    # the scan alone asks of depth, and was not corrected, is not the plan's.
+    k = SHARED.index("depth_scale")
+    of_depth = 0.0 if calibration.is_kept[k] else float(calibration.departures[k])
+    sigma = float(np.hypot(priors.plan_scale_sigma, calibration.sigmas[k]))
+    if found.is_plan_rescaled and abs(departure + of_depth) < PLAN_OFF_SIGMAS * sigma:
+        least = min(priors.min_sigmas, MIN_SIGMAS_WITH_PLAN)
+        return replace(priors, max_rounds=1, min_sigmas=least), departure
     return replace(priors, plan_scale_sigma=UNKNOWN_SCALE_SIGMA), 0.0
 
 
