@@ -70,7 +70,8 @@ def judged(plan, patches, poses=None, covariances=None, options=None, structure=
     structure = structure or make_structure(poses, patches=patches)
     if covariances is None:
         covariances = np.zeros((len(poses), 6, 6))
-    placed = place_walls(structure, plan, poses, covariances, options)
+    stretch = np.zeros(len(poses), dtype=int)
+    placed = place_walls(structure, plan, poses, covariances, stretch, options)
     sight = lines_of_sight(structure, poses, structure.floor_heights_m)
     return judge_walls(plan, placed, sight, options)
 
@@ -404,10 +405,32 @@ def test_sigma_follows_rotations_by_their_lever(rng):
     aside = np.array([[5.0, 4.0], [4.0, 4.0]])
     walls = seen_by([(ahead, [-1.0, 0.0]), (aside, [0.0, -1.0])], rng, frames=[0])
     structure = make_structure(pose, patches=walls)
-    placed = place_walls(structure, room(), pose, covariances, AsBuiltOptions())
+    one = np.zeros(1, dtype=int)
+    placed = place_walls(structure, room(), pose, covariances, one, AsBuiltOptions())
     sigma = placed.pose_sigma_m(placed.frame_idx, placed.ends.mean(axis=1), placed.normals)
     # 1 deg over the 1.5 m by which the wall at the side lies ahead.
     np.testing.assert_allclose(sigma, [0.0, np.deg2rad(1.0) * 1.5], atol=1e-3)
+
+
+def test_poses_of_a_stretch_err_alike_and_stretches_by_themselves(rng):
+    """Of 400 walks, frames of a stretch are off by one error along a wall's normal: the mean over all that
+    show it is off as its sigma says, though stretches show it unevenly often."""
+    pose_m, per_stretch = 0.02, (1, 2, 3)
+    stretch = np.repeat([0, 1, 3], per_stretch)  # the third one does not see it
+    covariances = np.zeros((len(stretch), 6, 6))
+    covariances[:, 3, 3] = pose_m**2
+    poses = np.stack([look([3.0, 2.0, 1.5], 0.0)] * len(stretch))
+    east = (np.array([[6.0, 1.5], [6.0, 2.5]]), [-1.0, 0.0])
+    structure = make_structure(poses, patches=seen_by([east], rng, frames=range(len(stretch))))
+    placed = place_walls(structure, room(), poses, covariances, stretch, AsBuiltOptions())
+    seen = (placed.frame_idx, placed.ends.mean(axis=1), placed.normals)
+    sigma_m = placed.mean_pose_sigma_m(*seen)
+    errors_m = pose_m * rng.normal(size=(4000, 4))[:, stretch].mean(axis=1)
+    assert sigma_m == pytest.approx(np.sqrt(np.mean(errors_m**2)), rel=0.05)
+    # One stretch alone gains nothing by more frames.
+    own = placed.frame_idx >= 3
+    alone = [each[own] for each in seen]
+    assert placed.mean_pose_sigma_m(*alone) == pytest.approx(pose_m)
 
 
 def test_offsets_err_as_their_sigmas_say(rng):
@@ -417,7 +440,7 @@ def test_offsets_err_as_their_sigmas_say(rng):
     for _ in range(200):
         offsets = 0.02 * rng.normal(size=9)
         errors.append(np.median(offsets))
-        sigmas.append(offset_sigma(offsets, np.zeros(9), AsBuiltOptions()))
+        sigmas.append(offset_sigma(offsets, 0.0, AsBuiltOptions()))
     z = np.array(errors) / np.array(sigmas)
     assert np.mean(np.abs(z) < 2) > 0.9
     assert 0.7 < np.sqrt(np.mean(z**2)) < 1.2

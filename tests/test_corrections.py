@@ -144,6 +144,61 @@ def test_places_that_disagree_are_named_and_left_out_on_request(room):
     assert any(words.startswith("left out, as contradicted: place 3") for words in result.warnings)
 
 
+def shifted(places, x, y):
+    return [replace(p, plan=(p.plan[0] + x, p.plan[1] + y)) for p in places]
+
+
+def test_places_that_agree_but_that_the_walls_contradict_are_named_and_left_out_on_request(rng):
+    """Three pairs, each pressed at the same wrong corner: they move the scan rigidly, and agree."""
+    corners = [[0, 0], [12, 0], [12, 4], [3, 4], [3, 3], [0, 3]]
+    plan, true = faces_plan(corners), walk_in_a_room(10)
+    patches = []
+    for i in range(len(true)):
+        for wall in range(6):
+            first, last = plan.ends[wall]
+            t = rng.uniform(0.0, 1.0, (60, 1))
+            on_wall = np.column_stack([first * (1 - t) + last * t, rng.uniform(0.3, 2.5, 60)])
+            patches.append((i, on_wall, plan.normals[wall]))
+    observations = seen(make_structure(true, floor_of(true, rng, 1.0), patches), NO_MATCHES, true)
+    scan = room_scan(true)
+    spots = [(2, (30.0, 40.0)), (5, (100.0, 60.0)), (8, (80.0, 50.0))]
+    places = places_of(scan, true, spots)
+    right = planfit.refine(scan, plan, observations=observations, corrections=by_hand(*places))
+    assert right.by_hand.contradictions == ()
+    assert not any("disagree with the walls" in words for words in right.warnings)
+    # Within what corrections may be off, the walls decide, and nothing is contradicted.
+    near = by_hand(*shifted(places, 0.4, 0.0))
+    result = planfit.refine(scan, plan, observations=observations, corrections=near)
+    assert position_rms_m(result.plan_from_cams, true) < 0.05
+    assert result.by_hand.contradictions == ()
+    wrong = by_hand(*shifted(places, 4.5, 0.0))
+    moved = planfit.refine(scan, plan, observations=observations, corrections=wrong)
+    assert position_rms_m(moved.plan_from_cams, true) > 2.0
+    assert [each.correction.number for each in moved.by_hand.contradictions] == [1, 2, 3]
+    sentence = moved.by_hand.contradictions[0].sentence
+    assert "m off where the walls put it: without them" in sentence
+    assert "4.5" in sentence
+    assert not moved.verdict.is_refined
+    assert any("disagree with the walls" in words for words in moved.warnings)
+    mended = planfit.refine(
+        scan, plan, observations=observations, corrections=wrong, without_contradicted=True
+    )
+    assert position_rms_m(mended.plan_from_cams, true) < 0.05
+    assert len(mended.by_hand.left_out) == 3
+    # Of three that do not agree, the walls know which is wrong, though two others are there to choose from.
+    one = [*places[:2], replace(places[2], plan=(places[2].plan[0] + 3.0, places[2].plan[1]))]
+    with pytest.raises(
+        ContradictedError, match=r"found 1 contradicted: place 3: .*m off where the walls put it"
+    ):
+        planfit.refine(scan, plan, observations=observations, corrections=by_hand(*one))
+    flipped = [replace(p, plan=(p.plan[0], 4.0 - p.plan[1])) for p in places]
+    with pytest.raises(ContradictedError, match="with left and right swapped they agree"):
+        planfit.refine(scan, plan, observations=observations, corrections=by_hand(*flipped))
+    large = [replace(p, plan=(2.0 * p.plan[0], 2.0 * p.plan[1])) for p in places]
+    with pytest.raises(ContradictedError, match=r"with the plan 0\.5 times as large they agree"):
+        planfit.refine(scan, plan, observations=observations, corrections=by_hand(*large))
+
+
 # Loops
 
 

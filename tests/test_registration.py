@@ -1,5 +1,6 @@
 """The registration: what fits and what was held out apart, and no accuracy from a fit."""
 
+import csv
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.stats import chi2
 from planfit.export.registration import registration_record, write_registration
 from planfit.pipeline.evidence import Evidence, Stretch
 from planfit.pipeline.registration import FACTOR_95, FACTOR_95_FLAT, loa_class, register
+from planfit.pipeline.strength import LOOPS, DirectionStrength
 from planfit.pipeline.validation import Check
 from planfit.pipeline.visits import Visit
 from planfit.report.html.registration_section import registration_section
@@ -35,7 +37,11 @@ def residuals_of(control, check):
     return SurveyResiduals(tuple(points), (), "plan", None)
 
 
-VISIT = Visit((0, 3), (15, 19), 0.8, 0.05, 0.02)
+VISIT = Visit((0, 3), (15, 19), 0.8, 0.05, 0.02, mean_m=0.03, n_points=40, way_m=12.0)
+OPEN_VISIT = Visit((4, 7), (15, 19), 0.9, 0.7, 0.3, mean_m=0.4, n_points=8, way_m=9.5)
+STRENGTH = DirectionStrength(
+    "x", 0.012, (("walls", 0.62), (LOOPS, 0.378), ("floor", 0.002)), (4, 7), 0.25
+)
 
 
 def row(found, name):
@@ -122,5 +128,34 @@ def test_files_and_page_say_the_same(tmp_path):
     assert record["usibd_loa"] == "LOA10"
     assert record["stated_95_m"] == pytest.approx(FACTOR_95_FLAT * np.sqrt((0.05**2 + 0.02**2) / 2))
     page = registration_section(found)
+    assert "What fixes" not in page  # nothing was said of it
     assert "USIBD LOA10" in page
     assert "check points, height" not in page  # no height is known
+
+
+def test_error_of_each_loop_and_what_fixes_each_direction(tmp_path):
+    evidence = replace(evidence_of(0.002, visits=[VISIT, OPEN_VISIT]), strength=(STRENGTH,))
+    found = register(evidence, (WALLS,), None)
+    assert found.loops == (OPEN_VISIT, VISIT)  # the worst first
+    write_registration(tmp_path, found)
+    lines = (tmp_path / "registration.csv").read_text().splitlines()
+    assert all(len(next(csv.reader([line]))) == 6 for line in lines)
+    loops = [line for line in lines if line.startswith('"loop of')]
+    assert (
+        loops[0] == '"loop of frames 4-7 and 15-19, median distance",m,0.900000,0.300000,0.700000,8'
+    )
+    assert loops[1] == '"loop of frames 4-7 and 15-19, mean distance",m,,0.400000,,8'
+    assert loops[2] == '"loop of frames 4-7 and 15-19, length of way",m,,9.500000,,8'
+    assert len(loops) == 6
+    assert '"x, predicted sigma",m,,,0.012000,' in lines
+    assert '"x, fixed by walls",share,,0.620000,,' in lines
+    strength = registration_record(found)["strength"]["x"]
+    assert strength["shares"]["walls"] == 0.62
+    assert strength["weakest_frames"] == [4, 7]
+    page = registration_section(found).replace("\u00a0", " ")
+    assert (
+        "62 % walls, 38 % places seen again</td>" in page
+    )  # what holds next to nothing is left out
+    assert "0.012 m" in page
+    assert page.index("0.400 m") < page.index("0.030 m")
+    assert "12.00 m" in page

@@ -22,7 +22,6 @@ from planfit.matching import Matches
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.validation import Check
 from planfit.report import TruthErrors, draw_overlay, formatting, make_report
-from planfit.report.html.wall_table import wall_table
 from planfit.report.key_metrics import key_metrics, verdict_in_words
 from planfit.report.measures import measure
 from planfit.report.plots.charts import certainty_plot
@@ -525,8 +524,6 @@ def test_walls_are_listed_by_support_with_their_offset(floorplan, no_pictures):
     words = read(floorplan, result).words
     assert "Of 4 walls of the plan that were seen, 2 agree with the scan within 5 cm." in words
     assert "2 lie elsewhere: No. 3 (displaced by 12.0 cm into the wall), No. 2" in words
-    assert "3displaced by 12.0 cm into the wall−12.0 cm0.0 cm36.00" not in words
-    assert "3displaced by 12.0 cm into the wall−12.0 cm0.0 cm38.00 m4.0, 6.0" in words
 
 
 def test_mad_is_the_median_deviation(floorplan):
@@ -601,17 +598,12 @@ def test_quantities(text, expected):
     assert re.sub(r"\s", " ", text) == expected
 
 
-def test_offsets_that_the_adjustment_gave_are_shown_with_their_sigma():
+def test_offsets_that_the_adjustment_gave_are_kept_with_their_sigma():
     plan = room_plan()
     association = Association(np.array([1, 1, 1, 2]), np.array([0.04, 0.03, 0.05, 0.0]))
     offsets_m, sigmas_m = np.array([0, 0.034, 0, 0]), np.array([np.nan, 0.012, np.nan, np.nan])
     given = seen_faces(plan, walls_of(plan, association, offsets_m, sigmas_m))
     assert [face.solved for face in given] == [(0.034, 0.012), None]
-    html = wall_table(given)
-    assert "given way by" in html
-    assert "+3.4" in html
-    assert "±" in html
-    assert "given way by" not in wall_table(seen_faces(plan, walls_of(plan, association)))
 
 
 def test_loop_closures_and_matches_of_frames_are_counted():

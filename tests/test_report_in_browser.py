@@ -5,6 +5,7 @@ import pypdfium2
 import pytest
 
 from browser_probe import BROWSER, found_in, printed
+from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.report import make_report
 from test_report import floorplan as floorplan  # a fixture
 from test_report import make_result
@@ -29,11 +30,21 @@ addEventListener("load", () => {
 """
 
 
+def report_of(floorplan, offsets_m):
+    """With a verdict on each of its four walls."""
+    walls = zip(floorplan.ends, floorplan.normals, offsets_m, strict=True)
+    judged = tuple(
+        AsBuiltWall(k, ends, normal, True, offset_m, 0.005, 3, 3, 0.0)
+        for k, (ends, normal, offset_m) in enumerate(walls)
+    )
+    as_built = AsBuilt(judged, AsBuiltOptions(), "plan")
+    result = make_result(12, offsets_m)
+    return make_report("scan", floorplan, result, "[a]\nb = 1\n", as_built=as_built)
+
+
 @pytest.mark.parametrize("width_px", [360, 1200])
 def test_report_fits_sorts_and_shows_its_pictures(tmp_path, floorplan, width_px):
-    report = make_report(
-        "scan", floorplan, make_result(12, (0.01, 0.07, -0.12, 0.0)), "[a]\nb = 1\n"
-    )
+    report = report_of(floorplan, (0.01, 0.07, -0.12, 0.0))
     found = found_in(tmp_path / "probe.html", report, width_px, PROBE)
     assert found["width"] <= width_px
     assert found["images"]
@@ -48,17 +59,17 @@ def test_report_fits_sorts_and_shows_its_pictures(tmp_path, floorplan, width_px)
 
 
 def test_on_paper_it_has_few_pages_and_names_the_walls_that_are_off(tmp_path, floorplan):
-    report = make_report(
-        "scan", floorplan, make_result(12, (0.01, 0.07, -0.12, 0.0)), "[a]\nb = 1\n"
-    )
+    report = report_of(floorplan, (0.01, 0.07, -0.12, 0.0))
     pages = pypdfium2.PdfDocument(printed(tmp_path / "report.html", report))
     texts = [page.get_textpage().get_text_range() for page in pages]
     assert len(pages) <= 8
     assert all(text.strip() for text in texts)
     words = " ".join(texts)
-    assert "displaced by 12.0" in words
-    assert "agrees within" in report
-    assert "agrees within" not in words
+    words = words.replace("\u00a0", " ").replace("\u2212", "-")
+    assert "-12.0 cm" in words
+    assert "+7.0 cm" in words
+    assert "+1.0" in report
+    assert "+1.0" not in words  # a wall that agrees
     assert "Options of this run" not in words  # closed, and no use on paper
     # What is compared stands on one page.
     for text in texts:

@@ -169,6 +169,37 @@ def test_what_contradicts_what_is_told_with_what_takes_it_out(served):
     assert read.deleted[0].second == (9, 11)
 
 
+def test_a_pair_that_the_walls_contradict_is_told_beside_it(served):
+    """What the panel marks: only of the very pair that the run was made with."""
+    served.add("place", frame=2, pixel=[30.0, 40.0], plan=[1.0, 1.0])
+    served.add("place", frame=6, pixel=[100.0, 60.0], plan=[4.0, 1.0])
+    words = [row["words"] for row in served.ask("state")[1]["corrections"]]
+    reason = (
+        "4.50 m off where the walls put it: without them 99% of the scanned wall lies on the plan"
+    )
+    used = [
+        {
+            "kind": "place",
+            "number": 1,
+            "words": words[0],
+            "residual_m": 0.1,
+            "contradicted": reason,
+        },
+        {
+            "kind": "place",
+            "number": 2,
+            "words": "another",
+            "residual_m": 0.1,
+            "contradicted": reason,
+        },
+    ]
+    record = {**RECORD, "corrections": {"used": used, "left_out": []}}
+    (served.session.folder / "run.json").write_text(json.dumps(record))
+    first, second = served.ask("state")[1]["corrections"]
+    assert (first["contradicted"], first["is_solved"]) == (reason, True)
+    assert (second["contradicted"], second["is_solved"]) == (None, False)
+
+
 def test_a_point_of_the_cloud_is_told_its_pixel(served):
     scan = served.session.scan
     uv = (33.0, 71.0)

@@ -31,6 +31,9 @@ def make_visit(**changes):
         "before_m": 0.5,
         "kept_out_m": 0.05,
         "after_m": 0.02,
+        "mean_m": 0.03,
+        "n_points": 60,
+        "way_m": 30.0,
     }
     return Visit(**(given | changes))
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.geometry.camera import Camera
@@ -67,7 +68,22 @@ def room_scene(n_frames=12, max_pictures=120, offsets=(0.0, 0.0, 0.0, 0.0), resu
 def room_report(**arguments):
     """Its report as HTML, and the scene."""
     scene, result = room_scene(**arguments)
-    return make_report("room", result.floorplan, result, "", scene=scene), scene
+    as_built = room_as_built(arguments.get("offsets", (0.0,) * 4))
+    return make_report("room", result.floorplan, result, "", scene=scene, as_built=as_built), scene
+
+
+def room_as_built(offsets):
+    """Verdicts on its walls."""
+    plan = room_plan()
+    walls = zip(plan.ends, plan.normals, offsets, strict=True)
+    return AsBuilt(
+        tuple(
+            AsBuiltWall(k, ends, normal, True, offset_m, 0.01, 3, 3, 0.0)
+            for k, (ends, normal, offset_m) in enumerate(walls)
+        ),
+        AsBuiltOptions(),
+        plan.name,
+    )
 
 
 def view_of(scene):

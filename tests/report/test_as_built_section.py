@@ -1,11 +1,14 @@
 """Walls as built in the report: words, map and table; in a browser, the tolerance that is chosen there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from browser_probe import BROWSER, found_in
 from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall, Verdict
 from planfit.report import make_report
+from planfit.report.walls import seen_faces
 from test_report import floorplan as floorplan  # a fixture
 from test_report import make_result, read
 
@@ -60,6 +63,37 @@ def test_the_map_shows_where_a_moved_wall_stands(floorplan):
     # By -0.08 m along a normal that looks to -y: towards +y, up.
     assert y[1] - y[0] == pytest.approx(-0.08, abs=1e-3)
     assert "moved by 0.080 m" in group
+
+
+def test_walls_of_the_fit_are_in_the_same_table_by_the_same_numbers(floorplan):
+    """One table: numbers of the picture and of cross-sections are its own; short faces have a row too."""
+    of_fit = seen_faces(floorplan, make_result().adjustment)
+    assert [face.face_idx for face in of_fit] == [0, 1, 2, 3]
+    # The plan's faces in another order, and one of them too short to be judged.
+    judged = AsBuilt(
+        (wall(2, 0.0, 0.01, 0.004), wall(3, 1.0), wall(0, 2.0, 0.0, 0.01)), AsBuiltOptions(), "plan"
+    )
+    numbered = {
+        f.face_idx: f.number for f in seen_faces(floorplan, make_result().adjustment, judged)
+    }
+    assert numbered == {2: 1, 3: 2, 0: 3, 1: 4}
+    page = report_with(floorplan, judged)
+    assert page.count('<table class="sortable">') == 1
+    rows = page[page.index('<table class="sortable">') :].split("</table>")[0].split("<tr")[2:]
+    assert [row.split('data-key="')[1].split('"')[0] for row in rows] == ["1", "2", "3", "4"]
+    assert "too short to tell" in rows[3]
+    assert 'data-wall="1"' in rows[3]
+    assert "given way by" not in page
+    result = make_result()
+    sigmas_m = np.array([0.012, np.nan, np.nan, np.nan])
+    moved = replace(
+        result.adjustment, offsets_m=np.array([0.034, 0, 0, 0]), offset_sigmas_m=sigmas_m
+    )
+    page = make_report("scan", floorplan, replace(result, adjustment=moved), "", as_built=judged)
+    row = page[page.index('data-wall="0"') :].split("</tr>")[0]
+    assert "+3.4" in row
+    assert "±" in row
+    assert "given way by" in page
 
 
 PROBE = """

@@ -18,10 +18,13 @@ FREE_SHARE = 1e-10
 fixed holds: some 30 m where frames hold each other to 0.3 mm."""
 
 
-def rigid_tangents(positions: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 6 6"]:
-    """How poses move with one rigid motion (rotation, translation) [rad, m] about the positions' mean."""
-    lever = positions - positions.mean(axis=0)
-    # A body that turns by w and moves by v about its mean: each camera turns by w and moves by v + w x lever.
+def rigid_tangents(
+    positions: Float[np.ndarray, "k 3"], centre: Float[np.ndarray, "3"] | None = None
+) -> Float[np.ndarray, "k 6 6"]:
+    """How poses move with one rigid motion (rotation, translation) [rad, m] about a centre; None takes the
+    positions' mean."""
+    lever = positions - (positions.mean(axis=0) if centre is None else centre)
+    # A body turns by w about its centre and moves by v: each camera turns by w and moves by v + w x lever.
     rigid = np.zeros((len(positions), 6, 6))
     rigid[:, :3, :3] = rigid[:, 3:, 3:] = np.eye(3)
     rigid[:, 3:, :3] = -se3.skew(lever)

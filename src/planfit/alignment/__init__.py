@@ -4,6 +4,7 @@ from planfit.alignment.adjusted import AdjustedAlignment as AdjustedAlignment
 from planfit.alignment.adjusted import judge_adjusted as judge_adjusted
 from planfit.alignment.align import Alignment as Alignment
 from planfit.alignment.align import align as align
+from planfit.alignment.align import is_clearly_better as is_clearly_better
 from planfit.alignment.control_points import ControlPoint as ControlPoint
 from planfit.alignment.control_points import read_control_points as read_control_points
 from planfit.alignment.evidence import PlanEvidence as PlanEvidence

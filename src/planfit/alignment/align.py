@@ -29,8 +29,11 @@ from planfit.alignment.selection import (
     SameWithin,
     SegmentAgreement,
     Selection,
+    apart,
     best_elsewhere,
+    is_same,
     keep_distinct,
+    outweighs,
     select_hypothesis,
     with_segments,
 )
@@ -104,6 +107,12 @@ class Alignment:
         """Standard deviation of the scale, as a share of it; 0 where it was known."""
         return 0.0 if self.covariance is None else float(np.sqrt(max(self.covariance[3, 3], 0.0)))
 
+    @property
+    def hypothesis(self) -> AlignmentHypothesis:
+        """What was taken, with its score."""
+        taken = AlignmentHypothesis.from_transform(self.plan_from_level)
+        return replace(taken, score=self.score, scale_xy=self.scale_xy)
+
     def rescaled(
         self, factor: float, sigma: float, middle_plan: Float[np.ndarray, " 2"]
     ) -> "Alignment":
@@ -146,6 +155,19 @@ def align(
         OptionError: control points disagree, or there is no such candidate.
     """
     return align_within(walls, floorplan, options or AlignOptions(), 0.0, recorded, control_points)
+
+
+def is_clearly_better(
+    found: Alignment, other: Alignment, walls: WallSamples, options: AlignOptions
+) -> tuple[float, float] | None:
+    """How far apart (m, deg) two alignments of a scan are, where the first is at another place and explains
+    clearly more of the walls; else None."""
+    here, there = other.hypothesis, found.hypothesis
+    if is_same([there], here, walls, SameWithin.chosen(options))[0]:
+        return None
+    if found.is_mirrored or not outweighs(found.score, other.score, options):
+        return None
+    return apart(there, here, walls)
 
 
 def align_within(

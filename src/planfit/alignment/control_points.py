@@ -174,6 +174,24 @@ def worst_control_point(
     return worst, _largest_off_m(control_points, metres_per_unit)
 
 
+def disagreement_hint(
+    control_points: Sequence[ControlPoint], metres_per_unit: float | None, tolerance_m: float
+) -> str:
+    """What would make points agree that do not, as words to append: a mirrored plan, another scale."""
+    if len(control_points) == 2:
+        a, b = control_points
+        scan_m = float(np.linalg.norm(a.level_xy - b.level_xy))
+        on_plan_m = float(np.linalg.norm(a.plan_xy - b.plan_xy)) * (metres_per_unit or 1.0)
+        return f"; the two are {scan_m:.2f} m apart in the scan and {on_plan_m:.2f} m on the plan"
+    mirrored = [ControlPoint(p.level_xy * (1.0, -1.0), p.plan_xy) for p in control_points]
+    if _largest_off_m(mirrored, metres_per_unit) <= tolerance_m:
+        return "; with left and right swapped they agree: is the plan mirrored?"
+    if metres_per_unit is not None and _largest_off_m(control_points, None) <= tolerance_m:
+        scale = fit_control_points(control_points, None, np.inf)[2] / metres_per_unit
+        return f"; with the plan {scale:.3g} times as large they agree: is its unit right?"
+    return ""
+
+
 def _largest_off_m(control_points: Sequence[ControlPoint], metres_per_unit: float | None) -> float:
     """How far off (m) the worst ends, once they are brought together as well as they can be."""
     if len(control_points) < 2:

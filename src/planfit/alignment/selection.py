@@ -244,18 +244,10 @@ def _taken(
     return best, False
 
 
-def _apart(
-    a: AlignmentHypothesis, b: AlignmentHypothesis, walls: WallSamples
-) -> tuple[float, float]:
-    """How far apart two alignments put the middle of the scan (m, of the first), and their yaws (deg)."""
-    yaw, x, y, _ = differences([a], b, walls.xy.mean(axis=0))[0]
-    return float(np.hypot(*(np.array([x, y]) * a.scale_xy))), float(np.rad2deg(abs(yaw)))
-
-
 def _not_as_recorded_words(
     taken: AlignmentHypothesis, recorded: AlignmentHypothesis, walls: WallSamples
 ) -> str:
-    translation_m, yaw_deg = _apart(taken, recorded, walls)
+    translation_m, yaw_deg = apart(taken, recorded, walls)
     return (
         "the scan's format says its poses are in the plan's axes, but the walls fit "
         f"{translation_m:.1f} m and {yaw_deg:.0f} deg away from there; that alignment was taken"
@@ -290,7 +282,7 @@ def _close_words(
     scale = ""
     if abs(np.log(taken.metres_per_unit / other.metres_per_unit)) > 1e-9:
         scale = f", scales {taken.metres_per_unit:.4g} and {other.metres_per_unit:.4g} m a unit"
-    translation_m, yaw_deg = _apart(taken, other, walls)
+    translation_m, yaw_deg = apart(taken, other, walls)
     words = (
         f"two alignments fit the plan almost equally well ({taken.score:.0%} and {other.score:.0%} "
         f"of the wall), {translation_m:.1f} m and {yaw_deg:.0f} deg apart{scale}"
@@ -300,6 +292,21 @@ def _close_words(
     if is_ambiguous:
         return f"ambiguous: {words}; choose the other one with --align.candidate 2, or give control points"
     return f"{words}; the one asked for was taken"
+
+
+def outweighs(score: float, other_score: float, options: AlignOptions) -> bool:
+    """Whether so much more of the wall is explained that the other alignment is no rival."""
+    margin = score - other_score
+    is_enough = score >= options.min_score and margin >= options.min_margin
+    return is_enough and not _is_thin(score, margin)
+
+
+def apart(
+    a: AlignmentHypothesis, b: AlignmentHypothesis, walls: WallSamples
+) -> tuple[float, float]:
+    """How far apart two alignments put the middle of the scan (m, of the first), and their yaws (deg)."""
+    yaw, x, y, _ = differences([a], b, walls.xy.mean(axis=0))[0]
+    return float(np.hypot(*(np.array([x, y]) * a.scale_xy))), float(np.rad2deg(abs(yaw)))
 
 
 def _is_thin(score: float, margin: float) -> bool:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from planfit.as_built.lines_of_sight import LinesOfSight, lines_of_sight, through_shares
 from planfit.as_built.new_walls import find_new_walls
@@ -44,6 +44,7 @@ def compare_as_built(result: RefineResult, options: AsBuiltOptions | None = None
         result.floorplan,
         result.plan_from_cams,
         result.evidence.pose_covariances,
+        _stretches(result),
         chosen,
     )
     sight = lines_of_sight(structure, result.plan_from_cams, _floors_m(result))
@@ -112,18 +113,25 @@ def _of_plan(
 def _new(wall: Piece, placed: PlacedWalls, options: AsBuiltOptions) -> AsBuiltWall:
     middles, frames = placed.ends[wall.patch_idx].mean(axis=1), placed.frame_idx[wall.patch_idx]
     normals = np.broadcast_to(wall.normal, middles.shape)
-    poses_m = placed.pose_sigma_m(frames, middles, normals)
+    pose_m = placed.mean_pose_sigma_m(frames, middles, normals)
     return AsBuiltWall(
         face_idx=-1,
         ends=wall.ends,
         normal=wall.normal,
         is_oriented=True,
         offset_m=0.0,
-        sigma_m=offset_sigma(middles @ wall.normal, poses_m, options),
+        sigma_m=offset_sigma(middles @ wall.normal, pose_m, options),
         n_patches=len(wall.patch_idx),
         n_frames=len(np.unique(frames)),
         through_share=0.0,
     )
+
+
+def _stretches(result: RefineResult) -> Int[np.ndarray, " n"]:
+    """Stretch of the walk that each frame is of; frames between two are of the earlier one."""
+    first = np.sort([stretch.frames[0] for stretch in result.evidence.stretches])
+    frames = np.arange(len(result.plan_from_cams))
+    return np.maximum(np.searchsorted(first, frames, side="right") - 1, 0)
 
 
 def _floors_m(result: RefineResult) -> Float[np.ndarray, " n"]:

@@ -1,5 +1,5 @@
-"""`planfit export`: poses of a run, or of a scan as recorded, and walls as built, in the forms of other
-programs."""
+"""`planfit export`: poses of a run, or of a scan as recorded, walls as built, and the report, in the forms of
+other programs."""
 
 import os
 from dataclasses import dataclass, field
@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from planfit.cli.as_built import export_as_built
 from planfit.cli.console import StageBars, out, tell_scan
+from planfit.cli.print_report import export_report
 from planfit.cli.run_record import read_record
 from planfit.errors import OutputError, ScanError, require_positive
 from planfit.export.cloud import place_cloud, sample_cloud, write_ply
@@ -33,19 +34,29 @@ FOLDERS = ("colmap", "nerfstudio")
 
 @dataclass(frozen=True)
 class ExportArguments:
-    """Write the poses of a run, those of a scan as recorded, or the walls of a run as built, in the form of
-    another program."""
+    """Write the poses of a run, those of a scan as recorded, the walls of a run as built, or its report, in
+    the form of another program."""
 
     source: tyro.conf.Positional[Path]
     """Output folder of `planfit refine` (refined poses), or a scan (poses as recorded)."""
     to: Literal[
-        "tum", "kitti", "open3d", "g2o", "ply", "mesh", "cloud", "colmap", "nerfstudio", "as-built"
+        "tum",
+        "kitti",
+        "open3d",
+        "g2o",
+        "ply",
+        "mesh",
+        "cloud",
+        "colmap",
+        "nerfstudio",
+        "as-built",
+        "pdf",
     ]
     """Form: trajectory files (`tum`, `kitti`, `open3d` log, `g2o` pose graph), coloured points (`ply`), a
     coloured `mesh` (.ply, .obj or .glb; needs planfit[map]), the whole `cloud` of a laser scan in its own
     format (.las, .laz, .e57), folders with images and depth (`colmap`
-    model, `nerfstudio`), or the verdicts on the walls of the plan, `as-built` (.csv, .geojson, .dxf with a
-    layer a verdict, .bcf)."""
+    model, `nerfstudio`), the verdicts on the walls of the plan, `as-built` (.csv, .geojson, .dxf with a
+    layer a verdict, .bcf), or the report as `pdf`, printed by Chromium, which must be installed."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """File to write; a folder for `colmap` and `nerfstudio`. It must not be there yet."""
     frame: Literal["world", "plan"] = "world"
@@ -70,6 +81,8 @@ def export_command(arguments: ExportArguments) -> int:
         raise OutputError(f"{target}: expected no such file or folder; choose another with -o")
     if arguments.to == "as-built":
         return export_as_built(arguments.source, target, arguments.tolerance_m)
+    if arguments.to == "pdf":
+        return export_report(arguments.source, target)
     if arguments.to == "mesh":
         check_suffix(target)
         require_positive(arguments, "voxel_m", "max_depth_m")

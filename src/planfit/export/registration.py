@@ -22,6 +22,23 @@ def write_registration(folder: Path, registration: Registration) -> None:
         cells = ["" if v is None or not math.isfinite(v) else f"{v:.6f}" for v in numbers]
         name = row.name.replace('"', '""')
         lines.append(",".join([f'"{name}"', row.unit, *cells, str(row.count)]))
+    for loop in registration.loops:
+        (a, b), (c, d) = loop.first_frames, loop.last_frames
+        name = f"loop of frames {a}-{b} and {c}-{d}"
+        amounts = (
+            ("median distance", loop.before_m, loop.after_m, loop.kept_out_m),
+            ("mean distance", None, loop.mean_m, None),
+            ("length of way", None, loop.way_m, None),
+        )
+        for what, *numbers in amounts:
+            cells = ["" if v is None or not math.isfinite(v) else f"{v:.6f}" for v in numbers]
+            lines.append(",".join([f'"{name}, {what}"', "m", *cells, str(loop.n_points)]))
+    for each in registration.strength:
+        lines.append(f'"{each.direction}, predicted sigma",{each.unit},,,{each.sigma:.6f},')
+        lines += [
+            f'"{each.direction}, fixed by {name}",share,,{share:.6f},,'
+            for name, share in each.shares
+        ]
     accuracy = {
         "accuracy at 95 %, predicted": registration.predicted_95_m,
         "accuracy at 95 %, by check points": registration.checked_95_m,
@@ -51,6 +68,16 @@ def registration_record(registration: Registration) -> dict[str, Any]:
             }
             for row in registration.rows
         ],
+        "strength": {
+            each.direction: {
+                "sigma": plain(each.sigma),
+                "unit": each.unit,
+                "shares": dict(each.shares),
+                "weakest_frames": list(each.weakest_frames),
+                "weakest_share": plain(each.weakest_share),
+            }
+            for each in registration.strength
+        },
         "predicted_95_m": plain(registration.predicted_95_m),
         "checked_95_m": plain(registration.checked_95_m),
         "stated_95_m": plain(registration.stated_95_m),

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from planfit.adjust import follow_keyframes
 from planfit.alignment.control_points import (
     ControlPoint,
+    disagreement_hint,
     read_control_points,
     worst_control_point,
 )
@@ -17,7 +18,9 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.by_hand import HandSeen
 from planfit.pipeline.evidence import CONTRADICTED_M
+from planfit.pipeline.on_plan import PointsAgainstWalls, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.places_and_walls import placed_by_walls
 from planfit.pipeline.prepare import PreparedScan
 
 
@@ -110,7 +113,7 @@ def with_places(
     except OptionError as error:
         raise OptionError(f"{seen.corrections.name}: place: {error}") from error
     chosen = options.align
-    _require_agreement(seen.corrections, points, floorplan, options)
+    _require_agreement(seen.corrections, points, prepared, floorplan, options)
     return replace(
         options,
         align=replace(chosen, control_points=(*chosen.control_points, *texts)),
@@ -121,7 +124,7 @@ def by_hand_outcome(
     seen: HandSeen,
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     plan_from_world: Float[np.ndarray, "4 4"],
-    floorplan: Floorplan | None,
+    on_plan: ScanOnPlan,
     tolerance_m: float,
 ) -> tuple[tuple[CorrectionOutcome, ...], tuple[Contradiction, ...]]:
     """How far a result is from each correction, and which it contradicts.
@@ -130,16 +133,16 @@ def by_hand_outcome(
         seen: corrections that were used.
         plan_from_cams: of the result.
         plan_from_world: of the result as a whole, for places in the scan's own axes.
-        floorplan: in metres.
+        on_plan: where the scan stands, and whether its walls contradict that.
         tolerance_m: how far off a place may end.
     """
-    residuals = _place_residuals(seen, plan_from_cams, plan_from_world, floorplan)
+    residuals = _place_residuals(seen, plan_from_cams, plan_from_world, on_plan.floorplan)
     residuals |= _loop_residuals(seen, plan_from_cams)
     outcomes = tuple(
         CorrectionOutcome(each, residuals.get((each.kind, each.number)))
         for each in seen.corrections
     )
-    found = []
+    found = _places_against_walls(seen.corrections, on_plan.against_points, tolerance_m)
     for each in outcomes:
         is_place = isinstance(each.correction, Place)
         most = tolerance_m if is_place else CONTRADICTED_M
@@ -162,18 +165,45 @@ def first_of_each(contradictions: tuple[Contradiction, ...]) -> tuple[Contradict
 def _require_agreement(
     corrections: Corrections,
     points: tuple[ControlPoint, ...],
+    prepared: PreparedScan,
     floorplan: Floorplan,
     options: RefineOptions,
 ) -> None:
+    """Raise where places disagree; named are those that walls, where they surely tell, put elsewhere."""
     tolerance_m = options.align.control_point_tolerance_m
     scale = 1.0 if floorplan.is_metric else options.align.metres_per_unit or None
-    left, found = list(range(len(points))), []
-    while (worst := worst_control_point([points[k] for k in left], scale, tolerance_m)) is not None:
-        k = left.pop(worst[0])
-        reason = f"{worst[1]:.2f} m off where the other places put it"
-        found.append(Contradiction(corrections.places[k], reason, prevents=True))
-    if found:
-        raise ContradictedError(corrections.name, tuple(found))
+    if worst_control_point(points, scale, tolerance_m) is None:
+        return
+    hint = disagreement_hint(points, scale, tolerance_m)
+    alone = placed_by_walls(prepared, floorplan, options, None, points)
+    found: list[Contradiction] = []
+    if alone is not None and alone.alignment.is_sure:
+        for k in np.flatnonzero(alone.off_m > tolerance_m):
+            reason = f"{alone.off_m[k]:.2f} m off where the walls put it{hint}"
+            found.append(Contradiction(corrections.places[k], reason, prevents=True))
+    if not found:
+        left = list(range(len(points)))
+        while worst := worst_control_point([points[k] for k in left], scale, tolerance_m):
+            k = left.pop(worst[0])
+            reason = f"{worst[1]:.2f} m off where the other places put it{hint}"
+            found.append(Contradiction(corrections.places[k], reason, prevents=True))
+    raise ContradictedError(corrections.name, tuple(found))
+
+
+def _places_against_walls(
+    corrections: Corrections, against: PointsAgainstWalls | None, tolerance_m: float
+) -> list[Contradiction]:
+    """Places that hold the scan where its walls do not fit: those that are off where these do."""
+    if against is None:
+        return []
+    places = corrections.places
+    # Those of the options come before them.
+    off_m = against.off_m[len(against.off_m) - len(places) :]
+    return [
+        Contradiction(place, f"{off:.2f} m off where the walls put it: {against.sentence}")
+        for place, off in zip(places, off_m, strict=True)
+        if off > tolerance_m
+    ]
 
 
 def _place_residuals(

@@ -44,6 +44,7 @@ from planfit.pipeline.predicted_error import (
 )
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storeys import judge_storeys
+from planfit.pipeline.strength import DirectionStrength, directions_held
 from planfit.pipeline.visits import Visit, frames_of_stretch, judge_visits
 from planfit.short_repr import short_repr
 
@@ -115,6 +116,8 @@ class Evidence:
     """Visits and walls that the rest puts elsewhere, the most suspect first, and what they stand against."""
     without_plan: tuple[Storey, ...] = ()
     """Storeys that were walked and have no plan, where others have one."""
+    strength: tuple[DirectionStrength, ...] = ()
+    """What fixes x, y, z and heading; in this order."""
 
     __repr__ = short_repr
 
@@ -252,6 +255,7 @@ def gather_evidence(
         unplaced=prepared.unplaced,
         tracking_doubt=prepared.tracking_doubt,
         without_plan=on_plan.storeys.without_plan if on_plan.storeys else (),
+        strength=directions_held(problem, solved, folds.stretch, covariance, keyframes.frame_idx),
     )
 
 

@@ -26,6 +26,8 @@ class ScanOnPlan:
     """Where plans were given by storey."""
     survey: "SurveyOnPlan | None" = None
     """Where surveyed points are, if some were given."""
+    against_points: "PointsAgainstWalls | None" = None
+    """Where points said to be known hold the scan to a place that its walls contradict."""
 
     @property
     def is_placed(self) -> bool:
@@ -48,6 +50,30 @@ class ScanOnPlan:
 
 STANDS_ALONE = ScanOnPlan(None, np.eye(4), None, None)
 """Where there is no plan: what is called the plan frame elsewhere is then the level frame."""
+
+
+@dataclass(frozen=True)
+class PointsAgainstWalls:
+    """Known points whose scan, by its walls, clearly stands elsewhere."""
+
+    off_m: Float[np.ndarray, " p"]
+    """How far from where it is said to be each point lies by the walls alone."""
+    apart_m: float
+    """Between where points and walls put the middle of the scan."""
+    apart_deg: float
+    score_of_walls: float
+    """Share of seen wall that the plan explains where the walls put the scan."""
+    score_of_points: float
+    """The same where the points put it."""
+
+    @property
+    def sentence(self) -> str:
+        """For a user, without a full stop."""
+        return (
+            f"without them {self.score_of_walls:.0%} of the scanned wall lies on the plan, "
+            f"{self.apart_m:.2f} m and {self.apart_deg:.0f} deg away from where they put the scan, and "
+            f"{self.score_of_points:.0%} with them"
+        )
 
 
 @dataclass(frozen=True)

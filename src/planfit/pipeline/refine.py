@@ -36,6 +36,7 @@ from planfit.pipeline.observations import (
 )
 from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.places_and_walls import against_walls
 from planfit.pipeline.predicted_error import error_model
 from planfit.pipeline.result import MadeOf, RefineResult, make_result
 from planfit.pipeline.storeys import place_on_storeys
@@ -177,7 +178,7 @@ def _refined(
         seen.by_hand,
         result.plan_from_cams,
         on_plan.plan_from_level @ prepared.level_from_world,
-        on_plan.floorplan,
+        on_plan,
         chosen.align.control_point_tolerance_m,
     )
     return replace(
@@ -259,6 +260,8 @@ def _place(
     elif isinstance(floorplan, Floorplan):
         calibrated, on_plan = align_with_jumps(scan, calibrated, floorplan, placed, timer)
         prepared = calibrated.prepared
+        with timer.stage("align"):
+            on_plan = against_walls(on_plan, prepared, floorplan, placed)
     elif floorplan is not None:
         # Each storey alone, then all in one frame (docs/adr/0011-several-storeys.md).
         seen = calibrated.observations

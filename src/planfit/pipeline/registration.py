@@ -10,7 +10,9 @@ import numpy as np
 
 from planfit.adjust.uncertainty import radius_95
 from planfit.pipeline.evidence import Evidence
+from planfit.pipeline.strength import DirectionStrength
 from planfit.pipeline.validation import Check
+from planfit.pipeline.visits import Visit
 from planfit.short_repr import short_repr
 from planfit.survey import SurveyResiduals
 
@@ -56,6 +58,10 @@ class Registration:
     """Class of that; empty where none is stated."""
     basis: str
     """What the accuracy rests on, in a sentence."""
+    strength: tuple[DirectionStrength, ...] = ()
+    """What fixes x, y, z and heading."""
+    loops: tuple[Visit, ...] = ()
+    """Places seen again, that with the largest mean distance first."""
 
     __repr__ = short_repr
 
@@ -90,6 +96,8 @@ def register(
         stated,
         "" if stated is None else loa_class(stated),
         _basis(evidence, survey),
+        evidence.strength,
+        tuple(sorted(evidence.visits, key=lambda visit: -visit.mean_m)),
     )
 
 

@@ -25,6 +25,12 @@ class Visit:
     """The same by the solve that did without this visit."""
     after_m: float
     """The same by the result."""
+    mean_m: float
+    """Mean distance instead, by the result."""
+    n_points: int
+    """Points that were seen both times."""
+    way_m: float
+    """Length of the way walked between both: median over those points, by the result."""
 
 
 def judge_visits(
@@ -57,6 +63,9 @@ def judge_visits(
     n_visits = int(folds.visit.max(initial=NOT_KEPT_OUT)) + 1
     borders = np.searchsorted(visit_of_match[order], np.arange(n_visits + 1))
     pair_of_match = np.repeat(np.arange(len(sizes)), sizes)
+    steps_m = np.linalg.norm(np.diff(solved[:, :3, 3], axis=0), axis=1)
+    walked_m = np.concatenate([[0.0], np.cumsum(steps_m)])[matches.pairs]
+    way_m = np.abs(walked_m[:, 1] - walked_m[:, 0])[pair_of_match]
     visits = []
     for k in range(n_visits):
         own = order[borders[k] : borders[k + 1]]
@@ -69,6 +78,9 @@ def judge_visits(
                 frames_of_stretch(prepared, folds, a),
                 frames_of_stretch(prepared, folds, b),
                 *medians,
+                mean_m=float(np.mean(after_m[own])),
+                n_points=len(own),
+                way_m=float(np.median(way_m[own])),
             )
         )
     return tuple(visits)

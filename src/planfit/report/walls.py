@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planfit.adjust import PlanAdjustment
+from planfit.as_built import AsBuilt
 from planfit.floorplan import Floorplan
 from planfit.report import formatting
 
@@ -19,7 +20,7 @@ class SeenFace:
     """A face of the plan with the wall patches of the scan that belong to it."""
 
     number: int
-    """1 for the face with most patches."""
+    """As in the table of walls; without one, 1 for the face with most patches."""
     face_idx: int
     middle_xy: tuple[float, float]
     """Plan frame, m."""
@@ -58,13 +59,26 @@ class SeenFace:
         return words
 
 
-def seen_faces(floorplan: Floorplan, walls: PlanAdjustment) -> list[SeenFace]:
-    """Faces with wall patches, most patches first."""
+def seen_faces(
+    floorplan: Floorplan, walls: PlanAdjustment, as_built: AsBuilt | None = None
+) -> list[SeenFace]:
+    """Faces with wall patches, most patches first.
+
+    Args:
+        floorplan: plan frame, m.
+        walls: of `planfit.refine` with that plan.
+        as_built: whose numbers faces have; those that it does not judge, as they are short, have the next.
+    """
+    judged = () if as_built is None else as_built.walls
+    numbers = {wall.face_idx: number for number, wall in enumerate(judged, start=1)}
     association, sigmas_m = walls.association, walls.offset_sigmas_m
     seen, counts = np.unique(association.face_idx[association.face_idx >= 0], return_counts=True)
     faces = []
-    for number, k in enumerate(np.lexsort((seen, -counts)), start=1):
+    next_number = len(judged) + 1
+    for k in np.lexsort((seen, -counts)):
         face = int(seen[k])
+        number = numbers.get(face, next_number)
+        next_number += number == next_number
         offsets = association.distance_m[association.face_idx == face]
         x, y = floorplan.ends[face].mean(axis=0)
         median = float(np.median(offsets))

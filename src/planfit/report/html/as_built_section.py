@@ -1,7 +1,7 @@
 """The section of the report that holds every wall against its drawing: a map and a table, whose verdicts
 follow a tolerance that is chosen on the page (`as_built.js`)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -9,9 +9,10 @@ from jaxtyping import Float
 
 from planfit.as_built import AsBuilt, AsBuiltWall, Verdict, counted, deviations, in_words
 from planfit.report import formatting
-from planfit.report.html.wall_table import Cell, sortable_table
+from planfit.report.html.sortable_table import Cell, sortable_table
 from planfit.report.plots.drawing import AGREES, BEFORE, DISPLACED, NOT_SEEN, UNMATCHED
 from planfit.report.plots.top_view import Crop
+from planfit.report.walls import SeenFace
 
 COLORS = {
     Verdict.AGREES: AGREES,
@@ -25,8 +26,14 @@ _HEADS = (
 )  # fmt: skip
 
 
-def as_built_section(as_built: AsBuilt, crop: Crop) -> str:
-    """Words, the control of the tolerance, a map of the part that was scanned, and the table of all walls."""
+def as_built_section(as_built: AsBuilt, crop: Crop, faces: Sequence[SeenFace] = ()) -> str:
+    """Words, the control of the tolerance, a map of the part that was scanned, and the table of all walls.
+
+    Args:
+        as_built: verdicts.
+        crop: part of the plan that is shown.
+        faces: that the fit used, numbered as the walls are; those too short for a verdict are listed too.
+    """
     options = as_built.options
     # Walls of a campus that the scan does not come near are in the exports, not on the page.
     touched = crop.touches(np.array([wall.ends for wall in as_built.walls]).reshape(-1, 2, 2))
@@ -38,7 +45,7 @@ def as_built_section(as_built: AsBuilt, crop: Crop) -> str:
     counts = counted([as_built.verdict(wall) for _, wall in shown])
     words = ", ".join(f"{count} {escape(verdict.value)}" for verdict, count in counts.items())
     n_walls = len(deviations(as_built))
-    return f"""<section class="as-built"><h2>As built against as planned</h2>
+    return f"""<section class="as-built"><h3>As built against as planned</h3>
 <p>Every face of the plan half a metre long or more: it agrees, was moved (its offset, positive into the
 room, with one standard deviation, what the poses may be off included), is missing (cameras look through where
 it should be), or was not seen; and walls that the plan does not draw. {n_walls}
@@ -49,7 +56,66 @@ italics is not sure: the tolerance lies within {options.sure_sigmas:g} standard 
 step="0.005" value="{options.tolerance_m:g}" data-sure="{options.sure_sigmas:g}"> m</label>
 <span class="as-built-counts" role="status">{words}</span></p>
 <p>{keys}</p>{_map(as_built, shown, crop)}
-{sortable_table(_HEADS, list(_rows(as_built, shown)))}</section>"""
+{_table(as_built, shown, faces)}</section>"""
+
+
+def _table(
+    as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], faces: Sequence[SeenFace]
+) -> str:
+    """All walls, and what the fit gave way by where it did."""
+    of_fit = {face.face_idx: face for face in faces}
+    judged = {wall.face_idx for wall in as_built.walls}
+    short = [face for face in faces if face.face_idx not in judged]
+    rows = [
+        *_rows(as_built, shown, of_fit),
+        *(
+            (style, "", (*cells, _solved(face)))
+            for face in short
+            for style, cells in [_short(face)]
+        ),
+    ]
+    if any(face.solved for face in faces):
+        return sortable_table((*_HEADS, "given way by"), rows)
+    return sortable_table(_HEADS, [(style, more, cells[:-1]) for style, more, cells in rows])
+
+
+def _short(face: SeenFace) -> tuple[str, tuple[Cell, ...]]:
+    """Style, and cells of a face that the fit used and that is too short for a verdict."""
+    none = Cell.empty()
+    return "", (
+        _number(face.number, face.face_idx),
+        Cell("too short to tell", "too short to tell"),
+        Cell(formatting.centimetres(face.offset, signed=True), face.offset),
+        none,
+        Cell(str(face.n_patches), face.n_patches),
+        none,
+        none,
+        _length(face.length),
+        _position(*face.middle_xy),
+    )
+
+
+def _solved(face: SeenFace | None) -> Cell:
+    """What the adjustment moved a face by, where it did."""
+    if face is None or face.solved is None:
+        return Cell.empty()
+    offset, sigma = face.solved
+    shown = f"{formatting.centimetres(offset, signed=True)} ± {formatting.centimetres(sigma)}"
+    return Cell(shown, offset)
+
+
+def _number(number: int, face_idx: int) -> Cell:
+    if face_idx < 0:
+        return Cell(str(number), number)
+    return Cell(f'<span data-wall="{face_idx}">{number}</span>', number)
+
+
+def _length(value_m: float) -> Cell:
+    return Cell(f"{value_m:.2f}{formatting.SPACE}m", value_m)
+
+
+def _position(x: float, y: float) -> Cell:
+    return Cell(f"{x:.1f}, {y:.1f}".replace("-", formatting.MINUS), x)
 
 
 def _map(as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], crop: Crop) -> str:
@@ -83,23 +149,22 @@ def _line(ends: Float[np.ndarray, "2 2"], crop: Crop, style: str) -> str:
 
 
 def _rows(
-    as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]]
+    as_built: AsBuilt,
+    shown: Sequence[tuple[int, AsBuiltWall]],
+    of_fit: Mapping[int, SeenFace],
 ) -> Iterator[tuple[str, str, tuple[Cell, ...]]]:
     """Style, attributes and cells of each row."""
     none = Cell.empty()
     for number, wall in shown:
         verdict = as_built.verdict(wall)
-        x, y = wall.ends.mean(axis=0)
-        name = str(number)
-        if wall.face_idx >= 0:
-            name = f'<span data-wall="{wall.face_idx}">{number}</span>'
+        x, y = map(float, wall.ends.mean(axis=0))
         is_off = wall.is_standing and wall.face_idx >= 0
         sure = "" if as_built.is_sure(wall) else " unsure"
         yield (
             f"{_style(verdict)}{sure}",
             _data(number, wall),
             (
-                Cell(name, number),
+                _number(number, wall.face_idx),
                 Cell(escape(verdict.value), verdict.value),
                 Cell(formatting.centimetres(wall.offset_m, signed=True), wall.offset_m)
                 if is_off
@@ -110,8 +175,9 @@ def _rows(
                 Cell(str(wall.n_patches), wall.n_patches),
                 Cell(str(wall.n_frames), wall.n_frames),
                 Cell(formatting.share(round(wall.through_share, 2)), wall.through_share),
-                Cell(f"{wall.length_m:.2f}{formatting.SPACE}m", wall.length_m),
-                Cell(f"{x:.1f}, {y:.1f}".replace("-", formatting.MINUS), float(x)),
+                _length(wall.length_m),
+                _position(x, y),
+                _solved(of_fit.get(wall.face_idx)),
             ),
         )
 

@@ -15,7 +15,6 @@ from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
-from planfit.report.html.as_built_section import as_built_section
 from planfit.report.html.disagreement_section import disagreement_section
 from planfit.report.html.registration_section import registration_section
 from planfit.report.html.scans_section import scans_section
@@ -61,7 +60,7 @@ def make_report(
     on_plan, axes, walls_of_plan = "without a plan", "as recorded, turned upright", ""
     if floorplan is not None:
         on_plan, axes = f"on {_last_part(floorplan.name)}", "as in the plan"
-        walls_of_plan = sections.walls(floorplan, result, crop)
+        walls_of_plan = sections.walls(floorplan, result, crop, as_built)
     seen_on_plan = sections.overview(floorplan, both, crop)
     if result.storeys is not None:
         seen_on_plan = storeys(result.storeys, measure_storeys(result), crop)
@@ -77,7 +76,6 @@ def make_report(
         sensor_section(result),
         sections.floor(floorplan, both, crop),
         walls_of_plan,
-        *([] if as_built is None else [as_built_section(as_built, crop)]),
         sections.frame_matches(floorplan, both, result, crop),
         _costs_and_time(result),
         _statistics(result, options_text),

@@ -1,10 +1,18 @@
 """The registration in the report: fit and held-out residuals side by side, and the accuracy."""
 
+from collections.abc import Sequence
 from html import escape
 
 from planfit.pipeline.registration import Registration, RegistrationRow
-from planfit.report.formatting import SPACE, quantity
+from planfit.pipeline.strength import DirectionStrength
+from planfit.pipeline.visits import Visit
+from planfit.report.formatting import SPACE, length, quantity, share
 from planfit.report.html.tables import table
+
+MAX_LOOPS = 20
+"""Loops on the page."""
+LEAST_SHARE = 0.005
+"""What holds less of a direction is not named."""
 
 
 def registration_section(registration: Registration) -> str:
@@ -26,7 +34,64 @@ def registration_section(registration: Registration) -> str:
         f"had no say in the poses. {stated} {escape(basis)}. Of camera positions; points add the error of "
         "depth. Also in <code>registration.csv</code>.</p>"
         f"{rows if registration.rows else ''}"
+        f"{_strength(registration.strength)}{_loops(registration.loops)}"
     )
+
+
+def _strength(strength: Sequence[DirectionStrength]) -> str:
+    """What fixes each direction, in words."""
+    if not strength:
+        return ""
+    rows = [
+        (
+            escape(each.direction),
+            quantity(each.sigma, each.unit),
+            escape(_shares(each.shares)),
+            f"frames {_frames(each.weakest_frames)} ({share(each.weakest_share)} of the median)",
+        )
+        for each in strength
+    ]
+    return (
+        "<h3>What fixes each direction</h3><p>Each stretch of the walk as one body, all else held: how much "
+        "of what resists when it is moved or turned is of which kind, mean over stretches; and the stretch "
+        "that is held least. Axes of the plan, z up.</p>"
+        + table(("", "predicted sigma", "fixed by", "weakest stretch"), rows, "wnww")
+    )
+
+
+def _shares(shares: Sequence[tuple[str, float]]) -> str:
+    named = [f"{share(value)} {name}" for name, value in shares if value >= LEAST_SHARE]
+    return ", ".join(named) or "nothing"
+
+
+def _loops(loops: Sequence[Visit]) -> str:
+    """The error of each loop, the worst first."""
+    if not loops:
+        return ""
+    rows = [
+        (
+            _frames(loop.first_frames),
+            _frames(loop.last_frames),
+            quantity(loop.mean_m, "m"),
+            quantity(loop.after_m, "m"),
+            quantity(loop.kept_out_m, "m"),
+            length(loop.way_m),
+            str(loop.n_points),
+        )
+        for loop in loops[:MAX_LOOPS]
+    ]
+    more = len(loops) - len(rows)
+    heads = ("frames", "seen again", "mean", "median", "held out", "way between", "points")
+    return (
+        "<h3>Error of each loop</h3><p>Distance between both sightings of the points of a place that was "
+        "seen again, by the result; held out: the median by a solve without this loop. The worst come first"
+        + (f"; {more} more are in <code>registration.csv</code>" if more else "")
+        + f".</p>{table(heads, rows, 'wwnnnnn')}"
+    )
+
+
+def _frames(frames: tuple[int, int]) -> str:
+    return " to ".join(f'<span data-frame="{i}">{i}</span>' for i in frames)
 
 
 def _row(row: RegistrationRow) -> tuple[str, ...]:

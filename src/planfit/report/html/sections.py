@@ -9,12 +9,13 @@ from html import escape
 import numpy as np
 
 from planfit.adjust.uncertainty import radius_95
+from planfit.as_built import AsBuilt
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.html import tables
-from planfit.report.html.wall_table import wall_table
+from planfit.report.html.as_built_section import as_built_section
 from planfit.report.key_metrics import TruthErrors
 from planfit.report.measures import BeforeAfter, Measures
 from planfit.report.plots import charts
@@ -178,17 +179,20 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
     )
 
 
-def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
-    """Which walls of the plan were seen, and how far each is from where it is drawn."""
+def walls(
+    floorplan: Floorplan, result: RefineResult, crop: Crop, as_built: AsBuilt | None = None
+) -> str:
+    """Which walls of the plan the fit used, and, where verdicts are given, how each was built."""
     n_patches = len(result.structure.walls)
     if n_patches == 0:
-        return "<h2>Walls of the plan</h2><p>No wall patch was seen in this scan.</p>"
-    faces = seen_faces(floorplan, result.adjustment)
+        judged = "" if as_built is None else as_built_section(as_built, crop)
+        return f"<h2>Walls of the plan</h2><p>No wall patch was seen in this scan.</p>{judged}"
+    faces = seen_faces(floorplan, result.adjustment, as_built)
     association = result.adjustment.association
     n_lost = n_patches - association.n_associated
     keys = (
         (AGREES, "agrees with the scan"),
-        (DISPLACED, "scanned elsewhere (number: see table)"),
+        (DISPLACED, "scanned elsewhere, with its number"),
         (UNMATCHED, "scanned, but not on the plan"),
         (NOT_SEEN, "drawn, but not scanned"),
     )
@@ -214,13 +218,8 @@ def walls(floorplan: Floorplan, result: RefineResult, crop: Crop) -> str:
             "A wall that was scanned twice makes two upright bands before; after, one.</p>"
             f'<div class="pair">{"".join(_cut(cut) for cut in cuts)}</div>'
         )
-    if faces:
-        html.append(
-            f"<h3>Wall by wall</h3><p>{len(faces)} faces of the plan that the fit used, those with most "
-            "patches first. Press a head to sort. Offset: median distance of the scanned patches of a wall "
-            "from where it is drawn, after the fit; positive towards the room, negative into the wall. MAD: "
-            f"median absolute deviation of the patches from that.</p>{wall_table(faces)}"
-        )
+    if as_built is not None:
+        html.append(as_built_section(as_built, crop, faces))
     return "\n".join(html)
 
 

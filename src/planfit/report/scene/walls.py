@@ -40,7 +40,7 @@ def scene_walls(
         bounds: lower and upper corner of the scan, plan frame, m.
         as_built: verdicts on the faces; without, they have the colours of the fit.
     """
-    seen = {face.face_idx: face for face in seen_faces(floorplan, result.adjustment)}
+    seen = {face.face_idx: face for face in seen_faces(floorplan, result.adjustment, as_built)}
     low, high = bounds[0, :2] - _MARGIN_M, bounds[1, :2] + _MARGIN_M
     near = np.all(
         (floorplan.ends.max(axis=1) >= low) & (floorplan.ends.min(axis=1) <= high), axis=1
