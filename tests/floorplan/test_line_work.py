@@ -1,5 +1,7 @@
 """Walls among the rest of a drawing: rows, panes, furniture, rooms, layers, dimension texts."""
 
+import json
+
 import numpy as np
 import pytest
 import scipy.spatial
@@ -459,6 +461,30 @@ def test_an_opening_of_imdf_is_a_gap(tmp_path):
     assert plan.source.kind == "IMDF"
     assert len(plan) == 5
     assert plan.lengths.sum() == pytest.approx(14 - 1 - 2 * 0.051, abs=0.02)
+
+
+def test_levels_of_imdf_go_by_their_names_from_the_lowest_on(tmp_path):
+    imdf(tmp_path)
+    units = json.loads((tmp_path / "unit.geojson").read_text())
+    units["features"][0]["properties"]["level_id"] = "b7"
+    (tmp_path / "unit.geojson").write_text(json.dumps(units))
+    named = [("a1", {"de": "1. Stock"}, 1), ("b7", {"fr": "Rez", "en": "Ground"}, 0),
+             ("c3", {"en": "Ground"}, 0), ("d9", {}, -1)]  # fmt: skip
+    levels = [{"type": "Feature", "id": level, "feature_type": "level", "geometry": None,
+               "properties": {"name": name, "ordinal": ordinal}}
+              for level, name, ordinal in named]  # fmt: skip
+    (tmp_path / "level.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": levels})
+    )
+    source = read_floorplan(tmp_path).source
+    assert source.storeys == ("d9", "Ground", "Ground (2)", "1. Stock")
+    assert source.storey == "Ground"
+    for asked in ("b7", "ground", "1"):
+        assert read_floorplan(tmp_path, PlanOptions(storey=asked)).source.storey == "Ground"
+    with pytest.raises(FloorplanError, match=r"expected walls or rooms"):
+        read_floorplan(tmp_path, PlanOptions(storey="1. Stock"))
+    with pytest.raises(FloorplanError, match=r"expected a storey 'attic', found d9, Ground"):
+        read_floorplan(tmp_path, PlanOptions(storey="attic"))
 
 
 def tube(outer, inner, height):

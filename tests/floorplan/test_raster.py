@@ -239,6 +239,27 @@ def test_file_from_plan_leads_to_pixels(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("between", "n_storeys"), [(True, 1), (False, 2)])
+def test_a_plan_read_in_pieces_is_no_sheet_of_several(between: bool, n_storeys: int) -> None:
+    """Two large pieces of a plan, apart, and scraps of its walls: those between tie them together, those
+    beyond do not."""
+    outlines = [shapely.box(300 * k, 0, 300 * k + 200, 300).buffer(-5).exterior for k in (0, 1)]
+    walls = [outline.buffer(5, join_style="mitre") for outline in outlines]
+    starts = (215, 240) if between else (-60, 515)  # each reaches past the middle of the strip
+    scraps = [
+        shapely.box(u, v + 50 * k, u + 45, v + 50 * k + 20)
+        for k, u in enumerate(starts)
+        for v in (10, 110, 210)
+    ]
+    storey_of = find_storeys(
+        np.array([*walls, *scraps], dtype=object),
+        10.0,
+        np.zeros((0, 2, 2)),
+        np.zeros((400, 700), dtype=bool),
+    )
+    assert storey_of.max() + 1 == n_storeys
+
+
 def test_the_bar_of_a_title_is_no_storey() -> None:
     """As above the plan on escape plans, in the colour of its symbols."""
     house = shapely.difference(shapely.box(0, 200, 900, 800), shapely.box(10, 210, 890, 790))

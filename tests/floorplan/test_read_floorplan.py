@@ -291,6 +291,27 @@ def test_segments_in_memory_are_a_plan():
     assert moved.fingerprint != plan.fingerprint
 
 
+@pytest.mark.parametrize("length", [0.0, 9e-16])
+def test_a_face_without_length_is_no_face(length):
+    ends = np.array([[[0.0, 0.0], [5.0, 0.0]], [[1.0, 2.0], [1.0 + length, 2.0]]])
+    with pytest.raises(FloorplanError, match="expected faces with a length"):
+        Floorplan("made", ends, np.array([[0.0, 1.0], [0.0, 1.0]]), np.ones(2, dtype=bool))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"type": "CityJSON", "CityObjects": {"a": {}, "b": {}}}, "a CityJSON model of 2 objects"),
+        ({"type": "FeatureCollection", "features": []}, "found GeoJSON; rename it to .geojson"),
+    ],
+)
+def test_json_of_another_kind_is_named(tmp_path, content, words):
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(FloorplanError, match=words):
+        read_floorplan(path)
+
+
 def test_normals_in_memory_tell_the_free_side():
     ends = [[[0, 0], [6, 0]], [[0, 0.2], [6, 0.2]], [[0, 5], [6, 5]]]
     plan = Floorplan.from_segments(ends, [[0, 2.0], [0, -0.1], [np.nan, np.nan]])

@@ -5,13 +5,14 @@ the one away from its partner: the nearest parallel line that overlaps it within
 A line that has partners on both sides equally near, or none, stays unoriented.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numba
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
+from planfit.floorplan.near_lines import possible_partners
 from planfit.geometry import segments
 
 _PARALLEL_SINE = np.sin(np.deg2rad(5.0))
@@ -55,24 +56,46 @@ def find_partners(
     parallel_sine: float = _PARALLEL_SINE,
 ) -> Partners:
     """All pairs of lines whose whole length is within `max_gap`, and beyond `min_gap`, of
-    the other line, with more than `min_overlap` beside it."""
-    lines = line_strings(ends)
-    # Two lines that overlap at a gap are nowhere further apart than the gap, so this misses none.
-    line, partner = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=max_gap)
-    along, left = segments.directions(ends), segments.left_normals(ends)
-    is_parallel = np.abs(np.einsum("pi,pi->p", along[partner], left[line])) < parallel_sine
+    the other line, with more than `min_overlap` beside it.
+
+    Raises:
+        LineWorkTooDense: they are more than in any plan.
+    """
+    parts = [
+        _those_beside(ends, line, partner, max_gap, min_gap, min_overlap, parallel_sine)
+        for line, partner in possible_partners(ends, max_gap, parallel_sine)
+    ]
+    none = Partners(*(np.zeros(0, kind) for kind in (int, int, float, float, float)))
+    names = [field.name for field in fields(Partners)]
+    found = Partners(*(np.concatenate([getattr(p, n) for p in [none, *parts]]) for n in names))
+    return found.take(np.lexsort((found.partner, found.line)))
+
+
+def _those_beside(
+    ends: Float[np.ndarray, "n 2 2"],
+    line: Int[np.ndarray, " q"],
+    partner: Int[np.ndarray, " q"],
+    max_gap: float,
+    min_gap: float,
+    min_overlap: float,
+    parallel_sine: float,
+) -> Partners:
+    """Of possible pairs, those that `find_partners` is to find."""
+    sine = np.einsum(
+        "pi,pi->p", segments.directions(ends[partner]), segments.left_normals(ends[line])
+    )
+    is_parallel = np.abs(sine) < parallel_sine
     line, partner = line[is_parallel], partner[is_parallel]
     relative = ends[partner] - ends[line, :1]
-    gap = np.einsum("pei,pi->pe", relative, left[line])
-    at = np.einsum("pei,pi->pe", relative, along[line])
-    length = segments.lengths(ends)[line]
+    gap = np.einsum("pei,pi->pe", relative, segments.left_normals(ends[line]))
+    at = np.einsum("pei,pi->pe", relative, segments.directions(ends[line]))
+    length = segments.lengths(ends[line])
     low = np.clip(at.min(axis=1), 0.0, length)
     high = np.clip(at.max(axis=1), 0.0, length)
     is_left = (gap.min(axis=1) > min_gap) & (gap.max(axis=1) < max_gap)
     is_right = (gap.max(axis=1) < -min_gap) & (gap.min(axis=1) > -max_gap)
-    keep = np.flatnonzero((is_left | is_right) & (high - low > min_overlap))
+    keep = (is_left | is_right) & (high - low > min_overlap)
     nearest = np.where(is_left, gap.min(axis=1), gap.max(axis=1))
-    keep = keep[np.argsort(line[keep], kind="stable")]
     return Partners(line, partner, nearest, low, high).take(keep)
 
 

@@ -7,6 +7,7 @@ from planfit.archives import unpacked
 from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.edits import edited, read_edits
 from planfit.floorplan.formats import PAPER_SUFFIXES, find_reader
+from planfit.floorplan.near_lines import LineWorkTooDense
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
@@ -35,7 +36,10 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
             f"1:{options.paper_scale:g}, found {path.suffix}; give --unit, or --scale METRES of one unit"
         )
     with told_as(FloorplanError, path, f"a plan as {path.suffix or 'IMDF'}"):
-        floorplan = reader(path, options)
+        try:
+            floorplan = reader(path, options)
+        except LineWorkTooDense as error:
+            raise FloorplanError(f"{path}: {error}") from error
     extent = max(floorplan.size)
     if floorplan.is_metric and not MIN_SIZE_M <= extent <= MAX_SIZE_M:
         raise FloorplanError(

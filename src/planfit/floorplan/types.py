@@ -15,6 +15,8 @@ from planfit.short_repr import short_repr
 
 MAX_THICKNESS_M, MIN_THICKNESS_M = 0.6, 0.02
 """Of walls drawn as bare segments."""
+SHORTEST_SHARE = 1e-10
+"""Of the size of a plan: what is shorter is a point up to rounding, with no direction of its own."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ class Floorplan:
     name: str
     """Where it was read from, for messages."""
     ends: Float[np.ndarray, "n 2 2"]
-    """The two ends of each face, m."""
+    """The two ends of each face, m; never one place."""
     normals: Float[np.ndarray, "n 2"]
     """Unit normals, towards the free side where `is_oriented`."""
     is_oriented: Bool[np.ndarray, " n"]
@@ -130,6 +132,11 @@ class Floorplan:
             )
         if not np.isfinite(self.ends).all():
             raise FloorplanError(f"{self.name}: expected finite coordinates, found NaN or infinity")
+        shortest = float(segments.lengths(self.ends).min())
+        if not shortest > SHORTEST_SHARE * np.ptp(self.ends.reshape(-1, 2), axis=0).max():
+            raise FloorplanError(
+                f"{self.name}: expected faces with a length, found one of {shortest:.3g}; leave points out"
+            )
         along = segments.directions(self.ends)
         slant = np.abs(np.einsum("ni,ni->n", along, self.normals)).max()
         length = np.linalg.norm(self.normals, axis=1)

@@ -59,11 +59,14 @@ def wall_faces(layout: BuildingLayout, outer_thickness: float) -> WallFaces:
 
 
 _SOLID = -3
+_SAME_M = 1e-9
 
 
 def _cuts(values: list[float], margin: float) -> Float[np.ndarray, " n"]:
-    """Sorted distinct coordinates, with a border of free cells around."""
+    """Sorted distinct coordinates, with a border of free cells around; those that only rounding parts are
+    one, as faces between them would have no length."""
     inner = np.unique(values)
+    inner = inner[np.diff(inner, prepend=-np.inf) > _SAME_M]
     return np.concatenate([[inner[0] - margin], inner, [inner[-1] + margin]])
 
 

@@ -15,6 +15,7 @@ from shapely.geometry.polygon import orient
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.imdf_levels import chosen_level, level_names
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
@@ -24,7 +25,6 @@ from planfit.floorplan.vector.line_work import ends_of, longest, outlines
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import MAX_COORDINATE, faces_of_regions
 from planfit.geometry import segments
-from planfit.option_values import whole_number
 
 _NAMING = ("category", "feature_type", "indoor", "type", "class", "layer", "kind", "building:part")
 """Properties that say what a feature is, in the order they are asked."""
@@ -145,8 +145,9 @@ def _sorted_features(
         FloorplanError: there is no such storey, or neither walls nor rooms on it.
     """
     features = [f for kind, data in collections for f in _features(path, kind, data)]
-    levels = tuple(sorted({f.level for f in features if f.level}))
-    level = _chosen_level(path, options.storey, levels)
+    used = {f.level for f in features if f.level}
+    names = level_names(collections, used)
+    level = chosen_level(path, options.storey, names, used)
     here = [f for f in features if not f.level or f.level == level]
     walls = [f for f in here if role_of(f.name) == Role.WALL]
     openings = [f for f in here if role_of(f.name) == Role.OPENING]
@@ -154,13 +155,13 @@ def _sorted_features(
     if options.layers:
         walls, rooms = [f for f in here if f.name in options.layers], []
     if not walls and not rooms:
-        names = sorted({f.name for f in here if f.name})
+        kinds = sorted({f.name for f in here if f.name})
         raise FloorplanError(
             f"{path}: expected walls or rooms, found {len(here)} features of the kinds "
-            f"{', '.join(names[:10]) or 'none'}; name walls 'wall' and rooms 'room' in their "
+            f"{', '.join(kinds[:10]) or 'none'}; name walls 'wall' and rooms 'room' in their "
             "property 'category' or 'type'"
         )
-    return _Features(here, walls, openings, rooms, level, levels)
+    return _Features(here, walls, openings, rooms, names.get(level, ""), tuple(names.values()))
 
 
 def _source(features: _Features, frame: _Frame, kind: str) -> PlanSource:
@@ -277,20 +278,6 @@ def _features(path: Path, kind: str, data: Any) -> list[_Feature]:
 
 def _is_room(name: str) -> bool:
     return name.lower() in _ROOMS
-
-
-def _chosen_level(path: Path, wanted: str, levels: tuple[str, ...]) -> str:
-    if not wanted:
-        return levels[0] if levels else ""
-    if wanted in levels:
-        return wanted
-    number = whole_number(wanted)
-    if number is not None and number < len(levels):
-        return levels[number]
-    raise FloorplanError(
-        f"{path}: expected a storey {wanted!r}, found {', '.join(levels) or 'none'}; "
-        "pass one of them"
-    )
 
 
 def _frame(areas: list[BaseGeometry], options: PlanOptions, collections: list[Any]) -> _Frame:

@@ -31,6 +31,7 @@ from planfit.floorplan.raster.picture import (
     without_frame,
 )
 from planfit.floorplan.raster.storeys import find_storeys, storey_words
+from planfit.floorplan.raster.surroundings import surroundings_words
 from planfit.floorplan.raster.trace import settle_faces
 from planfit.floorplan.raster.walls_alone import STYLE, find_walls_alone
 from planfit.floorplan.raster.words import count_words
@@ -103,6 +104,8 @@ def plan_of_picture(
     ink = None if wall_mask is not None else account_for(interpretation, small)
     dropped = _moved(left_out(interpretation, ink, shrink), _picture_from(upright))
     plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
+    around = surroundings_words(image_bgr) if wall_mask is None else ""
+    plan = plan.with_warning(around) if around else plan
     if ink is not None:
         plan = with_account(plan, ink, interpretation, shrink)
     if not plan.source.unit_from:

@@ -14,6 +14,9 @@ _SOLID = 0.6
 
 _FAR = 0.25
 """Groups further apart than this share of the smaller one's shorter side are plans of their own."""
+_SCRAPS = 0.15
+"""Where groups too small for a storey hold this share of all wall or more, a plan was read in pieces, as thin
+walls of a small picture are; large groups that they tie together are one. Two real storeys have none."""
 _BAND, _WALLED = 0.15, 0.5
 """Else each has wall in the band along the strip between them, of this share of its width, over at least
 this share of the strip's length."""
@@ -56,7 +59,32 @@ def find_storeys(
     for i in np.flatnonzero(~is_storey):
         gaps = [_gap(extents[i], extents[j]) for j in order]
         number[names[i]] = int(np.argmin(gaps))
-    return np.array([number[name] for name in group])
+    storey = np.array([number[name] for name in group])
+    length = shapely.length(walls)
+    scraps = float(length[np.isin(group, names[~is_storey])].sum())
+    if scraps < _SCRAPS * length.sum():
+        return storey
+    return _tied(boxes, storey)
+
+
+def _tied(boxes: Float[np.ndarray, "n 4"], storey: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """Storeys, with those made one whose extents overlap."""
+    storey = storey.copy()
+    while True:
+        names = np.unique(storey)
+        extents = [_extent(boxes[storey == name]) for name in names]
+        pair = next(
+            (
+                (i, j)
+                for i in range(len(names))
+                for j in range(i + 1, len(names))
+                if _gap(extents[i], extents[j]) == 0.0
+            ),
+            None,
+        )
+        if pair is None:
+            return np.unique(storey, return_inverse=True)[1]
+        storey[storey == names[pair[1]]] = names[pair[0]]
 
 
 def _large(

@@ -9,8 +9,10 @@ from jaxtyping import Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
+from planfit.floorplan.near_lines import possible_partners
 from planfit.geometry import segments
 
+_PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
 SEGMENTS_A_CUBIC = 12
 """A quarter circle then strays by 0.2 % of its radius, a millimetre in a door's arc."""
 MAX_LINES = 100_000
@@ -49,16 +51,11 @@ def merge_collinear(
     """
     if len(ends) == 0:
         return ends, np.zeros(0, dtype=int)
-    lines = line_strings(ends)
-    a, b = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=tolerance)
-    length = segments.lengths(ends)
-    shorter = (length[b] < length[a]) | ((length[b] == length[a]) & (a < b))
-    a, b = a[shorter], b[shorter]  # a: the longer
-    across = np.einsum("pei,pi->pe", ends[b] - ends[a, :1], segments.left_normals(ends)[a])
-    is_one = np.abs(across).max(axis=1) < tolerance
+    a, b = _on_one_another(ends, tolerance)
     n = len(ends)
-    graph = scipy.sparse.coo_matrix((np.ones(is_one.sum()), (a[is_one], b[is_one])), shape=(n, n))
+    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
     count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    length = segments.lengths(ends)
     # The longest of each group gives the line, all of it the extent.
     # Sorted by group, then longest first: the first of each group is its longest.
     order = np.lexsort((-length, group))
@@ -70,6 +67,30 @@ def merge_collinear(
     np.maximum.at(high, group, at.max(axis=1))
     merged = origin[:, None] + np.stack([low, high], axis=1)[:, :, None] * along[:, None]
     return merged, group
+
+
+def _on_one_another(
+    ends: Float[np.ndarray, "n 2 2"], tolerance: float
+) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """Pairs of (longer, shorter) lines that touch within `tolerance`, the shorter along the other's line."""
+    lines, length = line_strings(ends), segments.lengths(ends)
+    # Both ends of the shorter are that near to a line: only specks may lie across it.
+    is_speck = length < 2.1 * tolerance / _PARALLEL_SINE
+    specks, others = np.flatnonzero(is_speck), np.flatnonzero(~is_speck)
+    b, a = shapely.STRtree(lines).query(lines[specks], predicate="dwithin", distance=tolerance)
+    pairs = [(a, specks[b])]
+    pairs += [(others[a], others[b])
+              for a, b in possible_partners(ends[others], tolerance, _PARALLEL_SINE)]  # fmt: skip
+    found = [np.zeros((2, 0), dtype=int)]
+    for a, b in pairs:
+        shorter = (length[b] < length[a]) | ((length[b] == length[a]) & (a < b))
+        a, b = a[shorter], b[shorter]
+        across = np.einsum("pei,pi->pe", ends[b] - ends[a, :1], segments.left_normals(ends[a]))
+        is_one = np.abs(across).max(axis=1, initial=0.0) < tolerance
+        a, b = a[is_one], b[is_one]
+        found.append(np.stack([a, b])[:, shapely.dwithin(lines[a], lines[b], tolerance)])
+    a, b = np.concatenate(found, axis=1)
+    return a, b
 
 
 def cut_out(

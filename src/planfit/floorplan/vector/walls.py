@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
 import shapely
 from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings, weighted_median
+from planfit.floorplan.near_lines import check_crossings, groups_within
 from planfit.floorplan.vector.areas import (
     edges_of_rooms,
     hatched_areas,
@@ -94,6 +94,9 @@ def walls_of_drawing(
         roles: what each layer holds.
         metres_per_unit: where it is known, walls are 0.03 to 0.62 m thick; otherwise the usual
             distance of neighbouring lines tells.
+
+    Raises:
+        LineWorkTooDense: more lines lie side by side, or cross, than in any plan.
     """
     role = np.array(roles, dtype=int)[drawing.lines.layer]
     extent = _extent(drawing, role)
@@ -101,6 +104,7 @@ def walls_of_drawing(
     lines = drawing.lines.take(looked_at)
     dropped: list[str] = []
     is_row = _are_in_rows(lines, extent, metres_per_unit)
+    check_crossings(lines.ends[~is_row])
     bounds = thickness_bounds(metres_per_unit, extent)
     solids, rooms = _solids_and_rooms(drawing, roles, lines, is_row, extent)
     pieces = closed_pieces(lines, roles, bounds[1])
@@ -373,13 +377,10 @@ def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, Float[np.nda
     column or a wall on its own."""
     if len(faces.ends) == 0:
         return faces, faces.ends
-    lines = line_strings(faces.ends)
-    a, b = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=0.05 * extent)
-    n = len(lines)
-    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
-    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    total = np.bincount(group, segments.lengths(faces.ends), minlength=count)
-    largest = shapely.convex_hull(shapely.union_all(lines[group == total.argmax()]))
-    is_inside = np.bincount(group, ~shapely.covers(largest, lines), minlength=count) == 0
+    lines, group = line_strings(faces.ends), groups_within(faces.ends, 0.05 * extent)
+    total = np.bincount(group, segments.lengths(faces.ends))
+    largest = shapely.convex_hull(shapely.multilinestrings(lines[group == total.argmax()]))
+    shapely.prepare(largest)
+    is_inside = np.bincount(group, ~shapely.covers(largest, lines)) == 0
     keep = ((total > 0.05 * total.max()) | is_inside)[group]
     return faces.take(keep), faces.ends[~keep]
