@@ -12,7 +12,8 @@ import pytest
 from planfit.cli import run
 from planfit.scan import read_tum, write_tum
 
-TOO_LARGE = 1.06
+TOO_LARGE = 1.1
+"""By more than any depth is off: of less, this short walk cannot tell which of the two is wrong."""
 
 
 @pytest.fixture(scope="module")

@@ -276,7 +276,7 @@ def test_help_and_version_and_unknown_commands(capsys) -> None:
     from planfit import __version__
 
     assert run(["--help"]) == 0
-    assert "refine SCAN -o OUT" in capsys.readouterr().out
+    assert "refine SCAN [SCAN ...] -o OUT" in capsys.readouterr().out
     assert run(["--version"]) == 0
     assert __version__ in capsys.readouterr().out
     assert run(["refyne"]) == 2

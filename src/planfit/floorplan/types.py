@@ -15,8 +15,9 @@ from planfit.short_repr import short_repr
 
 MAX_THICKNESS_M, MIN_THICKNESS_M = 0.6, 0.02
 """Of walls drawn as bare segments."""
-SHORTEST_SHARE = 1e-10
-"""Of the size of a plan: what is shorter is a point up to rounding, with no direction of its own."""
+SHORTEST_SHARE, LARGEST = 1e-10, 1e5
+"""Of the size of a plan, and at most of this one (of what is too large for a building, that is said): what is
+shorter is a point up to rounding, with no direction of its own."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,8 @@ class Floorplan:
         if not np.isfinite(self.ends).all():
             raise FloorplanError(f"{self.name}: expected finite coordinates, found NaN or infinity")
         shortest = float(segments.lengths(self.ends).min())
-        if not shortest > SHORTEST_SHARE * np.ptp(self.ends.reshape(-1, 2), axis=0).max():
+        size = min(float(np.ptp(self.ends.reshape(-1, 2), axis=0).max()), LARGEST)
+        if not shortest > SHORTEST_SHARE * size:
             raise FloorplanError(
                 f"{self.name}: expected faces with a length, found one of {shortest:.3g}; leave points out"
             )
