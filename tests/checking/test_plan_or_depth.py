@@ -1,12 +1,15 @@
 """Where a plan in metres does not fit as drawn: was it drawn so, or is the depth off?"""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from builders import room_plan
 from planfit.adjust.calibration import SHARED, Calibration, CalibrationOptions
 from planfit.alignment import Alignment
-from planfit.pipeline.calibrate import UNKNOWN_SCALE_SIGMA, plan_prior
+from planfit.geometry.calibration import SensorCalibration
+from planfit.pipeline.calibrate import UNKNOWN_SCALE_SIGMA, plan_prior, plan_vouches_for_depth
 from planfit.pipeline.on_plan import ScanOnPlan
 
 DEPTH = SHARED.index("depth_scale")
@@ -66,3 +69,24 @@ def test_a_plan_that_fits_as_drawn_is_right():
         on_plan_scaled(1.0), asked_of_depth(0.0, 0.01), CalibrationOptions()
     )
     assert (found.plan_scale_sigma, departure) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("corrected_by", "factor", "is_vouched_for"),
+    [
+        (0.918, 0.9183, True),  # the plan fits depth as measured: motion alone says otherwise
+        (0.918, 1.0, False),  # it fits the corrected depth
+        (0.95, 1.05, False),  # it fits neither
+        (0.985, 0.99, False),  # within what plans are off by
+    ],
+)
+def test_depth_that_the_plan_vouches_for_is_right(corrected_by, factor, is_vouched_for):
+    asked = asked_of_depth(np.log(corrected_by), 0.018, is_kept=True)
+    asked = replace(asked, sensor=SensorCalibration(depth_scale=corrected_by))
+    found = plan_vouches_for_depth(on_plan_scaled(factor), asked, CalibrationOptions())
+    assert found == is_vouched_for
+
+
+def test_depth_that_was_not_corrected_needs_nobody_to_vouch_for_it():
+    asked = asked_of_depth(-0.08, 0.018)
+    assert not plan_vouches_for_depth(on_plan_scaled(0.92), asked, CalibrationOptions())

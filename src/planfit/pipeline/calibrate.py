@@ -116,6 +116,8 @@ def calibrate_on_plan(
     is_possible = options.adjust.geometric == "points" and on_plan.storeys is None
     if plan is None or correspondences is None or not is_possible:
         return calibrated
+    if plan_vouches_for_depth(on_plan, calibrated.calibration, options.calibration):
+        return _with_nominal_depth(scan, calibrated, options, timer)
     measured = prepare_nominal(scan, calibrated, options)
     quick = replace(options.adjust, starts=("aligned",))
 
@@ -132,6 +134,39 @@ def calibrate_on_plan(
     if found.sensor == sensor:
         return replace(calibrated, calibration=found)
     seen = corrected(calibrated.as_lifted, found.sensor)
+    return replace(
+        calibrated,
+        observations=seen,
+        prepared=prepare(scan, seen, options, timer),
+        calibration=found,
+    )
+
+
+def plan_vouches_for_depth(
+    on_plan: ScanOnPlan, calibration: Calibration, priors: CalibrationOptions
+) -> bool:
+    """Whether depth as measured and the plan as drawn have one metre, and recorded motion alone another.
+
+    Then it is the tracker's that is off: that depth and plan erred by the same factor would be a coincidence.
+    """
+    found, k = on_plan.alignment, SHARED.index("depth_scale")
+    if found is None or not found.is_plan_rescaled or not calibration.is_kept[k]:
+        return False
+    sigma = PLAN_OFF_SIGMAS * priors.plan_scale_sigma
+    of_plan = float(np.log(found.metres_per_unit))
+    of_depth = float(np.log(calibration.sensor.depth_scale))
+    return abs(of_plan) > sigma > abs(of_plan - of_depth)
+
+
+def _with_nominal_depth(
+    scan: Scan, calibrated: CalibratedScan, options: RefineOptions, timer: StageTimer
+) -> CalibratedScan:
+    """The same, the scale of depth as measured; what it was asked to be remains told."""
+    is_kept = calibrated.calibration.is_kept.copy()
+    is_kept[SHARED.index("depth_scale")] = False
+    sensor = replace(calibrated.calibration.sensor, depth_scale=1.0)
+    seen = corrected(calibrated.as_lifted, sensor)
+    found = replace(calibrated.calibration, sensor=sensor, is_kept=is_kept)
     return replace(
         calibrated,
         observations=seen,
