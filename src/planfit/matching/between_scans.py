@@ -14,10 +14,15 @@ from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.matching.loop_closure import cycle_consistent
 from planfit.matching.options import MatchingOptions
 from planfit.matching.pairs import FrameDescriptors, choose_pairs
-from planfit.matching.relative_motions import VerifiedPairs, is_among, match_sigmas, verify_pairs
+from planfit.matching.relative_motions import (
+    VerifiedPairs,
+    is_among,
+    match_sigmas,
+    matches_of,
+    verify_pairs,
+)
 from planfit.matching.tentative import ScanKeypoints
 from planfit.matching.types import Matches, RelativePoses
-from planfit.matching.verify import match_sigma
 from planfit.matching.view_agreement import explained_shares
 from planfit.runtime import Runtime
 from planfit.scan import Scan
@@ -149,20 +154,5 @@ def accept_between(
         within = replace(within, explained=np.ones(len(within)))
     edges = found.relative_poses.joined(within)
     is_accepted = cycle_consistent(edges, joined_from_cams, odometry, consistency)
-    return _matches_of(found.where(is_accepted[: len(found)]), options)
-
-
-def _matches_of(accepted: VerifiedPairs, options: MatchingOptions) -> Matches:
-    none = [np.zeros((0, 3))]
-    points_a = np.concatenate(accepted.points_a or none)
-    points_b = np.concatenate(accepted.points_b or none)
-    return Matches(
-        pairs=accepted.relative_poses.pairs,
-        start=np.cumsum([0, *accepted.relative_poses.n_inliers]),
-        points_a=points_a,
-        points_b=points_b,
-        sigma=match_sigma(points_a, points_b, options.verify),
-        n_tried=len(accepted),
-        n_keypoints=0,
-        explained=accepted.relative_poses.explained,
-    )
+    accepted = found.where(is_accepted[: len(found)])
+    return matches_of(accepted, len(accepted), 0, options)

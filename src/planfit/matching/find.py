@@ -15,12 +15,12 @@ from planfit.matching.relative_motions import (
     are_neighbours,
     is_among,
     match_sigmas,
+    matches_of,
     measure_neighbours,
     verify_pairs,
 )
 from planfit.matching.tentative import ScanKeypoints, choose_tentative
 from planfit.matching.types import Matches
-from planfit.matching.verify import match_sigma
 from planfit.matching.view_agreement import explained_shares
 from planfit.runtime import Runtime
 from planfit.scan import Scan
@@ -94,7 +94,8 @@ def search_matches(
         found = _compared(found.joined(verified(proposed, "more pairs")), seen, options)
         is_accepted = accepted(found)
         n_tried += len(proposed)
-    return _gather(found.where(is_accepted), seen, n_tried, options), known
+    n_keypoints = sum(len(k) for k in seen.keypoints)
+    return matches_of(found.where(is_accepted), n_tried, n_keypoints, options), known
 
 
 def _compared(found: VerifiedPairs, seen: ScanKeypoints, options: MatchingOptions) -> VerifiedPairs:
@@ -110,25 +111,6 @@ def _compared(found: VerifiedPairs, seen: ScanKeypoints, options: MatchingOption
         options.agreement,
     )
     return replace(found, relative_poses=replace(relative_poses, explained=explained))
-
-
-def _gather(
-    accepted: VerifiedPairs, seen: ScanKeypoints, n_tried: int, options: MatchingOptions
-) -> Matches:
-    """Matches of the accepted pairs, which are sorted by pair."""
-    none = [np.zeros((0, 3))]
-    points_a = np.concatenate(accepted.points_a or none)
-    points_b = np.concatenate(accepted.points_b or none)
-    return Matches(
-        pairs=accepted.relative_poses.pairs,
-        start=np.cumsum([0, *accepted.relative_poses.n_inliers]),
-        points_a=points_a,
-        points_b=points_b,
-        sigma=match_sigma(points_a, points_b, options.verify),
-        n_tried=n_tried,
-        n_keypoints=sum(len(k) for k in seen.keypoints),
-        explained=accepted.relative_poses.explained,
-    )
 
 
 def _possible(

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from planfit.errors import ScanError
 from planfit.matching.options import MatchingOptions
 from planfit.matching.tentative import ScanKeypoints, find_keypoints, find_more_keypoints
-from planfit.matching.types import RelativePoses
+from planfit.matching.types import Matches, RelativePoses
 from planfit.matching.verify import match_sigma, verify
 from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
@@ -54,6 +54,32 @@ def match_sigmas(verified: VerifiedPairs, options: MatchingOptions) -> Float[np.
             np.median(match_sigma(a, b, options.verify))
             for a, b in zip(verified.points_a, verified.points_b, strict=True)
         ]
+    )
+
+
+def matches_of(
+    accepted: VerifiedPairs, n_tried: int, n_keypoints: int, options: MatchingOptions
+) -> Matches:
+    """Matches of accepted pairs, which are sorted by pair.
+
+    Args:
+        accepted: verified, and consistent with the others.
+        n_tried: pairs that were looked at.
+        n_keypoints: of all frames.
+        options: of matching.
+    """
+    none = [np.zeros((0, 3))]
+    points_a = np.concatenate(accepted.points_a or none)
+    points_b = np.concatenate(accepted.points_b or none)
+    return Matches(
+        pairs=accepted.relative_poses.pairs,
+        start=np.cumsum([0, *accepted.relative_poses.n_inliers]),
+        points_a=points_a,
+        points_b=points_b,
+        sigma=match_sigma(points_a, points_b, options.verify),
+        n_tried=n_tried,
+        n_keypoints=n_keypoints,
+        explained=accepted.relative_poses.explained,
     )
 
 
