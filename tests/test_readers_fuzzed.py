@@ -194,3 +194,18 @@ def test_a_schema_of_any_length(suffix: str, tmp_path: Path) -> None:
             archive.writestr("plan.ifc", text)
     with pytest.raises(FloorplanError, match="a schema whose name has 403 letters"):
         read_floorplan(path)
+
+
+@pytest.mark.parametrize(
+    ("schemas", "words"),
+    [
+        ("FILE_SCHEMA(('IFC4'));\nFILE_SCHEMA(('IFC4'));", "a header with 2 schemas"),
+        (f"FILE_SCHEMA(st1+b{'9' * 4000}','');", "a header whose schema has no name"),
+    ],
+)
+def test_a_header_that_a_library_dies_of(schemas: str, words: str, tmp_path: Path) -> None:
+    pytest.importorskip("ifcopenshell")
+    path = tmp_path / "plan.ifc"
+    path.write_text(f"ISO-10303-21;\nHEADER;\n{schemas}\nENDSEC;\nDATA;\nENDSEC;\n")
+    with pytest.raises(FloorplanError, match=words):
+        read_floorplan(path)

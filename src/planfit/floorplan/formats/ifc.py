@@ -139,12 +139,17 @@ def _open(path: Path, ifcopenshell: Any) -> Any:
 
 
 def _check_schema(path: Path) -> None:
-    """Raise `ValueError` where the header names a schema of any length: ifcopenshell 0.9 dies of it, which no
-    caller survives."""
-    head = _head(path)
-    found = re.search(rb"FILE_SCHEMA\s*\(\s*\(\s*'([^']*)", head)
-    if found and len(found[1]) > MAX_SCHEMA_NAME:
-        raise ValueError(f"a schema whose name has {len(found[1])} letters")
+    """Raise `ValueError` where the header names no schema as it should, several, or one of any length:
+    ifcopenshell 0.9 dies of it, which no caller survives."""
+    named = re.findall(rb"FILE_SCHEMA([^;]*)", _head(path))
+    if len(named) > 1:
+        raise ValueError(f"a header with {len(named)} schemas")
+    for words in named:
+        found = re.match(rb"\s*\(\s*\(\s*'([^']*)'", words)
+        if found is None:
+            raise ValueError("a header whose schema has no name")
+        if len(found[1]) > MAX_SCHEMA_NAME:
+            raise ValueError(f"a schema whose name has {len(found[1])} letters")
 
 
 def _head(path: Path) -> bytes:
