@@ -117,7 +117,8 @@ def calibrate_on_plan(
     if plan is None or correspondences is None or not is_possible:
         return calibrated
     if plan_vouches_for_depth(on_plan, calibrated.calibration, options.calibration):
-        return _with_nominal_depth(scan, calibrated, options, timer)
+        nominal = _with_nominal_depth(calibrated.calibration)
+        return _recalibrated(scan, calibrated, nominal, options, timer)
     measured = prepare_nominal(scan, calibrated, options)
     quick = replace(options.adjust, starts=("aligned",))
 
@@ -133,13 +134,7 @@ def calibrate_on_plan(
         found = estimate(measured, problem, unknowns, solve, priors, sensor, departure)
     if found.sensor == sensor:
         return replace(calibrated, calibration=found)
-    seen = corrected(calibrated.as_lifted, found.sensor)
-    return replace(
-        calibrated,
-        observations=seen,
-        prepared=prepare(scan, seen, options, timer),
-        calibration=found,
-    )
+    return _recalibrated(scan, calibrated, found, options, timer)
 
 
 def plan_vouches_for_depth(
@@ -158,15 +153,24 @@ def plan_vouches_for_depth(
     return abs(of_plan) > sigma > abs(of_plan - of_depth)
 
 
-def _with_nominal_depth(
-    scan: Scan, calibrated: CalibratedScan, options: RefineOptions, timer: StageTimer
-) -> CalibratedScan:
+def _with_nominal_depth(calibration: Calibration) -> Calibration:
     """The same, the scale of depth as measured; what it was asked to be remains told."""
-    is_kept = calibrated.calibration.is_kept.copy()
+    is_kept = calibration.is_kept.copy()
     is_kept[SHARED.index("depth_scale")] = False
-    sensor = replace(calibrated.calibration.sensor, depth_scale=1.0)
-    seen = corrected(calibrated.as_lifted, sensor)
-    found = replace(calibrated.calibration, sensor=sensor, is_kept=is_kept)
+    return replace(
+        calibration, sensor=replace(calibration.sensor, depth_scale=1.0), is_kept=is_kept
+    )
+
+
+def _recalibrated(
+    scan: Scan,
+    calibrated: CalibratedScan,
+    found: Calibration,
+    options: RefineOptions,
+    timer: StageTimer,
+) -> CalibratedScan:
+    """The scan as another calibration corrects it, prepared anew."""
+    seen = corrected(calibrated.as_lifted, found.sensor)
     return replace(
         calibrated,
         observations=seen,
