@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.calibration.blocks import shared_blocks
+from planfit.adjust.calibration.long_steps import with_long_steps
 from planfit.adjust.problem import AdjustmentProblem
 from planfit.lsq.covariance import factorised
 from planfit.lsq.linear.normal_equations import NormalEquations
@@ -40,6 +41,7 @@ def shared_step(
         departures: of the parameters as they stand from their nominal values.
         sigmas: prior standard deviations about the nominal values; 0 holds a parameter.
     """
+    problem = with_long_steps(problem, unknowns)
     shared = shared_blocks(problem, unknowns)
     quadratics = [term.reweight(unknowns)[0] for term in problem.terms]
     equations = NormalEquations([q.normal_blocks(unknowns) for q in quadratics], len(unknowns))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.terms.between import BetweenTerm
@@ -33,12 +33,14 @@ class OdometryTermOptions:
 class OdometryTerm:
     """Sum over steps of rho(|departure of the step from the recorded one| in sigmas).
 
-    The recorded steps are between the first n poses given; other unknowns may stand behind the cameras.
+    Other unknowns may stand behind the cameras.
     """
 
     odometry: Odometry
     options: OdometryTermOptions
     name: str = "odometry"
+    frame_idx: Int[np.ndarray, " n"] | None = None
+    """Of the poses given, those between which the recorded steps are; None: the first n."""
 
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
@@ -50,10 +52,12 @@ class OdometryTerm:
     def between(self) -> BetweenTerm:
         """The steps as relative poses that were measured."""
         recorded = self.odometry
-        steps = np.arange(len(recorded.cam_from_next))
+        frames = np.arange(len(recorded.cam_from_next) + 1)
+        if self.frame_idx is not None:
+            frames = self.frame_idx
         sigma = np.stack([recorded.sigma_rotation, recorded.sigma_translation], axis=1)
         return BetweenTerm(
-            pairs=np.stack([steps, steps + 1], axis=1),
+            pairs=np.stack([frames[:-1], frames[1:]], axis=1),
             first_from_second=recorded.cam_from_next,
             sigma=np.repeat(sigma, 3, axis=1),
             loss=self.options.loss,
