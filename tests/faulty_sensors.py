@@ -63,19 +63,20 @@ class SensorWorld:
         )
 
 
-def make_sensor_world(rng, n=20, noise_m=0.005, n_rays=400, angles=None):
-    """Cameras on an oval in a box room, turning as they go; rays meet floor and walls."""
+def make_sensor_world(rng, n=20, noise_m=0.005, n_rays=400, angles=None, size=SIZE):
+    """Cameras on an oval in a box room (3 m), turning as they go; rays meet floor and walls."""
     angle = np.arange(n) * 360.0 / n if angles is None else angles
     around = np.deg2rad(angle)
-    at = np.stack([3 + 1.2 * np.cos(around), 2 + 0.8 * np.sin(around), np.full(n, 1.5)], axis=1)
+    x, y = 0.5 * size[0] + 1.2 * np.cos(around), 0.5 * size[1] + 0.8 * np.sin(around)
+    at = np.stack([x, y, np.full(n, 1.5)], axis=1)
     poses = np.stack([look(p, a + 150, 25) for p, a in zip(at, angle, strict=True)])
-    plan = room_plan(*SIZE[:2])
+    plan = room_plan(*size[:2])
     floor, patches, faces = [], [], []
     for i, pose in enumerate(poses):
         pixels = rng.uniform([0, 0], [CAMERA.width, CAMERA.height], (n_rays, 2))
         ways = CAMERA.rays(pixels) @ pose[:3, :3].T
         origin = pose[:3, 3]
-        exits = np.maximum(-origin / ways, (SIZE - origin) / ways)
+        exits = np.maximum(-origin / ways, (size - origin) / ways)
         first = exits.argmin(axis=1)
         points = origin + exits.min(axis=1)[:, None] * ways
         floor.append((i, points[(first == 2) & (points[:, 2] < 1)]))
@@ -86,7 +87,7 @@ def make_sensor_world(rng, n=20, noise_m=0.005, n_rays=400, angles=None):
                 patches.append((i, points[on], normal))
                 faces.append(face)
     structure = make_structure(poses, floor, patches)
-    matches = _seen_twice(poses, rng)
+    matches = _seen_twice(poses, rng, size)
     measured = Measurements(
         matches, structure, make_odometry(poses, OdometryOptions()), (CAMERA,) * n
     )
@@ -96,9 +97,9 @@ def make_sensor_world(rng, n=20, noise_m=0.005, n_rays=400, angles=None):
     return SensorWorld(poses, measured, ties)
 
 
-def _seen_twice(poses, rng, n_points=1500, reach=4):
+def _seen_twice(poses, rng, size, n_points=1500, reach=4):
     """Points in the room that two cameras both have in their images."""
-    points = rng.uniform([0, 0, 0], SIZE, (n_points, 3))
+    points = rng.uniform([0, 0, 0], size, (n_points, 3))
     in_cams = se3.transform_each(
         np.repeat(se3.inverse(poses), n_points, axis=0), np.tile(points, (len(poses), 1))
     ).reshape(len(poses), n_points, 3)

@@ -14,7 +14,7 @@ from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
-from planfit.geometry.calibration import PARAMETERS
+from planfit.geometry.calibration import NOMINAL, PARAMETERS, SensorCalibration
 from planfit.lsq.blocks import relative_pose_jacobians, relative_poses, sum_by_pose
 from planfit.lsq.moments import planes_in_cam
 from planfit.lsq.robust import loss_value
@@ -38,18 +38,26 @@ class SharedBlocks:
 
 
 def shared_blocks(
-    problem: AdjustmentProblem, target_from_cams: Float[np.ndarray, "n 4 4"]
+    problem: AdjustmentProblem,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    sensor: SensorCalibration = NOMINAL,
 ) -> SharedBlocks:
-    """Of the terms that know the shared parameters: points, surfaces, levels, walls, odometry."""
-    n = len(target_from_cams)
+    """Of the terms that know the shared parameters: points, surfaces, levels, walls, odometry.
+
+    Args:
+        problem: built from points that `sensor` corrects.
+        target_from_cams: where derivatives are taken.
+        sensor: likewise.
+    """
+    n, depth = len(target_from_cams), sensor.vector[:3]
     parts = []
     for term in problem.terms:
         if isinstance(term, PointTerm):
-            parts.append(_of_pairs(term.groups, target_from_cams))
+            parts.append(_of_pairs(term.groups, target_from_cams, depth))
         elif isinstance(term, LevelTerm):
-            parts.append(_of_planes(term.groups, target_from_cams, is_drawn=False))
+            parts.append(_of_planes(term.groups, target_from_cams, depth, is_drawn=False))
         elif isinstance(term, WallTerm):
-            parts.append(_of_planes(term.groups, target_from_cams, is_drawn=True))
+            parts.append(_of_planes(term.groups, target_from_cams, depth, is_drawn=True))
         elif isinstance(term, OdometryTerm):
             parts.append(_of_steps(term, target_from_cams))
         elif isinstance(term, SurfaceTerm):
@@ -62,7 +70,10 @@ def shared_blocks(
 
 
 def _of_planes(
-    groups: PlaneGroups, target_from_cams: Float[np.ndarray, "n 4 4"], is_drawn: bool
+    groups: PlaneGroups,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    depth: Float[np.ndarray, "3"],
+    is_drawn: bool,
 ) -> SharedBlocks:
     """Points on planes: walls, whose planes grow with the plan, or level surfaces, which do not.
 
@@ -80,7 +91,7 @@ def _of_planes(
     _, weight = loss_value((distances / groups.sigma_m) ** 2, groups.loss)
     weight *= np.repeat(groups.weight_per_point, counts) / groups.sigma_m**2
     points = np.asarray(groups.points_cam, dtype=float)
-    sum_planes_by_sensor(points, groups.start, planes_cam, weight, not is_drawn, *of_sensor)
+    sum_planes_by_sensor(points, groups.start, planes_cam, weight, depth, not is_drawn, *of_sensor)
     rotations = poses[:, :3, :3]
     by_group[:, :3, :K] = rotations @ of_sensor[0][:, :3]
     by_group[:, 3:, :K] = rotations @ of_sensor[0][:, 3:]
@@ -105,7 +116,11 @@ def _of_planes(
     return SharedBlocks(sum_by_pose(groups.pose_idx, by_group, n), by_self, gradient)
 
 
-def _of_pairs(groups: PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"]) -> SharedBlocks:
+def _of_pairs(
+    groups: PairGroups,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    depth: Float[np.ndarray, "3"],
+) -> SharedBlocks:
     """Matched points, which know the sensor alone."""
     n, pairs = len(target_from_cams), groups.pairs
     of_sensor = np.zeros((len(pairs), 6, K)), np.zeros((K, K)), np.zeros(K)
@@ -115,7 +130,7 @@ def _of_pairs(groups: PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"]) 
     squared = np.sum((points_a - moved) ** 2, axis=1) / groups.sigma_m**2
     _, weight = loss_value(squared, groups.loss)
     weight *= np.repeat(groups.weight_per_point, counts) / groups.sigma_m**2
-    sum_pairs_by_sensor(points_a, points_b, groups.start, a_from_b, weight, *of_sensor)
+    sum_pairs_by_sensor(points_a, points_b, groups.start, a_from_b, weight, depth, *of_sensor)
     by_ends = np.swapaxes(relative_pose_jacobians(target_from_cams[pairs]), 1, 2) @ of_sensor[0]
     by_pose, by_self, gradient = np.zeros((n, 6, S)), np.zeros((S, S)), np.zeros(S)
     by_pose[:, :, :K] = _by_both_ends(pairs, by_ends, n)

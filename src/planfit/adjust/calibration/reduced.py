@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust.calibration.blocks import shared_blocks
+from planfit.adjust.calibration.blocks import ODOMETRY, shared_blocks
 from planfit.adjust.calibration.long_steps import with_long_steps
 from planfit.adjust.problem import AdjustmentProblem
+from planfit.geometry.calibration import NOMINAL
 from planfit.lsq.covariance import factorised
 from planfit.lsq.linear.normal_equations import NormalEquations
 
@@ -41,8 +42,9 @@ def shared_step(
         departures: of the parameters as they stand from their nominal values.
         sigmas: prior standard deviations about the nominal values; 0 holds a parameter.
     """
+    sensor = NOMINAL.with_vector(NOMINAL.vector + departures[:ODOMETRY])
     problem = with_long_steps(problem, unknowns)
-    shared = shared_blocks(problem, unknowns)
+    shared = shared_blocks(problem, unknowns, sensor)
     quadratics = [term.reweight(unknowns)[0] for term in problem.terms]
     equations = NormalEquations([q.normal_blocks(unknowns) for q in quadratics], len(unknowns))
     factors = factorised(equations)
