@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from planfit.adjust.terms.control import ControlMarks, no_control_marks
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import require_plain_numbers
+from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.matching import (
     HandVerdicts,
     Matches,
@@ -33,6 +34,12 @@ from planfit.pipeline.by_hand import (
     allowed_neighbours,
     allowed_surfaces,
     look_by_hand,
+)
+from planfit.pipeline.depth_or_tracker import (
+    corrected_pairs,
+    errs,
+    errs_clearly_less,
+    sensor_by_neighbours,
 )
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer
@@ -328,14 +335,26 @@ def _by_neighbours(
         known = allowed_neighbours(known, keyed.verdicts(tracking))
         known = without_misled(known, recorded, odometry, matching)
         tracking = _compared(judged, known, options)
+    if errs(tracking) and options.calibration.is_on:
+        cameras = keyed.at(keyed.scan.world_from_cams).cameras
+        sensor = sensor_by_neighbours(known.verified, recorded, odometry, cameras, options)
+        if not sensor.is_nominal:
+            again = _compared(judged, known, options, sensor)
+            tracking = again if errs_clearly_less(again, tracking) else tracking
     return replace(judged, tracking=tracking, known=known)
 
 
-def _compared(judged: _Judged, known: NeighbourMotions, options: RefineOptions) -> Tracking:
-    """The recorded poses of all frames, compared with measured motions between keyframes."""
+def _compared(
+    judged: _Judged,
+    known: NeighbourMotions,
+    options: RefineOptions,
+    sensor: SensorCalibration = NOMINAL,
+) -> Tracking:
+    """The recorded poses of all frames, compared with motions between keyframes that a sensor measured."""
     scan, idx = judged.keyed.scan, judged.keyed.frame_idx
-    measured = measured_motions(known.verified, options.matching.verify)
-    told_by_surfaces = surface_motions(judged.by_surfaces.neighbours)
+    verified = corrected_pairs(known.verified, sensor, options.matching)
+    measured = measured_motions(verified, options.matching.verify)
+    told_by_surfaces = surface_motions(judged.by_surfaces.neighbours.corrected(sensor))
     return judge_tracking(
         scan.name,
         scan.world_from_cams,

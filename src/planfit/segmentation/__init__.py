@@ -14,4 +14,5 @@ from planfit.segmentation.types import LevelPoints as LevelPoints
 from planfit.segmentation.types import Structure as Structure
 from planfit.segmentation.types import WallPatches as WallPatches
 from planfit.segmentation.types import no_level_points as no_level_points
+from planfit.segmentation.types import no_structure as no_structure
 from planfit.segmentation.types import no_wall_patches as no_wall_patches

@@ -181,3 +181,19 @@ class Structure:
     def n_wall_points(self) -> int:
         """Wall points, on flat patches and unassigned."""
         return len(self.walls.points_cam) + len(self.unassigned_points_cam)
+
+
+def no_structure(n_frames: int) -> Structure:
+    """A scan in which nothing was looked for, or nothing seen."""
+    none = no_level_points(n_frames)
+    return Structure(
+        floor=none,
+        floor_heights_m=np.zeros(n_frames),
+        walls=no_wall_patches(),
+        unassigned_points_cam=np.zeros((0, 3)),
+        unassigned_frame_idx=np.zeros(0, dtype=int),
+        ceiling=none,
+        columns=no_wall_patches(),
+        back_end="none",
+        floor_height_m=float("nan"),
+    )
