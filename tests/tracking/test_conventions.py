@@ -11,13 +11,14 @@ from scipy.spatial.transform import Rotation
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
-from planfit.tracking import TrackingOptions, believe, judge_tracking
+from planfit.tracking import TrackingOptions, believe, has_own_unit, judge_tracking
 from planfit.tracking.conventions import (
     CONVENTIONS,
     ConventionFit,
     apply_convention,
     best_convention,
 )
+from planfit.tracking.pose_units import unit_by_motions
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
@@ -128,6 +129,53 @@ def test_a_camera_that_hardly_moves_is_not_in_another_unit():
     true = with_unit(walk(rng, 200), 0.1)
     poses = tracked(true, rng, np.deg2rad(0.5), 0.08)
     assert not best_convention(poses, measure(true, rng), OdometryOptions()).is_clear
+
+
+@pytest.mark.parametrize("metres", [0.02, 0.4, 0.7, 1.4, 3.0, 50.0])
+def test_a_unit_of_their_own_is_measured_used_and_said(walked, metres):
+    """Poses in 50 m came out 2.2 m off and were vouched for: their motion was believed, as a standstill."""
+    poses, motions = walked
+    for convention in ("recorded", "auto"):
+        tracking = judged(with_unit(poses, 1 / metres), motions, convention)
+        assert has_own_unit(tracking.convention)
+        steps, expected = (
+            np.linalg.norm(np.diff(p[:, :3, 3], axis=0), axis=1)
+            for p in (tracking.recorded_world_from_cams, poses)
+        )
+        assert_allclose(steps.sum(), expected.sum(), rtol=0.03)
+        assert tracking.warnings[0].startswith("the recorded motion is not in metres")
+        found = apply_convention(with_unit(poses, 1 / metres), tracking.convention)
+        assert_allclose(found, tracking.recorded_world_from_cams)
+
+
+def test_a_unit_beside_another_convention_is_measured_too(walked):
+    poses, motions = walked
+    mistaken = with_unit(MISTAKES["opengl"](poses), 1 / 0.4)
+    tracking = judged(mistaken, motions, "opengl")
+    first, unit = tracking.convention.split(", ")
+    assert (first, has_own_unit(unit)) == ("opengl", True)
+    assert_allclose(
+        apply_convention(mistaken, tracking.convention), tracking.recorded_world_from_cams
+    )
+
+
+@pytest.mark.parametrize("metres", [0.94, 1.0, 1.06])
+def test_what_depth_may_be_off_by_is_no_unit(walked, metres):
+    poses, motions = walked
+    assert judged(with_unit(poses, metres), motions, "recorded").convention == "recorded"
+
+
+@pytest.mark.parametrize("name", ["unit:0", "unit:-1", "unit:nan", "unit:inf", "unit:x", "unit:"])
+def test_units_that_are_none_are_refused(walked, name):
+    with pytest.raises(OptionError, match="the metres of a unit"):
+        believe(walked[0], name, OdometryOptions())
+
+
+def test_nobody_who_walked_tells_no_unit(walked):
+    poses, motions = walked
+    still = se3.make_transform(poses[:, :3, :3], 0 * poses[:, :3, 3])
+    assert unit_by_motions(still, motions) is None
+    assert unit_by_motions(poses, motions[np.arange(0)]) is None
 
 
 def test_the_run_stops_and_says_what_the_poses_look_like(walked):

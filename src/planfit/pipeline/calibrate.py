@@ -32,9 +32,11 @@ from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
+from planfit.tracking import has_own_unit
 
 UNKNOWN_SCALE_SIGMA = 0.05
-"""Of a plan's scale that was searched, or found off: walls then say nothing of the metre."""
+"""Of a plan's scale that was searched, or found off: walls then say nothing of the metre. And of recorded
+motion whose unit was found by images and depth."""
 PLAN_OFF_SIGMAS = 3.0
 """A metric plan that is off by more of its and the scan's standard deviations was drawn so."""
 MIN_SIGMAS_WITH_PLAN = 2.0
@@ -53,6 +55,15 @@ class CalibratedScan:
     prepared: PreparedScan
     """Of the corrected observations."""
     calibration: Calibration = NOT_CALIBRATED
+
+
+def with_priors_of(options: RefineOptions, observations: Observations) -> RefineOptions:
+    """Options whose priors hold of these poses: what has a unit of its own tells nothing of the metre."""
+    tracking = observations.tracking
+    if tracking is None or not has_own_unit(tracking.convention):
+        return options
+    sigma = max(options.calibration.odometry_scale_sigma, UNKNOWN_SCALE_SIGMA)
+    return replace(options, calibration=replace(options.calibration, odometry_scale_sigma=sigma))
 
 
 def corrected(observations: Observations, sensor: SensorCalibration) -> Observations:

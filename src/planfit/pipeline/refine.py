@@ -19,7 +19,12 @@ from planfit.pipeline.by_hand import (
     look_by_hand,
     require_one_plan,
 )
-from planfit.pipeline.calibrate import CalibratedScan, calibrate_alone, calibrate_on_plan
+from planfit.pipeline.calibrate import (
+    CalibratedScan,
+    calibrate_alone,
+    calibrate_on_plan,
+    with_priors_of,
+)
 from planfit.pipeline.contradicted import (
     ByHand,
     ContradictedError,
@@ -164,12 +169,13 @@ def _refined(
         prevented = tuple(each for each in against if each.prevents)
         raise ContradictedError(corrections.name, prevented)
     # Keyframes; loops closed by what needs no plan; the sensor, by the same; plan and sensor in turns.
-    calibrated, on_plan, adjustment = _solve(scan, seen, floorplan, chosen, own, timer, surveyed)
+    held = with_priors_of(chosen, seen)
+    calibrated, on_plan, adjustment = _solve(scan, seen, floorplan, held, own, timer, surveyed)
     # Is it better, by solves that did without a part of the evidence?
     with timer.stage("validate"):
         prepared, structure = calibrated.prepared, calibrated.observations.structure
         found = calibrated.calibration
-        validation = validate(prepared, on_plan, adjustment, structure, chosen, own, found)
+        validation = validate(prepared, on_plan, adjustment, structure, held, own, found)
     result = make_result(scan, calibrated, on_plan, adjustment, validation, chosen, timer, surveyed)
     made_of = MadeOf(scan, given, chosen)
     if seen.by_hand is None:
@@ -199,7 +205,8 @@ def calibrate(
     chosen = options or RefineOptions()
     timer = StageTimer(runtime or Runtime())
     seen = extract_observations(scan, chosen, runtime, timer=timer)
-    return _solve(scan, seen, floorplan, chosen, (), timer)[0].calibration
+    held = with_priors_of(chosen, seen)
+    return _solve(scan, seen, floorplan, held, (), timer)[0].calibration
 
 
 def _solve(

@@ -25,6 +25,13 @@ from planfit.tracking.motions import (
     squared_sigmas,
 )
 from planfit.tracking.noise import FREEDOM
+from planfit.tracking.pose_units import (
+    PREFIX,
+    in_metres,
+    metres_named,
+    unit_by_motions,
+    unit_named,
+)
 
 RECORDED, AUTO = "recorded", "auto"
 EXPLAINED_SIGMAS = 4.0
@@ -46,6 +53,9 @@ floor does, agree with any convention, and a few false motions among them would 
 MAX_UNIT_ERROR = 1.5
 """Factor up to which the lengths of recorded and measured steps agree in the right unit. Noise makes a
 smaller unit likelier than it should be."""
+
+NAMED_WITHIN = 1.05
+"""Factor within which a unit is one that has a name."""
 
 Poses = Float[np.ndarray, "n 4 4"]
 
@@ -74,10 +84,6 @@ def _shifted(poses: Poses, frames: int) -> Poses:
     return np.concatenate([poses, np.stack(beyond[1:])])[frames:]
 
 
-def _scaled(poses: Poses, metres: float) -> Poses:
-    return se3.make_transform(poses[:, :3, :3], poses[:, :3, 3] * metres)
-
-
 def _transposed(poses: Poses) -> Poses:
     return se3.make_transform(np.swapaxes(poses[:, :3, :3], 1, 2), poses[:, :3, 3])
 
@@ -98,6 +104,9 @@ FRAME_DELAYS = {
 }
 """Of the conventions, those that are a delay of whole frames."""
 
+_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "feet": 0.3048}
+"""Metres of those that have names."""
+
 CONVENTIONS: dict[str, Callable[[Poses], Poses]] = {
     "camera_from_world": se3.inverse,
     "opengl": from_opengl,
@@ -116,9 +125,7 @@ CONVENTIONS: dict[str, Callable[[Poses], Poses]] = {
     "rotation_camera_from_world": _transposed,
     "translation_camera_from_world": _with_centres,
     **{name: partial(_shifted, frames=k) for name, k in FRAME_DELAYS.items()},
-    "millimetres": lambda p: _scaled(p, 0.001),
-    "centimetres": lambda p: _scaled(p, 0.01),
-    "feet": lambda p: _scaled(p, 0.3048),
+    **{name: partial(in_metres, metres=metres) for name, metres in _UNITS.items()},
     "left_handed": lambda p: _MIRROR_Y @ p @ _MIRROR_Y,
     "left_handed_camera_from_world": lambda p: _MIRROR_Y @ se3.inverse(p) @ _MIRROR_Y,
 }
@@ -147,8 +154,6 @@ UPRIGHT = 0.6
 """Length of the mean of all image-up directions along the vertical. Where a camera lies on its side, what is
 up in the image turns with whoever walks, and the mean is short."""
 
-_UNITS = ("millimetres", "centimetres", "feet")
-
 
 @dataclass(frozen=True)
 class ConventionFit:
@@ -173,6 +178,12 @@ class ConventionFit:
         return self.name != self.asked and is_enough and is_more and self.log_ratio >= MIN_LOG_RATIO
 
     @property
+    def is_own_unit(self) -> bool:
+        """Whether all that is other than asked for is a unit that no name is known of."""
+        unit = self.name.removeprefix(f"{self.asked}, ")
+        return self.name != self.asked and metres_named(unit) is not None
+
+    @property
     def is_unexplained(self) -> bool:
         """Whether enough was measured, and no convention explains it, as recorded or otherwise."""
         return self.n_motions >= MIN_MOTIONS and max(self.share, self.asked_share) < MIN_SHARE
@@ -190,17 +201,24 @@ class _Likelihood:
 def apply_convention(world_from_cams: Poses, name: str) -> Poses:
     """Poses that were recorded in a convention, as world_from_cams with OpenCV axes in metres.
 
+    Several hold together where a comma and a space stand between their names: `opengl, unit:0.71`.
+
     Raises:
         OptionError: there is no convention of this name.
     """
-    if name == RECORDED:
-        return world_from_cams
-    known = CONVENTIONS | WORLD_AXES
-    if name not in known:
-        raise OptionError(
-            f"poses_convention: expected {RECORDED}, {AUTO}, {', '.join(known)}, found {name!r}"
-        )
-    return known[name](world_from_cams)
+    poses, known = world_from_cams, CONVENTIONS | WORLD_AXES
+    for part in name.split(", "):
+        metres = metres_named(part)
+        if metres is not None:
+            poses = in_metres(poses, metres)
+        elif part in known:
+            poses = known[part](poses)
+        elif part != RECORDED:
+            raise OptionError(
+                f"poses_convention: expected {RECORDED}, {AUTO}, {', '.join(known)}, {PREFIX} and "
+                f"the metres of a unit, found {part!r}"
+            )
+    return poses
 
 
 def turned_axes(world_from_cams: Poses, up_world: Float[np.ndarray, "3"]) -> str:
@@ -235,6 +253,8 @@ def best_convention(
 ) -> ConventionFit:
     """The convention under which the measured motions are likeliest; the one asked for where none is more so.
 
+    Beside the usual ones, the one asked for in a unit of its own, as the motions show it.
+
     The likelihood is that of `noise.py`, at the noise that suits each convention best. Steps between
     keyframes, where they are given, are as sure as `options` say.
 
@@ -247,7 +267,9 @@ def best_convention(
     motions = motions[np.unique(np.linspace(0, n_all - 1, MAX_MOTIONS).astype(int))]
     of_asked = _likelihood(as_asked, motions, options, keyframe_idx)
     name, best, poses = asked, of_asked, as_asked
-    for candidate in (RECORDED, *CONVENTIONS):
+    in_own_unit = None if asked in _UNITS else _own_unit(as_asked, motions)
+    own = () if in_own_unit is None else (_with_unit(asked, in_own_unit),)
+    for candidate in (RECORDED, *CONVENTIONS, *own):
         converted = apply_convention(world_from_cams, candidate)
         if candidate in _UNITS and not _is_unit(converted, motions):
             continue
@@ -261,6 +283,19 @@ def best_convention(
     )
     log_ratio = (of_asked.cost - best.cost) / 2
     return ConventionFit(name, share, asked, asked_share, n_all, log_ratio)
+
+
+def _own_unit(poses: Poses, motions: MeasuredMotions) -> float | None:
+    """Metres of the unit that measured motions show, where it is none that has a name."""
+    metres = unit_by_motions(poses, motions)
+    if metres is None or any(1 / NAMED_WITHIN < metres / u < NAMED_WITHIN for u in _UNITS.values()):
+        return None
+    return metres
+
+
+def _with_unit(convention: str, metres: float) -> str:
+    unit = unit_named(metres)
+    return unit if convention == RECORDED else f"{convention}, {unit}"
 
 
 def _likelihood(

@@ -327,7 +327,8 @@ def _convention(
             fit = replace(fit, name=base, share=read.asked_share, asked_share=read.asked_share)
         else:
             fit = replace(fit, share=read.asked_share)
-    if asked == AUTO or not fit.is_clear:
+    # A unit of the poses' own has no name to give: what it is in metres is measured, used and said.
+    if asked == AUTO or not fit.is_clear or fit.is_own_unit:
         return base, fit, clock
     said = "as recorded" if asked == RECORDED else f"taken as {asked}"
     again = "auto" if fit.name == RECORDED else f"{fit.name}, or auto"

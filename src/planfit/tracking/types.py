@@ -11,6 +11,7 @@ from planfit.scan.odometry import Odometry
 from planfit.short_repr import short_repr
 from planfit.tracking.clock import ClockOffset
 from planfit.tracking.conventions import ConventionFit
+from planfit.tracking.pose_units import metres_named
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,15 @@ class Tracking:
     def warnings(self) -> tuple[str, ...]:
         """What a user should know of the recorded poses."""
         notes = []
-        if self.convention != "recorded":
+        fit = self.convention_fit
+        if fit is not None and fit.is_own_unit and fit.is_clear:
+            steps = metres_named(fit.name.split(", ")[-1])
+            notes.append(
+                "the recorded motion is not in metres: by what images and depth show of it, its unit is "
+                f"{steps:.3g} m, and poses were multiplied by that; if they are in metres, depth is in the "
+                "wrong unit: give --depth-scale"
+            )
+        elif self.convention != "recorded":
             notes.append(f"the recorded poses were taken as {self.convention}")
         if self.clock is not None:
             notes.append(self.clock.sentence)

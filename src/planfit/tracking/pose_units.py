@@ -1,0 +1,66 @@
+"""Poses in a unit of their own: of structure from motion, of trackers with one camera."""
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.geometry import se3
+from planfit.tracking.motions import MeasuredMotions
+
+PREFIX = "unit:"
+"""Of the convention's name, before the metres that a unit is."""
+MIN_DEPARTURE = 1.1
+"""Factor from which on poses are in another unit. What is less may as well be depth that is a little off:
+which of the two, calibration decides."""
+
+Poses = Float[np.ndarray, "n 4 4"]
+
+
+def unit_named(metres: float) -> str:
+    """Name of the convention: translations are in units of so many metres."""
+    return f"{PREFIX}{metres:.5g}"
+
+
+def metres_named(name: str) -> float | None:
+    """Metres of the unit that a convention names; None where it names none, or nothing above 0."""
+    if not name.startswith(PREFIX):
+        return None
+    try:
+        metres = float(name[len(PREFIX) :])
+    except ValueError:
+        return None
+    return metres if 0 < metres < np.inf else None
+
+
+def has_own_unit(convention: str) -> bool:
+    """Whether poses in this convention said nothing of the metre."""
+    return any(metres_named(part) is not None for part in convention.split(", "))
+
+
+def in_metres(poses: Poses, metres: float) -> Poses:
+    """Poses whose translations are in units of so many metres."""
+    return se3.make_transform(poses[:, :3, :3], poses[:, :3, 3] * metres)
+
+
+def unit_by_motions(poses: Poses, motions: MeasuredMotions) -> float | None:
+    """Metres of the unit in which recorded steps are as long as those measured; None where that is a metre.
+
+    Recorded steps are smooth where a tracker is good, so what was measured is taken as a share of them.
+    Where they are noisier than what was measured, that share is too low, and the inverse share the right one:
+    both have to say so.
+    """
+    i, j = motions.pairs.T
+    steps = (se3.inverse(poses[i]) @ poses[j])[:, :3, 3]
+    measured = motions.a_from_b[:, :3, 3]
+    low, high = _share(measured, steps), 1 / max(_share(steps, measured), 1e-12)
+    is_metre = min(low, high) < MIN_DEPARTURE and max(low, high) > 1 / MIN_DEPARTURE
+    return None if low <= 0 or is_metre else low
+
+
+def _share(vectors: Float[np.ndarray, "p 3"], of: Float[np.ndarray, "p 3"]) -> float:
+    """Of vectors along others by the length of these: the median over the longer half of them; 0 of none."""
+    squared = np.sum(of**2, axis=1)
+    longer = squared > 0
+    if longer.any():
+        longer &= squared >= np.median(squared)
+    along = np.sum(vectors * of, axis=1)[longer] / squared[longer]
+    return float(np.median(along)) if longer.any() else 0.0
