@@ -12,11 +12,11 @@ def match_distances(
 ) -> Float[np.ndarray, " m"]:
     """Distance (m) between the two points of each match."""
     # `start` bounds the matches of each pair: its differences tell how often a pair is repeated.
-    pair_idx = np.repeat(np.arange(len(matches.pairs)), np.diff(matches.start))
-    first, second = matches.pairs[pair_idx].T
-    a = se3.transform_each(target_from_cams[first], matches.points_a)
-    b = se3.transform_each(target_from_cams[second], matches.points_b)
-    return np.linalg.norm(a - b, axis=1)
+    sizes = np.diff(matches.start)
+    first, second = (np.repeat(matches.pairs[:, side], sizes) for side in (0, 1))
+    apart = se3.transform_indexed(target_from_cams, first, matches.points_a)
+    apart -= se3.transform_indexed(target_from_cams, second, matches.points_b)
+    return np.linalg.norm(apart, axis=1)
 
 
 def median_match_distance(matches: Matches, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
