@@ -4,6 +4,8 @@ import errno
 import gc
 import io
 import itertools
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -422,3 +424,29 @@ def test_a_damaged_chunk_of_stored_arrays_is_computed_again(tmp_path):
     path.write_bytes(bytes(data))
     again = runtime.map_stored("halves", "key", 1, halves, ("large",))[0]
     assert_array_equal(again.stored["large"].read(), halves(0)["large"])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc")
+def test_memory_that_a_stage_freed_goes_back_to_the_system():
+    code = """
+import numpy as np
+from planfit.runtime import Runtime, StageTimer
+
+def resident_mb():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096 / 1e6
+
+def many_small(_):
+    return {str(k): np.ones(4000) for k in range(500)}  # 16 MB
+
+timer, before = StageTimer(Runtime(2)), resident_mb()
+with timer.stage("work"):
+    items = Runtime(2).map("small", "", 10, many_small, 1)
+    held, last = resident_mb(), items[-1]
+    del items  # but for the last, which lies among the others
+print(held - before, resident_mb() - before)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    held, after = (float(word) for word in done.stdout.split())
+    assert held > 140
+    assert after < 60

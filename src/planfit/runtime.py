@@ -1,7 +1,9 @@
 """The runtime of a run: work over many frames or pairs in parallel, cached, interruptible; timed stages."""
 
+import ctypes
 import hashlib
 import os
+import sys
 import time
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -34,6 +36,18 @@ def cache_key(source: str, *parts: object) -> str:
     if not source:
         return ""
     return hashlib.sha256(repr((version("planfit"), source, *parts)).encode()).hexdigest()[:16]
+
+
+def give_back_memory() -> None:
+    """Return memory that was freed to the system, where the C library can be asked to (glibc).
+
+    Images come and go in several threads, small arrays of results among them: of 3,000 frames of 640 x 480,
+    260 MB would stay with the process after the last image was closed.
+    """
+    if sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
 
 
 @contextmanager
@@ -168,6 +182,8 @@ class Runtime:
             finally:
                 # On an error or Ctrl-C: chunks not yet begun are dropped, finished ones are on disk.
                 pool.shutdown(wait=True, cancel_futures=True)
+        if missing:
+            give_back_memory()
         return [item for start in starts for item in chunks[start]]
 
     def report(self, stage: str, done: int, total: int) -> None:
@@ -200,6 +216,7 @@ class StageTimer:
         self._runtime.report(name, 0, 0)
         begin = time.perf_counter()
         yield
+        give_back_memory()
         # A stage may come again: each storey is aligned with its own plan.
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
         self._runtime.report(name, 1, 0)
