@@ -66,7 +66,8 @@ def records(arguments: Arguments) -> list[Record]:
         f"{found['n_frames']} frames of {arguments.width_px} x {arguments.width_px * 3 // 4} px, "
         f"{recorded_s:.0f} s at 30 a second, {found['n_keyframes']} keyframes, labels by geometry, "
         f"position RMS {found['before_m']:.3f} -> {found['after_m']:.4f} m, {found['outcome']}; "
-        f"{found['cpu_s']:.0f} s of CPU; one run, nothing cached; {load}"
+        f"{found['cpu_s']:.0f} s of CPU, {found['cpu_s'] / found['wall_s']:.2f} cores had on average; one "
+        f"run, nothing cached; {load}"
     )
     name = f"{arguments.n_frames // 1000}k"
     front = (
