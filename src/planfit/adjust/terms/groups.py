@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.geometry import se3
+from planfit.geometry.grouped import in_parts
 from planfit.lsq.blocks import relative_poses
 from planfit.lsq.moments import (
     PairMoments,
@@ -73,7 +74,7 @@ class PlaneGroups:
     def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
         """Squared distances of the points from their planes."""
         planes_cam = planes_in_cam(self.planes, target_from_cams[self.pose_idx])
-        for part, group in _in_parts(self.start):
+        for part, group in in_parts(self.start):
             planes = planes_cam[group]
             distances_m = np.einsum("mi,mi->m", planes[:, :3], self.points_cam[part]) + planes[:, 3]
             worth = self.weight_per_point[group] / self.sigma_m**2
@@ -112,16 +113,8 @@ class PairGroups:
     def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
         """Squared distances between the points of each match, in the frame of the first camera."""
         a_from_b = relative_poses(target_from_cams, self.pairs)
-        for part, pair in _in_parts(self.start):
+        for part, pair in in_parts(self.start):
             apart = self.points_a[part] - se3.transform_each(a_from_b[pair], self.points_b[part])
             variance = self.sigma_m[part] ** 2
             in_sigmas = np.sum(apart**2, axis=1) / variance
             yield Squares(part, in_sigmas, self.weight_per_point[pair] / variance)
-
-
-def _in_parts(start: Int[np.ndarray, " l"]) -> Iterator[tuple[slice, Int[np.ndarray, " p"]]]:
-    """The points of groups, some at a time, and the group of each."""
-    m = int(start[-1])
-    for first in range(0, m, se3.POINTS_AT_A_TIME):
-        part = slice(first, min(first + se3.POINTS_AT_A_TIME, m))
-        yield part, np.searchsorted(start, np.arange(part.start, part.stop), side="right") - 1
