@@ -4,7 +4,7 @@
 
 Parts: step, reweight, solvers (GTSAM and g2o), scaling, descent (the paper's solver), real_scan, picture (the
 real scan on a picture of its plan), without_planfit (Open3D), plan_pictures, real_plans,
-real_drawings, metrics, plots.
+real_drawings, metrics, throughput (3,000 frames from files to poses, rendered once), plots.
 A part replaces its own records in FILE and leaves the others; a part whose library or data is absent says so
 and is left out.
 Descents are kept between runs: `--fresh` makes them again (a few minutes each).
@@ -157,6 +157,13 @@ def metrics_part(fresh: bool) -> list[Record]:  # noqa: ARG001
         return [Record(**row) for row in json.loads(rows_path.read_text())]
 
 
+def throughput_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import inputs
+    import throughput
+
+    return throughput.records(throughput.Arguments(folder=inputs.CACHE / "throughput"))
+
+
 EXTRAS = ("torch", "gtsam", "g2opy", "open3d")
 PARTS: dict[str, Callable[[bool], list[Record]]] = {
     "step": step_part,
@@ -171,6 +178,7 @@ PARTS: dict[str, Callable[[bool], list[Record]]] = {
     "real_plans": real_plans_part,
     "real_drawings": real_drawings_part,
     "metrics": metrics_part,
+    "throughput": throughput_part,
 }
 
 

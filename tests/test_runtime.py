@@ -1,8 +1,11 @@
 """Work over many items: order, cache, damage, interruption, progress, a full disk."""
 
 import errno
+import gc
 import io
 import itertools
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -363,3 +366,87 @@ def test_stages_are_timed_and_told_of():
     assert list(timer.seconds) == ["rest"]
     assert 0.02 <= timer.seconds["rest"] < 5
     assert told == [("rest", 0, 0), ("rest", 1, 0), ("fail", 0, 0)]
+
+
+def halves(i):
+    return {"small": np.array([i]), "large": np.arange(4.0).reshape(2, 2) + i}
+
+
+@pytest.mark.parametrize("has_cache", [True, False])
+def test_large_arrays_stay_on_disk_until_they_are_asked_for(tmp_path, has_cache):
+    runtime = Runtime(2, tmp_path if has_cache else None)
+    items = runtime.map_stored("halves", "key", 5, halves, ("large",), chunk_size=2)
+    assert [item.arrays.keys() for item in items] == [{"small"}] * 5
+    for i, item in enumerate(items):
+        assert item.arrays["small"] == i
+        assert len(item.stored["large"]) == 2
+        assert_array_equal(item.stored["large"].read(), halves(i)["large"])
+        assert_array_equal(item.stored["large"][1:], halves(i)["large"][1:])
+
+
+def test_stored_arrays_are_found_again_and_are_those_of_a_map(tmp_path):
+    first, second, other = Counter(), Counter(), Counter()
+    runtime = Runtime(2, tmp_path)
+    runtime.map("squares", "key", 5, first, chunk_size=2)
+    items = runtime.map_stored("squares", "key", 5, second, ("square",), chunk_size=2)
+    assert [int(item.stored["square"].read()[0]) for item in items] == [0, 1, 4, 9, 16]
+    assert squares(runtime.map("squares", "key", 5, other, chunk_size=2)) == [0, 1, 4, 9, 16]
+    assert (len(first.asked), second.asked, other.asked) == (5, [], [])
+
+
+def test_a_temporary_folder_lives_as_long_as_what_is_stored_there():
+    items = Runtime(1).map_stored("halves", "", 3, halves, ("large",))
+    folder = items[0].stored["large"].path.parent
+    last = items[2].stored["large"]
+    del items
+    gc.collect()
+    assert_array_equal(last.read(), halves(2)["large"])
+    del last
+    gc.collect()
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("spoil", [Path.unlink, lambda path: path.write_bytes(b"short")])
+def test_a_cache_that_is_cleared_under_a_run_is_one_line(tmp_path, spoil):
+    stored = Runtime(1, tmp_path).map_stored("halves", "key", 1, halves, ("large",))[0].stored
+    spoil(stored["large"].path)
+    with pytest.raises(
+        OutputError, match=r"expected what this run kept there, found .*; run again"
+    ):
+        stored["large"].read()
+
+
+def test_a_damaged_chunk_of_stored_arrays_is_computed_again(tmp_path):
+    runtime = Runtime(1, tmp_path)
+    path = runtime.map_stored("halves", "key", 1, halves, ("large",))[0].stored["large"].path
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(bytes(data))
+    again = runtime.map_stored("halves", "key", 1, halves, ("large",))[0]
+    assert_array_equal(again.stored["large"].read(), halves(0)["large"])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc")
+def test_memory_that_a_stage_freed_goes_back_to_the_system():
+    code = """
+import numpy as np
+from planfit.runtime import Runtime, StageTimer
+
+def resident_mb():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096 / 1e6
+
+def many_small(_):
+    return {str(k): np.ones(4000) for k in range(500)}  # 16 MB
+
+timer, before = StageTimer(Runtime(2)), resident_mb()
+with timer.stage("work"):
+    items = Runtime(2).map("small", "", 10, many_small, 1)
+    held, last = resident_mb(), items[-1]
+    del items  # but for the last, which lies among the others
+print(held - before, resident_mb() - before)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    held, after = (float(word) for word in done.stdout.split())
+    assert held > 140
+    assert after < 60

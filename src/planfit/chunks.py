@@ -1,15 +1,22 @@
 """Arrays of some items as one file of the cache: written whole or not at all, believed by its checksum alone.
 
-A file that was cut, flipped or written by another program is no file: its items are computed again.
+A file that was cut, flipped or written by another program is no file: its items are computed again. Large
+arrays may stay there until they are asked for.
 """
 
 import hashlib
 import json
 import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from planfit.errors import OutputError
 from planfit.whole_files import whole_file
 
 Arrays = dict[str, np.ndarray]
@@ -18,8 +25,76 @@ _MAGIC = b"planfit chunk 1\n"
 _DIGEST_BYTES, _LENGTH_BYTES = 16, 8
 
 
-def write_chunk(path: Path, items: list[Arrays]) -> None:
-    """Write named arrays of items.
+class TemporaryFolder:
+    """A folder among the system's temporary files, which goes when nothing refers to this any more."""
+
+    def __init__(self) -> None:
+        """Make it.
+
+        Raises:
+            OutputError: it cannot be made.
+        """
+        try:
+            self.path = Path(tempfile.mkdtemp(prefix="planfit-"))
+        except OSError as error:
+            raise OutputError(
+                f"{tempfile.gettempdir()}: no temporary folder can be made ({error.strerror}); free disk "
+                "space, or set TMPDIR to another place"
+            ) from error
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class StoredArray:
+    """An array that stays in a file, from which it is read each time it is asked for."""
+
+    path: Path
+    begin: int
+    """Bytes of the file before it."""
+    dtype: np.dtype
+    shape: tuple[int, ...]
+    keeper: object = field(default=None, repr=False)
+    """What has to live as long as the file does: the owner of a temporary folder."""
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def read(self) -> np.ndarray:
+        """The array, with memory of its own.
+
+        Raises:
+            OutputError: the file is gone, or shorter than it was.
+        """
+        count = int(np.prod(self.shape))
+        try:
+            flat = np.fromfile(self.path, self.dtype, count, offset=self.begin)
+        except OSError as error:
+            raise self._lost(error.strerror or str(error)) from error
+        if len(flat) < count:
+            raise self._lost("it was cut")
+        return flat.reshape(self.shape)
+
+    def __getitem__(self, rows: slice | np.ndarray) -> np.ndarray:
+        """Some of its rows, read."""
+        return self.read()[rows]
+
+    def _lost(self, why: str) -> OutputError:
+        return OutputError(
+            f"{self.path}: expected what this run kept there, found {why}; run again, and leave the cache "
+            "alone while it runs"
+        )
+
+
+@dataclass(frozen=True)
+class StoredItem:
+    """Arrays of an item, the large ones where they are stored."""
+
+    arrays: Arrays
+    stored: dict[str, StoredArray]
+
+
+def write_chunk(path: Path, items: list[Arrays]) -> list[dict[str, StoredArray]]:
+    """Write named arrays of items; returns where each lies.
 
     After the magic: BLAKE2 of the rest, the length of the index, the index (JSON: how many items; item, name,
     type and shape of each array), the arrays. As members of an archive each array would cost 0.3 ms to find
@@ -45,11 +120,19 @@ def write_chunk(path: Path, items: list[Arrays]) -> None:
     with whole_file(path, kept, f".{os.getpid()}") as part, part.open("wb") as file:
         file.write(_MAGIC + _digest(parts))
         file.writelines(parts)
+    content = len(_MAGIC) + _DIGEST_BYTES + _LENGTH_BYTES + len(index)
+    return _located(path, len(items), table, content)
 
 
 def read_chunk(path: Path, n_items: int) -> list[Arrays] | None:
     """The arrays of `n_items`, each with memory of its own; None where there is no such file, it is not
     exactly what was written, or holds another number of items."""
+    found = read_stored(path, n_items, ())
+    return None if found is None else [item.arrays for item in found]
+
+
+def read_stored(path: Path, n_items: int, left: Collection[str]) -> list[StoredItem] | None:
+    """The same, but arrays of the names `left` stay in the file."""
     try:
         data = memoryview(path.read_bytes())
     except OSError:
@@ -62,14 +145,32 @@ def read_chunk(path: Path, n_items: int) -> list[Arrays] | None:
     index = json.loads(bytes(data[at:content]))
     if index["items"] != n_items:
         return None
-    items: list[Arrays] = [{} for _ in range(n_items)]
-    for i, name, kind, shape in index["arrays"]:
-        array = np.zeros(shape, np.dtype(kind))
-        # A copy: what a stage does not keep must not stay in memory for what it does.
-        array.reshape(-1).view(np.uint8)[:] = np.frombuffer(data, np.uint8, array.nbytes, content)
-        items[i][name] = array
-        content += array.nbytes
+    located = _located(path, n_items, index["arrays"], content)
+    return [
+        StoredItem(
+            {name: _copied(data, at) for name, at in item.items() if name not in left},
+            {name: at for name, at in item.items() if name in left},
+        )
+        for item in located
+    ]
+
+
+def _located(
+    path: Path, n_items: int, table: Sequence[Sequence], content: int
+) -> list[dict[str, StoredArray]]:
+    """Where the arrays of each item lie, by the file's table and the bytes before the first of them."""
+    items: list[dict[str, StoredArray]] = [{} for _ in range(n_items)]
+    for i, name, kind, shape in table:
+        items[i][name] = StoredArray(path, content, np.dtype(kind), tuple(shape))
+        content += items[i][name].dtype.itemsize * int(np.prod(shape))
     return items
+
+
+def _copied(data: memoryview, at: StoredArray) -> np.ndarray:
+    """A copy of an array of a file's data: what a stage does not keep must not stay for what it does."""
+    array = np.zeros(at.shape, at.dtype)
+    array.reshape(-1).view(np.uint8)[:] = np.frombuffer(data, np.uint8, array.nbytes, at.begin)
+    return array
 
 
 def _digest(parts: list[bytes] | list[memoryview]) -> bytes:

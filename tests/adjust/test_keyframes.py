@@ -1,5 +1,7 @@
 """Frames held to keyframes: measurements kept, the rest carried along."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -12,6 +14,7 @@ from planfit.adjust.keyframes import (
     reduce_measurements,
 )
 from planfit.geometry import se3
+from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.synth import DriftOptions, drift_poses
 
 
@@ -87,3 +90,25 @@ def test_solving_for_keyframes_is_nearly_as_good(rng):
         return np.linalg.norm(poses[:, :3, 3] - world.plan_from_cams[:, :3, 3], axis=1).mean()
 
     assert error(after) < 0.7 * error(recorded)
+
+
+def test_what_keyframes_saw_is_not_copied(rng):
+    world = make_world(rng)
+    recorded = nudged(rng, world.plan_from_cams, 0.5, 0.01)
+    n = len(recorded)
+    between = np.insert(recorded, 4, recorded[3], axis=0)  # a frame that nothing was seen from
+    own = np.delete(np.arange(n + 1), 4)
+    seen = replace(
+        world.measurements,
+        matches=world.matches.numbered(own),
+        structure=world.structure.numbered(own, n + 1),
+        odometry=make_odometry(between, OdometryOptions()),
+        cameras=(),
+    )
+    reduced = reduce_measurements(seen, hold_to_keyframes(between, own))
+    assert reduced.matches.points_a is seen.matches.points_a
+    assert reduced.matches.points_b is seen.matches.points_b
+    assert reduced.structure.floor.points_cam is seen.structure.floor.points_cam
+    assert reduced.structure.walls.points_cam is seen.structure.walls.points_cam
+    assert_array_equal(reduced.matches.pairs, world.matches.pairs)
+    assert_array_equal(reduced.structure.floor.start, world.structure.floor.start)

@@ -96,7 +96,7 @@ def test_points_are_transformed_in_chunks_that_change_nothing(monkeypatch):
     poses = look([2.5, -2.0, 1.4], 90)[None]
     structure = structure_of_a_wall(poses, 0.03)
     whole = wall_distances(structure, thick_wall(), poses)
-    monkeypatch.setattr("planfit.evaluation.surfaces._CHUNK", 7)
+    monkeypatch.setattr("planfit.geometry.se3.POINTS_AT_A_TIME", 7)
     parts = wall_distances(structure, thick_wall(), poses)
     assert_array_equal(parts.nearest_m, whole.nearest_m)
     assert_array_equal(parts.facing_m, whole.facing_m)

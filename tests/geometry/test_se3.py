@@ -252,3 +252,14 @@ def test_yaw_is_read_back_whatever_the_translation(rng):
     assert_allclose(se3.yaw_of(transforms), yaw, atol=1e-12)
     assert se3.yaw_of(transforms[0]) == pytest.approx(yaw[0])
     assert_allclose(se3.wrap_angle(yaw + 4 * np.pi), yaw, atol=1e-12)
+
+
+def test_points_are_mapped_by_the_transforms_that_they_name(rng, monkeypatch):
+    monkeypatch.setattr(se3, "POINTS_AT_A_TIME", 3)
+    transforms, points = random_transforms(rng, 4), rng.normal(size=(8, 3))
+    idx = rng.integers(4, size=8)
+    expected = np.array(
+        [t[:3, :3] @ p + t[:3, 3] for t, p in zip(transforms[idx], points, strict=True)]
+    )
+    assert_allclose(se3.transform_indexed(transforms, idx, points), expected, atol=1e-12)
+    assert se3.transform_indexed(transforms, idx[:0], points[:0]).shape == (0, 3)

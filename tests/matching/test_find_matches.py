@@ -1,5 +1,6 @@
 """Matches over a small scan: true ones found, look-alikes refused, and the options."""
 
+import gc
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from planfit.matching import (
     measure_neighbours,
     relative_motions,
     search_matches,
+    tentative,
 )
 from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.matching.detect import KeypointOptions
@@ -200,3 +202,19 @@ def test_known_pairs_are_not_tried_again(scan, matches, monkeypatch):
     monkeypatch.setattr(relative_motions, "_verify_pair", verified_again)
     again, _ = search_matches(scan, odometry, options, runtime, known)
     assert_array_equal(again.points_a, matches.points_a)
+
+
+def test_descriptors_do_not_stay_in_memory_but_for_a_few_frames(scan, monkeypatch):
+    monkeypatch.setattr(tentative, "FRAMES_AT_HAND", 2)
+    known = measure_neighbours(scan, MatchingOptions(), Runtime(2))
+    gc.collect()
+    held = [
+        each
+        for owner in gc.get_objects()
+        for each in gc.get_referents(owner)
+        if isinstance(each, np.ndarray) and each.ndim == 2 and each.shape[1] == 128
+    ]
+    assert len(known.verified) > 0
+    assert len(held) <= 2 < len(scan)
+    for kept in known.keypoints.keypoints:
+        assert kept.read().descriptors.shape == (len(kept), 128)

@@ -204,3 +204,22 @@ def test_gathered_grids_have_cameras_in_cells():
     grids = gather_grids(items, (CAMERA, replace(CAMERA, fx=260.0)))
     assert len(grids) == 2
     assert_allclose(grids.cameras[:, 0], [130.0 * COLUMNS / 160, 260.0 * COLUMNS / 160])
+
+
+def test_pairs_are_compared_in_parts_that_change_nothing(monkeypatch):
+    views = [look([2.0 - 0.1 * k, 2.0, 1.5], 10.0 - 3 * k) for k in range(4)]
+    grids = grids_of(*((view, *ROOM, 0) for view in views))
+    found = [pair(views[k], views[k + 1], 0.1 * (k + 1), 20 + k) for k in range(3)]
+    relative_poses = RelativePoses(
+        np.array([[k, k + 1] for k in range(3)]),
+        np.concatenate([each[0].a_from_b for each in found]),
+        np.array([20, 21, 22]),
+    )
+    points = [each[1][0] for each in found], [each[2][0] for each in found]
+    args = (relative_poses, *points, np.full(3, 0.03), grids, AgreementOptions())
+    whole = compare(*args)
+    monkeypatch.setattr("planfit.matching.view_agreement.PAIRS_AT_A_TIME", 2)
+    parts = compare(*args)
+    assert whole.shared.min() > 0.3
+    for name, values in vars(whole).items():
+        assert_array_equal(getattr(parts, name), values)

@@ -1,5 +1,7 @@
 """Floor, wall and ceiling by geometry alone, against the true surface of every pixel."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -8,6 +10,7 @@ from builders import look, room_scan
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Label
+from planfit.scan.views import FilesView
 from planfit.segmentation import Gravity, SegmentationOptions, choose_back_end
 from planfit.segmentation.geometry_labels import GeometryLabelOptions
 from planfit.segmentation.kernels import CELL_M, label_level, label_walls
@@ -247,3 +250,20 @@ def test_a_level_is_laid_as_in_numpy(rng, facing):
     )  # fmt: skip
     assert_array_equal(labels, np.where(on_it, Label.FLOOR, Label.WALL))
     assert_array_equal(planes, np.where(on_it[..., None], plane, np.float32(0)))
+
+
+def test_depth_of_frames_that_submaps_share_is_decoded_once():
+    scan = room_scan(np.stack(views(10.0, 12)))
+    decoded = []
+
+    class Counted(FilesView):
+        def depth(self, frame_idx):
+            decoded.append(frame_idx)
+            return super().depth(frame_idx)
+
+    options = SegmentationOptions(
+        back_end="geometry", geometry=GeometryLabelOptions(submap_frames=4)
+    )
+    up = Gravity(np.array([0.0, 0.0, 1.0]), 1.0, "known")
+    choose_back_end(replace(scan, files=Counted(scan.files)), up, options, Runtime(1))
+    assert sorted(decoded) == list(range(12))

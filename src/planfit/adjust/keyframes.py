@@ -50,6 +50,7 @@ def hold_to_keyframes(
     nearest[frame_idx] = np.arange(len(frame_idx))
     nearest = np.maximum.accumulate(nearest)
     key_from_cam = se3.inverse(world_from_cams[frame_idx[nearest]]) @ world_from_cams
+    key_from_cam[frame_idx] = np.eye(4)  # exactly: what keyframes see is then not moved at all
     recorded = world_from_cams[frame_idx]
     return Keyframes(frame_idx, nearest, key_from_cam, se3.inverse(recorded[0]) @ recorded)
 
@@ -98,21 +99,16 @@ def _carried(target_from_keys: np.ndarray, keyframes: Keyframes, which: np.ndarr
 
 def _reduce_matches(matches: Matches, keyframes: Keyframes) -> Matches:
     pairs = keyframes.nearest[matches.pairs]
-    sizes = np.diff(matches.start)
     keep = pairs[:, 0] != pairs[:, 1]
-    keep_match = np.repeat(keep, sizes)
-    moved = {}
-    for side, name in enumerate(("points_a", "points_b")):
-        frame = np.repeat(matches.pairs[keep, side], sizes[keep])
-        points = getattr(matches, name)[keep_match]
-        moved[name] = _move(keyframes.key_from_cam, frame, points)
+    of_frames = matches if keep.all() else matches.of_pairs(keep)
+    first, second = (
+        np.repeat(of_frames.pairs[:, side], np.diff(of_frames.start)) for side in (0, 1)
+    )
     return replace(
-        matches,
+        of_frames,
         pairs=pairs[keep],
-        start=np.cumsum([0, *sizes[keep]]),
-        sigma=matches.sigma[keep_match],
-        explained=None if matches.explained is None else matches.explained[keep],
-        **moved,
+        points_a=_move(keyframes.key_from_cam, first, of_frames.points_a),
+        points_b=_move(keyframes.key_from_cam, second, of_frames.points_b),
     )
 
 
@@ -195,10 +191,13 @@ def _reduce_odometry(odometry: Odometry, keyframes: Keyframes) -> Odometry:
 def _move(transforms: np.ndarray, idx: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Points (m, 3), sorted by idx (m,), each moved by its own transform; keeps their dtype.
 
-    Runs of one index go through together: a transform a point would be 128 bytes a point.
+    Runs of one index go through together: a transform a point would be 128 bytes a point. Where nothing
+    moves, as where all were seen by keyframes, the points are the very same array.
     """
-    moved = np.zeros_like(points)
     borders = np.concatenate([[0], np.flatnonzero(np.diff(idx)) + 1, [len(idx)]])
+    if len(idx) == 0 or (transforms[idx[borders[:-1]]] == np.eye(4)).all():
+        return points
+    moved = np.zeros_like(points)
     for first, last in pairwise(borders):
         if last > first:
             moved[first:last] = se3.transform(transforms[idx[first]], points[first:last])

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.geometry import se3
+from planfit.geometry.grouped import in_parts
 from planfit.matching import Matches
 
 
@@ -11,12 +12,13 @@ def match_distances(
     matches: Matches, target_from_cams: Float[np.ndarray, "n 4 4"]
 ) -> Float[np.ndarray, " m"]:
     """Distance (m) between the two points of each match."""
-    # `start` bounds the matches of each pair: its differences tell how often a pair is repeated.
-    pair_idx = np.repeat(np.arange(len(matches.pairs)), np.diff(matches.start))
-    first, second = matches.pairs[pair_idx].T
-    a = se3.transform_each(target_from_cams[first], matches.points_a)
-    b = se3.transform_each(target_from_cams[second], matches.points_b)
-    return np.linalg.norm(a - b, axis=1)
+    found = np.zeros(matches.n_matches)
+    for part, pair in in_parts(matches.start):
+        first, second = matches.pairs[pair].T
+        a = se3.transform_each(target_from_cams[first], matches.points_a[part])
+        b = se3.transform_each(target_from_cams[second], matches.points_b[part])
+        found[part] = np.linalg.norm(a - b, axis=1)
+    return found
 
 
 def median_match_distance(matches: Matches, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:

@@ -6,6 +6,7 @@ sample's NSD differs by a few per cent with where the thinning begins, and a mil
 against 400 faces.
 """
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,8 +21,6 @@ from planfit.segmentation import Structure
 
 NEAR_FACE_M = 0.10
 """A wall point this near to a face of the plan counts as one of its points."""
-_CHUNK = 300_000
-"""Points transformed at a time by a thread: each takes a transform of its own, 128 bytes."""
 
 
 @dataclass(frozen=True)
@@ -100,17 +99,16 @@ def wall_points(
     structure: Structure, target_from_cams: Float[np.ndarray, "n 4 4"]
 ) -> Float[np.ndarray, "m 3"]:
     """All wall points (m) of a scan, the paper's P_W, in the target frame: on patches, then unassigned."""
-    frame_idx, points_cam = _wall_points_cam(structure)
     parts = [
-        se3.transform_each(target_from_cams[frame_idx[part]], points_cam[part])
-        for part in _chunks(len(points_cam))
+        se3.transform_each(target_from_cams[frame_idx], points_cam)
+        for frame_idx, points_cam in _wall_points_cam(structure)
     ]
     return np.concatenate([np.zeros((0, 3)), *parts])
 
 
 def wall_frame_idx(structure: Structure) -> Int[np.ndarray, " m"]:
     """Frame of each wall point, in the order of `wall_points` and `wall_distances`."""
-    return _wall_points_cam(structure)[0]
+    return np.concatenate([structure.walls.point_frame_idx, structure.unassigned_frame_idx])
 
 
 def wall_distances(
@@ -124,18 +122,18 @@ def wall_distances(
     Where plan and scan have storeys, each point is held against the faces of its own one. `workers`
     (threads) change no bit of the result.
     """
-    frame_idx, points_cam = _wall_points_cam(structure)
-    if len(points_cam) == 0:
+    if structure.n_wall_points == 0:
         return None
 
-    def distances(part: slice) -> Float[np.ndarray, "m 2"]:
-        xy = se3.transform_each(plan_from_cams[frame_idx[part]], points_cam[part])[:, :2]
-        eyes = plan_from_cams[frame_idx[part], :2, 3]
-        storeys = None if structure.storeys is None else structure.storeys[frame_idx[part]]
+    def distances(part: tuple[np.ndarray, np.ndarray]) -> Float[np.ndarray, "m 2"]:
+        frame_idx, points_cam = part
+        xy = se3.transform_each(plan_from_cams[frame_idx], points_cam)[:, :2]
+        eyes = plan_from_cams[frame_idx, :2, 3]
+        storeys = None if structure.storeys is None else structure.storeys[frame_idx]
         return facing_distances(xy, eyes, floorplan, storeys)
 
     with ThreadPoolExecutor(workers) as pool:
-        found = np.concatenate(list(pool.map(distances, _chunks(len(points_cam)))))
+        found = np.concatenate(list(pool.map(distances, _wall_points_cam(structure))))
     return WallDistances(found[:, 0], found[:, 1])
 
 
@@ -148,22 +146,20 @@ def floor_heights(
     on_storey = np.isfinite(storey)  # others are on stairs, and belong to no plane
     if on_storey.sum() < 3:
         return None
-    points = np.concatenate(
-        [
-            se3.transform_each(target_from_cams[frame_idx[part]], points_cam[part])[on_storey[part]]
-            for part in _chunks(len(points_cam))
-        ]
-    )
+    points = se3.transform_indexed(target_from_cams, frame_idx, points_cam)
+    if not on_storey.all():
+        points = points[on_storey]
     points[:, 2] -= storey[on_storey]
     return FloorHeights(points)
 
 
-def _wall_points_cam(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
-    """Frame (m,) and point (m, 3) m, camera frame, of each wall point."""
+def _wall_points_cam(structure: Structure) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Frame (m,) and point (m, 3) m, camera frame, of each wall point, some at a time."""
     walls = structure.walls
-    frame_idx = np.concatenate([walls.point_frame_idx, structure.unassigned_frame_idx])
-    return frame_idx, np.concatenate([walls.points_cam, structure.unassigned_points_cam])
-
-
-def _chunks(n: int) -> list[slice]:
-    return [slice(first, first + _CHUNK) for first in range(0, n, _CHUNK)]
+    for frame_idx, points_cam in (
+        (walls.point_frame_idx, walls.points_cam),
+        (structure.unassigned_frame_idx, structure.unassigned_points_cam),
+    ):
+        for first in range(0, len(points_cam), se3.POINTS_AT_A_TIME):
+            part = slice(first, first + se3.POINTS_AT_A_TIME)
+            yield frame_idx[part], points_cam[part]

@@ -9,10 +9,13 @@ scale however far a building lies from the origin of its plan.
 """
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Float, Int, Real
 from scipy.spatial.transform import Rotation
 
 _SMALL_ANGLE_SQ = 1e-8
+
+POINTS_AT_A_TIME = 65_536
+"""Points that are each given a transform of their own at once: 8 MB."""
 
 
 def transform(
@@ -29,6 +32,19 @@ def transform_each(
     """Map points, each by its own transform."""
     rotated = np.einsum("nij,nj->ni", target_from_sources[:, :3, :3], points)
     return rotated + target_from_sources[:, :3, 3]
+
+
+def transform_indexed(
+    target_from_sources: Float[np.ndarray, "n 4 4"],
+    idx: Int[np.ndarray, " m"],
+    points: Float[np.ndarray, "m 3"],
+) -> Float[np.ndarray, "m 3"]:
+    """Map points, each by the transform that `idx` takes; a few at a time, as a transform is 128 bytes."""
+    moved = np.zeros(points.shape)
+    for first in range(0, len(points), POINTS_AT_A_TIME):
+        part = slice(first, first + POINTS_AT_A_TIME)
+        moved[part] = transform_each(target_from_sources[idx[part]], points[part])
+    return moved
 
 
 def inverse(

@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float, Float32, Int, Shaped
 
+from planfit.chunks import StoredArray
+
 N_WORDS = 48
 N_SAMPLES = 8_000
 """Descriptors that the vocabulary is learned from."""
@@ -23,9 +25,12 @@ N_LOOKED_AT = 64
 
 
 def describe_frames(
-    descriptors: Sequence[Shaped[np.ndarray, "_ d"]], rng: np.random.Generator
+    descriptors: Sequence[Shaped[np.ndarray, "_ d"] | StoredArray], rng: np.random.Generator
 ) -> Float32[np.ndarray, "n 512"]:
-    """Unit descriptors of frames from those of their keypoints; 0 where a frame has none."""
+    """Unit descriptors of frames from those of their keypoints; 0 where a frame has none.
+
+    Those that are stored are read, twice, a few frames at a time.
+    """
     n = len(descriptors)
     dims = descriptors[0].shape[1] if n else 0
     some = [i for i in range(n) if len(descriptors[i])]

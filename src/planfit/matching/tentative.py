@@ -1,8 +1,8 @@
 """Keypoints of a scan, which frames are tried with which, and their matches before they are verified."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
-from functools import partial
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -24,19 +24,24 @@ from planfit.matching.matchers import make_matcher
 from planfit.matching.options import MatchingOptions
 from planfit.matching.pairs import FrameDescriptors, choose_pairs, distinct_views
 from planfit.matching.retrieval import describe_frames
-from planfit.matching.types import Detector, Keypoints, Matcher, RelativePoses
+from planfit.matching.types import Detector, KeptKeypoints, Matcher, RelativePoses
 from planfit.matching.view_grids import ViewGrids, depth_grid, gather_grids, grey_grid
-from planfit.runtime import Arrays, Runtime, blas_on_one_thread, cache_key
+from planfit.runtime import Arrays, Runtime, StoredItem, blas_on_one_thread, cache_key
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
 from planfit.scan.views import select_frames
+
+_STORED = ("descriptors",)
+"""Of what is found in a frame, the part that is read only where it is matched: two thirds."""
+FRAMES_AT_HAND = 32
+"""Frames whose descriptors are kept from one pair to the next, 40 kB each."""
 
 
 @dataclass(frozen=True)
 class ScanKeypoints:
     """Keypoints of all frames and how those of two frames are matched: nothing here knows of poses."""
 
-    keypoints: list[Keypoints]
+    keypoints: list[KeptKeypoints]
     """Of each frame."""
     grids: ViewGrids
     """What each frame shows, coarsely."""
@@ -108,10 +113,10 @@ def _from_images(scan: Scan, options: MatchingOptions, runtime: Runtime) -> Scan
     detector, matcher = make_detector(options.keypoints), make_matcher(options.matcher)
     key = cache_key(scan.fingerprint, "keypoints and grids", options.keypoints)
     compute = partial(_detect_frame, scan, options.keypoints, detector)
-    items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
+    items = runtime.map_stored("keypoints", key, len(scan), compute, _STORED, chunk_size=16)
     keypoints = [_keypoints(item) for item in items]
-    of_pair = partial(_match_pair, scan.cameras, keypoints, matcher)
-    return ScanKeypoints(keypoints, gather_grids(items, scan.cameras), of_pair, None, key)
+    of_pair = _pair_matcher(scan.cameras, keypoints, matcher)
+    return ScanKeypoints(keypoints, _gather(items, scan.cameras), of_pair, None, key)
 
 
 def find_more_keypoints(
@@ -133,7 +138,7 @@ def find_more_keypoints(
     order = np.argsort(np.concatenate([known_idx, new_idx]))
     both = seen.keypoints + new.keypoints
     keypoints = [both[k] for k in order]
-    of_pair = partial(_match_pair, scan.cameras, keypoints, make_matcher(options.matcher))
+    of_pair = _pair_matcher(scan.cameras, keypoints, make_matcher(options.matcher))
     grids = seen.grids.joined(new.grids)[order]
     key = cache_key(scan.fingerprint, "more keypoints", seen.key, new.key)
     return ScanKeypoints(keypoints, grids, of_pair, None, key)
@@ -153,17 +158,26 @@ def join_keypoints(
     grids = seen[0].grids
     for scan in seen[1:]:
         grids = grids.joined(scan.grids)
-    of_pair = partial(_match_pair, cameras, keypoints, make_matcher(options.matcher))
+    of_pair = _pair_matcher(cameras, keypoints, make_matcher(options.matcher))
     keys = [scan.key for scan in seen]
     key = cache_key(keys[0], "joined keypoints", *keys[1:]) if all(keys) else ""
     return ScanKeypoints(keypoints, grids, of_pair, None, key)
 
 
-def _match_pair(
-    cameras: Sequence[Camera], keypoints: list[Keypoints], matcher: Matcher, i: int, j: int
-) -> Int[np.ndarray, "m 2"]:
-    size_a, size_b = ((c.width, c.height) for c in (cameras[i], cameras[j]))
-    return matcher(keypoints[i], keypoints[j], size_a, size_b)
+def _pair_matcher(
+    cameras: Sequence[Camera], keypoints: list[KeptKeypoints], matcher: Matcher
+) -> Callable[[int, int], Int[np.ndarray, "m 2"]]:
+    """Matches of two frames, whose descriptors are read; those of the last few frames are at hand.
+
+    Pairs come sorted: one after the other, most have a frame in common.
+    """
+    read = lru_cache(maxsize=FRAMES_AT_HAND)(lambda k: keypoints[k].read())
+
+    def of_pair(i: int, j: int) -> Int[np.ndarray, "m 2"]:
+        size_a, size_b = ((c.width, c.height) for c in (cameras[i], cameras[j]))
+        return matcher(read(i), read(j), size_a, size_b)
+
+    return of_pair
 
 
 def _from_colmap(
@@ -175,12 +189,13 @@ def _from_colmap(
         scan.fingerprint, "imported keypoints and grids", stamp(path), options.keypoints
     )
     compute = partial(_lift_frame, scan, imported, options.keypoints)
-    items = runtime.map("keypoints", key, len(scan), compute, chunk_size=16)
+    items = runtime.map_stored("keypoints", key, len(scan), compute, _STORED, chunk_size=16)
     keypoints = [_keypoints(item) for item in items]
     # From COLMAP's number of a keypoint to ours among those that kept a depth; -1 for the others.
     number = [np.full(len(uv), -1) for uv in imported.uv]
     for new, item in zip(number, items, strict=True):
-        new[item["kept"]] = np.arange(len(item["kept"]))
+        kept = item.arrays["kept"]
+        new[kept] = np.arange(len(kept))
 
     by_pair = dict(zip(map(tuple, imported.pairs.tolist()), imported.matches, strict=True))
 
@@ -189,15 +204,21 @@ def _from_colmap(
         both = np.column_stack([number[i][idx[:, 0]], number[j][idx[:, 1]]])
         return both[(both >= 0).all(axis=1)]
 
-    return ScanKeypoints(keypoints, gather_grids(items, scan.cameras), of_pair, imported.pairs, key)
+    return ScanKeypoints(
+        keypoints,
+        _gather(items, scan.cameras),
+        of_pair,
+        imported.pairs,
+        key,
+    )
 
 
 def describe_views(
-    cameras: Sequence[Camera], keypoints: list[Keypoints], rng: np.random.Generator
+    cameras: Sequence[Camera], keypoints: list[KeptKeypoints], rng: np.random.Generator
 ) -> FrameDescriptors:
     """What is known of frames besides their poses, from their keypoints."""
     with blas_on_one_thread():
-        vectors = describe_frames([k.descriptors for k in keypoints], rng)
+        vectors = describe_frames([k.stored_descriptors for k in keypoints], rng)
     return FrameDescriptors(
         vectors,
         np.array([k.sharpness for k in keypoints], dtype=float),
@@ -205,9 +226,20 @@ def describe_views(
     )
 
 
-def _keypoints(item: Arrays) -> Keypoints:
+def _keypoints(item: StoredItem) -> KeptKeypoints:
     """Of what was kept of a frame, the keypoints."""
-    return Keypoints(**{each.name: item[each.name] for each in fields(Keypoints)})  # type: ignore[arg-type]
+    found, (descriptors,) = item.arrays, item.stored.values()
+    return KeptKeypoints(
+        found["uv"],
+        found["points_cam"],
+        found["scores"],
+        descriptors,
+        np.float32(found["sharpness"]),
+    )
+
+
+def _gather(items: Sequence[StoredItem], cameras: Sequence[Camera]) -> ViewGrids:
+    return gather_grids([item.arrays for item in items], cameras)
 
 
 def _grids(color: np.ndarray | None, depth: np.ndarray) -> Arrays:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
 
+from planfit.chunks import StoredArray
 from planfit.errors import ScanError
 from planfit.short_repr import short_repr
 
@@ -51,6 +52,32 @@ class Keypoints:
 
     def __len__(self) -> int:
         return len(self.uv)
+
+
+@dataclass(frozen=True)
+class KeptKeypoints:
+    """Keypoints of one frame as they are held for a whole scan: descriptors, five sixths of all, stay where
+    they are stored until the frame is matched."""
+
+    uv: Float32[np.ndarray, "k 2"]
+    points_cam: Float32[np.ndarray, "k 3"]
+    scores: Float32[np.ndarray, " k"]
+    stored_descriptors: StoredArray
+    sharpness: Float32[np.ndarray, ""] | np.float32
+
+    __repr__ = short_repr
+
+    def __len__(self) -> int:
+        return len(self.uv)
+
+    def read(self) -> Keypoints:
+        """With their descriptors.
+
+        Raises:
+            OutputError: what this run stored is gone.
+        """
+        descriptors = self.stored_descriptors.read()
+        return Keypoints(self.uv, self.points_cam, self.scores, descriptors, self.sharpness)
 
 
 Matcher = Callable[[Keypoints, Keypoints, tuple[int, int], tuple[int, int]], Int[np.ndarray, "m 2"]]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
@@ -20,6 +20,8 @@ from planfit.matching.view_grids import COLUMNS, ROWS, ViewGrids
 
 BLOCK = 8
 """Greys are compared outside the blocks, of this many cells a side, with a matched keypoint."""
+PAIRS_AT_A_TIME = 512
+"""Views are compared in parts of so many pairs: what is needed of their matches takes 0.2 kB a match."""
 MAX_OBSERVATIONS = 40.0
 """Effective observations that the matches of a pair are worth at most, as in the adjustment."""
 
@@ -110,7 +112,24 @@ def compare(
     options: AgreementOptions,
 ) -> Agreement:
     """Project either view of each pair into the other; arguments as of `explained_shares`."""
-    pairs, motions = relative_poses.pairs, relative_poses.a_from_b
+    parts = []
+    for first in range(0, max(len(relative_poses), 1), PAIRS_AT_A_TIME):
+        part = slice(first, first + PAIRS_AT_A_TIME)
+        ends = relative_poses.pairs[part], relative_poses.a_from_b[part]
+        parts.append(_compare(*ends, points_a[part], points_b[part], sigma_m[part], grids, options))
+    return Agreement(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+
+def _compare(
+    pairs: Int[np.ndarray, "p 2"],
+    motions: Float[np.ndarray, "p 4 4"],
+    points_a: Sequence[Float[np.ndarray, "_ 3"]],
+    points_b: Sequence[Float[np.ndarray, "_ 3"]],
+    sigma_m: Float[np.ndarray, " p"],
+    grids: ViewGrids,
+    options: AgreementOptions,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The parts of an `Agreement`, of some pairs."""
     tolerance = np.array([options.base_m, options.per_m, options.sigmas_of_rotation])
     matched, cells, likeness = [], [], []
     for ends, motion, points in (
@@ -134,7 +153,7 @@ def compare(
         cells.append(counts[:, :2])
         likeness.append(counts[:, 2])
     n_agreeing, n_past = np.sum(cells, axis=0).T
-    return Agreement(
+    return (
         np.mean(matched, axis=0),
         n_past / np.maximum(n_agreeing + n_past, 1),
         np.clip(np.mean(likeness, axis=0), 0.0, 1.0),

@@ -46,6 +46,7 @@ from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storeys import judge_storeys
 from planfit.pipeline.strength import DirectionStrength, directions_held
 from planfit.pipeline.visits import Visit, frames_of_stretch, judge_visits
+from planfit.runtime import give_back_memory
 from planfit.short_repr import short_repr
 
 FOLD_TOLERANCE = 1e-4
@@ -228,6 +229,7 @@ def gather_evidence(
         solve(*without_fold(measurements, adjustment.correspondences, folds, fold))
         for fold in range(folds.count)
     ]
+    give_back_memory()  # each fold had a copy of the points that it kept
     problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
     shared = None if priors is None else shared_error(problem, on_plan, calibration, priors)
     covariance = predicted_covariance(problem, adjustment.rivals, folds, by_fold, rng, shared)

@@ -56,8 +56,8 @@ def judge_visits(
     before_m, after_m = match_distances(matches, recorded), match_distances(matches, solved)
     kept_out_m = after_m.copy()
     for fold, poses in enumerate(by_fold):
-        is_out = fold_of_match == fold
-        kept_out_m[is_out] = match_distances(matches, poses)[is_out]
+        own = matches.of_pairs(folds.of_pairs == fold)
+        kept_out_m[fold_of_match == fold] = match_distances(own, poses)
     # Sorted by visit, a visit's matches are a run; those of no visit stand before the first.
     order = np.argsort(visit_of_match, kind="stable")
     n_visits = int(folds.visit.max(initial=NOT_KEPT_OUT)) + 1

@@ -1,6 +1,7 @@
 """What each pixel shows, from masks on disk, from geometry, or from a learned model: one protocol."""
 
 import hashlib
+from functools import lru_cache
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -143,10 +144,14 @@ def geometry_back_end(
         runtime: threads, cache and progress.
     """
     n, size = len(scan), options.submap_frames
+    # Frames at its ends are part of two submaps: their depth is decoded once for both.
+    sample = lru_cache(maxsize=2 * size)(
+        lambda i: _sample_frame(scan, upright_from_cams, i, options)
+    )
 
     def one(k: int) -> Arrays:
         frames = range(max(0, k * size - size // 4), min(n, (k + 1) * size + size // 4))
-        samples = [_sample_frame(scan, upright_from_cams, i, options) for i in frames]
+        samples = [sample(i) for i in frames]
         tilt_sine = float(np.sin(np.deg2rad(options.max_tilt_deg)))
         found = build_submap(samples, tilt_sine, options.free_above_m, options.min_wall_rise_m)
         return {

@@ -219,20 +219,23 @@ def _sample(
 def _gather(
     items: list[Arrays], upright_from_cams: np.ndarray, back_end: str, storeys: StoreyOptions
 ) -> Structure:
-    """What all frames show, with the storey that each stands on."""
+    """What all frames show, with the storey that each stands on; takes the points out of the items."""
     floor = _gather_level(items, "floor")
-    # One transform a point would be 128 bytes a point; the height needs four numbers of it.
-    of_frame = upright_from_cams[floor.frame_idx, 2]
-    height = np.einsum("ni,ni->n", of_frame[:, :3], floor.points_cam) + of_frame[:, 3]
+    frame_idx, points = floor.frame_idx, floor.points_cam
+    height = np.zeros(len(points))
+    for first in range(0, len(points), se3.POINTS_AT_A_TIME):  # four numbers of a transform a point
+        part = slice(first, first + se3.POINTS_AT_A_TIME)
+        of_frame = upright_from_cams[frame_idx[part], 2]
+        height[part] = np.einsum("ni,ni->n", of_frame[:, :3], points[part]) + of_frame[:, 3]
     main_m, above_main_m = find_storeys(height, floor.start, storeys)
+    del frame_idx, height
+    sizes = [len(item["unassigned"]) for item in items]
     return Structure(
         floor=floor,
         floor_heights_m=above_main_m,
         walls=_gather_patches(items, "walls"),
-        unassigned_points_cam=np.concatenate([item["unassigned"] for item in items]),
-        unassigned_frame_idx=np.repeat(
-            np.arange(len(items)), [len(item["unassigned"]) for item in items]
-        ),
+        unassigned_points_cam=np.concatenate([item.pop("unassigned") for item in items]),
+        unassigned_frame_idx=np.repeat(np.arange(len(items)), sizes),
         ceiling=_gather_level(items, "ceiling"),
         columns=_gather_patches(items, "columns"),
         back_end=back_end,
@@ -242,13 +245,13 @@ def _gather(
 
 def _gather_level(items: list[Arrays], name: str) -> LevelPoints:
     start = np.cumsum([0, *(len(item[name]) for item in items)])
-    return LevelPoints(np.concatenate([item[name] for item in items]), start)
+    return LevelPoints(np.concatenate([item.pop(name) for item in items]), start)
 
 
 def _gather_patches(items: list[Arrays], name: str) -> WallPatches:
     sizes = [item[f"{name}_sizes"] for item in items]
     return WallPatches(
-        points_cam=np.concatenate([item[f"{name}_points"] for item in items]),
+        points_cam=np.concatenate([item.pop(f"{name}_points") for item in items]),
         start=np.cumsum([0, *np.concatenate(sizes).astype(int)]),
         frame_idx=np.repeat(np.arange(len(items)), [len(size) for size in sizes]),
         normals_cam=np.concatenate([item[f"{name}_normals"] for item in items]),

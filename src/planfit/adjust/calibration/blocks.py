@@ -85,11 +85,7 @@ def _of_planes(
     planes_cam = planes_in_cam(groups.planes, poses)
     by_group, by_self, gradient = np.zeros((k, 6, S)), np.zeros((S, S)), np.zeros(S)
     of_sensor = np.zeros((k, 6, K)), np.zeros((K, K)), np.zeros(K)
-    counts = np.diff(groups.start)
-    of_points = np.repeat(planes_cam, counts, axis=0)
-    distances = np.einsum("mi,mi->m", of_points[:, :3], groups.points_cam) + of_points[:, 3]
-    _, weight = loss_value((distances / groups.sigma_m) ** 2, groups.loss)
-    weight *= np.repeat(groups.weight_per_point, counts) / groups.sigma_m**2
+    weight = _robust_weights(groups, target_from_cams)
     points = np.asarray(groups.points_cam, dtype=float)
     sum_planes_by_sensor(points, groups.start, planes_cam, weight, depth, not is_drawn, *of_sensor)
     rotations = poses[:, :3, :3]
@@ -124,18 +120,25 @@ def _of_pairs(
     """Matched points, which know the sensor alone."""
     n, pairs = len(target_from_cams), groups.pairs
     of_sensor = np.zeros((len(pairs), 6, K)), np.zeros((K, K)), np.zeros(K)
-    a_from_b, counts = relative_poses(target_from_cams, pairs), np.diff(groups.start)
+    a_from_b = relative_poses(target_from_cams, pairs)
     points_a, points_b = (np.asarray(p, dtype=float) for p in (groups.points_a, groups.points_b))
-    moved = se3.transform_each(np.repeat(a_from_b, counts, axis=0), points_b)
-    squared = np.sum((points_a - moved) ** 2, axis=1) / groups.sigma_m**2
-    _, weight = loss_value(squared, groups.loss)
-    weight *= np.repeat(groups.weight_per_point, counts) / groups.sigma_m**2
+    weight = _robust_weights(groups, target_from_cams)
     sum_pairs_by_sensor(points_a, points_b, groups.start, a_from_b, weight, depth, *of_sensor)
     by_ends = np.swapaxes(relative_pose_jacobians(target_from_cams[pairs]), 1, 2) @ of_sensor[0]
     by_pose, by_self, gradient = np.zeros((n, 6, S)), np.zeros((S, S)), np.zeros(S)
     by_pose[:, :, :K] = _by_both_ends(pairs, by_ends, n)
     by_self[:K, :K], gradient[:K] = of_sensor[1], of_sensor[2]
     return SharedBlocks(by_pose, by_self, gradient)
+
+
+def _robust_weights(
+    groups: PlaneGroups | PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, " m"]:
+    """Weight of each point, its variance in it."""
+    weight = np.zeros(int(groups.start[-1]))
+    for squares in groups.squares(target_from_cams):
+        weight[squares.part] = loss_value(squares.in_sigmas, groups.loss)[1] * squares.information
+    return weight
 
 
 def _of_steps(term: OdometryTerm, target_from_cams: Float[np.ndarray, "n 4 4"]) -> SharedBlocks:

@@ -4,12 +4,22 @@ A term says here what its points belong to and what each is worth; sums of them 
 derivatives by the sensor's parameters (`planfit.adjust.calibration`) both start from it.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.lsq.moments import PairMoments, PlaneMoments, pair_moments, plane_moments
+from planfit.geometry import se3
+from planfit.geometry.grouped import in_parts
+from planfit.lsq.blocks import relative_poses
+from planfit.lsq.moments import (
+    PairMoments,
+    PlaneMoments,
+    pair_moments,
+    plane_moments,
+    planes_in_cam,
+)
 from planfit.lsq.robust import Loss
 from planfit.lsq.torch.moments import (
     GroupedPoints,
@@ -18,6 +28,18 @@ from planfit.lsq.torch.moments import (
     pair_moments_on,
     plane_moments_on,
 )
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Of some of the points: all at once would take as much memory as the points, or twice that."""
+
+    part: slice
+    """Which."""
+    in_sigmas: Float[np.ndarray, " p"]
+    """Squared distances, in variances."""
+    information: Float[np.ndarray, " p"]
+    """Factor on the cost of each, its variance in it."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +71,15 @@ class PlaneGroups:
             return plane_moments_on(on, *rest, *scale)
         return plane_moments(self.points_cam, self.start, *rest, *scale)
 
+    def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
+        """Squared distances of the points from their planes."""
+        planes_cam = planes_in_cam(self.planes, target_from_cams[self.pose_idx])
+        for part, group in in_parts(self.start):
+            planes = planes_cam[group]
+            distances_m = np.einsum("mi,mi->m", planes[:, :3], self.points_cam[part]) + planes[:, 3]
+            worth = self.weight_per_point[group] / self.sigma_m**2
+            yield Squares(part, (distances_m / self.sigma_m) ** 2, worth)
+
 
 @dataclass(frozen=True)
 class PairGroups:
@@ -78,3 +109,12 @@ class PairGroups:
             return pair_moments_on(on, *rest)
         points = (self.points_a, self.points_b, self.sigma_m, self.start, self.pairs)
         return pair_moments(*points, self.weight_per_point, target_from_cams, self.loss)
+
+    def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
+        """Squared distances between the points of each match, in the frame of the first camera."""
+        a_from_b = relative_poses(target_from_cams, self.pairs)
+        for part, pair in in_parts(self.start):
+            apart = self.points_a[part] - se3.transform_each(a_from_b[pair], self.points_b[part])
+            variance = self.sigma_m[part] ** 2
+            in_sigmas = np.sum(apart**2, axis=1) / variance
+            yield Squares(part, in_sigmas, self.weight_per_point[pair] / variance)

@@ -12,7 +12,6 @@ from scipy import sparse
 
 from planfit.adjust.terms.groups import PairGroups, PlaneGroups
 from planfit.geometry import se3
-from planfit.lsq.blocks import relative_poses
 from planfit.lsq.moments import PairMoments, PlaneMoments, planes_in_cam
 from planfit.lsq.robust import loss_curvature, loss_value
 
@@ -56,8 +55,7 @@ def plane_bundles(
     """Of groups of points on planes; groups of no weight are left out."""
     moments = groups.moments(target_from_cams)[0]
     assert isinstance(moments, PlaneMoments)  # summed on the CPU
-    distances = _distances(groups, target_from_cams)
-    curvature = _curvature(groups, (distances / groups.sigma_m) ** 2, 1)
+    curvature = _curvature(groups, target_from_cams, 1)
     moments = replace(moments, moments=curvature * moments.moments)
     weights = moments.moments[:, 3, 3]
     seen = np.flatnonzero(weights > 0)
@@ -78,7 +76,7 @@ def pair_bundles(
     """Of the matches of pairs; pairs of no weight are left out."""
     moments = groups.moments(target_from_cams)[0]
     assert isinstance(moments, PairMoments)
-    curvature = _curvature(groups, _squared_distances(groups, target_from_cams), 3)
+    curvature = _curvature(groups, target_from_cams, 3)
     moments = replace(
         moments, aa=curvature * moments.aa, ab=curvature * moments.ab, bb=curvature * moments.bb
     )
@@ -96,32 +94,18 @@ def pair_bundles(
     return Bundles(moments, residuals, weights, jacobian, without_gaps, labels)
 
 
-def _distances(
-    groups: PlaneGroups, target_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, " m"]:
-    planes_cam = planes_in_cam(groups.planes, target_from_cams[groups.pose_idx])
-    of_points = np.repeat(planes_cam, np.diff(groups.start), axis=0)
-    return np.einsum("mi,mi->m", of_points[:, :3], groups.points_cam) + of_points[:, 3]
-
-
-def _squared_distances(
-    groups: PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, " m"]:
-    """In sigmas."""
-    a_from_b = relative_poses(target_from_cams, groups.pairs)
-    moved = se3.transform_each(
-        np.repeat(a_from_b, np.diff(groups.start), axis=0), np.asarray(groups.points_b, dtype=float)
-    )
-    return np.sum((groups.points_a - moved) ** 2, axis=1) / groups.sigma_m**2
-
-
-def _curvature(groups: PlaneGroups | PairGroups, s: Float[np.ndarray, " m"], dims: int) -> float:
+def _curvature(
+    groups: PlaneGroups | PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"], dims: int
+) -> float:
     """Of a term's loss, by the weights that its points have: one where the loss is a parabola there."""
-    each = np.repeat(groups.weight_per_point, np.diff(groups.start)) / np.square(groups.sigma_m)
-    weight = each @ loss_value(s, groups.loss)[1]
+    weight = curvature = 0.0
+    for squares in groups.squares(target_from_cams):
+        s, each = squares.in_sigmas, squares.information
+        weight += each @ loss_value(s, groups.loss)[1]
+        curvature += each @ loss_curvature(s, groups.loss, dims)
     if weight <= 0:
         return 1.0
-    return float(max(each @ loss_curvature(s, groups.loss, dims) / weight, MIN_CURVATURE))
+    return float(max(curvature / weight, MIN_CURVATURE))
 
 
 def sparse_rows(

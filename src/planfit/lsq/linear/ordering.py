@@ -60,7 +60,7 @@ def _minimum_degree(start, neighbours, max_work):  # pragma: no cover
     the pool; the heap keeps outdated degrees, which are passed over when they come up.
     """
     n = len(start) - 1
-    begin, count = start[:-1].copy(), np.diff(start)
+    begin, count = start[:-1].copy(), start[1:] - start[:-1]  # np.diff takes a second to compile
     pool = np.zeros(4 * len(neighbours) + 1024, np.int64)
     pool[: len(neighbours)] = neighbours
     end = len(neighbours)

@@ -1,0 +1,21 @@
+"""Points of groups, some at a time: every point once, with its group."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from planfit.geometry.grouped import in_parts
+
+
+@pytest.mark.parametrize("at_a_time", [1, 4, 100])
+@pytest.mark.parametrize("sizes", [[3, 0, 0, 5, 1], [0, 2], [2, 0], [0], []])
+def test_every_point_comes_once_with_its_group(monkeypatch, at_a_time, sizes):
+    monkeypatch.setattr("planfit.geometry.se3.POINTS_AT_A_TIME", at_a_time)
+    start = np.cumsum([0, *sizes])
+    points, groups = [np.zeros(0, int)], [np.zeros(0, int)]
+    for part, group in in_parts(start):
+        assert len(group) == part.stop - part.start <= at_a_time
+        points.append(np.arange(part.start, part.stop))
+        groups.append(group)
+    assert_array_equal(np.concatenate(points), np.arange(start[-1]))
+    assert_array_equal(np.concatenate(groups), np.repeat(np.arange(len(sizes)), sizes))
