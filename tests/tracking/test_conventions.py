@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
-from planfit.tracking import TrackingOptions, believe, has_own_unit, judge_tracking
+from planfit.tracking import TrackingOptions, believe, judge_tracking
 from planfit.tracking.conventions import (
     CONVENTIONS,
     ConventionFit,
@@ -137,7 +137,7 @@ def test_a_unit_of_their_own_is_measured_used_and_said(walked, metres):
     poses, motions = walked
     for convention in ("recorded", "auto"):
         tracking = judged(with_unit(poses, 1 / metres), motions, convention)
-        assert has_own_unit(tracking.convention)
+        assert tracking.metres_per_unit == pytest.approx(metres, rel=0.03)
         steps, expected = (
             np.linalg.norm(np.diff(p[:, :3, 3], axis=0), axis=1)
             for p in (tracking.recorded_world_from_cams, poses)
@@ -153,7 +153,12 @@ def test_a_unit_beside_another_convention_is_measured_too(walked):
     mistaken = with_unit(MISTAKES["opengl"](poses), 1 / 0.4)
     tracking = judged(mistaken, motions, "opengl")
     first, unit = tracking.convention.split(", ")
-    assert (first, has_own_unit(unit)) == ("opengl", True)
+    assert first == "opengl"
+    assert (
+        float(unit.removeprefix("unit:"))
+        == tracking.metres_per_unit
+        == pytest.approx(0.4, rel=0.03)
+    )
     assert_allclose(
         apply_convention(mistaken, tracking.convention), tracking.recorded_world_from_cams
     )

@@ -37,6 +37,9 @@ from planfit.scan import Scan
 from planfit.segmentation import Structure
 from planfit.short_repr import short_repr
 
+UNITS_AGREE = 1.1
+"""Factor within which two things that say how far depth is off say the same."""
+
 
 @dataclass(frozen=True)
 class AlignResult:
@@ -136,6 +139,7 @@ def find_alignment(
 
     Raises:
         FloorplanError: the plan fits in another unit than it claims, or its unit cannot be found.
+        ScanError: recorded motion and a plan in metres agree, and depth is in another unit.
     """
     walls = wall_samples(prepared.measurements.structure, prepared.level_from_keys)
     if len(walls.xy) == 0:
@@ -161,6 +165,13 @@ def find_alignment(
             return replace(scaled, warnings=(*scaled.warnings, scale_words(scaled)))
     unit = find_unit(walls, floorplan, drawn, chosen)
     if unit is not None:
+        own = prepared.metres_per_pose_unit
+        if own != 1.0 and 1 / UNITS_AGREE < unit[1] / own < UNITS_AGREE:
+            raise ScanError(
+                f"the scan's depth: expected metres, found it {own:.3g} times as long as both the recorded "
+                f"motion and {floorplan.name} say: give --depth-scale (metres of one stored unit) "
+                f"{1 / own:.3g} times what it is"
+            )
         raise FloorplanError(
             f"{floorplan.name}: expected metres, found a plan of {floorplan.size[0]:.4g} x "
             f"{floorplan.size[1]:.4g} that fits the scan in {unit[0]}; "

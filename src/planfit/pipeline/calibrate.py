@@ -32,7 +32,6 @@ from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
-from planfit.tracking import has_own_unit
 
 UNKNOWN_SCALE_SIGMA = 0.05
 """Of a plan's scale that was searched, or found off: walls then say nothing of the metre. And of recorded
@@ -60,7 +59,7 @@ class CalibratedScan:
 def with_priors_of(options: RefineOptions, observations: Observations) -> RefineOptions:
     """Options whose priors hold of these poses: what has a unit of its own tells nothing of the metre."""
     tracking = observations.tracking
-    if tracking is None or not has_own_unit(tracking.convention):
+    if tracking is None or tracking.metres_per_unit == 1.0:
         return options
     sigma = max(options.calibration.odometry_scale_sigma, UNKNOWN_SCALE_SIGMA)
     return replace(options, calibration=replace(options.calibration, odometry_scale_sigma=sigma))

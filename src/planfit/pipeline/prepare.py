@@ -43,6 +43,8 @@ class PreparedScan:
     """Recorded steps that closing loops gave up, the worst first."""
     tracking_doubt: str = ""
     """Why the recorded poses as a whole say nothing, in words."""
+    metres_per_pose_unit: float = 1.0
+    """Of poses in a unit of their own, as images and depth show it."""
 
     __repr__ = short_repr
 
@@ -94,6 +96,7 @@ def prepare(
             level_from_keys,
             unplaced=tracking.unplaced,
             tracking_doubt=tracking.doubt,
+            metres_per_pose_unit=tracking.metres_per_unit,
         )
     with stages.stage("close loops"):
         closed = close_loops_untorn(
@@ -109,4 +112,5 @@ def prepare(
         tracking.unplaced,
         closed.torn_steps,
         tracking.doubt,
+        tracking.metres_per_unit,
     )

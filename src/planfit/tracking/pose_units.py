@@ -31,9 +31,10 @@ def metres_named(name: str) -> float | None:
     return metres if 0 < metres < np.inf else None
 
 
-def has_own_unit(convention: str) -> bool:
-    """Whether poses in this convention said nothing of the metre."""
-    return any(metres_named(part) is not None for part in convention.split(", "))
+def unit_of(convention: str) -> float:
+    """Metres of the unit of their own that poses in this convention have; 1 where they have none."""
+    named = [metres_named(part) for part in convention.split(", ")]
+    return next((metres for metres in named if metres is not None), 1.0)
 
 
 def in_metres(poses: Poses, metres: float) -> Poses:

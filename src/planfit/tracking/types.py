@@ -11,7 +11,7 @@ from planfit.scan.odometry import Odometry
 from planfit.short_repr import short_repr
 from planfit.tracking.clock import ClockOffset
 from planfit.tracking.conventions import ConventionFit
-from planfit.tracking.pose_units import metres_named
+from planfit.tracking.pose_units import unit_of
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,11 @@ class Tracking:
     __repr__ = short_repr
 
     @property
+    def metres_per_unit(self) -> float:
+        """Of the recorded poses, where they have a unit of their own; else 1."""
+        return unit_of(self.convention)
+
+    @property
     def unplaced(self) -> tuple[tuple[int, int], ...]:
         """First and last frame of each run of frames whose place against most of the walk nothing tells."""
         submap = submaps_of(len(self.world_from_cams), self.open_steps, self.linked)
@@ -111,11 +116,10 @@ class Tracking:
         notes = []
         fit = self.convention_fit
         if fit is not None and fit.is_own_unit and fit.is_clear:
-            steps = metres_named(fit.name.split(", ")[-1])
             notes.append(
                 "the recorded motion is not in metres: by what images and depth show of it, its unit is "
-                f"{steps:.3g} m, and poses were multiplied by that; if they are in metres, depth is in the "
-                "wrong unit: give --depth-scale"
+                f"{self.metres_per_unit:.3g} m, and poses were multiplied by that; if they are in "
+                "metres, depth is in the wrong unit: give --depth-scale"
             )
         elif self.convention != "recorded":
             notes.append(f"the recorded poses were taken as {self.convention}")
