@@ -273,6 +273,22 @@ def test_the_bar_of_a_title_is_no_storey() -> None:
         assert storey_of.max() + 1 == n_storeys
 
 
+@pytest.mark.parametrize(("darkness", "n_storeys"), [(0.2, 1), (0.05, 2)])
+def test_pale_lines_from_one_group_to_the_other_make_them_one_plan(
+    tmp_path: Path, darkness: float, n_storeys: int
+) -> None:
+    """Windows and doors of a shrunk picture are paler than lines; a tint of the paper is no line."""
+    image = np.full((500, 1000, 3), 255, np.uint8)
+    for u0, v0 in ((80, 80), (530, 50)):
+        cv2.rectangle(image, (u0, v0), (u0 + 390, v0 + 370), (0, 0, 0), 12)
+        cv2.line(image, (u0 + 200, v0), (u0 + 200, v0 + 370), (0, 0, 0), 12)
+        image[200:260, u0 + 190 : u0 + 212] = 255
+    for v in (120, 380):
+        image[v - 1 : v + 2, 477:524] = round(255 * (1 - darkness))
+    plan = read_floorplan(saved(tmp_path / "plan.png", image))
+    assert max(len(plan.source.storeys), 1) == n_storeys
+
+
 def test_storeys_side_by_side(tmp_path: Path) -> None:
     one, other = drawn(3).image, drawn(4).image
     height = max(len(one), len(other))
