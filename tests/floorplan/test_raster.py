@@ -289,6 +289,21 @@ def test_pale_lines_from_one_group_to_the_other_make_them_one_plan(
     assert max(len(plan.source.storeys), 1) == n_storeys
 
 
+@pytest.mark.parametrize("way", [0, 1])
+@pytest.mark.parametrize("gap_px", [40, 110])
+def test_storeys_of_one_outline_in_line_are_several(tmp_path: Path, gap_px: int, way: int) -> None:
+    """The outer walls of both lie in one line, and the paper between them is as wide as a gate is."""
+    house = np.full((330, 400, 3), 255, np.uint8)
+    cv2.rectangle(house, (6, 6), (393, 323), (0, 0, 0), 12)
+    cv2.line(house, (150, 6), (150, 323), (0, 0, 0), 12)
+    for u, v, width, height in ((140, 130, 20, 60), (60, 0, 50, 13), (250, 0, 70, 13)):
+        house[v : v + height, u : u + width] = 255
+    paper = np.full((330, gap_px, 3) if way else (gap_px, 400, 3), 255, np.uint8)
+    sheet = np.concatenate([house, paper, house], axis=way)
+    sheet = cv2.copyMakeBorder(sheet, 30, 30, 30, 30, cv2.BORDER_CONSTANT, value=(255,) * 3)
+    assert len(read_floorplan(saved(tmp_path / "plan.png", sheet)).source.storeys) == 2
+
+
 def test_storeys_side_by_side(tmp_path: Path) -> None:
     one, other = drawn(3).image, drawn(4).image
     height = max(len(one), len(other))
