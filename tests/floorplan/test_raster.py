@@ -1,6 +1,8 @@
 """Walls out of pictures: styles, clutter, options, and pictures that are no plans."""
 
 import os
+import subprocess
+import sys
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -480,3 +482,21 @@ def test_real_pictures_are_read_without_help(name: str) -> None:
 def test_a_real_photograph_is_refused() -> None:
     with pytest.raises(FloorplanError):
         read_floorplan(SHARED / "kitchen" / "frame-000000.color.jpg")
+
+
+@pytest.mark.slow
+def test_a_large_sheet_takes_little_memory(tmp_path: Path) -> None:
+    """7,351 x 4,206 px in 0.8 GB, libraries and the picture of what was read included."""
+    house = np.full((4206, 7351, 3), 255, np.uint8)
+    cv2.rectangle(house, (300, 300), (7050, 3900), (0, 0, 0), 33)
+    for u in range(1200, 6800, 900):
+        cv2.line(house, (u, 300), (u, 3900), (0, 0, 0), 12)
+        house[1500:1620, u - 20 : u + 20] = 255
+    path = saved(tmp_path / "plan.png", house)
+    code = (
+        "import resource, sys; from planfit.cli.main import run; "
+        f"code = run(['plan', {str(path)!r}, '-o', {str(tmp_path / 'read.png')!r}]); "
+        "peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss; "
+        "assert not code; assert peak < 800_000, peak"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
