@@ -17,6 +17,7 @@ from planfit.floorplan.vector.areas import (
     sort_fills,
 )
 from planfit.floorplan.vector.candidates import Candidates
+from planfit.floorplan.vector.closed_bodies import rest_of_bodies
 from planfit.floorplan.vector.closed_pieces import ClosedPieces, closed_pieces, joined
 from planfit.floorplan.vector.doors import OpenedDoors, find_door_swings, open_doors
 from planfit.floorplan.vector.double_lines import (
@@ -289,7 +290,7 @@ def _faces_of_all(
         is_clutter = solid_length > MAIN_SHARE * segments.lengths(paired.ends).sum()
         if is_clutter and not candidates.is_called_wall.any():
             paired = LineFaces.together([])
-        parts.append(paired)
+        parts += [paired, rest_of_bodies(candidates, paired, extent)]
     if rooms:
         gap = 0.0 if thickness is None else 2 * thickness.usual
         parts.append(_bare_edges(candidates, paired, gap))
