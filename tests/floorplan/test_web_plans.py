@@ -1,0 +1,68 @@
+"""Plans as web pages and home automation draw them: rooms as filled boxes on a page in a pale tint."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from planfit.floorplan import Floorplan, read_floorplan
+
+ROOMS = [(60, 60, 340, 280), (400, 60, 300, 280), (60, 340, 340, 200), (400, 340, 300, 200)]
+"""x, y, width, height: each ends where the next begins."""
+
+
+def svg(path: Path, *shapes: str, size: str = 'viewBox="0 0 800 600"') -> Path:
+    text = "\n".join(shapes)
+    path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{text}\n</svg>')
+    return path
+
+
+def box(x: float, y: float, width: float, height: float, **style: str) -> str:
+    words = " ".join(f'{key.replace("_", "-")}="{value}"' for key, value in style.items())
+    return f'<rect x="{x}" y="{y}" width="{width}" height="{height}" {words}/>'
+
+
+def drawn_share(plan: Floorplan, lines: list[tuple[float, float, float, float]]) -> float:
+    """Share of the length of lines x0, y0, x1, y1 of the file that faces lie on."""
+    truth = shapely.union_all([shapely.LineString([a[:2], a[2:]]) for a in lines])
+    faces = shapely.union_all(shapely.linestrings(plan.ends * (1.0, -1.0)))
+    return truth.intersection(faces.buffer(1.0)).length / truth.length
+
+
+WALLS = [
+    (60, 60, 700, 60), (700, 60, 700, 540), (700, 540, 60, 540), (60, 540, 60, 60),
+    (400, 60, 400, 540), (60, 340, 700, 340),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("page", ["#f5f5f0", "#e0e8ff"])
+@pytest.mark.parametrize("floors", [["#fff"] * 4, ["#fde", "#def", "#efd", "#fed"]])
+def test_the_page_is_no_room_and_rooms_that_touch_have_walls_between(
+    tmp_path: Path, page: str, floors: list[str]
+) -> None:
+    rooms = [
+        box(*room, fill=floor, stroke="#222", stroke_width="4")
+        for room, floor in zip(ROOMS, floors, strict=True)
+    ]
+    sofas = [box(x, 120, 90, 40, fill="#ccc", stroke="#999") for x in (120, 460)]
+    sofas += [box(x, 120, 90, 14, fill="#bbb", stroke="#999") for x in (120, 460)]
+    path = svg(tmp_path / "plan.svg", box(0, 0, 800, 600, fill=page), *rooms, *sofas)
+    plan = read_floorplan(path)
+    assert drawn_share(plan, WALLS) > 0.99
+    assert drawn_share(plan, [(0, 0, 800, 0), (0, 600, 0, 0)]) == 0.0
+    assert plan.lengths.sum() == pytest.approx(
+        sum(np.hypot(c - a, d - b) for a, b, c, d in WALLS), rel=0.01
+    )
+    assert any("rooms touch" in words for words in plan.source.warnings)
+
+
+def test_filled_furniture_makes_no_plan_of_rooms(tmp_path: Path) -> None:
+    """Walls as two lines; a kitchen's island of five fills stands in one of the rooms."""
+    walls = [box(60, 60, 640, 480, fill="none", stroke="#222")]
+    walls += [box(x, 72, 302, 456, fill="none", stroke="#222") for x in (72, 386)]
+    row = [box(140 + 30 * k, 250, 30, 40, fill=f"#ab{k}", stroke="#888") for k in range(5)]
+    plan = read_floorplan(svg(tmp_path / "plan.svg", *walls, *row))
+    alone = read_floorplan(svg(tmp_path / "alone.svg", *walls))
+    assert plan.lengths.sum() == pytest.approx(alone.lengths.sum(), rel=0.01)
+    assert drawn_share(plan, [(140, 290, 290, 290)]) == 0.0
