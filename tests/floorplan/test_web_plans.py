@@ -66,3 +66,42 @@ def test_filled_furniture_makes_no_plan_of_rooms(tmp_path: Path) -> None:
     alone = read_floorplan(svg(tmp_path / "alone.svg", *walls))
     assert plan.lengths.sum() == pytest.approx(alone.lengths.sum(), rel=0.01)
     assert drawn_share(plan, [(140, 290, 290, 290)]) == 0.0
+
+
+@pytest.mark.parametrize(("size", "metres"), [
+    ('width="8000mm" height="6000mm" viewBox="0 0 8000 6000"', 6.4),
+    ('width="315in" height="236.25in" viewBox="0 0 800 600"', 6.4008),
+    ('width="800mm" height="600mm" viewBox="0 0 800 600"', None),
+    ('width="8000" height="6000" viewBox="0 0 8000 6000"', None),
+])  # fmt: skip
+def test_a_page_larger_than_paper_tells_the_size_of_the_building(
+    tmp_path: Path, size: str, metres: float | None
+) -> None:
+    scale = 10 if "0 0 8000" in size else 1
+    rooms = [
+        box(*(scale * v for v in room), fill=fill)
+        for room, fill in zip(ROOMS, ("#fde", "#def", "#efd", "#fed"), strict=True)
+    ]
+    plan = read_floorplan(svg(tmp_path / "plan.svg", *rooms, size=size))
+    assert plan.is_metric == (metres is not None)
+    if metres is not None:
+        assert plan.size[0] == pytest.approx(metres, rel=1e-3)
+
+
+def line(x0: float, y0: float, x1: float, y1: float, colour: str, width: float) -> str:
+    return (
+        f'<line x1="{x0}" y1="{y0}" x2="{x1}" y2="{y1}" stroke="{colour}" stroke-width="{width}"/>'
+    )
+
+
+@pytest.mark.parametrize("is_dark", [False, True])
+def test_white_lines_over_walls_are_gaps_and_on_dark_ground_walls(
+    tmp_path: Path, is_dark: bool
+) -> None:
+    ink, paper = ("#fff", "#111") if is_dark else ("#111", "#fff")
+    walls = [line(*wall, ink, 6) for wall in WALLS]
+    door = line(400, 420, 400, 470, paper, 8)
+    page = [box(0, 0, 800, 600, fill=paper)] if is_dark else []
+    plan = read_floorplan(svg(tmp_path / "plan.svg", *page, *walls, door))
+    assert drawn_share(plan, WALLS[:4]) > 0.99
+    assert drawn_share(plan, [(400, 424, 400, 466)]) == (1.0 if is_dark else 0.0)
