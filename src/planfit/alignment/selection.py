@@ -149,8 +149,10 @@ def select_hypothesis(
     candidates = tuple(keep_distinct(hypotheses, walls, within, MAX_CANDIDATES))
     taken, is_as_recorded = _taken(walls, hypotheses, candidates, recorded, options)
     runner_up = best_elsewhere(hypotheses, taken, walls, within)
-    is_mirrored = mirrored is not None and mirrored.score > taken.score + max(
-        options.min_margin, 0.25 * (1.0 - taken.score)
+    # The best as drawn, whichever the user takes: a worse one is no sign of a mirror.
+    as_drawn = max(each.score for each in hypotheses)
+    is_mirrored = mirrored is not None and mirrored.score > as_drawn + max(
+        options.min_margin, 0.25 * (1.0 - as_drawn)
     )
     is_weak = taken.score < options.min_score
     margin = taken.score - (runner_up.score if runner_up else 0.0)
@@ -162,7 +164,7 @@ def select_hypothesis(
     if recorded is not None and options.candidate == 1 and not is_as_recorded:
         warnings.append(_not_as_recorded_words(taken, recorded, walls))
     if is_mirrored and mirrored is not None:
-        warnings.append(_mirrored_words(taken, mirrored, floorplan))
+        warnings.append(_mirrored_words(as_drawn, mirrored, floorplan))
     elif is_weak:
         bent = (_weak_words(taken, floorplan, options),)
         warnings.extend(bent)
@@ -254,13 +256,11 @@ def _not_as_recorded_words(
     )
 
 
-def _mirrored_words(
-    taken: AlignmentHypothesis, mirrored: AlignmentHypothesis, floorplan: Floorplan
-) -> str:
+def _mirrored_words(as_drawn: float, mirrored: AlignmentHypothesis, floorplan: Floorplan) -> str:
     flag = "without --mirror" if floorplan.source.is_mirrored else "with --mirror"
     return (
         f"the plan is mirrored: {mirrored.score:.0%} of the scanned wall fits it with left and "
-        f"right swapped, {taken.score:.0%} as drawn; run again {flag}"
+        f"right swapped, {as_drawn:.0%} as drawn; run again {flag}"
     )
 
 
