@@ -184,13 +184,19 @@ def test_a_mirrored_plan_is_said_to_be_one(office, scan, metres_per_unit):
 def test_a_worse_candidate_makes_no_plan_mirrored(office, scan, score, is_mirrored):
     """Left and right swapped is compared with the best as drawn, not with the second that is asked for."""
     best, other = align(scan, office, AlignOptions()).candidates[:2]
-    best, other = replace(best, score=0.9), replace(other, score=0.5)
+    best, other = replace(best, score=0.9), replace(other, score=0.499)
     found = select_hypothesis(
         scan, [best, other], None, replace(other, score=score), office, AlignOptions(candidate=2)
     )
     assert found.taken is other
     assert found.is_mirrored == is_mirrored
     assert any("mirrored" in words for words in found.warnings) == is_mirrored
+    if not is_mirrored:
+        assert found.warnings[0].startswith(
+            "another alignment fits the plan better (90% of the wall, 50%"
+        )
+        assert found.warnings[0].endswith("the one asked for was taken")
+        assert not any("of this building" in words for words in found.warnings)
 
 
 def test_a_plan_mirrored_for_nothing_is_said_to_be_one(office, scan):
