@@ -105,3 +105,28 @@ def test_white_lines_over_walls_are_gaps_and_on_dark_ground_walls(
     plan = read_floorplan(svg(tmp_path / "plan.svg", *page, *walls, door))
     assert drawn_share(plan, WALLS[:4]) > 0.99
     assert drawn_share(plan, [(400, 424, 400, 466)]) == (1.0 if is_dark else 0.0)
+
+
+def test_boxes_with_rounded_corners_have_straight_sides(tmp_path: Path) -> None:
+    rooms = [box(x, 72, 302, 456, fill="none", stroke="#222", rx="2") for x in (72, 386)]
+    outer = box(60, 60, 640, 480, fill="none", stroke="#222", rx="4")
+    plan = read_floorplan(svg(tmp_path / "plan.svg", outer, *rooms))
+    assert drawn_share(plan, [(70, 60, 690, 60), (700, 70, 700, 530), (72, 80, 72, 520)]) > 0.98
+
+
+def test_pale_patches_over_dark_fills_cut_them_and_furniture_cuts_no_floor(tmp_path: Path) -> None:
+    """Rooms laid over a dark slab, a door as a patch over the wall between; a table on one of the floors."""
+    rooms = [box(x, 72, 302, 456, fill="#fbfaf7") for x in (72, 386)]
+    door = box(370, 250, 20, 90, fill="#fbfaf7")
+    slab = box(60, 60, 640, 480, fill="#3b464d")
+    page = box(0, 0, 800, 600, fill="#fbfaf7")
+    plan = read_floorplan(svg(tmp_path / "plan.svg", page, slab, *rooms, door))
+    assert drawn_share(plan, [(72, 72, 374, 72), (374, 80, 374, 248), (386, 342, 386, 520)]) > 0.98
+    assert drawn_share(plan, [(374, 254, 374, 336), (386, 254, 386, 336)]) == 0.0
+    floors = [
+        box(*room, fill=fill)
+        for room, fill in zip(ROOMS, ("#fde", "#def", "#efd", "#fed"), strict=True)
+    ]
+    table = box(150, 150, 80, 60, fill="#f4f4f4")
+    plan = read_floorplan(svg(tmp_path / "floors.svg", *floors, table))
+    assert drawn_share(plan, [(150, 150, 230, 150)]) == 0.0

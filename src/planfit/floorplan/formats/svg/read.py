@@ -43,8 +43,8 @@ WIDEST_PAPER_M = 1.6
 """Rolls of plotters are up to 1.52 m wide: a page whose shorter side is longer is as large as the
 building."""
 _LENGTH = re.compile(r"\s*[-+.\deE]+\s*(?:mm|cm|in|pt|pc|Q)\s*")
-LIGHT, WHITE = 200, 245
-"""Of 255, of every colour: paper and floors; paper alone."""
+LIGHT, PAPER, WHITE = 200, 235, 245
+"""Of 255, of every colour: paper and floors; paper, tinted and white."""
 MOST_WHITE = 0.3
 """A share of lines in white above this is of a drawing on dark ground."""
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
@@ -185,7 +185,8 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
     except (ZeroDivisionError, ValueError, OverflowError):
         return  # an arc with a radius that is no number
     if _covers(shape):
-        builder.add_cover([points for points, _ in sub_paths])
+        is_paper = _lightness(shape.fill) >= PAPER
+        builder.add_cover([points for points, _ in sub_paths], is_paper)
     if hides_white and _is_drawn(shape.stroke) and _is_white(shape.stroke):
         # A door or window as a gap: a white line over the wall.
         width = float(shape.stroke_width or 1.0)
@@ -209,14 +210,16 @@ def _covers(shape: Shape) -> bool:
     if fill is None or not _is_drawn(fill) or _is_drawn(shape.stroke) or (fill.alpha or 0) < 255:
         return False
     is_opaque = str(values.get("opacity") or "1").strip() in ("1", "1.0", "100%")
-    light = min(int(fill.red or 0), int(fill.green or 0), int(fill.blue or 0))
-    return is_opaque and "mix-blend-mode" not in values and light >= LIGHT
+    return is_opaque and "mix-blend-mode" not in values and _lightness(fill) >= LIGHT
+
+
+def _lightness(paint) -> int:
+    return min(int(paint.red or 0), int(paint.green or 0), int(paint.blue or 0))
 
 
 def _is_white(paint) -> bool:
     """Whether a line of this paint is paper on paper."""
-    tones = (paint.red, paint.green, paint.blue)
-    return paint.alpha == 255 and min(int(tone or 0) for tone in tones) >= WHITE
+    return paint.alpha == 255 and _lightness(paint) >= WHITE
 
 
 def _is_drawn(paint) -> bool:
