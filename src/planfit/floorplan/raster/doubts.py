@@ -15,7 +15,7 @@ _LEAST_ALIGNED = 0.8
 walls have 0.90 and more (two real sites 0.97), a sketch by hand 0.72."""
 _CURVE_FACES, _CURVE_PX, _CURVE_DEG = 6, 2.0, 45.0
 """So many faces in a row that turn to one side, by 45 degrees at most each, with corners this near to one
-circle are a round wall: curves are traced to 1.6 px. The line of a shaking hand turns to and fro."""
+circle are a round wall: curves are traced to 1.6 px. The line of a shaking hand turns to both sides."""
 _CLOSED = 0.5
 """Of the ground within the walls, what is closed in: most of a section; of a round house whose gaps no
 straight face has, one room."""
