@@ -71,9 +71,7 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     drawing = builder.build(unit="paper")
     if _is_in_true_size(svg):
         metres = 0.0254 / PIXELS_PER_INCH
-        drawing = replace(
-            drawing, metres_per_unit=metres, unit="1/96 in, width and height of a building"
-        )
+        drawing = replace(drawing, metres_per_unit=metres, unit="1/96 in")
     not_followed = (
         f"{n_references} references to other files were not followed"
         if n_references > 1
@@ -190,7 +188,7 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
     if hides_white and _is_drawn(shape.stroke) and _is_white(shape.stroke):
         # A door or window as a gap: a white line over the wall.
         width = float(shape.stroke_width or 1.0)
-        for points, _ in sub_paths:
+        for points in (points for points, _ in sub_paths if np.isfinite(points).all()):
             gap = shapely.buffer(shapely.LineString(points), width, cap_style="flat")
             builder.add_cover([shapely.get_coordinates(r) for r in shapely.get_rings(gap)])
     elif _is_drawn(shape.stroke):
