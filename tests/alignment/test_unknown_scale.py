@@ -15,6 +15,7 @@ from planfit.alignment import (
     sample_walls,
 )
 from planfit.alignment.candidates import scale_range, scale_steps, wall_thickness
+from planfit.alignment.selection import select_hypothesis
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
@@ -177,6 +178,25 @@ def test_a_mirrored_plan_is_said_to_be_one(office, scan, metres_per_unit):
     assert any(words.startswith("the plan is mirrored: ") for words in found.warnings)
     assert any(words.endswith("run again with --mirror") for words in found.warnings)
     assert not align(scan, office, AlignOptions()).is_mirrored
+
+
+@pytest.mark.parametrize(("score", "is_mirrored"), [(0.85, False), (0.99, True)])
+def test_a_worse_candidate_makes_no_plan_mirrored(office, scan, score, is_mirrored):
+    """Left and right swapped is compared with the best as drawn, not with the second that is asked for."""
+    best, other = align(scan, office, AlignOptions()).candidates[:2]
+    best, other = replace(best, score=0.9), replace(other, score=0.499)
+    found = select_hypothesis(
+        scan, [best, other], None, replace(other, score=score), office, AlignOptions(candidate=2)
+    )
+    assert found.taken is other
+    assert found.is_mirrored == is_mirrored
+    assert any("mirrored" in words for words in found.warnings) == is_mirrored
+    if not is_mirrored:
+        assert found.warnings[0].startswith(
+            "another alignment fits the plan better (90% of the wall, 50%"
+        )
+        assert found.warnings[0].endswith("the one asked for was taken")
+        assert not any("of this building" in words for words in found.warnings)
 
 
 def test_a_plan_mirrored_for_nothing_is_said_to_be_one(office, scan):

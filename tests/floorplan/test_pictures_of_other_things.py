@@ -79,9 +79,22 @@ def section() -> np.ndarray:
     return image
 
 
-def sketch() -> np.ndarray:
+def round_house(gaps: int) -> np.ndarray:
+    """A ring of wall with doors and windows cut into it, and partitions without doors."""
+    image = paper(900, 900)
+    cv2.circle(image, (450, 450), 350, BLACK, 18, cv2.LINE_AA)
+    cv2.line(image, (450, 110), (450, 790), BLACK, 10)
+    cv2.line(image, (450, 450), (795, 450), BLACK, 10)
+    for angle in (0.6, 2.4, 4.0)[:gaps]:
+        along = np.array([np.cos(angle), np.sin(angle)])
+        ends = [tuple(np.round(450 + r * along).astype(int).tolist()) for r in (320, 380)]
+        cv2.line(image, *ends, (255, 255, 255), 50)
+    return image
+
+
+def sketch(seed: int = 6) -> np.ndarray:
     """Rooms as single pencil lines of a shaking hand, on grey paper."""
-    rng = np.random.default_rng(6)
+    rng = np.random.default_rng(seed)
     image = np.full((900, 1200, 3), 225, np.uint8)
     walls = [(150, 150, 1000, 150), (1000, 150, 1000, 750), (1000, 750, 150, 750),
              (150, 750, 150, 150), (550, 150, 550, 420), (550, 520, 550, 750),
@@ -117,6 +130,14 @@ def test_floorplans_raise_no_doubts(change: dict) -> None:
     building = make_building(BuildingOptions(n_rooms=4), rng)
     plan = read(draw_building(building, DrawingOptions(pixels_per_metre=45, **change), rng).image)
     assert plan.source.warnings == ()
+
+
+@pytest.mark.parametrize("gaps", [0, 3])
+def test_a_round_house_is_no_sketch_and_no_section(gaps: int) -> None:
+    """Straight faces have no gaps there, and few run along common directions."""
+    warnings = " ".join(read(round_house(gaps)).source.warnings)
+    assert "sketch" not in warnings
+    assert ("is it a section" in warnings) == (gaps == 0)
 
 
 def test_aligned_share_counts_two_pairs_of_directions() -> None:

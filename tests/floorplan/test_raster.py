@@ -1,6 +1,8 @@
 """Walls out of pictures: styles, clutter, options, and pictures that are no plans."""
 
 import os
+import subprocess
+import sys
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -273,6 +275,37 @@ def test_the_bar_of_a_title_is_no_storey() -> None:
         assert storey_of.max() + 1 == n_storeys
 
 
+@pytest.mark.parametrize(("darkness", "n_storeys"), [(0.2, 1), (0.05, 2)])
+def test_pale_lines_from_one_group_to_the_other_make_them_one_plan(
+    tmp_path: Path, darkness: float, n_storeys: int
+) -> None:
+    """Windows and doors of a shrunk picture are paler than lines; a tint of the paper is no line."""
+    image = np.full((500, 1000, 3), 255, np.uint8)
+    for u0, v0 in ((80, 80), (530, 50)):
+        cv2.rectangle(image, (u0, v0), (u0 + 390, v0 + 370), (0, 0, 0), 12)
+        cv2.line(image, (u0 + 200, v0), (u0 + 200, v0 + 370), (0, 0, 0), 12)
+        image[200:260, u0 + 190 : u0 + 212] = 255
+    for v in (120, 380):
+        image[v - 1 : v + 2, 477:524] = round(255 * (1 - darkness))
+    plan = read_floorplan(saved(tmp_path / "plan.png", image))
+    assert max(len(plan.source.storeys), 1) == n_storeys
+
+
+@pytest.mark.parametrize("way", [0, 1])
+@pytest.mark.parametrize("gap_px", [40, 110])
+def test_storeys_of_one_outline_in_line_are_several(tmp_path: Path, gap_px: int, way: int) -> None:
+    """The outer walls of both lie in one line, and the paper between them is as wide as a gate is."""
+    house = np.full((330, 400, 3), 255, np.uint8)
+    cv2.rectangle(house, (6, 6), (393, 323), (0, 0, 0), 12)
+    cv2.line(house, (150, 6), (150, 323), (0, 0, 0), 12)
+    for u, v, width, height in ((140, 130, 20, 60), (60, 0, 50, 13), (250, 0, 70, 13)):
+        house[v : v + height, u : u + width] = 255
+    paper = np.full((330, gap_px, 3) if way else (gap_px, 400, 3), 255, np.uint8)
+    sheet = np.concatenate([house, paper, house], axis=way)
+    sheet = cv2.copyMakeBorder(sheet, 30, 30, 30, 30, cv2.BORDER_CONSTANT, value=(255,) * 3)
+    assert len(read_floorplan(saved(tmp_path / "plan.png", sheet)).source.storeys) == 2
+
+
 def test_storeys_side_by_side(tmp_path: Path) -> None:
     one, other = drawn(3).image, drawn(4).image
     height = max(len(one), len(other))
@@ -449,3 +482,21 @@ def test_real_pictures_are_read_without_help(name: str) -> None:
 def test_a_real_photograph_is_refused() -> None:
     with pytest.raises(FloorplanError):
         read_floorplan(SHARED / "kitchen" / "frame-000000.color.jpg")
+
+
+@pytest.mark.slow
+def test_a_large_sheet_takes_little_memory(tmp_path: Path) -> None:
+    """7,351 x 4,206 px in 0.8 GB, libraries and the picture of what was read included."""
+    house = np.full((4206, 7351, 3), 255, np.uint8)
+    cv2.rectangle(house, (300, 300), (7050, 3900), (0, 0, 0), 33)
+    for u in range(1200, 6800, 900):
+        cv2.line(house, (u, 300), (u, 3900), (0, 0, 0), 12)
+        house[1500:1620, u - 20 : u + 20] = 255
+    path = saved(tmp_path / "plan.png", house)
+    code = (
+        "import resource, sys; from planfit.cli.main import run; "
+        f"code = run(['plan', {str(path)!r}, '-o', {str(tmp_path / 'read.png')!r}]); "
+        "peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss; "
+        "assert not code; assert peak < 800_000, peak"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

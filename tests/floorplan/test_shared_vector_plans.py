@@ -89,8 +89,7 @@ def test_walls_of_drawings_are_those_drawn_over_them_by_hand(truth):
         shapely.length(shapely.intersection(lines, shapely.buffer(others, near))) / lines.length
         for lines, others in ((drawn, found), (found, drawn))
     )
-    # Solid corners over a metre thick are no walls to the reader.
-    assert read > (0.85 if path.stem.startswith("ttimeless") else 0.95)
+    assert read > 0.95
     assert right > 0.95
 
 

@@ -15,6 +15,7 @@ from strange_pictures import strange_picture
     ("solid, scanned", 11, 32), ("solid, JPEG", 12, 45), ("solid, blueprint", 13, 45),
     ("solid, sepia", 14, 45), ("dimensioned, scanned", 15, 45), ("coloured rooms", 16, 32),
     ("coloured walls", 17, 110), ("hatched", 18, 60), ("grey, outlined, dark screen", 19, 60),
+    ("grey, outlined, dark screen", 52, 45),
     ("parquet", 20, 45), ("watermarked", 21, 45), ("gridded, JPEG", 22, 45), ("white walls", 23, 60),
     ("black and outlined, scanned", 31, 45), ("outlined and black", 32, 60), ("black and grey", 33, 45),
     ("grey and black", 31, 60), ("hatched and black, JPEG", 33, 60), ("hatched and outlined", 31, 45),

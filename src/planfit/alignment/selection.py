@@ -149,12 +149,15 @@ def select_hypothesis(
     candidates = tuple(keep_distinct(hypotheses, walls, within, MAX_CANDIDATES))
     taken, is_as_recorded = _taken(walls, hypotheses, candidates, recorded, options)
     runner_up = best_elsewhere(hypotheses, taken, walls, within)
-    is_mirrored = mirrored is not None and mirrored.score > taken.score + max(
-        options.min_margin, 0.25 * (1.0 - taken.score)
+    # The best as drawn, whichever the user takes: a worse one is no sign of a mirror.
+    as_drawn = max(each.score for each in hypotheses)
+    is_mirrored = mirrored is not None and mirrored.score > as_drawn + max(
+        options.min_margin, 0.25 * (1.0 - as_drawn)
     )
     is_weak = taken.score < options.min_score
     margin = taken.score - (runner_up.score if runner_up else 0.0)
     is_close = runner_up is not None and margin < options.min_margin
+    is_outdone = margin < -options.min_margin and options.candidate > 1
     is_ambiguous = is_close and not is_as_recorded and options.candidate == 1
     is_thin = _is_thin(taken.score, margin) and not is_as_recorded and options.candidate == 1
     warnings: list[str] = []
@@ -162,12 +165,15 @@ def select_hypothesis(
     if recorded is not None and options.candidate == 1 and not is_as_recorded:
         warnings.append(_not_as_recorded_words(taken, recorded, walls))
     if is_mirrored and mirrored is not None:
-        warnings.append(_mirrored_words(taken, mirrored, floorplan))
+        warnings.append(_mirrored_words(as_drawn, mirrored, floorplan))
     elif is_weak:
         bent = (_weak_words(taken, floorplan, options),)
-        warnings.extend(bent)
+        # That another place fits better says enough: the plan is that of the building.
+        warnings.extend(() if is_outdone and as_drawn >= options.min_score else bent)
     if runner_up is not None and is_close and not is_mirrored:
-        warnings.append(_close_words(taken, runner_up, walls, is_as_recorded, is_ambiguous))
+        warnings.append(
+            _close_words(taken, runner_up, walls, is_as_recorded, is_ambiguous, is_outdone)
+        )
     elif runner_up is not None and is_thin and not (is_mirrored or is_weak):
         warnings.append(_thin_words(taken, runner_up))
     open_words = _open_words(taken)
@@ -254,13 +260,11 @@ def _not_as_recorded_words(
     )
 
 
-def _mirrored_words(
-    taken: AlignmentHypothesis, mirrored: AlignmentHypothesis, floorplan: Floorplan
-) -> str:
+def _mirrored_words(as_drawn: float, mirrored: AlignmentHypothesis, floorplan: Floorplan) -> str:
     flag = "without --mirror" if floorplan.source.is_mirrored else "with --mirror"
     return (
         f"the plan is mirrored: {mirrored.score:.0%} of the scanned wall fits it with left and "
-        f"right swapped, {taken.score:.0%} as drawn; run again {flag}"
+        f"right swapped, {as_drawn:.0%} as drawn; run again {flag}"
     )
 
 
@@ -278,14 +282,21 @@ def _close_words(
     walls: WallSamples,
     is_as_recorded: bool,
     is_ambiguous: bool,
+    is_outdone: bool,
 ) -> str:
     scale = ""
     if abs(np.log(taken.metres_per_unit / other.metres_per_unit)) > 1e-9:
         scale = f", scales {taken.metres_per_unit:.4g} and {other.metres_per_unit:.4g} m a unit"
     translation_m, yaw_deg = apart(taken, other, walls)
+    where = f"{translation_m:.1f} m and {yaw_deg:.0f} deg apart{scale}"
+    if is_outdone:
+        return (
+            f"another alignment fits the plan better ({other.score:.0%} of the wall, {taken.score:.0%} "
+            f"here), {where}; the one asked for was taken"
+        )
     words = (
         f"two alignments fit the plan almost equally well ({taken.score:.0%} and {other.score:.0%} "
-        f"of the wall), {translation_m:.1f} m and {yaw_deg:.0f} deg apart{scale}"
+        f"of the wall), {where}"
     )
     if is_as_recorded:
         return f"{words}; the one that the scan's format records was taken"

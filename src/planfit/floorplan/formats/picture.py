@@ -4,6 +4,7 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 from PIL import Image, ImageOps, UnidentifiedImageError
@@ -129,10 +130,14 @@ def load_picture(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
                 if upright.mode in ("1", "P"):  # numbers of colours have no mean
                     upright = upright.convert("L" if upright.mode == "1" else "RGBA")
                 upright = upright.reduce(shrink)
-            rgba = upright.convert("RGBA")
-            page = Image.new("RGBA", rgba.size, "white")
-            page.alpha_composite(rgba)
-            rgb = np.asarray(page.convert("RGB"))
+            # Of large pictures each copy counts: four bytes a pixel.
+            if upright.has_transparency_data:
+                rgba = upright.convert("RGBA")
+                page = Image.new("RGB", rgba.size, "white")
+                page.paste(rgba, mask=rgba)
+            else:
+                page = upright.convert("RGB")
+            bgr = cv2.cvtColor(np.asarray(page), cv2.COLOR_RGB2BGR)
     except FloorplanError:
         raise
     except Image.DecompressionBombError as error:
@@ -145,7 +150,7 @@ def load_picture(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
             f"{path}: expected a picture (PNG, JPEG, TIFF), found a damaged or other file; "
             "open it in a viewer and save it again"
         ) from error
-    return np.ascontiguousarray(rgb[..., ::-1]), shrink
+    return np.asarray(bgr), shrink
 
 
 def load_wall_mask(path: Path, shape: tuple[int, ...], name: str) -> Bool[np.ndarray, "h w"]:

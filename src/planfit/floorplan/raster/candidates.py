@@ -18,7 +18,8 @@ INK = 0.5
 """Darkness from which a pixel is part of a black wall: half way, where the true edge runs."""
 LINE = 0.3
 """Darkness from which a pixel is part of a line; a thin line covers half of each of two pixels."""
-_TONE_WIDTH = 0.07
+_TONE_WIDTH, _DARKER = 0.07, 0.15
+"""Around a tone, darkness of the same; an outline is darker by more than this."""
 _FINE_PX = [3, 5, 7]
 _COARSE_SHARE = 1 / 100
 """Least thicknesses that are tried where those of the widths are all larger than this share of the drawing: a
@@ -173,10 +174,13 @@ def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> 
         ring = cv2.dilate(core, np.ones((3, 3), np.uint8)) - core
         beyond = cv2.dilate(core, np.ones((5, 5), np.uint8)) - core
         n_ring = max(int(ring.sum()), 1)
-        has_outline = float((darkness[beyond > 0] > tone + 0.15).sum()) / n_ring > 0.5
+        has_outline = float((darkness[beyond > 0] > tone + _DARKER).sum()) / n_ring > 0.5
         if has_outline:
-            mask = _inside_outlines(darkness, tone, fill, line_px)
-            result.append(Candidate("filled, outlined", mask, "stroke", LINE, line_px / 2, 3.0))
+            # Where the tone is as dark as a line, walls are strokes; their outlines are darker still.
+            strokes = (darkness > tone + _DARKER).astype(np.uint8)
+            stroke_px = min(line_px, find_line_work(strokes, max(int(extent / 14), 6)).line_px)
+            mask = _inside_outlines(darkness, tone, fill, stroke_px)
+            result.append(Candidate("filled, outlined", mask, "stroke", LINE, stroke_px / 2, 3.0))
         else:
             near = cv2.dilate(core, np.ones((3, 3), np.uint8))
             mask = ((darkness > tone / 2) & (near > 0)).astype(np.uint8)

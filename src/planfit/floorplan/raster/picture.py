@@ -117,7 +117,11 @@ def _over_paper(grey: UInt8[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     )
     paper = cv2.GaussianBlur(paper.astype(np.float32), (0, 0), reach / 4)
     paper = cv2.resize(paper, (w, h), interpolation=cv2.INTER_LINEAR)
-    return np.clip(1.0 - grey / np.maximum(paper, 20.0), 0.0, 1.0).astype(np.float32)
+    # In place: of a large sheet each copy takes a hundred megabytes.
+    darkness = np.maximum(paper, 20.0, out=paper)
+    np.divide(grey, darkness, out=darkness)
+    np.subtract(1.0, darkness, out=darkness)
+    return np.clip(darkness, 0.0, 1.0, out=darkness)
 
 
 def make_upright(darkness: Float[np.ndarray, "h w"]) -> Upright:

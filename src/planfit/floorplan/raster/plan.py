@@ -45,6 +45,9 @@ as large again are not shrunk: shrinking by a little blurs thin lines the most."
 TINY_SIDE_PX, MOST_ENLARGED = 600, 3
 """Smaller drawings are enlarged to twice this, or so many times: thicknesses of walls of 3 px and of lines
 differ by less than a pixel there, and no least thickness in pixels parts them."""
+FAINT_LINE = 0.5 * LINE
+"""Darkness of a line in a picture of half the size it was drawn for. What joins two groups of walls need not
+be dark: between two plans is blank paper."""
 _LEAST_WORDS = 4
 """Fewer rows of small marks may be anything: masks of sites have none, a villa without words three."""
 _LEAST_STRAIGHT = 0.35
@@ -242,7 +245,8 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
     faces = _together(parts)
     openings = find_openings(faces.ends, faces.normals, faces.thickness)
     small = _shrunk(upright.darkness, shrink)
-    storey_of = find_storeys(walls, interpretation.thickness_px, openings, small > LINE)
+    is_drawn = small > FAINT_LINE
+    storey_of = find_storeys(walls, interpretation.thickness_px, openings, is_drawn)
     inside = faces.ends.mean(axis=1) - 0.5 * faces.normals
     storey = storey_of[shapely.STRtree(walls).nearest(shapely.points(inside))]
     size = np.array(upright.darkness.shape[::-1]) / np.array(small.shape[::-1])

@@ -20,6 +20,9 @@ walls of a small picture are; large groups that they tie together are one. Two r
 _BAND, _WALLED = 0.15, 0.5
 """Else each has wall in the band along the strip between them, of this share of its width, over at least
 this share of the strip's length."""
+_AROUND, _CORNER = 1.5, 0.35
+"""Within so many thicknesses of the jamb of a door is its own wall, and of others less than this share of a
+square of the thickness; the paper between two plans in line has a corner at both ends."""
 
 
 def find_storeys(
@@ -33,14 +36,16 @@ def find_storeys(
     Args:
         walls: polygons.
         thickness_px: usual thickness of a wall.
-        openings: doors and windows; the walls on their two sides are of one storey.
+        openings: doors and windows, one on each face of the wall; the walls on their two sides are of one
+            storey.
         lines: everything drawn: storeys have a blank strip between them.
     """
     boxes = shapely.bounds(walls) + np.array([-1, -1, 1, 1]) * _APART * thickness_px
     group = np.arange(len(walls))
     if len(openings):
+        doors = openings[~_are_between_corners(openings, walls)]
         tree = shapely.STRtree(walls)
-        sides = tree.nearest(shapely.points(openings.reshape(-1, 2))).reshape(-1, 2)
+        sides = tree.nearest(shapely.points(doors.reshape(-1, 2))).reshape(-1, 2)
         for a, b in sides:
             group[group == group[b]] = group[a]
     while True:
@@ -65,6 +70,45 @@ def find_storeys(
     if scraps < _SCRAPS * length.sum():
         return storey
     return _tied(boxes, storey)
+
+
+def _are_between_corners(
+    openings: Float[np.ndarray, "k 2 2"], walls: Shaped[np.ndarray, " n"]
+) -> Bool[np.ndarray, " k"]:
+    """Whether the wall ends at another wall on both sides of the gap, which may be one between two plans."""
+    along = openings[:, 1] - openings[:, 0]
+    length = np.hypot(along[:, 0], along[:, 1])
+    middle = openings.mean(axis=1)
+    solid = shapely.union_all(walls)
+    shapely.prepare(solid)
+    result = np.zeros(len(openings), dtype=bool)
+    for i, direction in enumerate(along / length[:, None]):
+        left = np.array([-direction[1], direction[0]])
+        apart = middle - middle[i]
+        across = np.abs(apart @ left)
+        is_opposite = along @ direction < -0.99 * length
+        is_opposite &= (np.abs(apart @ direction) < 0.2 * length) & (across < 2 * length)
+        if not is_opposite.any():
+            continue
+        other = np.flatnonzero(is_opposite)[np.argmin(across[is_opposite])]
+        thick, half = across[other], 0.5 * float(apart[other] @ left) * left
+        axis = shapely.LineString(openings[i] + half)
+        free = shapely.get_parts(shapely.difference(axis, solid))
+        own = shapely.buffer(_longer(axis, 3 * thick), 0.6 * thick, cap_style="flat")
+        if len(free) == 0 or free[np.argmax(shapely.length(free))].length == 0:
+            continue
+        jambs = shapely.points(shapely.get_coordinates(free[np.argmax(shapely.length(free))]))
+        around = shapely.difference(shapely.buffer(jambs, _AROUND * thick), own)
+        others = shapely.area(shapely.intersection(around, solid))
+        result[i] = others.min() > _CORNER * thick**2
+    return result
+
+
+def _longer(line: shapely.LineString, by: float) -> shapely.LineString:
+    """A segment that reaches further at both ends."""
+    a, b = shapely.get_coordinates(line)
+    step = by * (b - a) / np.hypot(*(b - a))
+    return shapely.LineString([a - step, b + step])
 
 
 def _tied(boxes: Float[np.ndarray, "n 4"], storey: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:

@@ -13,8 +13,12 @@ from shapely.geometry.polygon import orient
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.vector.drawing import Fill
 from planfit.floorplan.vector.layer_names import Role
-from planfit.floorplan.vector.line_work import cut_out
+from planfit.floorplan.vector.line_work import cut_out, outlines
 from planfit.geometry import segments
+
+ROOMS_COVER, ROOMS_REACH = 0.3, 0.1
+"""Rooms cover this share of the ground that they enclose, and enclose this share of that of the whole
+drawing: filled pieces of furniture do not, or are a kitchen. Floors of real drawings cover 0.6 to 0.9."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +29,10 @@ class Areas:
     rooms: list[BaseGeometry]
 
 
-def sort_fills(fills: tuple[Fill, ...], roles: list[Role], extent: float) -> Areas:
-    """Sort fills by what their colour and shape say; white ones and specks say nothing.
+def sort_fills(
+    fills: tuple[Fill, ...], roles: list[Role], extent: float, is_paper_white: bool = True
+) -> Areas:
+    """Sort fills by what their colour and shape say; specks say nothing, nor do white ones on white paper.
 
     Fills of one layer and colour mean one thing. Walls are dark or grey (or on a layer of that name),
     slim, and cover little of the ground they enclose. Rooms are wide and cover most of it.
@@ -34,8 +40,8 @@ def sort_fills(fills: tuple[Fill, ...], roles: list[Role], extent: float) -> Are
     groups: dict[object, list[BaseGeometry]] = {}
     for fill in fills:
         role = roles[fill.layer]
-        is_white = fill.colour is not None and min(fill.colour) > 245
-        if role in (Role.NO_WALL, Role.OPENING) or (is_white and role != Role.WALL):
+        is_blank = is_paper_white and _is_white(fill.colour)
+        if role in (Role.NO_WALL, Role.OPENING) or (is_blank and role != Role.WALL):
             continue
         groups.setdefault((fill.layer, fill.colour), []).append(fill.polygon)
     walls: list[BaseGeometry] = []
@@ -44,7 +50,8 @@ def sort_fills(fills: tuple[Fill, ...], roles: list[Role], extent: float) -> Are
         layer, colour = key  # type: ignore[misc]
         # As one area: a wall is often filled piece by piece, triangle by triangle.
         area = shapely.union_all([p.buffer(1e-6 * extent, join_style="mitre") for p in polygons])
-        parts = shapely.get_parts(area)
+        # Rooms of one colour that touch are one, unless white is what they all are on a tinted page.
+        parts = shapely.get_parts(np.array(polygons) if _is_white(colour) else area)
         sizes = shapely.area(parts)
         perimeters = np.array([_outline_length(p) for p in parts])
         parts = parts[sizes > (1e-3 * extent) ** 2]
@@ -74,15 +81,51 @@ def _outline_length(polygon: BaseGeometry) -> float:
     return float(shapely.length(polygon))
 
 
+def _is_white(colour: tuple[int, int, int] | None) -> bool:
+    return colour is not None and min(colour) > 245
+
+
 def _is_dark(colour: tuple[int, int, int] | None) -> bool:
     """Black to light grey, or unknown: colours are for rooms."""
     return colour is None or (max(colour) - min(colour) < 40 and max(colour) < 230)
 
 
-def main_rooms(rooms: list[BaseGeometry], extent: float) -> list[BaseGeometry]:
+def without_paper(
+    fills: tuple[Fill, ...], ends: Float[np.ndarray, "n 2 2"], extent: float
+) -> tuple[tuple[Fill, ...], bool]:
+    """Fills but for rectangles in which all else lies and along whose edge nothing is drawn, as a page in a
+    pale colour is no room; and whether the paper is white.
+
+    Args:
+        fills: of a drawing.
+        ends: of its lines.
+        extent: of the drawing.
+    """
+    if len(fills) < 2 or len(ends) == 0:
+        return fills, True
+    lines = shapely.MultiLineString(list(ends))
+    boxes = shapely.bounds(np.array([fill.polygon for fill in fills], dtype=object))
+    low = np.minimum(boxes[:, :2].min(axis=0), ends.min(axis=(0, 1)))
+    high = np.maximum(boxes[:, 2:].max(axis=0), ends.max(axis=(0, 1)))
+    whole, tolerance = shapely.box(*low, *high), 1e-3 * extent
+    is_all = np.abs(boxes - np.concatenate([low, high])).max(axis=1) < tolerance
+    is_all &= [fill.polygon.area > 0.99 * whole.area for fill in fills]
+    if not is_all.any() or shapely.dwithin(whole.exterior, lines, tolerance):
+        return fills, True
+    kept = tuple(fill for fill, is_paper in zip(fills, is_all, strict=True) if not is_paper)
+    return kept, _is_white(fills[np.flatnonzero(is_all)[-1]].colour)
+
+
+def main_rooms(rooms: list[BaseGeometry], extent: float, drawn: BaseGeometry) -> list[BaseGeometry]:
     """Rooms of the largest group of near neighbours, each once: the samples of a legend stand apart.
 
-    None where there are fewer than three: one or two filled areas are no plan of rooms.
+    None where there are fewer than three, or they cover little: one or two filled areas and furniture are no
+    plan of rooms.
+
+    Args:
+        rooms: filled or hatched areas.
+        extent: of the drawing.
+        drawn: convex hull of its lines and areas.
     """
     if len(rooms) < 3:
         return []
@@ -93,7 +136,10 @@ def main_rooms(rooms: list[BaseGeometry], extent: float) -> list[BaseGeometry]:
     count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
     size = np.bincount(group, shapely.area(np.array(rooms)), minlength=count)
     chosen = [room for room, g in zip(rooms, group, strict=True) if g == size.argmax()]
-    return chosen if len(chosen) >= 3 else []
+    enclosed = shapely.convex_hull(shapely.GeometryCollection(chosen)).area
+    covered = shapely.union_all(chosen).area
+    is_plan = covered > ROOMS_COVER * enclosed and enclosed > ROOMS_REACH * drawn.area
+    return chosen if len(chosen) >= 3 and is_plan else []
 
 
 def _each_once(rooms: list[BaseGeometry]) -> list[BaseGeometry]:
@@ -182,6 +228,24 @@ def edges_of_rooms(
             outline += float(segments.lengths(ends).sum())
     bounding = np.concatenate([*edges, np.zeros((0, 2, 2))])
     return bounding, (outline - float(segments.lengths(bounding).sum())) / 2
+
+
+def edges_between_rooms(rooms: list[BaseGeometry], tolerance: float) -> Float[np.ndarray, "n 2 2"]:
+    """Edges where two rooms meet without a wall between them, within `tolerance`, each once; not those of
+    what lies in a room."""
+    parts = np.array([p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
+                      if p.geom_type == "Polygon" and not p.is_empty])  # fmt: skip
+    inner, outer = shapely.STRtree(shapely.buffer(parts, tolerance)).query(parts, "within")
+    parts = np.delete(
+        parts, inner[(inner != outer) & (shapely.area(parts)[inner] < shapely.area(parts)[outer])]
+    )
+    one, other = shapely.STRtree(parts).query(parts, "dwithin", tolerance)
+    one, other = one[one < other], other[one < other]
+    rings = shapely.boundary(parts)
+    near = shapely.buffer(rings[other], tolerance)
+    found = list(shapely.intersection(rings[one], near))
+    ends = outlines(found)
+    return ends[segments.lengths(ends) > 3 * tolerance]
 
 
 def outside_rooms(

@@ -11,6 +11,9 @@ from planfit.floorplan.vector.drawing import ABSURD, Lines, VectorDrawing
 from planfit.floorplan.vector.line_work import usual_extent
 from planfit.geometry import segments
 
+MOST_ALIKE = 4.0
+"""A segment of a curve is at most so many times as long as the longer one of its neighbours."""
+
 
 def cleaned(drawing: VectorDrawing) -> tuple[VectorDrawing, tuple[str, ...]]:
     """The drawing without lines that no plan has, and a sentence on each kind left out."""
@@ -101,10 +104,12 @@ def curve_segments(lines: Lines) -> Bool[np.ndarray, " n"]:
         0.0,
     )
     before, after = np.concatenate([[0.0], side]), np.concatenate([side, [0.0]])
-    is_curved = before * after > 0
+    # The side of a box with rounded corners turns at both ends too, and is far longer than the rest.
+    beside = np.maximum(np.append(length[1:], 0.0), np.append(0.0, length[:-1]))
+    is_curved = (before * after > 0) & (length < MOST_ALIKE * beside)
     follows = (before != 0) & np.concatenate([[False], is_curved[:-1]])
     leads = (after != 0) & np.concatenate([is_curved[1:], [False]])
-    return is_curved | follows | leads
+    return is_curved | ((follows | leads) & (length < MOST_ALIKE * beside))
 
 
 def _count(n: int, noun: str) -> str:

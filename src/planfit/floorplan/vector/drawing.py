@@ -10,6 +10,8 @@ from shapely.geometry.base import BaseGeometry
 ABSURD = 1e9
 """No national grid reaches this far, in any unit: such coordinates are faults of the file."""
 
+DARK = 180
+"""Of 255, of every colour: walls that are filled are darker, floors are not."""
 EDGE = 1e-3
 """Of the drawing's size: lines this near to the edge of an area that covers what is under it show."""
 
@@ -125,12 +127,15 @@ class DrawingBuilder:
         if area.area > 0:
             self.fills.append(Fill(area, self.layer(layer), colour))
 
-    def add_cover(self, rings: list[Float[np.ndarray, "_ 2"]]) -> None:
-        """An opaque area: of the lines that were added before, nothing shows in it. Doors are drawn so, as
-        patches of the floor's colour over the wall."""
+    def add_cover(self, rings: list[Float[np.ndarray, "_ 2"]], is_paper: bool = False) -> None:
+        """An opaque area: of the lines that were added before, nothing shows in it; of dark fills neither,
+        where it is as pale as paper. Doors are drawn so, as patches of the floor's colour over the wall, and
+        rooms over a dark slab."""
         area = self._area(rings)
         if area.area > 0:
             self._covers.append((len(self._ends), area))
+        if area.area > 0 and is_paper:
+            self.fills = [_without(fill, area) for fill in self.fills]
 
     def _area(self, rings: list[Float[np.ndarray, "_ 2"]]) -> BaseGeometry:
         """What shows of the area inside an odd number of rings."""
@@ -154,6 +159,13 @@ class DrawingBuilder:
             _uncovered(_clipped(lines, self._clips), self._covers), tuple(self.fills),
             tuple(self.texts), tuple(self._layers), metres_per_unit, unit, hidden_layers,
         )  # fmt: skip
+
+
+def _without(fill: Fill, area: BaseGeometry) -> Fill:
+    """What shows of a fill under an area as pale as paper: all of a floor, on which that is furniture."""
+    if fill.colour is None or max(fill.colour) >= DARK or not fill.polygon.intersects(area):
+        return fill
+    return replace(fill, polygon=shapely.difference(fill.polygon, area))
 
 
 def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:

@@ -10,13 +10,13 @@ from shapely.geometry.base import BaseGeometry
 from planfit.floorplan.faces import line_strings, weighted_median
 from planfit.floorplan.near_lines import check_crossings, groups_within
 from planfit.floorplan.vector.areas import (
-    edges_of_rooms,
     hatched_areas,
     main_rooms,
-    outside_rooms,
     sort_fills,
+    without_paper,
 )
 from planfit.floorplan.vector.candidates import Candidates
+from planfit.floorplan.vector.closed_bodies import rest_of_bodies
 from planfit.floorplan.vector.closed_pieces import ClosedPieces, closed_pieces, joined
 from planfit.floorplan.vector.doors import OpenedDoors, find_door_swings, open_doors
 from planfit.floorplan.vector.double_lines import (
@@ -31,6 +31,12 @@ from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
 from planfit.floorplan.vector.regions import faces_of_regions
+from planfit.floorplan.vector.room_edges import (
+    TOUCHING,
+    around_rooms,
+    bare_edges,
+    walls_between_rooms,
+)
 from planfit.floorplan.vector.single_lines import body_of_faces, single_lines
 from planfit.geometry import segments
 
@@ -210,7 +216,8 @@ def _solids_and_rooms(
     extent: float,
 ) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
     """Filled and hatched areas: solid walls, and floors of rooms."""
-    areas = sort_fills(drawing.fills, roles, extent)
+    fills, is_paper_white = without_paper(drawing.fills, drawing.lines.ends, extent)
+    areas = sort_fills(fills, roles, extent, is_paper_white)
     walls, rooms = areas.walls, areas.rooms
     hatched = hatched_areas(lines.ends, lines.path, is_row, extent)
     slim = [area for area in hatched if _is_slim(area)]
@@ -219,7 +226,8 @@ def _solids_and_rooms(
         rooms = [*rooms, *hatched]
     else:
         walls = [*walls, *slim]
-    return walls, main_rooms(rooms, extent)
+    drawn = [*line_strings(lines.ends), *(fill.polygon for fill in fills)]
+    return walls, main_rooms(rooms, extent, shapely.convex_hull(shapely.GeometryCollection(drawn)))
 
 
 def _have_form_of_faces(
@@ -275,7 +283,7 @@ def _faces_of_all(
     solid_length = sum(float(segments.lengths(part.ends).sum()) for part in parts)
     shared_edges = 0.0
     if rooms:
-        candidates, shared_edges = _around_rooms(candidates, rooms, extent)
+        candidates, shared_edges = around_rooms(candidates, rooms, extent)
     thickness = None
     if len(candidates):
         thickness = estimate_thickness(candidates.ends, metres_per_unit, extent)
@@ -289,11 +297,15 @@ def _faces_of_all(
         is_clutter = solid_length > MAIN_SHARE * segments.lengths(paired.ends).sum()
         if is_clutter and not candidates.is_called_wall.any():
             paired = LineFaces.together([])
-        parts.append(paired)
+        parts += [paired, rest_of_bodies(candidates, paired, extent)]
     if rooms:
         gap = 0.0 if thickness is None else 2 * thickness.usual
-        parts.append(_bare_edges(candidates, paired, gap))
+        parts.append(bare_edges(candidates, paired, gap))
     is_taken = LineFaces.together(parts)
+    between = walls_between_rooms(candidates, rooms, shared_edges, extent)
+    if len(between.ends):
+        parts, shared_edges = [*parts, between], 0.0
+        return _Found(parts, candidates, (TOUCHING,), shared_edges)
     single = single_lines(candidates, is_taken, extent)
     if len(single.ends) == 0:
         return _Found(parts, candidates, (), shared_edges)
@@ -302,23 +314,6 @@ def _faces_of_all(
     few = "" if share > 0.995 else f" ({share:.0%} of the length of faces)"
     warning = f"walls are drawn as single lines{few}: which side of them is free is unknown"
     return _Found([*parts, single], candidates, (warning,), shared_edges)
-
-
-def _around_rooms(
-    candidates: Candidates, rooms: list[BaseGeometry], extent: float
-) -> tuple[Candidates, float]:
-    """Lines outside rooms, and the edges of these, which look into their room on the left; and the length of
-    the edges that two rooms share."""
-    outside = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
-    edges, shared_edges = edges_of_rooms(rooms, 4e-4 * extent)
-    n = len(edges)
-    together = Candidates(
-        np.concatenate([outside.ends, edges]),
-        np.concatenate([outside.is_called_wall, np.ones(n, dtype=bool)]),
-        np.concatenate([outside.layer, np.full(n, -1)]),
-        np.concatenate([outside.free_side, np.ones(n, dtype=int)]),
-    )
-    return together, shared_edges
 
 
 def _extent(drawing: VectorDrawing, role: Int[np.ndarray, " n"]) -> float:
@@ -348,27 +343,6 @@ def _faces_of_column(column: BaseGeometry) -> LineFaces:
     return LineFaces(
         faces.ends, faces.normals, np.ones(n, dtype=bool), faces.thickness, np.full(n, -1)
     )
-
-
-def _bare_edges(candidates: Candidates, paired: LineFaces, least: float) -> LineFaces:
-    """Edges of rooms, or parts of them longer than `least`, with nothing beside them: glazed fronts, the
-    outside of a building drawn without thickness. A room ends there, whatever the wall is drawn like."""
-    along, length = segments.directions(candidates.ends), segments.lengths(candidates.ends)
-    ends, at = [], []
-    for i in np.flatnonzero(candidates.free_side != 0):
-        taken = np.sort((paired.ends[paired.line == i] - candidates.ends[i, 0]) @ along[i], axis=1)
-        taken = taken[np.argsort(taken[:, 0])]
-        # From the end of each face, and of all before it, to the begin of the next.
-        low = np.maximum.accumulate(np.concatenate([[0.0], taken[:, 1]]))
-        high = np.concatenate([taken[:, 0], length[i : i + 1]])
-        bare = high - low > (least if len(taken) else 0.0)
-        ends.append(candidates.ends[i, 0] + np.stack([low, high], axis=1)[bare, :, None] * along[i])
-        at.append(np.full(bare.sum(), i))
-    line = np.concatenate([*at, np.zeros(0, dtype=int)])
-    parts = np.concatenate([*ends, np.zeros((0, 2, 2))])
-    normals = segments.left_normals(parts) * candidates.free_side[line, None]
-    n = len(line)
-    return LineFaces(parts, normals, np.ones(n, dtype=bool), np.full(n, np.nan), line)
 
 
 def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, Float[np.ndarray, "a 2 2"]]:

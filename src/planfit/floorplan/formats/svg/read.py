@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,8 +39,14 @@ from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
 
 PIXELS_PER_INCH = 96.0
-LIGHT = 200
-"""Of 255, of every colour: paper and floors."""
+WIDEST_PAPER_M = 1.6
+"""Rolls of plotters are up to 1.52 m wide: a page whose shorter side is longer is as large as the
+building."""
+_LENGTH = re.compile(r"\s*[-+.\deE]+\s*(?:mm|cm|in|pt|pc|Q)\s*")
+LIGHT, PAPER, WHITE = 200, 235, 245
+"""Of 255, of every colour: paper and floors; paper, tinted and white."""
+MOST_WHITE = 0.3
+"""A share of lines in white above this is of a drawing on dark ground."""
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _URL = re.compile(r"url\(\s*['\"]?#([^)'\"]+)['\"]?\s*\)")
 
@@ -48,7 +55,8 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     """Wall faces of an SVG; the file's coordinates are CSS pixels (96 an inch) of the picture, y down.
 
     Sizes in an SVG are those of the paper, so that the scale of the building is unknown unless the
-    options or dimension texts tell.
+    options or dimension texts tell, or the page has a width and height in millimetres or inches that no paper
+    has.
 
     Raises:
         FloorplanError: the file is no SVG, declares entities, or shows no walls.
@@ -56,8 +64,14 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     data, n_references = load_safely(path)
     svg = _parsed(data, path)
     builder = DrawingBuilder()
-    _add_group(builder, svg, svg, "", None)
+    strokes = [shape.stroke for shape in svg.elements() if isinstance(shape, Shape)]
+    is_white = [_is_white(stroke) for stroke in strokes if _is_drawn(stroke)]
+    hides_white = sum(is_white) <= MOST_WHITE * len(is_white)
+    _add_group(builder, svg, svg, "", None, hides_white)
     drawing = builder.build(unit="paper")
+    if _is_in_true_size(svg):
+        metres = 0.0254 / PIXELS_PER_INCH
+        drawing = replace(drawing, metres_per_unit=metres, unit="1/96 in")
     not_followed = (
         f"{n_references} references to other files were not followed"
         if n_references > 1
@@ -81,6 +95,15 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     return floorplan.with_warning(not_followed) if n_references else floorplan
 
 
+def _is_in_true_size(svg: SVG) -> bool:
+    """Whether the page is given in units of length, and larger than any paper."""
+    own = (svg.values or {}).get("attributes") or {}
+    if not all(_LENGTH.fullmatch(str(own.get(name, ""))) for name in ("width", "height")):
+        return False
+    side_px = min(float(str(svg.width)), float(str(svg.height)))
+    return side_px * 0.0254 / PIXELS_PER_INCH > WIDEST_PAPER_M
+
+
 def _parsed(data: bytes, path: Path) -> SVG:
     data = with_flat_transforms(with_symbols_apart(data))
     try:
@@ -96,20 +119,26 @@ def _parsed(data: bytes, path: Path) -> SVG:
 
 
 def _add_group(
-    builder: DrawingBuilder, svg: SVG, group: Group | Use, layer: str, clip: BaseGeometry | None
+    builder: DrawingBuilder,
+    svg: SVG,
+    group: Group | Use,
+    layer: str,
+    clip: BaseGeometry | None,
+    hides_white: bool,
 ) -> None:
-    """Shapes of a group and those within; `layer` is the innermost name given by a person."""
+    """Shapes of a group and those within; `layer` is the innermost name given by a person, `hides_white`
+    whether white lines hide what is under them."""
     own = (group.values or {}).get("attributes") or {}
     layer = own.get(_LABEL) or _telling_id(own.get("id", "")) or layer
     clip = _narrowed(svg, group, clip)
     for element in group:
         if isinstance(element, Group | Use):
-            _add_group(builder, svg, element, layer, clip)
+            _add_group(builder, svg, element, layer, clip, hides_white)
         elif element.values.get("visibility") in ("hidden", "collapse"):
             continue
         elif isinstance(element, Shape):
             builder.clip = _narrowed(svg, element, clip)
-            _add_shape(builder, element, layer)
+            _add_shape(builder, element, layer, hides_white)
         elif isinstance(element, SvgText):
             _add_text(builder, element, layer)
 
@@ -148,14 +177,21 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
     return None if area.is_empty else area
 
 
-def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str) -> None:
+def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: bool) -> None:
     try:
         sub_paths = _sub_paths(SvgPath(shape))
     except (ZeroDivisionError, ValueError, OverflowError):
         return  # an arc with a radius that is no number
     if _covers(shape):
-        builder.add_cover([points for points, _ in sub_paths])
-    if _is_drawn(shape.stroke):
+        is_paper = _lightness(shape.fill) >= PAPER
+        builder.add_cover([points for points, _ in sub_paths], is_paper)
+    if hides_white and _is_drawn(shape.stroke) and _is_white(shape.stroke):
+        # A door or window as a gap: a white line over the wall.
+        width = float(shape.stroke_width or 1.0)
+        for points in (points for points, _ in sub_paths if np.isfinite(points).all()):
+            gap = shapely.buffer(shapely.LineString(points), width, cap_style="flat")
+            builder.add_cover([shapely.get_coordinates(r) for r in shapely.get_rings(gap)])
+    elif _is_drawn(shape.stroke):
         style = (str(shape.stroke), round(float(shape.stroke_width or 1.0), 3))
         for points, is_curved in sub_paths:
             builder.add_polyline(points, is_curved, layer, style)
@@ -172,8 +208,16 @@ def _covers(shape: Shape) -> bool:
     if fill is None or not _is_drawn(fill) or _is_drawn(shape.stroke) or (fill.alpha or 0) < 255:
         return False
     is_opaque = str(values.get("opacity") or "1").strip() in ("1", "1.0", "100%")
-    light = min(int(fill.red or 0), int(fill.green or 0), int(fill.blue or 0))
-    return is_opaque and "mix-blend-mode" not in values and light >= LIGHT
+    return is_opaque and "mix-blend-mode" not in values and _lightness(fill) >= LIGHT
+
+
+def _lightness(paint) -> int:
+    return min(int(paint.red or 0), int(paint.green or 0), int(paint.blue or 0))
+
+
+def _is_white(paint) -> bool:
+    """Whether a line of this paint is paper on paper."""
+    return paint.alpha == 255 and _lightness(paint) >= WHITE
 
 
 def _is_drawn(paint) -> bool:

@@ -1,0 +1,73 @@
+"""The edges of filled rooms as faces of the walls between them."""
+
+import numpy as np
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.vector.areas import edges_between_rooms, edges_of_rooms, outside_rooms
+from planfit.floorplan.vector.candidates import Candidates
+from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.geometry import segments
+
+TOUCHING_SHARE = 0.3
+"""Where rooms meet without a wall along more of their outline, walls are drawn so: 0.47 and more of two plans
+of web pages, 0.04 of a university's floors, where a corridor goes on into a hall."""
+TOUCHING = (
+    "rooms touch: where two of them meet is taken for a wall without thickness, closed but for doors that "
+    "are drawn as swings or gaps"
+)
+
+
+def around_rooms(
+    candidates: Candidates, rooms: list[BaseGeometry], extent: float
+) -> tuple[Candidates, float]:
+    """Lines outside rooms, and the edges of these, which look into their room on the left; and the length of
+    the edges that two rooms share."""
+    outside = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
+    edges, shared_edges = edges_of_rooms(rooms, 4e-4 * extent)
+    n = len(edges)
+    together = Candidates(
+        np.concatenate([outside.ends, edges]),
+        np.concatenate([outside.is_called_wall, np.ones(n, dtype=bool)]),
+        np.concatenate([outside.layer, np.full(n, -1)]),
+        np.concatenate([outside.free_side, np.ones(n, dtype=int)]),
+    )
+    return together, shared_edges
+
+
+def walls_between_rooms(
+    candidates: Candidates, rooms: list[BaseGeometry], shared_edges: float, extent: float
+) -> LineFaces:
+    """Where two rooms meet, in a drawing whose walls have no thickness; in others a room goes on there."""
+    own = segments.lengths(candidates.ends)[candidates.free_side != 0].sum()
+    if 2 * shared_edges <= TOUCHING_SHARE * (own + 2 * shared_edges):
+        return LineFaces.together([])
+    ends = edges_between_rooms(rooms, 4e-4 * extent)
+    n = len(ends)
+    return LineFaces(
+        ends,
+        segments.left_normals(ends),
+        np.zeros(n, dtype=bool),
+        np.full(n, np.nan),
+        np.full(n, -1),
+    )
+
+
+def bare_edges(candidates: Candidates, paired: LineFaces, least: float) -> LineFaces:
+    """Edges of rooms, or parts of them longer than `least`, with nothing beside them: glazed fronts, the
+    outside of a building drawn without thickness. A room ends there, whatever the wall is drawn like."""
+    along, length = segments.directions(candidates.ends), segments.lengths(candidates.ends)
+    ends, at = [], []
+    for i in np.flatnonzero(candidates.free_side != 0):
+        taken = np.sort((paired.ends[paired.line == i] - candidates.ends[i, 0]) @ along[i], axis=1)
+        taken = taken[np.argsort(taken[:, 0])]
+        # From the end of each face, and of all before it, to the begin of the next.
+        low = np.maximum.accumulate(np.concatenate([[0.0], taken[:, 1]]))
+        high = np.concatenate([taken[:, 0], length[i : i + 1]])
+        bare = high - low > (least if len(taken) else 0.0)
+        ends.append(candidates.ends[i, 0] + np.stack([low, high], axis=1)[bare, :, None] * along[i])
+        at.append(np.full(bare.sum(), i))
+    line = np.concatenate([*at, np.zeros(0, dtype=int)])
+    parts = np.concatenate([*ends, np.zeros((0, 2, 2))])
+    normals = segments.left_normals(parts) * candidates.free_side[line, None]
+    n = len(line)
+    return LineFaces(parts, normals, np.ones(n, dtype=bool), np.full(n, np.nan), line)

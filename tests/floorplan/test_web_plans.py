@@ -1,0 +1,132 @@
+"""Plans as web pages and home automation draw them: rooms as filled boxes on a page in a pale tint."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from planfit.floorplan import Floorplan, read_floorplan
+
+ROOMS = [(60, 60, 340, 280), (400, 60, 300, 280), (60, 340, 340, 200), (400, 340, 300, 200)]
+"""x, y, width, height: each ends where the next begins."""
+
+
+def svg(path: Path, *shapes: str, size: str = 'viewBox="0 0 800 600"') -> Path:
+    text = "\n".join(shapes)
+    path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{text}\n</svg>')
+    return path
+
+
+def box(x: float, y: float, width: float, height: float, **style: str) -> str:
+    words = " ".join(f'{key.replace("_", "-")}="{value}"' for key, value in style.items())
+    return f'<rect x="{x}" y="{y}" width="{width}" height="{height}" {words}/>'
+
+
+def drawn_share(plan: Floorplan, lines: list[tuple[float, float, float, float]]) -> float:
+    """Share of the length of lines x0, y0, x1, y1 of the file that faces lie on."""
+    truth = shapely.union_all([shapely.LineString([a[:2], a[2:]]) for a in lines])
+    faces = shapely.union_all(shapely.linestrings(plan.ends * (1.0, -1.0)))
+    return truth.intersection(faces.buffer(1.0)).length / truth.length
+
+
+WALLS = [
+    (60, 60, 700, 60), (700, 60, 700, 540), (700, 540, 60, 540), (60, 540, 60, 60),
+    (400, 60, 400, 540), (60, 340, 700, 340),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("page", ["#f5f5f0", "#e0e8ff"])
+@pytest.mark.parametrize("floors", [["#fff"] * 4, ["#fde", "#def", "#efd", "#fed"]])
+def test_the_page_is_no_room_and_rooms_that_touch_have_walls_between(
+    tmp_path: Path, page: str, floors: list[str]
+) -> None:
+    rooms = [
+        box(*room, fill=floor, stroke="#222", stroke_width="4")
+        for room, floor in zip(ROOMS, floors, strict=True)
+    ]
+    sofas = [box(x, 120, 90, 40, fill="#ccc", stroke="#999") for x in (120, 460)]
+    sofas += [box(x, 120, 90, 14, fill="#bbb", stroke="#999") for x in (120, 460)]
+    path = svg(tmp_path / "plan.svg", box(0, 0, 800, 600, fill=page), *rooms, *sofas)
+    plan = read_floorplan(path)
+    assert drawn_share(plan, WALLS) > 0.99
+    assert drawn_share(plan, [(0, 0, 800, 0), (0, 600, 0, 0)]) == 0.0
+    assert plan.lengths.sum() == pytest.approx(
+        sum(np.hypot(c - a, d - b) for a, b, c, d in WALLS), rel=0.01
+    )
+    assert any("rooms touch" in words for words in plan.source.warnings)
+
+
+def test_filled_furniture_makes_no_plan_of_rooms(tmp_path: Path) -> None:
+    """Walls as two lines; a kitchen's island of five fills stands in one of the rooms."""
+    walls = [box(60, 60, 640, 480, fill="none", stroke="#222")]
+    walls += [box(x, 72, 302, 456, fill="none", stroke="#222") for x in (72, 386)]
+    row = [box(140 + 30 * k, 250, 30, 40, fill=f"#ab{k}", stroke="#888") for k in range(5)]
+    plan = read_floorplan(svg(tmp_path / "plan.svg", *walls, *row))
+    alone = read_floorplan(svg(tmp_path / "alone.svg", *walls))
+    assert plan.lengths.sum() == pytest.approx(alone.lengths.sum(), rel=0.01)
+    assert drawn_share(plan, [(140, 290, 290, 290)]) == 0.0
+
+
+@pytest.mark.parametrize(("size", "metres"), [
+    ('width="8000mm" height="6000mm" viewBox="0 0 8000 6000"', 6.4),
+    ('width="315in" height="236.25in" viewBox="0 0 800 600"', 6.4008),
+    ('width="800mm" height="600mm" viewBox="0 0 800 600"', None),
+    ('width="8000" height="6000" viewBox="0 0 8000 6000"', None),
+])  # fmt: skip
+def test_a_page_larger_than_paper_tells_the_size_of_the_building(
+    tmp_path: Path, size: str, metres: float | None
+) -> None:
+    scale = 10 if "0 0 8000" in size else 1
+    rooms = [
+        box(*(scale * v for v in room), fill=fill)
+        for room, fill in zip(ROOMS, ("#fde", "#def", "#efd", "#fed"), strict=True)
+    ]
+    plan = read_floorplan(svg(tmp_path / "plan.svg", *rooms, size=size))
+    assert plan.is_metric == (metres is not None)
+    if metres is not None:
+        assert plan.size[0] == pytest.approx(metres, rel=1e-3)
+
+
+def line(x0: float, y0: float, x1: float, y1: float, colour: str, width: float) -> str:
+    return (
+        f'<line x1="{x0}" y1="{y0}" x2="{x1}" y2="{y1}" stroke="{colour}" stroke-width="{width}"/>'
+    )
+
+
+@pytest.mark.parametrize("is_dark", [False, True])
+def test_white_lines_over_walls_are_gaps_and_on_dark_ground_walls(
+    tmp_path: Path, is_dark: bool
+) -> None:
+    ink, paper = ("#fff", "#111") if is_dark else ("#111", "#fff")
+    walls = [line(*wall, ink, 6) for wall in WALLS]
+    door = line(400, 420, 400, 470, paper, 8)
+    page = [box(0, 0, 800, 600, fill=paper)] if is_dark else []
+    plan = read_floorplan(svg(tmp_path / "plan.svg", *page, *walls, door))
+    assert drawn_share(plan, WALLS[:4]) > 0.99
+    assert drawn_share(plan, [(400, 424, 400, 466)]) == (1.0 if is_dark else 0.0)
+
+
+def test_boxes_with_rounded_corners_have_straight_sides(tmp_path: Path) -> None:
+    rooms = [box(x, 72, 302, 456, fill="none", stroke="#222", rx="2") for x in (72, 386)]
+    outer = box(60, 60, 640, 480, fill="none", stroke="#222", rx="4")
+    plan = read_floorplan(svg(tmp_path / "plan.svg", outer, *rooms))
+    assert drawn_share(plan, [(70, 60, 690, 60), (700, 70, 700, 530), (72, 80, 72, 520)]) > 0.98
+
+
+def test_pale_patches_over_dark_fills_cut_them_and_furniture_cuts_no_floor(tmp_path: Path) -> None:
+    """Rooms laid over a dark slab, a door as a patch over the wall between; a table on one of the floors."""
+    rooms = [box(x, 72, 302, 456, fill="#fbfaf7") for x in (72, 386)]
+    door = box(370, 250, 20, 90, fill="#fbfaf7")
+    slab = box(60, 60, 640, 480, fill="#3b464d")
+    page = box(0, 0, 800, 600, fill="#fbfaf7")
+    plan = read_floorplan(svg(tmp_path / "plan.svg", page, slab, *rooms, door))
+    assert drawn_share(plan, [(72, 72, 374, 72), (374, 80, 374, 248), (386, 342, 386, 520)]) > 0.98
+    assert drawn_share(plan, [(374, 254, 374, 336), (386, 254, 386, 336)]) == 0.0
+    floors = [
+        box(*room, fill=fill)
+        for room, fill in zip(ROOMS, ("#fde", "#def", "#efd", "#fed"), strict=True)
+    ]
+    table = box(150, 150, 80, 60, fill="#f4f4f4")
+    plan = read_floorplan(svg(tmp_path / "floors.svg", *floors, table))
+    assert drawn_share(plan, [(150, 150, 230, 150)]) == 0.0
