@@ -1,12 +1,15 @@
 """What `benchmarks/fuzz` found: each kind of mutant that broke a reader, as small as it can be made."""
 
 import json
+import warnings
 import zipfile
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import shapely
+from PIL import Image
 
 from planfit.cli.config import read_options
 from planfit.errors import (
@@ -26,7 +29,7 @@ from planfit.lsq import read_g2o
 from planfit.pipeline.options import RefineOptions
 from planfit.scan import read_scan, scan_from_arrays
 from planfit.scan.calibration_file import take_calibration, write_calibration
-from planfit.scan.images.decode import header_size
+from planfit.scan.images.decode import decode_image, header_size
 from scan_samples import make_sample, png, write_redwood
 
 CAMERA = Camera(32, 24, 30.0, 30.0, 15.5, 11.5)
@@ -87,6 +90,51 @@ def test_images_cut_in_their_header(tmp_path: Path) -> None:
     for n in range(24):
         with pytest.raises(ScanError, match="expected an image"):
             header_size(whole[:n], tmp_path)
+
+
+def chunk_that_claims(length: int) -> bytes:
+    """A PNG whose pixels are said to take so many bytes."""
+    whole = png(np.zeros((4, 4), np.uint8))
+    at = whole.index(b"IDAT") - 4
+    return whole[:at] + length.to_bytes(4, "big") + whole[at + 4 :]
+
+
+def jpeg_that_claims(width: int, height: int) -> bytes:
+    whole = cv2.imencode(".jpg", np.zeros((16, 16, 3), np.uint8))[1].tobytes()
+    at = whole.index(b"\xff\xc0") + 5
+    return whole[:at] + height.to_bytes(2, "big") + width.to_bytes(2, "big") + whole[at + 4 :]
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (jpeg_that_claims(30_000, 30_000), "at most 100,000,000 pixels"),  # 5 GB, 23 s
+        (jpeg_that_claims(65_000, 65_000), "at most 100,000,000 pixels"),  # an assertion of OpenCV
+        (jpeg_that_claims(11_000, 10_000), "at most 100,000,000 pixels"),
+        (chunk_that_claims(2_919_243_776), "a whole PNG, found .* where 2,919,243,776"),  # 2.7 GB
+    ],
+)
+def test_images_that_claim_gigabytes(image: bytes, words: str, tmp_path: Path) -> None:
+    with (
+        warnings.catch_warnings(action="ignore", category=Image.DecompressionBombWarning),
+        pytest.raises(ScanError, match=words),
+    ):
+        decode_image(image, tmp_path, cv2.IMREAD_COLOR)
+
+
+def test_images_that_claim_what_they_have(tmp_path: Path) -> None:
+    assert decode_image(jpeg_that_claims(16, 16), tmp_path, cv2.IMREAD_COLOR).shape == (16, 16, 3)
+    whole = png(np.zeros((4, 4), np.uint8))
+    length = whole.index(b"IEND") - whole.index(b"IDAT") - 12
+    assert decode_image(chunk_that_claims(length), tmp_path, -1).shape == (4, 4)
+
+
+@pytest.mark.parametrize("quaternion", ["0 0 0 0", "1e-320 0 0 0", "0 1e308 0 1e308", "0 0 nan 1"])
+def test_quaternions_of_no_length(quaternion: str, tmp_path: Path) -> None:
+    path = tmp_path / "graph.g2o"
+    path.write_text(f"VERTEX_SE3:QUAT 0 0 0 0 {quaternion}\n")
+    with pytest.raises(PlanfitError, match=r"graph\.g2o:1: .* a quaternion that is not zero"):
+        read_g2o(path)
 
 
 def test_an_empty_name_in_an_archive(tmp_path: Path) -> None:
