@@ -4,14 +4,20 @@ import json
 import warnings
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 import shapely
+from fuzz.other_files import other_files
 from PIL import Image
 
+from planfit.as_built.record import read_as_built
+from planfit.batch.jobs import read_jobs
+from planfit.cli.batch import columns
 from planfit.cli.config import read_options
+from planfit.cli.run_record import cache_of, read_record
 from planfit.errors import (
     MAX_MESSAGE,
     FloorplanError,
@@ -257,3 +263,69 @@ def test_a_header_that_a_library_dies_of(schemas: str, words: str, tmp_path: Pat
     path.write_text(f"ISO-10303-21;\nHEADER;\n{schemas}\nENDSEC;\nDATA;\nENDSEC;\n")
     with pytest.raises(FloorplanError, match=words):
         read_floorplan(path)
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """A whole `run.json`, as the fuzzer has it."""
+    folder = tmp_path_factory.mktemp("run")
+    other_files()["run-json"](folder)
+    assert read_record(folder).n_frames == 6
+    return json.loads((folder / "run.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("options", "x"),
+        ("options", {"adjust": {"walls": "x"}}),
+        ("frames", float("inf")),
+        ("world_from_plan", [[10**400] * 4] * 4),
+        ("plan_from_world_before", [[float("nan")] * 4] * 4),
+        ("alignment", {"metres_per_unit_xy": ["a", "b"]}),
+        ("alignment", {"metres_per_unit_xy": [float("inf"), 1.0]}),
+        ("corrections", {"toml": 1.5}),
+        ("scan_options", 3),
+        ("sensor", {"correction": {"depth_scale": "2", "unknown": 1}}),
+    ],
+)
+def test_records_of_runs_with_other_values(
+    key: str, value: Any, record: dict[str, Any], tmp_path: Path
+) -> None:
+    (tmp_path / "run.json").write_text(json.dumps(record | {key: value}))
+    with pytest.raises(ScanError, match=r"run\.json: expected the record of a run of this version"):
+        read_record(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, "{", "\xff"])
+def test_records_of_runs_that_are_no_json(text: str, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(
+        ScanError, match=r"run\.json: expected the record of a run, found a damaged"
+    ):
+        read_record(tmp_path)
+    with pytest.raises(
+        ScanError, match=r"run\.json: expected the record of a run, found a damaged"
+    ):
+        cache_of(tmp_path)
+
+
+@pytest.mark.parametrize("scans", ["x", 3, [None, "x", 4], [{"folder": 5}], {"folder": "a"}])
+def test_records_of_runs_of_several_scans_that_name_none(
+    scans: Any, record: dict[str, Any], tmp_path: Path
+) -> None:
+    (tmp_path / "run.json").write_text(json.dumps(record | {"scans": scans}))
+    if isinstance(scans, list):
+        with pytest.raises(ScanError, match="found one of several"):
+            read_record(tmp_path)
+    else:
+        assert read_record(tmp_path).n_frames == 6
+
+
+def test_deep_jobs_and_walls_as_built(tmp_path: Path) -> None:
+    (tmp_path / "jobs.json").write_text("[" * 100_000)
+    with pytest.raises(OptionError, match=r"jobs\.json: expected JSON"):
+        read_jobs(tmp_path / "jobs.json", columns())
+    (tmp_path / "as_built.json").write_text("[" * 100_000)
+    with pytest.raises(ScanError, match=r"as_built\.json: expected the walls"):
+        read_as_built(tmp_path)
