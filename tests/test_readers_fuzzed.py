@@ -35,6 +35,7 @@ from planfit.lsq import read_g2o
 from planfit.pipeline.options import RefineOptions
 from planfit.scan import read_scan, scan_from_arrays
 from planfit.scan.calibration_file import take_calibration, write_calibration
+from planfit.scan.formats.las import LasFile
 from planfit.scan.images.decode import decode_image, header_size
 from scan_samples import make_sample, png, write_redwood
 
@@ -329,3 +330,31 @@ def test_deep_jobs_and_walls_as_built(tmp_path: Path) -> None:
     (tmp_path / "as_built.json").write_text("[" * 100_000)
     with pytest.raises(ScanError, match=r"as_built\.json: expected the walls"):
         read_as_built(tmp_path)
+
+
+@pytest.mark.parametrize(("at", "words"), [(100, "records of variable"), (243, "extended records")])
+def test_laser_scans_that_count_more_records_than_bytes(
+    at: int, words: str, tmp_path: Path
+) -> None:
+    laspy = pytest.importorskip("laspy", reason="laspy is not installed (planfit[laser])")
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    laspy.LasData(header).write(tmp_path / "scan.las")
+    data = bytearray((tmp_path / "scan.las").read_bytes())
+    assert LasFile(tmp_path / "scan.las").n_points == 0
+    data[at : at + 4] = (1_374_486_529).to_bytes(4, "little")  # laspy reads for minutes
+    (tmp_path / "scan.las").write_bytes(data)
+    with pytest.raises(ScanError, match=f"found 1,374,486,529 {words}"):
+        _ = LasFile(tmp_path / "scan.las").header
+
+
+def test_faces_know_the_wall_behind_them_thin_or_as_thick_as_the_plan() -> None:
+    """What is behind a face is looked for near it first, and through the whole plan where it goes on."""
+    thin, block = shapely.box(0, 0, 100, 0.2), shapely.box(20, 10, 60, 70)
+    faces = faces_of_regions(shapely.union_all([thin, block]), 0.01, 0.5)
+    lengths = np.linalg.norm(faces.ends[:, 1] - faces.ends[:, 0], axis=1)
+    found = {
+        round(length): thickness for length, thickness in zip(lengths, faces.thickness, strict=True)
+    }
+    assert found[100] == pytest.approx(0.2, abs=1e-3)
+    assert found[40] == pytest.approx(60.0, abs=1e-3)
+    assert found[60] == pytest.approx(40.0, abs=1e-3)
