@@ -102,7 +102,10 @@ def _length_behind(
     parts, face = shapely.get_parts(shapely.intersection(through, own), return_index=True)
     # The part that begins at the face; others belong to walls beyond the room behind.
     begins = shapely.distance(parts, shapely.points(at[face])) < 10 * skin
-    return np.bincount(face, (shapely.length(parts) + skin) * begins, minlength=len(at))
+    lengths = (shapely.length(parts) + skin) * begins
+    return np.bincount(face, lengths, minlength=len(at)).astype(
+        float
+    )  # of none, it counts in integers
 
 
 def section_segments(
