@@ -221,6 +221,37 @@ def test_a_runtime_of_wrong_kinds_is_refused(call: str, said: str) -> None:
     assert done.stdout.strip() == said
 
 
+def test_what_is_no_scan_plan_or_options_is_refused_where_it_is_given() -> None:
+    # In a process of its own: here the tests' own checks of types come first.
+    code = """
+import numpy as np, planfit
+camera = planfit.scan_from_arrays.__globals__["Camera"](32, 24, 30.0, 30.0, 15.5, 11.5)
+scan = planfit.scan_from_arrays(None, np.ones((2, 24, 32)), camera, np.tile(np.eye(4), (2, 1, 1)))
+plan = planfit.Floorplan.from_segments(np.array([[[0.0, 0.0], [4.0, 0.0]]]))
+for call in (
+    lambda: planfit.refine("my_scan", plan),
+    lambda: planfit.refine(scan, "plan.png"),
+    lambda: planfit.refine(scan, {0: "plan.png"}),
+    lambda: planfit.align(scan, plan, {"adjust": 1}),
+    lambda: planfit.refine(scan, None, runtime=2),
+    lambda: planfit.refine_together([scan, np.zeros((100, 4, 4))], plan),
+):
+    try:
+        call()
+    except planfit.errors.OptionError as error:
+        print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [
+        "scan: expected a Scan, found 'my_scan'; read one with planfit.read_scan",
+        "floorplan: expected a Floorplan, found 'plan.png'; read one with planfit.read_floorplan",
+        "floorplan: expected a Floorplan, found 'plan.png'; read one with planfit.read_floorplan",
+        "options: expected a RefineOptions, found {'adjust': 1}; give one, planfit.RefineOptions(...)",
+        "runtime: expected a Runtime, found 2; give one, planfit.Runtime(...)",
+        "scan: expected a Scan, found ndarray; read one with planfit.read_scan",
+    ]
+
+
 def test_numbers_of_numpy_are_numbers() -> None:
     options = planfit.RefineOptions(seed=np.int64(3)).with_("adjust.walls.weight", np.float32(2))
     assert math.isclose(options.adjust.walls.weight, 2)

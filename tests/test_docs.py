@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 import planfit
+from planfit.cli.flags import group_of
+from planfit.cli.refine import RefineArguments
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -89,6 +91,15 @@ def test_readme_example_has_at_most_eight_lines() -> None:
     compile(code, "README.md", "exec")
     for name in re.findall(r"planfit\.(\w+)", code):
         assert hasattr(planfit, name)
+
+
+def test_the_options_that_one_may_need_first_are_options_of_refine() -> None:
+    page = (ROOT / "docs" / "getting-started.md").read_text()
+    section = page.split("## Ten options one may need first")[1].split("\n## ")[0]
+    rows = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `--")]
+    assert len(rows) == 10
+    known = {flag.name for flag in group_of(RefineArguments).all_flags()}
+    assert {name for row in rows for name in re.findall(r"--[a-z-]+", row)} <= known
 
 
 def test_changelog_knows_the_version() -> None:

@@ -2,6 +2,7 @@
 
 import io
 import re
+import time
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -30,6 +31,7 @@ from planfit.report.plots.cross_sections import cut_walls
 from planfit.report.plots.drawing import Picture
 from planfit.report.plots.matches import loop_closures_of, matches_by_frame
 from planfit.report.plots.top_view import crop_to_scan, find_gaps
+from planfit.report.provenance import Provenance, provenance_now
 from planfit.report.walls import seen_faces
 from planfit.segmentation import (
     Gravity,
@@ -279,6 +281,29 @@ def test_contents_lead_to_every_heading(floorplan, no_pictures):
     headings = re.findall('<h2 id="(.*?)">(.*?)</h2>', text)
     assert linked == headings
     assert "Statistics of the scan" in dict(headings).values()
+
+
+def test_it_tells_when_how_and_with_what_it_was_made(floorplan, no_pictures):
+    made = Provenance(
+        "2031-02-03 04:05:06 +0900",
+        "planfit refine 'a <b>' -o out",
+        {"planfit": "7.8", "NumPy": "9.1"},
+    )
+    words = Page(make_report("scan", floorplan, make_result(), "", made=made)).words
+    assert " on 2031-02-03 " in words
+    foot = words[words.index("Made 2031-02-03 04:05:06 +0900") :]
+    assert "planfit refine 'a <b>' -o out" in foot
+    assert "with planfit 7.8, NumPy 9.1." in foot
+
+
+def test_what_is_made_now_has_todays_date_and_the_versions_in_use():
+    before = time.strftime("%Y-%m-%d")
+    made = provenance_now("planfit refine x")
+    assert made.at.split()[0] in (before, time.strftime("%Y-%m-%d"))
+    assert made.command == "planfit refine x"
+    assert made.versions["NumPy"] == np.__version__
+    assert {"planfit", "Python", "SciPy", "numba"} <= set(made.versions)
+    assert provenance_now().command == ""
 
 
 def test_text_is_escaped(floorplan, no_pictures):

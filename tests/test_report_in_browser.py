@@ -71,6 +71,15 @@ def test_on_paper_it_has_few_pages_and_names_the_walls_that_are_off(tmp_path, fl
     assert "+1.0" in report
     assert "+1.0" not in words  # a wall that agrees
     assert "Options of this run" not in words  # closed, and no use on paper
+    assert "No. verdict offset" in " ".join(words.split())
     # What is compared stands on one page.
     for text in texts:
         assert text.count("after:") == text.count("before:")
+
+
+def test_on_paper_a_table_of_walls_that_all_agree_is_left_out(tmp_path, floorplan):
+    report = report_of(floorplan, (0.01, 0.0, -0.01, 0.0))
+    pages = pypdfium2.PdfDocument(printed(tmp_path / "report.html", report))
+    words = " ".join(" ".join(page.get_textpage().get_text_range() for page in pages).split())
+    assert "On paper, only walls that are not as drawn are listed." in words
+    assert "No. verdict offset" not in words

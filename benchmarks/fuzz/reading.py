@@ -181,6 +181,31 @@ def _read_g2o(path: Path) -> str:
     return _not_finite({"poses": read_g2o(path).target_from_cams})
 
 
+def _read_jobs(path: Path) -> str:
+    from planfit.batch.jobs import read_jobs
+    from planfit.cli.batch import columns
+
+    weights = [job.memory_gb for _, job in read_jobs(path, columns()) if job.memory_gb is not None]
+    return _not_finite({"memory-gb": np.array(weights)})
+
+
+def _read_run(path: Path) -> str:
+    from planfit.cli.run_record import cache_of, read_record
+
+    cache_of(path.parent)
+    record = read_record(path.parent)
+    times, poses = record.poses()
+    return _not_finite(
+        {
+            "times": times,
+            "poses": poses,
+            "world_from_plan": record.world_from_plan,
+            "plan_from_world_before": record.plan_from_world_before,
+            "scale": np.array(record.scale_xy, dtype=float),
+        }
+    )
+
+
 def _read_calibration(path: Path) -> str:
     from planfit.scan.calibration_file import take_calibration
 
@@ -215,4 +240,6 @@ READERS: dict[str, Callable[[Path], str]] = {
     "corrections": _read_corrections,
     "g2o": _read_g2o,
     "calibration": _read_calibration,
+    "jobs": _read_jobs,
+    "run": _read_run,
 }

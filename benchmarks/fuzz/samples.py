@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from fuzz.other_files import Make, other_files
 
 ROOT = Path(__file__).parents[2]
 sys.path[:0] = [
@@ -29,7 +30,7 @@ class Sample:
     name: str
     kind: str
     """How it is read: `plan`, `scan`, `laser`, `poses`, `options`, `edits`, `calibration`, `record`,
-    `points`, `marks`, `corrections`."""
+    `points`, `marks`, `corrections`, `jobs`, `run`."""
     entry: str
     """What the reader is given, relative to the folder of the files."""
     files: dict[str, bytes]
@@ -39,7 +40,7 @@ class Sample:
 def all_samples(scratch: Path) -> list[Sample]:
     """Every sample that can be made here; what needs a library that is absent is left out, and told."""
     found = []
-    for name, make in {**_plans(), **_scans(), **_others()}.items():
+    for name, make in {**_plans(), **_scans(), **other_files()}.items():
         folder = scratch / name
         folder.mkdir(parents=True)
         try:
@@ -54,10 +55,6 @@ def all_samples(scratch: Path) -> list[Sample]:
 def _files(folder: Path) -> dict[str, bytes]:
     paths = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
-
-
-Make = Callable[[Path], tuple[str, str]]
-"""Writes the files into a folder; gives kind and entry."""
 
 
 def _plans() -> dict[str, Make]:
@@ -229,89 +226,6 @@ def _laser(kind: str) -> Make:
         return "laser", f"scan.{kind}"
 
     return make
-
-
-def _others() -> dict[str, Make]:
-    """Files beside scans and plans: poses, options, corrections, calibrations, records of runs."""
-    rows = np.tile([0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0], (6, 1))
-    tum = "".join(f"{i / 30:.6f} {' '.join(map(str, row))}\n" for i, row in enumerate(rows))
-    kitti = "1 0 0 0.1 0 1 0 0.2 0 0 1 0.3\n" * 6
-    matrix = "1 0 0 0.1\n0 1 0 0.2\n0 0 1 0.3\n0 0 0 1\n"
-    log = "".join(f"{i} {i} {i + 1}\n{matrix}" for i in range(6))
-    euroc = "#timestamp,p_x,p_y,p_z,q_w,q_x,q_y,q_z\n" + "".join(
-        f"14036{i:014d},0.1,0.2,0.3,1,0,0,0\n" for i in range(6)
-    )
-    toml = 'seed = 3\n[adjust.walls]\nweight = 2.0\n[align]\ncontrol_points = ["1,2,3=4,5"]\n'
-    points = "id,easting,northing,height,sigma\nA1,500001.2,4200017.9,3.1,0.01\nA2,500004.2,4200018.1,,\n"
-    marks = "frame,u,v,id\n3,310.5,205,A1\n0012,122,190.25,A2\n7,,,A1\n"
-    corrections = """planfit_corrections = 1
-[[place]]
-frame = 12
-pixel = [310, 205]
-plan = [4.2, 1.0]
-[[place]]
-scan = [1.02, 0.4, 3.3]
-plan_file = [500001.2, 4200017.9]
-[[add_loop]]
-frames = [12, 880]
-pixels = [[310, 205], [122, 190]]
-[[delete_loop]]
-frames = [[40, 60], [900, 930]]
-[[exclude_frames]]
-frames = [3, [400, 455]]
-[[draw_wall]]
-ends = [[0, 6], [5.2, 6]]
-note = "glass"
-"""
-
-    def text(kind: str, name: str, content: str) -> Make:
-        def make(folder: Path) -> tuple[str, str]:
-            (folder / name).write_text(content)
-            return kind, name
-
-        return make
-
-    def edits(folder: Path) -> tuple[str, str]:
-        from planfit.floorplan.edits import PlanEdits, write_edits
-
-        segments = np.array([[[0.0, 0.0], [4.0, 0.0]], [[4.0, 0.0], [4.0, 3.0]]])
-        region = np.array([[0.0, 0.0], [5.0, 0.0], [5.0, 5.0]])
-        write_edits(folder / "edits.json", PlanEdits(segments, (region,), segments))
-        return "edits", "edits.json"
-
-    def g2o(folder: Path) -> tuple[str, str]:
-        from planfit.lsq import PoseGraph, write_g2o
-
-        poses = np.tile(np.eye(4), (5, 1, 1))
-        pairs = np.array([(i, i + 1) for i in range(4)])
-        write_g2o(
-            folder / "graph.g2o", PoseGraph(poses, pairs, poses[:4], np.tile(np.eye(6), (4, 1, 1)))
-        )
-        return "g2o", "graph.g2o"
-
-    def calibration(folder: Path) -> tuple[str, str]:
-        from planfit.geometry.calibration import SensorCalibration
-        from planfit.geometry.camera import Camera
-        from planfit.scan.calibration_file import PARAMETERS, write_calibration
-
-        sigmas = dict.fromkeys(PARAMETERS, 0.0)
-        camera = Camera(128, 96, 100.0, 100.0, 63.5, 47.5)
-        write_calibration(folder / "calibration.json", SensorCalibration(), sigmas, camera)
-        return "calibration", "calibration.json"
-
-    return {
-        "poses-tum": text("poses", "poses.txt", tum),
-        "poses-kitti": text("poses", "poses.txt", kitti),
-        "poses-log": text("poses", "poses.log", log),
-        "poses-euroc": text("poses", "poses.csv", euroc),
-        "options-toml": text("options", "options.toml", toml),
-        "edits-json": edits,
-        "points-csv": text("points", "control.csv", points),
-        "marks-csv": text("marks", "marks.csv", marks),
-        "corrections-toml": text("corrections", "corrections.toml", corrections),
-        "graph-g2o": g2o,
-        "calibration-json": calibration,
-    }
 
 
 def _real_plans() -> Iterator[Sample]:

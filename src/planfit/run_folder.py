@@ -125,7 +125,7 @@ def finished_record(path: Path) -> dict[str, Any] | None:
         return None
     try:
         record = json.loads((path / RECORD).read_text())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
     return record if isinstance(record, dict) else None
 
@@ -231,7 +231,7 @@ def _recorded_inputs(path: Path) -> dict[str, Any] | None:
     """What the run of a folder without an owner's file says that it read."""
     try:
         inputs = json.loads((path / RECORD).read_text())["inputs"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     return inputs if isinstance(inputs, dict) else None
 
@@ -240,7 +240,7 @@ def _owner(path: Path) -> dict[str, Any]:
     """What the folder says of itself; nothing where it is new."""
     try:
         owner = json.loads((path / _OWNER).read_text())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     return owner if isinstance(owner, dict) else {}
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.together import TogetherResult
 from planfit.report import (
+    Provenance,
     ReportOptions,
     Scene,
     TruthErrors,
@@ -25,6 +26,7 @@ from planfit.report import (
     make_pictures,
     make_report,
     make_scene,
+    provenance_now,
 )
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
@@ -54,6 +56,8 @@ class RunInputs:
     """What the record says of inputs besides."""
     scans: tuple[Scan, ...] = ()
     """Those that `scan` was joined of, and those that found no place."""
+    made: Provenance = field(default_factory=provenance_now)
+    """When, how and with what."""
 
     @property
     def names(self) -> dict[str, str]:
@@ -174,6 +178,7 @@ def write_together(
         record = make_record(__version__, names, each.scan, floorplan, inputs.options, each.result)
         record["cache"] = cache
         record["scan_options"] = scan_options_record(inputs.scan_options)
+        record["made"] = asdict(inputs.made)
         cloud = views.cloud.of_frames(own.frames)
         write_results(folder, each.scan, each.result, record, cloud)
         (folder / "overlay.png").write_bytes(draw_overlay(floorplan, each.result, None))
@@ -239,6 +244,7 @@ def write_run(
     record = make_record(__version__, inputs.names, scan, result.floorplan, options, result)
     record["cache"] = None if inputs.cache is None else str(inputs.cache.resolve())
     record["scan_options"] = scan_options_record(inputs.scan_options)
+    record["made"] = asdict(inputs.made)
     write_results(staging, scan, result, record, views.cloud)
     seen = _seen_from_above(views.cloud, result)
     for name, overlay in draw_overlays(result, seen).items():
@@ -246,7 +252,7 @@ def write_run(
     if views.as_built is not None:
         write_as_built(staging / AS_BUILT, views.as_built)
     text, shown = to_toml(options), (seen, views.scene, views.as_built)
-    report = make_report(scan.name, result.floorplan, result, text, errors, *shown)
+    report = make_report(scan.name, result.floorplan, result, text, errors, *shown, inputs.made)
     (staging / "report.html").write_text(report, encoding="utf-8")
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import planfit
 from planfit.cli import run
 from planfit.evaluation import position_errors
 from planfit.scan import read_scan, read_tum, write_tum
@@ -95,6 +96,15 @@ def test_how_far_each_pose_may_be_off_is_written_and_said_alike(
     )
     assert np.mean(true_m < table[:, 6]) > 0.9
     assert predicted_m.max() < 0.06
+
+
+def test_the_record_and_the_report_tell_the_command(finished: Path) -> None:
+    made = json.loads((finished / "run.json").read_text())["made"]
+    assert made["command"].startswith("planfit refine ")
+    assert str(finished) in made["command"]
+    assert made["versions"]["planfit"] == planfit.__version__
+    page = (finished / "report.html").read_text()
+    assert f"<footer>Made {made['at']} by <code>planfit refine " in page
 
 
 def test_evaluate_prints_the_errors_and_json(finished: Path, small_scan: Path, capsys) -> None:

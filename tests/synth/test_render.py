@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from trimesh.ray import ray_pyembree
 
 from planfit.floorplan import nearest_faces
 from planfit.geometry import se3
@@ -27,11 +26,6 @@ def view_points(synthetic, frame_idx):
     view = synthetic.renderer.render(camera, pose)
     points = se3.transform(pose, camera.lift_image(view.depth).reshape(-1, 3))
     return view, points.reshape(*view.depth.shape, 3)
-
-
-def test_rays_are_cast_by_embree(synthetic):
-    assert isinstance(synthetic.renderer._caster, ray_pyembree.RayMeshIntersector)
-    assert type(synthetic.renderer._caster._scene).__name__ == "_EmbreeWrap"
 
 
 @pytest.mark.parametrize("frame_idx", range(0, 150, 15))

@@ -75,7 +75,15 @@ def read_as_built(folder: Path) -> AsBuilt:
             None if matrix is None else np.array(matrix, dtype=float).reshape(3, 3),
             float(record["elevation_m"]),
         )
-    except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+        OSError,
+    ) as error:
         raise ScanError(
             f"{path}: expected the walls of a run as built, found a damaged file; run 'planfit refine' again"
         ) from error

@@ -94,7 +94,7 @@ class Ledger:
         try:
             values = json.loads((self.own / f"{name}.json").read_text(encoding="utf-8"))
             return State(**{**values, "end": End(values["end"])})
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
 
     def keep_state(self, name: str, state: State) -> None:

@@ -124,7 +124,7 @@ def _data_rows(path: Path, text: str, kind: str) -> list[Row]:
     """Jobs of TOML (`[[jobs]]`) or of JSON (`{"jobs": [...]}`, or the list alone)."""
     try:
         data = tomllib.loads(text) if kind == ".toml" else json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise OptionError(f"{path}: expected {kind[1:].upper()}, found {error}") from error
     jobs = data.get("jobs") if isinstance(data, dict) else data
     if not isinstance(jobs, list) or not all(isinstance(job, dict) for job in jobs):

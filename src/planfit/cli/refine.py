@@ -20,7 +20,7 @@ from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
-from planfit.report import ReportOptions, TruthErrors
+from planfit.report import ReportOptions, TruthErrors, provenance_now
 from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
 from planfit.saving import RunInputs, result_views, write_run
@@ -186,6 +186,7 @@ def refine_into(
         cache,
         report_options or ReportOptions(),
         more_inputs or {},
+        made=provenance_now(out.speech.command),
     )
     with RunFolder.claimed(folder, inputs.names, overwrite) as run, StageBars() as bars:
         runtime = Runtime(workers, cache or run.cache_dir, bars.update)

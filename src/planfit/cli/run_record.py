@@ -25,6 +25,8 @@ from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking.conventions import RECORDED, apply_convention
 
+_DAMAGES = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
+"""What comes of values of another kind, size or depth than a run writes."""
 MAX_TIME_GAP_S = 1e-4
 """Times that differ by more are those of other frames; `trajectory.tum` keeps microseconds."""
 
@@ -112,8 +114,10 @@ def read_record(folder: Path) -> RunRecord:
             f"{where}expected a run on one plan, found one on plans by storey; its metrics are in that file, "
             "each wall against its storey's plan; or give SCAN --poses trajectory.tum --poses-frame plan"
         )
-    if record.get("scans"):
-        own = ", ".join(str(folder / one["folder"]) for one in record["scans"] if one.get("folder"))
+    scans = record.get("scans")
+    if isinstance(scans, list) and scans:
+        named = [one["folder"] for one in scans if isinstance(one, dict) and one.get("folder")]
+        own = ", ".join(f"{folder / str(name)}" for name in named)
         raise ScanError(
             f"{where}expected a run of one scan, found one of several; give that of one of them: {own}"
         )
@@ -127,22 +131,30 @@ def read_record(folder: Path) -> RunRecord:
             plan_path=Path(inputs["plan"]) if "plan" in inputs else None,
             n_frames=int(record["frames"]),
             n_faces=record["plan_faces"],
-            scale_xy=tuple(alignment["metres_per_unit_xy"]) if alignment else (1.0, 1.0),
-            world_from_plan=np.array(record["world_from_plan"], dtype=float).reshape(4, 4),
-            plan_from_world_before=np.array(record["plan_from_world_before"], dtype=float).reshape(
-                4, 4
-            ),
+            scale_xy=tuple(_finite(alignment["metres_per_unit_xy"], 2))
+            if alignment
+            else (1.0, 1.0),
+            world_from_plan=_finite(record["world_from_plan"], 4, 4),
+            plan_from_world_before=_finite(record["plan_from_world_before"], 4, 4),
             convention=record["tracking"]["convention"] if record["tracking"] else RECORDED,
             options=replace(options, poses_convention=RECORDED),
             scan_options=scan_options_of(record, where),
             sensor=SensorCalibration(**record["sensor"]["correction"]),
             corrections=_corrections(record, where),
         )
-    except (ValueError, KeyError, TypeError, OptionError) as error:
+    except (*_DAMAGES, OptionError) as error:
         raise ScanError(
             f"{where}expected the record of a run of this version, found a damaged or an older one; "
             "run 'planfit refine' again"
         ) from error
+
+
+def _finite(values: Any, *shape: int) -> np.ndarray:
+    """Finite numbers of a record."""
+    array = np.array(values, dtype=float).reshape(shape)
+    if not np.isfinite(array).all():
+        raise ValueError("expected finite numbers")
+    return array
 
 
 def cache_of(folder: Path) -> Path | None:
@@ -205,7 +217,7 @@ def _read_record(folder: Path) -> dict[str, Any]:
         )
     try:
         record = json.loads(path.read_text())
-    except (ValueError, OSError) as error:
+    except (*_DAMAGES, OSError) as error:
         raise ScanError(
             f"{path}: expected the record of a run, found a damaged file; run 'planfit refine' again"
         ) from error

@@ -35,6 +35,8 @@ class Speech:
     is_quiet: bool = False
     log: TextIO | None = None
     """Open file that gets all that is said."""
+    command: str = ""
+    """The command line as it was typed."""
 
     def error(self, words: str) -> None:
         """One line on stderr; where the error in progress comes from too, where that was asked for."""
@@ -80,22 +82,23 @@ def speaking(flags: dict[str, str], command: Sequence[str]) -> Iterator[Speech]:
 
     Args:
         flags: from `split_speech`.
-        command: the whole command line, for the log.
+        command: the whole command line, for the log and the records of runs.
 
     Raises:
         OSError: the log cannot be written.
     """
     is_verbose, is_quiet = "--verbose" in flags, "--quiet" in flags
+    typed = f"planfit {shlex.join(command)}"
     if "--log" not in flags:
-        yield Speech(is_verbose, is_quiet)
+        yield Speech(is_verbose, is_quiet, command=typed)
         return
     with Path(flags["--log"]).open("a", encoding="utf-8", errors="backslashreplace") as log:
         begin = time.perf_counter()
         now = time.strftime("%Y-%m-%d %H:%M:%S %z")
-        print(f"{now} planfit {__version__}: planfit {shlex.join(command)}", file=log)
+        print(f"{now} planfit {__version__}: {typed}", file=log)
         print(f"Python {sys.version.split()[0]} on {sys.platform}", file=log, flush=True)
         try:
-            yield Speech(is_verbose, is_quiet, log)
+            yield Speech(is_verbose, is_quiet, log, typed)
         except BaseException:
             traceback.print_exc(file=log)
             raise

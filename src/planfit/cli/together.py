@@ -9,6 +9,7 @@ from planfit.cli.survey import SurveyFlags
 from planfit.errors import ScanError, require
 from planfit.floorplan import Floorplan
 from planfit.pipeline.together import TogetherResult, refine_together
+from planfit.report import provenance_now
 from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
 from planfit.saving import RunInputs, result_views, write_together
@@ -78,6 +79,7 @@ def _refine_into(
         arguments.cache,
         arguments.report,
         scans=tuple(scans),
+        made=provenance_now(out.speech.command),
     )
     claimed = RunFolder.claimed(arguments.out, inputs.names, arguments.overwrite)
     with claimed as run, StageBars() as bars:

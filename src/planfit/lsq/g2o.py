@@ -107,7 +107,8 @@ def _parse(tag: str, words: Sequence[str]) -> tuple[list[int], list[float]]:
         raise ValueError(f"expected {_N_NUMBERS[tag]} numbers, found {len(words)}")
     n_ids = 1 if tag == _VERTEX else 2
     values = [float(word) for word in words[n_ids:]]
-    if not np.isfinite(values).all() or not any(values[3:7]):
+    # Squares of very small numbers are 0, as those of very large ones are infinite.
+    if not np.isfinite(values).all() or not 0.0 < sum(v * v for v in values[3:7]) < np.inf:
         raise ValueError("expected finite numbers and a quaternion that is not zero")
     return [int(word) for word in words[:n_ids]], values
 

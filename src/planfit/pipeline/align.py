@@ -27,6 +27,7 @@ from planfit.alignment.options import RecordedAxes
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.pipeline.given import require_given
 from planfit.pipeline.observations import extract_observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
@@ -68,6 +69,7 @@ def align(
         FloorplanError: the plan is not in the unit that it claims, or its unit cannot be found.
         OptionError: an option has a value that cannot work.
     """
+    require_given(scan, floorplan, options, runtime)
     chosen = options or RefineOptions()
     timer = StageTimer(runtime or Runtime())
     observations = extract_observations(scan, chosen, runtime, timer=timer)

@@ -33,6 +33,7 @@ from planfit.pipeline.contradicted import (
     with_places,
 )
 from planfit.pipeline.folds import cut_into_stretches
+from planfit.pipeline.given import require_given
 from planfit.pipeline.jumps import align_with_jumps
 from planfit.pipeline.observations import (
     Observations,
@@ -93,6 +94,7 @@ def refine(
             cannot be right.
             Or a correction names what is not there, or others that contradict it prevent any solution.
     """
+    require_given(scan, floorplan, options, runtime)
     chosen, own = options or RefineOptions(), tuple(extra_terms)
     _require_frames_for(own, scan, chosen, observations)
     if not corrections.entries:

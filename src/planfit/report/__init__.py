@@ -12,6 +12,8 @@ from planfit.report.plots.overlay import draw_overlays as draw_overlays
 from planfit.report.plots.overlay import plot_result as plot_result
 from planfit.report.plots.plan_picture import draw_plan_picture as draw_plan_picture
 from planfit.report.plots.scan_view import draw_scan_view as draw_scan_view
+from planfit.report.provenance import Provenance as Provenance
+from planfit.report.provenance import provenance_now as provenance_now
 from planfit.report.scene.make import make_scene as make_scene
 from planfit.report.scene.pictures import make_pictures as make_pictures
 from planfit.report.scene.scene import Scene as Scene

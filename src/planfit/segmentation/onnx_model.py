@@ -136,6 +136,6 @@ def _read_json(path: Path, where: str) -> dict[str, Any]:
         content = json.loads(path.read_text())
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise OptionError(f"{where}: expected JSON in {path.name} beside it, {error}") from error
     return content if isinstance(content, dict) else {}

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
-from trimesh import Trimesh
 
 from planfit.geometry import segments
 from planfit.synth.plan_walls import PlanWalls
-from planfit.synth.ray_caster import ray_caster
 from planfit.synth.rect import Rect
 
 CELL_M = 0.1
 _INSIDE_CELL_M = 0.2
 _N_RAYS = 16
+_ON_WALL_M = 1e-6
+"""What lies so near to a wall lies on it, and meets it in every direction."""
 _INSIDE_SHARE = 0.7
 """Of the rays of a point inside, so many end on the free side of a wall. In front of a building half of
 them do, in a courtyard all: that is as good as inside."""
@@ -92,33 +92,47 @@ def _is_inside(walls: PlanWalls, cells: Cells) -> Bool[np.ndarray, "nx ny"]:
     blocks = np.stack(np.meshgrid(np.arange(n_x), np.arange(n_y), indexing="ij"), -1).reshape(-1, 2)
     xy = cells.low + CELL_M * (every * blocks + (every - 1) / 2)
     angles = 2 * np.pi * (np.arange(_N_RAYS) + 0.5) / _N_RAYS
-    ahead = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(_N_RAYS)])
-    # Walls, openings too, from -1 to 1, rays at height 0: two triangles each, so a hit's wall is half its
-    # triangle.
+    # Openings are in the way, too.
     ends = np.concatenate([walls.ends, walls.lintels])
     has_side = np.concatenate([walls.is_oriented, np.zeros(len(walls.lintels), dtype=bool)])
-    n = len(ends)
-    corners = np.concatenate(
-        [
-            np.column_stack([ends[:, k], np.full(n, z)])
-            for k, z in ((0, -1), (1, -1), (0, 1), (1, 1))
-        ]
-    )
-    i = np.arange(n)
-    faces = np.stack([i, i + n, i + 2 * n, i + n, i + 3 * n, i + 2 * n], axis=1).reshape(-1, 3)
-    caster = ray_caster(Trimesh(corners, faces, process=False))
     left = segments.left_normals(ends)
     fronts = np.zeros(len(xy))
-    origins = np.column_stack([xy, np.zeros(len(xy))])
-    for direction in ahead:
-        hit = caster.intersects_first(origins, np.broadcast_to(direction, origins.shape)) // 2
-        is_front = (left[hit] @ direction[:2] < 0) | ~has_side[hit]
+    for direction in np.column_stack([np.cos(angles), np.sin(angles)]):
+        hit = _first_ahead(xy, direction, ends)
+        is_front = (left[hit] @ direction < 0) | ~has_side[hit]
         fronts += (hit >= 0) & is_front
     # Single rays escape through gaps: neighbours are heard, too.
     share = ndimage.uniform_filter(fronts.reshape(n_x, n_y) / _N_RAYS, size=3, mode="nearest")
     inside = share >= _INSIDE_SHARE
     shape = cells.clearance.shape
     return inside.repeat(every, axis=0).repeat(every, axis=1)[: shape[0], : shape[1]]
+
+
+def _first_ahead(
+    xy: Float[np.ndarray, "n 2"],
+    direction: Float[np.ndarray, "2"],
+    ends: Float[np.ndarray, "k 2 2"],
+) -> Int[np.ndarray, " n"]:
+    """Index of the first segment ahead of each point in one direction; -1 for none."""
+    across_and_ahead = np.column_stack([[-direction[1], direction[0]], direction])
+    across, ahead = (xy @ across_and_ahead).T
+    order = np.argsort(across)
+    across, ahead = across[order], ahead[order]
+    # From the left to the right end of each segment.
+    turned = ends @ across_and_ahead
+    turned = np.take_along_axis(turned, np.argsort(turned[..., :1], axis=1), axis=1)
+    first = np.searchsorted(across, turned[:, 0, 0], "left")
+    last = np.searchsorted(across, turned[:, 1, 0], "right")
+    nearest, hit = np.full(len(xy), np.inf), np.full(len(xy), -1)
+    for k in np.flatnonzero((first < last) & (turned[:, 0, 0] < turned[:, 1, 0])):
+        beside = slice(first[k], last[k])
+        distance = np.interp(across[beside], *turned[k].T) - ahead[beside]
+        is_nearer = (distance > -_ON_WALL_M) & (distance < nearest[beside])
+        nearest[beside][is_nearer] = distance[is_nearer]
+        hit[beside][is_nearer] = k
+    unsorted = np.zeros_like(hit)
+    unsorted[order] = hit
+    return unsorted
 
 
 def _rooms(clearance: Float[np.ndarray, "nx ny"]) -> Int[np.ndarray, "nx ny"]:

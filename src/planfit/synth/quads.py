@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-import trimesh
 from jaxtyping import Float, Int, Integer, UInt8
 
 from planfit.scan.types import Label
@@ -45,15 +44,6 @@ class Quads:
     def take(self, index: Int[np.ndarray, " k"]) -> "Quads":
         """Those of an index."""
         return Quads(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
-
-    def triangles(self) -> trimesh.Trimesh:
-        """Two triangles each, in order: triangle t belongs to rectangle t // 2."""
-        u = self.u_axis * self.size[:, :1]
-        v = self.v_axis * self.size[:, 1:]
-        corners = np.stack([self.origin, self.origin + u, self.origin + u + v, self.origin + v], 1)
-        first = 4 * np.arange(len(self))[:, None]
-        faces = (first + np.array([0, 1, 2, 0, 2, 3])).reshape(-1, 3)
-        return trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
 
 
 def join(parts: Sequence[Quads]) -> Quads:

@@ -1,9 +1,8 @@
-"""Colour, depth and labels of a synthetic building by ray casting (embree)."""
+"""Colour, depth and labels of a synthetic building by a depth buffer."""
 
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
@@ -11,12 +10,9 @@ from jaxtyping import Float, Int, UInt8
 
 from planfit.geometry.camera import Camera
 from planfit.scan.types import Label
+from planfit.synth.depth_buffer import first_rectangles
 from planfit.synth.quads import Lights, Quads
-from planfit.synth.ray_caster import ray_caster
 from planfit.synth.texture import paint
-
-if TYPE_CHECKING:
-    from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 
 @dataclass(frozen=True)
@@ -41,10 +37,6 @@ class Renderer:
     lights: Lights
 
     @cached_property
-    def _caster(self) -> "RayMeshIntersector":
-        return ray_caster(self.quads.triangles())
-
-    @cached_property
     def _room_starts(self) -> tuple[Int[np.ndarray, " r"], Int[np.ndarray, " r"]]:
         """Where the lamps and footprints of each room begin in their sorted lists."""
         rooms = np.arange(int(self.quads.room.max()) + 2)
@@ -57,11 +49,10 @@ class Renderer:
         self, camera: Camera, plan_from_cam: Float[np.ndarray, "4 4"]
     ) -> Int[np.ndarray, "h w"]:
         """Index of the rectangle that each pixel sees; -1 for none."""
-        directions = _rays(camera) @ plan_from_cam[:3, :3].T
-        origins = np.broadcast_to(plan_from_cam[:3, 3], directions.shape)
-        triangles = self._caster.intersects_first(origins, directions)
-        # Python's floor division keeps -1 as -1.
-        return (triangles // 2).reshape(camera.height, camera.width)
+        quads = self.quads
+        return first_rectangles(
+            camera, plan_from_cam, quads.origin, quads.u_axis, quads.v_axis, quads.size
+        )
 
     def render(self, camera: Camera, plan_from_cam: Float[np.ndarray, "4 4"]) -> View:
         """Render one view.
@@ -114,11 +105,7 @@ def _locate(
     uv: np.ndarray, depth: np.ndarray, incidence: np.ndarray, footprint: np.ndarray,
     brightness: np.ndarray,
 ) -> None:  # fmt: skip
-    """Where on its rectangle each pixel looks, how far away that is, and how bright.
-
-    Depth comes from the rectangle's plane in float64: embree's own distances are float32 of a
-    scaled scene.
-    """
+    """Where on its rectangle each pixel looks, how far away that is, and how bright."""
     rotation, eye = plan_from_cam[:3, :3], plan_from_cam[:3, 3]
     point, d = np.zeros(3), np.zeros(3)
     for i in range(len(hit)):

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from planfit.floorplan.faces import line_strings
 from planfit.geometry import segments
 
+_SHORT_SHARE = 0.02
+"""Of the extent of a plan: further than walls are thick."""
 MAX_COORDINATE = 1e13
 """A quarter of the way round the Earth, in micrometres."""
 
@@ -74,17 +76,36 @@ def _thickness(
     parts = shapely.get_parts(solid)
     # Only its own part can be behind a face: a plan of many parts is not cut as a whole each time.
     own = parts[shapely.STRtree(parts).nearest(shapely.points(middle))]
+    skin = 1e-6 * reach
     lengths = []
     for share in (0.25, 0.5, 0.75):
         at = (1 - share) * ends[:, 0] + share * ends[:, 1]
-        skin = 1e-6 * reach
-        through = shapely.linestrings(np.stack([at - skin * normals, at - reach * normals], axis=1))
-        parts, face = shapely.get_parts(shapely.intersection(through, own), return_index=True)
-        # The part that begins at the face; others belong to walls beyond the room behind.
-        begins = shapely.distance(parts, shapely.points(at[face])) < 10 * skin
-        length = (shapely.length(parts) + skin) * begins
-        lengths.append(np.bincount(face, length, minlength=len(ends)))
+        # Most walls are thin, and GEOS looks at that of a part which the box around the cut meets: the whole
+        # way through the plan is for those that are not done sooner.
+        short = _SHORT_SHARE * reach
+        length = _length_behind(at, normals, own, skin, short)
+        rest = np.flatnonzero(length > 0.99 * short)
+        length[rest] = _length_behind(at[rest], normals[rest], own[rest], skin, reach)
+        lengths.append(length)
     return np.median(np.array(lengths), axis=0)
+
+
+def _length_behind(
+    at: Float[np.ndarray, "n 2"],
+    normals: Float[np.ndarray, "n 2"],
+    own: Shaped[np.ndarray, " n"],
+    skin: float,
+    reach: float,
+) -> Float[np.ndarray, " n"]:
+    """Length of the wall behind points of faces, `reach` at most; each point's part of the wall is `own`."""
+    through = shapely.linestrings(np.stack([at - skin * normals, at - reach * normals], axis=1))
+    parts, face = shapely.get_parts(shapely.intersection(through, own), return_index=True)
+    # The part that begins at the face; others belong to walls beyond the room behind.
+    begins = shapely.distance(parts, shapely.points(at[face])) < 10 * skin
+    lengths = (shapely.length(parts) + skin) * begins
+    return np.bincount(face, lengths, minlength=len(at)).astype(
+        float
+    )  # of none, it counts in integers
 
 
 def section_segments(

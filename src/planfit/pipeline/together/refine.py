@@ -9,6 +9,7 @@ from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.matching.between_scans import retrieve_between, verify_between
 from planfit.matching.pairs import distinct_views
+from planfit.pipeline.given import require_given
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
 from planfit.pipeline.together.joined import (
@@ -63,6 +64,8 @@ def refine_together(
         raise OptionError(
             f"refine_together: expected two scans or more, found {len(scans)}; for one, use planfit.refine"
         )
+    for scan in scans:
+        require_given(scan, floorplan, options, runtime)
     chosen, running = options or RefineOptions(), runtime or Runtime()
     timer, names = StageTimer(running), short_names(scans)
     observed = [

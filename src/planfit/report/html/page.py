@@ -25,6 +25,7 @@ from planfit.report.html.view_section import view_data, view_script, view_sectio
 from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import CloudXY, measure
 from planfit.report.plots.top_view import crop_to_scan
+from planfit.report.provenance import Provenance
 from planfit.report.scene.scene import Scene
 from planfit.report.storey_measures import measure_storeys
 
@@ -40,6 +41,7 @@ def make_report(
     cloud: CloudXY | None = None,
     scene: Scene | None = None,
     as_built: AsBuilt | None = None,
+    made: Provenance | None = None,
 ) -> str:
     """The report of a run as one self-contained HTML page: no links, pictures and scripts inside.
 
@@ -52,6 +54,7 @@ def make_report(
         cloud: what is drawn from above without a plan; else walls are.
         scene: what a 3D view shows; without, there is none.
         as_built: verdicts on the walls of the plan; without, there are none.
+        made: when, how and with what the run was made, where that is to be told.
     """
     both = measure(floorplan, result, cloud)
     crop = crop_to_scan(both)
@@ -65,7 +68,7 @@ def make_report(
     if result.storeys is not None:
         seen_on_plan = storeys(result.storeys, measure_storeys(result), crop)
     body = [
-        _top(scan_name, floorplan, result, numbers, truth),
+        _top(scan_name, floorplan, result, numbers, truth, made),
         *([scans_section(result)] if result.scans else []),
         seen_on_plan,
         *([] if scene is None else [view_section(scene)]),
@@ -79,8 +82,7 @@ def make_report(
         sections.frame_matches(floorplan, both, result, crop),
         _costs_and_time(result),
         _statistics(result, options_text),
-        f"<footer>Made by planfit {escape(__version__)}. x and y {axes}, heights above the "
-        "floor.</footer>",
+        f"<footer>{_made(made)} x and y {axes}, heights above the floor.</footer>",
     ]
     return page_of(f"{scan_name} {on_plan}: planfit report", _with_contents(body), scene)
 
@@ -113,15 +115,17 @@ def _top(
     result: RefineResult,
     numbers: Sequence[KeyMetric],
     truth: TruthErrors | None,
+    made: Provenance | None,
 ) -> str:
     """Title, verdict, warnings, key metrics."""
     fitted = "made to agree with itself, without a floorplan,"
     if floorplan is not None:
         fitted = f"fitted to the floorplan {_last_part(floorplan.name)}"
+    on_date = "" if made is None else f" on {escape(made.at.split()[0])}"
     warnings = "".join(f"<li>{escape(warning)}</li>" for warning in result.warnings)
     parts = [
         f"<h1>{escape(scan_name)}</h1>",
-        f'<p class="under">{escape(fitted)} by planfit {escape(__version__)}</p>',
+        f'<p class="under">{escape(fitted)} by planfit {escape(__version__)}{on_date}</p>',
         f'<p class="verdict {_COLOR[result.verdict.outcome]}">'
         f"{escape(verdict_in_words(result, numbers, truth))}</p>",
     ]
@@ -139,6 +143,15 @@ def _top(
     else:
         parts.append("<p>Too little was seen of walls, floor and matches to measure anything.</p>")
     return "\n".join(parts)
+
+
+def _made(made: Provenance | None) -> str:
+    """When, with which versions, and by which command."""
+    if made is None:
+        return f"Made by planfit {escape(__version__)}."
+    versions = ", ".join(f"{name} {number}" for name, number in made.versions.items())
+    by = f" by <code>{escape(made.command)}</code>" if made.command else ""
+    return f"Made {escape(made.at)}{by} with {escape(versions)}."
 
 
 def _with_contents(body: Sequence[str]) -> list[str]:
@@ -191,7 +204,8 @@ def _statistics(result: RefineResult, options_text: str) -> str:
     centres = result.initial_plan_from_cams[:, :3, 3]
     path_length = float(np.linalg.norm(np.diff(centres, axis=0), axis=1).sum())
     return (
-        f"<h2>Statistics of the scan</h2>{tables.statistics_table(result, path_length)}"
+        "<h2>Statistics of the scan</h2>"
+        f'<div class="statistics">{tables.statistics_table(result, path_length)}</div>'
         "<details><summary>Options of this run</summary>"
         f"<pre>{escape(options_text)}</pre></details>"
     )

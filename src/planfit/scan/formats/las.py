@@ -44,6 +44,11 @@ TAKES_POSES = True
 """`ScanOptions.poses` is part of the scan here, and takes no place of other poses."""
 EXPECTED = "a LAS or LAZ file"
 MAGIC = b"LASF"
+_HEADER_BYTES = 375
+"""Of the longest header, that of version 1.4."""
+_HEADER_SIZE_AT = 94
+_RECORDS = (("records of variable length", 100, 54), ("extended records", 243, 60))
+"""What a header counts, at which byte, and how many bytes one takes at least."""
 NOISE = (7, 18)
 """Classes of points that ASPRS calls low and high noise."""
 MAX_TIME_S = 1e19
@@ -182,6 +187,8 @@ class LasFile:
                 "planfit[laser]"
             ) from error
         with self.path.open("rb") as stream:
+            self._check_records(stream.read(_HEADER_BYTES))
+            stream.seek(0)
             with self._told():
                 # The sequential decompressor takes memory for one point at a time, not for what a damaged
                 # table of chunks may claim; lazrs ends the whole process where memory cannot be had.
@@ -189,6 +196,20 @@ class LasFile:
             if reader.header.are_points_compressed:
                 self._check_chunks(int(reader.header.offset_to_point_data))
             yield reader
+
+    def _check_records(self, head: bytes) -> None:
+        """Raise `ScanError` where more records are told of than fit into the file: laspy reads as many as the
+        header says, behind the end too, for minutes."""
+        n_bytes = self.path.stat().st_size
+        for name, at, least_bytes in _RECORDS:
+            n_records = int.from_bytes(head[at : at + 4], "little")
+            # Files before version 1.4 end their header before the second number.
+            is_there = at + 4 <= int.from_bytes(head[_HEADER_SIZE_AT:][:2], "little")
+            if is_there and n_records * least_bytes > n_bytes:
+                raise ScanError(
+                    f"{self.path}: expected {EXPECTED}, found {n_records:,} {name} in {n_bytes:,} bytes; the "
+                    "file is damaged, copy it again"
+                )
 
     def _check_chunks(self, offset: int) -> None:
         """Raise `ScanError` unless the table of chunks lies in the file and has no more chunks than bytes."""

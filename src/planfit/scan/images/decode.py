@@ -1,6 +1,7 @@
 """Image files to arrays, with errors that name the file."""
 
 import io
+import math
 from pathlib import Path
 
 import cv2
@@ -13,14 +14,16 @@ from planfit.errors import ScanError
 
 MAX_PIXELS = 100_000_000
 """No depth camera has more; a damaged header may claim anything."""
+_PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def decode_image(data: bytes, path: Path, flags: int) -> Shaped[np.ndarray, "h w *channels"]:
     """Decode the bytes of an image file, which messages call `path`, by OpenCV's read `flags`.
 
     Raises:
-        ScanError: they are truncated or no image.
+        ScanError: they are truncated, no image, or claim to be larger than any camera's.
     """
+    _check_claims(data, path)
     image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data else None
     if image is None:
         raise ScanError(
@@ -28,6 +31,32 @@ def decode_image(data: bytes, path: Path, flags: int) -> Shaped[np.ndarray, "h w
             "copy it again from the source"
         )
     return image
+
+
+def _check_claims(data: bytes, path: Path) -> None:
+    """Refuse what OpenCV would make room for before it looks: pixels of a JPEG (5 GB for 30,000 squared, in
+    23 s), and chunks of a PNG that are longer than the file."""
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            n_pixels = math.prod(image.size)
+    except Image.DecompressionBombError:  # Pillow's own bound is higher
+        n_pixels = MAX_PIXELS + 1
+    except Exception:
+        return  # none that Pillow knows; OpenCV tells whether it does
+    if n_pixels > MAX_PIXELS:
+        raise ScanError(
+            f"{path}: expected an image of at most {MAX_PIXELS:,} pixels, found a header that says more; "
+            "copy it again from the source"
+        )
+    at = len(_PNG) if data.startswith(_PNG) else len(data)
+    while at + 8 <= len(data):
+        length = int.from_bytes(data[at : at + 4], "big")
+        if length > len(data) - at - 8:
+            raise ScanError(
+                f"{path}: expected a whole PNG, found {len(data) - at - 8:,} bytes where {length:,} should "
+                "follow; copy it again from the source"
+            )
+        at += 12 + length
 
 
 def decode_color(data: bytes, path: Path) -> UInt8[np.ndarray, "h w 3"]:
