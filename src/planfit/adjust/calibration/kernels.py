@@ -6,9 +6,9 @@ With corrected points p = (x, y, z) of measured depth d, where z = s d + o + q d
     depth scale p d / z, offset p / z, quadratic p d^2 / z; focal scale -(x, y, 0), aspect -(0, y, 0);
     principal point -(z, 0, 0) and -(0, z, 0),
 
-exact in depth, and all but exact where focal lengths are corrected by little. (With z for d, steps of q
-overshot twofold where depth reaches 20 m, to and fro.) Sigmas grow with the points: stretching the rays by a
-factor stretches their noise, else shrinking a scan would always pay (on ConSLAM, 1 % less costs less and
+exact in depth, and all but exact where focal lengths are corrected by little. With z for d, steps of q
+overshot twofold where depth reaches 20 m, and did not settle. Sigmas grow with the points: stretching rays
+by a factor stretches their noise, else shrinking a scan would always pay (on ConSLAM, 1 % less costs less and
 errs by 0.145 m instead of 0.09). So residuals count as shares of the stretch: their own derivative by its
 logarithm is taken off. Depth errs along the ray, where scale, offset and quadratic stretch by
 (1, 0, 2 d) / (s + 2 q d), and images across it, where they stretch by (d, 1, d^2) / z: with the latter both
