@@ -25,15 +25,26 @@ from planfit.tracking import Tracking
 
 CLEARLY = 0.8
 """A tracker that errs by so much less once depth is corrected was not what erred."""
+AS_WELL = 0.1
+"""Share of the motions that one explanation may explain less than another, and still as well."""
 
 
 def errs(tracking: Tracking) -> bool:
-    """Whether the recorded motion is believed less, or was corrected."""
-    return max(tracking.sigma_factors) > 1.0 or len(tracking.breaks) > 0
+    """Whether the recorded motion is believed less, was corrected, or taken in a unit of its own."""
+    is_in_metres = tracking.metres_per_unit == 1.0
+    return max(tracking.sigma_factors) > 1.0 or len(tracking.breaks) > 0 or not is_in_metres
 
 
 def errs_clearly_less(corrected: Tracking, as_lifted: Tracking) -> bool:
-    """Whether a tracker errs less, and jumps no more, beside motions of corrected depth."""
+    """Whether a tracker errs less, and jumps no more, beside motions of corrected depth.
+
+    Or whether it is in metres beside these, and they are explained about as well as in a unit of its own
+    without correction: of sensors that are off by little and units of any size, the former is more usual.
+    """
+    fit, in_own_unit = corrected.convention_fit, as_lifted.convention_fit
+    if as_lifted.metres_per_unit != 1.0 and fit is not None and in_own_unit is not None:
+        is_explained = fit.share >= in_own_unit.share - AS_WELL
+        return corrected.metres_per_unit == 1.0 and is_explained
     now, before = (float(np.prod(t.sigma_factors)) for t in (corrected, as_lifted))
     n_now, n_before = len(corrected.breaks), len(as_lifted.breaks)
     return (now <= CLEARLY * before and n_now <= n_before) or (now <= before and n_now < n_before)

@@ -53,6 +53,7 @@ from planfit.tracking import (
     believe,
     choose_keyframes,
     frames_in_doubt,
+    in_metres,
     judge_tracking,
     measured_motions,
     pairs_across,
@@ -337,7 +338,11 @@ def _by_neighbours(
         tracking = _compared(judged, known, options)
     if errs(tracking) and options.calibration.is_on:
         cameras = keyed.at(keyed.scan.world_from_cams).cameras
-        sensor = sensor_by_neighbours(known.verified, recorded, odometry, cameras, options)
+        metric = in_metres(
+            recorded, 1 / tracking.metres_per_unit
+        )  # as if it had no unit of its own
+        odometry = make_odometry(metric, options.odometry, keyed.scan.timestamps[keyed.frame_idx])
+        sensor = sensor_by_neighbours(known.verified, metric, odometry, cameras, options)
         if not sensor.is_nominal:
             again = _compared(judged, known, options, sensor)
             tracking = again if errs_clearly_less(again, tracking) else tracking

@@ -9,6 +9,7 @@ from planfit.tracking.keyframes import frames_in_doubt as frames_in_doubt
 from planfit.tracking.motions import measured_motions as measured_motions
 from planfit.tracking.motions import surface_motions as surface_motions
 from planfit.tracking.options import TrackingOptions as TrackingOptions
+from planfit.tracking.pose_units import in_metres as in_metres
 from planfit.tracking.submaps import pairs_across as pairs_across
 from planfit.tracking.submaps import place_submaps as place_submaps
 from planfit.tracking.submaps import with_open_steps as with_open_steps
