@@ -21,6 +21,7 @@ from planfit.adjust.calibration import (
     corrected_matches,
     corrected_structure,
     estimate,
+    estimate_without_plan,
     shared_step,
 )
 from planfit.adjust.uncertainty import SharedError
@@ -94,16 +95,7 @@ def calibrate_alone(
         return CalibratedScan(observations, observations, prepared)
     measured, poses = prepared.measurements, prepared.level_from_keys
     with timer.stage("calibrate"):
-        problem = build_problem(measured, options.adjust, poses)
-        held = replace(options.calibration, plan_scale_sigma=0.0)
-
-        def solve(
-            again: Measurements, start: Float[np.ndarray, "n 4 4"]
-        ) -> tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]]:
-            solved = build_problem(again, options.adjust, start)
-            return solved, solved.solve().target_from_cams
-
-        found = estimate(measured, problem, poses, solve, held)
+        found = estimate_without_plan(measured, poses, options.adjust, options.calibration)
     if found.sensor.is_nominal:
         return CalibratedScan(observations, observations, prepared, found)
     seen = corrected(observations, found.sensor)

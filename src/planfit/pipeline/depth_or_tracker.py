@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust import AdjustmentProblem, Measurements, build_problem
-from planfit.adjust.calibration import estimate
+from planfit.adjust import Measurements, build_problem
+from planfit.adjust.calibration import estimate_without_plan
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.geometry.camera import Camera
@@ -71,15 +71,8 @@ def sensor_by_neighbours(
     matches = matches_of(verified, len(verified), 0, options.matching)
     measured = Measurements(matches, no_structure(len(world_from_keys)), odometry, cameras)
 
-    def solve(
-        again: Measurements, start: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]]:
-        problem = build_problem(again, options.adjust, start)
-        return problem, problem.solve().target_from_cams
-
-    problem, poses = solve(measured, world_from_keys)
-    held = replace(options.calibration, plan_scale_sigma=0.0)
-    return estimate(measured, problem, poses, solve, held).sensor
+    solved = build_problem(measured, options.adjust, world_from_keys).solve().target_from_cams
+    return estimate_without_plan(measured, solved, options.adjust, options.calibration).sensor
 
 
 def corrected_pairs(

@@ -338,9 +338,8 @@ def _by_neighbours(
         tracking = _compared(judged, known, options)
     if errs(tracking) and options.calibration.is_on:
         cameras = keyed.at(keyed.scan.world_from_cams).cameras
-        metric = in_metres(
-            recorded, 1 / tracking.metres_per_unit
-        )  # as if it had no unit of its own
+        # As if the poses had no unit of their own.
+        metric = in_metres(recorded, 1 / tracking.metres_per_unit)
         odometry = make_odometry(metric, options.odometry, keyed.scan.timestamps[keyed.frame_idx])
         sensor = sensor_by_neighbours(known.verified, metric, odometry, cameras, options)
         if not sensor.is_nominal:

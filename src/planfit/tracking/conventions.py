@@ -29,6 +29,7 @@ from planfit.tracking.pose_units import (
     PREFIX,
     in_metres,
     metres_named,
+    share_of_measured,
     unit_by_motions,
     unit_named,
 )
@@ -332,16 +333,5 @@ def _squared(
 
 
 def _is_unit(poses: Poses, motions: MeasuredMotions) -> bool:
-    """Whether steps are as long as those measured, along these, among the longer half of them.
-
-    Noise makes steps longer but not along the measured direction.
-    """
-    i, j = motions.pairs.T
-    measured = motions.a_from_b[:, :3, 3]
-    steps = (se3.inverse(poses[i]) @ poses[j])[:, :3, 3]
-    squared = np.sum(measured**2, axis=1)
-    longer = (squared >= np.median(squared)) & (squared > 0)
-    if not longer.any():
-        return False
-    along = np.sum(measured * steps, axis=1)[longer] / squared[longer]
-    return 1 / MAX_UNIT_ERROR < float(np.median(along)) < MAX_UNIT_ERROR
+    """Whether recorded steps are about as long as those measured."""
+    return 1 / MAX_UNIT_ERROR < share_of_measured(poses, motions) < MAX_UNIT_ERROR

@@ -49,12 +49,23 @@ def unit_by_motions(poses: Poses, motions: MeasuredMotions) -> float | None:
     Where they are noisier than what was measured, that share is too low, and the inverse share the right one:
     both have to say so.
     """
-    i, j = motions.pairs.T
-    steps = (se3.inverse(poses[i]) @ poses[j])[:, :3, 3]
-    measured = motions.a_from_b[:, :3, 3]
-    low, high = _share(measured, steps), 1 / max(_share(steps, measured), 1e-12)
+    steps, measured = _recorded_steps(poses, motions), motions.a_from_b[:, :3, 3]
+    low, high = _share(measured, steps), 1 / max(share_of_measured(poses, motions), 1e-12)
     is_metre = min(low, high) < MIN_DEPARTURE and max(low, high) > 1 / MIN_DEPARTURE
     return None if low <= 0 or is_metre else low
+
+
+def share_of_measured(poses: Poses, motions: MeasuredMotions) -> float:
+    """Of the length of measured steps, how long recorded ones are along these.
+
+    Noise makes steps longer but not along the measured direction.
+    """
+    return _share(_recorded_steps(poses, motions), motions.a_from_b[:, :3, 3])
+
+
+def _recorded_steps(poses: Poses, motions: MeasuredMotions) -> Float[np.ndarray, "p 3"]:
+    i, j = motions.pairs.T
+    return (se3.inverse(poses[i]) @ poses[j])[:, :3, 3]
 
 
 def _share(vectors: Float[np.ndarray, "p 3"], of: Float[np.ndarray, "p 3"]) -> float:

@@ -12,7 +12,8 @@ from planfit.adjust.calibration.correct import corrected_measurements
 from planfit.adjust.calibration.options import CalibrationOptions
 from planfit.adjust.calibration.reduced import SharedStep, shared_step
 from planfit.adjust.measurements import Measurements
-from planfit.adjust.problem import AdjustmentProblem
+from planfit.adjust.options import AdjustOptions
+from planfit.adjust.problem import AdjustmentProblem, build_problem
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.short_repr import short_repr
 
@@ -118,6 +119,32 @@ def estimate(
     found = np.where(is_kept, departures, wanted.departures)
     sensor = NOMINAL.with_vector(nominal + np.where(is_kept, departures, 0.0)[:ODOMETRY])
     return replace(wanted, sensor=sensor, is_kept=is_kept, departures=found)
+
+
+def estimate_without_plan(
+    measurements: Measurements,
+    poses: Float[np.ndarray, "n 4 4"],
+    adjust: AdjustOptions,
+    options: CalibrationOptions,
+) -> Calibration:
+    """What matches, floor and recorded motion ask of the sensor; a plan has no say.
+
+    Args:
+        measurements: as lifted by the nominal sensor.
+        poses: that solve them.
+        adjust: of the solves.
+        options: priors, and what is asked of evidence.
+    """
+
+    def solve(
+        again: Measurements, start: Float[np.ndarray, "n 4 4"]
+    ) -> tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]]:
+        problem = build_problem(again, adjust, start)
+        return problem, problem.solve().target_from_cams
+
+    held = replace(options, plan_scale_sigma=0.0)
+    problem = build_problem(measurements, adjust, poses)
+    return estimate(measurements, problem, poses, solve, held)
 
 
 def asked_for(

@@ -103,9 +103,8 @@ def _length_behind(
     # The part that begins at the face; others belong to walls beyond the room behind.
     begins = shapely.distance(parts, shapely.points(at[face])) < 10 * skin
     lengths = (shapely.length(parts) + skin) * begins
-    return np.bincount(face, lengths, minlength=len(at)).astype(
-        float
-    )  # of none, it counts in integers
+    # Of none, bincount counts in integers.
+    return np.bincount(face, lengths, minlength=len(at)).astype(float)
 
 
 def section_segments(
