@@ -4,7 +4,6 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 from PIL import Image, ImageOps, UnidentifiedImageError
@@ -15,6 +14,8 @@ from planfit.floorplan.formats.georeference import find_georeference, place_on_m
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster import MAX_PIXELS, check_size, plan_of_picture, shrink_for_reading
 from planfit.floorplan.types import Floorplan
+
+_STRIP_PX = 256  # rows that are copied at a time
 
 
 def read_picture(path: Path, options: PlanOptions) -> Floorplan:
@@ -120,7 +121,8 @@ def load_picture(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
         with warnings.catch_warnings(action="ignore"), Image.open(path) as file:
             check_size(str(path), file.width, file.height)
             shrink = shrink_for_reading(file.width, file.height)
-            upright = ImageOps.exif_transpose(file)
+            ImageOps.exif_transpose(file, in_place=True)
+            upright: Image.Image = file
             if upright.mode.startswith("I") or upright.mode == "F":  # 16 and 32 bits a pixel
                 values = np.asarray(upright, dtype=float)
                 top = max(float(values.max()), 1.0)
@@ -136,8 +138,8 @@ def load_picture(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
                 page = Image.new("RGB", rgba.size, "white")
                 page.paste(rgba, mask=rgba)
             else:
-                page = upright.convert("RGB")
-            bgr = cv2.cvtColor(np.asarray(page), cv2.COLOR_RGB2BGR)
+                page = upright if upright.mode == "RGB" else upright.convert("RGB")
+            bgr = _to_bgr(page)
     except FloorplanError:
         raise
     except Image.DecompressionBombError as error:
@@ -150,7 +152,16 @@ def load_picture(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
             f"{path}: expected a picture (PNG, JPEG, TIFF), found a damaged or other file; "
             "open it in a viewer and save it again"
         ) from error
-    return np.asarray(bgr), shrink
+    return bgr, shrink
+
+
+def _to_bgr(page: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
+    """Pixels of an RGB picture, strip by strip: Pillow copies what it hands over twice."""
+    bgr = np.zeros((page.height, page.width, 3), np.uint8)
+    for top in range(0, page.height, _STRIP_PX):
+        bottom = min(top + _STRIP_PX, page.height)
+        bgr[top:bottom] = np.asarray(page.crop((0, top, page.width, bottom)))[:, :, ::-1]
+    return bgr
 
 
 def load_wall_mask(path: Path, shape: tuple[int, ...], name: str) -> Bool[np.ndarray, "h w"]:
