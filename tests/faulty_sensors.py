@@ -63,14 +63,16 @@ class SensorWorld:
         )
 
 
-def make_sensor_world(rng, n=20, noise_m=0.005, n_rays=400, angles=None, size=SIZE):
+def make_sensor_world(
+    rng, n=20, noise_m=0.005, n_rays=400, angles=None, size=SIZE, before_line=None
+):
     """Cameras on an oval in a box room (3 m), turning as they go; rays meet floor and walls."""
     angle = np.arange(n) * 360.0 / n if angles is None else angles
     around = np.deg2rad(angle)
     x, y = 0.5 * size[0] + 1.2 * np.cos(around), 0.5 * size[1] + 0.8 * np.sin(around)
     at = np.stack([x, y, np.full(n, 1.5)], axis=1)
     poses = np.stack([look(p, a + 150, 25) for p, a in zip(at, angle, strict=True)])
-    plan = room_plan(*size[:2])
+    plan = replace(room_plan(*size[:2]), before_line=before_line)
     floor, patches, faces = [], [], []
     for i, pose in enumerate(poses):
         pixels = rng.uniform([0, 0], [CAMERA.width, CAMERA.height], (n_rays, 2))

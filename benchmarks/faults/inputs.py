@@ -114,7 +114,7 @@ class Inputs:
 
     def result_from_given(self, plan: Floorplan) -> Float[np.ndarray, "2 2"]:
         """What was done to the plan since it was given: a factor, or left and right swapped."""
-        factor = np.linalg.norm(plan.size) / np.linalg.norm(self.floorplan.size)
+        factor = _extent(plan) / _extent(self.floorplan)
         was_swapped = plan.source.is_mirrored != self.floorplan.source.is_mirrored
         return factor * np.diag([-1.0 if was_swapped else 1.0, 1.0])
 
@@ -144,3 +144,8 @@ class Fault:
     def __post_init__(self) -> None:
         if len(self.sizes) not in (1, 3):
             raise ValueError(f"{self.name}: expected one size or three, found {len(self.sizes)}")
+
+
+def _extent(plan: Floorplan) -> float:
+    """Of the middles of what is drawn: faces that were made of centre lines end elsewhere than these."""
+    return float(np.linalg.norm(np.ptp(plan.drawn_ends.mean(axis=1), axis=0)))

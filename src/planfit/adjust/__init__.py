@@ -25,5 +25,6 @@ from planfit.adjust.schedule import adjust_to_plan as adjust_to_plan
 from planfit.adjust.schedule import close_loops as close_loops
 from planfit.adjust.schedule import close_loops_untorn as close_loops_untorn
 from planfit.adjust.schedule import settle_walls as settle_walls
+from planfit.adjust.thickness import fit_thickness as fit_thickness
 from planfit.adjust.torn_steps import TornStep as TornStep
 from planfit.lsq.solver import Solution as Solution

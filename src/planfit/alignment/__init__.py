@@ -19,3 +19,5 @@ from planfit.alignment.refine import AlignmentHypothesis as AlignmentHypothesis
 from planfit.alignment.refine import metric_plan as metric_plan
 from planfit.alignment.wall_samples import WallSamples as WallSamples
 from planfit.alignment.wall_samples import sample_walls as sample_walls
+from planfit.alignment.wall_thickness import find_half_thickness as find_half_thickness
+from planfit.alignment.wall_thickness import thickness_words as thickness_words

@@ -57,6 +57,16 @@ CLEAR_SCORE, CLEAR_MARGIN = 0.55, 0.25
 
 
 @dataclass(frozen=True)
+class HalfThickness:
+    """Half the thickness of walls that a plan draws by their centre lines: the median of what was seen."""
+
+    half_m: float
+    sigma_m: float
+    score: float
+    """Share of seen wall that the plan explains with it."""
+
+
+@dataclass(frozen=True)
 class Alignment:
     """The alignment of the scan with the plan that was taken, what else fits, and how sure it is."""
 
@@ -87,6 +97,8 @@ class Alignment:
     """Whether a plan in metres was taken at another scale than it is drawn at."""
     evidence: PlanEvidence | None = None
     """What the camera walked and saw through, where that was looked at."""
+    half_thickness: HalfThickness | None = None
+    """Half the thickness that was given to walls drawn by their centre lines; None where none was."""
     is_surveyed: bool = False
     """Whether surveyed points say that the scan is here: other places that fit as well are no rivals then."""
 

@@ -23,6 +23,7 @@ from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis, RefineSteps, refine_hypothesis
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.floorplan import Floorplan
+from planfit.floorplan.centre_lines import with_thickness
 
 OFF_SHARE = 0.006
 """A scale nearer to 1 than this, as a share, is as drawn: plans in metres are right within half a per cent,
@@ -159,7 +160,7 @@ def score_of_centre_lines(walls: WallSamples, floorplan: Floorplan, drawn: Align
     start = AlignmentHypothesis.from_transform(drawn.plan_from_level)
     steps = RefineSteps(FULL_DISTANCES_M)
     return max(
-        refine_hypothesis(samples, weights, both_faces(floorplan, half_m), start, steps).score
+        refine_hypothesis(samples, weights, with_thickness(floorplan, half_m), start, steps).score
         for half_m in HALF_THICKNESS_M
     )
 
@@ -167,19 +168,6 @@ def score_of_centre_lines(walls: WallSamples, floorplan: Floorplan, drawn: Align
 def _is_of_lines(floorplan: Floorplan) -> bool:
     """Whether most of the plan is lines whose free side is not known."""
     return bool(floorplan.lengths @ floorplan.is_oriented < 0.5 * floorplan.lengths.sum())
-
-
-def both_faces(floorplan: Floorplan, half_m: float) -> Floorplan:
-    """The plan with two faces, `half_m` in front of it on either side, for each line of unknown side."""
-    line = ~floorplan.is_oriented
-    ends, normals = floorplan.ends, floorplan.normals
-    shift = half_m * normals[line][:, None]
-    return Floorplan(
-        floorplan.name,
-        np.concatenate([ends[~line], ends[line] + shift, ends[line] - shift]),
-        np.concatenate([normals[~line], normals[line], -normals[line]]),
-        np.ones(len(floorplan) + int(line.sum()), dtype=bool),
-    )
 
 
 def _preferred_scale(walls: WallSamples, floorplan: Floorplan, drawn: Alignment) -> float:

@@ -237,6 +237,7 @@ def _alignment_record(alignment: Alignment) -> dict[str, Any]:
         "metres_per_unit_xy": list(alignment.scale_xy),
         "metres_per_unit_sigma_share": alignment.scale_sigma,
         "evidence": plain(alignment.evidence),
+        "half_thickness_of_lines": plain(alignment.half_thickness),
     }
 
 

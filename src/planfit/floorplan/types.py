@@ -112,6 +112,9 @@ class Floorplan:
     """Storey of each face, where plans of several storeys were joined; None: one plan for all frames."""
     is_unused: Bool[np.ndarray, " n"] | None = None
     """Faces that a user knows to mislead: they are drawn, and hold nothing. None: all are used."""
+    before_line: Float[np.ndarray, " n"] | None = None
+    """How far before the line of its wall each face was put, where walls are drawn by their centre lines; 0
+    of faces as drawn. None: all are as drawn."""
 
     __repr__ = short_repr
 
@@ -169,6 +172,7 @@ class Floorplan:
             thickness=None if self.thickness is None else self.thickness[kept],
             storeys=None if self.storeys is None else self.storeys[kept],
             is_unused=None,
+            before_line=None if self.before_line is None else self.before_line[kept],
         )
 
     @classmethod
@@ -249,6 +253,7 @@ class Floorplan:
             openings=None if self.openings is None else self.openings * metres_per_unit,
             is_metric=True,
             source=source,
+            before_line=None if self.before_line is None else self.before_line * metres_per_unit,
         )
 
     def mirrored(self) -> "Floorplan":
@@ -294,12 +299,20 @@ class Floorplan:
             thickness=None if self.thickness is None else self.thickness[own],
             openings=None,
             storeys=None,
+            before_line=None if self.before_line is None else self.before_line[own],
         )
 
     def with_warning(self, warning: str) -> "Floorplan":
         """The same plan with one more thing to look at."""
         source = replace(self.source, warnings=(*self.source.warnings, warning))
         return replace(self, source=source)
+
+    @property
+    def drawn_ends(self) -> Float[np.ndarray, "n 2 2"]:
+        """Faces as they were drawn: those that were made of a wall's centre line, back on it."""
+        if self.before_line is None:
+            return self.ends
+        return self.ends - (self.before_line[:, None] * self.normals)[:, None]
 
     @property
     def size(self) -> tuple[float, float]:

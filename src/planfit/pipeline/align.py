@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust import AdjustOptions, refit_scale
+from planfit.adjust import AdjustOptions, PlanAdjustment, fit_thickness, refit_scale
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.alignment import (
     Alignment,
     WallSamples,
     align_paper,
+    find_half_thickness,
     find_plan_scale,
     find_unit,
     is_off,
@@ -20,13 +21,16 @@ from planfit.alignment import (
     read_control_points,
     sample_walls,
     scale_words,
+    thickness_words,
 )
 from planfit.alignment import align as search_alignment
 from planfit.alignment.control_points import ControlPoint
 from planfit.alignment.options import RecordedAxes
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
+from planfit.floorplan.centre_lines import with_thickness
 from planfit.geometry import se3
+from planfit.lsq import Term
 from planfit.pipeline.given import require_given
 from planfit.pipeline.observations import extract_observations
 from planfit.pipeline.on_plan import ScanOnPlan
@@ -38,6 +42,9 @@ from planfit.scan import Scan
 from planfit.segmentation import Structure
 from planfit.short_repr import short_repr
 
+UNKNOWN_SCALE_SIGMA = 0.05
+"""Of a plan's scale that was searched, or found off: walls then say nothing of the metre. And of recorded
+motion whose unit was found by images and depth."""
 UNITS_AGREE = 1.1
 """Factor within which two things that say how far depth is off say the same."""
 
@@ -110,11 +117,45 @@ def align_to_plan(
     if found is None:
         fallback = np.eye(4) if claimed is None else claimed
         return ScanOnPlan(floorplan, fallback, None, claimed)
+    with timer.stage("align"):
+        floorplan, found = with_thick_walls(prepared, floorplan, found, options, claimed, surveyed)
     if not floorplan.is_metric and found.is_sure and found.scale_sigma > 0:
         with timer.stage("refit scale"):
             found = with_refitted_scale(prepared, floorplan.used(), found, options.adjust)
     metric = metric_plan(floorplan, found.scale_xy)
     return ScanOnPlan(metric, found.plan_from_level, found, claimed)
+
+
+def with_thick_walls(
+    prepared: PreparedScan,
+    floorplan: Floorplan,
+    drawn: Alignment,
+    options: RefineOptions,
+    claimed: Float[np.ndarray, "4 4"] | None = None,
+    surveyed: Sequence[ControlPoint] = (),
+) -> tuple[Floorplan, Alignment]:
+    """Plan and alignment, walls given the thickness that the scan shows where they are drawn by centre lines.
+
+    The very same ones where they are not, or where that explains no more of the scan.
+
+    Args:
+        prepared: the scan.
+        floorplan: as drawn, in its own unit.
+        drawn: the alignment with it as drawn.
+        options: of the alignment.
+        claimed: see `find_alignment`.
+        surveyed: likewise.
+    """
+    walls = wall_samples(prepared.measurements.structure, prepared.level_from_keys)
+    half = find_half_thickness(walls, floorplan.used(), drawn)
+    if half is None or options.align.method == "paper":
+        return floorplan, drawn
+    thick = with_thickness(floorplan, half.half_m / drawn.metres_per_unit)
+    found = find_alignment(prepared, thick.used(), options, claimed, surveyed)
+    if found is None or found.score < drawn.score:
+        return floorplan, drawn
+    words = (*found.warnings, thickness_words(half))
+    return thick, replace(found, warnings=words, half_thickness=half)
 
 
 def with_refitted_scale(
@@ -125,6 +166,42 @@ def with_refitted_scale(
     on_plan = found.plan_from_level @ prepared.level_from_keys
     refit = refit_scale(prepared.measurements, metric, on_plan, options)
     return found.rescaled(refit.factor, refit.sigma, on_plan[:, :2, 3].mean(axis=0))
+
+
+def with_fitted_thickness(
+    on_plan: ScanOnPlan,
+    prepared: PreparedScan,
+    adjustment: PlanAdjustment,
+    options: RefineOptions,
+    extra_terms: Sequence[Term] = (),
+) -> tuple[ScanOnPlan, Float[np.ndarray, "n 4 4"]]:
+    """The plan with each wall of a line as thick as it was seen, at the scale that goes with it, and poses.
+
+    Args:
+        on_plan: with one thickness for all walls.
+        prepared: the scan.
+        adjustment: to that plan.
+        options: of the adjustment, and prior sigmas.
+        extra_terms: of the adjustment.
+    """
+    plan, found = on_plan.floorplan, on_plan.alignment
+    assert plan is not None
+    is_scale_found = found is not None and found.scale_sigma > 0
+    poses = adjustment.solution.target_from_cams
+    fitted = fit_thickness(
+        prepared.measurements,
+        plan,
+        poses,
+        options.adjust,
+        options.calibration.odometry_scale_sigma,
+        UNKNOWN_SCALE_SIGMA if is_scale_found else 0.0,
+        extra_terms,
+    )
+    if found is not None and fitted.scale_sigma > 0:
+        middle = poses[:, :2, 3].mean(axis=0)
+        found = found.rescaled(fitted.scale_factor, fitted.scale_sigma, middle)
+        on_plan = replace(on_plan, alignment=found, plan_from_level=found.plan_from_level)
+    return replace(on_plan, floorplan=fitted.floorplan), fitted.plan_from_cams
 
 
 def find_alignment(

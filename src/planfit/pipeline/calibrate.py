@@ -26,6 +26,7 @@ from planfit.adjust.calibration import (
 )
 from planfit.adjust.uncertainty import SharedError
 from planfit.geometry.calibration import SensorCalibration
+from planfit.pipeline.align import UNKNOWN_SCALE_SIGMA
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
@@ -34,9 +35,6 @@ from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 
-UNKNOWN_SCALE_SIGMA = 0.05
-"""Of a plan's scale that was searched, or found off: walls then say nothing of the metre. And of recorded
-motion whose unit was found by images and depth."""
 PLAN_OFF_SIGMAS = 3.0
 """A metric plan that is off by more of its and the scan's standard deviations was drawn so."""
 MIN_SIGMAS_WITH_PLAN = 2.0
@@ -184,13 +182,15 @@ def _recalibrated(
 def plan_prior(
     on_plan: ScanOnPlan, calibration: Calibration, priors: CalibrationOptions
 ) -> tuple[CalibrationOptions, float]:
-    """Prior of the plan's scale, and how far the plan as it is used departs from it, as a share.
+    """Priors of the plan, and how far the plan as it is used departs in scale from them, as a share.
 
     A metric plan that fits as drawn is right. One that fits a little too large or small may be right, and the
     scan's depth be corrected not quite enough: one step then says which, and all comes again. One that is
     further off was drawn so: its scale is free, as that of a plan without unit.
     """
-    found = on_plan.alignment
+    found, plan = on_plan.alignment, on_plan.floorplan
+    if plan is None or plan.before_line is None:
+        priors = replace(priors, half_thickness_sigma_m=0.0)
     if found is None or found.scale_xy == (1.0, 1.0):
         return replace(priors, plan_scale_sigma=0.0), 0.0
     departure = float(np.log(found.metres_per_unit))

@@ -6,12 +6,18 @@ from functools import partial
 
 import numpy as np
 
-from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms, settle_walls
+from planfit.adjust import (
+    PlanAdjustment,
+    adjust_to_plan,
+    check_extra_terms,
+    settle_walls,
+)
 from planfit.adjust.calibration import Calibration
 from planfit.corrections import NO_CORRECTIONS, Contradiction, Corrections
 from planfit.errors import require
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
+from planfit.pipeline.align import with_fitted_thickness
 from planfit.pipeline.by_hand import (
     contradictions_among,
     contradictions_of_images,
@@ -283,6 +289,13 @@ def _place(
         start = on_plan.plan_from_level @ prepared.level_from_keys
         measured, plan = prepared.measurements, on_plan.floorplan
         adjustment = adjust_to_plan(measured, plan, start, options.adjust, extra_terms)
+        if plan is not None and plan.before_line is not None:
+            on_plan, poses = with_fitted_thickness(
+                on_plan, prepared, adjustment, options, extra_terms
+            )
+            adjustment = adjust_to_plan(
+                measured, on_plan.floorplan, poses, options.adjust, extra_terms
+            )
     return calibrated, on_plan, adjustment
 
 

@@ -1,4 +1,4 @@
-"""Derivatives by the sensor, the odometry's and the plan's scale, held against differences."""
+"""Derivatives by sensor, scales of odometry and plan, and thickness of walls, held against differences."""
 
 from dataclasses import replace
 
@@ -9,11 +9,12 @@ from numpy.testing import assert_allclose
 from builders import nudged
 from faulty_sensors import make_sensor_world, with_points
 from planfit.adjust.calibration import SHARED, CalibrationOptions
-from planfit.adjust.calibration.blocks import ODOMETRY, PLAN, S, shared_blocks
+from planfit.adjust.calibration.blocks import HALF, ODOMETRY, PLAN, S, shared_blocks
 from planfit.adjust.calibration.reduced import shared_step
 from planfit.adjust.terms.levels import LevelTerm
 from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.wall_offsets import OffsetWallTerm, with_offsets
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL
@@ -26,7 +27,8 @@ NOTHING = np.zeros(S)
 
 @pytest.fixture
 def world(rng):
-    return make_sensor_world(rng, n=6, noise_m=0.0, n_rays=60)
+    some_lines = np.array([0.1, 0.0, 0.12, 0.0])
+    return make_sensor_world(rng, n=6, noise_m=0.0, n_rays=60, before_line=some_lines)
 
 
 def sensor_at(shared):
@@ -93,7 +95,9 @@ def residuals_of(term, poses, shared, base=NOTHING):
     at = np.sum(planes[:, :3] * se3.transform_each(of_point, sensor.points(points)), axis=1)
     if isinstance(term, WallTerm):
         grown = 1 + shared[PLAN]
-        gaps = (at + grown * planes[:, 3]) / grown
+        before = term.floorplan.before_line[term.association.face_idx]
+        forward = shared[HALF] * np.repeat(before > 0, counts)
+        gaps = (at + grown * planes[:, 3] - forward) / grown
     else:
         level = np.einsum("mji,mj->mi", of_point[:, :3, :3], planes[:, :3])
         gaps = (at + planes[:, 3]) / stretch_along(points[:, 2], shared, base)
@@ -170,6 +174,37 @@ def test_blocks_of_each_term_are_those_of_differences_where_residuals_vanish(wor
     )
 
 
+def test_blocks_of_faces_with_offsets_are_those_of_differences_where_residuals_vanish(world):
+    problem, poses = world.problem(), world.plan_from_cams
+    walls = of_kind(problem, WallTerm)
+    n = len(poses)
+    term = OffsetWallTerm(walls.patches, walls.floorplan, walls.association, walls.options, n)
+    unknowns = with_offsets(poses, walls.floorplan)
+
+    def residuals(unknowns, shared):
+        rows, weights, loss = residuals_of(term.displaced(unknowns), unknowns[:n], shared)
+        root = np.sqrt(weights * loss_value(np.sum(rows**2, axis=1), loss)[1])
+        return (root[:, None] * rows).ravel()
+
+    columns = []
+    for k in range(6 * len(unknowns) + S):
+        ends = []
+        for way in (STEP, -STEP):
+            delta = np.zeros(6 * len(unknowns) + S)
+            delta[k] = way
+            moved = se3.retract(unknowns, delta[:-S].reshape(-1, 6))
+            ends.append(residuals(moved, delta[-S:]))
+        columns.append((ends[0] - ends[1]) / (2 * STEP))
+    jacobian = np.stack(columns, axis=1)
+    normal = jacobian.T @ jacobian
+    alone = replace(with_only(problem, None), offset_walls=term, unknowns=unknowns)
+    found = shared_blocks(alone, unknowns)
+    assert_allclose(found.by_self, normal[-S:, -S:], atol=1e-6 * np.abs(normal[-S:, -S:]).max())
+    across = normal[:-S, -S:]
+    assert np.abs(across[6 * n :]).max() > 0
+    assert_allclose(found.by_pose.reshape(-1, S), across, atol=1e-6 * np.abs(across).max())
+
+
 def test_the_gradient_is_that_of_the_robust_cost_with_sigmas_that_grow_with_the_points(world, rng):
     problem = world.problem()
     poses = nudged(rng, world.plan_from_cams, 0.4, 0.02)
@@ -187,7 +222,7 @@ def test_the_gradient_is_that_of_the_robust_cost_with_sigmas_that_grow_with_the_
 
 def test_the_gradient_is_that_of_the_cost_where_depth_is_corrected_by_much(world, rng):
     """Of 0.04 z^2 the derivative by z^2, the corrected depth's, would be off by 14 to 60 %."""
-    base = np.array([0.05, -0.03, -0.04, 0, 0, 0, 0, 0, 0])
+    base = np.array([0.05, -0.03, -0.04, *[0.0] * (S - 3)])
     as_measured = world.measured_by(sensor_at(base)).measurements
     corrected = world.problem(with_points(as_measured, sensor_at(base).points))
     measured = world.problem(as_measured)
@@ -214,7 +249,7 @@ def test_terms_that_know_nothing_of_shared_parameters_add_nothing(world):
 def test_the_reduced_step_is_a_dense_one_over_poses_and_parameters(world, rng, held):
     # Pose blocks of matches leave out what vanishes with the residuals.
     poses = nudged(rng, world.plan_from_cams, 1e-4, 1e-5)
-    sigmas = np.array([0.03, 0.02, 0.004, 0.03, 0.02, 0.008, 0.008, 0.003, 0.006])
+    sigmas = np.array([0.03, 0.02, 0.004, 0.03, 0.02, 0.008, 0.008, 0.003, 0.006, 0.02])
     sigmas[list(held)] = 0.0
     departures = np.where(sigmas > 0, 0.3 * sigmas, 0.0)
     departures[3:7] = 0.0  # blocks are exact where the lens is nominal

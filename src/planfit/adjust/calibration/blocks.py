@@ -1,4 +1,4 @@
-"""Derivatives of terms by what all frames share: the sensor, the odometry's and the plan's scale."""
+"""Derivatives of terms by what all frames share: sensor, scales of odometry and plan, thickness of walls."""
 
 from dataclasses import dataclass
 
@@ -12,6 +12,7 @@ from planfit.adjust.terms.levels import LevelTerm
 from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.surfaces import SurfaceTerm
+from planfit.adjust.terms.wall_offsets import OffsetWallTerm
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, PARAMETERS, SensorCalibration
@@ -19,9 +20,11 @@ from planfit.lsq.blocks import relative_pose_jacobians, relative_poses, sum_by_p
 from planfit.lsq.moments import planes_in_cam
 from planfit.lsq.robust import loss_value
 
-SHARED = (*PARAMETERS, "odometry_scale", "plan_scale")
+SHARED = (*PARAMETERS, "odometry_scale", "plan_scale", "half_thickness_m")
 """What all frames share, in the order of vectors and matrices here."""
-ODOMETRY, PLAN = len(PARAMETERS), len(PARAMETERS) + 1
+ODOMETRY, PLAN, HALF = (len(PARAMETERS) + k for k in range(3))
+NUISANCES = (ODOMETRY, PLAN, HALF)
+"""Free within their priors, and no sensor's: half the thickness is of walls drawn by centre lines."""
 S = len(SHARED)
 
 
@@ -55,9 +58,11 @@ def shared_blocks(
         if isinstance(term, PointTerm):
             parts.append(_of_pairs(term.groups, target_from_cams, depth))
         elif isinstance(term, LevelTerm):
-            parts.append(_of_planes(term.groups, target_from_cams, depth, is_drawn=False))
+            parts.append(_of_planes(term.groups, target_from_cams, depth))
         elif isinstance(term, WallTerm):
-            parts.append(_of_planes(term.groups, target_from_cams, depth, is_drawn=True))
+            parts.append(_of_walls(term, target_from_cams, depth))
+        elif isinstance(term, OffsetWallTerm):
+            parts.append(_of_offset_walls(term, target_from_cams, depth))
         elif isinstance(term, OdometryTerm):
             parts.append(_of_steps(term, target_from_cams))
         elif isinstance(term, SurfaceTerm):
@@ -73,43 +78,105 @@ def _of_planes(
     groups: PlaneGroups,
     target_from_cams: Float[np.ndarray, "n 4 4"],
     depth: Float[np.ndarray, "3"],
-    is_drawn: bool,
 ) -> SharedBlocks:
-    """Points on planes: walls, whose planes grow with the plan, or level surfaces, which do not.
+    """Points on level surfaces, whose sigma grows with the points (see `kernels`)."""
+    by_group, by_self, gradient = _by_sensor(groups, target_from_cams, depth, does_grow=True)
+    by_pose = sum_by_pose(groups.pose_idx, by_group, len(target_from_cams))
+    return SharedBlocks(by_pose, by_self, gradient)
 
-    The sigma of level surfaces grows with the points (see `kernels`); that of walls is mostly how they were
-    drawn and built.
-    """
-    n, k = len(target_from_cams), len(groups.pose_idx)
+
+def _by_sensor(
+    groups: PlaneGroups,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    depth: Float[np.ndarray, "3"],
+    does_grow: bool,
+) -> tuple[Float[np.ndarray, "k 6 s"], Float[np.ndarray, "s s"], Float[np.ndarray, " s"]]:
+    """Of points on planes: J_pose^T J_shared group by group, J_shared^T J_shared and J_shared^T r, of the
+    sensor's parameters alone."""
+    k = len(groups.pose_idx)
     poses = target_from_cams[groups.pose_idx]
     planes_cam = planes_in_cam(groups.planes, poses)
     by_group, by_self, gradient = np.zeros((k, 6, S)), np.zeros((S, S)), np.zeros(S)
     of_sensor = np.zeros((k, 6, K)), np.zeros((K, K)), np.zeros(K)
     weight = _robust_weights(groups, target_from_cams)
     points = np.asarray(groups.points_cam, dtype=float)
-    sum_planes_by_sensor(points, groups.start, planes_cam, weight, depth, not is_drawn, *of_sensor)
+    sum_planes_by_sensor(points, groups.start, planes_cam, weight, depth, does_grow, *of_sensor)
     rotations = poses[:, :3, :3]
     by_group[:, :3, :K] = rotations @ of_sensor[0][:, :3]
     by_group[:, 3:, :K] = rotations @ of_sensor[0][:, 3:]
     by_self[:K, :K], gradient[:K] = of_sensor[1], of_sensor[2]
-    if is_drawn:
-        # A face at offset c stands at s c, and its sigma grows with it: the residual's derivative is -c - r.
-        moments, _ = groups.moments(target_from_cams)
-        sums = np.asarray(moments.moments)  # of w p~ p~^T
-        levers = np.zeros((k, 6, 4))  # J_pose is levers p~
-        levers[:, :3, :3] = -se3.skew(groups.planes[:, :3]) @ rotations
-        levers[:, 3:, 3] = groups.planes[:, :3]
-        drawn = groups.planes[:, 3]  # -c
-        of_one, of_r = sums[:, :, 3], np.einsum("kij,kj->ki", sums, planes_cam)
-        by_plan = drawn[:, None] * of_one - of_r
-        by_group[:, :, PLAN] = np.einsum("kij,kj->ki", levers, by_plan)
-        squares = np.einsum("ki,ki->k", planes_cam, of_r)  # sums of w r^2
-        gradient[PLAN] = drawn @ of_r[:, 3] - squares.sum()
-        by_self[PLAN, PLAN] = drawn**2 @ of_one[:, 3] - 2 * drawn @ of_r[:, 3] + squares.sum()
-        # Rows of translation are n sum w J_s, and n is a unit vector.
-        summed = np.einsum("ki,kis->ks", groups.planes[:, :3], by_group[:, 3:, :K])
-        by_self[PLAN, :K] = by_self[:K, PLAN] = drawn @ summed - gradient[:K]
-    return SharedBlocks(sum_by_pose(groups.pose_idx, by_group, n), by_self, gradient)
+    return by_group, by_self, gradient
+
+
+def _of_walls(
+    term: WallTerm, target_from_cams: Float[np.ndarray, "n 4 4"], depth: Float[np.ndarray, "3"]
+) -> SharedBlocks:
+    """Points on faces, which grow with the plan and stand before their lines where walls are drawn by these.
+
+    The sigma of walls is mostly how they were drawn and built: it does not grow with the points.
+    """
+    by_group, by_self, gradient = _by_walls(term, target_from_cams, depth)
+    by_pose = sum_by_pose(term.patches.frame_idx, by_group, len(target_from_cams))
+    return SharedBlocks(by_pose, by_self, gradient)
+
+
+def _of_offset_walls(
+    term: OffsetWallTerm, unknowns: Float[np.ndarray, "u 4 4"], depth: Float[np.ndarray, "3"]
+) -> SharedBlocks:
+    """The same of faces with offsets of their own, which are unknowns behind the cameras.
+
+    A face moves along its normal n, and the residual against it: of translations J_face = -n, J_pose = n.
+    """
+    as_they_stand, face = term.displaced(unknowns), term.association.face_idx
+    by_group, by_self, gradient = _by_walls(as_they_stand, unknowns[: term.n_cams], depth)
+    by_face = np.zeros_like(by_group)
+    by_face[:, 3:] = -by_group[:, 3:]
+    n, is_near = len(unknowns), face >= 0
+    by_pose = sum_by_pose(term.patches.frame_idx, by_group, n)
+    by_pose += sum_by_pose(term.n_cams + face[is_near], by_face[is_near], n)
+    return SharedBlocks(by_pose, by_self, gradient)
+
+
+def _by_walls(
+    term: WallTerm, target_from_cams: Float[np.ndarray, "n 4 4"], depth: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "k 6 s"], Float[np.ndarray, "s s"], Float[np.ndarray, " s"]]:
+    """Of points on faces: J_pose^T J_shared group by group, J_shared^T J_shared and J_shared^T r."""
+    groups = term.groups
+    by_group, by_self, gradient = _by_sensor(groups, target_from_cams, depth, does_grow=False)
+    poses = target_from_cams[groups.pose_idx]
+    planes_cam = planes_in_cam(groups.planes, poses)
+    moments, _ = groups.moments(target_from_cams)
+    sums = np.asarray(moments.moments)  # of w p~ p~^T
+    of_one, of_r = sums[:, :, 3], np.einsum("kij,kj->ki", sums, planes_cam)
+    levers = np.zeros((len(poses), 6, 4))  # J_pose is levers p~
+    levers[:, :3, :3] = -se3.skew(groups.planes[:, :3]) @ poses[:, :3, :3]
+    levers[:, 3:, 3] = groups.planes[:, :3]
+    # A face at offset c stands at s c, and its sigma grows with it: the residual's derivative is -c - r.
+    drawn = groups.planes[:, 3]  # -c
+    by_plan = drawn[:, None] * of_one - of_r
+    # A face stands half a thickness before its line: the derivative by that is -1.
+    by_half = -_are_of_lines(term)[:, None] * of_one
+    squares = np.einsum("ki,ki->k", planes_cam, of_r)  # sums of w r^2
+    by_group[:, :, PLAN] = np.einsum("kij,kj->ki", levers, by_plan)
+    by_group[:, :, HALF] = np.einsum("kij,kj->ki", levers, by_half)
+    gradient[PLAN] = drawn @ of_r[:, 3] - squares.sum()
+    gradient[HALF] = -_are_of_lines(term) @ of_r[:, 3]
+    by_self[PLAN, PLAN] = drawn**2 @ of_one[:, 3] - 2 * drawn @ of_r[:, 3] + squares.sum()
+    by_self[HALF, HALF] = -by_half[:, 3].sum()
+    by_self[PLAN, HALF] = by_self[HALF, PLAN] = drawn @ by_half[:, 3] - gradient[HALF]
+    # Rows of translation are n sum w J_s, and n is a unit vector.
+    summed = np.einsum("ki,kis->ks", groups.planes[:, :3], by_group[:, 3:, :K])
+    by_self[PLAN, :K] = by_self[:K, PLAN] = drawn @ summed - gradient[:K]
+    by_self[HALF, :K] = by_self[:K, HALF] = -_are_of_lines(term) @ summed
+    return by_group, by_self, gradient
+
+
+def _are_of_lines(term: WallTerm) -> Float[np.ndarray, " k"]:
+    """1 for groups on faces that were made of a wall's centre line, else 0."""
+    before, face = term.floorplan.before_line, term.association.face_idx
+    if before is None:
+        return np.zeros(len(face))
+    return np.where((face >= 0) & (before[face] > 0), 1.0, 0.0)
 
 
 def _of_pairs(

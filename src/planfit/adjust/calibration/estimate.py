@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from planfit.adjust.calibration.blocks import ODOMETRY, PLAN, SHARED
+from planfit.adjust.calibration.blocks import NUISANCES, ODOMETRY, PLAN, SHARED
 from planfit.adjust.calibration.correct import corrected_measurements
 from planfit.adjust.calibration.options import CalibrationOptions
 from planfit.adjust.calibration.reduced import SharedStep, shared_step
@@ -93,7 +93,7 @@ def estimate(
     departures[:ODOMETRY] = start.vector - nominal
     departures[PLAN] = plan_departure
     is_kept = departures != 0
-    is_kept[[ODOMETRY, PLAN]] = False
+    is_kept[list(NUISANCES)] = False
     rounds, was_far = 0, False
     most = options.max_prior_sigmas * options.sigmas
     while True:
@@ -142,7 +142,7 @@ def estimate_without_plan(
         problem = build_problem(again, adjust, start)
         return problem, problem.solve().target_from_cams
 
-    held = replace(options, plan_scale_sigma=0.0)
+    held = replace(options, plan_scale_sigma=0.0, half_thickness_sigma_m=0.0)
     problem = build_problem(measurements, adjust, poses)
     return estimate(measurements, problem, poses, solve, held)
 
@@ -158,7 +158,8 @@ def asked_for(
     A departure d of sigma s lowers the cost by d^2 / (2 s^2) (Wald's test). Matches share errors that are no
     sensor's: of depth between the pixels, of exposure, of the rig. So a parameter's price is a share of the
     whole cost, but that of the depth's scale, which recorded steps and walls hold, not matches alone. The
-    scales of odometry and plan are nuisances: free within their priors, never kept here.
+    scales of odometry and plan, and the thickness of walls, are nuisances: free within their priors, never
+    kept here.
 
     Returns:
         departures and standard deviations of each parameter, with those kept (and the nuisances) free; which
@@ -166,7 +167,7 @@ def asked_for(
     """
     n = len(SHARED)
     is_free = np.diagonal(step.covariance) > 0
-    is_free[[ODOMETRY, PLAN]] = False
+    is_free[list(NUISANCES)] = False
     idx = np.flatnonzero(is_free)
     # Nuisances are marginalised by leaving them out of the covariance.
     information = np.linalg.inv(step.covariance[np.ix_(idx, idx)])

@@ -34,6 +34,9 @@ class CalibrationOptions:
     """Of the factor on recorded steps: visual-inertial and LiDAR trackers know the metre."""
     plan_scale_sigma: float = 0.006
     """Of the factor on a metric plan that `align` finds a little off."""
+    half_thickness_sigma_m: float = 0.02
+    """Of half the thickness of walls, as found, where a plan draws them by their centre lines: it looks like
+    an offset of depth."""
     min_sigmas: float = 3.0
     """A parameter is kept where it departs by so many of its standard deviations, the others free."""
     min_gain_share: float = 0.004
@@ -73,6 +76,7 @@ class CalibrationOptions:
                 self.min_principal,
                 0.0,
                 0.0,
+                0.0,
             ]
         )
 
@@ -90,5 +94,6 @@ class CalibrationOptions:
                 self.principal_sigma,
                 self.odometry_scale_sigma,
                 self.plan_scale_sigma,
+                self.half_thickness_sigma_m,
             ]
         )

@@ -40,13 +40,19 @@ class OffsetWallTerm:
     """Poses before the faces' own among the unknowns."""
     name: str = "walls"
 
-    def reweight(self, unknowns: Float[np.ndarray, "u 4 4"]) -> tuple["OffsetPlaneMoments", float]:
-        """One pass over the wall points, against faces where their offsets put them now."""
+    def displaced(self, unknowns: Float[np.ndarray, "u 4 4"]) -> WallTerm:
+        """Of the cameras alone, against faces where their offsets put them now."""
         translations = unknowns[self.n_cams :, :3, 3]
         offsets_m = np.einsum("ni,ni->n", self.floorplan.normals, translations[:, :2])
-        term = WallTerm(
+        return WallTerm(
             self.patches, self.floorplan, self.association, self.options, offsets_m=offsets_m
         )
+
+    def reweight(self, unknowns: Float[np.ndarray, "u 4 4"]) -> tuple["OffsetPlaneMoments", float]:
+        """One pass over the wall points, against faces where their offsets put them now."""
+        term = self.displaced(unknowns)
+        offsets_m = term.offsets_m
+        assert offsets_m is not None
         quadratic, cost = term.reweight(unknowns[: self.n_cams])
         assert isinstance(quadratic, PlaneMoments)  # offsets run on the CPU
         associated = self.association.face_idx >= 0

@@ -1,0 +1,86 @@
+"""How thick walls are that a plan draws by their centre lines."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from builders import faces_plan, moved_plan
+from planfit.alignment import (
+    AlignOptions,
+    align,
+    find_half_thickness,
+    sample_walls,
+    thickness_words,
+)
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3
+
+ROOMS = [(0, 0, 6, 4), (6.2, 0, 5, 4), (11.4, 0, 3, 7), (0, 4.2, 4, 6.3), (4.2, 4.2, 7, 2.8),
+         (4.2, 7.2, 2.5, 3.3), (11.4, 7.2, 8, 5)]  # fmt: skip
+PLAN_FROM_LEVEL = se3.yaw_transform(0.3, np.array([20.0, -7.0, 0.0]))
+
+
+@pytest.fixture(scope="module")
+def office():
+    """Rooms with walls 0.2 m thick between them."""
+    plans = [faces_plan([[x, y], [x + w, y], [x + w, y + d], [x, y + d]]) for x, y, w, d in ROOMS]
+    ends = np.concatenate([plan.ends for plan in plans])
+    normals = np.concatenate([plan.normals for plan in plans])
+    return Floorplan("office", ends, normals, np.ones(len(ends), dtype=bool))
+
+
+@pytest.fixture(scope="module")
+def scan(office):
+    eyes = np.array([[x + w / 2, y + d / 2] for x, y, w, d in ROOMS])
+    return sample_walls(office.normals, office.ends, seen_from=np.repeat(eyes, 4, axis=0))
+
+
+def behind(office, half_m):
+    """Each face as a line this far behind it: of 0.1 m, both faces of a wall are one line."""
+    lines = office.ends - half_m * office.normals[:, None]
+    plan = replace(office, ends=lines, is_oriented=np.zeros(len(office), dtype=bool))
+    return moved_plan(plan, PLAN_FROM_LEVEL)
+
+
+def found_of(scan, plan):
+    return find_half_thickness(scan, plan, align(scan, plan, AlignOptions()))
+
+
+@pytest.mark.parametrize("half_m", [0.06, 0.1, 0.17])
+def test_half_the_thickness_is_found(scan, office, half_m):
+    found = found_of(scan, behind(office, half_m))
+    assert found is not None
+    assert found.half_m == pytest.approx(half_m, abs=0.005)
+    assert abs(found.half_m - half_m) < max(3 * found.sigma_m, 0.003)
+    assert found.score > 0.95
+
+
+def test_without_a_unit_thickness_and_scale_are_found_together(scan, office):
+    plan = replace(behind(office, 0.1).scaled(40.0), is_metric=False)
+    found = found_of(scan, plan)
+    assert found is not None
+    assert found.half_m == pytest.approx(0.1, abs=0.01)
+
+
+@pytest.mark.parametrize("off_m", [0.0, 0.02])
+def test_lines_on_the_faces_are_left_as_lines(scan, office, off_m):
+    assert found_of(scan, behind(office, off_m)) is None
+
+
+def test_a_plan_with_both_faces_has_no_lines(scan, office):
+    plan = moved_plan(office, PLAN_FROM_LEVEL)
+    assert find_half_thickness(scan, plan, align(scan, plan, AlignOptions())) is None
+
+
+def test_a_plan_that_is_too_large_is_not_thick_walled(scan, office):
+    """Rooms that are 4 % too large, each face a line: smaller rooms would be less off."""
+    plan = behind(office, 0.0).scaled(1.04)
+    found = found_of(scan, plan)
+    assert found is None or found.score < 0.8
+
+
+def test_words_tell_the_whole_thickness(scan, office):
+    found = found_of(scan, behind(office, 0.1))
+    assert found is not None
+    assert "0.20 m thick" in thickness_words(found)
