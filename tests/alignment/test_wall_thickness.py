@@ -80,6 +80,32 @@ def test_a_plan_that_is_too_large_is_not_thick_walled(scan, office):
     assert found is None or found.score < 0.8
 
 
+@pytest.mark.parametrize("drawn_m", [0.03, 0.09])
+def test_strokes_are_as_thick_as_the_walls_that_were_seen(scan, office, drawn_m):
+    """Walls of 0.2 m drawn by strokes about their middles."""
+    back = (0.1 - drawn_m / 2) * office.normals[:, None]
+    thin = replace(office, ends=office.ends - back, thickness=np.full(len(office), drawn_m))
+    found = found_of(scan, moved_plan(thin, PLAN_FROM_LEVEL))
+    assert found is not None
+    assert found.half_m == pytest.approx(0.1, abs=0.005)
+    assert found.drawn_m == pytest.approx(drawn_m / 2)
+    assert f"strokes {drawn_m:.2f} m thick" in thickness_words(found)
+
+
+@pytest.mark.parametrize("off_m", [0.0, 0.03])
+def test_thin_walls_that_are_thin_stay_as_drawn(scan, office, off_m):
+    """As seen, and with depth 3 cm short, which looks alike."""
+    behind_m = office.ends - off_m * office.normals[:, None]
+    thin = replace(office, ends=behind_m, thickness=np.full(len(office), 0.08))
+    assert found_of(scan, moved_plan(thin, PLAN_FROM_LEVEL)) is None
+
+
+def test_thick_walls_are_no_strokes(scan, office):
+    ends = office.ends - 0.06 * office.normals[:, None]
+    plan = replace(office, ends=ends, thickness=np.full(len(office), 0.2))
+    assert found_of(scan, moved_plan(plan, PLAN_FROM_LEVEL)) is None
+
+
 def test_words_tell_the_whole_thickness(scan, office):
     found = found_of(scan, behind(office, 0.1))
     assert found is not None

@@ -8,7 +8,7 @@ import shapely
 from numpy.testing import assert_allclose
 
 from planfit.floorplan import Floorplan
-from planfit.floorplan.centre_lines import with_offsets, with_thickness
+from planfit.floorplan.centre_lines import are_strokes, with_offsets, with_thickness
 from planfit.geometry import segments
 
 HALF = 0.1
@@ -91,6 +91,35 @@ def test_a_short_wall_between_thick_ones_is_left_out():
     room = [[[0, 0], [4, 0]], [[0, 0.25], [4, 0.25]], [[2, 0], [2, 0.25]]]
     thick = with_thickness(lines_plan(room), HALF)
     assert len(thick) == 4
+
+
+def test_both_faces_of_a_stroke_move_apart():
+    """Drawn 0.04 thick; the wall of 0.3 beside it is drawn to scale."""
+    ends = np.array([[[0, 0.02], [4, 0.02]], [[4, -0.02], [0, -0.02]], [[0, 3], [4, 3]]])
+    normals = np.array([[0, 1.0], [0, -1], [0, -1]])
+    plan = Floorplan("strokes", ends, normals, np.ones(3, dtype=bool))
+    plan = replace(plan, thickness=np.array([0.04, 0.04, 0.3]))
+    assert_allclose(are_strokes(plan, 0.1), [True, True, False])
+    thick = with_thickness(plan, HALF, 0.1)
+    assert_allclose(thick.ends[:, 0, 1], [HALF, -HALF, 3.0])
+    assert_allclose(thick.before_line, [HALF, HALF, 0.0])
+    assert_allclose(thick.drawn_ends[:2, 0, 1], 0.0, atol=1e-12)
+    assert_allclose(thick.thickness, [2 * HALF, 2 * HALF, 0.3])
+    assert with_thickness(plan, HALF, 0.01) is plan
+
+
+def test_strokes_and_lines_of_one_plan_are_thickened_together():
+    plan = lines_plan([[[0, 0], [4, 0]], [[0, 3.02], [4, 3.02]], [[4, 2.98], [0, 2.98]]])
+    mixed = replace(
+        plan,
+        normals=np.array([[0, 1.0], [0, 1], [0, -1]]),
+        is_oriented=np.array([False, True, True]),
+        thickness=np.array([np.nan, 0.04, 0.04]),
+    )
+    thick = with_thickness(mixed, HALF, 0.1)
+    assert len(thick) == 4
+    assert_allclose(thick.before_line, HALF)
+    assert_allclose(np.sort(thick.ends[:, 0, 1]), [-HALF, HALF, 3 - HALF, 3 + HALF])
 
 
 def test_offsets_move_faces_of_lines_alone():

@@ -62,8 +62,12 @@ class HalfThickness:
 
     half_m: float
     sigma_m: float
+    drawn_m: float
+    """The same as drawn: 0 of lines."""
     score: float
     """Share of seen wall that the plan explains with it."""
+    metres_per_unit: float = 1.0
+    """Of the plan, where that was found."""
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ MIN_AGREEMENT = 0.35
 """Yaws that agree less than this share of the best are not tried: most buildings have four that do, and
 the others only take time."""
 
-THICKNESS_M = (0.05, 0.6)
-"""Walls of buildings."""
+THICKNESS_M = (0.02, 0.6)
+"""Walls of buildings as they are drawn: thin strokes stand for walls in some plans."""
 SCAN_TO_PLAN = (1 / 12, 1.6)
 """Diagonal of the scan over that of the plan: from one room of a floor to a scan that leaves the plan."""
 MAX_SIZE_M = 2000.0

@@ -1,4 +1,4 @@
-"""Walls that a plan draws as one line in their middle, given the two faces that they have."""
+"""Walls that a plan draws as lines or thin strokes in their middle, given the two faces that they have."""
 
 from dataclasses import replace
 
@@ -14,15 +14,34 @@ CORNERS_AT_ONCE = 512
 """Ends of lines that are compared with all lines at a time: memory stays small on large plans."""
 
 
-def with_thickness(floorplan: Floorplan, half: float) -> Floorplan:
-    """The plan with two faces, `half` before it on either side, for each line of unknown side.
+def are_strokes(floorplan: Floorplan, thinnest: float) -> Bool[np.ndarray, " n"]:
+    """Faces of walls that are drawn thinner than walls are: strokes for walls, not walls to scale.
 
-    Faces whose side is known stay as they are. Where lines meet, faces end in the corners of the walls.
+    Args:
+        floorplan: as drawn.
+        thinnest: what walls are at least thick, in the plan's unit.
+    """
+    if floorplan.thickness is None:
+        return np.zeros(len(floorplan), dtype=bool)
+    return floorplan.is_oriented & (np.nan_to_num(floorplan.thickness, nan=np.inf) < thinnest)
+
+
+def with_thickness(floorplan: Floorplan, half: float, thinnest: float = 0.0) -> Floorplan:
+    """The plan with faces `half` before the middles of walls that are drawn as lines or strokes.
+
+    Each line of unknown side becomes two faces, which end in the corners of the walls where lines meet; both
+    faces of a stroke move apart. Other faces stay as they are.
 
     Args:
         floorplan: as drawn; lines are faces that are not oriented.
-        half: half the thickness of the walls that the lines are of, in the plan's unit.
+        half: half the thickness of the walls that lines and strokes are of, in the plan's unit.
+        thinnest: walls that are drawn thinner are strokes.
     """
+    stroke = are_strokes(floorplan, thinnest)
+    if stroke.any():
+        assert floorplan.thickness is not None
+        drawn = np.where(stroke, 0.5 * floorplan.thickness, 0.0)
+        floorplan = with_offsets(replace(floorplan, before_line=drawn), half - drawn)
     line = ~floorplan.is_oriented
     n_lines = int(line.sum())
     if n_lines == 0:
@@ -37,7 +56,10 @@ def with_thickness(floorplan: Floorplan, half: float) -> Floorplan:
     kept = (left > half).ravel()
     both = np.repeat(np.flatnonzero(line), 2)[kept]
     source = np.concatenate([np.flatnonzero(~line), both])  # the face of the plan that each is of
-    before = np.concatenate([np.zeros(len(line) - n_lines), np.full(len(both), half)])
+    of_others = np.zeros(len(line) - n_lines)
+    if floorplan.before_line is not None:
+        of_others = floorplan.before_line[~line]
+    before = np.concatenate([of_others, np.full(len(both), half)])
     thickness = np.full(len(floorplan), np.nan)
     if floorplan.thickness is not None:
         thickness = floorplan.thickness.copy()
@@ -56,7 +78,7 @@ def with_thickness(floorplan: Floorplan, half: float) -> Floorplan:
 
 
 def with_offsets(floorplan: Floorplan, offset: Float[np.ndarray, " n"]) -> Floorplan:
-    """The plan with faces that were made of lines moved along their normals: walls thicker or thinner.
+    """The plan with faces of lines and strokes moved along their normals: walls thicker or thinner.
 
     Args:
         floorplan: as `with_thickness` gives it.

@@ -26,6 +26,7 @@ from planfit.alignment import (
 from planfit.alignment import align as search_alignment
 from planfit.alignment.control_points import ControlPoint
 from planfit.alignment.options import RecordedAxes
+from planfit.alignment.wall_thickness import THINNEST_M
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_thickness
@@ -150,7 +151,9 @@ def with_thick_walls(
     half = find_half_thickness(walls, floorplan.used(), drawn)
     if half is None or options.align.method == "paper":
         return floorplan, drawn
-    thick = with_thickness(floorplan, half.half_m / drawn.metres_per_unit)
+    thick = with_thickness(
+        floorplan, half.half_m / half.metres_per_unit, THINNEST_M / half.metres_per_unit
+    )
     found = find_alignment(prepared, thick.used(), options, claimed, surveyed)
     if found is None or found.score < drawn.score:
         return floorplan, drawn
