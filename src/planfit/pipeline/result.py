@@ -177,7 +177,9 @@ def make_result(
     survey = None
     if surveyed is not None and on_plan.survey is not None:
         marks = surveyed.marks.corrected(calibrated.calibration.sensor)
-        survey = survey_residuals(surveyed, marks, on_plan.survey, validation.after)
+        survey = survey_residuals(
+            surveyed, marks, on_plan.survey, validation.after, validation.evidence.left_out
+        )
     neighbours, has_plan = options.matching.pairs.neighbours, on_plan.floorplan is not None
     return RefineResult(
         floorplan=on_plan.floorplan,
