@@ -39,7 +39,7 @@ class PointResidual:
     is_contradicted: bool = False
     """Whether the rest contradicts it."""
     is_used: bool = True
-    """Whether a control point took part: one that contradicts those beside it more than drift can does not."""
+    """Whether a control point took part: not if those beside it contradict it by more than drift can."""
     swapped_with: str = ""
     """Point in whose place the rest puts it, and which it puts in its own."""
 
