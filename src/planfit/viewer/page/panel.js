@@ -153,6 +153,28 @@ of("pairs").addEventListener("change", ({ target }) => {
   stage.scrollIntoView({ block: "nearest" });
   say("press a point of the cloud that the plan shows too, as a corner at the floor or a door");
 });
+// The scan dragged over the plan: what it is let go at is saved at once.
+let drag = null;
+of("drag").addEventListener("change", async ({ target }) => {
+  try {
+    if (!drag) {
+      const shape = await ask("shape");
+      drag = dragged(of("plan").querySelector("svg"), map, shape,
+        (pairs) => change("drag", { pairs }, "placed where it was let go: solve again, or drag it on"));
+      map.onDraw = drag.draw;
+    }
+    map.clear();
+    drag.switchOn(target.checked);
+    for (const name of ["turn-left", "turn-right"]) of(name).hidden = !target.checked;
+    of("plan").querySelector("svg").classList.toggle("is-dragging", target.checked);
+    if (target.checked) say("drag the scan to its place, turn it at its handle; arrow keys, [ and ] do the same");
+  } catch (error) {
+    target.checked = false;
+    say(error.message, true);
+  }
+});
+of("turn-left").addEventListener("click", () => drag.turn(-15));
+of("turn-right").addEventListener("click", () => drag.turn(15));
 for (const [name, kind] of [["unuse", "exclude_wall"], ["erase", "erase_wall"]])
   of(name).addEventListener("click", () => {
     if (!map.wall) return say("press a wall of the plan", true);
