@@ -203,6 +203,16 @@ def test_a_door_that_cameras_look_through_is_open(rng):
     assert "open: 1.0" in opening_words(opening, found.options.openings)
 
 
+def test_what_stands_in_an_opening_is_none_of_its_sides(rng):
+    """A post 0.25 m from one side, looked past on both of its sides."""
+    found = judged(
+        partition(DOOR), rng, through=(1.53, 2.47), walls=((0.0, 1.5), (2.2, 2.25), (2.5, 4.0))
+    )
+    opening, verdict = only_opening(found)
+    assert verdict is OpeningVerdict.OPEN
+    assert opening.width_m == pytest.approx(1.0, abs=0.03)
+
+
 @pytest.mark.parametrize("by_m", [-0.15, 0.15])
 def test_an_open_door_tells_its_width_and_how_far_it_was_shifted(by_m, rng):
     """Drawn 1.5 to 2.5; built 0.2 m narrower about another middle."""
@@ -255,6 +265,9 @@ def test_an_opening_in_a_wall_that_is_drawn_whole_is_new(rng):
     assert verdict is OpeningVerdict.NEW
     assert opening.differs(found.options.openings)
     np.testing.assert_allclose(np.sort(opening.built_ends[:, 1]), DOOR, atol=0.03)
+    # One face was seen; it stands in the middle of the wall, whose other face is drawn.
+    assert opening.ends[:, 0] == pytest.approx(3.0)
+    assert opening.thickness_m == pytest.approx(0.2)
     assert counted_openings(found.openings, found.options.openings)[OpeningVerdict.NEW] == 1
 
 

@@ -96,8 +96,28 @@ def _undrawn(as_built: AsBuilt, floorplan: Floorplan, sight: LinesOfSight) -> li
     gaps = []
     for own in sides_of_gaps(stacked, is_oriented, differ):
         storey = None if storeys is None else int(storeys[of_wall[own[0]]])
-        gaps.append(gap_between(stacked[own], storey))
+        gap, of_one = gap_between(stacked[own], storey), len(own) == 1
+        gaps.append(_with_back(gap, floorplan) if of_one and is_oriented[own[0]] else gap)
     return gaps
+
+
+def _with_back(gap: Gap, floorplan: Floorplan) -> Gap:
+    """A gap that one face of a wall shows, to whose free side its normal points, in the middle of the wall
+    whose other face is drawn behind; as it is where none is."""
+    own = (
+        np.arange(len(floorplan)) if floorplan.storeys is None else floorplan.storeys == gap.storey
+    )
+    ends, normals = floorplan.ends[own], floorplan.normals[own]
+    behind_m = -(ends.mean(axis=1) - gap.ends.mean(axis=0)) @ gap.normal
+    along = (gap.ends[1] - gap.ends[0]) / gap.width_m
+    at = np.sort((ends - gap.ends.mean(axis=0)) @ along, axis=1)
+    is_back = (normals @ gap.normal < -PARALLEL) & (at[:, 0] < 0) & (at[:, 1] > 0)
+    is_back &= (behind_m > 0) & (behind_m < MAX_WALL_M)
+    if not is_back.any():
+        return gap
+    thickness_m = float(behind_m[is_back].min())
+    middle = gap.ends - thickness_m / 2 * gap.normal
+    return replace(gap, ends=middle, thickness_m=thickness_m)
 
 
 def _runs(is_through: Bool[np.ndarray, " b"]) -> Iterator[tuple[int, int]]:

@@ -13,6 +13,9 @@ from planfit.floorplan.gaps import Gap
 
 REACH_M = 0.3
 """The sides of an opening are looked for so far from where it is drawn."""
+INSIDE_M = 0.1
+"""Wall that is seen so far inside of what is looked through may be its side; what is further inside stands in
+the opening."""
 EDGE_SIGMA_M = 0.035
 """Of where the side of an opening is seen, poses aside: depth errs at edges. Measured on even seeds of
 benchmarks/openings.py, 208 sides: wall is seen to begin 0.02 m inside of where it does, RMS 0.038 m; what is
@@ -134,7 +137,7 @@ def _side(
     passed = _Along(out_through, through.frame).furthest(n_frames)
     if passed is None or passed[0] <= 0:
         return none
-    is_beyond = out_wall > max(0.0, passed[0] - REACH_M)
+    is_beyond = out_wall > max(0.0, passed[0] - INSIDE_M)
     begins = _Along(-out_wall[is_beyond], surface.frame[is_beyond]).furthest(n_frames)
     if begins is None:
         return none
