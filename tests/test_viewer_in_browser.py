@@ -295,6 +295,7 @@ def by_drag(page, shift_m):
     page.drag_plan((3.0 if shift_m > 0 else 3.0 + HALF_M, 2.0), (shift_m + 0.3, 0.2))
     page.wait_for("document.querySelectorAll('.hand-list li').length === 3")
     page.find(".hand-plan svg").send_keys("]]]")
+    time.sleep(1.0)  # the list is written anew after each, and what is below it moves
 
 
 def by_keys(page, shift_m):
@@ -348,4 +349,61 @@ def test_a_scan_in_the_mirrored_half_of_a_building_is_brought_to_its_own(
         assert position_rms_m(refined_poses(folder), truth) < 0.08
         rows = [li.text for li in browser.find_elements(By.CSS_SELECTOR, ".hand-list li")]
         assert all("used" in row for row in rows), rows
+        assert browser.get_log("browser") == []
+
+
+@pytest.mark.slow
+def test_two_fingers_and_the_handle_turn_a_scan(browser, tmp_path, monkeypatch):
+    """On a phone; by a quarter turn to the right, then back by the handle."""
+    walk = walk_in_a_room(14)
+    scan, plan, folder = room_scan(walk), room_plan(), tmp_path / "out"
+    monkeypatch.setattr(RoomFiles, "write_poses", lambda *_: None)
+    save_result(planfit.refine(scan, plan, observations=extract_observations(scan)), folder)
+
+    def touch(kind, *fingers):
+        points = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(fingers)]
+        browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    def placed():
+        places = read_corrections(folder / "corrections.toml").places
+        return np.array([place.plan for place in places])
+
+    with served(Session(folder, scan, plan, lambda _: None)) as server:
+        page = Panel(browser, server, (390, 844))
+        page.press(".hand-drag")
+        page.wait_for("document.querySelectorAll('.hand-scan path').length === 1")
+        page.find(".hand-plan svg").send_keys(Keys.ARROW_LEFT, Keys.ARROW_RIGHT)
+        page.wait_for("document.querySelectorAll('.hand-list li').length === 3")
+        before = placed()
+        middle = before.mean(axis=0)
+        x, y = browser.execute_script(
+            "document.querySelector('.hand-plan svg').scrollIntoView({block: 'center'});"
+            "const r = document.querySelector('.hand-plan svg').getBoundingClientRect();"
+            "return [r.left + r.width / 2, r.top + r.height / 2]"
+        )
+        touch("touchStart", (x - 40, y), (x + 40, y))
+        for angle in np.deg2rad([30, 60, 90]):
+            c, s = 40 * np.cos(angle), 40 * np.sin(angle)
+            touch("touchMove", (x - c, y - s), (x + c, y + s))
+        touch("touchEnd")
+        time.sleep(0.3)
+        turned = (before - middle) @ np.array([[0.0, -1.0], [1.0, 0.0]])  # to the right
+        np.testing.assert_allclose(placed() - placed().mean(axis=0), turned, atol=0.1)
+        np.testing.assert_allclose(placed().mean(axis=0), middle, atol=0.15)
+        # The handle stands to the right now; a quarter of a circle about the middle of the scan.
+        at = browser.execute_script(
+            "const r = document.querySelector('.hand-handle').getBoundingClientRect();"
+            "const m = document.querySelector('.hand-plan svg').getScreenCTM();"
+            "const c = new DOMPoint(arguments[0], -arguments[1]).matrixTransform(m);"
+            "return [r.left + r.width / 2, r.top + r.height / 2, c.x, c.y]",
+            *map(float, placed().mean(axis=0)),
+        )
+        assert at[0] > at[2] + 20
+        touch("touchStart", (at[0], at[1]))
+        touch("touchMove", (at[2] + 25, at[3] - 25))
+        touch("touchMove", (at[2], at[3] - 36))
+        touch("touchEnd")
+        time.sleep(0.3)
+        np.testing.assert_allclose(placed(), before, atol=0.2)
+        assert len(placed()) == 3
         assert browser.get_log("browser") == []

@@ -37,9 +37,13 @@ const item = (list, words, ...children) => {
   return made;
 };
 
+// One after the other: a solve that is asked for just after a correction has it.
+let lastChange = Promise.resolve();
 async function change(name, body, words) {
+  const answer = lastChange.then(() => ask(name, body));
+  lastChange = answer.catch(() => {});
   try {
-    draw(await ask(name, body));
+    draw(await answer);
     say(words);
   } catch (error) {
     say(error.message, true);
