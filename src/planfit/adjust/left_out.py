@@ -12,7 +12,7 @@ the residuals with other weights W', 0 for what is left out, else by the loss at
 they are.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,8 @@ from planfit.lsq.robust import loss_value
 
 MAX_MARKS = 150
 """Of points that more marks show, evenly taken ones stand for all: their residuals are nearly alike."""
+NEGLIGIBLE = 1e-3
+"""Of a weight, that a change is not followed below: of many points few are concerned by one."""
 MAX_ITERATIONS, TOLERANCE_M = 20, 1e-5
 """Weights are chosen anew until no residual moves by more."""
 CONTRADICTED_SIGMAS = 5.0
@@ -69,27 +71,32 @@ class _Marks:
     problem: AdjustmentProblem
 
     def without(
-        self, points: Iterable[int]
-    ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "r r"]]:
-        """Residuals of all marks where some points take no part, and covariance of what the rest says of
-        them."""
+        self, points: Iterable[int], mean: Float[np.ndarray, "3 r"]
+    ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "3 3"]]:
+        """Residuals of all marks where some points take no part, and the covariance of what the rest says of
+        a mean of marks."""
         control = self.problem.control
         assert control is not None
         is_in = ~np.isin(self.point_idx, list(points))
-        system = self._system(self.weights * is_in)
-        v = np.linalg.solve(system, self.residuals.ravel()).reshape(-1, 3)
+        right = np.column_stack([self.residuals.ravel(), self.covariance @ mean.T])
+        solved = self._solved(self.weights * is_in, right)
         for _ in range(MAX_ITERATIONS):
+            v = solved[:, 0].reshape(-1, 3)
             squared = np.sum(self.inverse_variance * v**2, axis=1)
-            system = self._system(is_in * loss_value(squared, control.loss)[1])
-            before, v = v, np.linalg.solve(system, self.residuals.ravel()).reshape(-1, 3)
-            if np.abs(v - before).max() < TOLERANCE_M:
+            solved = self._solved(is_in * loss_value(squared, control.loss)[1], right)
+            if np.abs(solved[:, 0] - v.ravel()).max() < TOLERANCE_M:
                 break
-        return v, np.linalg.solve(system, self.covariance)
+        return solved[:, 0].reshape(-1, 3), mean @ solved[:, 1:]
 
-    def _system(self, weights: Float[np.ndarray, " m"]) -> Float[np.ndarray, "r r"]:
-        """1 - K (W - W') for other weights W'."""
+    def _solved(
+        self, weights: Float[np.ndarray, " m"], right: Float[np.ndarray, "r c"]
+    ) -> Float[np.ndarray, "r c"]:
+        """x of x = right + K (W - W') x, for other weights W': a system of the marks whose weights change."""
         change = ((self.weights - weights) * self.stands_for)[:, None] * self.inverse_variance
-        return np.eye(self.residuals.size) - self.covariance * change.ravel()
+        is_changed = np.abs(self.weights - weights) > NEGLIGIBLE * self.weights
+        own = np.flatnonzero(np.repeat(is_changed, 3))
+        by = self.covariance[:, own] * change.ravel()[own]
+        return right + by @ np.linalg.solve(np.eye(len(own)) - by[own], right[own])
 
 
 def leave_out_control(
@@ -106,7 +113,7 @@ def leave_out_control(
         return ()
     points = np.unique(marks.point_idx)
     alone = {int(k): _judged(marks, int(k), (int(k),)) for k in points}
-    out = _contradicted(marks, points)
+    out = _contradicted(marks, {k: told[2] for k, told in alone.items()})
     return tuple(PointLeftOut(k, *alone[k], is_contradicted=k in out) for k in alone)
 
 
@@ -162,15 +169,14 @@ def _judged(
     marks: _Marks, point: int, out: tuple[int, ...]
 ) -> tuple[Float[np.ndarray, "3"], float, float]:
     """Shift, sigma and distance in sigmas of a point where some, itself among them, take no part."""
-    v, covariance = marks.without(out)
     own = np.flatnonzero(marks.point_idx == point)
     share = marks.sigma_m[own] ** -2.0 / np.sum(marks.sigma_m[own] ** -2.0)
-    off_m, before_m = share @ v[own], share @ marks.residuals[own]
-    known = np.isfinite(marks.targets[own[0]])
     mean = np.zeros((3, marks.residuals.size))
     for axis in range(3):
         mean[axis, 3 * own + axis] = share
-    of_rest = mean @ covariance @ mean.T
+    v, of_rest = marks.without(out, mean)
+    off_m, before_m = share @ v[own], share @ marks.residuals[own]
+    known = np.isfinite(marks.targets[own[0]])
     # Marks share the point, whose sigma is the least that any of them has: depth adds to it.
     both = of_rest + np.min(marks.sigma_m[own]) ** 2 * np.eye(3)
     sigma_m = float(np.sqrt(np.mean(np.diagonal(of_rest)[known])))
@@ -182,15 +188,20 @@ def _judged(
     return shift_m, sigma_m, float(np.sqrt(max(squared, 0.0)))
 
 
-def _contradicted(marks: _Marks, points: Int[np.ndarray, " p"]) -> tuple[int, ...]:
+def _contradicted(marks: _Marks, sigmas: Mapping[int, float]) -> tuple[int, ...]:
     """Points that the rest contradicts, the worst first (data snooping, Baarda 1968): a blunder makes good
-    points beside it look bad, until it is left out."""
+    points beside it look bad, until it is left out.
+
+    Args:
+        marks: of all points.
+        sigmas: how far each is off where it alone is left out.
+    """
     out: list[int] = []
-    while len(out) < len(points) // 2:
-        left = [int(k) for k in points if int(k) not in out]
-        sigmas = [_judged(marks, k, (*out, k))[2] for k in left]
-        worst = int(np.argmax(sigmas))
-        if sigmas[worst] <= CONTRADICTED_SIGMAS:
+    left = dict(sigmas)
+    while len(out) < len(sigmas) // 2:
+        worst = max(left, key=lambda k: left[k])
+        if left.pop(worst) <= CONTRADICTED_SIGMAS:
             break
-        out.append(left[worst])
+        out.append(worst)
+        left = {k: _judged(marks, k, (*out, k))[2] for k in left}
     return tuple(out)
