@@ -30,7 +30,8 @@ from planfit.pipeline.on_plan import ScanOnPlan, Storeys
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.registration import Registration, register
 from planfit.pipeline.sensor import SensorParameter, sensor_parameters, sensor_warnings
-from planfit.pipeline.survey import SurveyedScan, survey_residuals, survey_warnings
+from planfit.pipeline.survey import SurveyedScan
+from planfit.pipeline.survey_residuals import survey_residuals, survey_warnings
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
 from planfit.runtime import StageTimer
