@@ -155,7 +155,7 @@ def run(seed: int, folder: Path) -> list[Judged]:
     runtime = Runtime(workers=1, cache_dir=folder / "cache")
     result = planfit.refine(case.scan, case.plan, planfit.RefineOptions(), runtime)
     found = compare_as_built(result, AsBuiltOptions(tolerance_m=TOLERANCE_M))
-    rows = judge(seed, case, true_views(case), found)
+    rows = judge(seed, case, true_views(case.scan, case.true_plan_from_cams), found)
     return [replace(row, is_refined=result.verdict.is_refined) for row in rows]
 
 

@@ -18,9 +18,11 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.scan import Scan
 from planfit.synth import (
+    Building,
     BuildingOptions,
     CameraOptions,
     StructuredLightNoise,
+    SyntheticScan,
     SynthOptions,
     TimeOfFlightNoise,
     WalkOptions,
@@ -67,17 +69,23 @@ class Case:
 def make_case(seed: int, folder: Path) -> Case:
     """A building of four furnished rooms, walked through once, by one of two sensors; images are kept in
     `folder`."""
-    options = SynthOptions(
-        seed=seed,
-        building=BuildingOptions(n_rooms=4),
-        walk=WalkOptions(n_frames=100),
-        camera=CameraOptions(320, 240),
-        depth_noise=StructuredLightNoise() if seed % 4 < 2 else TimeOfFlightNoise(),
-    )
-    made = make_scan(options)
+    made = made_scan(seed)
     # The labels of pixels are not given: what is wall is found as in a scan of anyone's.
     scan = replace(keep_images(made.scan, folder / "images"), has_labels=False)
     return spoilt(scan, made.floorplan, made.true_plan_from_cams, np.random.default_rng([seed, 17]))
+
+
+def made_scan(seed: int, n_rooms: int = 4, n_frames: int = 100) -> SyntheticScan[Building]:
+    """The building and its walk, images as if by one of two sensors."""
+    return make_scan(
+        SynthOptions(
+            seed=seed,
+            building=BuildingOptions(n_rooms=n_rooms),
+            walk=WalkOptions(n_frames=n_frames),
+            camera=CameraOptions(320, 240),
+            depth_noise=StructuredLightNoise() if seed % 4 < 2 else TimeOfFlightNoise(),
+        )
+    )
 
 
 def spoilt(
@@ -145,10 +153,10 @@ class Views:
     frame: Int[np.ndarray, " r"]
 
 
-def true_views(case: Case) -> Views:
+def true_views(scan: Scan, true_plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Views:
     eyes, points, frames = [], [], []
-    for i in range(len(case.scan)):
-        depth, camera = case.scan.files.depth(i), case.scan.cameras[i]
+    for i in range(len(scan)):
+        depth, camera = scan.files.depth(i), scan.cameras[i]
         v, u = (
             grid.ravel()
             for grid in np.mgrid[: camera.height : STRIDE_PX, : camera.width : STRIDE_PX]
@@ -156,8 +164,8 @@ def true_views(case: Case) -> Views:
         usable = np.isfinite(depth[v, u]) & (depth[v, u] < 5.0)
         uv = np.stack([u[usable], v[usable]], axis=1).astype(float)
         seen = camera.lift(uv, depth[v, u][usable].astype(float))
-        points.append(se3.transform(case.true_plan_from_cams[i], seen))
-        eyes.append(np.broadcast_to(case.true_plan_from_cams[i, :3, 3], seen.shape))
+        points.append(se3.transform(true_plan_from_cams[i], seen))
+        eyes.append(np.broadcast_to(true_plan_from_cams[i, :3, 3], seen.shape))
         frames.append(np.full(len(seen), i))
     return Views(np.concatenate(eyes), np.concatenate(points), np.concatenate(frames))
 

@@ -344,6 +344,29 @@ def gallery(drift: Path, wrong: Path) -> None:
         save("wrong_plan", page.picture())
 
 
+def dragging(run: Path) -> None:
+    """The scan dragged over the plan, on a copy of the run."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "run"
+        shutil.copytree(run, copy)
+        with driven_chromium() as browser, served(copy) as server:
+            set_size(browser, 1100, 760)
+            page = Page(browser, server.address)
+            page.wait_for("document.getElementById('hand').dataset.ready === '1'")
+            page.press(".hand-drag")
+            page.wait_for("document.querySelector('.hand-scan path') !== null")
+            keys = [*["ArrowRight"] * 14, *["ArrowUp"] * 5, *["]"] * 12]
+            page.run(
+                "for (const key of arguments[0]) for (const kind of ['keydown', 'keyup'])"
+                " document.querySelector('.hand-plan svg').dispatchEvent(new KeyboardEvent(kind, {key}))",
+                keys,
+            )
+            page.wait_for("document.querySelectorAll('.hand-list li').length === 3")
+            page.show(".hand-plan", "center")
+            page.settle()
+            save("drag", page.picture())
+
+
 def main() -> None:
     """Runs, then the recording and the pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -357,6 +380,7 @@ def main() -> None:
             record(drift)
         if arguments.only != "recording":
             gallery(drift, wrong_plan_run(folder))
+            dragging(drift)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,15 @@ import ezdxf
 import numpy as np
 import pytest
 
-from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall, Verdict, write_as_built
+from planfit.as_built import (
+    AsBuilt,
+    AsBuiltOpening,
+    AsBuiltOptions,
+    AsBuiltWall,
+    OpeningVerdict,
+    Verdict,
+    write_as_built,
+)
 from planfit.cli import run
 from planfit.export.as_built_files import (
     AS_BUILT_HEADER,
@@ -243,3 +251,116 @@ def test_a_run_without_verdicts_is_told(tmp_path, capsys):
     words = ["export", str(tmp_path), "--to", "as-built", "-o", str(tmp_path / "walls.csv")]
     assert run(words) == 2
     assert "as_built.json: expected the walls of a run" in capsys.readouterr().err
+
+
+def opening(is_drawn, at, open_share, closed_share, edges=(NAN, NAN), kind="", element_id=""):
+    """A door of 1 m in a wall along x, 0.2 m thick."""
+    return AsBuiltOpening(
+        is_drawn,
+        np.array([[at, 5.0], [at + 1.0, 5.0]]),
+        np.array([0.0, 1.0]),
+        0.2,
+        open_share,
+        closed_share,
+        int(10 * open_share),
+        int(10 * closed_share),
+        edges,
+        (0.03, 0.04) if np.isfinite(edges[0]) else (NAN, NAN),
+        kind,
+        element_id,
+    )
+
+
+@pytest.fixture
+def with_openings(as_built) -> AsBuilt:
+    """Of each verdict one; and a window, which is closed as planned."""
+    openings = (
+        opening(True, 0.0, 1.0, 0.0, (0.05, 0.95), "door", GLOBAL_ID),
+        opening(True, 2.0, 0.0, 0.9, kind="door", element_id=GLOBAL_ID),
+        opening(True, 4.0, 0.0, 0.0),
+        opening(False, 6.0, 0.8, 0.0, (-0.1, 0.9)),
+        opening(True, 8.0, 0.0, 1.0, kind="window"),
+    )
+    return replace(as_built, openings=openings)
+
+
+def test_the_table_has_a_line_an_opening(with_openings, tmp_path):
+    write_as_built_csv(tmp_path / "walls.csv", with_openings)
+    with (tmp_path / "walls.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["what"] for row in rows[:6]] == ["wall"] * 6
+    told = [(row["wall"], row["what"], row["verdict"]) for row in rows[6:]]
+    assert told == [
+        ("O1", "door", "open"),
+        ("O2", "door", "closed"),
+        ("O3", "opening", "not seen"),
+        ("O4", "opening", "new"),
+        ("O5", "window", "closed"),
+    ]
+    first, closed, _, new, _ = rows[6:]
+    assert (first["length_m"], first["width_m"], first["shift_m"]) == ("1.0000", "0.9000", "0.0000")
+    assert first["width_sigma_m"] == "0.0500"
+    assert first["element_id"] == GLOBAL_ID
+    assert (closed["width_m"], closed["closed_share"]) == ("", "0.90")
+    assert (new["width_m"], new["shift_m"]) == ("1.0000", "")
+    # No cell of a line is left over or out.
+    assert all(None not in row and None not in row.values() for row in rows)
+
+
+def test_geojson_has_openings_where_they_are_drawn_and_where_they_are(with_openings, tmp_path):
+    write_as_built_geojson(tmp_path / "walls.geojson", with_openings)
+    content = json.loads((tmp_path / "walls.geojson").read_text())
+    lines = [
+        (f["properties"]["opening"], f["properties"]["line"], f["geometry"]["coordinates"])
+        for f in content["features"]
+        if "opening" in f["properties"]
+    ]
+    assert [one[:2] for one in lines] == [
+        (1, "as drawn"),
+        (1, "as built"),
+        (2, "as drawn"),
+        (3, "as drawn"),
+        (4, "as built"),
+        (5, "as drawn"),
+    ]
+    assert lines[1][2] == [[0.05, 5.0], [0.95, 5.0]]
+    assert lines[4][2] == [[5.9, 5.0], [6.9, 5.0]]
+
+
+def test_dxf_has_openings_on_layers_of_their_own(with_openings, tmp_path):
+    write_as_built_dxf(tmp_path / "walls.dxf", with_openings)
+    document = ezdxf.readfile(tmp_path / "walls.dxf")
+    space = document.modelspace()
+    counts = [
+        len(space.query(f'LINE[layer=="AS_BUILT_OPENING_{verdict.name}"]'))
+        for verdict in OpeningVerdict
+    ]
+    assert counts == [1, 2, 1, 1]
+    (line,) = space.query('LINE[layer=="AS_BUILT_OPENING_OPEN"]')
+    assert tuple(line.dxf.start)[:2] == (0.05, 5.0)
+    texts = [text.dxf.text for text in space.query('TEXT[layer=="AS_BUILT_OPENING_OPEN"]')]
+    assert texts == ["0.90 m +- 0.05"]
+    assert not document.audit().has_errors
+
+
+def test_bcf_has_a_topic_for_what_is_closed_or_new(with_openings, tmp_path):
+    write_bcf(tmp_path / "walls.bcf", with_openings)
+    by_label = {
+        m.findtext("Topic/Labels"): (m, v) for m, v in topics_of(tmp_path / "walls.bcf").values()
+    }
+    walls = {"as built: missing", "as built: moved", "as built: new"}
+    assert set(by_label) == walls | {"as built: opening closed", "as built: opening new"}
+    markup, view = by_label["as built: opening closed"]
+    assert markup.findtext("Topic/Title") == "Door is closed: (2.5, 5.0)"
+    assert "90%" in markup.findtext("Topic/Description")
+    selected = [c.get("IfcGuid") for c in view.findall("Components/Selection/Component")]
+    assert selected == [GLOBAL_ID]
+    assert float(view.findtext("PerspectiveCamera/CameraDirection/Y")) == -1.0
+
+
+def test_the_command_counts_openings(with_openings, tmp_path, capsys):
+    write_as_built(tmp_path / "as_built.json", with_openings)
+    words = ["export", str(tmp_path), "--to", "as-built", "-o", str(tmp_path / "walls.csv")]
+    assert run(words) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "openings: 1 open, 2 closed, 1 not seen, 1 new" in told

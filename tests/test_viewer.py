@@ -12,6 +12,7 @@ import planfit
 from builders import RoomFiles, position_rms_m, room_plan, room_scan
 from planfit.corrections import read_corrections
 from planfit.errors import OptionError, OutputError
+from planfit.export.cloud import write_ply
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.observations import extract_observations
@@ -385,3 +386,95 @@ def test_three_picks_place_a_scan_that_fits_in_two_ways(tmp_path, monkeypatch):
     assert "placed at" in [row[0] for row in state["changed"]]
     assert "3 corrections by hand: 3 places" in (folder / "report.html").read_text()
     assert (folder / "corrections.toml").exists()
+
+
+def test_where_a_scan_was_dragged_to_is_kept_once(served):
+    """Three pairs near its middle; dragged on, they replace the former ones, and no other place."""
+    folder = served.session.folder
+    poses = walk_in_a_room(12)
+    rows = [[k, *pose[:3, 3], 0, 0, 0, 1] for k, pose in enumerate(poses)]
+    np.savetxt(folder / "trajectory.tum", rows)
+    status, shape = served.ask("shape")
+    assert status == 200
+    np.testing.assert_allclose(shape["points"], poses[:, :2, 3], atol=1e-3)  # no cloud: the way
+    anchors = np.array([each["rim"] for each in shape["anchors"]])
+    np.testing.assert_allclose(anchors.mean(axis=0), poses[:, :2, 3].mean(axis=0), atol=1e-3)
+    off = np.linalg.norm(anchors - anchors.mean(axis=0), axis=1)
+    np.testing.assert_allclose(off, shape["anchor_m"], atol=1e-3)
+    cloud = np.column_stack([np.linspace(0, 5, 40), np.full(40, 4.0), np.full(40, 1.0)])
+    write_ply(folder / "cloud_after.ply", cloud, np.zeros((40, 3), dtype=np.uint8))
+    points = np.array(served.ask("shape")[1]["points"])
+    assert np.abs(points[:, 1] - 4.0).max() < 0.1
+    assert np.ptp(points[:, 0]) == pytest.approx(5.0, abs=0.2)
+
+    served.add("place", scan=[0.0, 0.0, 1.0], plan=[1.0, 1.0])
+    for by in (1.0, 2.0):
+        pairs = [
+            {"scan": each["scan"], "plan": [each["rim"][0] + by, each["rim"][1]]}
+            for each in shape["anchors"]
+        ]
+        assert served.ask("drag", {"pairs": pairs})[0] == 200
+        places = read_corrections(folder / "corrections.toml").places
+        assert [place.note for place in places] == ["", *["dragged"] * 3]
+        np.testing.assert_allclose(places[1].plan, pairs[0]["plan"])
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ({"pairs": []}, "expected tables for pairs"),
+        ({"pairs": [3]}, "expected tables for pairs"),
+        ({"pairs": [{"scan": [0, 0, 0]}]}, "this correction"),
+        ({"pairs": [{"scan": [0, 0], "plan": [1, 2]}]}, "this correction"),
+    ],
+)
+def test_what_is_no_pair_is_refused(served, body, words):
+    status, told = served.ask("drag", body)
+    assert (status, words in told["error"]) == (400, True), told
+    assert not (served.session.folder / "corrections.toml").exists()
+
+
+def test_a_cloud_of_another_program_is_not_read(served):
+    folder = served.session.folder
+    np.savetxt(folder / "trajectory.tum", [[0, 1, 1, 1, 0, 0, 0, 1]])
+    (folder / "cloud_after.ply").write_bytes(b"ply\nformat ascii 1.0\n")
+    status, told = served.ask("shape")
+    assert status == 400
+    assert "cloud_after.ply: expected a cloud as planfit writes it" in told["error"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("off_m", "turn_deg"), [((0.5, -0.3), 0.0), ((0.3, 0.3), 12.0)])
+def test_a_hand_may_be_off_by_half_a_metre_and_ten_degrees(off_m, turn_deg, tmp_path, monkeypatch):
+    """The room that fits when turned by half, dragged to the other way round, and not well."""
+    walk = walk_in_a_room(14)
+    scan, plan, folder = room_scan(walk), room_plan(), tmp_path / "out"
+    monkeypatch.setattr(RoomFiles, "write_poses", lambda *_: None)
+    observations = extract_observations(scan)
+    first = planfit.refine(scan, plan, observations=observations)
+    truth = max(
+        (walk, HALF_TURN @ walk), key=lambda poses: position_rms_m(first.plan_from_cams, poses)
+    )
+    save_result(first, folder)
+    last = [first]
+
+    def solve(corrections):
+        last[0] = planfit.refine(scan, plan, observations=observations, corrections=corrections)
+
+    session = Session(folder, scan, plan, solve)
+    shape = session.shape()
+    turn = np.deg2rad(180.0 + turn_deg)
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    anchors = np.array([each["rim"] for each in shape["anchors"]])
+    middle = anchors.mean(axis=0)
+    there = (HALF_TURN[:2, :2] @ middle + HALF_TURN[:2, 3]) + np.array(off_m)
+    placed = (anchors - middle) @ rotation.T + there
+    session.place_dragged(
+        [
+            {"scan": each["scan"], "plan": xy.tolist()}
+            for each, xy in zip(shape["anchors"], placed, strict=True)
+        ]
+    )
+    session.start_solve()
+    session.wait(60)
+    assert position_rms_m(last[0].plan_from_cams, truth) < 0.08

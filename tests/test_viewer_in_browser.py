@@ -3,14 +3,16 @@
 import threading
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import planfit
-from builders import RoomFiles, position_rms_m, room_plan, room_scan
+from builders import RoomFiles, faces_plan, position_rms_m, room_plan, room_scan
 from driven_browser import driven_browser, needs_browser, set_size
 from planfit.corrections import read_corrections
+from planfit.geometry import se3
 from planfit.pipeline.observations import extract_observations
 from planfit.saving import save_result
 from planfit.scan import read_tum
@@ -20,6 +22,7 @@ from test_corrections import HALF_TURN, drifted_room, end_error_m, picked, walk_
 pytest.importorskip("selenium.webdriver", reason="no selenium to drive a browser with")
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 
 pytestmark = needs_browser
 __all__ = ["drifted_room"]  # a fixture
@@ -104,6 +107,27 @@ class Panel:
             *xy,
         )
         self.press(".hand-plan svg", *at)
+
+    def drag_plan(self, xy, by_m):
+        """From a point of the plan on its map."""
+        svg = self.find(".hand-plan svg")
+        self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", svg)
+        ends = [
+            self.browser.execute_script(
+                "const m = arguments[0].getScreenCTM();"
+                "const p = new DOMPoint(arguments[1], -arguments[2]).matrixTransform(m); return [p.x, p.y]",
+                svg, *map(float, at),
+            )
+            for at in (xy, np.add(xy, by_m))
+        ]  # fmt: skip
+        actions = ActionChains(self.browser)
+        pointer = actions.w3c_actions.pointer_action
+        pointer.move_to_location(*map(round, ends[0])).pointer_down()
+        for share in (0.3, 0.7, 1.0):
+            at = np.array(ends[0]) + share * np.subtract(ends[1], ends[0])
+            pointer.move_to_location(*(round(float(v)) for v in at))
+        pointer.pointer_up()
+        actions.perform()
 
     @property
     def status(self):
@@ -225,4 +249,161 @@ def test_a_loop_pressed_in_two_images_closes_a_drifted_walk(
         page.press(".hand-list li button")
         page.wait_for("document.querySelectorAll('.hand-list li').length === 0")
         assert len(read_corrections(folder / "corrections.toml")) == 0
+        assert browser.get_log("browser") == []
+
+
+HALF_M = 6.4
+"""From one half of the building to the other, which is its mirror image."""
+
+
+def mirrored_halves():
+    """Two rooms with a pier at the middle of their south walls, mirrored about the wall between them: a scan
+    of one fits the other as well."""
+    half = [[0, 0], [2.4, 0], [2.4, 0.6], [3.6, 0.6], [3.6, 0], [6, 0], [6, 4], [0, 4]]
+    west = faces_plan(half)
+    other = [[6.0 + HALF_M - x, y] for x, y in half[::-1]]
+    east = faces_plan(other)
+    return replace(
+        west,
+        ends=np.concatenate([west.ends, east.ends]),
+        normals=np.concatenate([west.normals, east.normals]),
+        is_oriented=np.ones(16, dtype=bool),
+    )
+
+
+def by_pairs(page, shift_m):
+    """Three corners of the cloud, pressed in 3D and on the plan."""
+    page.press(".hand-pairs")
+    page.press(".view-above")
+    n_placed = 0
+    for x, y in [(0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0)]:
+        page.press_cloud((x + (HALF_M if shift_m < 0 else 0.0), y, 1.0))
+        page.wait_for("document.querySelector('.hand-status').textContent")
+        page.wait_for("!document.querySelector('.hand-status').textContent.includes('press a')")
+        time.sleep(0.5)
+        if "on the plan" not in page.status:
+            continue
+        page.press_plan((x + (HALF_M if shift_m > 0 else 0.0), y))
+        n_placed += 1
+        page.wait_for(f"document.querySelectorAll('.hand-list li').length === {n_placed}")
+        if n_placed == 3:
+            return
+
+
+def by_drag(page, shift_m):
+    """By a mouse, 0.3 m beside its place, and turned by hand by some degrees."""
+    page.drag_plan((3.0 if shift_m > 0 else 3.0 + HALF_M, 2.0), (shift_m + 0.3, 0.2))
+    page.wait_for("document.querySelectorAll('.hand-list li').length === 3")
+    page.find(".hand-plan svg").send_keys("]]]")
+    time.sleep(1.0)  # the list is written anew after each, and what is below it moves
+
+
+def by_keys(page, shift_m):
+    """By arrow keys, a metre a press with shift."""
+    key = Keys.ARROW_RIGHT if shift_m > 0 else Keys.ARROW_LEFT
+    for _ in range(6):
+        ActionChains(page.browser).key_down(Keys.SHIFT).send_keys(key).key_up(Keys.SHIFT).perform()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("way", "size"),
+    [
+        (by_pairs, (1200, 900)),
+        (by_drag, (1200, 900)),
+        (by_drag, (390, 844)),
+        (by_keys, (1200, 900)),
+    ],
+)
+def test_a_scan_in_the_mirrored_half_of_a_building_is_brought_to_its_own(
+    browser, tmp_path, monkeypatch, way, size
+):
+    """Nothing but a person knows in which half the scan was made: planfit takes one, and it is the other."""
+    walk = walk_in_a_room(14)
+    pier = ([2.4, 0.0, 0.0], [3.6, 0.6, 2.6])
+    scan, plan, folder = room_scan(walk, boxes=[pier]), mirrored_halves(), tmp_path / "out"
+    monkeypatch.setattr(RoomFiles, "write_poses", lambda *_: None)
+    observations = extract_observations(scan)
+    first = planfit.refine(scan, plan, observations=observations)
+    shift = se3.make_transform(np.eye(3), np.array([HALF_M, 0.0, 0.0]))
+    truth = max((walk, shift @ walk), key=lambda poses: position_rms_m(first.plan_from_cams, poses))
+    save_result(first, folder)
+
+    def solve(corrections):
+        save_result(
+            planfit.refine(scan, plan, observations=observations, corrections=corrections), folder
+        )
+
+    with served(Session(folder, scan, plan, solve)) as server:
+        page = Panel(browser, server, size)
+        if way is not by_pairs:
+            page.press(".hand-drag")
+            page.wait_for("document.querySelectorAll('.hand-scan path').length === 1")
+        assert position_rms_m(refined_poses(folder), truth) > 5.0
+        way(page, HALF_M if truth[0, 0, 3] > 6.0 else -HALF_M)
+        page.wait_for("document.querySelectorAll('.hand-list li').length === 3")
+        places = read_corrections(folder / "corrections.toml").places
+        assert len(places) == 3
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= size[0]
+        page.solve()
+        assert position_rms_m(refined_poses(folder), truth) < 0.08
+        rows = [li.text for li in browser.find_elements(By.CSS_SELECTOR, ".hand-list li")]
+        assert all("used" in row for row in rows), rows
+        assert browser.get_log("browser") == []
+
+
+@pytest.mark.slow
+def test_two_fingers_and_the_handle_turn_a_scan(browser, tmp_path, monkeypatch):
+    """On a phone; by a quarter turn to the right, then back by the handle."""
+    walk = walk_in_a_room(14)
+    scan, plan, folder = room_scan(walk), room_plan(), tmp_path / "out"
+    monkeypatch.setattr(RoomFiles, "write_poses", lambda *_: None)
+    save_result(planfit.refine(scan, plan, observations=extract_observations(scan)), folder)
+
+    def touch(kind, *fingers):
+        points = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(fingers)]
+        browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    def placed():
+        places = read_corrections(folder / "corrections.toml").places
+        return np.array([place.plan for place in places])
+
+    with served(Session(folder, scan, plan, lambda _: None)) as server:
+        page = Panel(browser, server, (390, 844))
+        page.press(".hand-drag")
+        page.wait_for("document.querySelectorAll('.hand-scan path').length === 1")
+        page.find(".hand-plan svg").send_keys(Keys.ARROW_LEFT, Keys.ARROW_RIGHT)
+        page.wait_for("document.querySelectorAll('.hand-list li').length === 3")
+        before = placed()
+        middle = before.mean(axis=0)
+        x, y = browser.execute_script(
+            "document.querySelector('.hand-plan svg').scrollIntoView({block: 'center'});"
+            "const r = document.querySelector('.hand-plan svg').getBoundingClientRect();"
+            "return [r.left + r.width / 2, r.top + r.height / 2]"
+        )
+        touch("touchStart", (x - 40, y), (x + 40, y))
+        for angle in np.deg2rad([30, 60, 90]):
+            c, s = 40 * np.cos(angle), 40 * np.sin(angle)
+            touch("touchMove", (x - c, y - s), (x + c, y + s))
+        touch("touchEnd")
+        time.sleep(0.3)
+        turned = (before - middle) @ np.array([[0.0, -1.0], [1.0, 0.0]])  # to the right
+        np.testing.assert_allclose(placed() - placed().mean(axis=0), turned, atol=0.1)
+        np.testing.assert_allclose(placed().mean(axis=0), middle, atol=0.15)
+        # The handle stands to the right now; a quarter of a circle about the middle of the scan.
+        at = browser.execute_script(
+            "const r = document.querySelector('.hand-handle').getBoundingClientRect();"
+            "const m = document.querySelector('.hand-plan svg').getScreenCTM();"
+            "const c = new DOMPoint(arguments[0], -arguments[1]).matrixTransform(m);"
+            "return [r.left + r.width / 2, r.top + r.height / 2, c.x, c.y]",
+            *map(float, placed().mean(axis=0)),
+        )
+        assert at[0] > at[2] + 20
+        touch("touchStart", (at[0], at[1]))
+        touch("touchMove", (at[2] + 25, at[3] - 25))
+        touch("touchMove", (at[2], at[3] - 36))
+        touch("touchEnd")
+        time.sleep(0.3)
+        np.testing.assert_allclose(placed(), before, atol=0.2)
+        assert len(placed()) == 3
         assert browser.get_log("browser") == []

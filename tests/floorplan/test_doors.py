@@ -9,6 +9,8 @@ import shapely
 
 from plan_files import VILLA_DOORS, door_lines, make_villa, write_dxf
 from planfit.floorplan import read_floorplan
+from planfit.floorplan.elements import opening_element
+from planfit.floorplan.gaps import find_gaps
 from planfit.floorplan.vector.arcs import fit_circle
 
 OUTER = shapely.box(0, 0, 10, 8).difference(shapely.box(0.3, 0.3, 9.7, 7.7))
@@ -43,6 +45,8 @@ def test_a_door_is_open_though_lines_run_through_it(tmp_path: Path, rounded, cor
     np.testing.assert_allclose(openings[:, :, 0], [[5.0, 5.0], [5.12, 5.12]], atol=1e-6)
     np.testing.assert_allclose(np.abs(np.diff(openings[..., 1])), 0.9, atol=0.1)
     assert plan.source.opening_kinds == ("1 door",)
+    (door,) = find_gaps(plan, (0.5, 3.0))
+    assert opening_element(plan, door) == ("door", "")
     assert any("ran through 1 door drawn" in words for words in plan.source.dropped)
     whole = shapely.union(OUTER, WALL).length
     assert plan.lengths.sum() == pytest.approx(whole - 1.8, abs=0.2)

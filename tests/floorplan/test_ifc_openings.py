@@ -11,8 +11,9 @@ import shapely
 from plan_files import make_plan, write_ifc
 from planfit.cli import run
 from planfit.floorplan import PlanOptions, read_floorplan
-from planfit.floorplan.elements import are_glass, element_ids
+from planfit.floorplan.elements import are_glass, element_ids, opening_element
 from planfit.floorplan.formats.ifc_places import map_conversion
+from planfit.floorplan.gaps import find_gaps
 from planfit.floorplan.types import PlanSource
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
@@ -200,6 +201,27 @@ def test_openings_are_marked_and_counted_by_kind(tmp_path: Path, scale: float, c
     assert shapely.length(shapely.intersection(gaps.buffer(1e-3), faces)) < 0.05
     assert run(["plan", str(path)]) == 0
     assert "1 door, 1 window, 1 opening" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("scale", [1.0, 1000.0])
+def test_gaps_know_their_doors_and_windows(tmp_path: Path, scale: float) -> None:
+    path = wall_with_holes(tmp_path / "a.ifc", scale)
+    model = ifcopenshell.open(str(path))
+    (door,), (window, _) = model.by_type("IfcDoor"), model.by_type("IfcWindow")
+    plan = read_floorplan(path)
+    told = {
+        round(gap.width_m, 2): opening_element(plan, gap) for gap in find_gaps(plan, (0.4, 3.0))
+    }
+    by_place = {
+        1.0: ("door", door.GlobalId),
+        1.5: ("window", window.GlobalId),
+        0.5: ("opening", ""),
+    }
+    assert told == by_place
+    turned = plan.mirrored()
+    assert {opening_element(turned, gap) for gap in find_gaps(turned, (0.4, 3.0))} == set(
+        by_place.values()
+    )
 
 
 def model_on_map(schema: str, east: float, north: float, **entries: object):

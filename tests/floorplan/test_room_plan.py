@@ -12,6 +12,8 @@ import pytest
 from planfit.cli import run
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, read_floorplan
+from planfit.floorplan.elements import opening_element
+from planfit.floorplan.gaps import find_gaps
 
 REAL = (
     Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
@@ -70,6 +72,11 @@ def test_walls_doors_and_windows_at_the_height_of_the_cut(tmp_path: Path) -> Non
     openings = np.sort(plan.openings.reshape(-1, 4), axis=0)
     expected = np.sort(np.array([[1, 0, 2, 0], [4, -1, 4, -2]], float), axis=0)
     np.testing.assert_allclose(openings, expected, atol=1e-9)
+    told = {
+        round(g.ends[:, 0].mean(), 2): opening_element(plan, g)[0]
+        for g in find_gaps(plan, (0.5, 3))
+    }
+    assert told == {1.5: "door", 4.0: "window"}
     high = read_floorplan(tmp_path / "Room.json", PlanOptions(cut_height_m=2.2))
     assert high.lengths.sum() == pytest.approx(13.0)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from browser_probe import BROWSER, found_in
-from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall, Verdict
+from planfit.as_built import AsBuilt, AsBuiltOpening, AsBuiltOptions, AsBuiltWall, Verdict
 from planfit.report import make_report
 from planfit.report.walls import seen_faces
 from test_report import floorplan as floorplan  # a fixture
@@ -94,6 +94,42 @@ def test_walls_of_the_fit_are_in_the_same_table_by_the_same_numbers(floorplan):
     assert "+3.4" in row
     assert "±" in row
     assert "given way by" in page
+
+
+def door(is_drawn, at, open_share, closed_share, edges=(NAN, NAN)):
+    """Of 1 m, in a wall along y."""
+    ends = np.array([[at, 1.0], [at, 2.0]])
+    sigmas = (0.03, 0.04) if np.isfinite(edges[0]) else (NAN, NAN)
+    return AsBuiltOpening(
+        is_drawn, ends, np.array([1.0, 0.0]), 0.2, open_share, closed_share, 5, 5, edges, sigmas
+    )
+
+
+def test_openings_are_on_the_map_and_in_a_table_of_their_own(floorplan):
+    openings = (
+        door(True, 1.0, 1.0, 0.0, (0.1, 0.95)),
+        door(True, 2.0, 0.0, 1.0),
+        door(True, 3.0, 0.0, 0.0),
+        door(False, 4.0, 0.9, 0.0, (0.0, 1.0)),
+        door(True, 900.0, 1.0, 0.0),  # where the scan does not come
+    )
+    page = report_with(floorplan, replace(made(), openings=openings))
+    assert "1 open, 1 closed, 1 not seen, 1 new" in page.replace("\n", " ")
+    section = page[page.index('<section class="openings">') :].split("</section>")[0]
+    rows = section.split("<tr")[2:]
+    assert [row.split('class="')[1].split('"')[0] for row in rows] == [
+        "opening opening-open as-planned",
+        "opening opening-closed",
+        "opening opening-not-seen as-planned",
+        "opening opening-new",
+    ]
+    assert "0.850" in rows[0]
+    assert "+2.5" in rows[0]  # the middle, from 0.5 to 0.525
+    assert page.count('<g class="opening ') == 4
+    # The counts of walls are of walls alone, also when the page counts anew.
+    assert "1 agrees, 1 moved, 1 missing, 1 not seen, 1 new" in page
+    assert "openings" not in page[page.index('<section class="as-built">') :].split("</section>")[0]
+    assert '<section class="openings">' not in report_with(floorplan, made())
 
 
 PROBE = """

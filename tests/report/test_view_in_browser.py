@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from view_speed import make_scene
 
 from driven_browser import driven_browser, needs_browser, set_size
 from planfit.geometry import se3
 from planfit.report import make_report
+from planfit.report.html.page import page_of
+from planfit.report.html.view_section import view_section
 from report.scenes import BLUE, GREEN, RED, room_report, room_scene
 from test_report import DEPTH, OFFSET, WIDTH, make_result
 
@@ -409,6 +412,24 @@ def test_without_a_plan_the_scan_alone_is_shown(browser, tmp_path):
         view.press(step)
         seen.append(view.pixels())
         assert changed(seen[-2], seen[-1]) > 0.02, step
+    assert browser.get_log("browser") == []
+
+
+def test_cameras_a_few_centimetres_apart_are_drawn_as_one(browser, view, tmp_path):
+    """A thousand frames 2 cm apart, as of video: every third is a dot, and the path goes over all of them."""
+    n_drawn = "return [view.view.renderer.centres.n, view.view.renderer.path.n]"
+    assert browser.execute_script(n_drawn) == [12, 22]  # those of the room are all drawn
+    scene = make_scene(20_000, 1000)
+    path = tmp_path / "report.html"
+    path.write_text(page_of("view", [view_section(scene)], scene), encoding="utf-8")
+    far = open_page(browser, path, scene, (1200, 900))
+    dots, ends = browser.execute_script(n_drawn)
+    # 20 rooms of 50 frames, a metre each: 17 dots, and their last and first ones.
+    assert 20 * 15 < dots < 20 * 20
+    assert ends == 2 * (dots - 1)
+    # What is not drawn is chosen as well.
+    browser.execute_script("view.view.choose({frame: 501})")
+    assert "Frame 501" in far.card
     assert browser.get_log("browser") == []
 
 

@@ -1,8 +1,16 @@
-"""As built against as planned: a verdict on every wall of a plan, from a finished result
+"""As built against as planned: a verdict on every wall and opening of a plan, from a finished result
 (docs/as-built.md)."""
 
 from planfit.as_built.compare import compare_as_built, judge_walls
 from planfit.as_built.deviations import Deviation, deviations
+from planfit.as_built.openings import (
+    AsBuiltOpening,
+    OpeningOptions,
+    OpeningVerdict,
+    counted_openings,
+    opening_title,
+    opening_words,
+)
 from planfit.as_built.record import AS_BUILT, read_as_built, write_as_built
 from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall, Verdict, counted
 from planfit.as_built.words import in_words, title
@@ -10,15 +18,21 @@ from planfit.as_built.words import in_words, title
 __all__ = [
     "AS_BUILT",
     "AsBuilt",
+    "AsBuiltOpening",
     "AsBuiltOptions",
     "AsBuiltWall",
     "Deviation",
+    "OpeningOptions",
+    "OpeningVerdict",
     "Verdict",
     "compare_as_built",
     "counted",
+    "counted_openings",
     "deviations",
     "in_words",
     "judge_walls",
+    "opening_title",
+    "opening_words",
     "read_as_built",
     "title",
     "write_as_built",

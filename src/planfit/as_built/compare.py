@@ -1,10 +1,12 @@
 """As built against as planned: what a finished result says of every wall of its plan."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.as_built.find_openings import find_openings
 from planfit.as_built.lines_of_sight import LinesOfSight, lines_of_sight, through_shares
 from planfit.as_built.new_walls import find_new_walls
 from planfit.as_built.standing import Piece
@@ -75,7 +77,8 @@ def judge_walls(
     source = floorplan.source
     file_from_plan = None if source.is_picture else source.file_from_plan
     walls = (*of_plan, *new)
-    return AsBuilt(walls, options, floorplan.name, file_from_plan, source.elevation_m)
+    as_built = AsBuilt(walls, options, floorplan.name, file_from_plan, source.elevation_m)
+    return replace(as_built, openings=find_openings(as_built, floorplan, placed, sight))
 
 
 def _is_explained(placed: PlacedWalls, offsets: Mapping[int, FaceOffset]) -> Bool[np.ndarray, " k"]:

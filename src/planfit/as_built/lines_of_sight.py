@@ -1,6 +1,7 @@
 """Walls that are not there: cameras look through the place where they are drawn."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -32,6 +33,19 @@ class LinesOfSight:
     """Height of the floor that each camera stands over; NaN where there is none, on stairs."""
     storeys: Int[np.ndarray, " n"] | None = None
     """That each stands on, where the plan has storeys."""
+
+    @cached_property
+    def frame_idx(self) -> Int[np.ndarray, " m"]:
+        """Of each point."""
+        return np.repeat(np.arange(len(self.eyes)), np.diff(self.start))
+
+    @cached_property
+    def boxes(self) -> Float[np.ndarray, "2 n 2"]:
+        """Lower and upper corners around all lines of sight of each camera, seen from above."""
+        low, high = self.eyes[:, :2].copy(), self.eyes[:, :2].copy()
+        np.minimum.at(low, self.frame_idx, self.points[:, :2])
+        np.maximum.at(high, self.frame_idx, self.points[:, :2])
+        return np.stack([low, high])
 
 
 def lines_of_sight(
@@ -84,6 +98,15 @@ def through_shares(
     sight: LinesOfSight, floorplan: Floorplan, options: AsBuiltOptions
 ) -> Float[np.ndarray, " f"]:
     """Share of the length of each face that enough frames look through, either way."""
+    counts = frames_through(sight, floorplan, options)
+    return np.array([np.mean(n_frames >= options.min_frames) for n_frames in counts])
+
+
+def frames_through(
+    sight: LinesOfSight, floorplan: Floorplan, options: AsBuiltOptions
+) -> list[Int[np.ndarray, " b"]]:
+    """How many frames look through each part of each face, either way; parts are `BIN_M` long, the first
+    begins `END_M` from the first end."""
     n_bins = np.maximum((floorplan.lengths - 2 * END_M) / BIN_M, 1.0).astype(int)
     first_bin = np.cumsum([0, *n_bins])
     n_frames = np.zeros(first_bin[-1], dtype=int)
@@ -99,8 +122,40 @@ def through_shares(
         )
         for face, bins in zip(faces, passed, strict=True):
             n_frames[first_bin[face] + bins] += 1
-    is_through = n_frames >= options.min_frames
-    return np.add.reduceat(is_through.astype(float), first_bin[:-1]) / n_bins
+    return np.split(n_frames, first_bin[1:-1])
+
+
+def crossings(
+    sight: LinesOfSight,
+    ends: Float[np.ndarray, "2 2"],
+    storey: int | None,
+    options: AsBuiltOptions,
+) -> tuple[Float[np.ndarray, " c"], Int[np.ndarray, " c"]]:
+    """Where lines of sight pass a segment, m from its first end, and the frame of each."""
+    along = segments.directions(ends[None])[0]
+    normal, length = segments.left_normals(ends[None])[0], float(np.linalg.norm(ends[1] - ends[0]))
+    low, high = sight.boxes
+    is_near = np.isfinite(sight.floors_m)
+    is_near &= np.all((low <= ends.max(axis=0)) & (high >= ends.min(axis=0)), axis=1)
+    if storey is not None and sight.storeys is not None:
+        is_near &= sight.storeys == storey
+    near = np.flatnonzero(is_near[sight.frame_idx])
+    eyes, points, frame = (
+        sight.eyes[sight.frame_idx[near]],
+        sight.points[near],
+        sight.frame_idx[near],
+    )
+    at_end = (points[:, :2] - ends[0]) @ normal
+    at_eye = (eyes[:, :2] - ends[0]) @ normal
+    crosses = np.flatnonzero((at_end * at_eye < 0) & (np.abs(at_end) > options.beyond_m))
+    eyes, points, frame = eyes[crosses], points[crosses], frame[crosses]
+    share = at_eye[crosses] / (at_eye[crosses] - at_end[crosses])
+    where = eyes + share[:, None] * (points - eyes)
+    height = where[:, 2] - sight.floors_m[frame]
+    at = (where[:, :2] - ends[0]) @ along
+    lowest, highest = options.heights_m
+    kept = (height > lowest) & (height < highest) & (at > 0) & (at < length)
+    return at[kept], frame[kept]
 
 
 def _within(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from planfit.as_built.openings import AsBuiltOpening
 from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.errors import ScanError
 from planfit.option_values import options_of
@@ -40,7 +41,29 @@ def as_built_record(as_built: AsBuilt) -> dict[str, Any]:
             }
             for wall in as_built.walls
         ],
+        "openings": [
+            {
+                "verdict": opening.verdict(as_built.options.openings).value,
+                "is_drawn": opening.is_drawn,
+                "kind": opening.kind,
+                "element_id": opening.element_id,
+                "ends": opening.ends.tolist(),
+                "normal": opening.normal.tolist(),
+                "thickness_m": opening.thickness_m,
+                "open_share": opening.open_share,
+                "closed_share": opening.closed_share,
+                "through_frames": opening.n_through_frames,
+                "surface_frames": opening.n_surface_frames,
+                "edges_m": [_known(value) for value in opening.edges_m],
+                "edge_sigmas_m": [_known(value) for value in opening.edge_sigmas_m],
+            }
+            for opening in as_built.openings
+        ],
     }
+
+
+def _known(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def write_as_built(path: Path, as_built: AsBuilt) -> None:
@@ -74,6 +97,8 @@ def read_as_built(folder: Path) -> AsBuilt:
             str(record["plan"]),
             None if matrix is None else np.array(matrix, dtype=float).reshape(3, 3),
             float(record["elevation_m"]),
+            # Runs of versions before these were judged have none.
+            tuple(_opening(row) for row in record.get("openings", ())),
         )
     except (
         ValueError,
@@ -96,11 +121,34 @@ def _wall(row: Mapping[str, Any]) -> AsBuiltWall:
         ends=np.array(row["ends"], dtype=float).reshape(2, 2),
         normal=np.array(row["normal"], dtype=float).reshape(2),
         is_oriented=bool(row["is_oriented"]),
-        offset_m=np.nan if offset is None else float(offset),
-        sigma_m=np.nan if sigma is None else float(sigma),
+        offset_m=_number(offset),
+        sigma_m=_number(sigma),
         n_patches=int(row["patches"]),
         n_frames=int(row["frames"]),
         through_share=float(row["through_share"]),
         element_id=str(row["element_id"]),
         is_glass=bool(row.get("is_glass", False)),
     )
+
+
+def _opening(row: Mapping[str, Any]) -> AsBuiltOpening:
+    low, high = (_number(value) for value in row["edges_m"])
+    low_sigma, high_sigma = (_number(value) for value in row["edge_sigmas_m"])
+    return AsBuiltOpening(
+        is_drawn=bool(row["is_drawn"]),
+        ends=np.array(row["ends"], dtype=float).reshape(2, 2),
+        normal=np.array(row["normal"], dtype=float).reshape(2),
+        thickness_m=float(row["thickness_m"]),
+        open_share=float(row["open_share"]),
+        closed_share=float(row["closed_share"]),
+        n_through_frames=int(row["through_frames"]),
+        n_surface_frames=int(row["surface_frames"]),
+        edges_m=(low, high),
+        edge_sigmas_m=(low_sigma, high_sigma),
+        kind=str(row["kind"]),
+        element_id=str(row["element_id"]),
+    )
+
+
+def _number(value: Any) -> float:
+    return np.nan if value is None else float(value)

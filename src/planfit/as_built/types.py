@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.association import AssociationOptions
+from planfit.as_built.openings import AsBuiltOpening, OpeningOptions
 from planfit.errors import require_positive, require_share
 from planfit.short_repr import short_repr
 
@@ -73,6 +74,8 @@ class AsBuiltOptions:
     """Of any offset, at least: what depth errs by alike for all who see a wall."""
     association: AssociationOptions = field(default_factory=AssociationOptions)
     """Which faces a wall patch may be of."""
+    openings: OpeningOptions = field(default_factory=OpeningOptions)
+    """When a door, window or passage is open, closed or new."""
 
     def __post_init__(self) -> None:
         require_positive(
@@ -149,6 +152,8 @@ class AsBuilt:
     """From homogeneous plan x-y to the coordinates of the plan's own file, where that is a drawing."""
     elevation_m: float = 0.0
     """Height of the plan's floor in its own file, m."""
+    openings: tuple[AsBuiltOpening, ...] = ()
+    """Doors, windows and passages of the plan, then those that it lacks."""
 
     __repr__ = short_repr
 

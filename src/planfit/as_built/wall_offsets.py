@@ -83,6 +83,19 @@ class PlacedWalls:
         """Points from left to right, so that those near a face are found without looking at all."""
         return np.argsort(self.points[:, 0], kind="stable")
 
+    def points_near(
+        self, ends: Float[np.ndarray, "2 2"], reach_m: float, storey: int | None
+    ) -> Int[np.ndarray, " p"]:
+        """Points in the box around a segment, seen from above, grown by a reach; of frames on a storey, where
+        the plan has storeys."""
+        low, high = ends.min(axis=0) - reach_m, ends.max(axis=0) + reach_m
+        first, last = np.searchsorted(self.points[:, 0], [low[0], high[0]], sorter=self.by_x)
+        near = np.sort(self.by_x[first:last])
+        near = near[(self.points[near, 1] >= low[1]) & (self.points[near, 1] <= high[1])]
+        if storey is not None and self.storeys is not None:
+            near = near[self.storeys[self.point_frame_idx[near]] == storey]
+        return near
+
     def pose_sigma_m(
         self,
         frame_idx: Int[np.ndarray, " p"],
@@ -278,12 +291,8 @@ def _near_face(
     """Points near a face as drawn that cameras see from its free side, where along it they lie, and how far
     off, m."""
     ends, normal = floorplan.ends[face], floorplan.normals[face]
-    low, high = ends.min(axis=0) - reach_m, ends.max(axis=0) + reach_m
-    first, last = np.searchsorted(placed.points[:, 0], [low[0], high[0]], sorter=placed.by_x)
-    near = np.sort(placed.by_x[first:last])
-    near = near[(placed.points[near, 1] >= low[1]) & (placed.points[near, 1] <= high[1])]
-    if floorplan.storeys is not None and placed.storeys is not None:
-        near = near[placed.storeys[placed.point_frame_idx[near]] == floorplan.storeys[face]]
+    storey = None if floorplan.storeys is None else int(floorplan.storeys[face])
+    near = placed.points_near(ends, reach_m, storey)
     from_first = placed.points[near, :2] - ends[0]
     at, off_m = from_first @ segments.directions(ends[None])[0], from_first @ normal
     length = float(floorplan.lengths[face])

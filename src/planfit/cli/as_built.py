@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from planfit.as_built import counted, read_as_built
+from planfit.as_built import counted, counted_openings, read_as_built
 from planfit.cli.console import out
 from planfit.errors import OutputError, require
 from planfit.export.as_built_files import AS_BUILT_WRITERS
@@ -35,5 +35,9 @@ def export_as_built(folder: Path, target: Path, tolerance_m: float | None) -> in
     write(target, as_built, tolerance_m)
     counts = counted(as_built.verdicts(tolerance_m))
     words = ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count)
+    if as_built.openings:
+        counts = counted_openings(as_built.openings, as_built.options.openings)
+        listed = ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count)
+        words += f"; openings: {listed}"
     out.print(f"written: {target}, {words}", soft_wrap=True)
     return 0

@@ -1,4 +1,4 @@
-"""Walls as built, for other programs: CSV, GeoJSON, and DXF with a layer a verdict.
+"""Walls and openings as built, for other programs: CSV, GeoJSON, and DXF with a layer a verdict.
 
 A drawing is written in the coordinates of the plan's own file, so that it lies over it; where the plan was a
 picture, in metres of the plan frame. The table is always in metres of the plan frame.
@@ -17,12 +17,20 @@ from ezdxf.filemanagement import new
 from jaxtyping import Float
 
 from planfit.as_built import AsBuilt, AsBuiltWall, Verdict, in_words
+from planfit.export.as_built_openings import (
+    draw_openings,
+    metres,
+    opening_lines,
+    opening_rows,
+    rounded,
+    upright_deg,
+)
 from planfit.export.bcf import write_bcf
 from planfit.whole_files import whole_file, write_whole
 
 AS_BUILT_HEADER = (
     "wall,verdict,is_sure,face,element_id,offset_m,sigma_m,length_m,x1_m,y1_m,x2_m,y2_m,normal_x,normal_y,"
-    "is_oriented,patches,frames,through_share,words"
+    "is_oriented,patches,frames,through_share,words,what,closed_share,width_m,width_sigma_m,shift_m"
 )
 """Columns of the table, as docs/as-built.md has them."""
 LAYER_COLORS = {
@@ -37,7 +45,7 @@ AS_DRAWN_LAYER, TEXT_M = "AS_BUILT_MOVED_AS_DRAWN", 0.12
 
 
 def write_as_built_csv(path: Path, as_built: AsBuilt, tolerance_m: float | None = None) -> None:
-    """A line a wall; lengths in metres, coordinates of the plan frame.
+    """A line a wall, then a line an opening; lengths in metres, coordinates of the plan frame.
 
     Raises:
         OutputError: the file cannot be written.
@@ -54,18 +62,20 @@ def write_as_built_csv(path: Path, as_built: AsBuilt, tolerance_m: float | None 
                 "yes" if as_built.is_sure(wall, tolerance_m) else "no",
                 wall.face_idx if wall.face_idx >= 0 else "",
                 wall.element_id,
-                _metres(wall.offset_m) if wall.face_idx >= 0 else "",
-                _metres(wall.sigma_m),
-                _metres(wall.length_m),
-                *(_metres(value) for value in wall.ends.ravel()),
+                metres(wall.offset_m) if wall.face_idx >= 0 else "",
+                metres(wall.sigma_m),
+                metres(wall.length_m),
+                *(metres(value) for value in wall.ends.ravel()),
                 *(f"{value:.6f}" for value in wall.normal),
                 "yes" if wall.is_oriented else "no",
                 wall.n_patches,
                 wall.n_frames,
                 f"{wall.through_share:.2f}",
                 in_words(wall, verdict),
+                *("wall", "", "", "", ""),
             ]
         )
+    writer.writerows(opening_rows(as_built))
     write_whole(path, text.getvalue())
 
 
@@ -79,14 +89,15 @@ def write_as_built_geojson(path: Path, as_built: AsBuilt, tolerance_m: float | N
     for number, wall in enumerate(as_built.walls, start=1):
         verdict = as_built.verdict(wall, tolerance_m)
         properties: dict[str, Any] = {
+            "what": "wall",
             "wall": number,
             "verdict": verdict.value,
             "is_sure": as_built.is_sure(wall, tolerance_m),
             "face": wall.face_idx if wall.face_idx >= 0 else None,
             "element_id": wall.element_id or None,
-            "offset_m": _rounded(wall.offset_m) if wall.face_idx >= 0 else None,
-            "sigma_m": _rounded(wall.sigma_m),
-            "length_m": _rounded(wall.length_m),
+            "offset_m": rounded(wall.offset_m) if wall.face_idx >= 0 else None,
+            "sigma_m": rounded(wall.sigma_m),
+            "length_m": rounded(wall.length_m),
             "patches": wall.n_patches,
             "frames": wall.n_frames,
             "through_share": round(wall.through_share, 2),
@@ -96,6 +107,9 @@ def write_as_built_geojson(path: Path, as_built: AsBuilt, tolerance_m: float | N
         features.append(_feature(as_built, wall.ends, {**properties, "line": shown}))
         if verdict is Verdict.MOVED:
             features.append(_feature(as_built, wall.built_ends, {**properties, "line": "as built"}))
+    features += [
+        _feature(as_built, ends, properties) for ends, properties in opening_lines(as_built)
+    ]
     content = {"type": "FeatureCollection", "name": "as built", "features": features}
     write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
@@ -114,7 +128,7 @@ def _feature(
 
 def write_as_built_dxf(path: Path, as_built: AsBuilt, tolerance_m: float | None = None) -> None:
     """A line a wall on the layer of its verdict, those that were moved where they stand, with their offset;
-    where they are drawn, on a layer of its own.
+    where they are drawn, on a layer of its own; openings on layers of their own.
 
     Raises:
         OutputError: the file cannot be written.
@@ -138,12 +152,13 @@ def write_as_built_dxf(path: Path, as_built: AsBuilt, tolerance_m: float | None 
             space.add_text(
                 _label(wall),
                 height=text_height,
-                rotation=_upright_deg(last - first),
+                rotation=upright_deg(last - first),
                 dxfattribs=layer,
             ).set_placement(
                 tuple(as_built.in_file(stands).mean(axis=0)),
                 align=TextEntityAlignment.BOTTOM_CENTER,
             )
+    draw_openings(document, as_built, text_height)
     with whole_file(path) as part:
         document.saveas(part)
 
@@ -155,20 +170,6 @@ def layer_of(verdict: Verdict) -> str:
 
 def _label(wall: AsBuiltWall) -> str:
     return f"{100 * wall.offset_m:+.1f} cm +- {100 * wall.sigma_m:.1f}"
-
-
-def _upright_deg(along: Float[np.ndarray, "2"]) -> float:
-    """Direction of a line, deg, so that text along it is read from below or from the right."""
-    angle = float(np.rad2deg(np.arctan2(along[1], along[0])))
-    return (angle + 90.0) % 180.0 - 90.0
-
-
-def _metres(value: float) -> str:
-    return f"{value:.4f}" if np.isfinite(value) else ""
-
-
-def _rounded(value: float) -> float | None:
-    return round(float(value), 4) if np.isfinite(value) else None
 
 
 AS_BUILT_WRITERS: dict[str, Callable[[Path, AsBuilt, float | None], None]] = {

@@ -1,4 +1,4 @@
-"""Walls that are not as planned as issues of the BIM Collaboration Format 2.1.
+"""Walls and openings that are not as planned as issues of the BIM Collaboration Format 2.1.
 
 A zip of folders, one a topic: `markup.bcf` says what is wrong, `viewpoint.bcfv` from where to look at it and
 which elements of the model it is. Elements stand in the order of the schemas (markup.xsd and visinfo.xsd of
@@ -7,13 +7,24 @@ buildingSMART/BCF-XML, release 2.1), as readers expect.
 
 import uuid
 import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
+from jaxtyping import Float
 
-from planfit.as_built import AsBuilt, Deviation, Verdict, deviations, in_words, title
+from planfit.as_built import (
+    AsBuilt,
+    Verdict,
+    deviations,
+    in_words,
+    opening_title,
+    opening_words,
+    title,
+)
 from planfit.whole_files import whole_file
 
 AUTHOR = "planfit"
@@ -29,7 +40,8 @@ IFC_ID_LENGTH = 22
 def write_bcf(
     path: Path, as_built: AsBuilt, tolerance_m: float | None = None, now: datetime | None = None
 ) -> None:
-    """A topic for each wall that was moved, is missing, or is new; m, z from the floor of the plan.
+    """A topic for each wall that was moved, is missing, or is new, and each opening that is closed or new; m,
+    z from the floor of the plan.
 
     Args:
         path: `.bcf` or `.bcfzip`.
@@ -45,66 +57,107 @@ def write_bcf(
         version = Element("Version", VersionId="2.1")
         SubElement(version, "DetailedVersion").text = "2.1"
         archive.writestr("bcf.version", _xml(version))
-        for index, deviation in enumerate(deviations(as_built, tolerance_m)):
-            topic = _guid(as_built, deviation, "topic")
-            viewpoint = _guid(as_built, deviation, "viewpoint")
-            markup = _markup(as_built, deviation, index, topic, viewpoint, made)
+        for index, issue in enumerate(_issues(as_built, tolerance_m)):
+            topic = _guid(as_built, issue, "topic")
+            viewpoint = _guid(as_built, issue, "viewpoint")
+            markup = _markup(as_built, issue, index, topic, viewpoint, made)
             archive.writestr(f"{topic}/markup.bcf", _xml(markup))
-            view = _view(as_built, deviation, viewpoint)
+            view = _view(as_built, issue, viewpoint)
             archive.writestr(f"{topic}/viewpoint.bcfv", _xml(view))
 
 
+@dataclass(frozen=True)
+class _Issue:
+    """What a topic tells of; plan frame, m."""
+
+    title: str
+    label: str
+    description: tuple[str, ...]
+    """A line a face."""
+    element_ids: tuple[str, ...]
+    ends: Float[np.ndarray, "2 2"]
+    """That the viewpoint looks at."""
+    normal: Float[np.ndarray, "2"]
+    """Towards the viewpoint."""
+    lines: tuple[Float[np.ndarray, "2 2"], ...]
+    """Where it stands."""
+    places: tuple[Float[np.ndarray, "2 2"], ...]
+    """Where it is drawn: names its topic."""
+
+
+def _issues(as_built: AsBuilt, tolerance_m: float | None) -> Iterator[_Issue]:
+    """Walls that are not as planned, the longest first, then openings."""
+    for deviation in deviations(as_built, tolerance_m):
+        walls, verdict = deviation.walls, deviation.verdict
+        yield _Issue(
+            title(walls[0], verdict),
+            f"as built: {verdict.value}",
+            tuple(_described(wall.ends, in_words(wall, verdict)) for wall in walls),
+            deviation.element_ids,
+            walls[0].ends,
+            walls[0].normal,
+            tuple(w.built_ends if verdict is Verdict.MOVED else w.ends for w in walls),
+            tuple(wall.ends for wall in walls),
+        )
+    options = as_built.options.openings
+    for opening in as_built.openings:
+        if opening.differs(options):
+            yield _Issue(
+                opening_title(opening, options),
+                f"as built: opening {opening.verdict(options).value}",
+                (_described(opening.ends, opening_words(opening, options)),),
+                (opening.element_id,),
+                opening.ends,
+                opening.normal,
+                (opening.built_ends,),
+                (opening.ends,),
+            )
+
+
+def _described(ends: Float[np.ndarray, "2 2"], words: str) -> str:
+    return f"({ends[0, 0]:.2f}, {ends[0, 1]:.2f})-({ends[1, 0]:.2f}, {ends[1, 1]:.2f}): {words}"
+
+
 def _markup(
-    as_built: AsBuilt, deviation: Deviation, index: int, topic: str, viewpoint: str, made: str
+    as_built: AsBuilt, issue: _Issue, index: int, topic: str, viewpoint: str, made: str
 ) -> Element:
-    wall, verdict = deviation.walls[0], deviation.verdict
     markup = Element("Markup")
     if as_built.plan_name:
         file = SubElement(SubElement(markup, "Header"), "File", isExternal="true")
         SubElement(file, "Filename").text = Path(as_built.plan_name).name
     element = SubElement(markup, "Topic", Guid=topic, TopicType="Issue", TopicStatus="Open")
-    SubElement(element, "Title").text = title(wall, verdict)
+    SubElement(element, "Title").text = issue.title
     SubElement(element, "Index").text = str(index)
-    SubElement(element, "Labels").text = f"as built: {verdict.value}"
+    SubElement(element, "Labels").text = issue.label
     SubElement(element, "CreationDate").text = made
     SubElement(element, "CreationAuthor").text = AUTHOR
-    SubElement(element, "Description").text = _description(deviation)
+    lines = ("Metres, in the plan's axes.", *issue.description)
+    SubElement(element, "Description").text = "\n".join(lines)
     points = SubElement(markup, "Viewpoints", Guid=viewpoint)
     SubElement(points, "Viewpoint").text = "viewpoint.bcfv"
     return markup
 
 
-def _description(deviation: Deviation) -> str:
-    """A line a face."""
-    lines = [
-        f"({w.ends[0, 0]:.2f}, {w.ends[0, 1]:.2f})-({w.ends[1, 0]:.2f}, {w.ends[1, 1]:.2f}): "
-        f"{in_words(w, deviation.verdict)}"
-        for w in deviation.walls
-    ]
-    return "\n".join(["Metres, in the plan's axes.", *lines])
-
-
-def _view(as_built: AsBuilt, deviation: Deviation, viewpoint: str) -> Element:
-    """Looking at the wall from its free side, at eye level, its elements selected, its place as lines."""
+def _view(as_built: AsBuilt, issue: _Issue, viewpoint: str) -> Element:
+    """Looking at it from its free side, at eye level, its elements selected, its place as lines."""
     view = Element("VisualizationInfo", Guid=viewpoint)
     components = SubElement(view, "Components")
-    ids = [one for one in deviation.element_ids if len(one) == IFC_ID_LENGTH]
+    ids = [one for one in issue.element_ids if len(one) == IFC_ID_LENGTH]
     if ids:
         selection = SubElement(components, "Selection")
         for one in ids:
             SubElement(selection, "Component", IfcGuid=one)
     SubElement(components, "Visibility", DefaultVisibility="true")
-    wall, floor_m = deviation.walls[0], as_built.elevation_m
-    back_m = max(NEAREST_M, 0.5 * wall.length_m / np.tan(np.deg2rad(FIELD_OF_VIEW_DEG / 2)))
-    eye = wall.ends.mean(axis=0) + back_m * wall.normal
+    floor_m, length_m = as_built.elevation_m, float(np.linalg.norm(issue.ends[1] - issue.ends[0]))
+    back_m = max(NEAREST_M, 0.5 * length_m / np.tan(np.deg2rad(FIELD_OF_VIEW_DEG / 2)))
+    eye = issue.ends.mean(axis=0) + back_m * issue.normal
     camera = SubElement(view, "PerspectiveCamera")
     _point(camera, "CameraViewPoint", eye[0], eye[1], floor_m + EYE_M)
-    _point(camera, "CameraDirection", -wall.normal[0], -wall.normal[1], 0.0)
+    _point(camera, "CameraDirection", -issue.normal[0], -issue.normal[1], 0.0)
     _point(camera, "CameraUpVector", 0.0, 0.0, 1.0)
     SubElement(camera, "FieldOfView").text = f"{FIELD_OF_VIEW_DEG:g}"
     lines = SubElement(view, "Lines")
-    for one in deviation.walls:
-        stands = one.built_ends if deviation.verdict is Verdict.MOVED else one.ends
+    for stands in issue.lines:
         for height in (floor_m, floor_m + WALL_M):
             line = SubElement(lines, "Line")
             _point(line, "StartPoint", stands[0, 0], stands[0, 1], height)
@@ -118,8 +171,8 @@ def _point(parent: Element, name: str, x: float, y: float, z: float) -> None:
         SubElement(point, axis).text = f"{float(value):.6f}"
 
 
-def _guid(as_built: AsBuilt, deviation: Deviation, what: str) -> str:
-    places = ";".join(f"{value:.3f}" for wall in deviation.walls for value in wall.ends.ravel())
+def _guid(as_built: AsBuilt, issue: _Issue, what: str) -> str:
+    places = ";".join(f"{value:.3f}" for ends in issue.places for value in ends.ravel())
     return str(uuid.uuid5(_NAMES, f"{what} {Path(as_built.plan_name).name} {places}"))
 
 

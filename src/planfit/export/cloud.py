@@ -1,5 +1,6 @@
 """Coloured point clouds of a scan, sampled once and placed by any poses."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
@@ -79,6 +81,16 @@ def sample_cloud(
     )
 
 
+_VERTEX = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("r", "u1"), ("g", "u1"), ("b", "u1")]
+)
+_HEADER = (
+    "ply\nformat binary_little_endian 1.0\nelement vertex {}\n"
+    "property float x\nproperty float y\nproperty float z\n"
+    "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+)
+
+
 def place_cloud(
     cloud: Cloud, target_from_cams: Float[np.ndarray, "n 4 4"]
 ) -> Float[np.ndarray, "m 3"]:
@@ -96,22 +108,36 @@ def write_ply(
     path: Path, points: Float[np.ndarray, "m 3"], colors: UInt8[np.ndarray, "m 3"]
 ) -> None:
     """Write points (m) with colours as binary PLY, in single precision."""
-    vertices = np.zeros(
-        len(points),
-        dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("r", "u1"), ("g", "u1"), ("b", "u1")],
-    )
+    vertices = np.zeros(len(points), dtype=_VERTEX)
     for axis, name in enumerate("xyz"):
         vertices[name] = points[:, axis]
     for channel, name in enumerate("rgb"):
         vertices[name] = colors[:, channel]
-    header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
-        "property float x\nproperty float y\nproperty float z\n"
-        "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
-    )
     with path.open("wb") as file:
-        file.write(header.encode())
+        file.write(_HEADER.format(len(points)).encode())
         file.write(vertices.tobytes())
+
+
+def read_ply_points(path: Path, max_points: int) -> Float[np.ndarray, "k 3"]:
+    """Points (m) that `write_ply` wrote; of many, evenly taken ones.
+
+    Raises:
+        OSError: the file cannot be read.
+        ScanError: another program wrote it, or it is cut short.
+    """
+    with path.open("rb") as file:
+        head = file.read(1024)
+    found = re.match(re.escape(_HEADER).replace(r"\{\}", r"(\d+)").encode(), head)
+    size = path.stat().st_size
+    if found is None or size != found.end() + int(found[1]) * _VERTEX.itemsize:
+        raise ScanError(
+            f"{path}: expected a cloud as planfit writes it, found another file; solve again"
+        )
+    if int(found[1]) == 0:
+        return np.zeros((0, 3))
+    vertices = np.memmap(path, dtype=_VERTEX, mode="r", offset=found.end())
+    some = vertices[:: max(1, -(-len(vertices) // max_points))]
+    return np.stack([some[name] for name in "xyz"], axis=1).astype(float)
 
 
 def color_or_grey(scan: Scan, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:

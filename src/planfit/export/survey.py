@@ -1,5 +1,6 @@
 """Residuals of control and check points: a table, and what the record says."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from planfit.survey import RoleResiduals, SurveyResiduals
 
 HEADER = (
     "id,role,marks,given_x,given_y,given_z,plan_x_m,plan_y_m,plan_z_m,dx_m,dy_m,dz_m,horizontal_m,length_m,"
-    "sigma_m"
+    "sigma_m,left_out_dx_m,left_out_dy_m,left_out_dz_m,left_out_m,left_out_sigma_m,left_out_sigmas,contradicted"
 )
 """Columns of `control_points.csv`, as docs/outputs.md has them."""
 
@@ -30,12 +31,17 @@ def write_survey(folder: Path, survey: SurveyResiduals) -> None:
             point.horizontal_m,
             point.length_m,
             point.sigma_m,
+            *(np.full(3, np.nan) if point.left_out_m is None else point.left_out_m),
+            point.left_out_length_m,
+            point.left_out_sigma_m,
+            point.left_out_sigmas,
         ]
         cells = [f"{v:.6f}" if np.isfinite(v) else "" for v in numbers]
         name = (
             point.id if not set(point.id) & set(',"') else '"' + point.id.replace('"', '""') + '"'
         )
-        lines.append(",".join([name, role, str(point.n_marks), *cells]))
+        contradicted = "" if point.is_check else "yes" if point.is_contradicted else "no"
+        lines.append(",".join([name, role, str(point.n_marks), *cells, contradicted]))
     (folder / "control_points.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -48,19 +54,29 @@ def survey_record(survey: SurveyResiduals) -> dict[str, Any]:
         "site_from_plan": None if site is None else site.tolist(),
         "site_origin_m": None if site is None else survey.site_origin.tolist(),
         "control": _role_record(survey.control),
+        "control_left_out": _role_record(survey.left_out),
         "check": _role_record(survey.check),
         "points": [
             {
                 "id": point.id,
                 "role": "check" if point.is_check else "control",
                 "marks": point.n_marks,
-                "residual_m": [float(v) if np.isfinite(v) else None for v in point.residual_m],
+                "residual_m": _numbers(point.residual_m),
                 "sigma_m": point.sigma_m,
+                "left_out_m": None if point.left_out_m is None else _numbers(point.left_out_m),
+                "left_out_sigma_m": _numbers([point.left_out_sigma_m])[0],
+                "left_out_sigmas": _numbers([point.left_out_sigmas])[0],
+                "is_contradicted": point.is_contradicted,
+                "swapped_with": point.swapped_with or None,
             }
             for point in survey.points
         ],
         "unseen": list(survey.unseen),
     }
+
+
+def _numbers(values: Iterable[float]) -> list[float | None]:
+    return [float(v) if np.isfinite(v) else None for v in values]
 
 
 def _role_record(role: RoleResiduals | None) -> dict[str, Any] | None:

@@ -1,10 +1,11 @@
-"""What the plan's file says of each face: the element of a building model whose outline it lies on."""
+"""What the plan's file says of each face and of each gap: the element of a building model that it is of."""
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Int
 
 from planfit.floorplan.faces import line_strings
+from planfit.floorplan.gaps import Gap
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
 
@@ -26,6 +27,23 @@ def are_glass(floorplan: Floorplan) -> Bool[np.ndarray, " f"]:
     if of_lines is None:
         return np.zeros(len(floorplan), dtype=bool)
     return (line >= 0) & of_lines[np.maximum(line, 0)]
+
+
+def opening_element(floorplan: Floorplan, gap: Gap) -> tuple[str, str]:
+    """What a gap is ("door", "window", "opening"), and its name in the file; empty where it does not tell."""
+    source = floorplan.source
+    if source.opening_lines is None or source.file_from_plan is None or not source.opening_names:
+        return "", ""
+    plan_from_file = np.linalg.inv(source.file_from_plan)
+    lines = source.opening_lines @ plan_from_file[:2, :2].T + plan_from_file[:2, 2]
+    relative = lines.mean(axis=1) - gap.ends.mean(axis=0)
+    across, along = np.abs(relative @ gap.normal), np.linalg.norm(relative, axis=1)
+    is_of = (across < gap.thickness_m / 2 + NEAR_M) & (along < gap.width_m / 2)
+    is_of &= np.abs(segments.directions(lines) @ gap.normal) < np.sqrt(1 - PARALLEL**2)
+    if not is_of.any():
+        return "", ""
+    nearest = int(np.argmin(np.where(is_of, along, np.inf)))
+    return source.opening_names[nearest], source.opening_ids[nearest]
 
 
 def _element_lines(floorplan: Floorplan) -> Int[np.ndarray, " f"]:

@@ -52,6 +52,13 @@ class PlanSource:
     """Whether left and right of the file are swapped in the plan frame, as the user asked."""
     opening_kinds: tuple[str, ...] = ()
     """What the openings are, counted: "5 doors", "11 windows"; empty where the file does not tell."""
+    opening_lines: Float[np.ndarray, "o 2 2"] | None = None
+    """In the file's own coordinates: openings along the faces that they interrupt; None where the file does
+    not tell what they are."""
+    opening_names: tuple[str, ...] = ()
+    """What each of those is: "door", "window", "opening"."""
+    opening_ids: tuple[str, ...] = ()
+    """What the file calls the door or window that each is of: GlobalId of IFC; empty where it names none."""
     map_words: str = ""
     """Where on a map the plan lies, in words; empty where the file does not tell."""
     map_from_file: Float[np.ndarray, "3 3"] | None = None

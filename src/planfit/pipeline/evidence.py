@@ -23,6 +23,7 @@ from planfit.adjust import (
 )
 from planfit.adjust.association import PlanCorrespondences, associate
 from planfit.adjust.calibration import NOT_CALIBRATED, Calibration, CalibrationOptions
+from planfit.adjust.left_out import PointLeftOut, leave_out_control
 from planfit.adjust.torn_steps import find_broken_steps
 from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M
@@ -119,6 +120,8 @@ class Evidence:
     """Storeys that were walked and have no plan, where others have one."""
     strength: tuple[DirectionStrength, ...] = ()
     """What fixes x, y, z and heading; in this order."""
+    left_out: tuple[PointLeftOut, ...] = ()
+    """Control points that took part, each left out in turn."""
 
     __repr__ = short_repr
 
@@ -257,6 +260,7 @@ def gather_evidence(
         unplaced=prepared.unplaced,
         tracking_doubt=prepared.tracking_doubt,
         without_plan=on_plan.storeys.without_plan if on_plan.storeys else (),
+        left_out=leave_out_control(problem, solved),
         strength=directions_held(problem, solved, folds.stretch, covariance, keyframes.frame_idx),
     )
 

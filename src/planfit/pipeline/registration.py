@@ -126,7 +126,12 @@ def _rows_of_survey(survey: SurveyResiduals | None) -> list[RegistrationRow]:
     rows: list[RegistrationRow] = []
     if survey is None:
         return rows
-    for role, found in (("control", survey.control), ("check", survey.check)):
+    roles = (
+        ("control points", survey.control),
+        ("control points, each left out", survey.left_out),
+        ("check points", survey.check),
+    )
+    for role, found in roles:
         if found is None:
             continue
         amounts = {
@@ -137,10 +142,8 @@ def _rows_of_survey(survey: SurveyResiduals | None) -> list[RegistrationRow]:
         }
         for what, amount in amounts.items():
             if amount is not None:
-                both = (amount, None) if role == "control" else (None, amount)
-                rows.append(
-                    RegistrationRow(f"{role} points, {what}", "m", None, *both, found.count)
-                )
+                both = (amount, None) if role == "control points" else (None, amount)
+                rows.append(RegistrationRow(f"{role}, {what}", "m", None, *both, found.count))
     return rows
 
 

@@ -30,7 +30,8 @@ from planfit.pipeline.on_plan import ScanOnPlan, Storeys
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.registration import Registration, register
 from planfit.pipeline.sensor import SensorParameter, sensor_parameters, sensor_warnings
-from planfit.pipeline.survey import SurveyedScan, survey_residuals, survey_warnings
+from planfit.pipeline.survey import SurveyedScan
+from planfit.pipeline.survey_residuals import survey_residuals, survey_warnings
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
 from planfit.runtime import StageTimer
@@ -177,7 +178,9 @@ def make_result(
     survey = None
     if surveyed is not None and on_plan.survey is not None:
         marks = surveyed.marks.corrected(calibrated.calibration.sensor)
-        survey = survey_residuals(surveyed, marks, on_plan.survey, validation.after)
+        survey = survey_residuals(
+            surveyed, marks, on_plan.survey, validation.after, validation.evidence.left_out
+        )
     neighbours, has_plan = options.matching.pairs.neighbours, on_plan.floorplan is not None
     return RefineResult(
         floorplan=on_plan.floorplan,

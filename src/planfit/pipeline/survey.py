@@ -31,10 +31,8 @@ from planfit.survey import (
     PlacedPoints,
     SiteFit,
     Survey,
-    SurveyResiduals,
     find_marks,
     fit_site,
-    measure_residuals,
     place_points,
 )
 from planfit.survey.blunders import find_blunders
@@ -335,62 +333,3 @@ def with_targets(prepared: PreparedScan, on_plan: ScanOnPlan) -> PreparedScan:
         return prepared
     told = replace(marks, targets=survey.targets[marks.point_idx])
     return replace(prepared, measurements=replace(prepared.measurements, control=told))
-
-
-def survey_residuals(
-    surveyed: SurveyedScan,
-    marks: LiftedMarks,
-    on_plan: SurveyOnPlan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-) -> SurveyResiduals:
-    """Residuals of control and check points where the poses ended.
-
-    Args:
-        surveyed: the survey.
-        marks: its marks as the corrected sensor sees them.
-        on_plan: where the points are.
-        plan_from_cams: of all frames.
-    """
-    survey = surveyed.survey
-    points = measure_residuals(survey, marks, on_plan.targets, plan_from_cams)
-    seen = {point.id for point in points}
-    return SurveyResiduals(
-        points,
-        tuple(point.id for point in survey.points if point.id not in seen),
-        survey.axes,
-        on_plan.height_datum_m,
-        on_plan.site_from_plan,
-        on_plan.site_origin,
-    )
-
-
-MIN_CHECK_POINTS = 3
-"""Fewer say nothing of the whole."""
-CONTRADICTED_SIGMAS = 4.0
-"""A control point that ends further from its place than so many sigmas contradicts the rest."""
-BELIEVED_FACTOR = 2.0
-"""Check points whose RMS is by this factor above the predicted error, and above their own sigmas, show that
-something is not known."""
-
-
-def survey_warnings(residuals: SurveyResiduals, predicted_rms_m: float) -> tuple[str, ...]:
-    """What a surveyor should look at, a sentence each."""
-    words = []
-    if residuals.unseen:
-        words.append(f"no frame sees the surveyed points {some_ids(list(residuals.unseen))}")
-    for point in residuals.points:
-        if not point.is_check and point.length_m > CONTRADICTED_SIGMAS * np.sqrt(3) * point.sigma_m:
-            words.append(
-                f"control point {point.id!r} ends {point.length_m:.2f} m from where it was surveyed, against "
-                f"a sigma of {point.sigma_m:.3f} m: it contradicts the other evidence; check its coordinates "
-                "and marks"
-            )
-    check = residuals.check
-    if check is not None:
-        sigma_m = np.sqrt(3) * np.median([p.sigma_m for p in residuals.points if p.is_check])
-        if check.rms_m > BELIEVED_FACTOR * np.hypot(predicted_rms_m, sigma_m):
-            words.append(
-                f"check points are off by {check.rms_m:.2f} m (RMS), more than the predicted error of "
-                f"{predicted_rms_m:.2f} m: believe the check points, and see which are off in the report"
-            )
-    return tuple(words)

@@ -12,6 +12,7 @@ from planfit.survey.residuals import PointResidual as PointResidual
 from planfit.survey.residuals import RoleResiduals as RoleResiduals
 from planfit.survey.residuals import SurveyResiduals as SurveyResiduals
 from planfit.survey.residuals import measure_residuals as measure_residuals
+from planfit.survey.residuals import with_swaps as with_swaps
 from planfit.survey.tags import FAMILIES as FAMILIES
 from planfit.survey.types import LiftedMarks as LiftedMarks
 from planfit.survey.types import Mark as Mark

@@ -6,6 +6,8 @@ drifts, it loses a small share of the path walked between them; a point that is 
 they are.
 """
 
+from itertools import combinations
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -18,6 +20,8 @@ DRIFT_SHARE = 0.15
 """And by this share of the path between: no tracker loses as much."""
 NEIGHBOURS = 4
 """Points that predict one, the nearest along the path: the further, the more drift explains."""
+MAX_SUSPECTS = 12
+"""Points of which pairs are tried for swapped ids, those that contradict most."""
 FEWEST = 4
 """Of fewer points that contradict each other, nothing tells which is wrong."""
 
@@ -38,11 +42,13 @@ def find_blunders(
         OptionError: so few contradict each other that nothing tells which is wrong.
     """
     is_bad = np.zeros(len(level), dtype=bool)
+    swapped = _swapped(level, site, walked_m)
+    if swapped is not None:
+        is_bad[list(swapped)] = True
+        return is_bad
     while True:
         left = np.flatnonzero(~is_bad)
-        off = np.array(
-            [_excess(level[left], site[left], walked_m[left], k) for k in range(len(left))]
-        )
+        off = _excesses(level[left], site[left], walked_m[left])
         if len(left) < 2 or off.max() <= 1.0:
             return is_bad
         if len(left) < FEWEST:
@@ -52,6 +58,34 @@ def find_blunders(
                 "marks, or mark more points"
             )
         is_bad[left[np.argmax(off)]] = True
+
+
+def _swapped(
+    level: Float[np.ndarray, "p 3"],
+    site: Float[np.ndarray, "p 3"],
+    walked_m: Float[np.ndarray, " p"],
+) -> tuple[int, int] | None:
+    """The one pair of points with which, once their ids are swapped, nothing contradicts anything; None where
+    nothing does as it is, or no pair alone explains it. Two wrong points among few are else a riddle."""
+    off = _excesses(level, site, walked_m)
+    if len(level) < FEWEST or off.max() <= 1.0:
+        return None
+    suspects = np.argsort(-off)[:MAX_SUSPECTS]
+    found = []
+    for first, second in combinations(suspects.tolist(), 2):
+        order = np.arange(len(level))
+        order[[first, second]] = second, first
+        if _excesses(level, site[order], walked_m).max() <= 1.0:
+            found.append((first, second))
+    return found[0] if len(found) == 1 else None
+
+
+def _excesses(
+    level: Float[np.ndarray, "p 3"],
+    site: Float[np.ndarray, "p 3"],
+    walked_m: Float[np.ndarray, " p"],
+) -> Float[np.ndarray, " p"]:
+    return np.array([_excess(level, site, walked_m, k) for k in range(len(level))])
 
 
 def _excess(

@@ -1,7 +1,7 @@
 """How far surveyed points end from where a result puts them: control and check points apart."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +9,9 @@ from jaxtyping import Float
 from planfit.geometry import se3
 from planfit.short_repr import short_repr
 from planfit.survey.types import LiftedMarks, Survey, SurveyAxes
+
+SWAPPED_SHARE = 0.25
+"""Of the way between two points, as near to each other's place as the rest puts two that are swapped."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,19 @@ class PointResidual:
     n_marks: int
     sigma_m: float
     """Standard deviation of the difference, each coordinate: of the point and of depth."""
+    left_out_m: Float[np.ndarray, "3"] | None = None
+    """Of a control point: the residual where it takes no part. None of check points, which never do, and
+    where nothing else tells where it is."""
+    left_out_sigma_m: float = np.nan
+    """Standard deviation of where the rest puts it, each coordinate; NaN where that is not known."""
+    left_out_sigmas: float = np.nan
+    """How far that is from where it was surveyed, in standard deviations of both."""
+    is_contradicted: bool = False
+    """Whether the rest contradicts it."""
+    is_used: bool = True
+    """Whether a control point took part: not if those beside it contradict it by more than drift can."""
+    swapped_with: str = ""
+    """Point in whose place the rest puts it, and which it puts in its own."""
 
     @property
     def residual_m(self) -> Float[np.ndarray, "3"]:
@@ -36,6 +52,13 @@ class PointResidual:
     def horizontal_m(self) -> float:
         """Length seen from above."""
         return float(np.linalg.norm(self.residual_m[:2]))
+
+    @property
+    def left_out_length_m(self) -> float:
+        """Length of the residual where it takes no part; NaN where that is not known."""
+        if self.left_out_m is None:
+            return np.nan
+        return float(np.linalg.norm(np.nan_to_num(self.left_out_m)))
 
     @property
     def length_m(self) -> float:
@@ -82,6 +105,12 @@ class SurveyResiduals:
         return summarise([point for point in self.points if not point.is_check])
 
     @property
+    def left_out(self) -> RoleResiduals | None:
+        """Of control points, each where it takes no part."""
+        told = [point for point in self.points if point.left_out_m is not None]
+        return summarise([replace(p, found=p.surveyed + np.asarray(p.left_out_m)) for p in told])
+
+    @property
     def check(self) -> RoleResiduals | None:
         """Of check points, which had no say: how right the result is there."""
         return summarise([point for point in self.points if point.is_check])
@@ -102,6 +131,27 @@ def summarise(points: Sequence[PointResidual]) -> RoleResiduals | None:
         _rms(heights) if len(heights) else None,
         float(lengths[worst]),
         points[worst].id,
+    )
+
+
+def with_swaps(points: Sequence[PointResidual]) -> tuple[PointResidual, ...]:
+    """The same, those told that look swapped: control points that the rest contradicts, of which it puts each
+    nearer to the other's place than `SWAPPED_SHARE` of the way between."""
+    told = {
+        k: (point.surveyed + np.asarray(point.left_out_m))[:2]
+        for k, point in enumerate(points)
+        if point.left_out_m is not None and (point.is_contradicted or not point.is_used)
+    }
+
+    def is_there(k: int, other: int) -> bool:
+        way_m = np.linalg.norm(points[k].surveyed[:2] - points[other].surveyed[:2])
+        off_m = np.linalg.norm(told[k] - points[other].surveyed[:2])
+        return bool(off_m < SWAPPED_SHARE * way_m)
+
+    pairs = {k: o for k in told for o in told if k != o and is_there(k, o) and is_there(o, k)}
+    return tuple(
+        replace(point, swapped_with=points[pairs[k]].id) if k in pairs else point
+        for k, point in enumerate(points)
     )
 
 

@@ -1,9 +1,9 @@
 """Doors of a plan, by its faces alone: gaps in walls that one can walk through."""
 
 import numpy as np
-import shapely
 from jaxtyping import Float
 
+from planfit.floorplan.gaps import gaps_in_line
 from planfit.geometry import segments
 from planfit.synth.furniture import Piece
 from planfit.synth.lookalikes import LEAF_THICKNESS_M, Clearance, door_leaf
@@ -11,7 +11,6 @@ from planfit.synth.plan_walls import MAX_WALL_M, PlanWalls
 
 DOOR_M = (0.6, 1.4)
 """Narrowest and widest gap that is a door."""
-_ASKEW_M = 0.05
 _LEAF_M = 0.85
 """All leaves have one width, so that they look alike."""
 
@@ -24,17 +23,8 @@ def find_doors(walls: PlanWalls, clearance: Clearance) -> Float[np.ndarray, "n 2
     """
     faces = walls.ends[: walls.n_drawn]
     faces = faces[segments.lengths(faces) > 0.1]
-    tree = shapely.STRtree(np.asarray(shapely.points(faces[:, 0]), dtype=object))
-    after, before = tree.query(
-        shapely.points(faces[:, 1]), predicate="dwithin", distance=DOOR_M[1]
-    )[::-1]
-    gap = faces[after, 0] - faces[before, 1]
-    along, left = segments.directions(faces), segments.left_normals(faces)
-    ahead = np.einsum("pi,pi->p", gap, along[before])
-    aside = np.abs(np.einsum("pi,pi->p", gap, left[before]))
-    is_straight = np.einsum("pi,pi->p", along[after], along[before]) > 0.99
-    is_gap = is_straight & (ahead > DOOR_M[0]) & (ahead < DOOR_M[1]) & (aside < _ASKEW_M)
-    gaps = np.stack([faces[before[is_gap], 1], faces[after[is_gap], 0]], axis=1)
+    before, after = gaps_in_line(faces, DOOR_M)
+    gaps = np.stack([faces[before, 1], faces[after, 0]], axis=1)
     width = segments.lengths(walls.lintels)
     marked = walls.lintels[(width > DOOR_M[0]) & (width < DOOR_M[1])]
     candidates = np.concatenate([gaps, marked, marked[:, ::-1]])

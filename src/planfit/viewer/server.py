@@ -22,7 +22,7 @@ from planfit.viewer.session import Session, as_json, report_page
 
 HOST = "127.0.0.1"
 MAX_BODY = 1_000_000
-SCRIPTS = ("pick.js", "plan_map.js", "cloud.js", "panel.js")
+SCRIPTS = ("pick.js", "plan_map.js", "drag.js", "cloud.js", "panel.js")
 _POLICY = (
     "default-src 'none'; img-src 'self' data: blob:; style-src 'unsafe-inline'; "
     "script-src 'unsafe-inline'; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'"
@@ -88,6 +88,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(lambda: as_json(session.state()), "application/json")
         elif path == "plan":
             self._answer(lambda: as_json(session.plan()), "application/json")
+        elif path == "shape":
+            self._answer(lambda: as_json(session.shape()), "application/json")
         elif name == "frame" and (number := whole_number(rest)) is not None:
             self._answer(lambda: session.image(number), "image/jpeg")
         else:
@@ -106,6 +108,7 @@ class _Handler(BaseHTTPRequestHandler):
             "remove": lambda: session.remove(
                 _word(body, "kind"), _number(body, "number"), _word(body, "words")
             ),
+            "drag": lambda: session.place_dragged(_tables(body, "pairs")),
             "solve": session.start_solve,
             "pixel": lambda: session.pixel_of(_number(body, "frame"), _numbers(body, "point", 3)),
         }
@@ -209,6 +212,14 @@ def _numbers(body: dict[str, Any], key: str, count: int) -> list[float]:
     if len(values) != count or len(found) != count:
         raise OptionError(f"expected {count} numbers for {key}, found {value!r}")
     return found
+
+
+def _tables(body: dict[str, Any], key: str) -> list[dict[str, Any]]:
+    value = body.get(key)
+    tables = value if isinstance(value, list) else []
+    if not tables or not all(isinstance(each, dict) for each in tables):
+        raise OptionError(f"expected tables for {key}, found {value!r}")
+    return tables
 
 
 def _table(body: dict[str, Any], key: str) -> dict[str, Any]:

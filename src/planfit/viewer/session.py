@@ -29,6 +29,7 @@ from planfit.floorplan.edits import faces_at
 from planfit.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.scan.pixels import lift_pixel
+from planfit.viewer.dragged import NOTE, is_dragged, to_drag
 from planfit.viewer.points import PickedPoints
 
 FILE = "corrections.toml"
@@ -133,6 +134,39 @@ class Session:
             "path": np.round(path, 3).tolist(),
             "is_picture": self.floorplan.source.is_picture,
         }
+
+    def shape(self) -> dict[str, Any]:
+        """The scan from above where the run put it, for dragging it over the plan.
+
+        Raises:
+            OptionError: there is no plan, or the run is not finished.
+            ScanError: its cloud is damaged.
+        """
+        record, path = self._record(), self.folder / "trajectory.tum"
+        if self.floorplan is None or not record or not path.exists():
+            raise OptionError("expected a finished run on a plan to drag, found none")
+        positions = np.loadtxt(path, ndmin=2)[:, 1:4]
+        return to_drag(self.folder, positions, self.floorplan, record)
+
+    def place_dragged(self, pairs: Sequence[dict[str, Any]]) -> None:
+        """Save where the scan was dragged to; where it was before is taken out.
+
+        Args:
+            pairs: `scan` and `plan` of each, as of a place.
+
+        Raises:
+            OptionError: they are not as they should be, or there is no plan.
+        """
+        tables = [{**pair, "note": NOTE} for pair in pairs]
+        added = corrections_of({"place": tables}, "this correction")
+        self._require_seen(added)
+        with self._lock:
+            kept = [
+                each
+                for each in self.corrections()
+                if not (isinstance(each, Place) and is_dragged(each))
+            ]
+            self._write((*kept, *added.entries))
 
     def image(self, frame: int) -> bytes:
         """A frame's image at its own size, as JPEG; its depth in grey where it has no colour.

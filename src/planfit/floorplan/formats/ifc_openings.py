@@ -28,6 +28,10 @@ class Openings:
     """Along the faces that they interrupt."""
     kinds: tuple[str, ...]
     """Counted, in words: "5 doors"."""
+    kind_of_side: tuple[str, ...] = ()
+    """"door", "window" or "opening", of each side."""
+    id_of_side: tuple[str, ...] = ()
+    """GlobalId of the door or window that each side is of; empty where nothing fills the opening."""
 
 
 def find_openings(
@@ -62,7 +66,7 @@ def find_openings(
             voids += [v for v in shapely.get_parts(gone) if v.area > 0]
     if not voids:
         return Openings(np.zeros((0, 2, 2)), ())
-    sides, kinds = [], Counter()
+    sides, kinds, of_sides = [], Counter(), []
     fillings = _fillings(ifcopenshell, walls, unit_scale)
     uncut = shapely.boundary(shapely.union_all(whole))
     near = uncut.buffer(_SKIN_M)
@@ -70,13 +74,20 @@ def find_openings(
         found = _sides_of(void, near)
         if len(found):
             sides.append(found)
-            kinds[_kind_of(void, fillings, height_m)] += 1
+            filling = _filling_of(void, fillings, height_m)
+            kinds[filling[0]] += 1
+            of_sides += [filling] * len(found)
     listed = [
         f"{kinds[word]} {word}{'' if kinds[word] == 1 else 's'}"
         for word in ("door", "window", "opening")
         if kinds[word]
     ]
-    return Openings(np.concatenate([*sides, np.zeros((0, 2, 2))]), tuple(listed))
+    return Openings(
+        np.concatenate([*sides, np.zeros((0, 2, 2))]),
+        tuple(listed),
+        tuple(kind for kind, _ in of_sides),
+        tuple(element_id for _, element_id in of_sides),
+    )
 
 
 def _sides_of(void: BaseGeometry, near_face: BaseGeometry) -> Float[np.ndarray, "k 2 2"]:
@@ -92,8 +103,8 @@ def _sides_of(void: BaseGeometry, near_face: BaseGeometry) -> Float[np.ndarray, 
 
 def _fillings(
     ifcopenshell: Any, walls: list[Any], unit_scale: float
-) -> list[tuple[str, Float[np.ndarray, "3"]]]:
-    """Doors and windows in the openings of walls: their kind, and where they stand, m."""
+) -> list[tuple[str, str, Float[np.ndarray, "3"]]]:
+    """Doors and windows in the openings of walls: their kind, their GlobalId, and where they stand, m."""
     result = []
     for wall in walls:
         for relation in getattr(wall, "HasOpenings", ()) or ():
@@ -101,18 +112,18 @@ def _fillings(
                 element = filled.RelatedBuildingElement
                 kind = next((word for name, word in _KINDS if element.is_a(name)), "opening")
                 place = ifcopenshell.util.placement.get_local_placement(element.ObjectPlacement)
-                result.append((kind, place[:3, 3] * unit_scale))
+                result.append((kind, str(element.GlobalId), place[:3, 3] * unit_scale))
     return result
 
 
-def _kind_of(
-    void: BaseGeometry, fillings: list[tuple[str, Float[np.ndarray, "3"]]], height_m: float
-) -> str:
-    """Of the nearest door or window that begins below the cut, on this storey."""
-    nearest, kind = _NEAR_M, "opening"
-    for word, at in fillings:
+def _filling_of(
+    void: BaseGeometry, fillings: list[tuple[str, str, Float[np.ndarray, "3"]]], height_m: float
+) -> tuple[str, str]:
+    """Kind and GlobalId of the nearest door or window that begins below the cut, on this storey."""
+    nearest, filling = _NEAR_M, ("opening", "")
+    for word, element_id, at in fillings:
         if height_m - 2.5 < at[2] <= height_m:
             distance = void.distance(shapely.Point(at[:2]))
             if distance < nearest:
-                nearest, kind = distance, word
-    return kind
+                nearest, filling = distance, (word, element_id)
+    return filling

@@ -42,6 +42,8 @@ class Surface:
     parent: str
     """Identifier of the wall that it is in; empty where it names none."""
     is_curved: bool
+    kind: str
+    """That its list is named for: "walls", "doors"."""
 
 
 def is_room_plan(content: object) -> bool:
@@ -73,7 +75,9 @@ def plan_of_rooms(content: dict[str, Any], path: Path, options: PlanOptions) -> 
     holes = [hole for hole in holes if hole.storey == storey]
     height = float(np.median([wall.low_m for wall in walls])) + options.cut_height_m
     walls = [wall for wall in walls if wall.low_m <= height <= wall.high_m] or walls
-    ends, openings = _cut(walls, [hole for hole in holes if hole.low_m < height < hole.high_m])
+    ends, openings, names = _cut(
+        walls, [hole for hole in holes if hole.low_m < height < hole.high_m]
+    )
     if len(ends) == 0:
         raise FloorplanError(
             f"{path}: expected walls beside doors and windows, found openings alone"
@@ -98,6 +102,9 @@ def plan_of_rooms(content: dict[str, Any], path: Path, options: PlanOptions) -> 
             storeys=tuple(str(each) for each in storeys) if len(storeys) > 1 else (),
             warnings=(f"{curved} curved walls were read as straight",) if curved else (),
             file_from_plan=np.diag([1 / metres, -1 / metres, 1.0]),
+            opening_lines=openings * (1.0, -1.0),
+            opening_names=names,
+            opening_ids=("",) * len(names),
         ),
     )
 
@@ -111,7 +118,7 @@ def _surfaces(path: Path, content: dict[str, Any], kind: str) -> list[Surface]:
     found = []
     for number, item in enumerate(_listed(path, content, kind)):
         try:
-            found.append(_surface(item))
+            found.append(_surface(item, kind))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise FloorplanError(
                 f"{path}: expected a transform of 16 numbers and dimensions in each of the {kind}, found "
@@ -143,7 +150,7 @@ def _listed(path: Path, content: dict[str, Any], kind: str) -> list[Any]:
     return found
 
 
-def _surface(item: dict[str, Any]) -> Surface:
+def _surface(item: dict[str, Any], kind: str) -> Surface:
     matrix = np.array(item["transform"], dtype=float).reshape(4, 4).T
     width, height = (float(value) for value in item["dimensions"][:2])
     corners = np.array([[-width / 2, 0, 0, 1], [width / 2, 0, 0, 1]]) @ matrix.T
@@ -158,6 +165,7 @@ def _surface(item: dict[str, Any]) -> Surface:
         str(item.get("identifier") or ""),
         str(item.get("parentIdentifier") or ""),
         item.get("curve") is not None,
+        kind,
     )
 
 
@@ -174,9 +182,9 @@ def _choose(path: Path, asked: str, storeys: list[int]) -> int:
 
 def _cut(
     walls: list[Surface], holes: list[Surface]
-) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, "k 2 2"]]:
-    """Parts of walls beside their openings, and the openings along the walls."""
-    parts, openings = [], []
+) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, "k 2 2"], tuple[str, ...]]:
+    """Parts of walls beside their openings, the openings along the walls, and what each of these is."""
+    parts, openings, names = [], [], []
     taken = [_wall_of(hole, walls) for hole in holes]
     for number, wall in enumerate(walls):
         length = float(np.linalg.norm(wall.ends[1] - wall.ends[0]))
@@ -188,12 +196,14 @@ def _cut(
                 if high - low > MIN_FACE_M:
                     gaps.append((float(low), float(high)))
                     openings.append(wall.ends[0] + np.outer([low, high], along))
+                    names.append(hole.kind.removesuffix("s"))
         at = 0.0
         for low, high in [*sorted(gaps), (length, length)]:
             if low - at > MIN_FACE_M:
                 parts.append(wall.ends[0] + np.outer([at, low], along))
             at = max(at, high)
-    return np.array(parts).reshape(-1, 2, 2), np.array(openings).reshape(-1, 2, 2)
+    parts, openings = (np.array(lines).reshape(-1, 2, 2) for lines in (parts, openings))
+    return parts, openings, tuple(names)
 
 
 def _wall_of(hole: Surface, walls: list[Surface]) -> int | None:

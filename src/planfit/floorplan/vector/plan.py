@@ -91,6 +91,9 @@ def plan_of_drawing(
             drawn_lines=drawn,
             dropped_lines=left_out,
             opening_kinds=walls.opening_kinds,
+            opening_lines=moved(walls.openings, file_from_drawing),
+            opening_names=walls.opening_names,
+            opening_ids=("",) * len(walls.opening_names),
         ),
     )
 

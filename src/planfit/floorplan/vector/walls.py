@@ -64,6 +64,8 @@ class DrawnWalls:
     """What the openings are, counted."""
     shared_edges: float = 0.0
     """Length of the edges where two filled rooms meet without a wall between them, taken for open."""
+    opening_names: tuple[str, ...] = ()
+    """What each of the openings is."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +153,7 @@ def walls_of_drawing(
             words for words in (doors_are, _counted(len(windows.openings) // 2, "window")) if words
         ),
         found.shared_edges,
+        opening_names=("window",) * len(windows.openings) + ("door",) * len(doors.openings),
     )
 
 

@@ -9,6 +9,13 @@ from jaxtyping import Float
 
 from planfit.as_built import AsBuilt, AsBuiltWall, Verdict, counted, deviations, in_words
 from planfit.report import formatting
+from planfit.report.html.openings import COLORS as OPENING_COLORS
+from planfit.report.html.openings import (
+    opening_title_text,
+    openings_section,
+    shown_openings,
+    style_of,
+)
 from planfit.report.html.sortable_table import Cell, sortable_table
 from planfit.report.plots.drawing import AGREES, BEFORE, DISPLACED, NOT_SEEN, UNMATCHED
 from planfit.report.plots.top_view import Crop
@@ -51,12 +58,14 @@ room, with one standard deviation, what the poses may be off included), is missi
 it should be), or was not seen; and walls that the plan does not draw. {n_walls}
 {"wall is" if n_walls == 1 else "walls are"} not as planned, both faces of a wall counted as one; a verdict in
 italics is not sure: the tolerance lies within {options.sure_sigmas:g} standard deviations of the offset.
+Short bars are doors, windows and passages, listed below.
 <code>planfit export RUN --to as-built</code> writes all this as CSV, GeoJSON, DXF and BCF.</p>
 <p class="as-built-tools"><label>tolerance <input class="as-built-tolerance" type="number" min="0" max="1"
 step="0.005" value="{options.tolerance_m:g}" data-sure="{options.sure_sigmas:g}"> m</label>
 <span class="as-built-counts" role="status">{words}</span></p>
 <p>{keys}</p>{_map(as_built, shown, crop)}
-{_table(as_built, shown, faces)}</section>"""
+{_table(as_built, shown, faces)}</section>
+{openings_section(as_built, crop)}"""
 
 
 def _table(
@@ -119,7 +128,8 @@ def _position(x: float, y: float) -> Cell:
 
 
 def _map(as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], crop: Crop) -> str:
-    """Lines where walls are drawn, and, of those that stand elsewhere, thin ones where they stand."""
+    """Lines where walls are drawn, and, of those that stand elsewhere, thin ones where they stand; short ones
+    across openings."""
     width, height = crop.size
     lines = []
     for number, wall in shown:
@@ -131,7 +141,17 @@ def _map(as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], crop: Crop
             + (_line(wall.built_ends, crop, "stands") if wall.is_standing else "")
             + "</g>"
         )
+    for number, opening in shown_openings(as_built, crop):
+        lines.append(
+            f'<g class="{style_of(opening, as_built)}">'
+            f"<title>{opening_title_text(number, opening, as_built)}</title>"
+            f"{_line(opening.built_ends, crop, 'drawn')}</g>"
+        )
     styles = " ".join(
+        f".as-built .opening-{verdict.value.replace(' ', '-')} line {{ stroke: {color}; }}"
+        for verdict, color in OPENING_COLORS.items()
+    )
+    styles += " ".join(
         f".as-built .{_style(verdict)} line {{ stroke: {color}; }}"
         for verdict, color in COLORS.items()
     )

@@ -20,12 +20,17 @@ class Cell:
         return Cell("", float("inf"))
 
 
-def sortable_table(heads: Sequence[str], rows: Sequence[tuple[str, str, tuple[Cell, ...]]]) -> str:
+def sortable_table(
+    heads: Sequence[str],
+    rows: Sequence[tuple[str, str, tuple[Cell, ...]]],
+    what: str = "walls",
+) -> str:
     """A table whose heads sort it (`sort.js`); the second column is words, the others are numbers.
 
     Args:
         heads: plain text.
         rows: class, more attributes (HTML), and cells of each.
+        what: is listed, in words.
     """
     number = ' class="num"'
     kinds = [number, "", *[number] * (len(heads) - 2)]
@@ -40,7 +45,7 @@ def sortable_table(heads: Sequence[str], rows: Sequence[tuple[str, str, tuple[Ce
         for style, more, row in rows
     )
     return (
-        '<p class="on-paper">On paper, only walls that are not as drawn are listed.</p>'
+        f'<p class="on-paper">On paper, only {what} that are not as drawn are listed.</p>'
         f'<div class="walls"><table class="sortable"><thead><tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )

@@ -37,9 +37,13 @@ const item = (list, words, ...children) => {
   return made;
 };
 
+// One after the other: a solve that is asked for just after a correction has it.
+let lastChange = Promise.resolve();
 async function change(name, body, words) {
+  const answer = lastChange.then(() => ask(name, body));
+  lastChange = answer.catch(() => {});
   try {
-    draw(await ask(name, body));
+    draw(await answer);
     say(words);
   } catch (error) {
     say(error.message, true);
@@ -153,6 +157,28 @@ of("pairs").addEventListener("change", ({ target }) => {
   stage.scrollIntoView({ block: "nearest" });
   say("press a point of the cloud that the plan shows too, as a corner at the floor or a door");
 });
+// The scan dragged over the plan: what it is let go at is saved at once.
+let drag = null;
+of("drag").addEventListener("change", async ({ target }) => {
+  try {
+    if (!drag) {
+      const shape = await ask("shape");
+      drag = dragged(of("plan").querySelector("svg"), map, shape,
+        (pairs) => change("drag", { pairs }, "placed where it was let go: solve again, or drag it on"));
+      map.onDraw = drag.draw;
+    }
+    map.clear();
+    drag.switchOn(target.checked);
+    for (const name of ["turn-left", "turn-right"]) of(name).hidden = !target.checked;
+    of("plan").querySelector("svg").classList.toggle("is-dragging", target.checked);
+    if (target.checked) say("drag the scan to its place, turn it at its handle; arrow keys, [ and ] do the same");
+  } catch (error) {
+    target.checked = false;
+    say(error.message, true);
+  }
+});
+of("turn-left").addEventListener("click", () => drag.turn(-15));
+of("turn-right").addEventListener("click", () => drag.turn(15));
 for (const [name, kind] of [["unuse", "exclude_wall"], ["erase", "erase_wall"]])
   of(name).addEventListener("click", () => {
     if (!map.wall) return say("press a wall of the plan", true);

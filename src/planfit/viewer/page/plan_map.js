@@ -44,6 +44,7 @@ function planMap(svg, plan, onPoint) {
       text.textContent = words;
       over.append(text);
     };
+    map.onDraw?.();
     map.marks.forEach(({ rim }, k) => dot(rim, String(k + 1), ""));
     for (const point of [map.before, map.point]) if (point) dot(point, "", "pending");
   };
@@ -118,6 +119,7 @@ function planMap(svg, plan, onPoint) {
     event.preventDefault();
     map.zoom(Math.exp(0.0015 * event.deltaY), inPlan(event));
   }, { passive: false });
+  Object.assign(map, { up, unitsOfPixel });
   new ResizeObserver(() => map.draw()).observe(svg);
   shown();
   return map;

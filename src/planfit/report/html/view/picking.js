@@ -42,10 +42,13 @@ function pickPoint(scene, levels, orbit, share, cut, x, y, canvas) {
   const [rx, ry] = [canvas.clientWidth, canvas.clientHeight].map((size) => (2 * POINT_REACH_PX) / size);
   const found = [];
   let nearest = Infinity;
+  // Every level has points of every frame; of a long scan the matrices would cost more than the points.
+  const ofFrame = new Map();
   for (const { n, points } of levels)
     for (let i = 0; i < n;) {
       const frame = points[4 * i + 3];
-      const m = rowsOfSteps(scene, frame, share, rows);
+      let m = ofFrame.get(frame);
+      if (!m) ofFrame.set(frame, m = rowsOfSteps(scene, frame, share, rows));
       for (; i < n && points[4 * i + 3] === frame; i++) {
         const a = points[4 * i];
         const b = points[4 * i + 1];

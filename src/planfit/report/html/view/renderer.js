@@ -47,6 +47,13 @@ function makeFloatVertices(gl, sizes, data) {
   return { ...vertices, n: (4 * data.length) / stride };
 }
 
+// Whether two cameras are one dot of the path, before and after.
+const DOT_M = 0.05;
+function isNear(scene, one, other) {
+  return [scene.before, scene.after].every((poses) =>
+    Math.hypot(...[3, 7, 11].map((k) => poses[12 * one + k] - poses[12 * other + k])) < DOT_M);
+}
+
 // The four edges from a camera to its picture, and the picture's rim, as pairs of points in its axes.
 function frustumLines(scene, frame, depth) {
   const [x, y] = scene.frames[frame].tangents.map((t) => t * depth);
@@ -73,9 +80,13 @@ class Renderer {
     this.uploadFrames();
     const steps = [];
     const centres = [];
+    let last = 0; // that was drawn: video has frames a centimetre apart, which are one dot
     scene.frames.forEach((frame, i) => {
+      const isEnd = i === scene.frames.length - 1 || scene.frames[i + 1].isAfterGap;
+      if (i > 0 && !frame.isAfterGap && !isEnd && isNear(scene, last, i)) return;
       centres.push(0, 0, 0, i);
-      if (i > 0 && !frame.isAfterGap) steps.push(0, 0, 0, i - 1, 0, 0, 0, i);
+      if (i > 0 && !frame.isAfterGap) steps.push(0, 0, 0, last, 0, 0, 0, i);
+      last = i;
     });
     this.path = makeFloatVertices(gl, [4], new Float32Array(steps));
     this.centres = makeFloatVertices(gl, [4], new Float32Array(centres));

@@ -1,0 +1,161 @@
+"""Doors, windows and passages as built: what is known of each, and what became of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from jaxtyping import Float
+
+
+class OpeningVerdict(Enum):
+    """What became of an opening; the value is the word for it."""
+
+    OPEN = "open"
+    """Cameras look through it."""
+    CLOSED = "closed"
+    """Wall, or a door that is shut, is seen in it."""
+    NOT_SEEN = "not seen"
+    """Nothing is known of it."""
+    NEW = "new"
+    """Cameras look through wall that the plan draws without one."""
+
+
+@dataclass(frozen=True)
+class OpeningOptions:
+    """When an opening is open, closed or new."""
+
+    widths_m: tuple[float, float] = (0.5, 3.0)
+    """Narrowest and widest gap of a wall that is an opening."""
+    min_open_m: float = 0.3
+    """Of the width of an opening that is open, cameras look through so much, or half where that is less: a
+    door may stand half open, and a window begins above a sill."""
+    min_closed_share: float = 0.5
+    """Of the width of an opening that is closed, so much shows wall or a door."""
+    min_new_m: float = 0.5
+    """Of the width of an opening that the plan lacks, cameras look through so much."""
+    depth_m: float = 0.06
+    """What stands no further than this before either side of the wall is in it."""
+
+
+@dataclass(frozen=True)
+class AsBuiltOpening:
+    """An opening of the plan, or of a wall that is drawn without one, and what the scan says of it."""
+
+    is_drawn: bool
+    """Whether the plan draws it."""
+    ends: Float[np.ndarray, "2 2"]
+    """Where it is drawn, along the middle of its wall, plan frame, m; of one that is not, where it is."""
+    normal: Float[np.ndarray, "2"]
+    """Unit, across the wall."""
+    thickness_m: float
+    """Of the wall; 0 where it is drawn as one line."""
+    open_share: float
+    """Share of its width that cameras look through."""
+    closed_share: float
+    """Share of its width that shows wall or a door, and that they do not look through."""
+    n_through_frames: int
+    """Frames that look through it."""
+    n_surface_frames: int
+    """Frames that see wall or a door in it."""
+    edges_m: tuple[float, float] = (np.nan, np.nan)
+    """Where its two sides stand, m along the wall from `ends[0]`; NaN where a side was not seen."""
+    edge_sigmas_m: tuple[float, float] = (np.nan, np.nan)
+    """Standard deviations of these, what the poses may be off included."""
+    kind: str = ""
+    """What the plan's file says that it is: "door", "window"; empty where it does not tell."""
+    element_id: str = ""
+    """What the plan's file calls it: GlobalId of IFC of the door or window, else of the wall."""
+
+    @property
+    def drawn_width_m(self) -> float:
+        """As drawn; of one that the plan lacks, as seen."""
+        return float(np.linalg.norm(self.ends[1] - self.ends[0]))
+
+    @property
+    def width_m(self) -> float:
+        """As built; NaN where a side was not seen."""
+        return self.edges_m[1] - self.edges_m[0]
+
+    @property
+    def width_sigma_m(self) -> float:
+        """Standard deviation of the width."""
+        return float(np.hypot(*self.edge_sigmas_m))
+
+    @property
+    def shift_m(self) -> float:
+        """How far its middle is from where it is drawn, along the wall from `ends[0]` to `ends[1]`; NaN where
+        a side was not seen."""
+        return (self.edges_m[0] + self.edges_m[1] - self.drawn_width_m) / 2
+
+    @property
+    def built_ends(self) -> Float[np.ndarray, "2 2"]:
+        """Where it is; as drawn where a side was not seen."""
+        if not np.isfinite(self.width_m):
+            return self.ends
+        along = (self.ends[1] - self.ends[0]) / self.drawn_width_m
+        return self.ends[0] + np.array(self.edges_m)[:, None] * along
+
+    def verdict(self, options: OpeningOptions) -> OpeningVerdict:
+        """What became of it."""
+        if not self.is_drawn:
+            return OpeningVerdict.NEW
+        enough = min(options.min_open_m / self.drawn_width_m, 0.5)
+        if self.open_share >= enough:
+            return OpeningVerdict.OPEN
+        if self.closed_share >= options.min_closed_share:
+            return OpeningVerdict.CLOSED
+        return OpeningVerdict.NOT_SEEN
+
+    def differs(self, options: OpeningOptions) -> bool:
+        """Whether it is not as planned. Windows are closed, and are planned so."""
+        verdict = self.verdict(options)
+        return verdict is OpeningVerdict.NEW or (
+            verdict is OpeningVerdict.CLOSED and self.kind != "window"
+        )
+
+
+def counted_openings(
+    openings: Sequence[AsBuiltOpening], options: OpeningOptions
+) -> dict[OpeningVerdict, int]:
+    """How many openings have each verdict, in the order of `OpeningVerdict`."""
+    verdicts = [opening.verdict(options) for opening in openings]
+    return {one: verdicts.count(one) for one in OpeningVerdict}
+
+
+def opening_words(opening: AsBuiltOpening, options: OpeningOptions) -> str:
+    """One verdict: "open: 0.912 m wide (± 0.021 m), drawn 0.900 m, shifted by +0.013 m"."""
+    verdict = opening.verdict(options)
+    if verdict is OpeningVerdict.CLOSED:
+        return (
+            f"closed: wall or a shut door is seen in {opening.closed_share:.0%} of its width "
+            f"({opening.n_surface_frames} frames)"
+        )
+    if verdict is OpeningVerdict.NOT_SEEN:
+        return "not seen"
+    width = "its sides were not both seen"
+    if np.isfinite(opening.width_m):
+        width = f"{opening.width_m:.2f} m wide (± {opening.width_sigma_m:.2f} m)"
+    if verdict is OpeningVerdict.NEW:
+        return (
+            f"new: cameras look through wall that is drawn without an opening, {width} "
+            f"({opening.n_through_frames} frames)"
+        )
+    drawn = f"drawn {opening.drawn_width_m:.2f} m"
+    if np.isfinite(opening.width_m):
+        drawn += f", middle shifted by {opening.shift_m:+.2f} m"
+    return f"open: {width}, {drawn}"
+
+
+def opening_title(opening: AsBuiltOpening, options: OpeningOptions) -> str:
+    """What happened to an opening, and where: for lists of issues."""
+    what = {
+        OpeningVerdict.OPEN: "Opening is open",
+        OpeningVerdict.CLOSED: "Opening is closed",
+        OpeningVerdict.NOT_SEEN: "Opening was not seen",
+        OpeningVerdict.NEW: "Opening that the plan does not draw",
+    }[opening.verdict(options)]
+    if opening.kind and opening.is_drawn:
+        what = what.replace("Opening", opening.kind.capitalize())
+    x, y = opening.ends.mean(axis=0)
+    return f"{what}: ({x:.1f}, {y:.1f})"

@@ -1,0 +1,172 @@
+"""Gaps of a plan: doors, windows and passages, by what the file marks and by where faces stop."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from planfit.floorplan.faces import line_strings
+from planfit.floorplan.types import Floorplan
+from planfit.geometry import segments
+
+MAX_WALL_M = 0.7
+"""Both sides of a gap are no further apart."""
+SHORTEST_FACE_M = 0.1
+"""Shorter faces are ends of walls and jambs: nothing goes on from them."""
+ASKEW_M, PARALLEL = 0.05, 0.99
+"""Faces of one line: across, and cosine between their directions."""
+OVERLAP_SHARE = 0.7
+"""Of the wider of two gaps, that lies beside the other where they are both sides of one."""
+CLEAR_M = 0.05
+"""Faces that cross the middle of a gap further from its ends than this show that it is none."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A place where a wall is interrupted, plan frame."""
+
+    ends: Float[np.ndarray, "2 2"]
+    """Along the middle of the wall, m."""
+    normal: Float[np.ndarray, "2"]
+    """Unit, across the wall."""
+    thickness_m: float
+    """Of the wall; 0 where it is drawn as one line."""
+    storey: int | None = None
+    """Where the plan has storeys."""
+
+    @property
+    def width_m(self) -> float:
+        """As drawn."""
+        return float(np.linalg.norm(self.ends[1] - self.ends[0]))
+
+
+def gaps_in_line(
+    ends: Float[np.ndarray, "n 2 2"], widths: tuple[float, float]
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Pairs of faces in one line of which the second goes on where the first stopped: (before, after).
+
+    Args:
+        ends: faces, m, the free side on the left of the way from the first end to the second.
+        widths: narrowest and widest gap, m.
+    """
+    tree = shapely.STRtree(np.asarray(shapely.points(ends[:, 0]), dtype=object))
+    before, after = tree.query(shapely.points(ends[:, 1]), predicate="dwithin", distance=widths[1])
+    gap = ends[after, 0] - ends[before, 1]
+    along, left = segments.directions(ends), segments.left_normals(ends)
+    ahead = np.einsum("pi,pi->p", gap, along[before])
+    aside = np.abs(np.einsum("pi,pi->p", gap, left[before]))
+    is_straight = np.einsum("pi,pi->p", along[after], along[before]) > PARALLEL
+    is_gap = is_straight & (ahead > widths[0]) & (ahead < widths[1]) & (aside < ASKEW_M)
+    return before[is_gap], after[is_gap]
+
+
+def find_gaps(floorplan: Floorplan, widths: tuple[float, float]) -> tuple[Gap, ...]:
+    """Doors, windows and passages of a plan in metres, each once.
+
+    What the file marks counts, and what interrupts both faces of a wall at one place; a gap in one face alone
+    is a wall that meets it, or a recess. Of walls that are drawn as one line, a gap in that counts.
+
+    Args:
+        floorplan: as drawn, m.
+        widths: narrowest and widest, m.
+    """
+    if floorplan.storeys is None:
+        return _gaps(floorplan, widths, None)
+    return tuple(
+        gap
+        for storey in np.unique(floorplan.storeys)
+        for gap in _gaps(floorplan.of_storey(int(storey)), widths, int(storey))
+    )
+
+
+def _gaps(floorplan: Floorplan, widths: tuple[float, float], storey: int | None) -> tuple[Gap, ...]:
+    sides, is_oriented, is_marked = _sides(floorplan, widths)
+    found = []
+    for own in sides_of_gaps(sides, is_oriented, is_marked):
+        if is_marked[own].any() or len(own) > 1 or not is_oriented[own].all():
+            found.append(gap_between(sides[own], storey))
+    return tuple(gap for gap in found if _is_clear(gap, floorplan))
+
+
+def _sides(
+    floorplan: Floorplan, widths: tuple[float, float]
+) -> tuple[Float[np.ndarray, "s 2 2"], Bool[np.ndarray, " s"], Bool[np.ndarray, " s"]]:
+    """Gaps of single faces and marks; whether their free side, on the left, is known; which are marks."""
+    long = floorplan.lengths > SHORTEST_FACE_M
+    ends, is_oriented = floorplan.ends[long], floorplan.is_oriented[long]
+    is_turned = np.einsum("ni,ni->n", segments.left_normals(ends), floorplan.normals[long]) < 0
+    ends = np.where(is_turned[:, None, None], ends[:, ::-1], ends)
+    # A line whose free side is unknown goes on either way.
+    both = np.concatenate([ends, ends[~is_oriented][:, ::-1]])
+    is_known = np.concatenate([is_oriented, np.zeros(int((~is_oriented).sum()), dtype=bool)])
+    before, after = gaps_in_line(both, widths)
+    width = np.linalg.norm(both[after, 0] - both[before, 1], axis=1)
+    order = np.argsort(width, kind="stable")
+    # What goes on first: a pier between two doors is passed by the longer gap over both.
+    nearest = order[np.unique(before[order], return_index=True)[1]]
+    before, after = before[nearest], after[nearest]
+    gaps = np.stack([both[before, 1], both[after, 0]], axis=1)
+    marks = np.zeros((0, 2, 2)) if floorplan.openings is None else floorplan.openings
+    length = np.linalg.norm(marks[:, 1] - marks[:, 0], axis=1)
+    marks = marks[(length > widths[0]) & (length < widths[1])]
+    return (
+        np.concatenate([gaps, marks]),
+        np.concatenate([is_known[before] & is_known[after], np.zeros(len(marks), dtype=bool)]),
+        np.arange(len(gaps) + len(marks)) >= len(gaps),
+    )
+
+
+def sides_of_gaps(
+    sides: Float[np.ndarray, "s 2 2"],
+    is_oriented: Bool[np.ndarray, " s"],
+    is_marked: Bool[np.ndarray, " s"],
+) -> list[Int[np.ndarray, " k"]]:
+    """Gaps of single faces that are of one gap through their wall.
+
+    Args:
+        sides: ends of each, m, the free side of the face on the left.
+        is_oriented: whether that side is known; where it is, both sides of a wall look away from each other.
+        is_marked: those that a file marks may differ more in width from what the faces leave.
+    """
+    if len(sides) == 0:
+        return []
+    middles = sides.mean(axis=1)
+    reach = MAX_WALL_M + float(segments.lengths(sides).max())
+    points = np.asarray(shapely.points(middles), dtype=object)
+    i, j = shapely.STRtree(points).query(points, predicate="dwithin", distance=reach)
+    i, j = i[i < j], j[i < j]
+    along, left = segments.directions(sides), segments.left_normals(sides)
+    cosine = np.einsum("pi,pi->p", along[i], along[j])
+    behind = -np.einsum("pi,pi->p", middles[j] - middles[i], left[i])
+    at_i = np.sort(np.einsum("pei,pi->pe", sides[i], along[i]), axis=1)
+    at_j = np.sort(np.einsum("pei,pi->pe", sides[j], along[i]), axis=1)
+    shared = np.minimum(at_i, at_j)[:, 1] - np.maximum(at_i, at_j)[:, 0]
+    wider = np.maximum(np.ptp(at_i, axis=1), np.ptp(at_j, axis=1))
+    look_away = (cosine < 0) & (behind > 0)
+    is_one = np.where(is_oriented[i] & is_oriented[j], look_away, True)
+    is_one &= (np.abs(cosine) > PARALLEL) & (np.abs(behind) < MAX_WALL_M)
+    is_one &= shared > np.where(is_marked[i] | is_marked[j], 0.5, OVERLAP_SHARE) * wider
+    graph = coo_array(
+        (np.ones(int(is_one.sum())), (i[is_one], j[is_one])), shape=(len(sides), len(sides))
+    )
+    n_groups, group = connected_components(graph, directed=False)
+    return [np.flatnonzero(group == k) for k in range(n_groups)]
+
+
+def gap_between(sides: Float[np.ndarray, "s 2 2"], storey: int | None) -> Gap:
+    """The gap that some sides are of; its normal is to the left of the first of them."""
+    along, normal = segments.directions(sides[:1])[0], segments.left_normals(sides[:1])[0]
+    at, across = np.sort(sides @ along, axis=1), sides.mean(axis=1) @ normal
+    ends = at.mean(axis=0)[:, None] * along + (across.min() + across.max()) / 2 * normal
+    return Gap(ends, normal, float(np.ptp(across)), storey)
+
+
+def _is_clear(gap: Gap, floorplan: Floorplan) -> bool:
+    """Whether no wall crosses the middle of a gap: two walls in line that end at a corridor leave none."""
+    along = (gap.ends[1] - gap.ends[0]) / gap.width_m
+    inner = gap.ends + CLEAR_M * np.array([along, -along])
+    lines = line_strings(floorplan.ends)
+    return not bool(shapely.intersects(lines, shapely.LineString(inner)).any())
