@@ -147,9 +147,11 @@ def with_thick_walls(
         claimed: see `find_alignment`.
         surveyed: likewise.
     """
+    if options.align.method == "paper":
+        return floorplan, drawn
     walls = wall_samples(prepared.measurements.structure, prepared.level_from_keys)
     half = find_half_thickness(walls, floorplan.used(), drawn)
-    if half is None or options.align.method == "paper":
+    if half is None:
         return floorplan, drawn
     thick = with_thickness(
         floorplan, half.half_m / half.metres_per_unit, THINNEST_M / half.metres_per_unit
