@@ -90,3 +90,14 @@ def test_depth_that_the_plan_vouches_for_is_right(corrected_by, factor, is_vouch
 def test_depth_that_was_not_corrected_needs_nobody_to_vouch_for_it():
     asked = asked_of_depth(-0.08, 0.018)
     assert not plan_vouches_for_depth(on_plan_scaled(0.92), asked, CalibrationOptions())
+
+
+def test_depth_is_doubted_earlier_where_the_plan_has_no_unit():
+    """Else an error of depth becomes one of the plan's scale, and of all positions."""
+    priors = CalibrationOptions()
+    alignment = Alignment(np.eye(4), 0.9, None, scale_xy=(0.02, 0.02))
+    on_plan = ScanOnPlan(room_plan(), np.eye(4), alignment, None)
+    found, departure = plan_prior(on_plan, asked_of_depth(0.0, 0.006), priors)
+    assert departure == 0.0
+    assert found.plan_scale_sigma > priors.plan_scale_sigma
+    assert found.min_sigmas < priors.min_sigmas

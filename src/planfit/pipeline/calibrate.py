@@ -39,7 +39,9 @@ PLAN_OFF_SIGMAS = 3.0
 """A metric plan that is off by more of its and the scan's standard deviations was drawn so."""
 MIN_SIGMAS_WITH_PLAN = 2.0
 """Where the plan is believed and the scan does not fit it, depth is corrected from so many standard
-deviations on: left as it is, it would call the plan wrong, which is the more unusual of the two."""
+deviations on: left as it is, it would call the plan wrong, which is the more unusual of the two. And where
+the plan has no unit, so that depth and recorded motion alone tell the metre: an error of depth that is left
+then becomes one of all positions."""
 
 
 @dataclass(frozen=True)
@@ -199,10 +201,13 @@ def plan_prior(
     k = SHARED.index("depth_scale")
     of_depth = 0.0 if calibration.is_kept[k] else float(calibration.departures[k])
     sigma = float(np.hypot(priors.plan_scale_sigma, calibration.sigmas[k]))
-    if found.is_plan_rescaled and abs(departure + of_depth) < PLAN_OFF_SIGMAS * sigma:
-        least = min(priors.min_sigmas, MIN_SIGMAS_WITH_PLAN)
+    free = replace(priors, plan_scale_sigma=UNKNOWN_SCALE_SIGMA)
+    least = min(priors.min_sigmas, MIN_SIGMAS_WITH_PLAN)
+    if not found.is_plan_rescaled:
+        return replace(free, min_sigmas=least), 0.0
+    if abs(departure + of_depth) < PLAN_OFF_SIGMAS * sigma:
         return replace(priors, max_rounds=1, min_sigmas=least), departure
-    return replace(priors, plan_scale_sigma=UNKNOWN_SCALE_SIGMA), 0.0
+    return free, 0.0
 
 
 def shared_error(
