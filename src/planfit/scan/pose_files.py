@@ -41,7 +41,9 @@ def read_poses(path: Path) -> PoseTable:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise ScanError(f"{path}: expected a file of poses, cannot be read ({reason})") from error
+        raise ScanError(
+            f"{path}: expected a file of poses, found none that can be read ({reason}); check the path"
+        ) from error
     return parse_poses(text, path)
 
 

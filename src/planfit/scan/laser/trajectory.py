@@ -169,7 +169,7 @@ def _read_text(path: Path) -> str:
         data = path.read_bytes()
     except OSError as error:
         raise ScanError(
-            f"{path}: expected {EXPECTED}, cannot be read ({error.strerror})"
+            f"{path}: expected {EXPECTED}, found none that can be read ({error.strerror}); check the path"
         ) from error
     if b"\0" in data[:4096]:
         is_sbet = len(data) % 136 == 0
