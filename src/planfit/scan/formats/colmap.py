@@ -34,7 +34,13 @@ CHECKED = (
 MODEL_FOLDERS = ("sparse/0", "sparse", "")
 COLOR_FOLDERS = ("images", "color", "rgb")
 DEPTH_FOLDERS = ("depth", "depths")
-PARTS = ("sparse/", "depth/")
+PARTS = (
+    "sparse/|cameras.txt|cameras.bin",
+    "|".join(
+        str(PurePosixPath(f) / name) for f in MODEL_FOLDERS for name in ("images.txt", "images.bin")
+    ),
+    "|".join(f"{name}/" for name in DEPTH_FOLDERS),
+)
 
 
 def recognise(source: FileSource) -> bool:

@@ -37,6 +37,7 @@ CHECKED = (
 NAME = "transforms.json"
 DEPTH_KEYS = ("depth_file_path", "depth_path")
 KINDS = ("", "OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE")
+PARTS = (NAME, "images/", "depth/")
 
 
 def recognise(source: FileSource) -> bool:
