@@ -109,7 +109,7 @@ def no_scan_in_folder(
         verb = "is" if len(missing) == 1 else "are"
         lacking = ", ".join(part.replace("|", " or ") for part in missing)
         whole = "copy or export the scan again, whole"
-        if any(part.startswith("depth") for part in missing):
+        if any(part.startswith("depth") and part.endswith("/") for part in missing):
             whole = "planfit needs depth of every frame"
         return ScanError(
             f"{begin} most of one of the format {name}, of which {lacking} {verb} missing; it is "
