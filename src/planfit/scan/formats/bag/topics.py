@@ -59,9 +59,11 @@ def choose_topics(path: Path, connections: Iterable[Any], options: ScanOptions) 
         ("color", "rgb", "rect", "raw"),
     )
     if not color or not depth:
+        step = "name them with --color-topic and --depth-topic"
+        if len(images) < 2:
+            step = "record the camera's colour and depth images too"
         raise ScanError(
-            f"{path}: expected image topics of colour and depth, found {_list(types)}; "
-            "name them with --color-topic and --depth-topic"
+            f"{path}: expected image topics of colour and depth, found {_list(types)}; {step}"
         )
     info = options.info_topic or _info_beside(color, infos)
     if not info:
