@@ -86,8 +86,8 @@ def find_reader(path: Path) -> PlanReader:
 
 
 def plans_in(folder: Path) -> list[str]:
-    """Names of the files in a folder that have a suffix of plans. Those that say more of themselves come first:
-    the description of a map before its picture, drawings before pictures."""
+    """Names of the files in a folder that have a suffix of plans. Those that say more of themselves come
+    first: the description of a map before its picture, drawings before pictures."""
     order = {suffix: i for i, suffix in enumerate(READERS) if suffix not in PICTURE_SUFFIXES}
     names = [
         p.name for p in sorted(folder.iterdir()) if p.suffix.lower() in READERS and p.is_file()

@@ -158,8 +158,8 @@ def _sorted_features(
         kinds = sorted({f.name for f in here if f.name})
         raise FloorplanError(
             f"{path}: expected walls or rooms, found {len(here)} features"
-            f"{' of the kinds ' if kinds else ''}{', '.join(kinds[:10])}; name walls 'wall' and rooms 'room' in "
-            "their property 'category' or 'type'"
+            f"{' of the kinds ' if kinds else ''}{', '.join(kinds[:10])}; name walls 'wall' and rooms 'room' "
+            "in their property 'category' or 'type'"
         )
     return _Features(here, walls, openings, rooms, names.get(level, ""), tuple(names.values()))
 
