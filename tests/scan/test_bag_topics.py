@@ -74,7 +74,10 @@ def test_compressed_images_of_a_pair() -> None:
     [
         ([], "record the camera's colour and depth images too"),
         (["/camera/color/image_raw"], "record the camera's colour and depth images too"),
-        (["/front/image_raw", "/range/image_raw"], "name them with --color-topic and --depth-topic"),
+        (
+            ["/front/image_raw", "/range/image_raw"],
+            "name them with --color-topic and --depth-topic",
+        ),
     ],
 )
 def test_bags_without_depth(images: list[str], step: str) -> None:
