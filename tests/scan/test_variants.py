@@ -8,8 +8,20 @@ import pytest
 from numpy.testing import assert_allclose
 
 from planfit.errors import ScanError
-from planfit.scan import read_scan
-from scan_samples import GL, HEIGHT, WIDTH, N, jpg, matrix_text, png, put, quaternion, write_polycam
+from planfit.scan import ScanOptions, read_scan
+from scan_samples import (
+    GL,
+    HEIGHT,
+    WIDTH,
+    N,
+    jpg,
+    matrix_text,
+    png,
+    put,
+    quaternion,
+    write_polycam,
+    write_tum,
+)
 
 MANY = 12
 """Frames enough for names of one and of two digits."""
@@ -86,6 +98,35 @@ def test_polycam_given_as_its_folder_of_keyframes(sample, tmp_path):
     scan = read_scan(tmp_path / "keyframes")
     assert (scan.format, len(scan), scan.skipped) == ("polycam", N, ())
     assert_allclose(scan.world_from_cams, read_scan(tmp_path).world_from_cams)
+
+
+@pytest.fixture
+def recorded(sample, tmp_path):
+    """Images in the layout of TUM without poses, and the trajectory that ORB-SLAM made of them."""
+    write_tum(tmp_path / "scan", sample)
+    trajectory = tmp_path / "CameraTrajectory.txt"
+    (tmp_path / "scan" / "groundtruth.txt").rename(trajectory)
+    return tmp_path / "scan", trajectory
+
+
+def test_tum_with_the_trajectory_of_a_tracker(sample, recorded):
+    folder, trajectory = recorded
+    scan = read_scan(folder, options=ScanOptions(poses=trajectory))
+    assert (scan.format, len(scan), scan.skipped) == ("tum", N, ())
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
+
+
+def test_tum_without_any_poses(recorded):
+    with pytest.raises(ScanError, match=r"poses in groundtruth.txt, found none; .* --poses FILE$"):
+        read_scan(recorded[0])
+
+
+def test_tum_with_a_trajectory_without_times(recorded, sample):
+    folder, trajectory = recorded
+    rows = [" ".join(f"{v:.9f}" for v in pose[:3].ravel()) for pose in sample.poses]
+    trajectory.write_text("\n".join(rows) + "\n")
+    with pytest.raises(ScanError, match="expected poses with times"):
+        read_scan(folder, options=ScanOptions(poses=trajectory))
 
 
 def transforms(sample, folder, order, **more):
