@@ -1,6 +1,7 @@
 """Variants of layouts as programs of others write them, which the samples of each format do not have."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from scan_samples import (
     GL,
     HEIGHT,
     WIDTH,
+    WRITERS,
     N,
     jpg,
     matrix_text,
@@ -20,6 +22,8 @@ from scan_samples import (
     put,
     quaternion,
     write_polycam,
+    write_scanner_app,
+    write_stray,
     write_tum,
 )
 
@@ -185,3 +189,60 @@ def test_nerf_capture_without_its_depth(sample, tmp_path):
         file.unlink()
     with pytest.raises(ScanError, match=r"frame images_0: images/0\.depth\.png is missing"):
         read_scan(tmp_path)
+
+
+def half_size(sample, i):
+    depth = np.repeat(np.repeat(sample.small_mm[i], 2, axis=0), 2, axis=1) / 1000
+    return np.where(depth > 0, depth, np.nan)
+
+
+@pytest.mark.parametrize("channels", [{"R": 1}, {"RGB": 3}], ids=["one channel", "three"])
+def test_3d_scanner_app_with_depth_as_exr(sample, tmp_path, channels):
+    exr = pytest.importorskip("OpenEXR")
+    write_scanner_app(tmp_path, sample)
+    ((name, n),) = channels.items()
+    for i, path in enumerate(sorted(tmp_path.glob("depth_*.png"))):
+        metres = (sample.small_mm[i] / 1000).astype(np.float32)
+        plane = metres if n == 1 else np.repeat(metres[..., None], n, axis=2)
+        header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+        exr.File(header, {name: plane}).write(str(path.with_suffix(".exr")))
+        path.unlink()
+    scan = read_scan(tmp_path, options=ScanOptions(min_confidence=0))
+    assert (scan.format, len(scan), scan.skipped, scan.warnings) == ("scanner-app", N, (), ())
+    assert_allclose(scan.files.depth(2), half_size(sample, 2), atol=1e-5)
+    first = min(tmp_path.glob("depth_*.exr"))
+    for damaged in (b"no image", first.read_bytes()[:400]):
+        first.write_bytes(damaged)
+        with pytest.raises(ScanError, match=rf"{first.name}: expected an OpenEXR image"):
+            read_scan(tmp_path).files.depth(0)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("layout", ["nerfstudio", "colmap"])
+def test_depth_as_numbers_in_metres(sample, tmp_path, layout, kind):
+    WRITERS[layout](tmp_path, sample)
+    for i, path in enumerate(sorted((tmp_path / "depth").glob("*.png"))):
+        np.save(path.with_suffix(".npy"), (sample.depth_mm[i] / 1000).astype(kind))
+        path.unlink()
+    if layout == "nerfstudio":
+        content = (tmp_path / "transforms.json").read_text()
+        renamed = re.sub(r"(depth/frame_\d+)\.png", r"\1.npy", content)
+        (tmp_path / "transforms.json").write_text(renamed)
+    scan = read_scan(tmp_path)
+    assert (len(scan), scan.warnings) == (N, ())
+    depth = np.where(sample.depth_mm[1] > 0, sample.depth_mm[1] / 1000, np.nan)
+    assert_allclose(scan.files.depth(1), depth, atol=1e-5)
+    scaled = read_scan(tmp_path, options=ScanOptions(depth_scale=0.5))
+    assert_allclose(scaled.files.depth(1), depth / 2, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+def test_stray_scanner_with_depth_as_numbers_in_millimetres(sample, tmp_path, kind):
+    pytest.importorskip("av")
+    write_stray(tmp_path, sample)
+    for i, path in enumerate(sorted((tmp_path / "depth").glob("*.png"))):
+        np.save(path.with_suffix(".npy"), sample.small_mm[i].astype(kind))
+        path.unlink()
+    scan = read_scan(tmp_path, options=ScanOptions(min_confidence=0))
+    assert (len(scan), scan.warnings) == (N, ())
+    assert_allclose(scan.files.depth(2), half_size(sample, 2), atol=1e-5)

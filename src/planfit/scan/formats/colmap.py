@@ -92,7 +92,8 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         write_model(directory, list(cameras.values()), _refined(source, folder, olds, poses))
 
     tables = [f"{folder}/{name}".lstrip("/") for name in (cameras_file, images_file)]
-    stored = ImageFiles(source, options.depth_scale or 1e-3)
+    scale = options.depth_scale
+    stored = ImageFiles(source, scale or 1e-3, metres_per_float=scale or 1.0)
     return Recording(
         format="colmap",
         path=source.path,

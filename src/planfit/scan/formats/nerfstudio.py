@@ -84,7 +84,11 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         text = json.dumps({**content, "frames": refined}, indent=1)
         (directory / NAME).write_text(text + "\n")
 
-    images = ImageFiles(source, options.depth_scale or _metres_per_unit(content, str(path)))
+    images = ImageFiles(
+        source,
+        options.depth_scale or _metres_per_unit(content, str(path)),
+        metres_per_float=options.depth_scale or 1.0,
+    )
     return Recording(
         format="nerfstudio",
         path=source.path,
