@@ -29,8 +29,8 @@ from planfit.scan.tables import number_list, read_json
 EXPECTS = "frame_NNNNN.json with cameraPoseARFrame, frame_NNNNN.jpg and depth_NNNNN.png (or .exr)"
 CHECKED = (
     "the maker's own sample and a corridor scanned by others "
-    "(github.com/laanlabs/3dScannerApp_samples and a fork), 3 frames with depth; a converter that reads depth "
-    "as EXR",
+    "(github.com/laanlabs/3dScannerApp_samples and a fork), 3 frames with depth; a converter that reads "
+    "depth as EXR",
     "axes, intrinsics by row, units, confidence, frames without a picture",
 )
 """Where the layout is known from, and what was checked with it."""
