@@ -110,7 +110,7 @@ def _clipped(
     for k, (part, u, v) in enumerate(places):
         low, high = (np.array([u, v]) - 0.3) * cell, (np.array([u, v]) + 1.3) * cell
         piece = shapely.clip_by_rect(parts[part], *low, *high)
-        if piece.is_valid:  # clipping leaves some that only touch themselves
+        if shapely.is_valid(piece):  # clipping leaves some that only touch themselves
             own[large[place_of.ravel() == k]] = piece
     return own
 
