@@ -89,3 +89,16 @@ def test_a_colmap_model_without_depth(tmp_path):
     message = told(tmp_path)
     assert "format colmap, of which depth/ or depths/ is missing" in message
     assert message.endswith("planfit needs depth of every frame")
+
+
+def test_what_rtabmap_exports_is_answered_with_its_database(tmp_path):
+    for name in (
+        "walk_rgb/1.jpg",
+        "walk_depth/1.png",
+        "walk_calib/1.yaml",
+        "walk_camera_poses.txt",
+    ):
+        put(tmp_path / name, b"")
+    assert told(tmp_path).startswith(
+        "expected a scan, found what RTAB-Map exported; give its database"
+    )

@@ -240,9 +240,9 @@ def _merged_once(
     extents = np.array([_extent(boxes[group == name]) for name in names])
     for i in range(len(names)):
         apart = _apart(extents[i], extents[i + 1 :])
-        is_near: np.ndarray = (apart <= 0).all(axis=1)
+        is_near = np.asarray((apart <= 0).all(axis=1))
         # Drawing joins only what lies side by side.
-        is_beside: np.ndarray = (apart > 0).any(axis=1) & (apart < 0).any(axis=1)
+        is_beside = np.asarray((apart > 0).any(axis=1) & (apart < 0).any(axis=1))
         for k in np.flatnonzero(is_near | is_beside):
             j = i + 1 + int(k)
             if is_near[k] or _are_joined(extents[i], extents[j], lines):
