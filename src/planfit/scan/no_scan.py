@@ -176,7 +176,8 @@ def _held(source: FileSource) -> tuple[str, str]:
     ends = [Path(name).suffix.lower() for name in names]
     n_pictures = sum(end in (".jpg", ".jpeg", ".png", ".heic") for end in ends)
     if n_pictures and n_pictures == len(names) and not source.folders():
-        return f"{n_pictures} pictures, and neither depth nor poses", _VIDEO[1]
+        pictures = "a picture" if n_pictures == 1 else f"{n_pictures} pictures"
+        return f"{pictures}, and neither depth nor poses", _VIDEO[1]
     telling = (_MESH, _VIDEO, FOREIGN[".depth"])
     told = next(((end, FOREIGN[end]) for end in ends if FOREIGN.get(end) in telling), None)
     if told is not None:
