@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from planfit.cli.arguments import PlanFlags, parse
-from planfit.cli.flags import Flag, Group, group_of, one_line
+from planfit.cli.commands import COMMANDS, EXIT_CODES, Command
+from planfit.cli.flags import Flag, Group, group_of, one_line, shortest_words
 from planfit.cli.known_flags import flags_path
-from planfit.cli.main import COMMANDS, EXIT_CODES, Command
 from planfit.cli.speech import FLAGS as EVERYWHERE_FLAGS
 from planfit.evaluation import EvaluateOptions
 from planfit.pipeline.options import RefineOptions
@@ -89,12 +89,8 @@ def shown(value: Any) -> str:
 
 def item(flag: Flag, presets: dict[str, Any] | None = None) -> str:
     """One line of a list: the flag, what it means, its default, and what presets have in its place."""
-    names = [flag.name, *flag.aliases]
-    if flag.type is bool and flag.is_paired:
-        own = flag.path[-1].replace("_", "-")
-        names.append(f"--{flag.prefix}no-{own}")
     value = "" if flag.is_positional else flag.metavar or takes(flag.type)
-    head = ", ".join(f"`{one}`" for one in names) + (f" `{value}`" if value else "")
+    head = ", ".join(f"`{one}`" for one in flag.names) + (f" `{value}`" if value else "")
     if flag.default is dataclasses.MISSING:
         said = "" if flag.is_positional else "Must be given."
     elif flag.is_computed and flag.path[-1] in COMPUTED:
@@ -223,9 +219,7 @@ def all_flags(name: str) -> dict[str, tuple[str, ...]]:
     for flag in group_of(command_types()[name]).all_flags():
         if not flag.is_positional:
             values = _values(flag)
-            found |= dict.fromkeys((flag.name, *flag.aliases), values)
-            if flag.type is bool and flag.is_paired:
-                found[f"--{flag.prefix}no-{flag.path[-1].replace('_', '-')}"] = ()
+            found |= dict.fromkeys(flag.names, values)
     return found
 
 
@@ -257,23 +251,6 @@ def _own(values: Any) -> str:
     return f" (other defaults here: {', '.join(others)})" if others else ""
 
 
-def _some(flag: Flag) -> str:
-    """A value, or a word for one."""
-    choices = typing.get_args(flag.type)
-    return str(choices[0]) if choices else flag.path[-1].upper()
-
-
-def usage(name: str, group: Group) -> str:
-    """The shortest command that can work."""
-    positional = [flag.name for flag in group.flags if flag.is_positional]
-    needed = [
-        f"{flag.aliases[0] if flag.aliases else flag.name} {_some(flag)}"
-        for flag in group.flags
-        if not flag.is_positional and flag.default is dataclasses.MISSING
-    ]
-    return " ".join(["planfit", name, *positional, *needed])
-
-
 def commands_page() -> str:
     """docs/command-line.md."""
     lines = [
@@ -292,7 +269,8 @@ def commands_page() -> str:
     for name, cls in command_types().items():
         group = command_group(name)
         lines += ["", f"## planfit {name}", "", one_line(cls.__doc__ or ""), ""]
-        lines += [f"    {usage(name, group)}", "", *group_lines(group, 3)]
+        usage = " ".join(["planfit", name, *shortest_words(group.flags)])
+        lines += [f"    {usage}", "", *group_lines(group, 3)]
         if group.shared:
             also = [
                 SHARED[kind] + (f", each name behind `--{prefix}`" if prefix else "") + _own(values)

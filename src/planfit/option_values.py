@@ -84,7 +84,7 @@ def require_kinds(options: Any) -> None:
         value, hint = getattr(options, field.name), hints[field.name]
         if not _is_of(value, hint):
             raise OptionError(
-                f"{type(options).__name__}.{field.name}: expected {_words(hint)}, found "
+                f"{type(options).__name__}.{field.name}: expected {kind_words(hint)}, found "
                 f"{_shortened(value)}{_advice(value, hint, field.name)}"
             )
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -185,14 +185,15 @@ def _is_of(value: Any, hint: Any) -> bool:
     return isinstance(value, hint) if isinstance(hint, type) else True
 
 
-def _words(hint: Any) -> str:
+def kind_words(hint: Any) -> str:
+    """What an option takes: `a whole number`, `text`."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        return " or ".join(_words(one) for one in inner)
+        return " or ".join(kind_words(one) for one in inner)
     if origin is typing.Literal:
         return " or ".join(repr(one) for one in inner)
     if origin is tuple:
-        return f"a tuple of {_words(inner[0])}"
+        return f"a tuple of {kind_words(inner[0])}"
     plain = {
         float: "a number",
         int: "a whole number",

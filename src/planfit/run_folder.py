@@ -10,7 +10,7 @@ import os
 import platform
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from planfit.errors import OutputError
-from planfit.whole_files import PART, write_whole
+from planfit.whole_files import PART, made_folder, write_whole
 
 RECORD = "run.json"
 _CACHE = "cache"
@@ -46,6 +46,9 @@ class RunFolder:
     def claimed(path: Path, inputs: dict[str, str], overwrite: bool) -> Iterator["RunFolder"]:
         """Take a folder for a run, which no other process may take meanwhile; it is made if it is not there.
 
+        A run that ends with an error leaves what it finished, in its cache; where that is nothing, it leaves
+        nothing.
+
         Args:
             path: the folder.
             inputs: what the run reads. The same inputs may come back, with other options too: finished
@@ -62,7 +65,7 @@ class RunFolder:
             )
         if path.is_dir():
             _check_owner(path, inputs, overwrite)
-        with _locked(path):
+        with _made(path), _locked(path):
             folder = RunFolder(path, inputs)
             try:
                 # Once more: another process may have finished a run between the look and the lock.
@@ -72,10 +75,13 @@ class RunFolder:
                 _move_in(path)
                 shutil.rmtree(path / _STAGING, ignore_errors=True)
                 folder._write_owner(_results(path))
-                folder.cache_dir.mkdir(exist_ok=True)
             except OSError as error:
                 raise _unwritable(path, error) from error
-            yield folder
+            try:
+                yield folder
+            except BaseException:
+                _leave_nothing_empty(path)
+                raise
 
     @contextmanager
     def writing(self) -> Iterator[Path]:
@@ -137,10 +143,28 @@ def inputs_of_owner(path: Path) -> dict[str, Any]:
 
 
 @contextmanager
+def _made(path: Path) -> Iterator[None]:
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(made_folder(path))
+        except OSError as error:
+            raise _unwritable(path, error) from error
+        yield
+
+
+def _leave_nothing_empty(path: Path) -> None:
+    """Remove what says whose a folder is where nothing else lies in it. The lock is held still: whoever
+    comes next makes another."""
+    if {item.name for item in path.iterdir()} <= {_OWNER, _LOCK}:
+        with suppress(OSError):  # Windows removes no file that is open
+            (path / _OWNER).unlink(missing_ok=True)
+            (path / _LOCK).unlink(missing_ok=True)
+
+
+@contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """The folder, made, for this process alone; the system frees it when the process ends or dies."""
+    """The folder for this process alone; the system frees it when the process ends or dies."""
     try:
-        path.mkdir(parents=True, exist_ok=True)
         lock = FileLock(path / _LOCK, timeout=0)
         lock.acquire()
     except Timeout as error:

@@ -6,13 +6,32 @@ On a full disk, on any other error and on Ctrl-C nothing new stays, and what was
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from planfit.errors import OutputError
 
 PART = ".part"
 """What stands behind the name of a file while it is written; a process that is killed may leave one."""
+
+
+@contextmanager
+def made_folder(path: Path) -> Iterator[None]:
+    """A folder, and those above it, made where they are not there; on an error those that are new go again
+    unless something lies in them.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    new = [folder for folder in (path, *path.parents) if not folder.exists()]
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        with suppress(OSError):  # one that is in use, and with it all above
+            for folder in new:
+                folder.rmdir()
+        raise
 
 
 @contextmanager
@@ -30,8 +49,7 @@ def whole_file(
         OutputError: it cannot be written (a full disk, say).
     """
     part = path.with_name(path.name + writer + PART)
-    with _told(path, part, advice):
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with _told(path, part, advice), made_folder(path.parent):
         try:
             yield part
             part.replace(path)
@@ -53,8 +71,7 @@ def whole_folder(
     Raises:
         OutputError: it cannot be written.
     """
-    with _told(path, None, advice):
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with _told(path, None, advice), made_folder(path.parent):
         part = Path(tempfile.mkdtemp(PART, f".{path.name[:100]}.", path.parent))
         with _told(path, part, advice):
             try:

@@ -52,10 +52,10 @@ def test_a_batch_from_files_to_the_page_and_again(small_scan, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("name,scan,unit\na,b,mx\n", "line 2: invalid choice 'mx' for argument '--unit'"),
+        ("name,scan,unit\na,b,mx\n", "line 2: --unit: expected one of auto, m, .*, found 'mx'"),
         (
             "name,scan,adjust.walls.sigma-m\na,b,thick\n",
-            "could not convert string to float: 'thick'",
+            "line 2: --adjust.walls.sigma-m: expected a number, found 'thick'",
         ),
         ("name,scan,preset\na,b,best\n", "line 2: .*best"),
         ("name,scan,adjust.walls.sigma-m\na,b,-1\n", "line 2: .*-1"),

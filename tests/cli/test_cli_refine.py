@@ -290,7 +290,7 @@ def test_help_and_version_and_unknown_commands(capsys) -> None:
     assert run(["--version"]) == 0
     assert __version__ in capsys.readouterr().out
     assert run(["refyne"]) == 2
-    assert "unknown command 'refyne'" in capsys.readouterr().err
+    assert "refyne: expected a command of planfit" in capsys.readouterr().err
 
 
 def test_installed_command_runs() -> None:

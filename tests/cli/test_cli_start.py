@@ -11,7 +11,8 @@ import pytest
 
 import planfit
 from planfit.cli import main as main_function
-from planfit.cli.main import COMMANDS, EXIT_CLOSED_PIPE, EXIT_INTERRUPTED, in_one_line
+from planfit.cli.commands import COMMANDS
+from planfit.cli.main import EXIT_CLOSED_PIPE, EXIT_INTERRUPTED, in_one_line
 
 COMMAND = "from planfit.cli import main; main()"
 HEAVY = {"numpy", "scipy", "numba", "cv2", "tyro", "rich", "matplotlib", "planfit.pipeline"}
@@ -117,4 +118,5 @@ def test_main_exits_with_the_code_of_the_command(capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit) as stop:
         main_function(["nothing"])
     assert stop.value.code == 2
-    assert "unknown command 'nothing'; known: refine, view, batch, align" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "nothing: expected a command of planfit, found none of this name; known: refine" in said

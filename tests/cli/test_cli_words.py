@@ -13,9 +13,9 @@ import pytest
 import planfit
 import reference
 from planfit.cli import run
+from planfit.cli.commands import COMMANDS
 from planfit.cli.completion import SCRIPTS
 from planfit.cli.known_flags import completions, flags_of
-from planfit.cli.main import COMMANDS
 from planfit.cli.speech import NAMES
 from planfit.errors import did_you_mean
 

@@ -170,7 +170,7 @@ def test_json_by_hand(tmp_path):
 ])  # fmt: skip
 def test_json_that_is_no_plan(tmp_path, text):
     (tmp_path / "plan.json").write_bytes(text.encode("latin-1"))
-    refused(tmp_path / "plan.json", "planfit's plan JSON")
+    refused(tmp_path / "plan.json", "a plan as JSON")
 
 
 @pytest.mark.parametrize("faces", [

@@ -319,7 +319,7 @@ def test_a_damaged_archive(tmp_path):
         "expected an IMDF archive with unit.geojson, found none in it"
     )
     (tmp_path / "c").mkdir()
-    assert "expected a folder of IMDF" in refusal(tmp_path / "c")
+    assert "or a folder of IMDF with unit.geojson, found a folder" in refusal(tmp_path / "c")
 
 
 def test_absurd_coordinates_and_repeated_lines_are_left_out_and_said_so(tmp_path):

@@ -71,5 +71,5 @@ def test_what_is_no_calibration_is_refused(written, text):
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(ScanError, match="cannot be read"):
+    with pytest.raises(ScanError, match="none that can be read"):
         take_calibration(scan_of(CAMERA), tmp_path / "none.json")

@@ -243,7 +243,7 @@ def test_a_file_instead_of_a_folder(tmp_path):
 
 def test_a_folder_of_something_else(tmp_path):
     (tmp_path / "holiday.jpg").write_bytes(b"")
-    refused(tmp_path, str(tmp_path), "arcore", "docs/formats.md")
+    refused(tmp_path, str(tmp_path), "found a picture, and neither depth nor poses")
 
 
 def test_no_frames(tmp_path):

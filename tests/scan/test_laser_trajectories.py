@@ -117,7 +117,9 @@ def test_a_binary_trajectory_is_named(tmp_path):
     (tmp_path / "sbet.out").write_bytes(np.zeros(34).tobytes())
     with pytest.raises(ScanError, match="found a binary SBET, which has latitude and longitude"):
         read_trajectory(tmp_path / "sbet.out")
-    with pytest.raises(ScanError, match=r"gone\.txt: expected a trajectory .* cannot be read"):
+    with pytest.raises(
+        ScanError, match=r"gone\.txt: expected a trajectory .* found none that can be read"
+    ):
         read_trajectory(tmp_path / "gone.txt")
 
 

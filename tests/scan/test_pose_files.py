@@ -67,6 +67,50 @@ def euroc_text(times, poses):
     return "\n".join(lines) + "\n"
 
 
+def named_text(times, poses, header, separator):
+    """A table whose header names its columns, in any order."""
+    lines = [header]
+    for k, (time, pose) in enumerate(zip(times, poses, strict=True)):
+        x, y, z = pose[:3, 3]
+        qx, qy, qz, qw = quaternion(pose)
+        values = {"x": x, "y": y, "z": z, "qx": qx, "qy": qy, "qz": qz, "qw": qw, "frame": k}
+        words = {name: f"{value:.9f}" for name, value in values.items()}
+        words |= {"t_rel_s": f"{time:.6f}", "timestamp": f"{time:.6f}", "time": f"{time:.6f}"}
+        names = [word.strip(" #") for word in header.lstrip("# ").split(separator)]
+        lines.append(separator.join(words[name] for name in names))
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("header", "separator"),
+    [
+        ("timestamp,x,y,z,qx,qy,qz,qw", ","),
+        ("timestamp, frame, x, y, z, qx, qy, qz, qw", ","),  # Stray Scanner's odometry.csv
+        ("time;qw;qx;qy;qz;x;y;z", ";"),
+        ("# time x y z qw qx qy qz", " "),  # raycloudtools: read as TUM, w would be taken for x
+    ],
+)
+def test_columns_that_a_header_names(sample, tmp_path, header, separator):
+    poses = other_poses(sample)
+    path = tmp_path / "poses.csv"
+    path.write_text(named_text(sample.times, poses, header, separator))
+    table = read_poses(path)
+    assert table.kind == "tum"
+    assert_allclose(table.keys, sample.times, atol=1e-6)
+    assert_allclose(table.poses, poses, atol=1e-7)
+
+
+@pytest.mark.parametrize("by_column", [False, True])
+def test_whole_matrices_a_line(sample, tmp_path, by_column):
+    poses = other_poses(sample)
+    rows = poses.transpose(0, 2, 1) if by_column else poses
+    path = tmp_path / "traj.txt"
+    path.write_text("\n".join(" ".join(f"{v:.9e}" for v in pose.ravel()) for pose in rows) + "\n")
+    table = read_poses(path)
+    assert table.kind == "kitti"
+    assert_allclose(table.poses, poses, atol=1e-8)
+
+
 def test_eurocs_table_and_rtabmaps_numbers(sample, tmp_path):
     poses = other_poses(sample)
     numbered = tum_text(sample.times, poses).splitlines()
@@ -199,7 +243,7 @@ def test_files_that_hold_no_poses(kind, scenes, tmp_path):
 
 
 def test_a_missing_file(scenes, tmp_path):
-    with pytest.raises(ScanError, match=r"nowhere\.txt: expected a file of poses, cannot be read"):
+    with pytest.raises(ScanError, match=r"nowhere\.txt: .*poses, found none that can be read"):
         read_scan(scenes, options=ScanOptions(poses=tmp_path / "nowhere.txt"))
 
 

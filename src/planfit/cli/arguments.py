@@ -1,17 +1,21 @@
 """From words to arguments: how the parser reads flags, presets and files of options."""
 
+import contextlib
 import dataclasses
+import io
 import math
 import re
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from planfit.cli.config import read_options
+from planfit.cli.flags import group_of
+from planfit.cli.usage import wrong_words
 from planfit.errors import OptionError
 from planfit.floorplan import PlanOptions
 from planfit.floorplan.units import Unit
@@ -124,8 +128,9 @@ def parse(arguments_type: Any, prog: str, argv: list[str]) -> Any:
         argv: words of the command line.
 
     Raises:
-        SystemExit: the words do not parse, which has been told; or help was asked for, and printed.
-        OptionError: the file of options is missing, or has an option that is unknown or cannot work.
+        SystemExit: help was asked for, and printed.
+        OptionError: the words are not what the command takes; or the file of options is missing, or has an
+            option that is unknown or cannot work.
     """
     default = None
     is_plain = dataclasses.is_dataclass(arguments_type)  # else a choice of subcommands
@@ -141,14 +146,22 @@ def parse(arguments_type: Any, prog: str, argv: list[str]) -> Any:
             if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
         }
         default = arguments_type(**required, options=options)
-    return tyro.cli(
-        arguments_type,
-        prog=prog,
-        args=argv,
-        default=tyro.MISSING_NONPROP if default is None else default,
-        use_underscores=False,
-        registry=_registry(),
-    )
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(
+                arguments_type,
+                prog=prog,
+                args=argv,
+                default=tyro.MISSING_NONPROP if default is None else default,
+                use_underscores=False,
+                registry=_registry(),
+            )
+    except SystemExit as stop:
+        if not stop.code:  # help was printed
+            raise
+    group = group_of(cast("type", arguments_type)) if is_plain else None
+    raise wrong_words(prog, group, argv, said.getvalue())
 
 
 def _registry() -> ConstructorRegistry:

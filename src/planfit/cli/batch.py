@@ -1,7 +1,6 @@
 """`planfit batch`: many scans, each into a folder of its own."""
 
 import contextlib
-import io
 import os
 import re
 from collections.abc import Generator, Sequence
@@ -138,27 +137,10 @@ def _check_values(rows: Sequence[tuple[Row, Job]]) -> None:
             continue
         known.add(job.options)
         words = [word for option in job.options for word in option.words]
-        said = io.StringIO()
         try:
-            with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-                parse(RefineArguments, "planfit refine", ["SCAN", "--out", "OUT", *words])
-        except SystemExit as stop:
-            raise OptionError(f"{row.where}: {_reason(said.getvalue())}") from stop
+            parse(RefineArguments, "planfit refine", ["SCAN", "--out", "OUT", *words])
         except PlanfitError as error:
             raise OptionError(f"{row.where}: {error}") from error
-
-
-def _reason(box: str) -> str:
-    """What the parser says below its title and above its help, on one line."""
-    parts: list[list[str]] = [[]]
-    for line in box.splitlines():
-        words = line.strip(" │|╭╮╰╯├┤")
-        if words and not words.strip("-─"):
-            parts.append([])
-        else:
-            parts[-1].append(words)
-    said = parts[1] if len(parts) > 1 else parts[0]
-    return " ".join(" ".join(said).split()) or "expected other values of the options"
 
 
 def _open_tasks(jobs: Sequence[Job], arguments: BatchArguments, ledger: Ledger) -> list[Task]:

@@ -2,6 +2,7 @@
 
 import json
 import os
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -21,7 +22,7 @@ from planfit.report.comparison_words import local_in_words, whole_in_words
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime
-from planfit.whole_files import write_whole
+from planfit.whole_files import made_folder, write_whole
 
 PAGE, RECORD = "comparison.html", "comparison.json"
 
@@ -65,12 +66,15 @@ def compare_command(arguments: CompareArguments) -> int:
         arguments.b is None or arguments.poses is None,
         "--poses: expected either a second run or a file of poses, found both; leave out one",
     )
-    folder = None if arguments.out is None else _claim(arguments.out, arguments.overwrite)
+    folder = arguments.out
+    if folder is not None:
+        _check_free(folder, arguments.overwrite)
     given = Given(
         arguments.b, arguments.poses, arguments.poses_frame, arguments.max_time_gap_s, arguments.scan,
         arguments.plan, arguments.plan_flags.options,
     )  # fmt: skip
-    with StageBars() as bars:
+    made = nullcontext() if folder is None else made_folder(folder)
+    with made, StageBars() as bars:
         runtime = Runtime(arguments.workers, cache_of(arguments.a), bars.update)
         pair = read_pair(arguments.a, given, runtime)
         comparison = compare(pair.scan, pair.a, pair.b, pair.matches, arguments.options, runtime)
@@ -169,8 +173,8 @@ def _cloud(pair: Pair, comparison: Comparison, runtime: Runtime) -> CloudXY | No
     return a[is_shown, :2], b[is_shown, :2]
 
 
-def _claim(folder: Path, overwrite: bool) -> Path:
-    """The folder, made; one with other files is left alone."""
+def _check_free(folder: Path, overwrite: bool) -> None:
+    """Raise `OutputError` where a folder holds something that is not to be replaced."""
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: expected a folder, found a file; choose another with -o")
     if folder.exists():
@@ -185,8 +189,6 @@ def _claim(folder: Path, overwrite: bool) -> Path:
                 f"{folder}: expected an empty folder, found an earlier comparison; choose another with "
                 "-o, or pass --overwrite"
             )
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 def _tell(name_a: str, pair: Pair, comparison: Comparison, folder: Path | None) -> None:

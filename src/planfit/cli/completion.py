@@ -62,9 +62,10 @@ class CompletionArguments:
             if [*words] == [shell]:
                 return CompletionArguments(shell)
         meant = did_you_mean(words[0], known) if len(words) == 1 else ""
+        step = meant or "write it as 'planfit completion bash'"
         raise OptionError(
-            f"planfit completion: expected {', '.join(known[:-1])} or {known[-1]}, found "
-            f"{' '.join(words) or 'nothing'}{f'; {meant}' if meant else ''}"
+            f"completion: expected {', '.join(known[:-1])} or {known[-1]}, found "
+            f"{' '.join(words) or 'nothing'}; {step}"
         )
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from planfit import __version__
+from planfit.cli.known_flags import looks_like_flag
 from planfit.errors import OptionError, PlanfitError, printable
 
 EXTRAS = {
@@ -65,15 +66,24 @@ class DoctorArguments:
         is_json, paths, waiting = False, {}, iter(words)
         for word in waiting:
             name, _, value = word.partition("=")
-            if name in ("--json", "--no-json"):
+            if word in ("--json", "--no-json"):
                 is_json = name == "--json"
+            elif name in ("--json", "--no-json"):
+                raise OptionError(
+                    f"{name}: expected no value behind it, found {value!r}; give {name} alone"
+                )
             elif name in ("--folder", "--cache"):
-                paths[name] = value or next(waiting, "")
-                if not paths[name]:
-                    raise OptionError(f"{name}: expected a folder behind it, found none")
+                path = value or next(waiting, "")
+                if not path or looks_like_flag(path):
+                    raise OptionError(
+                        f"{name}: expected a folder behind it, found {path or 'nothing'}; write it as "
+                        f"{name} DIR"
+                    )
+                paths[name] = path
             else:
                 raise OptionError(
-                    f"planfit doctor: expected flags alone, found {word!r}; see 'planfit doctor --help'"
+                    f"doctor: expected options alone, found {word!r} besides; "
+                    "'planfit doctor --help' tells more"
                 )
         cache = Path(paths["--cache"]) if "--cache" in paths else None
         return DoctorArguments(is_json, Path(paths.get("--folder", ".")), cache)

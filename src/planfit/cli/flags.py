@@ -6,7 +6,7 @@ import inspect
 import re
 import textwrap
 import typing
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -43,6 +43,18 @@ class Flag:
         own = self.path[-1].replace("_", "-")
         return own.upper() if self.is_positional else f"--{self.prefix}{own}"
 
+    @property
+    def shortest_name(self) -> str:
+        """`-o`, where it has such an alias."""
+        return self.aliases[0] if self.aliases else self.name
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All of them: aliases, and what switches it off."""
+        own = self.path[-1].replace("_", "-")
+        off = (f"--{self.prefix}no-{own}",) if self.type is bool and self.is_paired else ()
+        return (self.name, *self.aliases, *off)
+
 
 @dataclass(frozen=True)
 class Group:
@@ -64,6 +76,20 @@ class Group:
         yield from self.flags
         for group in (*self.groups, *(group for _, group in self.choices)):
             yield from group.all_flags()
+
+
+def shortest_words(flags: Sequence[Flag]) -> list[str]:
+    """What a command must be given, and what may stand beside it without a flag: `SCAN`, `-o OUT`."""
+    words = []
+    for flag in flags:
+        is_needed = flag.default is dataclasses.MISSING
+        if flag.is_positional:
+            words.append(flag.name if is_needed else f"[{flag.name}]")
+        elif is_needed:
+            choices = typing.get_args(flag.type)
+            value = str(choices[0]) if choices else flag.path[-1].upper()
+            words.append(f"{flag.shortest_name} {value}")
+    return words
 
 
 @cache

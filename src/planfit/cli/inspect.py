@@ -110,6 +110,8 @@ def _rows(
 
 def _times(scan: Scan, path: PathStatistics) -> str:
     first, last = float(scan.timestamps.min()), float(scan.timestamps.max())
+    if len(scan) == 1:
+        return f"{first:.6g}, of a single frame"
     if np.all(scan.timestamps == np.round(scan.timestamps)):
         return f"none; numbers {first:.0f} to {last:.0f}, usually {path.interval_s:.3g} apart"
     return f"{last - first:.1f} s, usually {path.interval_s:.3g} s apart"

@@ -27,13 +27,27 @@ def flags_path(command: str) -> Path:
     return Path(__file__).parent / "help" / f"{command}.flags"
 
 
+def looks_like_flag(word: str) -> bool:
+    """Whether a word is meant as a flag: numbers below 0 are not."""
+    return re.match(r"--?[A-Za-z]", word) is not None
+
+
+def plain_name(word: str) -> str:
+    """The name of a flag, without a value that is written to it, and as the lists have it."""
+    return word.split("=", 1)[0].replace("_", "-")
+
+
 def check_flags(command: str, words: Sequence[str]) -> None:
     """Raise `OptionError` at the first word that looks like a flag and is none, naming the nearest one."""
     known = flags_of(command)
     for word in words:
-        name = word.split("=", 1)[0].replace("_", "-")
-        looks_like_one = re.match(r"--?[A-Za-z]", word) is not None
-        if not looks_like_one or name in known or name in _HELP or name.startswith("--tyro-"):
+        name = plain_name(word)
+        if (
+            not looks_like_flag(word)
+            or name in known
+            or name in _HELP
+            or name.startswith("--tyro-")
+        ):
             continue
         meant = did_you_mean(name, known)
         raise OptionError(

@@ -110,6 +110,10 @@ def summarise(floorplan: Floorplan) -> None:
         ["size", f"{width:.4g} x {depth:.4g} {unit}"],
         ["unit of the file", source.unit + (f" ({source.unit_from})" if source.unit_from else "")],
     ]
+    if not floorplan.is_metric:
+        rows.append(
+            ["scale", "found with the alignment, or given: --scale 1:100, or metres a unit"]
+        )
     if floorplan.thickness is not None and np.isfinite(floorplan.thickness).any():
         low, middle, high = _thicknesses(floorplan)
         rows.append(["thickness", f"{low:.3g} to {high:.3g}, median {middle:.3g} {unit}"])

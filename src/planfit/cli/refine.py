@@ -130,7 +130,7 @@ def refine_files(
 def _only_scan(arguments: RefineArguments) -> Path:
     require(
         len(arguments.scan) == 1,
-        f"SCAN: expected the folder of one scan, found {len(arguments.scan)}; see planfit refine --help",
+        "refine: expected SCAN -o OUT, found no SCAN; 'planfit refine --help' tells more",
     )
     return arguments.scan[0]
 

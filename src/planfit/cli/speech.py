@@ -56,16 +56,20 @@ def split_speech(words: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     """Words of a command line without those of `FLAGS`, and the values of these by their long names.
 
     Raises:
-        OptionError: --log has no file behind it, or both more and less are asked for.
+        OptionError: --log has no file behind it, another has a value, or both more and less are asked for.
     """
     rest, found = [], {}
     waiting = iter(words)
     for word in waiting:
         name, _, value = word.partition("=")
         name = _ALIASES.get(name, name)
-        if name not in FLAGS or (value and name != "--log"):
+        if name not in FLAGS:
             rest.append(word)
             continue
+        if "=" in word and name != "--log":
+            raise OptionError(
+                f"{name}: expected no value behind it, found {value!r}; give {name} alone"
+            )
         if name == "--log" and not value:
             value = next(waiting, "")
             if not value or value.startswith("-"):

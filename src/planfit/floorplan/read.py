@@ -6,11 +6,19 @@ from pathlib import Path
 from planfit.archives import unpacked
 from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.edits import edited, read_edits
-from planfit.floorplan.formats import PAPER_SUFFIXES, find_reader
+from planfit.floorplan.formats import PAPER_SUFFIXES, PICTURE_SUFFIXES, find_reader
 from planfit.floorplan.near_lines import LineWorkTooDense
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
+
+
+def _map_hint(path: Path) -> str:
+    """What to say of a picture that a ROS map's description lies beside, which has its scale."""
+    beside = [path.with_suffix(end) for end in (".yaml", ".yml")]
+    if path.suffix.lower() not in PICTURE_SUFFIXES or not any(p.is_file() for p in beside):
+        return ""
+    return f"{next(p.name for p in beside if p.is_file())} beside it may describe it as a ROS map: give that"
 
 
 def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floorplan:
@@ -35,11 +43,17 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
             f"{path}: expected a file with a size on paper (PDF, SVG, a picture with dpi) for the scale "
             f"1:{options.paper_scale:g}, found {path.suffix}; give --unit, or --scale METRES of one unit"
         )
+    hint = _map_hint(path)
     with told_as(FloorplanError, path, f"a plan as {path.suffix or 'IMDF'}"):
         try:
             floorplan = reader(path, options)
         except LineWorkTooDense as error:
             raise FloorplanError(f"{path}: {error}") from error
+        except FloorplanError as error:
+            raise FloorplanError(f"{error}{f'; {hint}' if hint else ''}") from error
+    if hint:
+        source = replace(floorplan.source, warnings=(hint, *floorplan.source.warnings))
+        floorplan = replace(floorplan, source=source)
     extent = max(floorplan.size)
     if floorplan.is_metric and not MIN_SIZE_M <= extent <= MAX_SIZE_M:
         raise FloorplanError(

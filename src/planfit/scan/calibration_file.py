@@ -79,7 +79,8 @@ def _content(path: Path) -> dict[str, Any]:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ScanError(
-            f"{path}: expected a calibration of 'planfit calibrate', cannot be read ({error.strerror})"
+            f"{path}: expected a calibration of 'planfit calibrate', found none that can be read "
+            f"({error.strerror}); check the path"
         ) from error
     except (ValueError, RecursionError) as error:
         raise ScanError(

@@ -1,4 +1,5 @@
-"""Poses of another tracker, which take the place of a scan's own: TUM, KITTI, EuRoC, Open3D log."""
+"""Poses of another tracker, which take the place of a scan's own: TUM, KITTI, EuRoC, Open3D log, and tables
+whose header names the columns."""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import ScanError
 from planfit.scan.association import poses_at
+from planfit.scan.laser.trajectory import TUM, named_columns, parse_trajectory
 from planfit.scan.poses import check_recorded_poses, is_lost, parse_tum, tum_poses
 from planfit.scan.tables import number_table, shorten
 from planfit.scan.types import Scan
@@ -41,7 +43,9 @@ def read_poses(path: Path) -> PoseTable:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise ScanError(f"{path}: expected a file of poses, cannot be read ({reason})") from error
+        raise ScanError(
+            f"{path}: expected a file of poses, found none that can be read ({reason}); check the path"
+        ) from error
     return parse_poses(text, path)
 
 
@@ -51,9 +55,12 @@ def parse_poses(content: str, path: Path) -> PoseTable:
     Raises:
         ScanError: it is of none of these kinds.
     """
+    if not _is_euroc(content) and _has_names(content):
+        named = parse_trajectory(content, path)
+        return PoseTable("tum", named.times, named.world_from_scanner)
     table = number_table(content.replace(",", " "))
     # Eight columns with commas are no TUM: four numbers with decimal commas have as many.
-    kinds = (9, 12) if "," in content else (8, 9, 12)
+    kinds = (9, 12, 16) if "," in content else (8, 9, 12, 16)
     if table is not None and table.shape[1] in kinds and not _is_euroc(content):
         return _of_numbers(table, content, path)
     rows = [
@@ -73,22 +80,40 @@ def parse_poses(content: str, path: Path) -> PoseTable:
         table = PoseTable("log", np.array([row[0] for row in values[::5]]), poses)
     else:
         raise ScanError(
-            f"{path}: expected poses as TUM (8 numbers a line), KITTI (12 a line), EuRoC (csv) or Open3D "
-            f"log (a line of 3 and four of 4), found lines of "
-            f"{', '.join(map(str, sorted(set(lengths)))) or 'nothing'}"
+            f"{path}: expected poses as TUM (8 numbers a line), KITTI (12 a line, or 16), EuRoC (csv) or "
+            f"Open3D log (a line of 3 and four of 4), found lines of "
+            f"{', '.join(map(str, sorted(set(lengths)))) or 'nothing'}; or name the columns in a first line: "
+            "time,x,y,z,qx,qy,qz,qw"
         )
     check_recorded_poses(table.poses, f"{path}: pose")
     return table
 
 
 def _of_numbers(values: Float[np.ndarray, "n c"], content: str, path: Path) -> PoseTable:
-    """Poses of a table of 8 (TUM), 9 (RTAB-Map's, which adds the node's number) or 12 (KITTI) columns."""
+    """Poses of a table of 8 (TUM), 9 (RTAB-Map's, which adds the node's number), 12 (KITTI) or 16 columns
+    (whole matrices, as Replica and programs that render have them)."""
+    if values.shape[1] == 16:
+        poses = values.reshape(-1, 4, 4)
+        if (poses[:, :3, 3] == 0).all() and (poses[:, 3, 3] == 1).all():
+            poses = poses.transpose(0, 2, 1)  # by column, as OpenGL and ARKit lay matrices out
+        check_recorded_poses(poses, f"{path}: pose")
+        return PoseTable("kitti", np.arange(len(values)), poses)
     if values.shape[1] == 12:
         poses = np.tile(np.eye(4), (len(values), 1, 1))  # the last row is not in the file
         poses[:, :3] = values.reshape(-1, 3, 4)
         check_recorded_poses(poses, f"{path}: pose")
         return PoseTable("kitti", np.arange(len(values)), poses)
     return PoseTable("tum", *tum_poses(values[:, :8], content, path))
+
+
+def _has_names(content: str) -> bool:
+    """Whether a header names all columns of poses, and no plain reader of TUM would take them for what they
+    are: it is no comment, or says another order."""
+    columns, is_comment = named_columns(content)
+    is_whole = {"x", "y", "z", *TUM[4:]} < set(columns) and not {"time", "time_ns"}.isdisjoint(
+        columns
+    )
+    return is_whole and not (is_comment and columns[:8] == TUM)
 
 
 def _is_euroc(content: str) -> bool:

@@ -16,6 +16,7 @@ from planfit.archives import archive_of
 from planfit.errors import OptionError, ScanError
 from planfit.scan.calibration_file import take_calibration
 from planfit.scan.formats import OWN_FILES, READERS
+from planfit.scan.no_scan import no_scan_in_file, no_scan_in_folder
 from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import take_poses
 from planfit.scan.recording import scan_from_recording
@@ -108,13 +109,15 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
     for kind, module in own.items():
         if name == kind or (name == "auto" and module.claims(path)):
             return module, module.open_own(path)
-    source = open_source(path)
     names = [name] if name != "auto" else [n for n in READERS if n not in own]
-    modules = [import_module(f"planfit.scan.formats.{READERS[n]}") for n in names]
-    for module in modules:
+    modules = {n: import_module(f"planfit.scan.formats.{READERS[n]}") for n in names}
+    if not path.is_dir() and archive_of(path) is None:
+        raise no_scan_in_file(path, modules)
+    source = open_source(path)
+    for module in modules.values():
         if module.recognise(source):
             return module, source
-    inside = _inside(source, modules)
+    inside = _inside(source, list(modules.values()))
     if len(inside) == 1:
         return inside[0]
     if inside:
@@ -124,18 +127,9 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
         )
     if name != "auto":
         raise ScanError(
-            f"{path}: expected a scan of the format {name}: {modules[0].EXPECTS}; found none"
-            f"{_nearest(source, names, modules)}"
+            f"{path}: expected a scan of the format {name}: {modules[name].EXPECTS}; found none"
         )
-    below = [n for n in source.folders() if n.startswith(("seq-", "room", "office", "scene"))][:3]
-    hint = f" Is it one of the folders inside: {', '.join(below)}?" if below else ""
-    looked = "; ".join(
-        f"{n}: {m.EXPECTS}" for n, m in [*zip(names, modules, strict=True), *own.items()]
-    )
-    raise ScanError(
-        f"{path}: expected a scan, found none{_nearest(source, names, modules)}; looked for {looked}; "
-        f"see docs/formats.md.{hint}"
-    )
+    raise no_scan_in_folder(source, modules, own)
 
 
 def _inside(source: FileSource, modules: list[ModuleType]) -> list[tuple[ModuleType, ZipSource]]:
@@ -151,24 +145,3 @@ def _inside(source: FileSource, modules: list[ModuleType]) -> list[tuple[ModuleT
         if module is not None:
             found.append((module, one))
     return found
-
-
-def _nearest(source: FileSource, names: list[str], modules: list[ModuleType]) -> str:
-    """The format most of whose parts are there, and which are not; nothing where none is near."""
-    found = []
-    for name, module in zip(names, modules, strict=True):
-        parts = getattr(module, "PARTS", ())
-        missing = [part for part in parts if not _has(source, part)]
-        if missing and 2 * len(missing) <= len(parts):
-            found.append((len(missing), -len(parts), name, missing))
-    if not found:
-        return ""
-    n_missing, _, name, missing = min(found)
-    verb = "is" if n_missing == 1 else "are"
-    return f" (nearest is {name}, but {', '.join(missing)} {verb} missing)"
-
-
-def _has(source: FileSource, part: str) -> bool:
-    if part.endswith("/"):
-        return part[:-1] in source.folders() or bool(source.names(part[:-1]))
-    return source.exists(part)

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 import shutil
 import stat
 import tempfile
@@ -319,6 +320,11 @@ def open_source(path: Path) -> FileSource:
         inner = path.relative_to(archive).as_posix()
         return ZipSource.open(archive, "" if inner == "." else inner)
     raise ScanError(f"{path}: expected the folder of a scan or a zip archive of one, found a file")
+
+
+def in_order(name: str) -> list[str | int]:
+    """A key to sort names of files by, with numbers by their value: frame_2 before frame_10."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"([0-9]+)", name)]
 
 
 def read_text(source: FileSource, name: str) -> str:

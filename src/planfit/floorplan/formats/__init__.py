@@ -48,6 +48,18 @@ _CONVERT = {
     "File Converter or with LibreDWG's dwg2dxf",
     ".rvt": "a Revit model; export it as IFC or as DXF",
     ".skp": "a SketchUp model; export it as DXF, OBJ or IFC",
+    **dict.fromkeys(
+        (".dgn", ".dwf", ".dwfx", ".3dm", ".vsdx", ".vsd", ".fcstd", ".pln", ".blend", ".fbx"),
+        "a drawing or model of a program of its own; export it as DXF, PDF or IFC",
+    ),
+    **dict.fromkeys(
+        (".heic", ".heif", ".webp", ".gif", ".avif", ".psd", ".xcf"), "a picture; save it as PNG"
+    ),
+    **dict.fromkeys(
+        (".las", ".laz", ".e57", ".rcp", ".rcs", ".pts", ".ptx", ".pcd", ".xyz"),
+        "a cloud of points; give the plan that a scan is to be fitted to (a cloud can be the scan: "
+        "'planfit refine CLOUD --poses TRAJECTORY --plan FILE')",
+    ),
 }
 """What nothing here reads, and how to make it another."""
 FOLDER_READER = "geojson:read_geojson"
@@ -71,6 +83,16 @@ def find_reader(path: Path) -> PlanReader:
         )
     module, function = name.split(":")
     return getattr(import_module(f"planfit.floorplan.formats.{module}"), function)
+
+
+def plans_in(folder: Path) -> list[str]:
+    """Names of the files in a folder that have a suffix of plans. Those that say more of themselves come
+    first: the description of a map before its picture, drawings before pictures."""
+    order = {suffix: i for i, suffix in enumerate(READERS) if suffix not in PICTURE_SUFFIXES}
+    names = [
+        p.name for p in sorted(folder.iterdir()) if p.suffix.lower() in READERS and p.is_file()
+    ]
+    return sorted(names, key=lambda name: order.get(Path(name).suffix.lower(), len(READERS)))
 
 
 def fingerprint_of(*paths: Path) -> str:

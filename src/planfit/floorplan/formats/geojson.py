@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats import fingerprint_of, plans_in
 from planfit.floorplan.formats.imdf_levels import chosen_level, level_names
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
@@ -157,9 +157,9 @@ def _sorted_features(
     if not walls and not rooms:
         kinds = sorted({f.name for f in here if f.name})
         raise FloorplanError(
-            f"{path}: expected walls or rooms, found {len(here)} features of the kinds "
-            f"{', '.join(kinds[:10]) or 'none'}; name walls 'wall' and rooms 'room' in their "
-            "property 'category' or 'type'"
+            f"{path}: expected walls or rooms, found {len(here)} features"
+            f"{' of the kinds ' if kinds else ''}{', '.join(kinds[:10])}; name walls 'wall' and rooms 'room' "
+            "in their property 'category' or 'type'"
         )
     return _Features(here, walls, openings, rooms, names.get(level, ""), tuple(names.values()))
 
@@ -211,9 +211,15 @@ def _load(path: Path) -> tuple[list[tuple[str, Any]], str]:
         parts = [path / f"{name}.geojson" for name in _IMDF_PARTS]
         parts = [part for part in parts if part.exists()]
         if not parts:
+            held = plans_in(path)
+            named = f"{', '.join(held[:5])}{f' and {len(held) - 5} more' if len(held) > 5 else ''}"
             raise FloorplanError(
-                f"{path}: expected a folder of IMDF with unit.geojson, found none; "
-                "pass the folder that holds it"
+                f"{path}: expected a file, or a folder of IMDF with unit.geojson, found a folder "
+                + (
+                    f"that holds {named}; give one of these"
+                    if held
+                    else "without a plan; give the file"
+                )
             )
         loaded = [(part.stem, _parsed(part, part.read_bytes())) for part in parts]
         return loaded, "-".join(fingerprint_of(part) for part in parts)

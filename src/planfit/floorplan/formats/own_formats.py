@@ -143,10 +143,15 @@ def _parsed(path: Path) -> _Content:
             raise ValueError(f"{len(has_normal)} faces with {len(ends)} pairs of ends")
         if len(given) != has_normal.sum():
             raise ValueError(f"{len(given)} normals of x and y for {has_normal.sum()} faces")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except KeyError as error:
         raise FloorplanError(
-            f"{path}: expected planfit's plan JSON (unit, faces with ends and normal), "
-            f"found {type(error).__name__}: {error}; see docs/formats.md"
+            f"{path}: expected a plan as JSON (planfit's own, with unit and faces, or of RoomPlan), found "
+            f"one without {error}; see docs/formats.md"
+        ) from error
+    except (OSError, ValueError, TypeError, AttributeError) as error:
+        raise FloorplanError(
+            f"{path}: expected a plan as JSON (unit, faces with ends and normal), "
+            f"found another content ({error}); see docs/formats.md"
         ) from error
     return _Content(unit, ends, has_normal, given, thickness, openings)
 

@@ -158,14 +158,19 @@ def _without_parts(
     while True:
         names, extents, is_storey = _large(walls, boxes, group)
         order = np.flatnonzero(is_storey)
-        parts = [
-            (i, j)
-            for k, i in enumerate(order)
-            for j in order[k + 1 :]
-            if not _are_apart(
-                extents[i], extents[j], boxes[group == names[i]], boxes[group == names[j]]
-            )
-        ]
+        side = (extents[:, 2:] - extents[:, :2]).min(axis=1)
+        parts = []
+        for k, i in enumerate(order):
+            others = order[k + 1 :]
+            gap = np.hypot(*np.maximum(_apart(extents[i], extents[others]), 0.0).T)
+            is_far = gap > _FAR * np.minimum(side[i], side[others])
+            parts += [
+                (i, j)
+                for j in others[~is_far]
+                if not _are_apart(
+                    extents[i], extents[j], boxes[group == names[i]], boxes[group == names[j]]
+                )
+            ]
         if not parts:
             return group
         i, j = min(parts, key=lambda pair: _gap(extents[pair[0]], extents[pair[1]]))
@@ -178,10 +183,8 @@ def _are_apart(
     one_boxes: Float[np.ndarray, "a 4"],
     other_boxes: Float[np.ndarray, "b 4"],
 ) -> bool:
-    """Whether two groups of walls, given by their extents and boxes, are two buildings or storeys."""
-    least_side = min((one[2:] - one[:2]).min(), (other[2:] - other[:2]).min())
-    if _gap(one, other) > _FAR * least_side:
-        return True
+    """Whether two groups of walls that are not far from each other, given by their extents and boxes, are two
+    buildings or storeys."""
     apart = np.maximum(one[:2] - other[2:], other[:2] - one[2:])
     across = int(np.argmax(apart))
     along = 1 - across
@@ -234,11 +237,15 @@ def _merged_once(
     """Groups whose extents overlap, or that drawing joins, become one."""
     result = group.copy()
     names = np.unique(group)
-    extents = [_extent(boxes[group == name]) for name in names]
+    extents = np.array([_extent(boxes[group == name]) for name in names])
     for i in range(len(names)):
-        for j in range(i + 1, len(names)):
-            near = _gap(extents[i], extents[j]) == 0.0
-            if near or _are_joined(extents[i], extents[j], lines):
+        apart = _apart(extents[i], extents[i + 1 :])
+        is_near = np.asarray((apart <= 0).all(axis=1))
+        # Drawing joins only what lies side by side.
+        is_beside = np.asarray((apart > 0).any(axis=1) & (apart < 0).any(axis=1))
+        for k in np.flatnonzero(is_near | is_beside):
+            j = i + 1 + int(k)
+            if is_near[k] or _are_joined(extents[i], extents[j], lines):
                 result[result == names[j]] = names[i]
                 return result
     return result
@@ -261,6 +268,13 @@ def _are_joined(
 
 def _extent(boxes: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "4"]:
     return np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])
+
+
+def _apart(
+    one: Float[np.ndarray, "4"], others: Float[np.ndarray, "n 4"]
+) -> Float[np.ndarray, "n 2"]:
+    """How far a box is from others along u and along v; below 0 where they overlap."""
+    return np.maximum(one[:2] - others[:, 2:], others[:, :2] - one[2:])
 
 
 def _gap(one: Float[np.ndarray, "4"], other: Float[np.ndarray, "4"]) -> float:

@@ -19,6 +19,8 @@ _NEAR = 8.0
 """A twin is at most this many thicknesses of the stroke away."""
 _ALIKE = 1.6
 """A twin is as thick as the stroke, up to this factor and a pixel."""
+MAX_ROWS = 30_000
+"""OpenCV maps at most 32,767 rows at once."""
 _REACH_PX = 120
 _MOST_POINTS = 8_000
 _STEP_PX = 3.0
@@ -81,7 +83,12 @@ def _along(
     """Whether the mask is set 1, 2, ... px from each point."""
     steps = np.arange(1.0, _REACH_PX + 1.0)
     at = (points[:, None] + steps[None, :, None] * directions[:, None]).astype(np.float32)
-    return cv2.remap(mask, at[..., 0], at[..., 1], cv2.INTER_NEAREST, borderValue=0) > 0
+    result = np.zeros(at.shape[:2], dtype=bool)
+    for first in range(0, len(at), MAX_ROWS):
+        part = at[first : first + MAX_ROWS]
+        found = cv2.remap(mask, part[..., 0], part[..., 1], cv2.INTER_NEAREST, borderValue=0)
+        result[first : first + MAX_ROWS] = found > 0
+    return result
 
 
 def _first(is_set: Bool[np.ndarray, "m reach"]) -> Int[np.ndarray, " m"]:

@@ -16,6 +16,8 @@ from planfit.geometry import segments
 
 _SHORT_SHARE = 0.02
 """Of the extent of a plan: further than walls are thick."""
+_MANY_CORNERS = 200
+"""Of a wall that hangs together: with more, pieces of it are cut for each face, not the whole."""
 MAX_COORDINATE = 1e13
 """A quarter of the way round the Earth, in micrometres."""
 
@@ -75,7 +77,8 @@ def _thickness(
     middle = ends.mean(axis=1) - 1e-6 * reach * normals
     parts = shapely.get_parts(solid)
     # Only its own part can be behind a face: a plan of many parts is not cut as a whole each time.
-    own = parts[shapely.STRtree(parts).nearest(shapely.points(middle))]
+    part_of = shapely.STRtree(parts).nearest(shapely.points(middle))
+    own = parts[part_of]
     skin = 1e-6 * reach
     lengths = []
     for share in (0.25, 0.5, 0.75):
@@ -83,11 +86,33 @@ def _thickness(
         # Most walls are thin, and GEOS looks at that of a part which the box around the cut meets: the whole
         # way through the plan is for those that are not done sooner.
         short = _SHORT_SHARE * reach
-        length = _length_behind(at, normals, own, skin, short)
+        length = _length_behind(at, normals, _clipped(parts, part_of, at, short), skin, short)
         rest = np.flatnonzero(length > 0.99 * short)
         length[rest] = _length_behind(at[rest], normals[rest], own[rest], skin, reach)
         lengths.append(length)
     return np.median(np.array(lengths), axis=0)
+
+
+def _clipped(
+    parts: Shaped[np.ndarray, " p"],
+    part_of: Int[np.ndarray, " n"],
+    at: Float[np.ndarray, "n 2"],
+    reach: float,
+) -> Shaped[np.ndarray, " n"]:
+    """For each point what of its part is within reach, and more: a wall of thousands of corners, which hangs
+    together, is not cut as a whole for each of its faces."""
+    own = parts[part_of]
+    cell = 4.0 * reach
+    cells = np.floor(at / cell).astype(int)
+    large = np.flatnonzero((shapely.get_num_coordinates(parts) > _MANY_CORNERS)[part_of])
+    keys = np.column_stack([part_of[large], cells[large]])
+    places, place_of = np.unique(keys, axis=0, return_inverse=True)
+    for k, (part, u, v) in enumerate(places):
+        low, high = (np.array([u, v]) - 0.3) * cell, (np.array([u, v]) + 1.3) * cell
+        piece = shapely.clip_by_rect(parts[part], *low, *high)
+        if shapely.is_valid(piece):  # clipping leaves some that only touch themselves
+            own[large[place_of.ravel() == k]] = piece
+    return own
 
 
 def _length_behind(

@@ -22,9 +22,9 @@ READERS = {
 }
 """Module of this package that reads each format, in the order in which they are tried. Each has `EXPECTS`
 (what the format is told by, in words), `CHECKED` (where the layout is known from, and what was checked with
-it), `recognise(source)` and `read(source, options)`, which gives a
-`Recording`, and `PARTS` where several files (or folders, with a slash) make the format. They are imported
-when they are asked for, and import the libraries of their own (video, bags) only when they read."""
+it), `recognise(source)` and `read(source, options)`, which gives a `Recording`, and `PARTS` where several
+files (or folders, with a slash; one of several, `a|b`) make the format. They are imported when they are asked
+for, and import the libraries of their own (video, bags) only when they read."""
 
 OWN_FILES = ("las", "e57", "bag", "rtabmap")
 """Formats that a library of their own opens: their modules have `claims(path)`, whether a path is one, and

@@ -34,7 +34,13 @@ CHECKED = (
 MODEL_FOLDERS = ("sparse/0", "sparse", "")
 COLOR_FOLDERS = ("images", "color", "rgb")
 DEPTH_FOLDERS = ("depth", "depths")
-PARTS = ("sparse/", "depth/")
+PARTS = (
+    "sparse/|cameras.txt|cameras.bin",
+    "|".join(
+        str(PurePosixPath(f) / name) for f in MODEL_FOLDERS for name in ("images.txt", "images.bin")
+    ),
+    "|".join(f"{name}/" for name in DEPTH_FOLDERS),
+)
 
 
 def recognise(source: FileSource) -> bool:
@@ -86,7 +92,8 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         write_model(directory, list(cameras.values()), _refined(source, folder, olds, poses))
 
     tables = [f"{folder}/{name}".lstrip("/") for name in (cameras_file, images_file)]
-    stored = ImageFiles(source, options.depth_scale or 1e-3)
+    scale = options.depth_scale
+    stored = ImageFiles(source, scale or 1e-3, metres_per_float=scale or 1.0)
     return Recording(
         format="colmap",
         path=source.path,

@@ -16,7 +16,7 @@ from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.images.lens import Lens
 from planfit.scan.intrinsics import make_camera
-from planfit.scan.source import FileSource, read_text
+from planfit.scan.source import FileSource, in_order, read_text
 from planfit.scan.tables import shorten
 
 MODELS = (
@@ -110,7 +110,7 @@ def model_files(source: FileSource, folder: str = "") -> tuple[str, str]:
 def read_model(
     source: FileSource, folder: str = "", observations: bool = False
 ) -> tuple[dict[int, ColmapCamera], list[ColmapImage]]:
-    """Cameras by number, and images sorted by name.
+    """Cameras by number, and images in the order of their names.
 
     Args:
         source: where the files lie.
@@ -135,7 +135,7 @@ def read_model(
                 f"{source.path / names[0]}: expected camera {image.camera_id} of {image.name}, found "
                 "none of this number; export the model again"
             )
-    return cameras, sorted(images, key=lambda image: image.name)
+    return cameras, sorted(images, key=lambda image: in_order(image.name))
 
 
 def write_model(

@@ -5,8 +5,8 @@ world_from_cam with OpenGL camera axes. Intrinsics `fl_x fl_y cx cy w h` and dis
 with `camera_model` stand at the top or in a frame, which wins. There cx and cy count from the corner of the
 first pixel: half a pixel more than ours. Depth is 16-bit in millimetres (nerfstudio's default), or in units
 of `integer_depth_scale` metres where the file has that (Instant-NGP, NeRFCapture, SplaTAM's captures), or
-`.npy` in metres. A `file_path` without suffix is a .png or .jpg, as in Instant-NGP. The axes of the world are
-anyone's.
+`.npy` in metres. A `file_path` without suffix is a .png or .jpg, as in Instant-NGP. Frames are taken in the
+order of their `timestamp` where all have one. The axes of the world are anyone's.
 """
 
 import json
@@ -29,14 +29,18 @@ from planfit.scan.tables import number_list, read_json
 
 EXPECTS = "transforms.json with frames that have depth_file_path (or depth_path)"
 CHECKED = (
-    "nerfstudio_dataparser.py, and three exporters that write integer_depth_scale "
-    "(NeRFCapture, SplaTAM, Instant-NGP). No real file",
-    "keys, half pixels, units of depth",
+    "nerfstudio_dataparser.py, three exporters that write integer_depth_scale (NeRFCapture, SplaTAM, "
+    "Instant-NGP), and NeRFCapture's DatasetWriter.swift. No real file",
+    "keys, half pixels, units of depth, the order of frames",
 )
 """Where the layout is known from, and what was checked with it."""
 NAME = "transforms.json"
 DEPTH_KEYS = ("depth_file_path", "depth_path")
-KINDS = ("", "OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE")
+KINDS = (
+    "", "OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV_FISHEYE"
+)  # fmt: skip
+"""Those of one formula; what a kind leaves out is 0."""
+PARTS = (NAME, "images/", "depth/")
 
 
 def recognise(source: FileSource) -> bool:
@@ -60,7 +64,11 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
             f"{path}: expected frames with depth_file_path, found none; planfit needs depth, process "
             "the capture with depth"
         )
-    frames = [_frame(source, item, i, f"{path}, frame {i}") for i, item in enumerate(listed)]
+    times = _times(listed)
+    frames = [
+        _frame(source, item, time, f"{path}, frame {i}")
+        for i, (item, time) in enumerate(zip(listed, times, strict=True))
+    ]
     item_of = {frame.color: item for frame, item in zip(frames, listed, strict=True)}
 
     def lens(frame: Frame, size: Size) -> Lens:
@@ -76,11 +84,15 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         text = json.dumps({**content, "frames": refined}, indent=1)
         (directory / NAME).write_text(text + "\n")
 
-    images = ImageFiles(source, options.depth_scale or _metres_per_unit(content, str(path)))
+    images = ImageFiles(
+        source,
+        options.depth_scale or _metres_per_unit(content, str(path)),
+        metres_per_float=options.depth_scale or 1.0,
+    )
     return Recording(
         format="nerfstudio",
         path=source.path,
-        frames=frames,
+        frames=sorted(frames, key=lambda frame: frame.time),
         images=images,
         color_lens=lens,
         write_poses=write_poses,
@@ -97,13 +109,22 @@ def _metres_per_unit(content: dict[str, Any], where: str) -> float:
 
 
 def _image_name(source: FileSource, name: str) -> str:
-    """A file of this name, with the suffix that it leaves out."""
-    path = PurePosixPath(name)
+    """A file of this name, with the suffix that it leaves out; programs on Windows write backslashes."""
+    path = PurePosixPath(name if source.exists(name) else name.replace("\\", "/"))
     others = [str(path) + suffix for suffix in ("", ".png", ".jpg", ".jpeg")]
     return next((n for n in others if source.exists(n)), str(path))
 
 
-def _frame(source: FileSource, item: object, number: int, where: str) -> Frame:
+def _times(listed: Sequence[object]) -> list[float]:
+    """`timestamp` of each frame where all have one: NeRFCapture lists frames as they were written, which is
+    not as they were taken. Else their places in the list."""
+    found = [item.get("timestamp") if isinstance(item, dict) else None for item in listed]
+    times = [float(t) for t in found if isinstance(t, int | float) and np.isfinite(t)]
+    is_clock = len(times) == len(listed) and len(set(times)) == len(times)
+    return times if is_clock else [float(i) for i in range(len(listed))]
+
+
+def _frame(source: FileSource, item: object, time: float, where: str) -> Frame:
     name = item.get("file_path") if isinstance(item, dict) else None
     if not isinstance(item, dict) or not isinstance(name, str) or not PurePosixPath(name).name:
         raise ScanError(f"{where}: expected an object with file_path, found none")
@@ -114,8 +135,8 @@ def _frame(source: FileSource, item: object, number: int, where: str) -> Frame:
     pose = from_opengl(matrix.reshape(4, 4))
     check_recorded_pose(pose, where)
     color = _image_name(source, name)
-    depth = str(PurePosixPath(depth_name))
-    return Frame(id_of_name(color), float(number), pose, color, depth if depth != "." else "")
+    depth = _image_name(source, depth_name) if depth_name else ""
+    return Frame(id_of_name(color), time, pose, color, depth)
 
 
 def _lens(values: dict[str, Any], size: Size, where: str) -> Lens:

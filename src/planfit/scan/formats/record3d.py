@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.images.decode import depth_from_metres
+from planfit.scan.images.exr import read_exr
 from planfit.scan.images.files import ImageFiles, drop_unsure, whole_image_size
 from planfit.scan.images.lens import Lens
 from planfit.scan.intrinsics import make_camera
@@ -31,7 +32,7 @@ from planfit.scan.options import ScanOptions
 from planfit.scan.poses import MAX_ENTRY, from_opengl
 from planfit.scan.recording import Frame, Recording, Size, check_proportions
 from planfit.scan.source import FileSource
-from planfit.scan.tables import number_list, read_json, shorten
+from planfit.scan.tables import number_list, read_json
 
 EXPECTS = "metadata and rgbd/N.jpg, N.depth (a .r3d), or metadata.json, rgb/N.jpg and depth/N.exr"
 CHECKED = (
@@ -97,7 +98,7 @@ class Record3dImages(ImageFiles):
     def depth(self, frame: Frame) -> Float[np.ndarray, "h w"]:
         """float32 m, NaN where nothing was measured or the confidence is too low."""
         if frame.depth.endswith(".exr"):
-            values = _read_exr(self.source.on_disk(frame.depth), self.source.path / frame.depth)
+            values = read_exr(self.source.on_disk(frame.depth), self.source.path / frame.depth)
         else:
             values = self._plane(frame.depth, np.dtype("<f4"))
         depth = depth_from_metres(values * np.float32(self.metres_per_unit))
@@ -225,31 +226,6 @@ def _write(
     for number, pose, xyzw in zip(numbers, gl_poses, quaternions, strict=True):
         listed[number] = [*xyzw.tolist(), *pose[:3, 3].tolist()]
     path.write_text(json.dumps({**content, "poses": listed}) + "\n")
-
-
-def _read_exr(file: Path, path: Path) -> Float[np.ndarray, "h w"]:
-    """The one channel of an OpenEXR file; messages call it `path`.
-
-    Raises:
-        ScanError: the file is none, or the library OpenEXR is missing.
-    """
-    try:
-        import OpenEXR  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise ScanError(
-            f"{path}: expected the library OpenEXR for depth of Record3D, found none; install "
-            "planfit[record3d]"
-        ) from error
-    try:
-        with OpenEXR.File(str(file)) as image:
-            channels = [channel.pixels for channel in image.channels().values()]
-    except Exception as error:  # the library's own error class is not documented
-        raise ScanError(
-            f"{path}: expected an OpenEXR image, found a damaged file ({shorten(error)})"
-        ) from error
-    if len(channels) != 1 or channels[0].ndim != 2:
-        raise ScanError(f"{path}: expected one channel of depth, found {len(channels)} channels")
-    return np.asarray(channels[0], dtype=np.float32)
 
 
 def _decompress(data: bytes, n_bytes: int, path: Path) -> bytes:

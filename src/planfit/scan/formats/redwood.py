@@ -24,7 +24,7 @@ from planfit.scan.images.lens import Lens
 from planfit.scan.intrinsics import make_camera
 from planfit.scan.options import ScanOptions
 from planfit.scan.recording import Frame, Recording, Size
-from planfit.scan.source import FileSource
+from planfit.scan.source import FileSource, in_order
 from planfit.scan.tables import number_list, read_json, read_rows, shorten
 
 EXPECTS = "trajectory.log (or scene/trajectory.log) with folders color/ (image/, rgb/) and depth/"
@@ -109,7 +109,7 @@ def _images(source: FileSource, folder: str) -> list[str]:
     names = [n for n in source.names(folder) if n.lower().endswith((".png", ".jpg", ".jpeg"))]
     if not names:
         raise ScanError(f"{source.path / folder}: expected images, found none")
-    return names
+    return sorted(names, key=in_order)  # the log counts them
 
 
 def _pair(colors: list[str], depths: list[str]) -> list[tuple[str, str]]:

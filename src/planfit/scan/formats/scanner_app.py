@@ -1,6 +1,7 @@
 """3D Scanner App (Laan Labs), "All data" export of a LiDAR scan.
 
     SCAN/frame_NNNNN.jpg, depth_NNNNN.png, conf_NNNNN.png    depth 16-bit millimetres, confidence 0 1 2
+    SCAN/depth_NNNNN.exr       newer versions have depth as this, in metres (needs OpenEXR)
     SCAN/frame_NNNNN.json      intrinsics (9 numbers, by row, of the colour image), cameraPoseARFrame (16, by
                                row, world_from_cam, ARKit axes), time
 
@@ -25,10 +26,11 @@ from planfit.scan.recording import Frame, Recording, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
 
-EXPECTS = "frame_NNNNN.json with cameraPoseARFrame, frame_NNNNN.jpg and depth_NNNNN.png"
+EXPECTS = "frame_NNNNN.json with cameraPoseARFrame, frame_NNNNN.jpg and depth_NNNNN.png (or .exr)"
 CHECKED = (
     "the maker's own sample and a corridor scanned by others "
-    "(github.com/laanlabs/3dScannerApp_samples and a fork), 3 frames with depth",
+    "(github.com/laanlabs/3dScannerApp_samples and a fork), 3 frames with depth; a converter that reads "
+    "depth as EXR",
     "axes, intrinsics by row, units, confidence, frames without a picture",
 )
 """Where the layout is known from, and what was checked with it."""
@@ -61,7 +63,9 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         intrinsics[number] = (k[0], k[4], k[2], k[5])
         contents[number] = content
         time = float(number_list(content.get("time", int(number)), 1, f"{where}, time")[0])
-        names = (f"frame_{number}.jpg", f"depth_{number}.png", f"conf_{number}.png")
+        depths = (f"depth_{number}.png", f"depth_{number}.exr")
+        depth = next((n for n in depths if source.exists(n)), depths[0])
+        names = (f"frame_{number}.jpg", depth, f"conf_{number}.png")
         frames.append(Frame(number, time, pose, *names))
 
     colored = {match[1] for name in source.names() if (match := _COLOR.match(name))}
@@ -79,7 +83,10 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
             path = directory / f"frame_{frame.frame_id}.json"
             path.write_text(json.dumps(content, indent=1) + "\n")
 
-    images = ImageFiles(source, options.depth_scale or 1e-3, options.min_confidence)
+    scale = options.depth_scale
+    images = ImageFiles(
+        source, scale or 1e-3, options.min_confidence, metres_per_float=scale or 1.0
+    )
     tables = [f"frame_{frame.frame_id}.json" for frame in frames]
     return Recording(
         format="scanner-app",

@@ -87,7 +87,8 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     ]
     last = max((row.number for row in table.rows.values()), default=-1)
     skipped += [f"frame {n:06d}: {POSES} has no row" for n in range(last + 1, len(video))]
-    images = VideoImages(source, options.depth_scale or 1e-3, options.min_confidence, video=video)
+    scale = options.depth_scale or 1e-3
+    images = VideoImages(source, scale, options.min_confidence, metres_per_float=scale, video=video)
 
     def write_poses(
         directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]

@@ -1,7 +1,8 @@
 """The TUM RGB-D benchmark: images named by their time, three lists, poses of a motion capture system.
 
     SCAN/rgb.txt, depth.txt     `time filename`; without rgb.txt the scan is depth alone
-    SCAN/groundtruth.txt        `time tx ty tz qx qy qz qw`, world_from_cam, OpenCV camera axes
+    SCAN/groundtruth.txt        `time tx ty tz qx qy qz qw`, world_from_cam, OpenCV camera axes; without it,
+                                --poses FILE, a tracker's
     SCAN/calibration.txt        fx fy cx cy [k1 k2 p1 p2 [k3]] (optional; the form of ETH3D SLAM)
 
 Depth is registered to colour; 16-bit, 5000 a metre, 0 where nothing was measured. Without a calibration
@@ -21,7 +22,7 @@ from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
 from planfit.scan.intrinsics import make_camera
 from planfit.scan.options import ScanOptions
-from planfit.scan.pose_files import parse_poses
+from planfit.scan.pose_files import PoseTable, parse_poses, read_poses
 from planfit.scan.poses import write_tum
 from planfit.scan.recording import Frame, Recording, Size
 from planfit.scan.source import FileSource, read_text
@@ -49,8 +50,9 @@ PARTS = ("rgb.txt", "depth.txt", POSES)
 
 
 def recognise(source: FileSource) -> bool:
-    """Whether a folder has this layout; without `rgb.txt` it is depth alone."""
-    return source.exists("depth.txt") and source.exists(POSES)
+    """Whether a folder has this layout; without `rgb.txt` it is depth alone, and a recording of one's own may
+    have a tracker's poses elsewhere."""
+    return source.exists("depth.txt") and (source.exists(POSES) or source.exists("rgb.txt"))
 
 
 def read(source: FileSource, options: ScanOptions) -> Recording:
@@ -62,7 +64,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     depth_times, depth_names = _list(source, "depth.txt")
     has_color = source.exists("rgb.txt")
     color_times, color_names = _list(source, "rgb.txt") if has_color else (depth_times, depth_names)
-    table = parse_poses(read_text(source, POSES), source.path / POSES)
+    table = _poses(source, options)
     gap = options.max_time_gap_s
     mine, depth = pair_times(color_times, depth_times, gap)
     poses, known = poses_at(table.keys, table.poses, color_times[mine], gap)
@@ -102,7 +104,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     tables = [
         *(["rgb.txt"] if has_color else []),
         "depth.txt",
-        POSES,
+        *([POSES] if source.exists(POSES) else []),
         *([CALIBRATION] if has_own else []),
     ]
     return Recording(
@@ -116,6 +118,23 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         skipped=skipped,
         warnings=[*warning, *([] if has_color else [NO_COLOR])],
     )
+
+
+def _poses(source: FileSource, options: ScanOptions) -> PoseTable:
+    """The poses beside the images; where there are none, those of the tracker that the options name."""
+    if source.exists(POSES):
+        return parse_poses(read_text(source, POSES), source.path / POSES)
+    if options.poses is None:
+        raise ScanError(
+            f"{source.path}: expected poses in {POSES}, found none; give those of a tracker with --poses FILE"
+        )
+    table = read_poses(options.poses)
+    if table.kind != "tum":
+        raise ScanError(
+            f"{options.poses}: expected poses with times, as {source.path} has no {POSES}, found none with "
+            "times; export them as TUM"
+        )
+    return table
 
 
 def _write_poses(

@@ -65,8 +65,16 @@ def decode_color(data: bytes, path: Path) -> UInt8[np.ndarray, "h w 3"]:
     return cv2.cvtColor(decode_image(data, path, flags), cv2.COLOR_BGR2RGB)
 
 
-def decode_depth(data: bytes, metres_per_unit: float, path: Path) -> Float[np.ndarray, "h w"]:
+def decode_depth(
+    data: bytes, metres_per_unit: float, path: Path, metres_per_float: float = 1.0
+) -> Float[np.ndarray, "h w"]:
     """The bytes of a 16-bit depth image, or of a `.npy` array, to float32 m, NaN where nothing was measured.
+
+    Args:
+        data: of the file.
+        metres_per_unit: of whole numbers.
+        path: for messages; its suffix tells the kind.
+        metres_per_float: of floating-point numbers.
 
     Raises:
         ScanError: they are neither.
@@ -78,7 +86,7 @@ def decode_depth(data: bytes, metres_per_unit: float, path: Path) -> Float[np.nd
             raise ScanError(f"{path}: expected an array of depth, found {error}") from error
         raw = raw.squeeze()
         if raw.ndim == 2 and raw.dtype.kind == "f":
-            return depth_from_metres(raw * metres_per_unit)
+            return depth_from_metres(raw * metres_per_float)
     else:
         raw = decode_image(data, path, cv2.IMREAD_UNCHANGED)
     return depth_from_raw(raw, metres_per_unit, path)

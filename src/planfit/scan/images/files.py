@@ -11,9 +11,11 @@ from planfit.scan.images.decode import (
     decode_color,
     decode_depth,
     decode_image,
+    depth_from_metres,
     header_size,
     is_cut_off,
 )
+from planfit.scan.images.exr import exr_size, read_exr
 from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource, fingerprint
 
@@ -27,6 +29,8 @@ class ImageFiles:
     """Of the stored depth."""
     min_confidence: int = 0
     """In the unit of the stored confidence; depth of less is left out."""
+    metres_per_float: float = 1.0
+    """Of depth that is stored as floating-point numbers, as `.npy` or EXR, which programs write in metres."""
 
     def missing(self, frame: Frame) -> str:
         """The first image that is no file."""
@@ -59,7 +63,12 @@ class ImageFiles:
     def depth(self, frame: Frame) -> Float[np.ndarray, "h w"]:
         """float32 m, NaN where nothing was measured or the confidence is too low."""
         path = self.source.path / frame.depth
-        depth = decode_depth(self.source.read(frame.depth), self.metres_per_unit, path)
+        if path.suffix.lower() == ".exr":
+            values = read_exr(self.source.on_disk(frame.depth), path)
+            depth = depth_from_metres(values * np.float32(self.metres_per_float))
+        else:
+            data = self.source.read(frame.depth)
+            depth = decode_depth(data, self.metres_per_unit, path, self.metres_per_float)
         if self.uses_confidence(frame):
             path = self.source.path / frame.confidence
             confidence = decode_image(self.source.read(frame.confidence), path, -1)
@@ -109,6 +118,8 @@ def whole_image_size(source: FileSource, name: str) -> Size:
         height, width = decode_depth(source.read(name), 1.0, path).shape
         return width, height
     head, tail = source.ends(name)
+    if path.suffix.lower() == ".exr":
+        return exr_size(head, path)
     try:
         size = header_size(head, path)
     except ScanError:

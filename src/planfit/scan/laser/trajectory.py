@@ -12,6 +12,8 @@ angles can be mistaken; rotations are carried along and written back.
 
 import re
 from dataclasses import dataclass, replace
+from io import StringIO
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +49,8 @@ _MEANING = {name: meaning for meaning, names in _NAMES.items() for name in names
 }
 _ROTATION = [f"r{i}{j}" for i in range(3) for j in range(3)]
 _QUATERNION = ["qx", "qy", "qz", "qw"]
-_TUM = ["time", "x", "y", "z", *_QUATERNION]
+TUM = ["time", "x", "y", "z", *_QUATERNION]
+_HEADER_LINES = 40
 _SEPARATORS = re.compile(r"[\s,;]+")
 EXPECTED = "a trajectory as text: lines `time x y z [qx qy qz qw]`, or columns that a header names"
 
@@ -126,7 +129,27 @@ def read_trajectory(path: Path) -> Trajectory:
     Raises:
         ScanError: it is missing, of another form, or leaves open what its columns mean.
     """
-    text = _read_text(path)
+    return parse_trajectory(_read_text(path), path)
+
+
+def named_columns(text: str) -> tuple[list[str], bool]:
+    """What the header of a table says that its columns are, and whether it is a comment; nothing where there
+    is no header that names places."""
+    header: list[str] = []
+    for line in islice(StringIO(text), _HEADER_LINES):
+        if line.strip() and _is_number(_SEPARATORS.split(line.strip())[0]):
+            break
+        header.append(line)
+    columns = [_MEANING.get(word, "") for word in _header_words(header)]
+    return columns, all(line.lstrip()[:1] in ("", "#", "%") for line in header)
+
+
+def parse_trajectory(text: str, path: Path) -> Trajectory:
+    """As `read_trajectory`, of the text of a file; `path` is where it came from, for messages.
+
+    Raises:
+        ScanError: it is of another form, or leaves open what its columns mean.
+    """
     header, rows, separator = _split(text)
     if not rows:
         raise ScanError(f"{path}: expected {EXPECTED}, found no line of numbers")
@@ -169,7 +192,7 @@ def _read_text(path: Path) -> str:
         data = path.read_bytes()
     except OSError as error:
         raise ScanError(
-            f"{path}: expected {EXPECTED}, cannot be read ({error.strerror})"
+            f"{path}: expected {EXPECTED}, found none that can be read ({error.strerror}); check the path"
         ) from error
     if b"\0" in data[:4096]:
         is_sbet = len(data) % 136 == 0
@@ -259,9 +282,9 @@ def _columns(path: Path, header: list[str], values: np.ndarray) -> list[str]:
     if {"x", "y", "z"} <= set(named) and {"time", "time_ns"} & set(named):
         return _without_repeats(named)
     if n == 8:
-        return list(_TUM)
+        return list(TUM)
     if n == 9:  # RTAB-Map's export adds the node's number
-        return [*_TUM, ""]
+        return [*TUM, ""]
     if n == 4:
         return _four(path, values)
     if n == 12:

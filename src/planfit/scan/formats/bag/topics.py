@@ -1,5 +1,6 @@
 """Which topics of a bag hold colour, depth, intrinsics and poses."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,10 @@ POSE_TYPES = (
     "geometry_msgs/msg/TransformStamped",
     "nav_msgs/msg/Path",
 )
+REGISTERED = ("aligned", "registered", "depth_to_rgb", "depth_to_color", "rect", "raw")
+"""In names of depth: what colour shows comes first."""
+NO_COLOR = ("depth", "infra", "/ir", "confidence", "disparity", "mask")
+"""In names of images that are no colour."""
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 
@@ -51,17 +56,18 @@ def choose_topics(path: Path, connections: Iterable[Any], options: ScanOptions) 
     for flag, topic in chosen.items():
         if topic and topic not in types:
             raise ScanError(f"{path}: expected the topic {topic} of {flag}, found {_list(types)}")
-    depth = options.depth_topic or _best(
-        [t for t in images if "depth" in t.lower()], ("aligned", "registered", "rect", "raw")
-    )
+    depth = options.depth_topic or _best([t for t in images if _is_depth(t)], REGISTERED)
     color = options.color_topic or _best(
-        [t for t in images if not any(word in t.lower() for word in ("depth", "infra", "/ir"))],
+        [t for t in images if not _is_depth(t) and not any(word in t.lower() for word in NO_COLOR)],
         ("color", "rgb", "rect", "raw"),
+        beside=depth,
     )
     if not color or not depth:
+        step = "name them with --color-topic and --depth-topic"
+        if len(images) < 2:
+            step = "record the camera's colour and depth images too"
         raise ScanError(
-            f"{path}: expected image topics of colour and depth, found {_list(types)}; "
-            "name them with --color-topic and --depth-topic"
+            f"{path}: expected image topics of colour and depth, found {_list(types)}; {step}"
         )
     info = options.info_topic or _info_beside(color, infos)
     if not info:
@@ -84,12 +90,23 @@ def _message_type(name: str) -> str:
     return name if "/msg/" in name else name.replace("/", "/msg/", 1)
 
 
-def _best(topics: list[str], words: tuple[str, ...]) -> str:
-    """The topic that has the most of these words, earlier words first; raw images before compressed ones."""
+def _is_depth(topic: str) -> bool:
+    """By its name; DepthAI calls the depth of its cameras `stereo/image_raw`."""
+    text = topic.lower()
+    if any(word in text for word in ("rgb_to_depth", "color_to_depth")):
+        return False  # colour, as the depth camera sees it
+    return "depth" in text or re.search(r"/stereo/image_(raw|rect)", text) is not None
+
+
+def _best(topics: list[str], words: tuple[str, ...], beside: str = "") -> str:
+    """The topic that has the most of these words, earlier words first; of several cameras that which shares
+    the most of its name with another topic; raw images before compressed ones."""
 
     def rank(topic: str) -> tuple[object, ...]:
         text = topic.lower()
-        return (*(word not in text for word in words), "compressed" in text, len(text), text)
+        shared = len(set(text.split("/")) & set(beside.lower().split("/")))
+        lacks = (word not in text for word in words)
+        return (*lacks, -shared, "compressed" in text, len(text), text)
 
     return min(topics, key=rank, default="")
 

@@ -1,0 +1,190 @@
+"""A path that holds no scan: what it most likely is instead, and what to do."""
+
+from pathlib import Path
+from types import ModuleType
+
+from planfit.errors import ScanError
+from planfit.scan.source import FileSource, FolderSource
+
+LOOK_AT = 200
+"""So many things in a folder are looked at in search of a scan."""
+NAMED = 3
+
+_MESH = (
+    "a model or a cloud without its frames",
+    "give the frames that it was made from (depth and poses: the app's raw data or developer export)",
+)
+_POSES = (
+    "a list, of poses perhaps",
+    "give the scan, and poses beside it with --poses FILE",
+)
+_PLAN = (
+    "what may be a plan",
+    "give the scan first: 'planfit refine SCAN --plan FILE'; 'planfit plan FILE' shows what is read of it",
+)
+_VIDEO = (
+    "a video alone",
+    "give depth and poses too: record with an app that keeps them (Stray Scanner, Record3D, Polycam's raw "
+    "data)",
+)
+FOREIGN = {
+    **dict.fromkeys(
+        (".ply", ".obj", ".glb", ".gltf", ".fbx", ".stl", ".pcd", ".xyz", ".pts", ".ptx"), _MESH
+    ),
+    **dict.fromkeys((".txt", ".csv", ".log", ".tum"), _POSES),
+    **dict.fromkeys(
+        (".dxf", ".dwg", ".pdf", ".svg", ".ifc", ".ifczip", ".usdz", ".geojson", ".npy"), _PLAN
+    ),
+    **dict.fromkeys((".mp4", ".mov", ".avi"), _VIDEO),
+    ".json": (
+        "a single file of JSON",
+        "give the folder that it belongs to; if it is a plan of RoomPlan, 'planfit plan FILE' reads it",
+    ),
+    ".sens": ("ScanNet's own container", "unpack it with ScanNet's SensReader, and give that folder"),
+    ".mkv": (
+        "a video or an Azure Kinect recording",
+        "export colour, depth registered to it and poses (Open3D, or a ROS bag), and give that",
+    ),
+    ".depth": ("depth of Record3D without its metadata", "give the .r3d file, or all that it unpacks to"),
+    ".svo": ("a ZED recording", "export it with poses, as a ROS bag or as images in the layout of TUM"),
+    ".svo2": ("a ZED recording", "export it with poses, as a ROS bag or as images in the layout of TUM"),
+    ".oni": ("an OpenNI recording", "export images and poses in the layout of TUM"),
+    ".klg": ("a Logger recording of Kintinuous", "export images and poses in the layout of TUM"),
+    **dict.fromkeys(
+        (".rar", ".7z", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".zst"),
+        ("a packed archive of another kind", "unpack it and give the folder, or pack it as zip"),
+    ),
+    **dict.fromkeys(
+        (".jpg", ".jpeg", ".png", ".heic", ".tif", ".tiff"),
+        (
+            "a picture",
+            "give the folder of the scan; if it is a plan, 'planfit plan FILE' shows what is read of it",
+        ),
+    ),
+}  # fmt: skip
+"""By the ends of names: what a file that is no scan is, and the next step."""
+
+
+def no_scan_in_file(path: Path, modules: dict[str, ModuleType]) -> ScanError:
+    """The error for a file that is neither an archive nor of a format of single files.
+
+    Args:
+        path: the file.
+        modules: readers of folders, by name.
+    """
+    begin = (
+        f"{path}: expected the folder of a scan, a zip archive of one, a bag or a database, found"
+    )
+    owner = FolderSource(path.resolve().parent)
+    kind = _kind_of(owner, modules)
+    if kind:
+        return ScanError(f"{begin} a file of a {kind} scan; give its folder, {owner.path}")
+    what, step = FOREIGN.get(
+        path.suffix.lower(),
+        ("a file", "docs/scan-formats.md lists what is read"),
+    )
+    return ScanError(f"{begin} {what}; {step}")
+
+
+def no_scan_in_folder(
+    source: FileSource, modules: dict[str, ModuleType], own: dict[str, ModuleType]
+) -> ScanError:
+    """The error for a folder, or an archive, of no known layout.
+
+    Args:
+        source: the files.
+        modules: readers of folders, by name.
+        own: readers of single files, by name.
+    """
+    begin = f"{source.path}: expected a scan, found"
+    inside = _scans_inside(source, modules, own)
+    if inside:
+        named = ", ".join(f"{path} ({kind})" for path, kind in inside[:NAMED])
+        more = f" and {len(inside) - NAMED} more" if len(inside) > NAMED else ""
+        which = "one of them" if len(inside) > 1 else "it"
+        return ScanError(f"{begin} a folder that holds {named}{more}; give {which}")
+    ends = {name.rpartition("_")[2] for name in source.folders() if "_" in name}
+    if {"rgb", "depth", "calib"} <= ends:  # as rtabmap-export --images calls its folders
+        return ScanError(
+            f"{begin} what RTAB-Map exported; give its database itself, the .db file, which has the poses too"
+        )
+    near = nearest(source, modules)
+    if near:
+        name, missing = near
+        verb = "is" if len(missing) == 1 else "are"
+        lacking = ", ".join(part.replace("|", " or ") for part in missing)
+        whole = "copy or export the scan again, whole"
+        if any(part.startswith("depth") and part.endswith("/") for part in missing):
+            whole = "planfit needs depth of every frame"
+        return ScanError(
+            f"{begin} most of one of the format {name}, of which {lacking} {verb} missing; it is "
+            f"told by {modules[name].EXPECTS}: {whole}"
+        )
+    held, step = _held(source)
+    formats = f"docs/scan-formats.md describes what is read: {', '.join([*modules, *own])}"
+    return ScanError(f"{begin} {held}; {step or formats}")
+
+
+def nearest(source: FileSource, modules: dict[str, ModuleType]) -> tuple[str, list[str]] | None:
+    """The format most of whose parts are there, and which are not; None where none is near."""
+    found = []
+    for name, module in modules.items():
+        parts = getattr(module, "PARTS", ())
+        missing = [part for part in parts if not any(_has(source, one) for one in part.split("|"))]
+        if missing and 2 * len(missing) <= len(parts):
+            found.append((len(missing), -len(parts), name, missing))
+    if not found:
+        return None
+    _, _, name, missing = min(found)
+    return name, missing
+
+
+def _has(source: FileSource, part: str) -> bool:
+    if part.endswith("/"):
+        return part[:-1] in source.folders() or bool(source.names(part[:-1]))
+    return source.exists(part)
+
+
+def _kind_of(source: FileSource, modules: dict[str, ModuleType]) -> str:
+    """The format of a folder; empty where it is no scan."""
+    return next((name for name, module in modules.items() if module.recognise(source)), "")
+
+
+def _scans_inside(
+    source: FileSource, modules: dict[str, ModuleType], own: dict[str, ModuleType]
+) -> list[tuple[Path, str]]:
+    """Scans that lie in a folder of this disk, and what they are."""
+    if not isinstance(source, FolderSource):
+        return []
+    found = []
+    for path in sorted(source.path.iterdir())[:LOOK_AT]:
+        if path.is_dir():
+            kind = _kind_of(FolderSource(path), modules)
+            kind = kind or next((name for name, m in own.items() if m.claims(path)), "")
+        elif path.suffix.lower() in (".zip", ".r3d"):
+            kind = "archive"
+        else:
+            kind = next((name for name, m in own.items() if m.claims(path)), "")
+        if kind:
+            found.append((path, kind))
+    return found
+
+
+def _held(source: FileSource) -> tuple[str, str]:
+    """What lies in a folder, and the next step where that tells it."""
+    names = source.names()
+    ends = [Path(name).suffix.lower() for name in names]
+    n_pictures = sum(end in (".jpg", ".jpeg", ".png", ".heic") for end in ends)
+    if n_pictures and n_pictures == len(names) and not source.folders():
+        pictures = "a picture" if n_pictures == 1 else f"{n_pictures} pictures"
+        return f"{pictures}, and neither depth nor poses", _VIDEO[1]
+    telling = (_MESH, _VIDEO, FOREIGN[".depth"])
+    told = next(((end, FOREIGN[end]) for end in ends if FOREIGN.get(end) in telling), None)
+    if told is not None:
+        end, (what, step) = told
+        return f"{what} ({names[ends.index(end)]})", step
+    if names or source.folders():
+        return "none", ""
+    if isinstance(source, FolderSource):
+        return "an empty folder", ""
+    return "none of this name in the archive", "check the path"

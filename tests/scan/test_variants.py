@@ -1,0 +1,248 @@
+"""Variants of layouts as programs of others write them, which the samples of each format do not have."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from planfit.errors import ScanError
+from planfit.scan import ScanOptions, read_scan
+from scan_samples import (
+    GL,
+    HEIGHT,
+    WIDTH,
+    WRITERS,
+    N,
+    jpg,
+    matrix_text,
+    png,
+    put,
+    quaternion,
+    write_polycam,
+    write_scanner_app,
+    write_stray,
+    write_tum,
+)
+
+MANY = 12
+"""Frames enough for names of one and of two digits."""
+
+
+@pytest.fixture
+def many(sample):
+    """A sample of more frames, which show the same places again."""
+    poses = np.concatenate([sample.poses, sample.poses])
+    poses[:, 0, 3] += np.arange(MANY)
+    return replace(sample, color=sample.color * 2, depth_mm=sample.depth_mm * 2, poses=poses)
+
+
+def test_redwood_with_names_that_are_not_padded(many, tmp_path):
+    # 10.png stands before 2.png by letters, and the log counts frames.
+    log = []
+    for i, pose in enumerate(many.poses):
+        put(tmp_path / "color" / f"{i}.png", png(many.color[i]))
+        put(tmp_path / "depth" / f"{i}.png", png(many.depth_mm[i]))
+        log.append(f"{i} {i} {i + 1}\n{matrix_text(pose)}")
+    put(tmp_path / "trajectory.log", "".join(log))
+    scan = read_scan(tmp_path)
+    assert scan.frame_ids == tuple(str(i) for i in range(MANY))
+    assert_allclose(scan.world_from_cams, many.poses, atol=1e-8)
+
+
+def test_colmap_with_names_that_are_not_padded(many, tmp_path):
+    c, lines = many.camera, []
+    for i, pose in enumerate(many.poses):
+        put(tmp_path / "images" / f"frame_{i}.jpg", jpg(many.color[i]))
+        put(tmp_path / "depth" / f"frame_{i}.png", png(many.depth_mm[i]))
+        cam_from_world = np.linalg.inv(pose)
+        x, y, z, w = quaternion(cam_from_world)
+        words = " ".join(f"{v:.12f}" for v in (w, x, y, z, *cam_from_world[:3, 3]))
+        lines.append(f"{MANY - i} {words} 1 frame_{i}.jpg\n\n")
+    put(tmp_path / "images.txt", "".join(lines))
+    put(tmp_path / "points3D.txt", "")
+    camera = f"1 PINHOLE {WIDTH} {HEIGHT} {c.fx} {c.fy} {c.cx + 0.5} {c.cy + 0.5}\n"
+    put(tmp_path / "cameras.txt", camera)
+    scan = read_scan(tmp_path)
+    assert scan.frame_ids == tuple(f"frame_{i}" for i in range(MANY))
+    assert_allclose(scan.world_from_cams, many.poses, atol=1e-8)
+
+
+def test_polycam_with_corrected_depth_and_frames_that_were_not_corrected(sample, tmp_path):
+    write_polycam(tmp_path, sample)
+    keyframes = tmp_path / "keyframes"
+    names = sorted(path.stem for path in (keyframes / "cameras").iterdir())
+    moved = np.eye(4)
+    moved[0, 3] = 2.0
+    for i, name in enumerate(names[:-1]):
+        content = json.loads((keyframes / "cameras" / f"{name}.json").read_text())
+        gl = moved @ sample.poses[i] @ GL
+        content |= {f"t_{r}{k}": gl[r, k] for r in range(3) for k in range(4)}
+        put(keyframes / "corrected_cameras" / f"{name}.json", json.dumps(content))
+        put(keyframes / "corrected_images" / f"{name}.jpg", jpg(sample.color[i]))
+        put(keyframes / "corrected_depth" / f"{name}.png", png(sample.small_mm[i] + 100))
+        for folder in ("depth", "corrected_depth", "confidence"):
+            put(keyframes / folder / f"{name}.Clean.png", b"")
+    scan = read_scan(tmp_path)
+    assert scan.frame_ids == tuple(names[:-1])
+    assert scan.skipped == (
+        f"frame {names[-1]}: keyframes/corrected_cameras/{names[-1]}.json is missing",
+    )
+    assert_allclose(scan.world_from_cams, moved @ sample.poses[:-1], atol=1e-6)
+    depth = scan.files.depth(0)
+    known = np.isfinite(depth)
+    near = np.repeat(np.repeat(sample.small_mm[0], 2, axis=0), 2, axis=1)[known] / 1000 + 0.1
+    assert_allclose(depth[known], near, atol=1e-4)
+
+
+def test_polycam_given_as_its_folder_of_keyframes(sample, tmp_path):
+    write_polycam(tmp_path, sample)
+    scan = read_scan(tmp_path / "keyframes")
+    assert (scan.format, len(scan), scan.skipped) == ("polycam", N, ())
+    assert_allclose(scan.world_from_cams, read_scan(tmp_path).world_from_cams)
+
+
+@pytest.fixture
+def recorded(sample, tmp_path):
+    """Images in the layout of TUM without poses, and the trajectory that ORB-SLAM made of them."""
+    write_tum(tmp_path / "scan", sample)
+    trajectory = tmp_path / "CameraTrajectory.txt"
+    (tmp_path / "scan" / "groundtruth.txt").rename(trajectory)
+    return tmp_path / "scan", trajectory
+
+
+def test_tum_with_the_trajectory_of_a_tracker(sample, recorded):
+    folder, trajectory = recorded
+    scan = read_scan(folder, options=ScanOptions(poses=trajectory))
+    assert (scan.format, len(scan), scan.skipped) == ("tum", N, ())
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
+
+
+def test_tum_without_any_poses(recorded):
+    with pytest.raises(ScanError, match=r"poses in groundtruth.txt, found none; .* --poses FILE$"):
+        read_scan(recorded[0])
+
+
+def test_tum_with_a_trajectory_without_times(recorded, sample):
+    folder, trajectory = recorded
+    rows = [" ".join(f"{v:.9f}" for v in pose[:3].ravel()) for pose in sample.poses]
+    trajectory.write_text("\n".join(rows) + "\n")
+    with pytest.raises(ScanError, match="expected poses with times"):
+        read_scan(folder, options=ScanOptions(poses=trajectory))
+
+
+def transforms(sample, folder, order, **more):
+    """transforms.json of NeRFCapture: names without a suffix, times, intrinsics of each frame."""
+    c, frames = sample.camera, []
+    for i in order:
+        put(folder / "images" / f"{i}.png", png(sample.color[i]))
+        put(folder / "images" / f"{i}.depth.png", png(sample.depth_mm[i]))
+        frames.append(
+            {
+                "file_path": f"images/{i}", "depth_path": f"images/{i}.depth.png",
+                "transform_matrix": (sample.poses[i] @ GL).tolist(), "timestamp": 5000.25 + i / 4,
+                "fl_x": c.fx, "fl_y": c.fy, "cx": c.cx + 0.5, "cy": c.cy + 0.5, "w": WIDTH, "h": HEIGHT,
+            }
+        )  # fmt: skip
+    put(folder / "transforms.json", json.dumps({"frames": frames, **more}))
+    return frames
+
+
+def test_frames_of_nerf_capture_in_the_order_they_were_taken(sample, tmp_path):
+    # The app adds a frame to the list when its picture is written, in whatever order that ends.
+    transforms(sample, tmp_path, [1, 0, 2, 5, 3, 4])
+    scan = read_scan(tmp_path)
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
+    assert_allclose(np.diff(scan.timestamps), 0.25)
+
+
+@pytest.mark.parametrize("times", [[1.0] * N, [None] * N, [1, 2, 3, 4, 5, "6"]])
+def test_frames_without_a_clock_keep_the_order_of_the_list(sample, tmp_path, times):
+    frames = transforms(sample, tmp_path, range(N))
+    for frame, time in zip(frames, times, strict=True):
+        frame["timestamp"] = time
+    put(tmp_path / "transforms.json", json.dumps({"frames": frames}))
+    assert_allclose(read_scan(tmp_path).world_from_cams, sample.poses, atol=1e-6)
+
+
+def test_names_with_backslashes(sample, tmp_path):
+    frames = transforms(sample, tmp_path, range(N))
+    for i, frame in enumerate(frames):
+        frame |= {"file_path": f".\\images\\{i}.png", "depth_path": f"images\\{i}.depth.png"}
+    put(tmp_path / "transforms.json", json.dumps({"frames": frames}))
+    scan = read_scan(tmp_path)
+    assert (len(scan), scan.skipped) == (N, ())
+
+
+@pytest.mark.parametrize("model", ["SIMPLE_RADIAL", "RADIAL"])
+def test_radial_lenses_of_nerfstudio(sample, tmp_path, model):
+    transforms(sample, tmp_path, range(N), camera_model=model, k1=0.0)
+    assert len(read_scan(tmp_path)) == N
+
+
+def test_nerf_capture_without_its_depth(sample, tmp_path):
+    # The app's own recordings name depth that they do not hold; streams have it.
+    transforms(sample, tmp_path, range(N))
+    for file in (tmp_path / "images").glob("*.depth.png"):
+        file.unlink()
+    with pytest.raises(ScanError, match=r"frame images_0: images/0\.depth\.png is missing"):
+        read_scan(tmp_path)
+
+
+def half_size(sample, i):
+    depth = np.repeat(np.repeat(sample.small_mm[i], 2, axis=0), 2, axis=1) / 1000
+    return np.where(depth > 0, depth, np.nan)
+
+
+@pytest.mark.parametrize("channels", [{"R": 1}, {"RGB": 3}], ids=["one channel", "three"])
+def test_3d_scanner_app_with_depth_as_exr(sample, tmp_path, channels):
+    exr = pytest.importorskip("OpenEXR")
+    write_scanner_app(tmp_path, sample)
+    ((name, n),) = channels.items()
+    for i, path in enumerate(sorted(tmp_path.glob("depth_*.png"))):
+        metres = (sample.small_mm[i] / 1000).astype(np.float32)
+        plane = metres if n == 1 else np.repeat(metres[..., None], n, axis=2)
+        header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+        exr.File(header, {name: plane}).write(str(path.with_suffix(".exr")))
+        path.unlink()
+    scan = read_scan(tmp_path, options=ScanOptions(min_confidence=0))
+    assert (scan.format, len(scan), scan.skipped, scan.warnings) == ("scanner-app", N, (), ())
+    assert_allclose(scan.files.depth(2), half_size(sample, 2), atol=1e-5)
+    first = min(tmp_path.glob("depth_*.exr"))
+    for damaged in (b"no image", first.read_bytes()[:400]):
+        first.write_bytes(damaged)
+        with pytest.raises(ScanError, match=rf"{first.name}: expected an OpenEXR image"):
+            read_scan(tmp_path).files.depth(0)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("layout", ["nerfstudio", "colmap"])
+def test_depth_as_numbers_in_metres(sample, tmp_path, layout, kind):
+    WRITERS[layout](tmp_path, sample)
+    for i, path in enumerate(sorted((tmp_path / "depth").glob("*.png"))):
+        np.save(path.with_suffix(".npy"), (sample.depth_mm[i] / 1000).astype(kind))
+        path.unlink()
+    if layout == "nerfstudio":
+        content = (tmp_path / "transforms.json").read_text()
+        renamed = re.sub(r"(depth/frame_\d+)\.png", r"\1.npy", content)
+        (tmp_path / "transforms.json").write_text(renamed)
+    scan = read_scan(tmp_path)
+    assert (len(scan), scan.warnings) == (N, ())
+    depth = np.where(sample.depth_mm[1] > 0, sample.depth_mm[1] / 1000, np.nan)
+    assert_allclose(scan.files.depth(1), depth, atol=1e-5)
+    scaled = read_scan(tmp_path, options=ScanOptions(depth_scale=0.5))
+    assert_allclose(scaled.files.depth(1), depth / 2, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+def test_stray_scanner_with_depth_as_numbers_in_millimetres(sample, tmp_path, kind):
+    pytest.importorskip("av")
+    write_stray(tmp_path, sample)
+    for i, path in enumerate(sorted((tmp_path / "depth").glob("*.png"))):
+        np.save(path.with_suffix(".npy"), sample.small_mm[i].astype(kind))
+        path.unlink()
+    scan = read_scan(tmp_path, options=ScanOptions(min_confidence=0))
+    assert (len(scan), scan.warnings) == (N, ())
+    assert_allclose(scan.files.depth(2), half_size(sample, 2), atol=1e-5)
