@@ -72,6 +72,9 @@ def test_walls_drawn_by_their_centre_lines_cost_little(synthetic, runtime):
     assert found.alignment is not None
     assert found.alignment.half_thickness is not None
     assert 0.06 < found.alignment.half_thickness.half_m < 0.16
+    # What finds the alignment alone says the same.
+    aligned = planfit.align(synthetic.scan, lines, runtime=runtime).alignment
+    assert aligned.half_thickness == found.alignment.half_thickness
     assert any("single lines" in warning for warning in found.warnings)
     # The plan of the result has both faces, each with the thickness of its wall.
     assert found.floorplan is not None

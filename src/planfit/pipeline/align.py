@@ -91,6 +91,7 @@ def align(
             f"{scan.name}: expected walls to align the scan by, found none; give wall masks, or "
             "scan more of the walls"
         )
+    _, alignment = with_thick_walls(prepared, floorplan, alignment, chosen, claimed)
     walls = wall_samples(prepared.measurements.structure, prepared.level_from_keys)
     return AlignResult(alignment, walls, alignment.plan_from_level @ prepared.level_from_world)
 
