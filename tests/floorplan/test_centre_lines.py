@@ -93,6 +93,21 @@ def test_a_short_wall_between_thick_ones_is_left_out():
     assert len(thick) == 4
 
 
+def test_a_round_wall_of_short_lines_is_kept_whole():
+    angles = np.linspace(0, np.pi, 61)
+    arc = 2.0 * np.column_stack([np.cos(angles), np.sin(angles)])
+    thick = with_thickness(lines_plan(np.stack([arc[:-1], arc[1:]], axis=1)), 0.15)
+    assert len(thick) == 120
+    middles = np.linalg.norm(thick.ends.mean(axis=1), axis=1)
+    assert_allclose(np.abs(middles - 2.0), 0.15, atol=0.002)
+
+
+def test_rooms_smaller_than_walls_are_thick_still():
+    """At a scale that is tried and wrong: nothing is said, as another scale fits better."""
+    thick = with_thickness(lines_plan(outline(0.02 * np.array(L_SHAPE))), HALF)
+    assert len(thick) > 0
+
+
 def test_both_faces_of_a_stroke_move_apart():
     """Drawn 0.04 thick; the wall of 0.3 beside it is drawn to scale."""
     ends = np.array([[[0, 0.02], [4, 0.02]], [[4, -0.02], [0, -0.02]], [[0, 3], [4, 3]]])

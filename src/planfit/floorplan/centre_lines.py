@@ -10,6 +10,8 @@ from planfit.geometry import segments
 
 CROSSES = np.sin(np.deg2rad(20.0))
 """Sine of the angle from which on two lines meet at a corner, and do not go on into each other."""
+MIN_LEFT = 0.3
+"""Share of a line's length that must be left of a face between the corners."""
 CORNERS_AT_ONCE = 512
 """Ends of lines that are compared with all lines at a time: memory stays small on large plans."""
 
@@ -50,10 +52,13 @@ def with_thickness(floorplan: Floorplan, half: float, thinnest: float = 0.0) -> 
     directions = segments.directions(ends)
     sides = np.stack([normals, -normals], axis=1)  # (line, side, xy)
     moves = _to_corners(ends, normals, half)
+    # Between two thick walls little may be left of a short one; a plan of such alone is at another scale.
+    lengths = segments.lengths(ends)
+    left = lengths[:, None] + moves[:, :, 1] - moves[:, :, 0]
+    kept = (left > MIN_LEFT * lengths[:, None]).ravel()
+    if not kept.any():
+        moves, kept = np.zeros_like(moves), np.ones_like(kept)
     faces = ends[:, None] + half * sides[:, :, None] + moves[..., None] * directions[:, None, None]
-    # Between two thick walls little may be left of a short one.
-    left = segments.lengths(ends)[:, None] + moves[:, :, 1] - moves[:, :, 0]
-    kept = (left > half).ravel()
     both = np.repeat(np.flatnonzero(line), 2)[kept]
     source = np.concatenate([np.flatnonzero(~line), both])  # the face of the plan that each is of
     of_others = np.zeros(len(line) - n_lines)
