@@ -64,7 +64,8 @@ truth is known; planfit is told nothing of them. Errors are RMS of positions in 
 alignment to the truth. *Beside* is the same scan with the same drift and no fault; of the faultless rows,
 the same without calibration (`RefineOptions.calibration.is_on`). Parameters are departures from 1 or 0, those
 that undo the fault; in brackets what was estimated and not corrected. What decides what is believed was
-chosen on ConSLAM's drifts 0 and 3, the flat's drift 1 and the kitchen's drift 0: none of these is here."""
+chosen on ConSLAM's drifts 0 and 3, the flat's drifts 1 and 2, the offices' drifts 1 and 2, and the kitchen's
+drift 0: none of these is here."""
 
 
 def main() -> NoReturn:

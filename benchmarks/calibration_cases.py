@@ -90,7 +90,8 @@ SCANS: tuple[tuple[str, int, bool], ...] = (
     ("two rooms, phone", 0, True),
 )
 """Scan, seed of its drift, and whether the plan says its unit. What decides in `CalibrationOptions` was
-chosen on ConSLAM's drifts 0 and 3, the flat's drift 1 and the kitchen's drift 0, none of which is here."""
+chosen on ConSLAM's drifts 0 and 3, the flat's drifts 1 and 2, the offices' drifts 1 and 2, and the kitchen's
+drift 0, none of which is here."""
 
 
 @dataclass(frozen=True)
