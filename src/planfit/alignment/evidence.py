@@ -158,11 +158,19 @@ def line_offset_m(
     # In front is towards the camera, whichever way the line's normal was chosen.
     side = np.sign(np.sum(towards[on_line] * normals[face[on_line]], axis=1))
     in_front_m = distance[on_line] * side
-    offset_m = float(np.median(in_front_m))
-    n_observations = len(np.unique(np.round(xy[on_line] / OBSERVATION_M).astype(int), axis=0))
-    mad_sigma_m = 1.4826 * float(np.median(np.abs(in_front_m - offset_m)))
-    sigma_m = mad_sigma_m / np.sqrt(n_observations)
+    offset_m, sigma_m = median_with_sigma(in_front_m, xy[on_line])
     return offset_m if offset_m > max(MIN_OFFSET_M, OFFSET_SIGMAS * sigma_m) else 0.0
+
+
+def median_with_sigma(
+    offsets_m: Float[np.ndarray, " m"], xy: Float[np.ndarray, "m 2"]
+) -> tuple[float, float]:
+    """Median of how far samples of wall at `xy` stand off, m, and its standard deviation: samples that are
+    nearer to each other than `OBSERVATION_M` are one observation."""
+    middle_m = float(np.median(offsets_m))
+    n_observations = len(np.unique(np.round(xy / OBSERVATION_M).astype(int), axis=0))
+    mad_sigma_m = 1.4826 * float(np.median(np.abs(offsets_m - middle_m)))
+    return middle_m, mad_sigma_m / np.sqrt(n_observations)
 
 
 def _is_covered(

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment.align import FULL_DISTANCES_M, FULL_SAMPLES, Alignment, HalfThickness
+from planfit.alignment.evidence import median_with_sigma
 from planfit.alignment.plan_scale import HALF_THICKNESS_M
 from planfit.alignment.refine import (
-    OBSERVATION_M,
     AlignmentHypothesis,
     RefineSteps,
     metric_plan,
@@ -150,8 +150,4 @@ def offset_from_faces(
     is_of_line[near] = thick.before_line[face[near]] > 0
     if is_of_line.sum() < max(MIN_ON_LINES * near.sum(), 1):
         return None
-    off_m = distance[is_of_line]
-    middle_m = float(np.median(off_m))
-    n_observations = len(np.unique(np.round(xy[is_of_line] / OBSERVATION_M).astype(int), axis=0))
-    mad_sigma_m = 1.4826 * float(np.median(np.abs(off_m - middle_m)))
-    return middle_m, mad_sigma_m / np.sqrt(n_observations)
+    return median_with_sigma(distance[is_of_line], xy[is_of_line])

@@ -6,12 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from planfit.adjust import (
-    PlanAdjustment,
-    adjust_to_plan,
-    check_extra_terms,
-    settle_walls,
-)
+from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms, settle_walls
 from planfit.adjust.calibration import Calibration
 from planfit.corrections import NO_CORRECTIONS, Contradiction, Corrections
 from planfit.errors import require

@@ -58,7 +58,7 @@ def shared_blocks(
         if isinstance(term, PointTerm):
             parts.append(_of_pairs(term.groups, target_from_cams, depth))
         elif isinstance(term, LevelTerm):
-            parts.append(_of_planes(term.groups, target_from_cams, depth))
+            parts.append(_of_levels(term.groups, target_from_cams, depth))
         elif isinstance(term, WallTerm):
             parts.append(_of_walls(term, target_from_cams, depth))
         elif isinstance(term, OffsetWallTerm):
@@ -74,7 +74,7 @@ def shared_blocks(
     )
 
 
-def _of_planes(
+def _of_levels(
     groups: PlaneGroups,
     target_from_cams: Float[np.ndarray, "n 4 4"],
     depth: Float[np.ndarray, "3"],
@@ -155,19 +155,20 @@ def _by_walls(
     drawn = groups.planes[:, 3]  # -c
     by_plan = drawn[:, None] * of_one - of_r
     # A face stands half a thickness before its line: the derivative by that is -1.
-    by_half = -_are_of_lines(term)[:, None] * of_one
+    of_lines = _are_of_lines(term)
+    by_half = -of_lines[:, None] * of_one
     squares = np.einsum("ki,ki->k", planes_cam, of_r)  # sums of w r^2
     by_group[:, :, PLAN] = np.einsum("kij,kj->ki", levers, by_plan)
     by_group[:, :, HALF] = np.einsum("kij,kj->ki", levers, by_half)
     gradient[PLAN] = drawn @ of_r[:, 3] - squares.sum()
-    gradient[HALF] = -_are_of_lines(term) @ of_r[:, 3]
+    gradient[HALF] = -of_lines @ of_r[:, 3]
     by_self[PLAN, PLAN] = drawn**2 @ of_one[:, 3] - 2 * drawn @ of_r[:, 3] + squares.sum()
     by_self[HALF, HALF] = -by_half[:, 3].sum()
     by_self[PLAN, HALF] = by_self[HALF, PLAN] = drawn @ by_half[:, 3] - gradient[HALF]
     # Rows of translation are n sum w J_s, and n is a unit vector.
     summed = np.einsum("ki,kis->ks", groups.planes[:, :3], by_group[:, 3:, :K])
     by_self[PLAN, :K] = by_self[:K, PLAN] = drawn @ summed - gradient[:K]
-    by_self[HALF, :K] = by_self[:K, HALF] = -_are_of_lines(term) @ summed
+    by_self[HALF, :K] = by_self[:K, HALF] = -of_lines @ summed
     return by_group, by_self, gradient
 
 
