@@ -90,6 +90,22 @@ def test_walls_drawn_by_their_centre_lines_cost_little(synthetic, runtime):
 
 
 @pytest.mark.slow
+def test_lines_of_a_plan_in_metres_that_is_too_large(synthetic, runtime):
+    """Its scale was asked for before the thickness of walls: those of 0.29 m were taken for 0.15 m."""
+    lines = centre_lines(synthetic.floorplan)
+    right = planfit.align(synthetic.scan, lines, runtime=runtime).alignment.half_thickness
+    found = planfit.refine(synthetic.scan, lines.scaled(1.03), runtime=runtime)
+    assert right is not None
+    assert found.alignment is not None
+    assert found.alignment.half_thickness is not None
+    assert found.alignment.half_thickness.half_m == pytest.approx(right.half_m, abs=0.045)
+    assert is_scale_as_stated(found.alignment, 1 / 1.03)
+    assert any("too large" in warning for warning in found.warnings)
+    shape = position_errors(found.plan_from_cams, synthetic.true_plan_from_cams)
+    assert shape.aligned_rms_m < 0.02
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("metres_per_px", "stroke_px"), [(0.01, 2), (0.02, 3)])
 def test_a_picture_of_thin_strokes_has_walls(
     synthetic, runtime, tmp_path, metres_per_px, stroke_px

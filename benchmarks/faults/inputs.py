@@ -147,5 +147,5 @@ class Fault:
 
 
 def _extent(plan: Floorplan) -> float:
-    """Of the middles of what is drawn: faces that were made of centre lines end elsewhere than these."""
-    return float(np.linalg.norm(np.ptp(plan.drawn_ends.mean(axis=1), axis=0)))
+    """Of what is drawn: faces that were made of centre lines stand elsewhere than these."""
+    return float(np.linalg.norm(np.ptp(plan.drawn_ends.reshape(-1, 2), axis=0)))

@@ -43,8 +43,9 @@ def behind(office, half_m):
     return moved_plan(plan, PLAN_FROM_LEVEL)
 
 
-def found_of(scan, plan):
-    return find_half_thickness(scan, plan, align(scan, plan, AlignOptions()))
+def found_of(scan, plan, options=None):
+    chosen = options or AlignOptions()
+    return find_half_thickness(scan, plan, align(scan, plan, chosen), chosen)
 
 
 @pytest.mark.parametrize("half_m", [0.06, 0.1, 0.17])
@@ -63,6 +64,32 @@ def test_without_a_unit_thickness_and_scale_are_found_together(scan, office):
     assert found.half_m == pytest.approx(0.1, abs=0.01)
 
 
+@pytest.mark.parametrize("factor", [0.96, 1.03])
+def test_of_a_plan_in_metres_that_is_off_in_scale_too(scan, office, factor):
+    """Thickness alone would make up for a part of it: 0.05 and 0.16 m for 0.1."""
+    found = found_of(scan, behind(office, 0.1).scaled(factor))
+    assert found is not None
+    assert found.half_m == pytest.approx(0.1, abs=0.01)
+    assert found.metres_per_unit == pytest.approx(1 / factor, rel=0.004)
+
+
+@pytest.mark.parametrize("options", [AlignOptions(metric_scale_tolerance=0.0), AlignOptions()])
+def test_a_plan_in_metres_keeps_its_scale_where_that_may_be(scan, office, options):
+    factor = 0.96 if options.metric_scale_tolerance == 0 else 1.0
+    found = found_of(scan, behind(office, 0.1).scaled(factor), options)
+    assert found is not None
+    assert found.metres_per_unit == 1.0
+
+
+def test_no_walls_are_so_thick_as_to_make_up_for_a_large_plan():
+    """Of one room thickness and scale look the same: walls of 0.5 m are not built, a plan 4 % large is."""
+    room = faces_plan([[0, 0], [8, 0], [8, 7], [0, 7]])
+    room = replace(room, is_oriented=np.ones(4, dtype=bool))
+    seen = sample_walls(room.normals, room.ends, seen_from=np.full((4, 2), 3.5))
+    found = found_of(seen, behind(room, 0.1).scaled(1.04))
+    assert found is None or found.half_m < 0.22
+
+
 @pytest.mark.parametrize("off_m", [0.0, 0.02])
 def test_lines_on_the_faces_are_left_as_lines(scan, office, off_m):
     assert found_of(scan, behind(office, off_m)) is None
@@ -70,13 +97,12 @@ def test_lines_on_the_faces_are_left_as_lines(scan, office, off_m):
 
 def test_a_plan_with_both_faces_has_no_lines(scan, office):
     plan = moved_plan(office, PLAN_FROM_LEVEL)
-    assert find_half_thickness(scan, plan, align(scan, plan, AlignOptions())) is None
+    assert found_of(scan, plan) is None
 
 
 def test_a_plan_that_is_too_large_is_not_thick_walled(scan, office):
     """Rooms that are 4 % too large, each face a line: smaller rooms would be less off."""
-    plan = behind(office, 0.0).scaled(1.04)
-    found = found_of(scan, plan)
+    found = found_of(scan, behind(office, 0.0).scaled(1.04))
     assert found is None or found.score < 0.8
 
 

@@ -1,17 +1,20 @@
 """Faces of walls that a plan draws by their centre lines, held against outlines grown by shapely."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 import shapely
 from numpy.testing import assert_allclose
 
+from planfit.alignment import metric_plan
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import are_strokes, with_offsets, with_thickness
-from planfit.geometry import segments
+from planfit.geometry import se3, segments
 
 HALF = 0.1
+PLACED = se3.yaw_transform(0.3, np.array([2.0, -1.0, 0.0]))
 L_SHAPE = [(0, 0), (6, 0), (6, 3), (2.5, 3), (2.5, 5), (0, 5)]
 TRIANGLE = [(0, 0), (4, 0), (0, 4)]
 
@@ -47,8 +50,10 @@ def test_a_room_has_the_faces_of_its_outline_grown_and_shrunk(corners):
     assert_allclose(thick.thickness, 2 * HALF)
     # Normals look away from the line, which lies as far behind.
     assert_allclose(thick.before_line, HALF)
-    middle = shapely.points(thick.drawn_ends.mean(axis=1))
+    middle = shapely.points((thick.ends - HALF * thick.normals[:, None]).mean(axis=1))
     assert_allclose(shapely.distance(room.exterior, middle), 0.0, atol=1e-9)
+    # Each knows the line of the file that it was made of.
+    assert as_set(thick.drawn_ends) == as_set(outline(corners))
 
 
 def test_a_wall_that_ends_on_another_stops_at_its_face_on_both_sides():
@@ -85,6 +90,10 @@ def test_what_each_line_carries_goes_with_both_of_its_faces():
     assert_allclose(thick.used().before_line, np.full(10, HALF))
     assert_allclose(thick.of_storey(3).before_line, [HALF, HALF])
     assert_allclose(thick.scaled(2.0).before_line, 2 * HALF)
+    for moved in (Floorplan.mirrored, partial(Floorplan.placed, target_from_plan=PLACED)):
+        assert_allclose(moved(thick).drawn_ends, with_thickness(moved(plan), HALF).drawn_ends)
+    uneven = metric_plan(thick, (2.0, 3.0))
+    assert_allclose(uneven.drawn_ends, thick.drawn_ends * (2.0, 3.0))
 
 
 def test_a_short_wall_between_thick_ones_is_left_out():
@@ -118,7 +127,7 @@ def test_both_faces_of_a_stroke_move_apart():
     thick = with_thickness(plan, HALF, 0.1)
     assert_allclose(thick.ends[:, 0, 1], [HALF, -HALF, 3.0])
     assert_allclose(thick.before_line, [HALF, HALF, 0.0])
-    assert_allclose(thick.drawn_ends[:2, 0, 1], 0.0, atol=1e-12)
+    assert_allclose(thick.drawn_ends, ends)
     assert_allclose(thick.thickness, [2 * HALF, 2 * HALF, 0.3])
     assert with_thickness(plan, HALF, 0.01) is plan
 

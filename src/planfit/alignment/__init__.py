@@ -14,7 +14,9 @@ from planfit.alignment.paper import align_paper as align_paper
 from planfit.alignment.plan_scale import find_plan_scale as find_plan_scale
 from planfit.alignment.plan_scale import find_unit as find_unit
 from planfit.alignment.plan_scale import is_off as is_off
+from planfit.alignment.plan_scale import may_be_rescaled as may_be_rescaled
 from planfit.alignment.plan_scale import scale_words as scale_words
+from planfit.alignment.plan_scale import told_of as told_of
 from planfit.alignment.refine import AlignmentHypothesis as AlignmentHypothesis
 from planfit.alignment.refine import metric_plan as metric_plan
 from planfit.alignment.wall_samples import WallSamples as WallSamples

@@ -10,6 +10,7 @@ import numpy as np
 
 from planfit.alignment.align import FULL_SAMPLES, Alignment
 from planfit.alignment.options import AlignOptions
+from planfit.alignment.plan_scale import LINES_WORDS, is_of_lines
 from planfit.alignment.refine import (
     AlignmentHypothesis,
     RefineSteps,
@@ -74,6 +75,8 @@ def judge_adjusted(
         if not is_same([other], here, samples, within)[0]:
             others.append(other.score)
     judged = AdjustedAlignment(score, max(others, default=0.0), seen_through)
+    if alignment.is_plan_rescaled and is_of_lines(floorplan):
+        return replace(judged, doubt=f"the place is {LINES_WORDS}")
     return replace(judged, doubt=_doubt(judged, alignment, options))
 
 

@@ -84,8 +84,7 @@ def find_plan_scale(
         recorded: plan_from_level that the scan's format claims, if it does.
         control_points: points of the scan whose location on the plan is known.
     """
-    is_told = options.candidate != 1 or bool(options.start)
-    if not floorplan.is_metric or options.metric_scale_tolerance == 0 or is_told:
+    if not floorplan.is_metric or not may_be_rescaled(options):
         return None
     is_clear = drawn.is_sure and drawn.score >= CLEAR_SCORE
     if is_clear and abs(np.log(_preferred_scale(walls, floorplan, drawn))) < LOOK_SHARE:
@@ -96,22 +95,36 @@ def find_plan_scale(
     gain = options.min_margin if off > FAR_SHARE else 0.0
     # In a building that repeats itself no place is sure, and every place asks for the same scale.
     is_plain = found.score >= max(CLEAR_SCORE, drawn.score + CLEAR_GAIN) and not drawn.is_sure
-    if not LOOK_SHARE <= off <= np.log1p(slack):
+    if off < LOOK_SHARE or not may_be_rescaled(options, found.metres_per_unit):
         return None
     if not (found.is_sure or is_plain) or found.score <= drawn.score + gain:
         return None
     found = replace(found, is_plan_rescaled=True)
-    if not _is_of_lines(floorplan):
+    if not is_of_lines(floorplan):
         return found
     if found.score < score_of_centre_lines(walls, floorplan, drawn) + SAME_SCORE:
         return None
     return replace(found, is_sure=False, warnings=(*found.warnings, LINES_WORDS))
 
 
+def may_be_rescaled(options: AlignOptions, metres_per_unit: float = 1.0) -> bool:
+    """Whether the options let a plan in metres be taken at another scale than drawn, and at this one."""
+    is_told = options.candidate != 1 or bool(options.start)
+    slack = options.metric_scale_tolerance
+    return slack > 0 and not is_told and bool(abs(np.log(metres_per_unit)) <= np.log1p(slack))
+
+
 def is_off(scaled: Alignment) -> bool:
     """Whether the scale of a metric plan is off by more than plans usually are, and surely so."""
     off = abs(np.log(scaled.metres_per_unit))
     return bool(off > max(OFF_SHARE, OFF_SIGMAS * scaled.scale_sigma))
+
+
+def told_of(alignment: Alignment) -> tuple[str, ...]:
+    """What a user should know of an alignment: its warnings, and the scale where that of the plan was off."""
+    if not alignment.is_plan_rescaled:
+        return alignment.warnings
+    return (*alignment.warnings, scale_words(alignment))
 
 
 def scale_words(scaled: Alignment) -> str:
@@ -165,7 +178,7 @@ def score_of_centre_lines(walls: WallSamples, floorplan: Floorplan, drawn: Align
     )
 
 
-def _is_of_lines(floorplan: Floorplan) -> bool:
+def is_of_lines(floorplan: Floorplan) -> bool:
     """Whether most of the plan is lines whose free side is not known."""
     return bool(floorplan.lengths @ floorplan.is_oriented < 0.5 * floorplan.lengths.sum())
 

@@ -261,7 +261,8 @@ def metric_plan(floorplan: Floorplan, scale_xy: tuple[float, float]) -> Floorpla
     if source.file_from_plan is not None:
         unscale = np.diag([1 / x, 1 / y, 1.0])
         source = replace(source, file_from_plan=source.file_from_plan @ unscale)
-    return replace(even, ends=ends, normals=normals, openings=openings, source=source)
+    drawn = None if floorplan.drawn is None else floorplan.drawn * np.array(scale_xy)
+    return replace(even, ends=ends, normals=normals, openings=openings, source=source, drawn=drawn)
 
 
 def scaled_faces(

@@ -5,14 +5,15 @@ all by the same length; of a plan that is too large they are smaller by the same
 are told apart by rooms of several sizes, and by what is seen of a wall from both sides.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment.align import FULL_DISTANCES_M, FULL_SAMPLES, Alignment, HalfThickness
 from planfit.alignment.evidence import median_with_sigma
-from planfit.alignment.plan_scale import HALF_THICKNESS_M
+from planfit.alignment.options import AlignOptions
+from planfit.alignment.plan_scale import HALF_THICKNESS_M, SAME_SCORE, may_be_rescaled
 from planfit.alignment.refine import (
     AlignmentHypothesis,
     RefineSteps,
@@ -31,6 +32,8 @@ are nearer stand as they are drawn."""
 MIN_GAIN = 0.015
 """Of the share of seen wall that the plan explains. Walls 22 cm thick in the middle: 0.25 more than by lines,
 0.03 more than by strokes of 10 cm."""
+THICKEST_HALF_M = 0.22
+"""Walls are not thicker than twice this, in the middle of a building's: else the plan is too large."""
 THINNEST_M = 0.11
 """Walls that are drawn thinner may be strokes: partitions are 7 to 15 cm thick."""
 REACH_M = 0.3
@@ -42,7 +45,7 @@ MAX_PLACES = 4
 
 
 def find_half_thickness(
-    walls: WallSamples, floorplan: Floorplan, drawn: Alignment
+    walls: WallSamples, floorplan: Floorplan, drawn: Alignment, options: AlignOptions
 ) -> HalfThickness | None:
     """Half the thickness of walls that explains clearly more of the scan than what is drawn, if one does.
 
@@ -50,18 +53,19 @@ def find_half_thickness(
         walls: samples, level frame.
         floorplan: as drawn, in its own unit.
         drawn: the alignment with it as drawn.
+        options: of the alignment; `metric_scale_tolerance` bounds the scale of a plan in metres.
     """
     # Thin walls may mislead about place and scale: others that fit are tried too where these are not sure.
     places = [drawn.hypothesis]
     if not drawn.is_sure:
         places += drawn.candidates[:MAX_PLACES]
-    found = [_thickest_at(place, walls, floorplan) for place in places]
+    found = [_thickest_at(place, walls, floorplan, options) for place in places]
     clear = [each for each in found if each is not None]
     return max(clear, key=lambda each: each.score, default=None)
 
 
 def _thickest_at(
-    place: AlignmentHypothesis, walls: WallSamples, floorplan: Floorplan
+    place: AlignmentHypothesis, walls: WallSamples, floorplan: Floorplan, options: AlignOptions
 ) -> HalfThickness | None:
     """The same at one place, clearly better than as drawn there."""
     metric = metric_plan(floorplan, place.scale_xy)
@@ -73,21 +77,33 @@ def _thickest_at(
     elif metric.is_oriented.all():
         return None
     samples, weights = thin(walls, FULL_SAMPLES)
-    here = replace(place, scale_xy=(1.0, 1.0))
-    # The scale of a plan in metres is not in question here: `plan_scale` is about that.
-    steps = RefineSteps(FULL_DISTANCES_M, n_scales=0 if floorplan.is_metric else 1)
-    tried = [_settled(samples, weights, metric, here, half_m, steps) for half_m in HALF_THICKNESS_M]
-    found = [each for each in tried if each is not None]
-    if not found:
+    tried = _Tried(samples, weights, metric, replace(place, scale_xy=(1.0, 1.0)), n_scales=1)
+    best = tried.best()
+    if floorplan.is_metric:
+        # A plan in metres has its scale, unless another explains clearly more with walls of any thickness.
+        held = _Tried(samples, weights, floorplan, _as_drawn(place, samples, weights), n_scales=0)
+        of_held = held.best()
+        scale = 1.0 if best is None else best.metres_per_unit * place.metres_per_unit
+        least = -np.inf if best is None else best.score - SAME_SCORE
+        if not may_be_rescaled(options, scale) or (of_held is not None and of_held.score > least):
+            tried, best, place = held, of_held, replace(place, scale_xy=(1.0, 1.0))
+    if best is None:
         return None
-    best = max(found, key=lambda each: each.score)
     is_clear = best.half_m - drawn_m > max(MIN_MORE_M, MIN_SIGMAS * best.sigma_m)
-    as_drawn = refine_hypothesis(samples, weights, metric, here, steps).score
-    if not is_clear or best.score < as_drawn + MIN_GAIN:
+    if not is_clear or best.score < tried.score_as_drawn() + MIN_GAIN:
         return None
     return replace(
         best, drawn_m=drawn_m, metres_per_unit=best.metres_per_unit * place.metres_per_unit
     )
+
+
+def _as_drawn(
+    place: AlignmentHypothesis, walls: WallSamples, weights: Float[np.ndarray, " m"]
+) -> AlignmentHypothesis:
+    """The place with the plan in metres as it is drawn, the scan's middle at its spot of the drawing."""
+    middle = rotation_2d(place.yaw) @ (weights @ walls.xy / weights.sum()) + place.translation
+    moved = (1.0 / np.array(place.scale_xy) - 1.0) * middle
+    return replace(place, translation=place.translation + moved, scale_xy=(1.0, 1.0))
 
 
 def thickness_words(half: HalfThickness) -> str:
@@ -100,30 +116,50 @@ def thickness_words(half: HalfThickness) -> str:
     )
 
 
-def _settled(
-    samples: WallSamples,
-    weights: Float[np.ndarray, " m"],
-    metric: Floorplan,
-    here: AlignmentHypothesis,
-    half_m: float,
-    steps: RefineSteps,
-) -> HalfThickness | None:
-    """Place and thickness in turns, from a thickness to begin with."""
-    sigma_m = np.inf
-    for _ in range(MAX_ROUNDS):
-        thick = with_thickness(metric, half_m, THINNEST_M)
-        here = refine_hypothesis(samples, weights, thick, here, steps)
+@dataclass(frozen=True)
+class _Tried:
+    """One place on one plan, at which walls of several thicknesses are tried."""
+
+    samples: WallSamples
+    weights: Float[np.ndarray, " m"]
+    metric: Floorplan
+    here: AlignmentHypothesis
+    n_scales: int
+    """0 holds the plan's scale."""
+
+    @property
+    def steps(self) -> RefineSteps:
+        return RefineSteps(FULL_DISTANCES_M, self.n_scales)
+
+    def score_as_drawn(self) -> float:
+        """Without any thickness."""
+        return refine_hypothesis(
+            self.samples, self.weights, self.metric, self.here, self.steps
+        ).score
+
+    def best(self) -> HalfThickness | None:
+        """The thickness that explains most, from several to begin with; `drawn_m` is not set."""
+        found = [each for half_m in HALF_THICKNESS_M if (each := self._settled(half_m)) is not None]
+        return max(found, key=lambda each: each.score, default=None)
+
+    def _settled(self, half_m: float) -> HalfThickness | None:
+        """Place and thickness in turns, from a thickness to begin with."""
+        here, sigma_m = self.here, np.inf
+        for _ in range(MAX_ROUNDS):
+            thick = with_thickness(self.metric, half_m, THINNEST_M)
+            here = refine_hypothesis(self.samples, self.weights, thick, here, self.steps)
+            scale = here.metres_per_unit
+            at_scale = replace(here, scale_xy=(1.0, 1.0))
+            off = offset_from_faces(self.samples, thick.scaled(scale), at_scale)
+            if off is None:
+                return None
+            half_m, sigma_m = half_m + off[0] / scale, off[1]
+            if not 0 < half_m * scale < THICKEST_HALF_M:
+                return None
+            if abs(off[0]) < SETTLED_M:
+                break
         scale = here.metres_per_unit
-        off = offset_from_faces(samples, thick.scaled(scale), replace(here, scale_xy=(1.0, 1.0)))
-        if off is None:
-            return None
-        half_m, sigma_m = half_m + off[0] / scale, off[1]
-        if half_m <= 0:
-            return None
-        if abs(off[0]) < SETTLED_M:
-            break
-    scale = here.metres_per_unit
-    return HalfThickness(half_m * scale, sigma_m, 0.0, here.score, scale)
+        return HalfThickness(half_m * scale, sigma_m, 0.0, here.score, scale)
 
 
 def offset_from_faces(

@@ -10,7 +10,13 @@ import numpy as np
 import tyro
 from rich.text import Text
 
-from planfit.alignment import Alignment, AlignmentHypothesis, WallSamples, metric_plan
+from planfit.alignment import (
+    Alignment,
+    AlignmentHypothesis,
+    WallSamples,
+    metric_plan,
+    told_of,
+)
 from planfit.cli.arguments import AlignmentFlags, PlanFlags
 from planfit.cli.console import StageBars, note, out, table, tell_scan
 from planfit.floorplan import Floorplan, read_floorplan
@@ -99,7 +105,7 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
             }
             for hypothesis in alignment.candidates
         ],
-        "warnings": list(alignment.warnings),
+        "warnings": list(told_of(alignment)),
     }
 
 
@@ -162,7 +168,7 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
             "(one standard deviation)"
         )
     out.print(f"margin over the next hypothesis: {100 * alignment.margin:.0f} percentage points")
-    for warning in alignment.warnings:
+    for warning in told_of(alignment):
         note(warning)
     verdict = Text("aligned") if alignment.is_sure else Text("not sure", "red")
     folder = pictures[0].parent if pictures else Path()

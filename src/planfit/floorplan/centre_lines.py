@@ -79,6 +79,7 @@ def with_thickness(floorplan: Floorplan, half: float, thinnest: float = 0.0) -> 
         storeys=None if floorplan.storeys is None else floorplan.storeys[source],
         is_unused=None if floorplan.is_unused is None else floorplan.is_unused[source],
         before_line=before,
+        drawn=floorplan.drawn_ends[source],
     )
 
 
@@ -97,6 +98,7 @@ def with_offsets(floorplan: Floorplan, offset: Float[np.ndarray, " n"]) -> Floor
         ends=floorplan.ends + (moved[:, None] * floorplan.normals)[:, None],
         thickness=None if thickness is None else thickness + 2.0 * moved,
         before_line=floorplan.before_line + moved,
+        drawn=floorplan.drawn_ends,
         fingerprint=f"{floorplan.fingerprint} wall by wall",
     )
 

@@ -122,6 +122,9 @@ class Floorplan:
     before_line: Float[np.ndarray, " n"] | None = None
     """How far before the line of its wall each face was put, where walls are drawn by their centre lines; 0
     of faces as drawn. None: all are as drawn."""
+    drawn: Float[np.ndarray, "n 2 2"] | None = None
+    """Ends of the face of the file that each was made of, where lines were given both faces: two of one line
+    have the same. None: all are as drawn."""
 
     __repr__ = short_repr
 
@@ -180,6 +183,7 @@ class Floorplan:
             storeys=None if self.storeys is None else self.storeys[kept],
             is_unused=None,
             before_line=None if self.before_line is None else self.before_line[kept],
+            drawn=None if self.drawn is None else self.drawn[kept],
         )
 
     @classmethod
@@ -261,6 +265,7 @@ class Floorplan:
             is_metric=True,
             source=source,
             before_line=None if self.before_line is None else self.before_line * metres_per_unit,
+            drawn=None if self.drawn is None else self.drawn * metres_per_unit,
         )
 
     def mirrored(self) -> "Floorplan":
@@ -274,6 +279,7 @@ class Floorplan:
             ends=self.ends * (-1.0, 1.0),
             normals=self.normals * (-1.0, 1.0),
             openings=None if self.openings is None else self.openings * (-1.0, 1.0),
+            drawn=None if self.drawn is None else self.drawn * (-1.0, 1.0),
             source=replace(source, is_mirrored=not source.is_mirrored),
         )
 
@@ -291,6 +297,7 @@ class Floorplan:
             ends=self.ends @ rotation.T + translation,
             normals=self.normals @ rotation.T,
             openings=None if self.openings is None else self.openings @ rotation.T + translation,
+            drawn=None if self.drawn is None else self.drawn @ rotation.T + translation,
             source=source,
         )
 
@@ -307,6 +314,7 @@ class Floorplan:
             openings=None,
             storeys=None,
             before_line=None if self.before_line is None else self.before_line[own],
+            drawn=None if self.drawn is None else self.drawn[own],
         )
 
     def with_warning(self, warning: str) -> "Floorplan":
@@ -316,10 +324,8 @@ class Floorplan:
 
     @property
     def drawn_ends(self) -> Float[np.ndarray, "n 2 2"]:
-        """Faces as they were drawn: those that were made of a wall's centre line, back on it."""
-        if self.before_line is None:
-            return self.ends
-        return self.ends - (self.before_line[:, None] * self.normals)[:, None]
+        """Of each face, the face of the file that it was made of, by which users of the file know it."""
+        return self.ends if self.drawn is None else self.drawn
 
     @property
     def size(self) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust import AdjustOptions, PlanAdjustment, fit_thickness, refit_scale
+from planfit.adjust import AdjustOptions, refit_scale
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.alignment import (
     Alignment,
@@ -20,18 +20,16 @@ from planfit.alignment import (
     metric_plan,
     read_control_points,
     sample_walls,
-    scale_words,
     thickness_words,
 )
 from planfit.alignment import align as search_alignment
 from planfit.alignment.control_points import ControlPoint
-from planfit.alignment.options import RecordedAxes
+from planfit.alignment.options import AlignOptions, RecordedAxes
 from planfit.alignment.wall_thickness import THINNEST_M
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_thickness
 from planfit.geometry import se3
-from planfit.lsq import Term
 from planfit.pipeline.given import require_given
 from planfit.pipeline.observations import extract_observations
 from planfit.pipeline.on_plan import ScanOnPlan
@@ -151,17 +149,27 @@ def with_thick_walls(
     if options.align.method == "paper":
         return floorplan, drawn
     walls = wall_samples(prepared.measurements.structure, prepared.level_from_keys)
-    half = find_half_thickness(walls, floorplan.used(), drawn)
-    if half is None:
-        return floorplan, drawn
-    thick = with_thickness(
-        floorplan, half.half_m / half.metres_per_unit, THINNEST_M / half.metres_per_unit
-    )
-    found = find_alignment(prepared, thick.used(), options, claimed, surveyed)
-    if found is None or found.score < drawn.score:
-        return floorplan, drawn
-    words = (*found.warnings, thickness_words(half))
-    return thick, replace(found, warnings=words, half_thickness=half)
+
+    def thickened(align_options: AlignOptions) -> tuple[Floorplan, Alignment] | None:
+        half = find_half_thickness(walls, floorplan.used(), drawn, align_options)
+        if half is None:
+            return None
+        thick = with_thickness(
+            floorplan, half.half_m / half.metres_per_unit, THINNEST_M / half.metres_per_unit
+        )
+        held = replace(options, align=align_options)
+        found = find_alignment(prepared, thick.used(), held, claimed, surveyed)
+        if found is None:
+            return None
+        if floorplan.is_metric and not found.is_plan_rescaled and half.metres_per_unit != 1.0:
+            # All measurements take the plan as drawn: so must the thickness.
+            return thickened(replace(align_options, metric_scale_tolerance=0.0))
+        if found.score < drawn.score and not drawn.is_plan_rescaled:
+            return None
+        words = (*found.warnings, thickness_words(half))
+        return thick, replace(found, warnings=words, half_thickness=half)
+
+    return thickened(options.align) or (floorplan, drawn)
 
 
 def with_refitted_scale(
@@ -172,42 +180,6 @@ def with_refitted_scale(
     on_plan = found.plan_from_level @ prepared.level_from_keys
     refit = refit_scale(prepared.measurements, metric, on_plan, options)
     return found.rescaled(refit.factor, refit.sigma, on_plan[:, :2, 3].mean(axis=0))
-
-
-def with_fitted_thickness(
-    on_plan: ScanOnPlan,
-    prepared: PreparedScan,
-    adjustment: PlanAdjustment,
-    options: RefineOptions,
-    extra_terms: Sequence[Term] = (),
-) -> tuple[ScanOnPlan, Float[np.ndarray, "n 4 4"]]:
-    """The plan with each wall of a line as thick as it was seen, at the scale that goes with it, and poses.
-
-    Args:
-        on_plan: with one thickness for all walls.
-        prepared: the scan.
-        adjustment: to that plan.
-        options: of the adjustment, and prior sigmas.
-        extra_terms: of the adjustment.
-    """
-    plan, found = on_plan.floorplan, on_plan.alignment
-    assert plan is not None
-    is_scale_found = found is not None and found.scale_sigma > 0
-    poses = adjustment.solution.target_from_cams
-    fitted = fit_thickness(
-        prepared.measurements,
-        plan,
-        poses,
-        options.adjust,
-        options.calibration.odometry_scale_sigma,
-        UNKNOWN_SCALE_SIGMA if is_scale_found else 0.0,
-        extra_terms,
-    )
-    if found is not None and fitted.scale_sigma > 0:
-        middle = poses[:, :2, 3].mean(axis=0)
-        found = found.rescaled(fitted.scale_factor, fitted.scale_sigma, middle)
-        on_plan = replace(on_plan, alignment=found, plan_from_level=found.plan_from_level)
-    return replace(on_plan, floorplan=fitted.floorplan), fitted.plan_from_cams
 
 
 def find_alignment(
@@ -247,7 +219,7 @@ def find_alignment(
     if scaled is not None:
         scaled = with_refitted_scale(prepared, floorplan, scaled, options.adjust)
         if is_off(scaled):
-            return replace(scaled, warnings=(*scaled.warnings, scale_words(scaled)))
+            return scaled
     unit = find_unit(walls, floorplan, drawn, chosen)
     if unit is not None:
         own = prepared.metres_per_pose_unit

@@ -5,7 +5,7 @@ from jaxtyping import Int
 
 from planfit.adjust import PlanAdjustment, TornStep, describe_moved
 from planfit.adjust.observability import frame_ranges
-from planfit.alignment import Alignment
+from planfit.alignment import Alignment, told_of
 from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.on_plan import Storeys
 from planfit.pipeline.validation import Check
@@ -96,7 +96,7 @@ def alignment_warnings(
     warnings = []
     if alignment is not None:
         mended = alignment.bent if is_place_sure else ()
-        warnings += [words for words in alignment.warnings if words not in mended]
+        warnings += [words for words in told_of(alignment) if words not in mended]
     if alignment is None and not is_alignment_claimed:
         warnings.append("the scan is not aligned with the plan: its own axes were kept, levelled")
     near = next((check.after for check in checks if check.unit == "share"), 1.0)
@@ -127,7 +127,7 @@ def storey_warnings(storeys: Storeys) -> tuple[str, ...]:
     ]
     for k in list(storeys.with_plan)[1:]:
         own = storeys.with_plan[k]
-        warnings += [f"{storeys.walked[k].name}: {words}" for words in own.alignment.warnings]
+        warnings += [f"{storeys.walked[k].name}: {words}" for words in told_of(own.alignment)]
     return tuple(warnings)
 
 

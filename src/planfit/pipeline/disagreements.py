@@ -133,7 +133,7 @@ class _Items:
 
     def _ends(self, face: int) -> tuple[tuple[float, float], ...]:
         found = self.adjustment.correspondences
-        ends = [] if found is None else found.floorplan.ends[face].tolist()
+        ends = [] if found is None else found.floorplan.drawn_ends[face].tolist()
         return tuple((float(x), float(y)) for x, y in ends)
 
     @property

@@ -12,7 +12,6 @@ from planfit.corrections import NO_CORRECTIONS, Contradiction, Corrections
 from planfit.errors import require
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
-from planfit.pipeline.align import with_fitted_thickness
 from planfit.pipeline.by_hand import (
     contradictions_among,
     contradictions_of_images,
@@ -33,6 +32,7 @@ from planfit.pipeline.contradicted import (
     first_of_each,
     with_places,
 )
+from planfit.pipeline.fitted_thickness import with_fitted_thickness
 from planfit.pipeline.folds import cut_into_stretches
 from planfit.pipeline.given import require_given
 from planfit.pipeline.jumps import align_with_jumps
