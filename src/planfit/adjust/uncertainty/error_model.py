@@ -16,18 +16,21 @@ from planfit.adjust.rigid_motion import free_motions, rigid_tangents
 from planfit.adjust.terms.levels import LevelTerm
 from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.adjust.terms.walls import WallTerm
 from planfit.adjust.uncertainty.bundles import Bundles, pair_bundles, plane_bundles, sparse_rows
 from planfit.adjust.uncertainty.spreads import (
     Clusters,
     Probes,
     Spread,
+    find_motion_factor,
     find_spread,
     find_step_factors,
 )
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.covariance import Factors, factorised
 from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.robust import loss_value
 from planfit.lsq.term import Term
 from planfit.lsq.terms.residual import WeightedResiduals
 
@@ -89,6 +92,9 @@ def model_errors(
         if own is None:
             if isinstance(term, OdometryTerm):
                 part = _of_steps(term, unknowns, misfit, probes)
+            elif isinstance(term, SurfaceTerm):
+                factor = _of_surfaces(term, unknowns, probes)
+                part = replace(part, blocks=factor * part.blocks)
             noise.append(part)
             continue
         clusters, is_wall = Clusters.of(own), isinstance(term, WallTerm)
@@ -144,10 +150,27 @@ def _of_steps(
     """The recorded steps' part of the gradient's covariance."""
     weighted, rows = term.reweight(unknowns)[0], term.between.rows
     k, information = len(weighted.information), weighted.information
-    by_ends = rows.jacobians(unknowns).reshape(k, 6, 2, 6).transpose(0, 2, 1, 3)
+    # Departures have the axes of the second camera; sigmas are the same along all three of them.
+    upright = np.zeros((k, 6, 6))
+    upright[:, :3, :3] = upright[:, 3:, 3:] = unknowns[term.between.pairs[:, 1], :3, :3]
+    by_ends = (upright @ rows.jacobians(unknowns)).reshape(k, 6, 2, 6).transpose(0, 2, 1, 3)
     jacobian = sparse_rows(by_ends, term.between.pairs, len(unknowns))
-    residuals = rows.residuals(unknowns)
-    factors = np.repeat(find_step_factors(residuals, information, jacobian, probes), 3)
+    residuals = np.einsum("kij,kj->ki", upright, rows.residuals(unknowns))
+    factors = find_step_factors(residuals, information, jacobian, probes)
     # Where the tracker was worse than it said, in a stretch of its own, that counts.
     by_step = np.where(misfit[:k, None] > 1.0, np.maximum(misfit[:k, None], factors), factors)
-    return WeightedResiduals(rows, by_step * information).normal_blocks(unknowns)
+    noise = (np.swapaxes(upright, 1, 2) * (by_step * information)[:, None]) @ upright
+    return WeightedResiduals(rows, noise).normal_blocks(unknowns)
+
+
+def _of_surfaces(term: SurfaceTerm, unknowns: Float[np.ndarray, "u 4 4"], probes: Probes) -> float:
+    """Factor on the covariances of motions that surfaces were matched by."""
+    rows, information = term.between.rows, term.between.information
+    assert information is not None
+    jacobians = rows.jacobians(unknowns)
+    by_ends = jacobians.reshape(len(jacobians), 6, 2, 6).transpose(0, 2, 1, 3)
+    jacobian = sparse_rows(by_ends, term.pairs, len(unknowns))
+    residuals = rows.residuals(unknowns)
+    in_sigmas = np.einsum("ki,kij,kj->k", residuals, information, residuals)
+    weights = term.options.weight * loss_value(in_sigmas, term.options.loss)[1]
+    return find_motion_factor(residuals, information, weights, jacobian, probes)

@@ -23,9 +23,14 @@ STATED_BUNDLES, STATED_CLUSTERS = 1.0, 4.0
 shared like so many clusters. Stated sigmas are wide: 4 bundles would say more than 15 ceilings that were
 seen."""
 
-MIN_STEP_FACTOR = 0.25
-"""On the variance of recorded steps, at least: an error of the tracker leaves no residual where nothing else
-measures, so it is not believed to be better than half of the sigma that it claims."""
+MIN_MOTION_FACTOR = 0.1
+"""On the variance of relative motions, at least. An error of the tracker leaves no residual where nothing
+else measures, and one that neighbouring pairs of views share none between them: so neither is believed to be
+better than a third of the sigma that it claims. A quarter and a tenth were tried: mean squares of poses 0.64
+and 0.70 of what is stated on the scans for choosing, ConSLAM's the same."""
+
+TILT, HEADING, WAY, HEIGHT = (slice(0, 2), slice(2, 3), slice(3, 5), slice(5, 6))
+"""Of the six numbers of a step (rotation, translation), in axes whose z is up."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,14 @@ class Probes:
         """Of the inverse times rows^T weights rows."""
         each = (rows @ self.signs) * (rows @ self.solved)
         return float(weights @ each.mean(axis=1))
+
+    def trace_of_blocks(
+        self, rows: sparse.csr_array, information: Float[np.ndarray, "k d d"]
+    ) -> float:
+        """The same, the weights being k matrices along the diagonal."""
+        k, d, _ = information.shape
+        signs, solved = ((rows @ v).reshape(k, d, -1) for v in (self.signs, self.solved))
+        return float(np.einsum("kip,kij,kjp->p", signs, information, solved).mean())
 
 
 @dataclass(frozen=True)
@@ -141,21 +154,47 @@ def find_step_factors(
     information: Float[np.ndarray, "k 6"],
     jacobian: sparse.csr_array,
     probes: Probes,
-) -> tuple[float, float]:
-    """Factors on the variances of recorded rotations and translations, each as a whole.
+) -> Float[np.ndarray, "6"]:
+    """Factors on the variances of recorded steps, for each of the six numbers of one.
+
+    A tracker that feels gravity is surer of tilt and height than of heading and way, so those are told apart.
 
     Args:
-        residuals: departures of the steps (rotation, translation).
+        residuals: departures of the steps (rotation, translation), target axes, z up.
         information: of each number, robust weights in it.
         jacobian: (6 k, 6 n), of the residuals by the tangents of n poses.
         probes: of the normal equations of all terms.
     """
-    factors = []
-    for first in (0, 3):
+    factors = np.ones(6)
+    for axes in (TILT, HEADING, WAY, HEIGHT):
         weights = np.zeros_like(information)
-        weights[:, first : first + 3] = information[:, first : first + 3]
+        weights[:, axes] = information[:, axes]
         left = weights.astype(bool).sum() - probes.trace(jacobian, weights.ravel())
         squares = float(np.sum(weights * residuals**2))
         factor = (STATED_BUNDLES + squares) / (STATED_BUNDLES + max(left, 0.0))
-        factors.append(max(factor, MIN_STEP_FACTOR))
-    return factors[0], factors[1]
+        factors[axes] = max(factor, MIN_MOTION_FACTOR)
+    return factors
+
+
+def find_motion_factor(
+    residuals: Float[np.ndarray, "k 6"],
+    information: Float[np.ndarray, "k 6 6"],
+    robust_weights: Float[np.ndarray, " k"],
+    jacobian: sparse.csr_array,
+    probes: Probes,
+) -> float:
+    """Factor on the covariances of relative motions that surfaces were matched by.
+
+    Args:
+        residuals: departures of the motions (rotation, translation).
+        information: of each, of a rank below 6 where surfaces leave directions free.
+        robust_weights: of each.
+        jacobian: (6 k, 6 n), of the residuals by the tangents of n poses.
+        probes: of the normal equations of all terms.
+    """
+    weighted = robust_weights[:, None, None] * information
+    measured = robust_weights @ np.linalg.matrix_rank(information, hermitian=True)
+    left = max(measured - probes.trace_of_blocks(jacobian, weighted), 0.0)
+    squares = float(np.einsum("ki,kij,kj->", residuals, weighted, residuals))
+    factor = (STATED_BUNDLES + squares) / (STATED_BUNDLES + left)
+    return max(factor, MIN_MOTION_FACTOR)
