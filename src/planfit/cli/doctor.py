@@ -113,6 +113,7 @@ def doctor_command(arguments: DoctorArguments) -> int:
     """
     if arguments.compile:
         package = import_module("planfit.compiled.decorator").READY
+        print("compiling kernels takes half a minute on two cores", file=sys.stderr, flush=True)
         import_module("planfit.compiled.making").make_ready(package)
     findings = [
         *_system(),
