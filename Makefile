@@ -16,7 +16,7 @@ export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: demo test test-slow check format docs reference bench tables tables-small fuzz-short faults-short wheel-check clean
 
-demo: $(VENV)/installed
+demo: $(VENV)/kernels
 	$(BIN)/planfit demo -o demo
 
 test: $(VENV)/installed-dev
@@ -26,15 +26,15 @@ test-slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
 
 check: $(VENV)/installed-dev
-	$(BIN)/ruff check src tests benchmarks examples docs
-	$(BIN)/ruff format --check src tests benchmarks examples docs
+	$(BIN)/ruff check src tests benchmarks examples docs hatch_build.py
+	$(BIN)/ruff format --check src tests benchmarks examples docs hatch_build.py
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 	$(BIN)/codespell src tests docs benchmarks examples *.md
 
 format: $(VENV)/installed-dev
-	$(BIN)/ruff check --fix src tests benchmarks examples docs
-	$(BIN)/ruff format src tests benchmarks examples docs
+	$(BIN)/ruff check --fix src tests benchmarks examples docs hatch_build.py
+	$(BIN)/ruff format src tests benchmarks examples docs hatch_build.py
 
 # The site is in site/index.html; it needs no server and no network. --strict: a broken link is an error.
 docs: $(VENV)/installed-docs
@@ -68,12 +68,13 @@ faults-short: $(VENV)/installed-dev
 	$(BIN)/python benchmarks/faults run --strict --scans flat "one room" --every 4 -o $(VENV)/faults-short.jsonl \
 		--cache $(VENV)/faults.cache
 
-# dist/ gets the wheel, made of the source archive; it is installed and tried outside of this folder.
+# dist/ gets the wheels, without compiled kernels and with them; they are installed and tried outside of this folder.
 wheel-check:
+	rm -rf dist
 	bash .ci/wheel-check $(PYTHON)
 
 clean:
-	rm -rf $(VENV) demo site dist
+	rm -rf $(VENV) demo site dist src/planfit/compiled/ready
 
 # A file that a virtual environment has on every system.
 $(VENV)/pyvenv.cfg:
@@ -81,6 +82,11 @@ $(VENV)/pyvenv.cfg:
 
 $(VENV)/installed: pyproject.toml | $(VENV)/pyvenv.cfg
 	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
+
+# Compiled before the first run, as in a wheel that has them; an edited source makes numba compile at first use.
+$(VENV)/kernels: $(VENV)/installed
+	$(BIN)/planfit doctor --compile
 	touch $@
 
 $(VENV)/installed-dev: pyproject.toml | $(VENV)/pyvenv.cfg

@@ -11,6 +11,7 @@ import pytest
 
 import planfit
 from planfit.cli import doctor, run
+from planfit.compiled import decorator, making
 
 ROOT = Path(__file__).parents[2]
 
@@ -90,3 +91,26 @@ def test_a_folder_that_cannot_be_written_is_found(capsys: pytest.CaptureFixture[
 def test_words_that_it_does_not_take(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["doctor", *words]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_compiled_kernels_are_made_and_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """None, then one, then a spoilt one: none of it is a fault, since numba compiles what is missing."""
+    lines = ["planfit.matching.kernels.take_within_budget int64[2,C] int64 int64[1,C]"]
+    monkeypatch.setattr(decorator, "READY", tmp_path)
+    monkeypatch.setattr(making, "listed_lines", lambda: lines)
+
+    def told(*words: str) -> str:
+        assert run(["doctor", "--json", *words]) == 0
+        return findings(capsys.readouterr().out)["kernels"]["found"]
+
+    assert told().startswith("none ready: none are here; each is compiled at its first call")
+    assert re.fullmatch("1 ready, compiled ahead for [a-z0-9-]+", told("--compile"))
+    (tmp_path / "kernels.bin").write_bytes(b"spoilt")
+    assert "; 1 of them spoilt: each is compiled at its first call" in told("--no-compile")
+
+
+def test_a_switch_of_doctor_takes_no_value(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["doctor", "--compile=yes"]) == 2
+    assert "--compile: expected no value behind it, found 'yes'" in capsys.readouterr().err

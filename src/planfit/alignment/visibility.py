@@ -1,9 +1,9 @@
 """Occlusion: whether a face of the plan stands between a camera and the wall it saw."""
 
-import numba
 import numpy as np
 from jaxtyping import Bool, Float
 
+from planfit.compiled import kernel
 from planfit.floorplan.nearest_faces import END_MARGIN_M
 
 OCCLUSION_MARGIN_M = 0.4
@@ -44,7 +44,7 @@ def crosses_face(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _is_occluded(
     eyes, xy, ends, end_margin, occlusion_margin
 ):  # pragma: no cover - compiled; has a NumPy twin in the tests

@@ -143,7 +143,7 @@ COMMANDS = (
         "doctor",
         "[--json]",
         "check this installation: versions, extras, threads, GPU, disk, a self-test",
-        ("json", "folder", "cache"),
+        ("json", "folder", "cache", "compile"),
         is_light=True,
     ),
     Command(

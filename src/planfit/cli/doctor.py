@@ -55,6 +55,9 @@ class DoctorArguments:
     """Where results would go: its disk is looked at."""
     cache: Path | None = None
     """A cache that runs share (`--cache` of refine and align): its size is told."""
+    compile: bool = False
+    """First compile all kernels into the installation, which otherwise happens during the first runs of each
+    user: half a minute on two cores. Needs the right to write there."""
 
     @staticmethod
     def from_words(words: Sequence[str]) -> "DoctorArguments":
@@ -63,12 +66,13 @@ class DoctorArguments:
         Raises:
             OptionError: a flag has no value behind it, or a word belongs to none.
         """
-        is_json, paths, waiting = False, {}, iter(words)
+        switches, paths, waiting = {"json": False, "compile": False}, {}, iter(words)
         for word in waiting:
             name, _, value = word.partition("=")
-            if word in ("--json", "--no-json"):
-                is_json = name == "--json"
-            elif name in ("--json", "--no-json"):
+            switch = name.removeprefix("--no-").removeprefix("--")
+            if switch in switches and not value and "=" not in word:
+                switches[switch] = not name.startswith("--no-")
+            elif switch in switches:
                 raise OptionError(
                     f"{name}: expected no value behind it, found {value!r}; give {name} alone"
                 )
@@ -86,7 +90,8 @@ class DoctorArguments:
                     "'planfit doctor --help' tells more"
                 )
         cache = Path(paths["--cache"]) if "--cache" in paths else None
-        return DoctorArguments(is_json, Path(paths.get("--folder", ".")), cache)
+        folder = Path(paths.get("--folder", "."))
+        return DoctorArguments(switches["json"], folder, cache, switches["compile"])
 
 
 @dataclass(frozen=True)
@@ -101,10 +106,19 @@ class Finding:
 
 
 def doctor_command(arguments: DoctorArguments) -> int:
-    """Check, print. Exit code 1 where something that is needed is broken."""
+    """Check, print. Exit code 1 where something that is needed is broken.
+
+    Raises:
+        OutputError: kernels were to be compiled and cannot be.
+    """
+    if arguments.compile:
+        package = import_module("planfit.compiled.decorator").READY
+        print("compiling kernels takes half a minute on two cores", file=sys.stderr, flush=True)
+        import_module("planfit.compiled.making").make_ready(package)
     findings = [
         *_system(),
         *_dependencies(),
+        _kernels(),
         *_extras(),
         _gpu(),
         *_disk(arguments.folder, arguments.cache),
@@ -231,6 +245,23 @@ def _is_met(found: str, wanted: str) -> bool:
         return import_module("packaging.specifiers").SpecifierSet(wanted).contains(found, True)
     except ImportError:
         return True
+
+
+def _kernels() -> Finding:
+    """Whether compiled loops are ready in the installation. They need not be: numba compiles what is not."""
+    later = "compiled at its first call, half a minute in all"
+    try:
+        decorator = import_module("planfit.compiled.decorator")
+        ready = decorator.usable(decorator.READY)
+    except Exception as error:  # of numba; that it is broken stands in its own line
+        return Finding("libraries", "kernels", f"not known ({type(error).__name__})")
+    if isinstance(ready, str):
+        words = f"none ready: {ready}; each is {later}, or now by planfit doctor --compile"
+        return Finding("libraries", "kernels", words)
+    spoilt = sum(ready.blob(line) is None for line in ready.places)
+    words = f"{len(ready.places)} ready, compiled ahead for {ready.made.cpu}"
+    words += f"; {spoilt} of them spoilt: each is {later}" if spoilt else ""
+    return Finding("libraries", "kernels", words)
 
 
 def _extras() -> list[Finding]:

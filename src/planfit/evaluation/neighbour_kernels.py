@@ -1,13 +1,14 @@
 """Compiled loops of `planfit.evaluation.neighbourhoods`; each has a NumPy twin in the tests."""
 
-import numba
 import numpy as np
+
+from planfit.compiled import kernel
 
 # Sums may be taken in another order, which lets them run four abreast: the same on one machine.
 _FAST = {"reassoc", "contract", "nsz"}
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def fill_table(keys):  # pragma: no cover - compiled
     """Open-addressing table of distinct keys (q,) >= 0: keys and their indices, -1 where empty."""
     size = 16
@@ -24,13 +25,13 @@ def fill_table(keys):  # pragma: no cover - compiled
     return table_keys, indices
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def _slot(key, size):  # pragma: no cover - compiled
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     return np.int64(mixed >> np.uint64(33)) & (size - 1)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def sum_cells(points, start, cells, edge):  # pragma: no cover - compiled
     """Sums (c, 10) of each cell's points about the cell's centre."""
     sums = np.zeros((len(cells), 10))
@@ -55,7 +56,7 @@ def sum_cells(points, start, cells, edge):  # pragma: no cover - compiled
     return sums
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def _shifted(sums, x, y, z, out):  # pragma: no cover - compiled
     """The same sums about a point that lies (-x, -y, -z) from the one that they are about."""
     # Parallel axes: the sum of (p + x)(q + y) is that of pq + yp + xq + xy.
@@ -72,7 +73,7 @@ def _shifted(sums, x, y, z, out):  # pragma: no cover - compiled
     out[9] = sums[9] + 2.0 * z * sz + n * z * z
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@kernel(fastmath=_FAST)
 def _add_within(x, y, z, half, limit, centres, about, is_cut, total):  # pragma: no cover - compiled
     """Add the sums of those cells that lie within the sphere about (x, y, z) as a whole; mark the cut."""
     xs, ys, zs = centres[0], centres[1], centres[2]
@@ -108,7 +109,7 @@ def _add_within(x, y, z, half, limit, centres, about, is_cut, total):  # pragma:
     total[9] += t9
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@kernel(fastmath=_FAST)
 def _add_points(x, y, z, xs, ys, zs, limit, total):  # pragma: no cover - compiled
     """Add the points that are near (x, y, z), about (x, y, z)."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = 0.0
@@ -138,7 +139,7 @@ def _add_points(x, y, z, xs, ys, zs, limit, total):  # pragma: no cover - compil
     total[9] += s9
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _near_cells(
     c,
     cells,
@@ -201,7 +202,7 @@ def _near_cells(
     return n
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def sum_neighbours(
     first,
     last,
@@ -261,7 +262,7 @@ def sum_neighbours(
                 covariance[out, 5] = (total[9] - n * mz * mz) / (n - 1.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def smallest_eigenvalues(covariance, out):  # pragma: no cover - compiled
     """Smallest eigenvalue (m,) of symmetric matrices by their entries xx xy xz yy yz zz (m, 6).
 
@@ -290,7 +291,7 @@ def smallest_eigenvalues(covariance, out):  # pragma: no cover - compiled
         out[m] = min(a, d, f)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def _rotation(p, q, off):  # pragma: no cover - compiled
     """Cosine and sine that make the off-diagonal entry vanish, and how far the diagonal moves."""
     theta = (q - p) / (2.0 * off)

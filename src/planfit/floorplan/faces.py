@@ -7,11 +7,11 @@ A line that has partners on both sides equally near, or none, stays unoriented.
 
 from dataclasses import dataclass, fields
 
-import numba
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
+from planfit.compiled import kernel
 from planfit.floorplan.near_lines import possible_partners
 from planfit.geometry import segments
 
@@ -147,7 +147,7 @@ def covered_lengths(
     return _covered_lengths(line[order], low[order], high[order], n)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _covered_lengths(line, low, high, n):  # pragma: no cover - compiled; has a twin in the tests
     total = np.zeros(n)
     reached, current = -np.inf, -1

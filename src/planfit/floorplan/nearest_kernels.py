@@ -3,11 +3,12 @@
 `pragma: no cover`: compiled code is invisible to coverage; the tests hold it against twins.
 """
 
-import numba
 import numpy as np
 
+from planfit.compiled import kernel
 
-@numba.njit(cache=True, nogil=True)
+
+@kernel
 def _share_along(x, y, end):  # pragma: no cover
     """Where on a segment (2, 2) its point nearest to (x, y) lies, 0 to 1 from the first end."""
     dx, dy = end[1, 0] - end[0, 0], end[1, 1] - end[0, 1]
@@ -18,7 +19,7 @@ def _share_along(x, y, end):  # pragma: no cover
     return min(max(share, 0.0), 1.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _gap(x, y, end):  # pragma: no cover
     """From the nearest point of a segment (2, 2) to (x, y)."""
     share = _share_along(x, y, end)
@@ -28,7 +29,7 @@ def _gap(x, y, end):  # pragma: no cover
     return x - near_x, y - near_y
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def nearest_distance(xy, ends):  # pragma: no cover
     """Distances (m,) from points (m, 2) to the nearest segment (n, 2, 2)."""
     result = np.full(len(xy), np.inf)
@@ -46,7 +47,7 @@ def nearest_distance(xy, ends):  # pragma: no cover
     return np.sqrt(result)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def facing_distances(xy, eyes, ends, normals, offsets, is_oriented):  # pragma: no cover
     """Distances (m, 2) to the nearest segment, and to the nearest that looks at the eye (m, 2)."""
     result = np.full((len(xy), 2), np.inf)
@@ -78,7 +79,7 @@ def facing_distances(xy, eyes, ends, normals, offsets, is_oriented):  # pragma: 
     return result
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def nearest_beside(
     xy, normals, ends, face_normals, is_oriented, max_distance, min_cosine, end_margin
 ):  # pragma: no cover
@@ -103,7 +104,7 @@ def nearest_beside(
     return signed, nearest
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def list_faces(ends, origin, cell, shape, reach):  # pragma: no cover
     """Faces that some point of a cell may have within reach, cell by cell (row by row).
 
@@ -129,7 +130,7 @@ def list_faces(ends, origin, cell, shape, reach):  # pragma: no cover
     return start, faces
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def nearest_in_grid(
     points,
     start,

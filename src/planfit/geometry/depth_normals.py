@@ -4,10 +4,10 @@ Numba compiles types that nothing can wrap: shapes of compiled loops are in thei
 """
 
 import cv2
-import numba
 import numpy as np
 from jaxtyping import Float, Float32
 
+from planfit.compiled import kernel
 from planfit.errors import OptionError
 
 
@@ -34,7 +34,7 @@ def depth_normals(
     return window_normals(points, total, radius_px, step_px, first_px)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def measured_points(points: np.ndarray) -> np.ndarray:
     """Points (h, w, 3) with a one beside each, (h, w, 4) float32; zeros where none was measured."""
     h, w = points.shape[:2]
@@ -48,7 +48,7 @@ def measured_points(points: np.ndarray) -> np.ndarray:
     return measured
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def window_normals(
     points: np.ndarray, total: np.ndarray, radius: int, step: int, first: int
 ) -> np.ndarray:

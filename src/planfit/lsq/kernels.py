@@ -8,14 +8,15 @@ loops that the compiler turns into vector instructions. Points may be float32 or
 float64. `pragma: no cover`: compiled code is invisible to coverage; the tests hold it against twins.
 """
 
-import numba
 import numpy as np
+
+from planfit.compiled import kernel
 
 BLOCK = 256
 SQUARED, HUBER, CAUCHY, GEMAN_MCCLURE, NORM = range(5)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@kernel(fastmath=True)
 def weigh(s, n, kind, scale, weight):  # pragma: no cover
     """Weights of n squared residuals, written to `weight`; returns the sum of their costs."""
     c2 = scale * scale
@@ -55,7 +56,7 @@ def weigh(s, n, kind, scale, weight):  # pragma: no cover
     return cost
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def weigh_all(s, kind, scale):  # pragma: no cover
     """Costs and weights of squared residuals, one by one."""
     rho, weight, one = np.zeros_like(s), np.zeros_like(s), np.zeros(1)
@@ -65,7 +66,7 @@ def weigh_all(s, kind, scale):  # pragma: no cover
     return rho, weight
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@kernel(fastmath=True)
 def sum_planes(
     points, start, planes, weight_per_point, sigma, kind, scale, first, last, moments
 ):  # pragma: no cover
@@ -116,7 +117,7 @@ def sum_planes(
     return cost
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@kernel(fastmath=True)
 def sum_pairs(
     points_a,
     points_b,
@@ -174,7 +175,7 @@ def sum_pairs(
     return cost
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@kernel(fastmath=True)
 def _add_own_moments(p, weight, n, out):  # pragma: no cover
     """Add the sum of w p~ p~^T over n points (3, n) to `out` (4, 4)."""
     xx = xy = xz = yy = yz = zz = sx = sy = sz = total = 0.0
@@ -209,7 +210,7 @@ def _add_own_moments(p, weight, n, out):  # pragma: no cover
     out[3, 2] += sz
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@kernel(fastmath=True)
 def _add_cross_moments(p, q, weight, n, aa, bb, out):  # pragma: no cover
     """Add the sum of w p~ q~^T over n points to `out` (4, 4), whose border is that of `aa` and `bb`."""
     xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0

@@ -3,9 +3,9 @@
 As in `kernels.py`, shapes are in the docstrings: numba compiles types that nothing can wrap.
 """
 
-import numba
 import numpy as np
 
+from planfit.compiled import kernel
 from planfit.matching.view_grids import COLUMNS, ROWS
 
 UNKNOWN = 0.8
@@ -16,7 +16,7 @@ FEW = 50
 """So does that of this many cells."""
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def compare_views(
     pairs: np.ndarray,
     a_from_b: np.ndarray,
@@ -55,7 +55,7 @@ def compare_views(
     return result
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _compare_pair(
     views: tuple,
     a_from_b: np.ndarray,
@@ -110,7 +110,7 @@ def _compare_pair(
     return n_seen, n_past, _likeness(sums)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _likeness(sums: np.ndarray) -> float:
     """Correlation of greys a and b, from the sums (6,) of 1, a, b, a^2, b^2, ab."""
     n, mean = sums[0], sums / max(sums[0], 1.0)
@@ -121,7 +121,7 @@ def _likeness(sums: np.ndarray) -> float:
     return (n * likeness + FEW * UNKNOWN) / (n + FEW)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _range(depth_m: np.ndarray, row: int, column: int) -> tuple:
     """Least and largest depth (m) of a cell and the eight about it; 0 and 0 where the cell has none."""
     if not depth_m[row, column] > 0:

@@ -7,11 +7,12 @@ docstrings here, and in the annotations of the functions that call them.
 
 import heapq
 
-import numba
 import numpy as np
 
+from planfit.compiled import kernel
 
-@numba.njit(cache=True, nogil=True)
+
+@kernel
 def mutual_nearest(
     product: np.ndarray, norms_a: np.ndarray, norms_b: np.ndarray, max_ratio_sq: float
 ) -> np.ndarray:
@@ -42,7 +43,7 @@ def mutual_nearest(
     return nearest
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def take_within_budget(pairs: np.ndarray, most: int, used: np.ndarray) -> np.ndarray:
     """Which pairs (p, 2) are taken (p,) bool, in order, while neither frame has `most`; counts in `used`."""
     taken = np.zeros(len(pairs), dtype=np.bool_)
@@ -55,7 +56,7 @@ def take_within_budget(pairs: np.ndarray, most: int, used: np.ndarray) -> np.nda
     return taken
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def covisible_share(
     points: np.ndarray, bounds: np.ndarray, a_from_b: np.ndarray, pairs: np.ndarray
 ) -> np.ndarray:
@@ -82,7 +83,7 @@ def covisible_share(
     return result
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _visible_share(
     points: np.ndarray, rotation: np.ndarray, translation: np.ndarray, bound: np.ndarray
 ) -> float:
@@ -111,7 +112,7 @@ def _visible_share(
     return seen / n if n > 0 else 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def most_certain_paths(
     begin: np.ndarray, to: np.ndarray, edge: np.ndarray, is_back: np.ndarray, cost_of: np.ndarray,
     forth: np.ndarray, back: np.ndarray, variance: np.ndarray, ends: np.ndarray,
@@ -148,7 +149,7 @@ def most_certain_paths(
     return motions, variances
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _search_paths(
     begin: np.ndarray, to: np.ndarray, edge: np.ndarray, cost_of: np.ndarray, source: int,
     targets: np.ndarray,

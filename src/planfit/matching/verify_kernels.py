@@ -3,14 +3,15 @@
 As in `planfit.matching.kernels`, shapes are in the docstrings: numba compiles types that nothing can wrap.
 """
 
-import numba
 import numpy as np
+
+from planfit.compiled import kernel
 
 MIN_SIDE_M = 0.2
 """Triples with a shorter side say too little of the rotation."""
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def rigid_triples(
     triples: np.ndarray,
     points_a: np.ndarray,
@@ -42,7 +43,7 @@ def rigid_triples(
     return kept[:n_kept]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def fit_triples(triples: np.ndarray, points_a: np.ndarray, points_b: np.ndarray) -> np.ndarray:
     """Rigid motions a_from_b (r, 4, 4) that fit triples (r, 3) of matched points (m, 3) best.
 
@@ -75,7 +76,7 @@ def fit_triples(triples: np.ndarray, points_a: np.ndarray, points_b: np.ndarray)
     return motions
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _horn_matrix(s: np.ndarray, n: np.ndarray) -> None:
     """Horn's matrix N (4, 4) from the sums of products S (3, 3), in place."""
     n[0, 0] = s[0, 0] + s[1, 1] + s[2, 2]
@@ -90,7 +91,7 @@ def _horn_matrix(s: np.ndarray, n: np.ndarray) -> None:
     n[2, 3] = n[3, 2] = s[1, 2] + s[2, 1]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _largest_eigenvector(a: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Eigenvector (4,) of the largest eigenvalue of a symmetric matrix (4, 4), by Jacobi's rotations.
 
@@ -129,7 +130,7 @@ def _largest_eigenvector(a: np.ndarray, v: np.ndarray) -> np.ndarray:
     return v[:, best]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _rotation_of(q: np.ndarray, rotation: np.ndarray) -> None:
     """Rotation (3, 3) of a unit quaternion (w, x, y, z), in place."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -144,7 +145,7 @@ def _rotation_of(q: np.ndarray, rotation: np.ndarray) -> None:
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def best_motion(
     a_from_b: np.ndarray, points_a: np.ndarray, points_b: np.ndarray, tolerance: np.ndarray
 ) -> int:
@@ -166,7 +167,7 @@ def best_motion(
     return best
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def agreeing(
     a_from_b: np.ndarray,
     points_a: np.ndarray,
@@ -198,7 +199,7 @@ def agreeing(
     return agrees
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _is_seen_at(point: tuple, camera: np.ndarray, uv: np.ndarray, max_px: float) -> bool:
     if not point[2] > 0:
         return False
@@ -207,7 +208,7 @@ def _is_seen_at(point: tuple, camera: np.ndarray, uv: np.ndarray, max_px: float)
     return u * u + v * v < max_px * max_px
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _moved(transform: np.ndarray, p: np.ndarray) -> tuple:
     return (
         transform[0, 0] * p[0] + transform[0, 1] * p[1] + transform[0, 2] * p[2] + transform[0, 3],
@@ -216,6 +217,6 @@ def _moved(transform: np.ndarray, p: np.ndarray) -> tuple:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _distance_sq(a: np.ndarray | tuple, b: np.ndarray) -> float:
     return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2

@@ -4,8 +4,9 @@ Numba compiles their types, which nothing can wrap: shapes are in the docstrings
 annotations of the functions that call them.
 """
 
-import numba
 import numpy as np
+
+from planfit.compiled import kernel
 
 CELL_M = 0.06
 """Size of a cell of the visibility map."""
@@ -15,7 +16,7 @@ STOP_M = 0.06
 """A line of sight counts up to this far before what it meets."""
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def wall_cells_at(xy: np.ndarray, low_xy: np.ndarray, is_wall: np.ndarray, n_y: int) -> np.ndarray:
     """Whether cells at xy (k, 2) m are wall (k,); `is_wall` (nx, ceil(n_y / 8)) has a bit for each.
 
@@ -30,7 +31,7 @@ def wall_cells_at(xy: np.ndarray, low_xy: np.ndarray, is_wall: np.ndarray, n_y: 
     return found
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def trace_rays(
     centre: np.ndarray,
     points: np.ndarray,
@@ -75,7 +76,7 @@ def trace_rays(
                 highest_ray[i, j] = min(b, nz - 1)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def upright_extents(hits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest bin (nx, ny) with two upright points or more; nz and -1 where there is none."""
     nx, ny, nz = hits.shape
@@ -90,7 +91,7 @@ def upright_extents(hits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return bottom, top
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def label_walls(
     labels: np.ndarray,
     planes: np.ndarray,
@@ -112,7 +113,7 @@ def label_walls(
                 planes[r, c, 3] = planes[r, c, 0] * p[0] + planes[r, c, 1] * p[1]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def label_level(
     labels: np.ndarray,
     planes: np.ndarray,
@@ -141,7 +142,7 @@ def label_level(
                 planes[r, c] = plane
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def grow_labels(
     labels: np.ndarray,
     planes: np.ndarray,

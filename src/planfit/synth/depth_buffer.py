@@ -6,10 +6,10 @@ Each rectangle is drawn row by row between its edges. Measured on buildings of 1
 
 import math
 
-import numba
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.compiled import kernel
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 
@@ -49,7 +49,7 @@ def first_rectangles(
     return hit
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _draw(
     corners: np.ndarray, normal: np.ndarray, fx: float, fy: float, cx: float, cy: float,
     hit: np.ndarray, nearest: np.ndarray,
@@ -83,7 +83,7 @@ def _draw(
                     hit[row, column] = q
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _outline(
     corners: np.ndarray, q: int, fx: float, fy: float, cx: float, cy: float, outline: np.ndarray
 ) -> int:
@@ -105,7 +105,7 @@ def _outline(
     return n
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _span(outline: np.ndarray, n: int, row: int) -> tuple[float, float]:
     """Columns at which the outline begins and ends in a row."""
     left, right = np.inf, -np.inf

@@ -5,8 +5,9 @@ All of it is a pure function of place and seed, so a surface looks the same from
 
 import math
 
-import numba
 import numpy as np
+
+from planfit.compiled import kernel
 
 _A = np.uint64(0x9E3779B97F4A7C15)
 _B = np.uint64(0xC2B2AE3D27D4EB4F)
@@ -15,7 +16,7 @@ _SHIFT = np.uint64(32)
 _TO_UNIT = 1.0 / 2.0**64
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def hashed(i: int, j: int, seed: np.uint64) -> float:
     """A number in [0, 1) for each integer cell and seed."""
     h = seed ^ (np.uint64(i) * _A) ^ (np.uint64(j) * _B)
@@ -25,7 +26,7 @@ def hashed(i: int, j: int, seed: np.uint64) -> float:
     return h * _TO_UNIT
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def value_noise(u: float, v: float, seed: np.uint64) -> float:
     """Smooth noise in [-1, 1] with one feature per unit."""
     i, j = math.floor(u), math.floor(v)
@@ -37,7 +38,7 @@ def value_noise(u: float, v: float, seed: np.uint64) -> float:
     return 2.0 * (top + sv * (bottom - top)) - 1.0
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def octaves(
     u: float, v: float, seed: np.uint64, frequency: float, count: int, gain: float, footprint: float
 ) -> float:
@@ -54,13 +55,13 @@ def octaves(
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def inside(distance: float, softness: float) -> float:
     """1 well inside a shape (distance < 0), 0 well outside, soft over `softness`."""
     return min(1.0, max(0.0, 0.5 - distance / softness))
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def spots(
     u: float, v: float, seed: np.uint64, cell: float, share: float, footprint: float
 ) -> float:

@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
-import numba
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from planfit.compiled import kernel
 from planfit.geometry.camera import Camera
 from planfit.scan.types import Label
 from planfit.synth.depth_buffer import first_rectangles
@@ -96,7 +96,7 @@ def _rays(camera: Camera) -> Float[np.ndarray, "n 3"]:
 _FLOOR, _WALL = int(Label.FLOOR), int(Label.WALL)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _locate(
     hit: np.ndarray, rays: np.ndarray, plan_from_cam: np.ndarray, pixel_angle: float,
     origin: np.ndarray, u_axis: np.ndarray, v_axis: np.ndarray, normal: np.ndarray,
@@ -143,7 +143,7 @@ def _locate(
         brightness[i] = k
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _light(
     point: np.ndarray, normal: np.ndarray, lamps: np.ndarray, start: int, stop: int
 ) -> float:
@@ -156,7 +156,7 @@ def _light(
     return 0.42 + 0.75 * total / (0.6 + 0.5 * total)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _floor_shadow(point: np.ndarray, feet: np.ndarray, start: int, stop: int) -> float:
     """Floors are darker under and beside furniture."""
     k = 1.0
@@ -170,7 +170,7 @@ def _floor_shadow(point: np.ndarray, feet: np.ndarray, start: int, stop: int) ->
     return k
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _corner_shadow(u: float, v: float, width: float, height: float) -> float:
     edge = min(min(u, width - u), min(v, height - v))
     return 1.0 - 0.22 * math.exp(-max(edge, 0.0) / 0.1)

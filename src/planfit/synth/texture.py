@@ -7,9 +7,9 @@ file to see whether its cache is stale: after an edit of `noise_field.py`, touch
 
 import math
 
-import numba
 import numpy as np
 
+from planfit.compiled import kernel
 from planfit.synth.materials import Material
 from planfit.synth.noise_field import hashed, inside, octaves, spots, value_noise
 
@@ -23,7 +23,7 @@ _EVEN = int(Material.EVEN)
 _CABINET, _LAMP, _CARDBOARD = int(Material.CABINET), int(Material.LAMP), int(Material.CARDBOARD)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def paint(
     hit: np.ndarray, uv: np.ndarray, footprint: np.ndarray, brightness: np.ndarray,
     material: np.ndarray, size: np.ndarray, base: np.ndarray, seed: np.ndarray,
@@ -53,7 +53,7 @@ def paint(
             color[i, 0], color[i, 1], color[i, 2] = r * k, g * k, b * k
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _texture(
     material: int, u: float, v: float, width: float, height: float,
     seed: np.uint64, r: float, g: float, b: float, footprint: float,
@@ -99,18 +99,18 @@ def _texture(
     return r * k, g * k, b * k
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _mix(a: float, b: float, share: float) -> float:
     return a + (b - a) * share
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _rounded_box(u: float, v: float, half_u: float, half_v: float) -> float:
     """Distance to a rectangle about the origin, negative inside."""
     return max(abs(u) - half_u, abs(v) - half_v)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _plaster(
     u: float,
     v: float,
@@ -140,7 +140,7 @@ def _plaster(
     return r * (k + warm), g * k, b * (k - warm)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _grain(
     u: float, v: float, width: float, height: float, seed: np.uint64, footprint: float
 ) -> float:
@@ -153,7 +153,7 @@ def _grain(
     return k + 0.3 * min(0.0, spots(u, v, seed + _2, 0.25, 0.35, footprint))
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _planks(
     u: float, v: float, seed: np.uint64, r: float, g: float, b: float, footprint: float
 ) -> tuple[float, float, float]:
@@ -173,7 +173,7 @@ def _planks(
     return r * (k + tint), g * k, b * (k - tint)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _tiles(
     u: float, v: float, seed: np.uint64, r: float, g: float, b: float, footprint: float
 ) -> tuple[float, float, float]:
@@ -193,7 +193,7 @@ def _tiles(
     return r * k, g * k, b * k
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _fabric(
     u: float, v: float, seed: np.uint64, r: float, g: float, b: float, footprint: float
 ) -> tuple[float, float, float]:
@@ -208,7 +208,7 @@ def _fabric(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _books(
     u: float, v: float, width: float, height: float,
     seed: np.uint64, r: float, g: float, b: float, footprint: float,
@@ -244,7 +244,7 @@ def _books(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _picture(
     u: float, v: float, width: float, height: float,
     seed: np.uint64, r: float, g: float, b: float, footprint: float,
@@ -277,7 +277,7 @@ def _picture(
     return red, green, blue
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _notes(
     u: float, v: float, width: float, height: float, seed: np.uint64, footprint: float
 ) -> tuple[float, float, float]:
@@ -309,7 +309,7 @@ def _notes(
     return red, green, blue
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _window(
     u: float, v: float, width: float, height: float, seed: np.uint64, footprint: float
 ) -> tuple[float, float, float]:
@@ -331,7 +331,7 @@ def _window(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _cabinet(
     u: float, v: float, width: float, height: float,
     seed: np.uint64, r: float, g: float, b: float, footprint: float,
@@ -359,7 +359,7 @@ def _cabinet(
     return _mix(red, 0.1, handle), _mix(green, 0.1, handle), _mix(blue, 0.11, handle)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _cardboard(
     u: float, v: float, width: float, height: float,
     seed: np.uint64, r: float, g: float, b: float, footprint: float,

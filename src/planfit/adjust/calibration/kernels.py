@@ -17,14 +17,15 @@ own kernels are in another file, which numba's cache would not watch. `pragma: n
 invisible to coverage.
 """
 
-import numba
 import numpy as np
+
+from planfit.compiled import kernel
 
 K = 7
 """Parameters."""
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@kernel(fastmath=True)
 def _measured_depth(z, depth):  # pragma: no cover
     """The depth d that (s, o, q) correct to z = s d + o + q d^2; the nearest to it where none is."""
     beyond = z - depth[1]
@@ -32,7 +33,7 @@ def _measured_depth(z, depth):  # pragma: no cover
     return 2.0 * beyond / (depth[0] + root)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@kernel(fastmath=True)
 def sum_planes_by_sensor(
     points, start, planes, weight, depth, is_stretched, by_pose, by_self, by_res
 ):  # pragma: no cover
@@ -74,7 +75,7 @@ def sum_planes_by_sensor(
                     by_pose[k, i, u] += wj * lever[i]
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@kernel(fastmath=True)
 def _directions(p, d, by):  # pragma: no cover
     """How each parameter moves a point of measured depth d: columns of `by` (3, K)."""
     x, y, z = p
@@ -89,7 +90,7 @@ def _directions(p, d, by):  # pragma: no cover
     by[1, 6] = -z
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@kernel(fastmath=True)
 def sum_pairs_by_sensor(
     points_a, points_b, start, a_from_b, weight, depth, by_relative, by_self, by_res
 ):  # pragma: no cover

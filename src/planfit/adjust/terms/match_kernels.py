@@ -8,11 +8,12 @@ kernel here needs a loss (numba's cache watches only the file a function is in, 
 `pragma: no cover`: compiled code is invisible to coverage; the tests hold it against twins.
 """
 
-import numba
 import numpy as np
 
+from planfit.compiled import kernel
 
-@numba.njit(cache=True, nogil=True)
+
+@kernel
 def _close(rows, hessian, gradient):  # pragma: no cover
     """Write J^T W J and J^T W r of a pair from rows sqrt(w) (J, r), (n, 7): one product for both."""
     both = np.dot(rows.T, rows)
@@ -20,7 +21,7 @@ def _close(rows, hessian, gradient):  # pragma: no cover
     gradient[:] = both[:6, 6]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def reproject(
     points_second, points_first, start, first_from_second, focals, min_depth, squared, is_on
 ):  # pragma: no cover
@@ -43,7 +44,7 @@ def reproject(
             is_on[m] = z > min_depth and points_first[m, 2] > min_depth
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def sum_reprojections(
     points_second,
     points_first,
@@ -85,14 +86,14 @@ def sum_reprojections(
         _close(rows, hessians[k], gradients[k])
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _cross(a, b, out):  # pragma: no cover
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _across(ray_first, ray_second, t, turned, normal):  # pragma: no cover
     """The second ray turned into the first's axes, and the cross product of the two; returns t . n."""
     for a in range(3):
@@ -101,7 +102,7 @@ def _across(ray_first, ray_second, t, turned, normal):  # pragma: no cover
     return t[0, 3] * normal[0] + t[1, 3] * normal[1] + t[2, 3] * normal[2]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def ray_distances(
     rays_first, rays_second, start, first_from_second, parallel_sq, distance
 ):  # pragma: no cover
@@ -114,7 +115,7 @@ def ray_distances(
             distance[m] = along / np.sqrt(sine_sq + parallel_sq)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def sum_ray_distances(
     rays_first, rays_second, start, first_from_second, parallel_sq, weight, hessians, gradients
 ):  # pragma: no cover

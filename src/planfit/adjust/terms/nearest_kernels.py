@@ -3,11 +3,12 @@
 `pragma: no cover`: compiled code is invisible to coverage; the tests hold it against twins.
 """
 
-import numba
 import numpy as np
 
+from planfit.compiled import kernel
 
-@numba.njit(cache=True, nogil=True)
+
+@kernel
 def squared_distances(face_idx, gaps, normals, to_line, reach):  # pragma: no cover
     """Squared distances (m,) to faces or their lines; where there is no face, that of `reach`."""
     squared = np.full(len(face_idx), reach * reach)
@@ -20,7 +21,7 @@ def squared_distances(face_idx, gaps, normals, to_line, reach):  # pragma: no co
     return squared
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def correspondence_weights(
     face_idx, normals, to_line, start, information, weight
 ):  # pragma: no cover
@@ -43,7 +44,7 @@ def correspondence_weights(
     return information_of
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def correspondence_cost(points, start, plan_from_cams, feet, information):  # pragma: no cover
     """Half the sum of g^T A g over points, g from the foot (m, 2) and A = (xx, xy, yy) (m, 3)."""
     cost = 0.0
@@ -58,7 +59,7 @@ def correspondence_cost(points, start, plan_from_cams, feet, information):  # pr
     return cost
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def sum_correspondences(
     points, start, frame_idx, plan_from_cams, feet, information, hessians, gradients
 ):  # pragma: no cover

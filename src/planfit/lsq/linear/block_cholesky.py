@@ -5,10 +5,10 @@ of its poses and what its children leave, eliminates its poses, and leaves the r
 all work is products of dense matrices, which BLAS does at a processor's full speed (ADR 6).
 """
 
-import numba
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.compiled import kernel
 from planfit.lsq.linear.ordering import FillReducingOrdering, find_supernodes
 
 PANEL = 48
@@ -78,7 +78,7 @@ class BlockCholesky:
         return result.ravel()
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _rows_in_front(first, start, below, block_start, places):  # pragma: no cover
     """The row of blocks that each place has in the front it goes to."""
     rows = np.zeros(len(places), np.int64)
@@ -93,7 +93,7 @@ def _rows_in_front(first, start, below, block_start, places):  # pragma: no cove
     return rows
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _factorise(
     first,
     start,
@@ -143,7 +143,7 @@ def _factorise(
     return factor, True
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _sizes(first, start, n_children):  # pragma: no cover
     """Numbers in the factor, and at most on the stack of what children leave."""
     factor, stack, most = 0, 0, 0
@@ -164,7 +164,7 @@ def _sizes(first, start, n_children):  # pragma: no cover
     return factor, most
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _add_child(front, left, rows):  # pragma: no cover
     """Add what a child leaves, lower triangle, at its rows of blocks in the front."""
     for i in range(len(rows)):
@@ -177,7 +177,7 @@ def _add_child(front, left, rows):  # pragma: no cover
                     into[b] += added[b]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _eliminate_panels(front, own, factor, at):  # pragma: no cover
     """Eliminate the first `own` columns in place; where the factor goes on, or -1 if it does not exist."""
     n = len(front)
@@ -203,7 +203,7 @@ def _eliminate_panels(front, own, factor, at):  # pragma: no cover
     return at
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@kernel(fastmath=True)
 def _inverse_of_factor(block, inverse):  # pragma: no cover
     """Inverse of the Cholesky factor of a block (its lower triangle is read); False if it has none."""
     n = len(block)
@@ -232,7 +232,7 @@ def _inverse_of_factor(block, inverse):  # pragma: no cover
     return True
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _substitute(first, start, below, factor, x):  # pragma: no cover
     """Solve in place: forwards with the factor, backwards with its transpose."""
     at = 0
@@ -244,7 +244,7 @@ def _substitute(first, start, below, factor, x):  # pragma: no cover
         _backwards(first, start, below, factor, ends[s], x, s)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _gathered(first, start, below, x, s):  # pragma: no cover
     """The values of x at the rows of a front."""
     own = 6 * (first[s + 1] - first[s])
@@ -256,7 +256,7 @@ def _gathered(first, start, below, x, s):  # pragma: no cover
     return values
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _forwards(first, start, below, factor, at, x, s):  # pragma: no cover
     own = 6 * (first[s + 1] - first[s])
     values = _gathered(first, start, below, x, s)
@@ -279,7 +279,7 @@ def _forwards(first, start, below, factor, at, x, s):  # pragma: no cover
     return at
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _backwards(first, start, below, factor, at, x, s):  # pragma: no cover
     """`at` is where the supernode's panels end."""
     own = 6 * (first[s + 1] - first[s])

@@ -2,11 +2,11 @@
 
 from functools import cached_property
 
-import numba
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
 
+from planfit.compiled import kernel
 from planfit.lsq.linear.block_cholesky import BlockCholesky
 from planfit.lsq.linear.ordering import minimum_degree_ordering
 from planfit.lsq.linear.solvers import Pardiso
@@ -104,7 +104,7 @@ class BlockPattern:
         return band
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _add_blocks(blocks, slot, upper):  # pragma: no cover
     for b in range(len(blocks)):
         out = upper[slot[b]]
@@ -113,7 +113,7 @@ def _add_blocks(blocks, slot, upper):  # pragma: no cover
                 out[r, c] += blocks[b, r, c]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _fill_band(upper, near, rows, columns, band):  # pragma: no cover
     for k in near:
         # An upper block (i, j) is the transpose of the lower block (j, i).

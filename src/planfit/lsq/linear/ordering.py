@@ -12,9 +12,10 @@ stores some zeros (Ashcraft and Grimes 1989); each is eliminated as one dense ma
 import heapq
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from jaxtyping import Int
+
+from planfit.compiled import kernel
 
 MAX_ZEROS = 0.25
 """Share of zeros that joining may leave in a supernode."""
@@ -52,7 +53,7 @@ def minimum_degree_ordering(
     return FillReducingOrdering(order, starts, neighbours[: starts[-1]], work)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _minimum_degree(start, neighbours, max_work):  # pragma: no cover
     """Order, neighbours at each elimination, and work; edges are (start, neighbours), both ways.
 
@@ -101,7 +102,7 @@ def _minimum_degree(start, neighbours, max_work):  # pragma: no cover
     return order, counts, columns, work
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _with_room(values, used, needed):  # pragma: no cover
     """The values, copied to a larger array where there is no room behind the first `used`."""
     if used + needed <= len(values):
@@ -111,7 +112,7 @@ def _with_room(values, used, needed):  # pragma: no cover
     return grown
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _eliminate_clique(is_done, order, n_done, counts, columns, n_columns):  # pragma: no cover
     """Eliminate the rest, all neighbours of each other: each has those behind it as neighbours."""
     n, rest = len(order), n_done
@@ -125,7 +126,7 @@ def _eliminate_clique(is_done, order, n_done, counts, columns, n_columns):  # pr
         n_columns += counts[k]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _join_neighbours(pool, begin, count, v, mark, stamp, end, heap):  # pragma: no cover
     """Make v's neighbours neighbours of each other, without v; where the pool and the stamps go on.
 
@@ -146,7 +147,7 @@ def _join_neighbours(pool, begin, count, v, mark, stamp, end, heap):  # pragma: 
     return end, stamp
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _compacted(pool, begin, count, is_done, need):  # pragma: no cover
     """The lists of poses that are left, one after the other in a new pool with room to grow."""
     size = need
@@ -235,7 +236,7 @@ def _inverse_permutation(order: np.ndarray) -> np.ndarray:
     return result
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _joined(parent, n_below, max_zeros, max_small):  # pragma: no cover
     """The last column of the supernode that each column is in."""
     n = len(parent)
@@ -257,7 +258,7 @@ def _joined(parent, n_below, max_zeros, max_small):  # pragma: no cover
     return into
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _postorder(parent):  # pragma: no cover
     """Nodes of a forest, children before parents and subtrees in one piece; roots have parent n."""
     n = len(parent)
@@ -283,7 +284,7 @@ def _postorder(parent):  # pragma: no cover
     return sequence
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _rows_in_parent(first, start, below, parents):  # pragma: no cover
     rows = np.zeros(len(below), np.int64)
     for s in range(len(parents)):

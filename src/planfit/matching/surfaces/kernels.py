@@ -4,8 +4,9 @@ As in `planfit.matching.kernels`, shapes are in the docstrings: numba compiles t
 A view is (depth (r, c) m, normals (r, c, 3) times 127, fx fy cx cy in cells).
 """
 
-import numba
 import numpy as np
+
+from planfit.compiled import kernel
 
 LOSS_SIGMAS = 2.0
 """Scale of Cauchy's loss, in sigmas."""
@@ -23,7 +24,7 @@ K = 7
 """Parameters of a sensor."""
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def bring_together(
     view_a: tuple,
     view_b: tuple,
@@ -63,7 +64,7 @@ def bring_together(
     return motion, sums[0]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def sums_at(view_a: tuple, view_b: tuple, motion: np.ndarray, sigma: np.ndarray) -> tuple:
     """Normal equations (6, 6) at a motion, sums as `_add` has them, at the last gate, and what motion and
     sensor share (6, K): J_motion^T J_sensor."""
@@ -75,7 +76,7 @@ def sums_at(view_a: tuple, view_b: tuple, motion: np.ndarray, sigma: np.ndarray)
     return hessian, sums, by_sensor
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def observed(hessian: np.ndarray, sums: np.ndarray, motion: np.ndarray) -> tuple:
     """Eigenvalues (6,), eigenvectors (6, 6) of normal equations about the middle of what was seen.
 
@@ -108,7 +109,7 @@ def observed(hessian: np.ndarray, sums: np.ndarray, motion: np.ndarray) -> tuple
     return values, vectors, scaling
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _step(
     values: np.ndarray,
     vectors: np.ndarray,
@@ -139,7 +140,7 @@ def _step(
     return squared
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _add(
     view_a: tuple,
     view_b: tuple,
@@ -263,7 +264,7 @@ def _add(
                 sums[5] += weight * place[r] ** 2
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _add_by_sensor(point: np.ndarray, normal: np.ndarray, sign: float, row: np.ndarray) -> None:
     """Add how far the sensor's parameters move a point (its camera's axes) along a normal, in place.
 
@@ -282,7 +283,7 @@ def _add_by_sensor(point: np.ndarray, normal: np.ndarray, sign: float, row: np.n
     row[6] -= sign * b * z
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _retract(motion: np.ndarray, tangent: np.ndarray) -> None:
     """Rotate by exp(tangent[:3]) from the left and add tangent[3:] to the translation, in place."""
     x, y, z = tangent[0], tangent[1], tangent[2]
@@ -300,7 +301,7 @@ def _retract(motion: np.ndarray, tangent: np.ndarray) -> None:
         motion[c, 3] += tangent[3 + c]
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def compare_surfaces(
     view_a: tuple, view_b: tuple, a_from_b: np.ndarray, base_m: float, per_m: float
 ) -> np.ndarray:

@@ -5,11 +5,11 @@ import math
 from pathlib import Path
 
 import cv2
-import numba
 import numpy as np
 from jaxtyping import Float, Shaped, UInt8
 from PIL import Image
 
+from planfit.compiled import kernel
 from planfit.errors import ScanError
 
 MAX_PIXELS = 100_000_000
@@ -140,7 +140,7 @@ def decode_rvl(data: bytes, width: int, height: int, path: Path) -> Shaped[np.nd
     return pixels.reshape(height, width)
 
 
-@numba.njit(cache=True)
+@kernel
 def _unpack_rvl(words: np.ndarray, pixels: np.ndarray) -> bool:
     """Fill the pixels; whether the words are those of so many."""
     at, previous, nibble = 0, 0, 0
@@ -160,7 +160,7 @@ def _unpack_rvl(words: np.ndarray, pixels: np.ndarray) -> bool:
     return True
 
 
-@numba.njit(cache=True)
+@kernel
 def _rvl_number(words: np.ndarray, nibble: int) -> tuple[int, int]:
     """A number of three bits a nibble, lowest first, and the nibble behind it; -1 where the words end."""
     value, shift = 0, 0

@@ -4,8 +4,9 @@ Numba compiles their types, which nothing can wrap: shapes are in the docstrings
 annotations of the functions that call them.
 """
 
-import numba
 import numpy as np
+
+from planfit.compiled import kernel
 
 SAME_SURFACE_M = 0.05
 """Points of a pixel up to this far behind its nearest one are of one surface, and count as their mean."""
@@ -15,7 +16,7 @@ MAX_JUMP_SHARE = 0.15
 """Depths at both sides of a hole that differ by less are of one surface."""
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def pixel_of(
     x: float, y: float, z: float, rotation: np.ndarray, fx: float, cx: float, cy: float,
     h: int, w: int,
@@ -31,7 +32,7 @@ def pixel_of(
     return int(np.floor(v + 0.5)) * w + int(np.floor(u + 0.5)), ahead
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def count_seen(
     points: np.ndarray, rotation: np.ndarray, fx: float, cx: float, cy: float, h: int, w: int
 ) -> int:
@@ -43,7 +44,7 @@ def count_seen(
     return seen
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def splat(
     points: np.ndarray, rotation: np.ndarray, fx: float, cx: float, cy: float, h: int, w: int
 ) -> np.ndarray:
@@ -82,7 +83,7 @@ def splat(
     return image
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def fill_holes(image: np.ndarray, reach: int) -> np.ndarray:
     """The depth image (h, w) with holes of up to `reach` px across filled, between pixels of one surface.
 
@@ -124,7 +125,7 @@ def fill_holes(image: np.ndarray, reach: int) -> np.ndarray:
     return filled
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def move_by_time(
     xyz: np.ndarray, from_centres: np.ndarray, to_centres: np.ndarray, before: np.ndarray,
     share: np.ndarray, rotations: np.ndarray, turns: np.ndarray,

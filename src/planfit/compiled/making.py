@@ -1,0 +1,126 @@
+"""Compile the listed kernels ahead of their first call: for `planfit doctor --compile`, and for wheels."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
+from importlib.metadata import distribution
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from numba.core import serialize
+from numba.core.caching import NullCache
+from numba.core.dispatcher import Dispatcher
+
+from planfit.compiled.decorator import set_cache
+from planfit.compiled.here import settings_of_the_level, what_is_here
+from planfit.compiled.ready_files import Ready, read_ready, write_ready
+from planfit.compiled.signatures import listed_lines, parse_line
+from planfit.errors import OutputError
+
+_MAX_PROCESSES = 4
+"""Each takes 300 MB."""
+
+
+def make_ready(folder: Path, lines: Sequence[str] | None = None) -> Ready:
+    """Compile kernels into a folder, in the place of those that it holds.
+
+    In processes of their own: numba is told for which CPU to compile before it starts. All take half a minute
+    on two cores.
+
+    Args:
+        folder: `decorator.READY` is the package's own, which runs look into.
+        lines: kernels and signatures; by default all of `signatures.txt`.
+
+    Raises:
+        OutputError: the folder cannot be written, or a kernel cannot be compiled.
+    """
+    lines = listed_lines() if lines is None else lines
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    shares = _shares(lines, min(usable or 1, _MAX_PROCESSES))
+    with TemporaryDirectory() as temporary, ThreadPoolExecutor(len(shares)) as pool:
+        parts = [Path(temporary) / str(i) for i in range(len(shares))]
+        made = list(pool.map(_compile_apart, parts, shares))
+    blobs = {line: blob for _, part in made for line, blob in part.items()}
+    assert sorted(blobs) == sorted(lines)
+    first = made[0][0]
+    try:
+        write_ready(folder, first.made, first.wheel_tag, blobs)
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: cannot be written ({error.strerror}); run it as who installed planfit"
+        ) from error
+    ready = read_ready(folder)
+    assert isinstance(ready, Ready)
+    return ready
+
+
+def _compile_apart(folder: Path, lines: Sequence[str]) -> tuple[Ready, dict[str, bytes]]:
+    """Compile in a process of its own, by way of a folder that is not there yet.
+
+    Raises:
+        OutputError: a kernel cannot be compiled.
+    """
+    # numba's own cache too: what lies in the user's was perhaps compiled by other settings.
+    caches = {"NUMBA_CACHE_DIR": str(folder / "numba")}
+    done = subprocess.run(
+        [sys.executable, "-m", "planfit.compiled", str(folder)],
+        env={**os.environ, **settings_of_the_level(), **caches},
+        input="\n".join(lines),
+        capture_output=True,
+        text=True,
+    )
+    ready = read_ready(folder)
+    if done.returncode or isinstance(ready, str):
+        last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+        raise OutputError(f"kernels: cannot be compiled ({last}); each will be at its first call")
+    blobs = {line: ready.blob(line) for line in ready.places}
+    return ready, {line: blob for line, blob in blobs.items() if blob is not None}
+
+
+def _shares(lines: Sequence[str], n: int) -> list[list[str]]:
+    """Lines in up to n shares, by modules: kernels of one call each other, which are compiled once so."""
+    modules = sorted({_module_of(line) for line in lines})
+    shares = [[line for line in lines if _module_of(line) in modules[i::n]] for i in range(n)]
+    return [share for share in shares if share]
+
+
+def _module_of(line: str) -> str:
+    return line.split()[0].rpartition(".")[0]
+
+
+def compile_share(folder: Path, lines: Sequence[str]) -> None:
+    """Compile the kernels of some lines in this process, for what numba is told, into a folder.
+
+    Raises:
+        ValueError: a line names no kernel.
+    """
+    write_ready(folder, what_is_here(), wheel_tag(), {line: compiled_blob(line) for line in lines})
+
+
+def compiled_blob(line: str) -> bytes:
+    """The kernel and signature of a line, compiled, in the form of numba's own cache.
+
+    Raises:
+        ValueError: the line names no kernel.
+    """
+    name, signature = parse_line(line)
+    module, _, function = name.rpartition(".")
+    dispatcher = getattr(import_module(module), function, None)
+    if not isinstance(dispatcher, Dispatcher):
+        raise ValueError(f"{line!r}: expected a kernel, found no {function} in {module}")
+    set_cache(dispatcher, NullCache())  # compiled here and now, whatever is kept
+    dispatcher.compile(signature)
+    return serialize.dumps(dispatcher.overloads[signature]._reduce())
+
+
+def wheel_tag() -> str:
+    """Tag of a wheel that carries what is compiled here: that of the numba which compiles it.
+
+    Code refers to nothing but what numba and its LLVM offer by name, so it runs where this very numba does.
+    """
+    text = distribution("numba").read_text("WHEEL") or ""
+    tags = [line.split()[1] for line in text.splitlines() if line.startswith("Tag:")]
+    return tags[0] if tags else ""
