@@ -4,7 +4,8 @@
 
 Parts: step, reweight, solvers (GTSAM and g2o), scaling, descent (the paper's solver), real_scan, picture (the
 real scan on a picture of its plan), without_planfit (Open3D), plan_pictures, real_plans,
-real_drawings, metrics, throughput (3,000 frames from files to poses, rendered once), plots.
+real_drawings, metrics, throughput (3,000 frames from files to poses, rendered once; again with all of them as
+keyframes), building (25,000 frames in 20 rooms, likewise, of 5,000 that are rendered once), plots.
 A part replaces its own records in FILE and leaves the others; a part whose library or data is absent says so
 and is left out.
 Descents are kept between runs: `--fresh` makes them again (a few minutes each).
@@ -161,7 +162,19 @@ def throughput_part(fresh: bool) -> list[Record]:  # noqa: ARG001
     import inputs
     import throughput
 
-    return throughput.records(throughput.Arguments(folder=inputs.CACHE / "throughput"))
+    folder = inputs.CACHE / "throughput"
+    return throughput.records(throughput.Arguments(folder=folder, all_frames=True))
+
+
+def building_part(fresh: bool) -> list[Record]:  # noqa: ARG001
+    import inputs
+    import throughput
+
+    return throughput.records(
+        throughput.Arguments(
+            folder=inputs.CACHE / "throughput", n_frames=25_000, n_rooms=20, n_rendered=5_000
+        )
+    )
 
 
 EXTRAS = ("torch", "gtsam", "g2opy", "open3d")
@@ -179,6 +192,7 @@ PARTS: dict[str, Callable[[bool], list[Record]]] = {
     "real_drawings": real_drawings_part,
     "metrics": metrics_part,
     "throughput": throughput_part,
+    "building": building_part,
 }
 
 

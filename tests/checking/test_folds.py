@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
-from builders import look, make_matches, make_structure, make_ties, room_plan
-from planfit.adjust import Measurements
+from builders import look, make_matches, make_structure, make_ties, nudged, room_plan
+from planfit.adjust import AdjustOptions, Measurements, build_problem
 from planfit.adjust.association import Association
 from planfit.pipeline.folds import (
     MIN_FRAMES,
@@ -101,16 +101,65 @@ def test_every_measurement_is_left_to_all_folds_but_one(measurements, folds):
         reduced, correspondences = without_fold(measurements, ties, folds, fold)
         kept = folds.of_patches != fold
         seen_patches += kept
-        seen_pairs += len(reduced.matches.pairs)
-        assert_array_equal(reduced.structure.walls.frame_idx, walls.frame_idx[kept])
-        assert_array_equal(correspondences.walls.face_idx, ties.walls.face_idx[kept])
-        sizes = np.diff(reduced.structure.walls.start)
-        assert_array_equal(sizes, 30)
-        assert reduced.structure.walls.start[-1] == len(reduced.structure.walls.points_cam)
+        seen_pairs += int(reduced.kept.pairs.sum())
+        assert_array_equal(reduced.kept.patches, kept)
+        assert_array_equal(correspondences.walls.face_idx[kept], ties.walls.face_idx[kept])
+        assert_array_equal(correspondences.walls.face_idx[~kept], -1)
+        assert reduced.matches is measurements.matches  # nothing is copied
+        assert reduced.structure is measurements.structure
         assert reduced.odometry is measurements.odometry
+        copied = reduced.without_rest()
+        assert_array_equal(copied.matches.pairs, measurements.matches.pairs[folds.of_pairs != fold])
+        assert_array_equal(copied.structure.walls.frame_idx, walls.frame_idx[kept])
+        assert copied.structure.walls.start[-1] == len(copied.structure.walls.points_cam)
     assert_array_equal(seen_patches, COUNT - 1)
     n_visiting = int(np.sum(folds.of_pairs != NOT_KEPT_OUT))
     assert seen_pairs == COUNT * len(measurements.matches.pairs) - n_visiting
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        AdjustOptions(),
+        AdjustOptions(averaging="mean"),
+        AdjustOptions(geometric="rays"),
+        AdjustOptions(wall_strategy="iterative"),
+    ],
+    ids=["default", "means", "rays", "nearest wall"],
+)
+def test_a_fold_without_copies_solves_to_what_one_with_copies_does(walk, rng, options):
+    seen_walls = rng.uniform(size=(30, 3)) * [4, 0, 2] + [1, 0, 0]
+    patches = [(i, seen_walls, (0.0, 1.0)) for i in range(N)]
+    pairs = [(i, i + 1) for i in range(N - 1)] + [(i, i + N // 2) for i in range(N // 2)]
+    matches = make_matches(walk, sorted(pairs), rng.normal(size=(15, 3)))
+    noisy = matches.points_a + rng.normal(size=matches.points_a.shape) * 0.02
+    measurements = Measurements(
+        replace(matches, points_a=noisy),
+        make_structure(walk, patches=patches),
+        make_odometry(walk, OdometryOptions()),
+    )
+    walls = measurements.structure.walls
+    ties = make_ties(room_plan(), Association(np.zeros(len(walls), int), np.zeros(len(walls))), N)
+    folds, start = choose_folds(measurements, walk, COUNT, rng), nudged(rng, walk, 0.2, 0.02)
+    marked, without = without_fold(measurements, ties, folds, 0)
+    copied = marked.without_rest()
+    of_copy = replace(without, walls=without.walls[marked.kept.patches])
+    found = build_problem(marked, options, start, without).solve().target_from_cams
+    expected = build_problem(copied, options, start, of_copy).solve().target_from_cams
+    whole = build_problem(measurements, options, start, ties).solve().target_from_cams
+    assert_allclose(found, expected, rtol=0, atol=1e-9)
+    assert np.abs(found - whole).max() > 1e-6  # else it would not matter what is left out
+
+
+def test_matches_of_a_visit_are_found_without_a_look_at_the_others(measurements, folds):
+    matches = measurements.matches
+    for visit, pairs in enumerate(folds.pairs_of_visits):
+        expected, found = matches.of_pairs(folds.visit == visit), matches.taken(pairs)
+        assert_array_equal(pairs, np.flatnonzero(folds.visit == visit))
+        for name in ("pairs", "start", "points_a", "points_b", "sigma"):
+            assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert len(folds.pairs_of_visits) == folds.visit.max() + 1
+    assert matches.taken(np.zeros(0, int)).n_matches == 0
 
 
 def test_some_pairs_keep_their_own_matches(measurements, rng):

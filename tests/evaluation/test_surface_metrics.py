@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from builders import faces_plan, look, make_structure, make_world, room_plan
-from planfit.evaluation import floor_heights, wall_distances, wall_points
+from builders import faces_plan, look, make_structure, make_world, nudged, room_plan
+from planfit.evaluation import floor_heights, near_share, wall_distances, wall_points
 from planfit.floorplan import Floorplan, nearest_faces
 from planfit.floorplan.nearest_faces import facing_distances
 from planfit.geometry import se3, segments
@@ -199,3 +199,18 @@ def test_no_point_is_left_out_however_many_there_are(rng):
     assert found.n_points == n
     assert found.nsd_m == pytest.approx(np.abs(points[:, 1] - 4.0).mean(), rel=1e-9)
     assert found.near_share == np.mean(np.abs(points[:, 1] - 4.0) < 0.1)
+
+
+def test_the_share_of_near_points_alone_is_that_of_all_distances(rng, monkeypatch):
+    monkeypatch.setattr("planfit.geometry.se3.POINTS_AT_A_TIME", 7)
+    world = make_world(rng)
+    loose = se3.transform_each(se3.inverse(world.plan_from_cams), rng.uniform(0, 4, (8, 3)))
+    structure = replace(
+        world.structure, unassigned_points_cam=loose, unassigned_frame_idx=np.arange(8)
+    )
+    poses = nudged(rng, world.plan_from_cams, 2.0, 0.1)
+    found = near_share(structure, world.floorplan, poses)
+    assert found == wall_distances(structure, world.floorplan, poses).near_share
+    assert 0.1 < found < 0.9
+    nothing = make_structure(world.plan_from_cams)
+    assert np.isnan(near_share(nothing, world.floorplan, poses))

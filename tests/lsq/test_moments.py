@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import gradient_by_differences, jacobian_by_differences, random_transforms
+from planfit import mapped
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.moments import pair_moments, plane_moments
 from planfit.lsq.robust import Loss, LossKind, loss_value
+from planfit.mapped import is_mapped, map_rows
 
 LOSSES = [Loss(kind, 1.5) for kind in LossKind]
 
@@ -151,3 +153,63 @@ def test_small_residuals_survive_far_from_the_origin(pairs_case):
     quadratic, cost = pair_moments(**pairs_case, loss=Loss(LossKind.SQUARED))
     assert_allclose(cost, 0.5 * 30 * 1e-6, rtol=1e-3)
     assert_allclose(quadratic.cost(poses), 0.5 * 30 * 1e-6, rtol=1e-3)
+
+
+def test_blocks_made_in_parts_are_those_made_at_once(planes_case, pairs_case, monkeypatch):
+    loss, poses = Loss(LossKind.CAUCHY, 2.0), planes_case["target_from_cams"]
+    quadratics = (
+        plane_moments(**planes_case, loss=loss)[0],
+        pair_moments(**pairs_case, loss=loss)[0],
+    )
+    at_once = [quadratic.normal_blocks(poses) for quadratic in quadratics]
+    monkeypatch.setattr("planfit.lsq.moments._ROWS_AT_A_TIME", 2)
+    for quadratic, expected in zip(quadratics, at_once, strict=True):
+        found = quadratic.normal_blocks(poses)
+        assert_array_equal(found.rows, expected.rows)
+        assert_array_equal(found.columns, expected.columns)
+        assert_allclose(found.blocks, expected.blocks, rtol=1e-12, atol=1e-12)
+        assert_allclose(found.gradient, expected.gradient, rtol=1e-12, atol=1e-12)
+
+
+def test_float32_points_are_summed_in_float64(planes_case, pairs_case):
+    # Each coordinate is off by 6e-8 of itself; sums of float32 would be off by 1e-6 and more.
+    loss = Loss(LossKind.CAUCHY, 2.0)
+    for moments, case in ((plane_moments, planes_case), (pair_moments, pairs_case)):
+        for name in ("points_cam", "points_a", "points_b"):
+            if name in case:
+                case[name] = case[name].astype(np.float32)
+        rounded = {
+            name: value.astype(float) if name.startswith("points") else value
+            for name, value in case.items()
+        }
+        found, cost = moments(**case, loss=loss)
+        expected, expected_cost = moments(**rounded, loss=loss)
+        assert_allclose(cost, expected_cost, rtol=1e-13)
+        for name in ("moments", "aa", "ab", "bb"):
+            if hasattr(found, name):
+                assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12)
+
+
+def test_mapped_points_give_the_same_bits(rng, monkeypatch):
+    monkeypatch.setattr("planfit.mapped.MIN_BYTES", 0)
+    monkeypatch.setattr("planfit.lsq.moments._PART_POINTS", 1000)
+    points = rng.normal(size=(20_000, 3)).astype(np.float32)
+    rows = map_rows([points[:1234], points[1234:]], points.shape, points.dtype)
+    assert is_mapped(rows) == mapped.CAN_LET_GO
+    start, poses, loss = np.arange(0, 20_001, 50), random_transforms(rng, 4), Loss(LossKind.CAUCHY)
+    pose_idx, pairs = np.arange(400) % 4, np.array([[0, 1], [1, 2], [2, 3], [0, 3]] * 100)
+    planes, weight = np.tile([0.0, 0.0, 1.0, 0.1], (400, 1)), np.ones(400)
+    for found, expected in (
+        (
+            plane_moments(p, start, pose_idx, planes, weight, poses, 0.1, loss)
+            for p in (rows, points)
+        ),
+        (
+            pair_moments(p, p, np.ones(20_000), start, pairs, weight, poses, loss)
+            for p in (rows, points)
+        ),
+    ):
+        assert found[1] == expected[1]
+        for name in ("moments", "aa", "ab", "bb"):
+            if hasattr(found[0], name):
+                assert_array_equal(getattr(found[0], name), getattr(expected[0], name))

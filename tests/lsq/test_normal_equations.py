@@ -117,3 +117,11 @@ def test_pattern_is_used_again_only_where_it_fits(rng):
     again = NormalEquations([other], 20, first.pattern)
     assert again.pattern is not first.pattern
     assert_allclose(again.matrix.toarray(), NormalEquations([other], 20).matrix.toarray())
+
+
+def test_the_square_of_a_step_is_that_with_the_whole_matrix(rng):
+    loops = np.array([[0, 9], [2, 11]])
+    equations = NormalEquations([chain_with_loops(rng, 12, loops)], 12)
+    delta = rng.normal(size=(12, 6))
+    expected = delta.ravel() @ equations.matrix @ delta.ravel()
+    assert_allclose(equations.pattern.square(equations._upper, delta), expected, rtol=1e-12)

@@ -7,8 +7,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from painted_rooms import CELLS, POSTER, ROOM, grids_of
 
-from builders import CAMERA, look
+from builders import CAMERA, look, random_transforms
 from planfit.geometry import se3
+from planfit.mapped import CAN_LET_GO, is_mapped
 from planfit.matching.agreement_kernels import FEW, NOISE, UNKNOWN, compare_views
 from planfit.matching.types import RelativePoses
 from planfit.matching.view_agreement import AgreementOptions, compare, explained_shares
@@ -199,11 +200,38 @@ def test_grids_of_images_of_any_size(size):
 
 
 def test_gathered_grids_have_cameras_in_cells():
-    items = [{"depth_grid": np.ones((ROWS, COLUMNS), np.float32),
-              "grey_grid": np.zeros((ROWS, COLUMNS), np.uint8)}] * 2  # fmt: skip
-    grids = gather_grids(items, (CAMERA, replace(CAMERA, fx=260.0)))
+    depth_m, grey = np.ones((ROWS, COLUMNS), np.float32), np.zeros((ROWS, COLUMNS), np.uint8)
+    grids = gather_grids([depth_m] * 2, [grey] * 2, (CAMERA, replace(CAMERA, fx=260.0)))
     assert len(grids) == 2
     assert_allclose(grids.cameras[:, 0], [130.0 * COLUMNS / 160, 260.0 * COLUMNS / 160])
+
+
+def test_grids_in_a_file_are_those_in_memory(rng, monkeypatch):
+    depths_m = rng.uniform(1, 5, (7, ROWS, COLUMNS)).astype(np.float32)
+    greys = [*rng.integers(0, 255, (7, ROWS, COLUMNS)).astype(np.uint8)]
+    cameras = [CAMERA] * 7
+    in_memory = gather_grids([*depths_m], greys, cameras)
+    monkeypatch.setattr("planfit.mapped.MIN_BYTES", 1)
+    mapped = gather_grids(iter(depths_m), greys, cameras)
+    idx = np.array([6, 0, 3])
+    for one, other in (
+        (in_memory, mapped),
+        (in_memory[idx], mapped[idx]),
+        (in_memory.joined(in_memory[idx]), mapped.joined(mapped[idx])),
+    ):
+        assert is_mapped(other.depth_m) == CAN_LET_GO
+        assert_array_equal(one.depth_m, other.depth_m)
+        assert_array_equal(one.grey, other.grey)
+    motions = random_transforms(rng, 6, max_rotation=0.2, extent_m=0.3)
+    pairs = np.column_stack([np.arange(6), np.arange(1, 7)])
+    relative = RelativePoses(pairs, motions, np.full(6, 20))
+    points = [CAMERA.lift(rng.uniform(10, 100, (20, 2)), np.full(20, 3.0)) for _ in range(6)]
+    found, expected = (
+        compare(relative, points, points, np.full(6, 0.03), grids, AgreementOptions())
+        for grids in (mapped, in_memory)
+    )
+    assert_array_equal(found.contradicted, expected.contradicted)
+    assert_array_equal(found.likeness, expected.likeness)
 
 
 def test_pairs_are_compared_in_parts_that_change_nothing(monkeypatch):

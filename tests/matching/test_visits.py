@@ -1,6 +1,7 @@
 """Visits: motions from matches, and pairs that stand or fall together."""
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import look, random_transforms
@@ -10,7 +11,9 @@ from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 
-def test_the_motion_of_each_pair_is_the_weighted_rigid_fit():
+@pytest.mark.parametrize("at_a_time", [7, 100_000])
+def test_the_motion_of_each_pair_is_the_weighted_rigid_fit(at_a_time, monkeypatch):
+    monkeypatch.setattr("planfit.geometry.se3.POINTS_AT_A_TIME", at_a_time)
     rng = np.random.default_rng(0)
     pair = np.repeat([[0, 4], [1, 9], [2, 3]], [5, 30, 12], axis=0)
     b = rng.normal(size=(len(pair), 3))

@@ -10,10 +10,12 @@ from builders import NoFiles, look, make_matches, room_plan, room_scan
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.errors import ScanError
 from planfit.geometry import se3
+from planfit.mapped import CAN_LET_GO, is_mapped
 from planfit.runtime import Runtime
 from planfit.scan import Label
 from planfit.segmentation import ArrayBackEnd, Gravity, SegmentationOptions, segment_scan
 from planfit.segmentation.geometry_labels import GeometryLabelOptions
+from planfit.segmentation.joined import join_structures
 from planfit.segmentation.patches import PatchOptions
 
 VIEWS = np.stack([look([2 + 0.3 * i, 1.6, 1.4], 60 * i, 12) for i in range(6)])
@@ -228,3 +230,26 @@ def test_labels_that_do_not_fit_the_scan_are_refused(scan):
         segment_scan(scan, UP, SMALL, Runtime(1), ArrayBackEnd(np.ones((2, 120, 160), np.uint8)))
     with pytest.raises(ScanError, match="160 x 120"):
         segment_scan(scan, UP, SMALL, Runtime(1), ArrayBackEnd(np.ones((n, 60, 80), np.uint8)))
+
+
+def test_points_are_float32_and_the_same_bits_in_a_file(scan, tmp_path, monkeypatch):
+    in_memory = extracted(scan)
+    monkeypatch.setattr("planfit.mapped.MIN_BYTES", 1000)
+    monkeypatch.setattr("planfit.mapped.ROWS_AT_A_TIME", 100)
+    mapped = extracted(scan, runtime=Runtime(1, tmp_path))
+    assert is_mapped(mapped.floor.points_cam) == CAN_LET_GO
+    for one, other in (
+        (in_memory.floor.points_cam, mapped.floor.points_cam),
+        (in_memory.walls.points_cam, mapped.walls.points_cam),
+        (in_memory.unassigned_points_cam, mapped.unassigned_points_cam),
+    ):
+        assert one.dtype == other.dtype == np.float32
+        assert_array_equal(one, other)
+
+
+def test_points_of_several_scans_stay_in_files(scan, monkeypatch):
+    monkeypatch.setattr("planfit.mapped.MIN_BYTES", 1000)
+    found = extracted(scan)
+    both = join_structures([found, found], 0.0)
+    assert is_mapped(both.floor.points_cam) == CAN_LET_GO
+    assert_array_equal(both.floor.points_cam[len(found.floor) :], found.floor.points_cam)

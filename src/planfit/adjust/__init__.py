@@ -8,6 +8,7 @@ from planfit.adjust.keyframes import Keyframes as Keyframes
 from planfit.adjust.keyframes import follow_keyframes as follow_keyframes
 from planfit.adjust.keyframes import hold_to_keyframes as hold_to_keyframes
 from planfit.adjust.keyframes import reduce_measurements as reduce_measurements
+from planfit.adjust.measurements import Kept as Kept
 from planfit.adjust.measurements import Measurements as Measurements
 from planfit.adjust.moved_walls import MovedWall as MovedWall
 from planfit.adjust.moved_walls import describe_moved as describe_moved

@@ -63,6 +63,10 @@ class Association:
 
     __repr__ = short_repr
 
+    def __getitem__(self, which: Bool[np.ndarray, " k"]) -> "Association":
+        """Those of some patches."""
+        return Association(self.face_idx[which], self.distance_m[which])
+
     @property
     def n_associated(self) -> int:
         """Patches that have a face."""

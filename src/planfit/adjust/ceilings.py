@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
+from planfit.mapped import let_go
 from planfit.segmentation import LevelPoints, Structure
 
 _BIN_M = 0.02
@@ -64,8 +65,9 @@ def level_middles(
     start = level.start
     middles = np.full(len(level_from_cams), np.nan)
     for i in np.flatnonzero(np.diff(start)):
-        points = se3.transform(level_from_cams[i], level.points_cam[start[i] : start[i + 1]])
-        middles[i] = np.median(points[:, 2])
+        own = level.points_cam[start[i] : start[i + 1]]
+        middles[i] = np.median(se3.transform(level_from_cams[i], own)[:, 2])
+        let_go(own)
     return middles
 
 

@@ -6,7 +6,6 @@ the problem, moved into the keyframe's axes. After the solve, each frame follows
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -101,14 +100,12 @@ def _reduce_matches(matches: Matches, keyframes: Keyframes) -> Matches:
     pairs = keyframes.nearest[matches.pairs]
     keep = pairs[:, 0] != pairs[:, 1]
     of_frames = matches if keep.all() else matches.of_pairs(keep)
-    first, second = (
-        np.repeat(of_frames.pairs[:, side], np.diff(of_frames.start)) for side in (0, 1)
-    )
+    motions, start = keyframes.key_from_cam, of_frames.start
     return replace(
         of_frames,
         pairs=pairs[keep],
-        points_a=_move(keyframes.key_from_cam, first, of_frames.points_a),
-        points_b=_move(keyframes.key_from_cam, second, of_frames.points_b),
+        points_a=_move(motions, of_frames.pairs[:, 0], start, of_frames.points_a),
+        points_b=_move(motions, of_frames.pairs[:, 1], start, of_frames.points_b),
     )
 
 
@@ -149,15 +146,17 @@ def _reduce_control(marks: ControlMarks, keyframes: Keyframes) -> ControlMarks:
 
 def _reduce_structure(structure: Structure, keyframes: Keyframes) -> Structure:
     nearest, move = keyframes.nearest, keyframes.key_from_cam
+    unassigned = structure.unassigned_frame_idx
+    runs = np.concatenate([np.flatnonzero(np.diff(unassigned, prepend=-1)), [len(unassigned)]])
     return replace(
         structure,
         floor=_reduce_level(structure.floor, keyframes),
         floor_heights_m=structure.floor_heights_m[keyframes.frame_idx],
         walls=_reduce_patches(structure.walls, keyframes),
         unassigned_points_cam=_move(
-            move, structure.unassigned_frame_idx, structure.unassigned_points_cam
+            move, unassigned[runs[:-1]], runs, structure.unassigned_points_cam
         ),
-        unassigned_frame_idx=nearest[structure.unassigned_frame_idx],
+        unassigned_frame_idx=nearest.astype(np.int32)[unassigned],
         ceiling=_reduce_level(structure.ceiling, keyframes),
         columns=_reduce_patches(structure.columns, keyframes),
         storeys=None if structure.storeys is None else structure.storeys[keyframes.frame_idx],
@@ -167,16 +166,17 @@ def _reduce_structure(structure: Structure, keyframes: Keyframes) -> Structure:
 def _reduce_level(level: LevelPoints, keyframes: Keyframes) -> LevelPoints:
     k, nearest = len(keyframes.frame_idx), keyframes.nearest
     first_frame = np.searchsorted(nearest, np.arange(k + 1)).clip(0, len(nearest))
-    moved = _move(keyframes.key_from_cam, level.frame_idx, level.points_cam)
+    every = np.arange(len(level.start) - 1)
+    moved = _move(keyframes.key_from_cam, every, level.start, level.points_cam)
     return LevelPoints(moved, level.start[first_frame])
 
 
 def _reduce_patches(patches: WallPatches, keyframes: Keyframes) -> WallPatches:
     move, frame = keyframes.key_from_cam, patches.frame_idx
-    ends = _move(move, np.repeat(frame, 2), patches.ends_cam.reshape(-1, 3))
+    ends = _move(move, frame, 2 * np.arange(len(frame) + 1), patches.ends_cam.reshape(-1, 3))
     return replace(
         patches,
-        points_cam=_move(move, patches.point_frame_idx, patches.points_cam),
+        points_cam=_move(move, frame, patches.start, patches.points_cam),
         frame_idx=keyframes.nearest[frame],
         normals_cam=np.einsum("kij,kj->ki", move[frame, :3, :3], patches.normals_cam),
         ends_cam=ends.reshape(-1, 2, 3),
@@ -188,17 +188,18 @@ def _reduce_odometry(odometry: Odometry, keyframes: Keyframes) -> Odometry:
     return odometry.between(key, keyframes.first_from_keys)
 
 
-def _move(transforms: np.ndarray, idx: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points (m, 3), sorted by idx (m,), each moved by its own transform; keeps their dtype.
+def _move(
+    transforms: np.ndarray, idx: np.ndarray, start: np.ndarray, points: np.ndarray
+) -> np.ndarray:
+    """Points (m, 3), those of group k (start[k]:start[k + 1]) moved by transform idx[k]; keeps their dtype.
 
-    Runs of one index go through together: a transform a point would be 128 bytes a point. Where nothing
-    moves, as where all were seen by keyframes, the points are the very same array.
+    Where nothing moves, as where all were seen by keyframes, the points are the very same array.
     """
-    borders = np.concatenate([[0], np.flatnonzero(np.diff(idx)) + 1, [len(idx)]])
-    if len(idx) == 0 or (transforms[idx[borders[:-1]]] == np.eye(4)).all():
+    has_points = np.flatnonzero(np.diff(start))
+    if (transforms[idx[has_points]] == np.eye(4)).all():
         return points
     moved = np.zeros_like(points)
-    for first, last in pairwise(borders):
-        if last > first:
-            moved[first:last] = se3.transform(transforms[idx[first]], points[first:last])
+    for k in has_points:
+        own = slice(start[k], start[k + 1])
+        moved[own] = se3.transform(transforms[idx[k]], points[own])
     return moved

@@ -1,17 +1,28 @@
 """What the scan says about its own poses, whatever is made of it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from planfit.adjust.terms.control import ControlMarks, no_control_marks
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
+from planfit.mapped import row_parts
 from planfit.matching import Matches, SurfacePairs
 from planfit.scan.odometry import Odometry
 from planfit.segmentation import Structure
 from planfit.short_repr import short_repr
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What of the measurements takes part in a solve: the rest stays where it is, and nothing is copied."""
+
+    pairs: Bool[np.ndarray, " p"]
+    """Pairs of frames whose matches do."""
+    patches: Bool[np.ndarray, " w"]
+    """Wall patches that do."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +46,22 @@ class Measurements:
     """Control points that frames see."""
     by_hand: Matches | None = None
     """Matches that a person vouches for: no loss lets go of them, and no step of the walk outweighs them."""
+    kept: Kept | None = None
+    """What of matches and walls takes part; None: all."""
 
     __repr__ = short_repr
+
+    def without_rest(self) -> "Measurements":
+        """What is kept alone, copied."""
+        if self.kept is None:
+            return self
+        walls = self.structure.walls.of(self.kept.patches)
+        return replace(
+            self,
+            matches=self.matches.of_pairs(self.kept.pairs),
+            structure=replace(self.structure, walls=walls),
+            kept=None,
+        )
 
     def __post_init__(self) -> None:
         named = {
@@ -54,7 +79,8 @@ class Measurements:
         for name, arrays in named.items():
             for array in arrays:
                 # The sum is not finite where an entry is not, and needs no array of its own.
-                if not np.isfinite(array.sum()) and not np.isfinite(array).all():
+                total = sum(float(part.sum(dtype=float)) for part in row_parts(array))
+                if not np.isfinite(total) and not np.isfinite(array).all():
                     bad = int((~np.isfinite(array)).reshape(len(array), -1).any(axis=1).sum())
                     raise ScanError(
                         f"adjustment: expected finite numbers, found {bad} {name}(s) with NaN or "

@@ -177,12 +177,14 @@ class AdjustmentProblem:
         self, correspondences: PlanCorrespondences, start: Float[np.ndarray, "n 4 4"]
     ) -> Solution:
         """The paper's gradient descent on its own cost."""
-        o = self.options
+        o, measurements, walls = self.options, self.measurements, correspondences.walls
+        if measurements.kept is not None:
+            measurements, walls = measurements.without_rest(), walls[measurements.kept.patches]
         descent = descend(
-            self.measurements.matches,
-            self.measurements.structure,
+            measurements.matches,
+            measurements.structure,
             correspondences.floorplan,
-            correspondences.walls,
+            walls,
             start,
             PaperWeights(o.floor.weight, o.walls.weight, o.points.loss.scale),
             o.descent,
@@ -345,6 +347,8 @@ def _walls_term(
     patches, is_fixed = measurements.structure.walls, options.wall_strategy == "fixed"
     if walls.weight == 0 or association.n_associated == 0:
         return None
+    if measurements.kept is not None and not is_fixed:
+        patches = patches.of(measurements.kept.patches)  # copied: its patches name no faces
     if options.averaging == "mean":
         n_points = len(patches.points_cam)  # any of them may find its nearest point
         if is_fixed:

@@ -20,16 +20,19 @@ def geometric_term(
     measurements: Measurements, options: AdjustOptions
 ) -> PointTerm | RayTerm | ReprojectionTerm | None:
     """What the matches are held to; None without matches or weight."""
-    matches = measurements.matches
+    matches, kept = measurements.matches, measurements.kept
     if matches.n_matches == 0 or getattr(options, options.geometric).weight == 0:
         return None
+    if kept is not None and (options.geometric != "points" or options.averaging == "mean"):
+        matches, kept = matches.of_pairs(kept.pairs), None  # a copy: they know no left out pairs
     chosen = getattr(options, options.geometric)
     if options.averaging == "mean":
         # The paper's means know no sigmas: a metre is a metre for every match.
         matches = replace(matches, sigma=np.ones_like(matches.sigma))
         chosen = as_mean(chosen, matches.n_matches)
     if options.geometric == "points":
-        return PointTerm(matches, chosen, device=options.solver.device)
+        is_kept = None if kept is None else kept.pairs
+        return PointTerm(matches, chosen, device=options.solver.device, is_kept=is_kept)
     if options.geometric == "rays":
         return RayTerm(matches, chosen)
     return ReprojectionTerm(matches, measurements.cameras, chosen)

@@ -44,6 +44,7 @@ from planfit.evaluation.surfaces import NEAR_FACE_M as NEAR_FACE_M
 from planfit.evaluation.surfaces import FloorHeights as FloorHeights
 from planfit.evaluation.surfaces import WallDistances as WallDistances
 from planfit.evaluation.surfaces import floor_heights as floor_heights
+from planfit.evaluation.surfaces import near_share as near_share
 from planfit.evaluation.surfaces import wall_distances as wall_distances
 from planfit.evaluation.surfaces import wall_points as wall_points
 from planfit.evaluation.trajectory import PositionErrors as PositionErrors

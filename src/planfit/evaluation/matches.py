@@ -5,6 +5,7 @@ from jaxtyping import Float
 
 from planfit.geometry import se3
 from planfit.geometry.grouped import in_parts
+from planfit.mapped import let_go
 from planfit.matching import Matches
 
 
@@ -15,9 +16,12 @@ def match_distances(
     found = np.zeros(matches.n_matches)
     for part, pair in in_parts(matches.start):
         first, second = matches.pairs[pair].T
-        a = se3.transform_each(target_from_cams[first], matches.points_a[part])
-        b = se3.transform_each(target_from_cams[second], matches.points_b[part])
+        points_a, points_b = matches.points_a[part], matches.points_b[part]
+        a = se3.transform_each(target_from_cams[first], points_a)
+        b = se3.transform_each(target_from_cams[second], points_b)
         found[part] = np.linalg.norm(a - b, axis=1)
+        let_go(points_a)
+        let_go(points_b)
     return found
 
 

@@ -9,7 +9,7 @@ against 400 faces.
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -17,6 +17,8 @@ from jaxtyping import Float, Int
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import facing_distances
 from planfit.geometry import se3
+from planfit.geometry.grouped import in_parts
+from planfit.mapped import let_go, row_parts
 from planfit.segmentation import Structure
 
 NEAR_FACE_M = 0.10
@@ -124,17 +126,35 @@ def wall_distances(
     """
     if structure.n_wall_points == 0:
         return None
-
-    def distances(part: tuple[np.ndarray, np.ndarray]) -> Float[np.ndarray, "m 2"]:
-        frame_idx, points_cam = part
-        xy = se3.transform_each(plan_from_cams[frame_idx], points_cam)[:, :2]
-        eyes = plan_from_cams[frame_idx, :2, 3]
-        storeys = None if structure.storeys is None else structure.storeys[frame_idx]
-        return facing_distances(xy, eyes, floorplan, storeys)
-
     with ThreadPoolExecutor(workers) as pool:
+        distances = partial(_distances, structure, floorplan, plan_from_cams)
         found = np.concatenate(list(pool.map(distances, _wall_points_cam(structure))))
     return WallDistances(found[:, 0], found[:, 1])
+
+
+def near_share(
+    structure: Structure, floorplan: Floorplan, plan_from_cams: Float[np.ndarray, "n 4 4"]
+) -> float:
+    """`WallDistances.near_share` alone, without a number for each point; NaN where no wall was seen."""
+    n_near = 0
+    for part in _wall_points_cam(structure):
+        nearest_m = _distances(structure, floorplan, plan_from_cams, part)[:, 0]
+        n_near += int(np.count_nonzero(nearest_m < NEAR_FACE_M))
+    return n_near / structure.n_wall_points if structure.n_wall_points else np.nan
+
+
+def _distances(
+    structure: Structure,
+    floorplan: Floorplan,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    part: tuple[np.ndarray, np.ndarray],
+) -> Float[np.ndarray, "m 2"]:
+    """Of some wall points, frame (m,) and point (m, 3) m each, to the nearest and the nearest facing face."""
+    frame_idx, points_cam = part
+    xy = se3.transform_each(plan_from_cams[frame_idx], points_cam)[:, :2]
+    eyes = plan_from_cams[frame_idx, :2, 3]
+    storeys = None if structure.storeys is None else structure.storeys[frame_idx]
+    return facing_distances(xy, eyes, floorplan, storeys)
 
 
 def floor_heights(
@@ -155,11 +175,10 @@ def floor_heights(
 
 def _wall_points_cam(structure: Structure) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Frame (m,) and point (m, 3) m, camera frame, of each wall point, some at a time."""
-    walls = structure.walls
-    for frame_idx, points_cam in (
-        (walls.point_frame_idx, walls.points_cam),
-        (structure.unassigned_frame_idx, structure.unassigned_points_cam),
-    ):
-        for first in range(0, len(points_cam), se3.POINTS_AT_A_TIME):
-            part = slice(first, first + se3.POINTS_AT_A_TIME)
-            yield frame_idx[part], points_cam[part]
+    walls, first = structure.walls, 0
+    for part, patch in in_parts(walls.start):
+        yield walls.frame_idx[patch], walls.points_cam[part]
+        let_go(walls.points_cam[part])
+    for points in row_parts(structure.unassigned_points_cam):
+        yield structure.unassigned_frame_idx[first : first + len(points)], points
+        first += len(points)

@@ -33,7 +33,8 @@ def loop_edges(matches: Matches) -> LoopEdges:
         span = slice(matches.start[k], matches.start[k + 1])
         if j - i < 2 or span.stop - span.start < MIN_MATCHES:
             continue
-        motion, hold = _fit(matches.points_a[span], matches.points_b[span], matches.sigma[span])
+        ends = (matches.points_a[span], matches.points_b[span], matches.sigma[span])
+        motion, hold = _fit(*(each.astype(float) for each in ends))
         chosen.append((i, j))
         motions.append(motion)
         information.append(hold)

@@ -72,7 +72,7 @@ def _tracks(
     """Frame, point in its camera, and number of the track of each keypoint."""
     pair_of = np.repeat(np.arange(len(matches.pairs)), np.diff(matches.start))
     frames = matches.pairs[pair_of].T.ravel()  # all first frames, then all second ones
-    points = np.concatenate([matches.points_a, matches.points_b])
+    points = np.concatenate([matches.points_a, matches.points_b]).astype(float)
     keys = np.column_stack([frames, np.rint(points / SAME_KEYPOINT_M)]).astype(np.int64)
     _, first, keypoint = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     m, n = len(pair_of), len(first)

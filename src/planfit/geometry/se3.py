@@ -199,7 +199,8 @@ def fit_rigid(
     weights: Float[np.ndarray, " n"] | None = None,
 ) -> Float[np.ndarray, "4 4"]:
     """Least-squares rigid `target_from_source` of n >= 3 point pairs (Kabsch, Umeyama)."""
-    w = np.ones(len(source)) if weights is None else weights
+    source, target = source.astype(float, copy=False), target.astype(float, copy=False)
+    w = np.ones(len(source)) if weights is None else weights.astype(float, copy=False)
     w = w / w.sum()
     source_mean, target_mean = w @ source, w @ target
     covariance = (target - target_mean).T @ ((source - source_mean) * w[:, None])

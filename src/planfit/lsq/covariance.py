@@ -129,11 +129,18 @@ class Factors:
 def factorised(equations: NormalEquations) -> Factors:
     """Factorise undamped normal equations."""
     scale = np.sqrt(np.maximum(equations.diagonal, 1e-12 * max(equations.diagonal.max(), 1e-300)))
-    # To unit diagonal: radians and metres, near and far, then share one floor.
-    inverse_scale = sparse.diags_array(1.0 / scale)
-    unit = inverse_scale @ equations.matrix.tocsc() @ inverse_scale
+    # To unit diagonal: radians and metres, near and far, then share one floor. In place: the matrix is large.
+    whole = equations.matrix.tocsr()
+    del equations
+    unit = sparse.csc_array(
+        (whole.data, whole.indices, whole.indptr), whole.shape
+    )  # it is symmetric
+    unit.data *= (1.0 / scale)[unit.indices]
+    unit.data *= np.repeat(1.0 / scale, np.diff(unit.indptr))
+    unit.setdiag(unit.diagonal() + 1e-12)
+    unit.eliminate_zeros()
     lu = splu(
-        (unit + 1e-12 * sparse.eye_array(len(scale))).tocsc(),
+        unit,
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.errors import ScanError
+from planfit.mapped import map_rows
 from planfit.matching.options import MatchingOptions
 from planfit.matching.tentative import ScanKeypoints, find_keypoints, find_more_keypoints
 from planfit.matching.types import Matches, RelativePoses
@@ -21,7 +22,7 @@ class VerifiedPairs:
 
     relative_poses: RelativePoses
     points_a: list[Float[np.ndarray, "_ 3"]]
-    """Of each pair the matched points, m, camera frame of its first frame."""
+    """Of each pair the matched points, m, camera frame of its first frame; float32, as keypoints are."""
     points_b: list[Float[np.ndarray, "_ 3"]]
     """The same of its second."""
 
@@ -68,15 +69,16 @@ def matches_of(
         n_keypoints: of all frames.
         options: of matching.
     """
-    none = [np.zeros((0, 3))]
-    points_a = np.concatenate(accepted.points_a or none)
-    points_b = np.concatenate(accepted.points_b or none)
+    start = np.cumsum([0, *accepted.relative_poses.n_inliers])
+    shape, sigma = (int(start[-1]), 3), np.zeros(int(start[-1]), np.float32)
+    for k, (a, b) in enumerate(zip(accepted.points_a, accepted.points_b, strict=True)):
+        sigma[start[k] : start[k + 1]] = match_sigma(a, b, options.verify)
     return Matches(
         pairs=accepted.relative_poses.pairs,
-        start=np.cumsum([0, *accepted.relative_poses.n_inliers]),
-        points_a=points_a,
-        points_b=points_b,
-        sigma=match_sigma(points_a, points_b, options.verify),
+        start=start,
+        points_a=map_rows(accepted.points_a, shape, np.dtype(np.float32)),
+        points_b=map_rows(accepted.points_b, shape, np.dtype(np.float32)),
+        sigma=sigma,
         n_tried=n_tried,
         n_keypoints=n_keypoints,
         explained=accepted.relative_poses.explained,
@@ -196,7 +198,9 @@ def verify_pairs(
     stage: str,
 ) -> VerifiedPairs:
     """Those of the pairs that hold together, in their order. Poses have no say in it."""
-    key = cache_key(seen.key, stage, options.matcher, options.verify, options.seed, pairs.tobytes())
+    key = cache_key(
+        seen.key, stage, "float32", options.matcher, options.verify, options.seed, pairs.tobytes()
+    )
     compute = partial(_verify_pair, scan, seen, pairs, options)
     items = runtime.map(stage, key, len(pairs), compute, chunk_size=64)
     sizes = np.array([len(item["points_a"]) for item in items], dtype=int)
@@ -219,7 +223,8 @@ def _verify_pair(
     """Verified matches of one pair; none where the pair does not hold together."""
     i, j = (int(v) for v in pairs[k])
     a, b = seen.keypoints[i], seen.keypoints[j]
-    none = {"points_a": np.zeros((0, 3)), "points_b": np.zeros((0, 3)), "a_from_b": np.eye(4)}
+    nowhere = np.zeros((0, 3), np.float32)
+    none = {"points_a": nowhere, "points_b": nowhere, "a_from_b": np.eye(4)}
     idx = seen.of_pair(i, j)
     if len(idx) < options.verify.min_inliers:
         return none
@@ -238,8 +243,9 @@ def _verify_pair(
     )
     if motion is None:
         return none
+    agreeing = idx[motion.is_inlier]
     return {
-        "points_a": points_a[motion.is_inlier],
-        "points_b": points_b[motion.is_inlier],
+        "points_a": a.points_cam[agreeing[:, 0]],
+        "points_b": b.points_cam[agreeing[:, 1]],
         "a_from_b": motion.a_from_b,
     }

@@ -31,8 +31,8 @@ from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
 from planfit.scan.views import select_frames
 
-_STORED = ("descriptors",)
-"""Of what is found in a frame, the part that is read only where it is matched: two thirds."""
+_STORED = ("descriptors", "depth_grid")
+"""Of what is found in a frame, the parts that are read where they are needed: five sixths."""
 FRAMES_AT_HAND = 32
 """Frames whose descriptors are kept from one pair to the next, 40 kB each."""
 
@@ -228,7 +228,7 @@ def describe_views(
 
 def _keypoints(item: StoredItem) -> KeptKeypoints:
     """Of what was kept of a frame, the keypoints."""
-    found, (descriptors,) = item.arrays, item.stored.values()
+    found, descriptors = item.arrays, item.stored["descriptors"]
     return KeptKeypoints(
         found["uv"],
         found["points_cam"],
@@ -239,7 +239,8 @@ def _keypoints(item: StoredItem) -> KeptKeypoints:
 
 
 def _gather(items: Sequence[StoredItem], cameras: Sequence[Camera]) -> ViewGrids:
-    return gather_grids([item.arrays for item in items], cameras)
+    depths_m = (item.stored["depth_grid"].read() for item in items)
+    return gather_grids(depths_m, [item.arrays["grey_grid"] for item in items], cameras)
 
 
 def _grids(color: np.ndarray | None, depth: np.ndarray) -> Arrays:

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
 
 from planfit.chunks import StoredArray
 from planfit.errors import ScanError
+from planfit.mapped import let_go
 from planfit.short_repr import short_repr
 
 
@@ -129,7 +130,7 @@ class Matches:
     start: Int[np.ndarray, " p+1"]
     """Matches of pair k are start[k]:start[k + 1]."""
     points_a: Float[np.ndarray, "m 3"]
-    """m, camera frame of pairs[k, 0]."""
+    """m, camera frame of pairs[k, 0]; float32 as found by `find_matches`, like keypoints."""
     points_b: Float[np.ndarray, "m 3"]
     """m, camera frame of pairs[k, 1]."""
     sigma: Float[np.ndarray, " m"]
@@ -168,6 +169,26 @@ class Matches:
             sigma=self.sigma[keep_match],
             explained=None if self.explained is None else self.explained[keep],
         )
+
+    def taken(self, idx: Int[np.ndarray, " k"]) -> "Matches":
+        """Those of the pairs `idx` (increasing), which cost no look at all the others."""
+        ends = np.column_stack([self.start[idx], self.start[idx + 1]]).tolist()
+        runs = [np.arange(first, last) for first, last in ends]
+        of = np.concatenate([np.zeros(0, dtype=int), *runs])
+        taken = replace(
+            self,
+            pairs=self.pairs[idx],
+            start=np.cumsum([0, *map(len, runs)]),
+            points_a=self.points_a[of],
+            points_b=self.points_b[of],
+            sigma=self.sigma[of],
+            explained=None if self.explained is None else self.explained[idx],
+        )
+        if len(idx):
+            span = slice(self.start[idx[0]], self.start[idx[-1] + 1])
+            let_go(self.points_a[span])
+            let_go(self.points_b[span])
+        return taken
 
     @staticmethod
     def none() -> "Matches":

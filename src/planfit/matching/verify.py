@@ -51,8 +51,9 @@ def point_sigma(depth: Float[np.ndarray, " m"], options: VerifyOptions) -> Float
 def match_sigma(
     points_a: Float[np.ndarray, "m 3"], points_b: Float[np.ndarray, "m 3"], options: VerifyOptions
 ) -> Float[np.ndarray, " m"]:
-    """Standard deviation (m) of the difference of two lifted keypoints, camera frames, each axis."""
-    return np.hypot(point_sigma(points_a[:, 2], options), point_sigma(points_b[:, 2], options))
+    """Standard deviation (m) of the difference of two lifted keypoints, camera frames, each axis; float64."""
+    depth_a, depth_b = (points[:, 2].astype(float) for points in (points_a, points_b))
+    return np.hypot(point_sigma(depth_a, options), point_sigma(depth_b, options))
 
 
 def verify(

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
+from planfit.mapped import for_kernels, let_go
 from planfit.matching.agreement_kernels import compare_views
 from planfit.matching.types import RelativePoses
 from planfit.matching.view_grids import COLUMNS, ROWS, ViewGrids
@@ -144,11 +145,12 @@ def _compare(
             sigma_rotation,
             middle,
             is_matched,
-            grids.depth_m,
+            for_kernels(grids.depth_m),
             grids.grey,
             grids.cameras,
             tolerance,
         )
+        let_go(grids.depth_m)
         matched.append(_covered(ends[:, 0], points, grids))
         cells.append(counts[:, :2])
         likeness.append(counts[:, 2])
@@ -172,7 +174,7 @@ def _covered(
     if len(points) == 0:
         return np.zeros(0)
     start = np.concatenate([[0], np.cumsum(size)[:-1]])
-    every = np.concatenate(list(points))
+    every = np.concatenate(list(points)).astype(float)
     fx, fy, _, _ = np.repeat(grids.cameras[frame_idx], size, axis=0).T
     cell = np.column_stack([fx * every[:, 0], fy * every[:, 1]]) / every[:, 2:]
     off = cell - np.repeat(np.add.reduceat(cell, start) / size[:, None], size, axis=0)
@@ -206,7 +208,7 @@ def _spread(
     start = np.concatenate([[0], np.cumsum(size)[:-1]]).astype(int)
     if len(points) == 0:
         return np.zeros((0, 3)), np.zeros(0)
-    every = np.concatenate(list(points))
+    every = np.concatenate(list(points)).astype(float)
     middle = np.add.reduceat(every, start) / size[:, None]
     off = every - np.repeat(middle, size, axis=0)
     covariance = np.add.reduceat(off[:, :, None] * off[:, None, :], start) / size[:, None, None]

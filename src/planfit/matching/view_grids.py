@@ -3,7 +3,7 @@
 Keypoints say where two views look alike; the grids say what else the views show.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
 from planfit.geometry.camera import Camera
-from planfit.runtime import Arrays
+from planfit.mapped import concatenated, map_rows, taken
 
 COLUMNS, ROWS = 64, 48
 """Cells of a grid: about a degree each for a phone, 15 kB a frame."""
@@ -26,7 +26,7 @@ class ViewGrids:
     """What the n frames show, a cell a degree or so."""
 
     depth_m: Float32[np.ndarray, "n r c"]
-    """Along the optical axis, m; NaN where too little was measured."""
+    """Along the optical axis, m; NaN where too little was measured. Of many frames, in a file."""
     grey: UInt8[np.ndarray, "n r c"]
     """Mean over each cell."""
     cameras: Float[np.ndarray, "n 4"]
@@ -37,12 +37,18 @@ class ViewGrids:
 
     def __getitem__(self, idx: Int[np.ndarray, " k"]) -> "ViewGrids":
         """Those of some frames."""
-        return ViewGrids(self.depth_m[idx], self.grey[idx], self.cameras[idx])
+        depth_m = taken(self._rows, idx).reshape(-1, ROWS, COLUMNS)
+        return ViewGrids(depth_m, self.grey[idx], self.cameras[idx])
+
+    @property
+    def _rows(self) -> Float32[np.ndarray, "n rc"]:
+        return self.depth_m.reshape(len(self), ROWS * COLUMNS)
 
     def joined(self, other: "ViewGrids") -> "ViewGrids":
         """These, then those of `other`."""
+        depth_m = concatenated([self._rows, other._rows])
         return ViewGrids(
-            np.concatenate([self.depth_m, other.depth_m]),
+            depth_m.reshape(-1, ROWS, COLUMNS),
             np.concatenate([self.grey, other.grey]),
             np.concatenate([self.cameras, other.cameras]),
         )
@@ -73,11 +79,17 @@ def grey_grid(color: UInt8[np.ndarray, "h w 3"] | None) -> UInt8[np.ndarray, "r 
     return np.asarray(cv2.resize(grey, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def gather_grids(items: Sequence[Arrays], cameras: Sequence[Camera]) -> ViewGrids:
-    """Grids of all frames from those of each, `depth_grid` and `grey_grid`."""
+def gather_grids(
+    depths_m: Iterable[Float32[np.ndarray, "r c"]],
+    greys: Sequence[UInt8[np.ndarray, "r c"]],
+    cameras: Sequence[Camera],
+) -> ViewGrids:
+    """Grids of all frames from those of each, `depth_grid` and `grey_grid`; depths are taken one by one."""
     scaled = [camera.scaled(COLUMNS, ROWS) for camera in cameras]
+    rows = (depth_m.reshape(1, -1) for depth_m in depths_m)
+    depth_m = map_rows(rows, (len(cameras), ROWS * COLUMNS), np.dtype(np.float32))
     return ViewGrids(
-        np.array([item["depth_grid"] for item in items]).reshape(-1, ROWS, COLUMNS),
-        np.array([item["grey_grid"] for item in items]).reshape(-1, ROWS, COLUMNS),
+        depth_m.reshape(-1, ROWS, COLUMNS),
+        np.array(greys, dtype=np.uint8).reshape(-1, ROWS, COLUMNS),
         np.array([[c.fx, c.fy, c.cx, c.cy] for c in scaled], dtype=float).reshape(-1, 4),
     )

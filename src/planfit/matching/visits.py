@@ -7,6 +7,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
+from planfit.geometry.grouped import groups_in_parts
+from planfit.mapped import let_go
 from planfit.matching.cycles import CycleConsistencyOptions, by_way_of, is_near
 from planfit.matching.pairs import RECENT_M
 from planfit.matching.types import Matches, RelativePoses
@@ -18,22 +20,34 @@ LINK_M = 1.5
 
 def relative_poses_of(matches: Matches) -> RelativePoses:
     """The motion that the matches of each pair agree on best, all pairs at once (Kabsch 1976)."""
-    size, begin = np.diff(matches.start), matches.start[:-1]
+    size = np.diff(matches.start)
     if len(size) == 0:
         return RelativePoses(matches.pairs, np.zeros((0, 4, 4)), size, matches.explained)
-    weight = 1.0 / matches.sigma[:, None] ** 2
+    motion = np.concatenate(
+        [_motions(matches, part.start, part.stop) for part in groups_in_parts(matches.start)]
+    )
+    return RelativePoses(matches.pairs, motion, size, matches.explained)
+
+
+def _motions(matches: Matches, first: int, last: int) -> Float[np.ndarray, "k 4 4"]:
+    """Of pairs first..last - 1, each of which has matches."""
+    of = slice(matches.start[first], matches.start[last])
+    size = np.diff(matches.start[first : last + 1])
+    begin = matches.start[first:last] - matches.start[first]
+    points_a, points_b = (p[of].astype(float) for p in (matches.points_a, matches.points_b))
+    let_go(matches.points_a[of])
+    let_go(matches.points_b[of])
+    weight = 1.0 / matches.sigma[of, None].astype(float) ** 2
     total = np.add.reduceat(weight, begin)
     mean_a, mean_b = (
-        np.add.reduceat(weight * points, begin) / total
-        for points in (matches.points_a, matches.points_b)
+        np.add.reduceat(weight * points, begin) / total for points in (points_a, points_b)
     )
-    off_a = matches.points_a - np.repeat(mean_a, size, axis=0)
-    off_b = matches.points_b - np.repeat(mean_b, size, axis=0)
+    off_a = points_a - np.repeat(mean_a, size, axis=0)
+    off_b = points_b - np.repeat(mean_b, size, axis=0)
     # Weighted sums of a b^T over the matches of each pair; the nearest rotation to it is the best.
     covariance = np.add.reduceat(weight[:, :, None] * off_a[:, :, None] * off_b[:, None, :], begin)
     rotation = se3.project_to_so3(covariance)
-    motion = se3.make_transform(rotation, mean_a - (rotation @ mean_b[..., None])[..., 0])
-    return RelativePoses(matches.pairs, motion, size, matches.explained)
+    return se3.make_transform(rotation, mean_a - (rotation @ mean_b[..., None])[..., 0])
 
 
 def group_visits(

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.adjust import Measurements, PlanAdjustment
 from planfit.adjust.association import PlanCorrespondences, wall_patches_in_plan
-from planfit.evaluation import match_distances, median_match_distance
+from planfit.evaluation import median_match_distance
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.folds import NOT_KEPT_OUT, Folds, without_fold
@@ -157,8 +157,17 @@ class _Items:
         n_patches = len(self.prepared.measurements.structure.walls)
         return np.full(n_patches, -1) if found is None else found.walls.face_idx
 
-    def measured(self, poses: Poses) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " w"]]:
-        """Distance of each match, and offset of each wall patch from its face, m; NaN without one."""
+    def visits_m(self, poses: Poses, fold: int | None = None) -> Float[np.ndarray, " v"]:
+        """Median distance of the matches of each visit, m; those that a fold does not keep out are NaN."""
+        found, matches = np.full(len(self.visits), np.nan), self.prepared.measurements.matches
+        for k, visit in enumerate(self.visits):
+            pairs = self.folds.pairs_of_visits[visit]
+            if fold is None or self.folds.of_pairs[pairs[0]] == fold:
+                found[k] = median_match_distance(matches.taken(pairs), poses)
+        return found
+
+    def patches_m(self, poses: Poses) -> Float[np.ndarray, " w"]:
+        """Offset of each wall patch from its face, m; NaN without one."""
         measurements, found = self.prepared.measurements, self.adjustment.correspondences
         walls, faces = measurements.structure.walls, self.patch_faces
         offsets_m = np.full(len(walls), np.nan)
@@ -169,18 +178,16 @@ class _Items:
             offsets_m[has] = np.einsum("pi,pi->p", from_face, plan.normals[faces[has]])
             if found.moved_m is not None:
                 offsets_m[has] -= np.nan_to_num(found.moved_m[faces[has]])
-        return match_distances(measurements.matches, poses), offsets_m
+        return offsets_m
 
     def residuals_m(
         self,
-        matches_m: Float[np.ndarray, " m"],
+        visits_m: Float[np.ndarray, " v"],
         patches_m: Float[np.ndarray, " w"],
         poses: Poses,
     ) -> Float[np.ndarray, " i"]:
         """Median of each item; those of loops by hand are of these poses."""
-        sizes = np.diff(self.prepared.measurements.matches.start)
-        visit_of_match, faces = np.repeat(self.folds.visit, sizes), self.patch_faces
-        found = [float(np.median(matches_m[visit_of_match == v])) for v in self.visits]
+        found, faces = visits_m.tolist(), self.patch_faces
         found += [abs(float(np.median(patches_m[faces == f]))) for f in self.faces]
         found += [
             median_match_distance(self.by_hand.of_pairs(own), poses) for own in self.hand_groups
@@ -241,18 +248,17 @@ def find_disagreements(
         items.all,
         adjustment.solution.target_from_cams[: len(prepared.keyframes.frame_idx)],
     )
-    matches_m, patches_m = items.measured(solved)
-    after_m = items.residuals_m(matches_m, patches_m, solved)
-    fold_of_match = np.repeat(folds.of_pairs, np.diff(prepared.measurements.matches.start))
+    visits_m, patches_m = items.visits_m(solved), items.patches_m(solved)
+    after_m = items.residuals_m(visits_m, patches_m, solved)
     for fold, poses in enumerate(by_fold):
-        out_matches_m, out_patches_m = items.measured(poses)
-        matches_m = np.where(fold_of_match == fold, out_matches_m, matches_m)
-        patches_m = np.where(folds.of_patches == fold, out_patches_m, patches_m)
-    kept_out_m = items.residuals_m(matches_m, patches_m, solved)
+        out_m = items.visits_m(poses, fold)
+        visits_m = np.where(np.isfinite(out_m), out_m, visits_m)
+        patches_m = np.where(folds.of_patches == fold, items.patches_m(poses), patches_m)
+    kept_out_m = items.residuals_m(visits_m, patches_m, solved)
     found = []
     for k in _suspects(named, kept_out_m)[:MAX_SUSPECTS]:
         poses = solve(*items.without(int(k)))
-        alone_m = items.residuals_m(*items.measured(poses), poses)
+        alone_m = items.residuals_m(items.visits_m(poses), items.patches_m(poses), poses)
         eased_m = after_m - alone_m
         eased_m[k] = 0.0
         most = [i for i in np.argsort(-eased_m)[:MAX_EASED] if eased_m[i] > EASED_M]

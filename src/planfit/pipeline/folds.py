@@ -6,11 +6,13 @@ being all pairs of frames between two of them, and each fold of a cross-validati
 all wall that whole stretches see."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.adjust import Measurements
+from planfit.adjust import Kept, Measurements
 from planfit.adjust.association import Association, PlanCorrespondences
 
 STRETCH_M = 6.0
@@ -40,6 +42,14 @@ class Folds:
     def n_stretches(self) -> int:
         """Stretches of the walk."""
         return int(self.stretch[-1]) + 1
+
+    @cached_property
+    def pairs_of_visits(self) -> tuple[Int[np.ndarray, " q"], ...]:
+        """Pairs of frames of each visit, increasing; none for one that surfaces alone brought together."""
+        order = np.argsort(self.visit, kind="stable")
+        n_visits = int(self.visit.max(initial=NOT_KEPT_OUT)) + 1
+        borders = np.searchsorted(self.visit[order], np.arange(n_visits + 1))
+        return tuple(order[first:last] for first, last in pairwise(borders))
 
 
 def choose_folds(
@@ -104,26 +114,21 @@ def without_fold(
     folds: Folds,
     fold: int,
 ) -> tuple[Measurements, PlanCorrespondences | None]:
-    """Measurements and plan correspondences (None without a plan) without what one fold keeps out."""
+    """Measurements and plan correspondences (None without a plan) without what one fold keeps out.
+
+    Its matches and wall points are those of the whole, marked as to which take part: no point is copied.
+    """
+    kept = Kept(folds.of_pairs != fold, folds.of_patches != fold)
     measurements = replace(
-        measurements,
-        matches=measurements.matches.of_pairs(folds.of_pairs != fold),
-        surfaces=measurements.surfaces[folds.of_surfaces != fold],
+        measurements, surfaces=measurements.surfaces[folds.of_surfaces != fold], kept=kept
     )
     if correspondences is None:
         return measurements, None
-    keep = folds.of_patches != fold
-    structure, walls = measurements.structure, correspondences.walls
-    widths = correspondences.widths
-    kept = structure.walls.of(keep)
-    return (
-        replace(measurements, structure=replace(structure, walls=kept)),
-        replace(
-            correspondences,
-            walls=Association(walls.face_idx[keep], walls.distance_m[keep]),
-            widths=None if widths is None else widths[keep],
-        ),
+    walls = correspondences.walls
+    without = Association(
+        np.where(kept.patches, walls.face_idx, -1), np.where(kept.patches, walls.distance_m, np.nan)
     )
+    return measurements, replace(correspondences, walls=without)
 
 
 def _dealt(n: int, count: int, rng: np.random.Generator) -> Int[np.ndarray, " n"]:

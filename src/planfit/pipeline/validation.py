@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from planfit.adjust import PlanAdjustment, costs, follow_keyframes
 from planfit.adjust.calibration import NOT_CALIBRATED, Calibration
-from planfit.evaluation import NEAR_FACE_M, wall_distances
+from planfit.evaluation import NEAR_FACE_M, near_share
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
 from planfit.pipeline.evidence import Evidence, gather_evidence
@@ -113,15 +113,12 @@ def wall_check(
     floorplan: Floorplan | None,
     before_from_cams: Float[np.ndarray, "n 4 4"],
     after_from_cams: Float[np.ndarray, "n 4 4"],
-    workers: int = 1,
 ) -> Check | None:
     """Share of wall points near a face of the plan; None without a plan, or where no flat wall was seen."""
     if floorplan is None or not structure.has_walls:
         return None
-    before = wall_distances(structure, floorplan, before_from_cams, workers)
-    after = wall_distances(structure, floorplan, after_from_cams, workers)
-    if before is None or after is None:
-        return None
+    before, after = (
+        near_share(structure, floorplan, poses) for poses in (before_from_cams, after_from_cams)
+    )
     name = f"wall points within {NEAR_FACE_M:g} m of the plan"
-    is_worse = after.near_share < before.near_share - 0.01
-    return Check(name, before.near_share, after.near_share, "share", is_worse)
+    return Check(name, before, after, "share", after < before - 0.01)

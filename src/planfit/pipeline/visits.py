@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.evaluation import match_distances
-from planfit.pipeline.folds import NOT_KEPT_OUT, Folds
+from planfit.pipeline.folds import Folds
 from planfit.pipeline.prepare import PreparedScan
 
 
@@ -50,37 +50,28 @@ def judge_visits(
         solved: the same by the result.
     """
     matches = prepared.measurements.matches
-    sizes = np.diff(matches.start)
-    fold_of_match = np.repeat(folds.of_pairs, sizes)
-    visit_of_match = np.repeat(folds.visit, sizes)
-    before_m, after_m = match_distances(matches, recorded), match_distances(matches, solved)
-    kept_out_m = after_m.copy()
-    for fold, poses in enumerate(by_fold):
-        own = matches.of_pairs(folds.of_pairs == fold)
-        kept_out_m[fold_of_match == fold] = match_distances(own, poses)
-    # Sorted by visit, a visit's matches are a run; those of no visit stand before the first.
-    order = np.argsort(visit_of_match, kind="stable")
-    n_visits = int(folds.visit.max(initial=NOT_KEPT_OUT)) + 1
-    borders = np.searchsorted(visit_of_match[order], np.arange(n_visits + 1))
-    pair_of_match = np.repeat(np.arange(len(sizes)), sizes)
     steps_m = np.linalg.norm(np.diff(solved[:, :3, 3], axis=0), axis=1)
-    walked_m = np.concatenate([[0.0], np.cumsum(steps_m)])[matches.pairs]
-    way_m = np.abs(walked_m[:, 1] - walked_m[:, 0])[pair_of_match]
+    walked_m = np.concatenate([[0.0], np.cumsum(steps_m)])
     visits = []
-    for k in range(n_visits):
-        own = order[borders[k] : borders[k + 1]]
-        if len(own) == 0:  # frames that surfaces alone brought together
+    # Visit by visit: numbers for each match of the scan would take as much memory as the matches.
+    for pairs in folds.pairs_of_visits:
+        own = matches.taken(pairs)
+        if own.n_matches == 0:  # frames that surfaces alone brought together
             continue
-        a, b = folds.stretch[matches.pairs[pair_of_match[own[0]]]]
-        medians = (float(np.median(each[own])) for each in (before_m, kept_out_m, after_m))
+        a, b = folds.stretch[own.pairs[0]]
+        kept_out = by_fold[int(folds.of_pairs[pairs[0]])]
+        before_m, kept_out_m, after_m = (
+            match_distances(own, poses) for poses in (recorded, kept_out, solved)
+        )
+        way_m = np.abs(np.diff(walked_m[own.pairs], axis=1)[:, 0])
         visits.append(
             Visit(
                 frames_of_stretch(prepared, folds, a),
                 frames_of_stretch(prepared, folds, b),
-                *medians,
-                mean_m=float(np.mean(after_m[own])),
-                n_points=len(own),
-                way_m=float(np.median(way_m[own])),
+                *(float(np.median(each)) for each in (before_m, kept_out_m, after_m)),
+                mean_m=float(np.mean(after_m)),
+                n_points=own.n_matches,
+                way_m=float(np.median(np.repeat(way_m, np.diff(own.start)))),
             )
         )
     return tuple(visits)

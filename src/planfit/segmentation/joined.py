@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Int
 
+from planfit.mapped import concatenated
 from planfit.segmentation.types import LevelPoints, Structure, WallPatches
 
 
@@ -22,7 +23,7 @@ def join_structures(structures: Sequence[Structure], floor_height_m: float) -> S
         floor=_joined_levels([s.floor for s in structures]),
         floor_heights_m=np.concatenate([s.floor_heights_m for s in structures]),
         walls=_joined_patches([s.walls for s in structures], offsets),
-        unassigned_points_cam=np.concatenate([s.unassigned_points_cam for s in structures]),
+        unassigned_points_cam=concatenated([s.unassigned_points_cam for s in structures]),
         unassigned_frame_idx=np.concatenate(
             [s.unassigned_frame_idx + k for s, k in zip(structures, offsets, strict=True)]
         ),
@@ -36,7 +37,7 @@ def join_structures(structures: Sequence[Structure], floor_height_m: float) -> S
 
 def _joined_levels(levels: Sequence[LevelPoints]) -> LevelPoints:
     sizes = np.concatenate([np.diff(level.start) for level in levels])
-    points = np.concatenate([level.points_cam for level in levels])
+    points = concatenated([level.points_cam for level in levels])
     return LevelPoints(points, np.cumsum([0, *sizes]))
 
 
@@ -44,7 +45,7 @@ def _joined_patches(patches: Sequence[WallPatches], offsets: Int[np.ndarray, " s
     sizes = np.concatenate([np.diff(each.start) for each in patches])
     frames = [each.frame_idx + k for each, k in zip(patches, offsets, strict=True)]
     return WallPatches(
-        points_cam=np.concatenate([each.points_cam for each in patches]),
+        points_cam=concatenated([each.points_cam for each in patches]),
         start=np.cumsum([0, *sizes]),
         frame_idx=np.concatenate(frames),
         normals_cam=np.concatenate([each.normals_cam for each in patches]),

@@ -1,5 +1,6 @@
 """Floor points and wall patches of every frame: the paper's P_F and P_W, ready for the adjustment."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal
@@ -11,7 +12,9 @@ from jaxtyping import Float
 from planfit.errors import OptionError, ScanError, require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.runtime import Arrays, Runtime, cache_key
+from planfit.geometry.grouped import in_parts
+from planfit.mapped import let_go, map_rows
+from planfit.runtime import Arrays, Runtime, StoredItem, cache_key
 from planfit.scan import Label, Scan
 from planfit.segmentation.back_ends import BackEnd, MaskBackEnd, geometry_back_end
 from planfit.segmentation.geometry_labels import GeometryLabelOptions
@@ -21,6 +24,9 @@ from planfit.segmentation.patches import PatchOptions, find_patches
 from planfit.segmentation.storeys import StoreyOptions, find_storeys
 from planfit.segmentation.surfaces import depth_edges
 from planfit.segmentation.types import LevelPoints, Structure, WallPatches
+
+_STORED = ("floor", "ceiling", "unassigned", "walls_points", "columns_points")
+"""Of what is found in a frame, the points: they are read when those of all frames are brought together."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +112,10 @@ def segment_scan(
     upright_from_cams = level_from_world(gravity, 0.0) @ scan.world_from_cams
     compute = partial(_segment_frame, scan, upright_from_cams, options, back_end)
     key = cache_key(
-        scan.fingerprint, "segmentation", scan.world_from_cams.tobytes(), gravity.up_world, options,
+        scan.fingerprint, "segmentation, float32", scan.world_from_cams.tobytes(), gravity.up_world, options,
         back_end.identity,
     )  # fmt: skip
-    items = runtime.map("floor and walls", key, len(scan), compute)
+    items = runtime.map_stored("floor and walls", key, len(scan), compute, _STORED)
     return _gather(items, upright_from_cams, back_end.name, options.storeys)
 
 
@@ -142,7 +148,8 @@ def _segment_frame(
     back_end: BackEnd,
     i: int,
 ) -> Arrays:
-    """Points and patches of frame i by name, camera frame, as the cache keeps them."""
+    """Points and patches of frame i by name, camera frame, as the cache keeps them: points as float32, which
+    is what depth is measured in."""
     # By seed and frame: the result depends neither on the order of frames nor on the number of threads.
     rng = np.random.default_rng([options.seed, i])
     depth = scan.files.depth(i)
@@ -159,9 +166,9 @@ def _segment_frame(
     walls, unassigned = _split_patches(sampled[Label.WALL], upright, options.patches, rng)
     columns, _ = _split_patches(sampled[Label.COLUMN], upright, options.columns, rng)
     return {
-        "floor": sampled[Label.FLOOR],
-        "ceiling": sampled[Label.CEILING],
-        "unassigned": unassigned,
+        "floor": sampled[Label.FLOOR].astype(np.float32),
+        "ceiling": sampled[Label.CEILING].astype(np.float32),
+        "unassigned": unassigned.astype(np.float32),
         **{f"walls_{name}": values for name, values in walls.items()},
         **{f"columns_{name}": values for name, values in columns.items()},
     }
@@ -188,7 +195,7 @@ def _split_patches(
     kept = np.concatenate([p.point_idx for p in patches]) if patches else np.zeros(0, dtype=int)
     # Rows v @ R are (R^T v)^T: back to the camera frame.
     found = {
-        "points": points[kept],
+        "points": points[kept].astype(np.float32),
         "sizes": np.array([len(p.point_idx) for p in patches], dtype=int),
         "normals": normals @ upright_from_cam,
         "ends": ends @ upright_from_cam,
@@ -217,25 +224,27 @@ def _sample(
 
 
 def _gather(
-    items: list[Arrays], upright_from_cams: np.ndarray, back_end: str, storeys: StoreyOptions
+    items: Sequence[StoredItem],
+    upright_from_cams: np.ndarray,
+    back_end: str,
+    storeys: StoreyOptions,
 ) -> Structure:
-    """What all frames show, with the storey that each stands on; takes the points out of the items."""
+    """What all frames show, with the storey that each stands on."""
     floor = _gather_level(items, "floor")
-    frame_idx, points = floor.frame_idx, floor.points_cam
-    height = np.zeros(len(points))
-    for first in range(0, len(points), se3.POINTS_AT_A_TIME):  # four numbers of a transform a point
-        part = slice(first, first + se3.POINTS_AT_A_TIME)
-        of_frame = upright_from_cams[frame_idx[part], 2]
-        height[part] = np.einsum("ni,ni->n", of_frame[:, :3], points[part]) + of_frame[:, 3]
+    height = np.zeros(len(floor))
+    for part, frame in in_parts(floor.start):  # four numbers of a transform a point
+        of_frame, points = upright_from_cams[frame, 2], floor.points_cam[part]
+        height[part] = np.einsum("ni,ni->n", of_frame[:, :3], points) + of_frame[:, 3]
+        let_go(points)
     main_m, above_main_m = find_storeys(height, floor.start, storeys)
-    del frame_idx, height
-    sizes = [len(item["unassigned"]) for item in items]
+    del height
+    sizes = [len(item.stored["unassigned"]) for item in items]
     return Structure(
         floor=floor,
         floor_heights_m=above_main_m,
         walls=_gather_patches(items, "walls"),
-        unassigned_points_cam=np.concatenate([item.pop("unassigned") for item in items]),
-        unassigned_frame_idx=np.repeat(np.arange(len(items)), sizes),
+        unassigned_points_cam=_gather_points(items, "unassigned"),
+        unassigned_frame_idx=np.repeat(np.arange(len(items), dtype=np.int32), sizes),
         ceiling=_gather_level(items, "ceiling"),
         columns=_gather_patches(items, "columns"),
         back_end=back_end,
@@ -243,17 +252,24 @@ def _gather(
     )
 
 
-def _gather_level(items: list[Arrays], name: str) -> LevelPoints:
-    start = np.cumsum([0, *(len(item[name]) for item in items)])
-    return LevelPoints(np.concatenate([item.pop(name) for item in items]), start)
+def _gather_points(items: Sequence[StoredItem], name: str) -> Float[np.ndarray, "m 3"]:
+    """Points of all frames, read one frame after the other."""
+    stored = [item.stored[name] for item in items]
+    shape = (sum(map(len, stored)), 3)
+    return map_rows((each.read() for each in stored), shape, np.dtype(np.float32))
 
 
-def _gather_patches(items: list[Arrays], name: str) -> WallPatches:
-    sizes = [item[f"{name}_sizes"] for item in items]
+def _gather_level(items: Sequence[StoredItem], name: str) -> LevelPoints:
+    start = np.cumsum([0, *(len(item.stored[name]) for item in items)])
+    return LevelPoints(_gather_points(items, name), start)
+
+
+def _gather_patches(items: Sequence[StoredItem], name: str) -> WallPatches:
+    sizes = [item.arrays[f"{name}_sizes"] for item in items]
     return WallPatches(
-        points_cam=np.concatenate([item.pop(f"{name}_points") for item in items]),
+        points_cam=_gather_points(items, f"{name}_points"),
         start=np.cumsum([0, *np.concatenate(sizes).astype(int)]),
         frame_idx=np.repeat(np.arange(len(items)), [len(size) for size in sizes]),
-        normals_cam=np.concatenate([item[f"{name}_normals"] for item in items]),
-        ends_cam=np.concatenate([item[f"{name}_ends"] for item in items]),
+        normals_cam=np.concatenate([item.arrays[f"{name}_normals"] for item in items]),
+        ends_cam=np.concatenate([item.arrays[f"{name}_ends"] for item in items]),
     )

@@ -16,7 +16,7 @@ class LevelPoints:
     """Points on level surfaces (floor, ceiling), in camera frames, sorted by frame."""
 
     points_cam: Float[np.ndarray, "m 3"]
-    """m."""
+    """m; of long scans in a file, and read-only (`planfit.mapped`), as all points here are."""
     start: Int[np.ndarray, " n_plus_1"]
     """Points of frame i are start[i]:start[i + 1]."""
 
@@ -171,7 +171,7 @@ class Structure:
             floor=self.floor.numbered(frame_idx, n_frames),
             floor_heights_m=self.floor_heights_m[before],
             walls=self.walls.numbered(frame_idx),
-            unassigned_frame_idx=frame_idx[self.unassigned_frame_idx],
+            unassigned_frame_idx=frame_idx.astype(np.int32)[self.unassigned_frame_idx],
             ceiling=self.ceiling.numbered(frame_idx, n_frames),
             columns=self.columns.numbered(frame_idx),
             storeys=None if self.storeys is None else self.storeys[before],

@@ -381,3 +381,14 @@ def test_depth_that_is_noisy_along_its_rays_does_not_look_wrong(name):
         step = shared_step(problem, problem.solve().target_from_cams, np.zeros(S), sigmas)
         in_sigmas.append(step.change[k] / np.sqrt(step.covariance[k, k]))
     assert abs(np.mean(in_sigmas)) < 2.0
+
+
+def test_blocks_of_points_in_parts_are_those_of_all_at_once(world, rng, monkeypatch):
+    problem, poses = world.problem(), nudged(rng, world.plan_from_cams, 0.4, 0.02)
+    at_once = shared_blocks(problem, poses)
+    monkeypatch.setattr("planfit.geometry.se3.POINTS_AT_A_TIME", 7)
+    in_parts = shared_blocks(problem, poses)
+    for name in ("by_pose", "by_self", "gradient"):
+        expected = getattr(at_once, name)
+        scale = np.abs(expected).max()
+        assert_allclose(getattr(in_parts, name), expected, rtol=1e-9, atol=1e-10 * scale)

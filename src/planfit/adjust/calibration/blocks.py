@@ -19,6 +19,7 @@ from planfit.geometry.calibration import NOMINAL, PARAMETERS, SensorCalibration
 from planfit.lsq.blocks import relative_pose_jacobians, relative_poses, sum_by_pose
 from planfit.lsq.moments import planes_in_cam
 from planfit.lsq.robust import loss_value
+from planfit.mapped import let_go
 
 SHARED = (*PARAMETERS, "odometry_scale", "plan_scale", "half_thickness_m")
 """What all frames share, in the order of vectors and matrices here."""
@@ -98,9 +99,11 @@ def _by_sensor(
     planes_cam = planes_in_cam(groups.planes, poses)
     by_group, by_self, gradient = np.zeros((k, 6, S)), np.zeros((S, S)), np.zeros(S)
     of_sensor = np.zeros((k, 6, K)), np.zeros((K, K)), np.zeros(K)
-    weight = _robust_weights(groups, target_from_cams)
-    points = np.asarray(groups.points_cam, dtype=float)
-    sum_planes_by_sensor(points, groups.start, planes_cam, weight, depth, does_grow, *of_sensor)
+    for of, part in groups.in_parts():
+        weight = _robust_weights(part, target_from_cams)
+        points, sums = part.points_cam.astype(float, copy=False), (of_sensor[0][of], *of_sensor[1:])
+        sum_planes_by_sensor(points, part.start, planes_cam[of], weight, depth, does_grow, *sums)
+        let_go(part.points_cam)
     rotations = poses[:, :3, :3]
     by_group[:, :3, :K] = rotations @ of_sensor[0][:, :3]
     by_group[:, 3:, :K] = rotations @ of_sensor[0][:, 3:]
@@ -189,9 +192,13 @@ def _of_pairs(
     n, pairs = len(target_from_cams), groups.pairs
     of_sensor = np.zeros((len(pairs), 6, K)), np.zeros((K, K)), np.zeros(K)
     a_from_b = relative_poses(target_from_cams, pairs)
-    points_a, points_b = (np.asarray(p, dtype=float) for p in (groups.points_a, groups.points_b))
-    weight = _robust_weights(groups, target_from_cams)
-    sum_pairs_by_sensor(points_a, points_b, groups.start, a_from_b, weight, depth, *of_sensor)
+    for of, part in groups.in_parts():
+        points_a, points_b = (p.astype(float, copy=False) for p in (part.points_a, part.points_b))
+        weight = _robust_weights(part, target_from_cams)
+        sums = (of_sensor[0][of], *of_sensor[1:])
+        sum_pairs_by_sensor(points_a, points_b, part.start, a_from_b[of], weight, depth, *sums)
+        let_go(part.points_a)
+        let_go(part.points_b)
     by_ends = np.swapaxes(relative_pose_jacobians(target_from_cams[pairs]), 1, 2) @ of_sensor[0]
     by_pose, by_self, gradient = np.zeros((n, 6, S)), np.zeros((S, S)), np.zeros(S)
     by_pose[:, :, :K] = _by_both_ends(pairs, by_ends, n)

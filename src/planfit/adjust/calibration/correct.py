@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from planfit.adjust.measurements import Measurements
 from planfit.geometry.calibration import SensorCalibration
+from planfit.mapped import changed, row_parts
 from planfit.matching import Matches
 from planfit.segmentation import LevelPoints, Structure, WallPatches
 
@@ -30,9 +31,15 @@ def corrected_matches(matches: Matches, sensor: SensorCalibration) -> Matches:
     """Matches with both points corrected; their sigmas grow with the points."""
     if sensor.is_nominal or matches.n_matches == 0:
         return matches
-    points_a, points_b = sensor.points(matches.points_a), sensor.points(matches.points_b)
-    stretch = (points_a[:, 2] + points_b[:, 2]) / (matches.points_a[:, 2] + matches.points_b[:, 2])
-    return replace(matches, points_a=points_a, points_b=points_b, sigma=matches.sigma * stretch)
+    points_a = changed(matches.points_a, sensor.points)
+    points_b = changed(matches.points_b, sensor.points)
+    before_m, after_m = (
+        np.concatenate([part[:, 2] for part in row_parts(a)])
+        + np.concatenate([part[:, 2] for part in row_parts(b)])
+        for a, b in ((matches.points_a, matches.points_b), (points_a, points_b))
+    )
+    sigma = (matches.sigma * (after_m / before_m)).astype(matches.sigma.dtype, copy=False)
+    return replace(matches, points_a=points_a, points_b=points_b, sigma=sigma)
 
 
 def corrected_structure(structure: Structure, sensor: SensorCalibration) -> Structure:
@@ -43,14 +50,14 @@ def corrected_structure(structure: Structure, sensor: SensorCalibration) -> Stru
         structure,
         floor=_corrected_level(structure.floor, sensor),
         walls=_corrected_patches(structure.walls, sensor),
-        unassigned_points_cam=sensor.points(structure.unassigned_points_cam),
+        unassigned_points_cam=changed(structure.unassigned_points_cam, sensor.points),
         ceiling=_corrected_level(structure.ceiling, sensor),
         columns=_corrected_patches(structure.columns, sensor),
     )
 
 
 def _corrected_level(points: LevelPoints, sensor: SensorCalibration) -> LevelPoints:
-    return replace(points, points_cam=sensor.points(points.points_cam))
+    return replace(points, points_cam=changed(points.points_cam, sensor.points))
 
 
 def _corrected_patches(patches: WallPatches, sensor: SensorCalibration) -> WallPatches:
@@ -62,7 +69,10 @@ def _corrected_patches(patches: WallPatches, sensor: SensorCalibration) -> WallP
         up = np.cross(normals, along)  # the normal is level, and so are the ends
         normals = _unit(np.cross(_unit(ends[:, 1] - ends[:, 0]), up))
     return replace(
-        patches, points_cam=sensor.points(patches.points_cam), ends_cam=ends, normals_cam=normals
+        patches,
+        points_cam=changed(patches.points_cam, sensor.points),
+        ends_cam=ends,
+        normals_cam=normals,
     )
 
 

@@ -5,13 +5,13 @@ derivatives by the sensor's parameters (`planfit.adjust.calibration`) both start
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.geometry import se3
-from planfit.geometry.grouped import in_parts
+from planfit.geometry.grouped import groups_in_parts, in_parts
 from planfit.lsq.blocks import relative_poses
 from planfit.lsq.moments import (
     PairMoments,
@@ -28,6 +28,7 @@ from planfit.lsq.torch.moments import (
     pair_moments_on,
     plane_moments_on,
 )
+from planfit.mapped import let_go
 
 
 @dataclass(frozen=True)
@@ -71,12 +72,30 @@ class PlaneGroups:
             return plane_moments_on(on, *rest, *scale)
         return plane_moments(self.points_cam, self.start, *rest, *scale)
 
+    def in_parts(self) -> Iterator[tuple[slice, "PlaneGroups"]]:
+        """Some groups at a time, and which."""
+        for of in groups_in_parts(self.start):
+            first, last = self.start[of.start], self.start[of.stop]
+            yield (
+                of,
+                replace(
+                    self,
+                    points_cam=self.points_cam[first:last],
+                    start=self.start[of.start : of.stop + 1] - first,
+                    pose_idx=self.pose_idx[of],
+                    planes=self.planes[of],
+                    weight_per_point=self.weight_per_point[of],
+                ),
+            )
+
     def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
         """Squared distances of the points from their planes."""
         planes_cam = planes_in_cam(self.planes, target_from_cams[self.pose_idx])
         for part, group in in_parts(self.start):
             planes = planes_cam[group]
-            distances_m = np.einsum("mi,mi->m", planes[:, :3], self.points_cam[part]) + planes[:, 3]
+            points = self.points_cam[part]
+            distances_m = np.einsum("mi,mi->m", planes[:, :3], points) + planes[:, 3]
+            let_go(points)
             worth = self.weight_per_point[group] / self.sigma_m**2
             yield Squares(part, (distances_m / self.sigma_m) ** 2, worth)
 
@@ -110,11 +129,31 @@ class PairGroups:
         points = (self.points_a, self.points_b, self.sigma_m, self.start, self.pairs)
         return pair_moments(*points, self.weight_per_point, target_from_cams, self.loss)
 
+    def in_parts(self) -> Iterator[tuple[slice, "PairGroups"]]:
+        """Some pairs at a time, and which."""
+        for of in groups_in_parts(self.start):
+            first, last = self.start[of.start], self.start[of.stop]
+            yield (
+                of,
+                replace(
+                    self,
+                    points_a=self.points_a[first:last],
+                    points_b=self.points_b[first:last],
+                    sigma_m=self.sigma_m[first:last],
+                    start=self.start[of.start : of.stop + 1] - first,
+                    pairs=self.pairs[of],
+                    weight_per_point=self.weight_per_point[of],
+                ),
+            )
+
     def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
         """Squared distances between the points of each match, in the frame of the first camera."""
         a_from_b = relative_poses(target_from_cams, self.pairs)
         for part, pair in in_parts(self.start):
-            apart = self.points_a[part] - se3.transform_each(a_from_b[pair], self.points_b[part])
-            variance = self.sigma_m[part] ** 2
+            points_a, points_b = self.points_a[part], self.points_b[part]
+            apart = points_a - se3.transform_each(a_from_b[pair], points_b)
+            let_go(points_a)
+            let_go(points_b)
+            variance = self.sigma_m[part].astype(float) ** 2
             in_sigmas = np.sum(apart**2, axis=1) / variance
             yield Squares(part, in_sigmas, self.weight_per_point[pair] / variance)

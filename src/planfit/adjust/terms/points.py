@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.groups import PairGroups
@@ -48,6 +48,8 @@ class PointTerm:
     name: str = "points"
     device: str = "cpu"
     """Where the matches are reweighted; "cuda" asks for PyTorch."""
+    is_kept: Bool[np.ndarray, " p"] | None = None
+    """Pairs that take part; None: all. The others are not looked at."""
 
     @cached_property
     def _on_device(self) -> GroupedPoints:
@@ -64,6 +66,8 @@ class PointTerm:
         m = self.matches
         weighting = Weighting(self.options.max_observations)
         information = self.options.weight * weighting.weight_per_point(np.diff(m.start))
+        if self.is_kept is not None:
+            information = np.where(self.is_kept, information, 0.0)
         ends = (m.points_a, m.points_b, m.sigma)
         return PairGroups(*ends, m.start, m.pairs, information, self.options.loss)
 
@@ -71,6 +75,9 @@ class PointTerm:
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple[PairMoments | TorchPairMoments, float]:
         """One pass over the matches; see `planfit.lsq.moments`."""
-        return self.groups.moments(
+        moments, cost = self.groups.moments(
             target_from_cams, None if self.device == "cpu" else self._on_device
         )
+        if self.is_kept is not None and isinstance(moments, PairMoments):
+            moments = moments[self.is_kept]  # frames that nothing else ties are then not tied
+        return moments, cost

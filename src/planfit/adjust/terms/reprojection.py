@@ -110,8 +110,8 @@ class ReprojectionTerm:
         return ReprojectedMatches(
             pairs,
             np.concatenate([m.start, m.start[-1] + m.start[1:]]),
-            np.concatenate([m.points_a, m.points_b]),
-            np.concatenate([m.points_b, m.points_a]),
+            np.concatenate([m.points_a, m.points_b]).astype(float),
+            np.concatenate([m.points_b, m.points_a]).astype(float),
             np.array(focals, dtype=float).reshape(-1, 2),
             np.array(diagonals, dtype=float),
             self.options.min_depth_m,

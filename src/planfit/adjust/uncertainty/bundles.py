@@ -113,8 +113,8 @@ def sparse_rows(
 ) -> sparse.csr_array:
     """Jacobian (b d, 6 n) of b bundles that name `a` poses each."""
     b, a, d, _ = rows.shape
-    shape = (b, a, d, 6)
-    row = np.broadcast_to((d * np.arange(b)[:, None] + np.arange(d))[:, None, :, None], shape)
-    column = np.broadcast_to((6 * pose_idx[:, :, None, None] + np.arange(6)), shape)
-    entries = (rows.ravel(), (row.ravel(), column.ravel()))
-    return sparse.csr_array(entries, shape=(b * d, 6 * n_poses))
+    columns = (6 * pose_idx[:, :, None] + np.arange(6)).astype(np.int32).reshape(b, 6 * a)
+    entries = rows.transpose(0, 2, 1, 3).reshape(b, d, 6 * a)
+    begin = 6 * a * np.arange(b * d + 1, dtype=np.int32)
+    made = (entries.ravel(), np.repeat(columns, d, axis=0).ravel(), begin)
+    return sparse.csr_array(made, shape=(b * d, 6 * n_poses))

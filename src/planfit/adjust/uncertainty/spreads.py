@@ -16,6 +16,8 @@ from scipy import sparse
 from planfit.adjust.uncertainty.bundles import Bundles
 from planfit.lsq.covariance import Factors
 
+ROWS_AT_A_TIME = 16_384
+"""Residuals whose products with all probes are held at once: 4 MB each."""
 N_PROBES = 32
 """Random vectors that traces of products with the inverse are taken by (Hutchinson 1990)."""
 STATED_BUNDLES, STATED_CLUSTERS = 1.0, 4.0
@@ -58,8 +60,12 @@ class Probes:
 
     def trace(self, rows: sparse.csr_array, weights: Float[np.ndarray, " r"]) -> float:
         """Of the inverse times rows^T weights rows."""
-        each = (rows @ self.signs) * (rows @ self.solved)
-        return float(weights @ each.mean(axis=1))
+        total = 0.0
+        for first in range(0, len(weights), ROWS_AT_A_TIME):
+            part = slice(first, first + ROWS_AT_A_TIME)
+            each = (rows[part] @ self.signs) * (rows[part] @ self.solved)
+            total += float(weights[part] @ each.mean(axis=1))
+        return total
 
     def trace_of_blocks(
         self, rows: sparse.csr_array, information: Float[np.ndarray, "k d d"]

@@ -41,8 +41,10 @@ class BlockPattern:
         order = np.lexsort((every_column, every_row))
         self._source = np.concatenate([np.arange(len(unique)), off])[order]
         self._is_transposed = (np.arange(len(order)) >= len(unique))[order]
-        self._indices = every_column[order]
-        self._indptr = np.searchsorted(every_row[order], np.arange(n_poses + 1))
+        # As SciPy's own indices, where they fit: half the memory of each matrix made of them.
+        kind = np.int32 if 36 * len(order) < np.iinfo(np.int32).max else np.int64
+        self._indices = every_column[order].astype(kind)
+        self._indptr = np.searchsorted(every_row[order], np.arange(n_poses + 1)).astype(kind)
         self._band = np.flatnonzero(self.columns - self.rows <= MAX_BAND_POSES)
 
     def fits(
@@ -87,6 +89,13 @@ class BlockPattern:
         upper = np.zeros((len(self.rows), 6, 6))
         _add_blocks(np.ascontiguousarray(blocks), self._slot[: len(blocks)], upper)
         return upper
+
+    def square(self, upper: Float[np.ndarray, "u 6 6"], delta: Float[np.ndarray, "n 6"]) -> float:
+        """delta^T H delta, of the whole matrix H that `upper` are the blocks of."""
+        by_block = np.einsum(
+            "ui,uij,uj->u", delta[self.rows], upper, delta[self.columns], optimize=False
+        )
+        return float(2.0 * by_block.sum() - by_block[self.diagonal].sum())
 
     def symmetric(self, upper: Float[np.ndarray, "u 6 6"]) -> sparse.bsr_array:
         """The whole matrix (6 n, 6 n), sparse in blocks."""

@@ -1,10 +1,12 @@
 """The normal equations of a least-squares step: 6x6 blocks, one row of blocks a pose."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
+from scipy import sparse
 
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.linear.block_pattern import BlockPattern
@@ -28,8 +30,12 @@ class NormalEquations:
         self.pattern = earlier
         self.gradient = np.sum([p.gradient for p in parts], axis=0)
         self._upper = self.pattern.sum_blocks(np.concatenate([p.blocks for p in parts]))
-        self.matrix = self.pattern.symmetric(self._upper)
         self.diagonal = np.diagonal(self._upper[self.pattern.diagonal], axis1=1, axis2=2).ravel()
+
+    @cached_property
+    def matrix(self) -> sparse.bsr_array:
+        """The whole (6 n, 6 n), sparse in blocks; factorising needs the blocks alone."""
+        return self.pattern.symmetric(self._upper)
 
     def step(self, damping: float, solver: LinearSolver = "auto") -> Float[np.ndarray, "n 6"]:
         """Damped step: (H + damping * D) delta = -gradient, D the diagonal of H (Marquardt).
@@ -57,5 +63,4 @@ class NormalEquations:
 
     def predicted_decrease(self, delta: Float[np.ndarray, "n 6"]) -> float:
         """How much half the squared residuals fall by a step, if they are linear."""
-        flat = delta.ravel()
-        return float(-(self.gradient.ravel() @ flat) - 0.5 * flat @ (self.matrix @ flat))
+        return float(-np.sum(self.gradient * delta) - 0.5 * self.pattern.square(self._upper, delta))
