@@ -9,6 +9,8 @@ import shapely
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
+from planfit.floorplan.vector.double_lines import Thickness
+from planfit.floorplan.vector.furniture import are_furniture
 from planfit.floorplan.vector.layer_names import Role, role_of
 
 PX = 40.0
@@ -172,6 +174,17 @@ def test_beds_and_worktops_beside_walls_are_no_walls(tmp_path: Path) -> None:
     furniture = [box(0.6, 0.5, 2.6, 2.1), box(11.0, 0.5, 11.6, 3.2), box(5.3, 4.3, 6.8, 6.3),
                  box(7.3, 7.2, 9.0, 8.5)]  # fmt: skip
     assert min(shares(read(tmp_path, [*outlines(walls), *furniture]), walls)) > 0.99
+
+
+def test_outlines_that_cross_are_looked_at() -> None:
+    """A worktop through a slanted wall: of lines that are not cut where they cross, it is a hole that pokes
+    out of its area."""
+    room = [(0, 7.2), (1.8, 9), (6, 9), (6, 4.8), (0, 4.8), (0, 7.2)]
+    worktop = [(0.1, 5), (0.7, 5), (0.7, 8.4), (0.1, 8.4), (0.1, 5)]
+    ends = np.array(
+        [side for ring in (room, worktop) for side in itertools.pairwise(ring)], dtype=float
+    )
+    assert are_furniture(ends, Thickness(0.1, 0.03, 0.6), 100.0).all()
 
 
 def test_rooms_drawn_as_outlines_are_no_furniture(tmp_path: Path) -> None:

@@ -56,9 +56,10 @@ def are_furniture(
     strings = line_strings(ends)
     for one in np.flatnonzero(asked):
         own = np.flatnonzero(group == one)
-        areas = shapely.union_all(shapely.get_parts(shapely.polygonize(strings[own])))
+        # Lines cut where they cross: what they enclose then shares no ground.
+        areas = shapely.get_parts(shapely.polygonize([shapely.union_all(strings[own])]))
         hull = shapely.convex_hull(shapely.MultiLineString(list(ends[own])))
-        if shapely.area(areas) > CLOSED * hull.area > 0.0:
+        if float(shapely.area(areas).sum()) > CLOSED * hull.area > 0.0:
             corners = shapely.get_coordinates(shapely.oriented_envelope(hull))
             sides = np.linalg.norm(np.diff(corners[:3], axis=0), axis=1)
             result[own] = sides.max() < LONGEST * sides.min()
