@@ -207,6 +207,14 @@ def coloured_walls(sheet: Sheet, plan: House, rng: np.random.Generator) -> None:
     _fixtures(sheet, plan, rng, (40, 70, 160), 1.4)
 
 
+def middle_grey(sheet: Sheet, plan: House, rng: np.random.Generator) -> None:
+    """As portals have them: walls half as dark as black on tinted floors, paler furniture."""
+    for k, room in enumerate(plan.rooms):
+        sheet.area(shapely.box(*room), [(250, 240, 225), (225, 240, 250), (240, 250, 235)][k % 3])
+    sheet.area(plan.walls, (120, 120, 125))
+    _fixtures(sheet, plan, rng, (150, 150, 150), 1.2)
+
+
 def hatched(sheet: Sheet, plan: House, rng: np.random.Generator) -> None:
     _hatch(sheet, plan, 0.09, 1.0)
     sheet.area(plan.walls, None, (0, 0, 0), 1.8)
@@ -407,6 +415,7 @@ STYLES: dict[str, tuple[Draw, Callable[..., np.ndarray]]] = {
     "coloured rooms": (coloured_rooms, as_it_is),
     "coloured rooms, JPEG": (coloured_rooms, jpeg),
     "coloured walls": (coloured_walls, as_it_is),
+    "middle grey, JPEG": (middle_grey, jpeg),
     "hatched": (hatched, as_it_is),
     "hatched, scanned": (hatched, scanned),
     "grey, outlined": (grey_outlined, as_it_is),

@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, nearest_faces, read_floorplan
+from planfit.floorplan.plans_on_sheet import find_storeys
 from planfit.floorplan.raster.line_work import opened
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import (
@@ -23,7 +24,6 @@ from planfit.floorplan.raster.picture import (
     make_upright,
     without_frame,
 )
-from planfit.floorplan.raster.storeys import find_storeys
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
 from planfit.synth.drawing import STYLES, DrawingOptions, PlanPicture, draw_building

@@ -19,7 +19,7 @@ from strange_pictures import strange_picture
     ("parquet", 20, 45), ("watermarked", 21, 45), ("gridded, JPEG", 22, 45), ("white walls", 23, 60),
     ("black and outlined, scanned", 31, 45), ("outlined and black", 32, 60), ("black and grey", 33, 45),
     ("grey and black", 31, 60), ("hatched and black, JPEG", 33, 60), ("hatched and outlined", 31, 45),
-    ("black with cupboards", 34, 60),
+    ("black with cupboards", 34, 60), ("middle grey, JPEG", 11, 50), ("middle grey, JPEG", 12, 50),
 ])  # fmt: skip
 def test_walls_are_read_whatever_the_office_draws_with(
     style: str, seed: int, px_per_m: float

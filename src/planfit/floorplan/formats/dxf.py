@@ -28,6 +28,7 @@ from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import METRES_PER_FILE_UNIT
 from planfit.floorplan.vector.drawing import ABSURD, DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.plan import plan_of_drawing
+from planfit.floorplan.vector.strokes import Pen
 
 _UNITS = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 10: "yd", 14: "dm", 21: "US survey ft"}
 """Names of `METRES_PER_FILE_UNIT` by the number in the header ($INSUNITS)."""
@@ -159,7 +160,8 @@ def _add(builder: DrawingBuilder, entity: DXFGraphic, layer: str, flatten: float
             made = ezpath.make_path(entity)
         except (TypeError, ValueError, ZeroDivisionError, OverflowError):
             return
-        _add_path(builder, made, layer, style, flatten)
+        width = float(entity.dxf.const_width) if kind == "LWPOLYLINE" else 0.0
+        _add_path(builder, made, layer, style, flatten, Pen(width, _colour(entity)))
     elif kind in ("HATCH", "MPOLYGON"):
         rings = []
         for boundary in ezpath.from_hatch(entity):  # type: ignore[arg-type]
@@ -174,7 +176,9 @@ def _add(builder: DrawingBuilder, entity: DXFGraphic, layer: str, flatten: float
         _add_text(builder, entity, layer)
 
 
-def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten: float) -> None:
+def _add_path(
+    builder: DrawingBuilder, made, layer: str, style: object, flatten: float, pen: Pen
+) -> None:
     """Straight and curved segments of a path apart: an arc between two walls is a door."""
     if len(made) == 0:
         return
@@ -196,7 +200,7 @@ def _add_path(builder: DrawingBuilder, made, layer: str, style: object, flatten:
             points.extend(flat)
             is_curved.extend([is_bent] * len(flat))
         at = command.end
-    builder.add_polyline(np.array(points), np.array(is_curved), layer, style)
+    builder.add_polyline(np.array(points), np.array(is_curved), layer, style, pen)
 
 
 def _size(made) -> float:

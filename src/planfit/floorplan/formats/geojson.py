@@ -197,7 +197,7 @@ def _plan_of_lines(
         _drawing(areas, features.walls),
         path,
         fingerprint,
-        replace(options, layers=(), metres_per_unit=None, unit=unit),
+        replace(options, layers=(), storey="", metres_per_unit=None, unit=unit),
         source.kind,
         np.eye(3),
     )

@@ -19,6 +19,7 @@ from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
+from planfit.floorplan.vector.strokes import Pen
 
 MIN_PARTS = 20
 """A page with fewer lines and areas, and a picture on it, is the picture."""
@@ -259,9 +260,11 @@ def _add_path(
     if has_stroke.value:
         width = ctypes.c_float()
         raw.FPDFPageObj_GetStrokeWidth(item, width)
-        style = (_colour(item, raw.FPDFPageObj_GetStrokeColor), round(width.value, 3))
+        colour = _colour(item, raw.FPDFPageObj_GetStrokeColor)
+        style = (colour, round(width.value, 3))
+        shown = width.value * float(np.sqrt(abs(np.linalg.det(transform[:2, :2]))))
         for points, is_curved in sub_paths:
-            builder.add_polyline(points, is_curved, layer, style)
+            builder.add_polyline(points, is_curved, layer, style, Pen(shown, colour))
     if fill_mode.value:
         colour = _colour(item, raw.FPDFPageObj_GetFillColor)
         builder.add_fill([points for points, _ in sub_paths], layer, colour)

@@ -20,6 +20,9 @@ LINE = 0.3
 """Darkness from which a pixel is part of a line; a thin line covers half of each of two pixels."""
 _TONE_WIDTH, _DARKER = 0.07, 0.15
 """Around a tone, darkness of the same; an outline is darker by more than this."""
+_NEAR_INK = 0.12
+"""Walls of a tone as near to `INK` are black in patches, and grey in others where a JPEG made them uneven:
+all that is darker than half of it is then looked at, too."""
 _FINE_PX = [3, 5, 7]
 _COARSE_SHARE = 1 / 100
 """Least thicknesses that are tried where those of the widths are all larger than this share of the drawing: a
@@ -186,10 +189,14 @@ def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> 
             mask = ((darkness > tone / 2) & (near > 0)).astype(np.uint8)
             # Texts and lines across a wall are darker than it; the paper between walls is not.
             mask |= closed(mask, 2 * int(line_px) + 3) & (darkness > tone).astype(np.uint8)
-            for size in _least_widths(mask, line_px, extent)[:3]:
-                result.append(
-                    Candidate("solid grey", opened(mask, size), "edge", tone / 2, 0.0, size)
-                )
+            masks = [mask]
+            if abs(tone - INK) < _NEAR_INK:
+                masks.append((darkness > tone / 2).astype(np.uint8))
+            for one in masks:
+                for size in _least_widths(one, line_px, extent)[:3]:
+                    result.append(
+                        Candidate("solid grey", opened(one, size), "edge", tone / 2, 0.0, size)
+                    )
     return result
 
 

@@ -5,10 +5,9 @@ import shapely
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
+from planfit.floorplan.plans_on_sheet import MOST_STOREYS
 from planfit.geometry import segments
 
-MOST_STOREYS = 8
-"""More plans than this are not drawn on one sheet: windows of a facade, houses of a site plan are."""
 _SAME_DEG = 1.5
 _LEAST_ALIGNED = 0.8
 """Of the length of faces, what runs along the two main pairs of directions: plans with slanted and round

@@ -10,9 +10,16 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.plans_on_sheet import (
+    MOST_STOREYS,
+    find_storeys,
+    storey_number,
+    storey_words,
+    storeys_warning,
+)
 from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
 from planfit.floorplan.raster.choice import choose, with_paler_walls
-from planfit.floorplan.raster.doubts import MOST_STOREYS, find_doubts
+from planfit.floorplan.raster.doubts import find_doubts
 from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
 from planfit.floorplan.raster.interpretation import (
     Interpretation,
@@ -30,7 +37,6 @@ from planfit.floorplan.raster.picture import (
     moved_from,
     without_frame,
 )
-from planfit.floorplan.raster.storeys import find_storeys, storey_words
 from planfit.floorplan.raster.surroundings import surroundings_words
 from planfit.floorplan.raster.trace import settle_faces
 from planfit.floorplan.raster.walls_alone import STYLE, find_walls_alone
@@ -304,7 +310,7 @@ def _to_floorplan(
     """The storey that is asked for, or all, in pixels of the picture, y up."""
     kept = np.ones(len(found.faces.ends), dtype=bool)
     if options.storey:
-        kept = found.storey == _storey_number(name, options.storey, found.storeys)
+        kept = found.storey == storey_number(name, options.storey, found.storeys)
     ends, normals = found.faces.ends[kept], found.faces.normals[kept]
     thickness = found.faces.thickness[kept]
     openings = find_openings(ends, normals, thickness)
@@ -340,11 +346,7 @@ def _warnings(
     """What a user should look at before trusting the plan."""
     result = list(found.doubts)
     if len(found.storeys) > 1 and not options.storey:
-        words = ", ".join(f"{k} ({where})" for k, where in enumerate(found.storeys))
-        result.append(
-            f"{len(found.storeys)} plans on one sheet, probably storeys: {words}; all are kept, "
-            "choose one with --storey 0 and so on"
-        )
+        result.append(storeys_warning(found.storeys))
     is_given = interpretation.candidate.edge == "mask"
     if not is_given and interpretation.straight_share < _SURELY_STRAIGHT:
         result.append(
@@ -360,18 +362,6 @@ def _warnings(
 
 def _picture_from(upright: Upright) -> Float[np.ndarray, "2 3"]:
     return np.asarray(cv2.invertAffineTransform(upright.upright_from_picture))
-
-
-def _storey_number(name: str, asked: str, storeys: tuple[str, ...]) -> int:
-    known = [str(k) for k in range(len(storeys))]
-    if asked in known:
-        return int(asked)
-    if asked in storeys and storeys.count(asked) == 1:
-        return storeys.index(asked)
-    listed = ", ".join(f"{k} ({where})" for k, where in enumerate(storeys))
-    raise FloorplanError(
-        f"{name}: expected a storey of {listed}, found {asked!r}; choose one of these"
-    )
 
 
 def _moved(

@@ -32,6 +32,8 @@ _HAIRLINE, _MANY = 0.25, 0.1
 """Strokes thinner than this share of the usual wall are lines of a pen where there are many of them, for each
 metre of wall this many metres: 0.37 in a drawing with swings of doors and panes. Few are thin walls: 0.03 in
 a mask with landings of stairs."""
+_BROAD_PX, _NEAR, _PATCHY = 4, 0.07, 0.3
+"""Of what is so broad, pixels within so much of `INK`: soft edges of black walls are 0.02 to 0.1 of it."""
 _SPECK_PX, _SPECK = 3, 0.33
 """What is thinner and shorter than this, in pixels or in thicknesses of the usual wall, is dirt."""
 _WORDS = 20
@@ -61,6 +63,8 @@ def find_walls_alone(
     black = (small > INK).astype(np.uint8)
     if n_dark == 0 or opened(black, 2).sum() < _LEAST_BLACK * n_dark:
         return None
+    if _are_patchy(small):
+        return None
     regions = trace_regions(black, 0.0)
     most = _MOST_TWINS_TINY if small.shape[0] > full.shape[0] else _MOST_TWINS
     pen = _pen_of_words(regions, max(small.shape))
@@ -80,6 +84,14 @@ def find_walls_alone(
         return None
     candidate = Candidate(STYLE, mask, "edge", INK, 0.0, 2.0)
     return Interpretation(candidate, tuple(walls), tuple(specks), usual, straight * share, share)
+
+
+def _are_patchy(darkness: Float[np.ndarray, "h w"]) -> bool:
+    """Whether much of what is as broad as walls has nearly the darkness that parts black from paler: grey
+    walls, which are black in patches where a JPEG made them uneven."""
+    broad = opened((darkness > LINE).astype(np.uint8), _BROAD_PX) > 0
+    is_near = np.abs(darkness - INK) < _NEAR
+    return bool((broad & is_near).sum() > _PATCHY * max(int(broad.sum()), 1))
 
 
 def _pen_of_words(regions: list[BaseGeometry], extent_px: float) -> float:

@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from planfit.floorplan.faces import weighted_median
-from planfit.floorplan.vector.drawing import Fill
+from planfit.floorplan.vector.drawing import Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import cut_out, outlines
 from planfit.geometry import segments
@@ -63,11 +63,11 @@ def sort_fills(
         looks_like_wall = slim > 2.5 and coverage < 0.45
         # Text drawn as outlines is dark and slim too, but small.
         reach = max(np.ptp(np.array(area.bounds).reshape(2, 2), axis=0))
-        if is_called_wall or (looks_like_wall and _is_dark(colour) and _is_large(parts, extent)):
+        if is_called_wall or (looks_like_wall and is_dark(colour) and _is_large(parts, extent)):
             walls.extend(parts)
         elif reach > 0.02 * extent and not looks_like_wall:
             rooms.extend(parts)
-        elif looks_like_wall and not _is_dark(colour):
+        elif looks_like_wall and not is_dark(colour):
             rooms.extend(parts)  # corridors
     return Areas(walls, rooms)
 
@@ -83,11 +83,6 @@ def _outline_length(polygon: BaseGeometry) -> float:
 
 def _is_white(colour: tuple[int, int, int] | None) -> bool:
     return colour is not None and min(colour) > 245
-
-
-def _is_dark(colour: tuple[int, int, int] | None) -> bool:
-    """Black to light grey, or unknown: colours are for rooms."""
-    return colour is None or (max(colour) - min(colour) < 40 and max(colour) < 230)
 
 
 def without_paper(

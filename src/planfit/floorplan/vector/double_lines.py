@@ -24,7 +24,8 @@ from planfit.geometry import segments
 MIN_THICKNESS_M, MAX_THICKNESS_M = 0.03, 0.62
 MAX_OPENING = 25.0
 """Widest opening between parts of one wall, in thicknesses of the usual wall: 2.5 m for one of 10 cm."""
-_PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
+PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
+"""Lines that differ by less are parallel."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def estimate_thickness(
     """Thickness of most of the walls: of the gaps from each line to the nearest beside it, the one in
     the middle of all the length that has one. None where no lines lie side by side."""
     least, most = thickness_bounds(metres_per_unit, extent)
-    pairs = find_partners(ends, most, least, 0.0, _PARALLEL_SINE)
+    pairs = find_partners(ends, most, least, 0.0, PARALLEL_SINE)
     gap, overlap = np.abs(pairs.gap), pairs.high - pairs.low
     is_long = overlap > 3 * gap
     if not is_long.any():
@@ -109,7 +110,7 @@ def rows_of_lines(
     is_row = np.zeros(n, dtype=bool)
     if n == 0:
         return is_row
-    pairs = find_partners(ends, max_gap, 1e-6 * max_gap, 0.0, _PARALLEL_SINE)
+    pairs = find_partners(ends, max_gap, 1e-6 * max_gap, 0.0, PARALLEL_SINE)
     length = segments.lengths(ends)
     alike = (style[pairs.line] == style[pairs.partner]) & (
         pairs.high - pairs.low > 0.4 * np.minimum(length[pairs.line], length[pairs.partner])
@@ -165,7 +166,7 @@ def faces_of_lines(
         free_side: 1 where the left side is known to be free, -1 the right, 0 unknown.
     """
     pairs = find_partners(
-        ends, thickness.most, thickness.least, 0.5 * thickness.least, _PARALLEL_SINE
+        ends, thickness.most, thickness.least, 0.5 * thickness.least, PARALLEL_SINE
     )
     gap, overlap = np.abs(pairs.gap), pairs.high - pairs.low
     side = np.sign(pairs.gap)

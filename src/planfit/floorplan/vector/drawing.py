@@ -7,6 +7,8 @@ import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.vector.strokes import Pen, are_bodies, body_of_strokes
+
 ABSURD = 1e9
 """No national grid reaches this far, in any unit: such coordinates are faults of the file."""
 
@@ -90,6 +92,7 @@ class DrawingBuilder:
         self._styles: dict[object, int] = {}
         self._layers: dict[str, int] = {}
         self._clips: list[BaseGeometry | None] = []
+        self._pens: list[Pen | None] = []
         self.clip: BaseGeometry | None = None
         """What is added next shows inside this area only."""
         self.fills: list[Fill] = []
@@ -106,8 +109,9 @@ class DrawingBuilder:
         is_curved: Bool[np.ndarray, " k-1"],
         layer: str,
         style: object,
+        pen: Pen | None = None,
     ) -> None:
-        """A path through `points`; `is_curved` of each segment."""
+        """A path through `points`; `is_curved` of each segment, drawn with `pen` where that is known."""
         n = len(points) - 1
         if n < 1:
             return
@@ -118,6 +122,7 @@ class DrawingBuilder:
         self._ends.append(np.stack([points[:-1], points[1:]], axis=1))
         self._numbers.append(numbers)
         self._clips.append(self.clip)
+        self._pens.append(pen)
 
     def add_fill(
         self, rings: list[Float[np.ndarray, "_ 2"]], layer: str, colour: tuple[int, int, int] | None
@@ -155,10 +160,34 @@ class DrawingBuilder:
         numbers = np.concatenate([*self._numbers, np.zeros((0, 4), dtype=int)])
         ends = np.concatenate([*self._ends, np.zeros((0, 2, 2))])
         lines = Lines(ends, numbers[:, 0], numbers[:, 1], numbers[:, 2], numbers[:, 3].astype(bool))
+        lines = _uncovered(_clipped(lines, self._clips), self._covers)
+        lines, bodies = _without_bodies(lines, self._pens)
         return VectorDrawing(
-            _uncovered(_clipped(lines, self._clips), self._covers), tuple(self.fills),
+            lines, (*self.fills, *bodies),
             tuple(self.texts), tuple(self._layers), metres_per_unit, unit, hidden_layers,
         )  # fmt: skip
+
+
+def is_dark(colour: tuple[int, int, int] | None) -> bool:
+    """Black to light grey, or unknown: colours are for rooms."""
+    return colour is None or (max(colour) - min(colour) < 40 and max(colour) < 230)
+
+
+def _without_bodies(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[Fill]]:
+    """Lines without strokes that are walls by themselves, and those as areas, one a layer."""
+    if len(lines) == 0 or all(pen is None or pen.width == 0 for pen in pens):
+        return lines, []
+    width_of = np.array([0.0 if pen is None else pen.width for pen in pens])
+    may_be = np.array([pen is not None and is_dark(pen.colour) for pen in pens])
+    width, may = width_of[lines.path], may_be[lines.path]
+    is_body = np.zeros(len(lines), dtype=bool)
+    finite = np.flatnonzero((np.abs(lines.ends) < ABSURD).all(axis=(1, 2)))
+    is_body[finite] = are_bodies(lines.ends[finite], width[finite], may[finite])
+    fills = []
+    for layer in np.unique(lines.layer[is_body]):
+        own = np.flatnonzero(is_body & (lines.layer == layer))
+        fills.append(Fill(body_of_strokes(lines.ends[own], width[own]), int(layer), None))
+    return lines.take(~is_body), fills
 
 
 def _without(fill: Fill, area: BaseGeometry) -> Fill:

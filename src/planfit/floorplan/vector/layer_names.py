@@ -69,7 +69,8 @@ _NO_WALL = """
     mobilier mobiliers meuble meubles cote cotes cotation cotations texte textes escalier escaliers hachure
     hachures cartouche axe dallage carrelage sanitaire sanitaires plomberie faux-plafond plafond toiture
     garde-corps poutre poutres poutrelle poutrelles solive solives
-    mobel moebel mobiliar bemassung bemassungen bemaung masse masslinie masslinien masskette massketten treppe
+    mobel moebel mobiliar moblierung moeblierung inventar
+    bemassung bemassungen bemaung masse masslinie masslinien masskette massketten treppe
     treppen gelander gelaender schraffur schraffuren beschriftung beschriftungen raumstempel achse achsen
     raster sanitar sanitaer kuche kueche decke decken unterdecke dach plankopf rahmen einrichtung
     trager traeger balken unterzug unterzuge unterzuege uberzug ueberzug sparren pfette pfetten

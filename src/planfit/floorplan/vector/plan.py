@@ -10,14 +10,17 @@ from shapely.geometry.base import BaseGeometry
 from planfit.errors import FloorplanError
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.plans_on_sheet import MOST_STOREYS, storey_number, storeys_warning
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.cleaning import cleaned
 from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
 from planfit.floorplan.vector.layer_words import length_words, words_on_layers
 from planfit.floorplan.vector.line_work import longest, moved, outlines
+from planfit.floorplan.vector.sheet import without_sheet
+from planfit.floorplan.vector.storeys import DrawnStoreys, storeys_of_drawing
 from planfit.floorplan.vector.units import UnitFound, unit_of_drawing
-from planfit.floorplan.vector.walls import DrawnWalls, walls_of_drawing
+from planfit.floorplan.vector.walls import DrawnWalls, counted_openings, walls_of_drawing
 from planfit.geometry import segments
 
 FAR_FROM_ORIGIN = 20.0
@@ -53,6 +56,8 @@ def plan_of_drawing(
             + "; check that it is the right file"
         )
     roles = _roles(path, drawing, options)
+    if not options.layers:
+        drawing, roles = without_sheet(drawing, roles)
     walls, unit = _walls_and_unit(drawing, roles, path, options)
     if drawing.hidden_layers:
         hidden = f"layers that are off or frozen: {', '.join(drawing.hidden_layers)}"
@@ -61,6 +66,8 @@ def plan_of_drawing(
         edges = length_words(walls.shared_edges, unit.metres_per_unit)
         shared = f"{edges} of edges where two rooms meet without a wall between them"
         walls = replace(walls, dropped=(*walls.dropped, shared))
+    origin = _origin(walls.faces.ends)
+    walls, storeys = _of_storey(walls, drawing, path, options.storey)
     by_layer = words_on_layers(walls.by_layer, unit.metres_per_unit, bool(options.layers))
     walls = replace(
         walls,
@@ -68,7 +75,7 @@ def plan_of_drawing(
         warnings=(*walls.warnings, *by_layer.warnings),
     )
     drawn, left_out = shown_lines(drawing, roles, walls.is_left_out, walls.apart, file_from_drawing)
-    faces, origin = walls.faces, _origin(walls.faces.ends)
+    faces = walls.faces
     scale = unit.metres_per_unit or 1.0
     return Floorplan(
         str(path),
@@ -83,6 +90,8 @@ def plan_of_drawing(
             kind=kind,
             unit=unit.unit,
             unit_from=unit.unit_from,
+            storey=options.storey if storeys else "",
+            storeys=storeys,
             layers=tuple(name for name in walls.layers if name),
             dropped=(*dropped, *walls.dropped),
             warnings=(*unit.warnings, *walls.warnings),
@@ -95,6 +104,45 @@ def plan_of_drawing(
             opening_names=walls.opening_names,
             opening_ids=("",) * len(walls.opening_names),
         ),
+    )
+
+
+def _of_storey(
+    walls: DrawnWalls, drawing: VectorDrawing, path: Path, asked: str
+) -> tuple[DrawnWalls, tuple[str, ...]]:
+    """The walls of the storey that is asked for, or all with a warning where there are several; and what
+    the storeys are called.
+
+    Raises:
+        FloorplanError: there is no such storey.
+    """
+    looked_at = drawing.lines.ends[~walls.is_left_out]
+    found = storeys_of_drawing(walls.faces, walls.openings, looked_at)
+    words = found.words
+    if not asked:
+        if len(words) == 1:
+            return walls, ()
+        warning = storeys_warning(words) if len(words) <= MOST_STOREYS else (
+            f"{len(words)} groups of walls stand apart, more than there are storeys on a sheet: is it a site "
+            "plan, or a sheet of details? Compare the overlay (-o FILE.png) with the drawing"
+        )  # fmt: skip
+        walls = replace(walls, warnings=(*walls.warnings, warning))
+    else:
+        walls = _only(walls, found, storey_number(str(path), asked, words))
+    names = tuple(f"{k}: {word}" for k, word in enumerate(words))
+    return walls, names if 1 < len(words) <= MOST_STOREYS else ()
+
+
+def _only(walls: DrawnWalls, found: DrawnStoreys, storey: int) -> DrawnWalls:
+    """Faces and openings of one storey."""
+    kept = found.of_opening == storey
+    names = tuple(name for name, keep in zip(walls.opening_names, kept, strict=True) if keep)
+    return replace(
+        walls,
+        faces=walls.faces.take(found.of_face == storey),
+        openings=walls.openings[kept],
+        opening_names=names,
+        opening_kinds=counted_openings(names),
     )
 
 

@@ -2,12 +2,13 @@
 
 import numpy as np
 import shapely
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import line_strings
+from planfit.floorplan.faces import covered_lengths, find_partners, line_strings
+from planfit.floorplan.near_lines import groups_within
 from planfit.floorplan.vector.candidates import Candidates
-from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.floorplan.vector.double_lines import PARALLEL_SINE, LineFaces, Thickness
 from planfit.floorplan.vector.line_work import cut_out, ends_of
 from planfit.geometry import segments
 
@@ -18,8 +19,38 @@ FEW_SHARE = 0.25
 MIN_INSIDE, MIN_ENDING = 0.8, 4
 """An outline is of the building where this share of the faces' length is inside, and so many faces end at it:
 both faces of two walls."""
+BESIDE, MAIN, SPANNED = 0.35, 0.4, 0.7
+"""Of the length of rooms drawn by single lines, those with another line beside them, a bed's or a cupboard's;
+of all lines, theirs; of the sides of the drawing, that they span. Of walls drawn as two lines 0.8 have."""
 MAX_OUTLINE_LINES = 20_000
 """Closing the areas of 10,000 lines takes 0.4 s; a real floor has 1,000 to 3,000 that may be faces."""
+
+
+def single_line_walls(
+    candidates: Candidates, thickness: Thickness, extent: float
+) -> Bool[np.ndarray, " n"]:
+    """Lines of the largest group that touch one another, where it spans the drawing and few of them have
+    another line beside them: rooms drawn by single lines, whatever stands along some of them. None otherwise.
+
+    Args:
+        candidates: all lines that were looked at.
+        thickness: of the walls that are drawn as two lines, if any are.
+        extent: of the drawing.
+    """
+    ends = candidates.ends
+    if len(ends) == 0:
+        return np.zeros(0, dtype=bool)
+    length = segments.lengths(ends)
+    group = groups_within(ends, 1e-3 * extent)
+    found = group == np.bincount(group, length).argmax()
+    size, whole = (np.ptp(part.reshape(-1, 2), axis=0) for part in (ends[found], ends))
+    pairs = find_partners(ends, thickness.most, thickness.least, 0.0, PARALLEL_SINE)
+    beside = covered_lengths(pairs.line, pairs.low, pairs.high, len(ends))
+    is_single = beside[found].sum() < BESIDE * length[found].sum()
+    is_main = length[found].sum() > MAIN * length.sum()
+    spans = bool((size > SPANNED * whole).all())
+    found &= is_single and is_main and spans
+    return found
 
 
 def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> LineFaces:

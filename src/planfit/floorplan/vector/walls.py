@@ -1,5 +1,7 @@
 """From a drawing to wall faces: fills, hatches and double lines, each read as what it is."""
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +29,7 @@ from planfit.floorplan.vector.double_lines import (
     thickness_bounds,
 )
 from planfit.floorplan.vector.drawing import Lines, VectorDrawing
+from planfit.floorplan.vector.furniture import are_furniture
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
@@ -37,7 +40,11 @@ from planfit.floorplan.vector.room_edges import (
     bare_edges,
     walls_between_rooms,
 )
-from planfit.floorplan.vector.single_lines import body_of_faces, single_lines
+from planfit.floorplan.vector.single_lines import (
+    body_of_faces,
+    single_line_walls,
+    single_lines,
+)
 from planfit.geometry import segments
 
 MAIN_SHARE = 0.35
@@ -160,6 +167,16 @@ def walls_of_drawing(
 def _counted(n: int, thing: str) -> str:
     """Empty for none."""
     return "" if n == 0 else f"1 {thing}" if n == 1 else f"{n} {thing}s"
+
+
+def counted_openings(names: Sequence[str]) -> tuple[str, ...]:
+    """How many doors and windows there are, each with an opening in both faces of its wall.
+
+    Args:
+        names: what each opening is.
+    """
+    count = Counter(names)
+    return tuple(_counted((n + 1) // 2, name) for name, n in count.items())
 
 
 def _open_doors(
@@ -292,6 +309,9 @@ def _faces_of_all(
         thickness = estimate_thickness(candidates.ends, metres_per_unit, extent)
     paired = LineFaces.together([])
     if thickness is not None:
+        may_be = ~candidates.is_called_wall & (candidates.layer >= 0) & (candidates.free_side == 0)
+        is_furniture = may_be & are_furniture(candidates.ends, thickness, extent)
+        candidates = candidates.take(~is_furniture)
         paired, _ = faces_of_lines(
             candidates.ends, thickness, candidates.is_called_wall, candidates.free_side
         )
@@ -310,6 +330,13 @@ def _faces_of_all(
         parts, shared_edges = [*parts, between], 0.0
         return _Found(parts, candidates, (TOUCHING,), shared_edges)
     single = single_lines(candidates, is_taken, extent)
+    has_others = bool(solids or pieces.areas or rooms) or candidates.is_called_wall.any()
+    if len(single.ends) == 0 and thickness is not None and not has_others:
+        is_wall = single_line_walls(candidates, thickness, extent)
+        if is_wall.any():
+            parts, is_taken = [], LineFaces.together([])
+            candidates = candidates.take(is_wall)
+            single = single_lines(candidates, is_taken, extent)
     if len(single.ends) == 0:
         return _Found(parts, candidates, (), shared_edges)
     length = segments.lengths(single.ends).sum()

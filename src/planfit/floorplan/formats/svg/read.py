@@ -37,6 +37,7 @@ from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text
 from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
+from planfit.floorplan.vector.strokes import Pen
 
 PIXELS_PER_INCH = 96.0
 WIDEST_PAPER_M = 1.6
@@ -192,13 +193,12 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
             gap = shapely.buffer(shapely.LineString(points), width, cap_style="flat")
             builder.add_cover([shapely.get_coordinates(r) for r in shapely.get_rings(gap)])
     elif _is_drawn(shape.stroke):
-        style = (str(shape.stroke), round(float(shape.stroke_width or 1.0), 3))
+        width = float(shape.stroke_width or 1.0)
+        style, pen = (str(shape.stroke), round(width, 3)), Pen(width, _rgb(shape.stroke))
         for points, is_curved in sub_paths:
-            builder.add_polyline(points, is_curved, layer, style)
+            builder.add_polyline(points, is_curved, layer, style, pen)
     if _is_drawn(shape.fill):
-        fill = shape.fill
-        colour = (int(fill.red or 0), int(fill.green or 0), int(fill.blue or 0))
-        builder.add_fill([points for points, _ in sub_paths], layer, colour)
+        builder.add_fill([points for points, _ in sub_paths], layer, _rgb(shape.fill))
 
 
 def _covers(shape: Shape) -> bool:
@@ -211,8 +211,12 @@ def _covers(shape: Shape) -> bool:
     return is_opaque and "mix-blend-mode" not in values and _lightness(fill) >= LIGHT
 
 
+def _rgb(paint) -> tuple[int, int, int]:
+    return (int(paint.red or 0), int(paint.green or 0), int(paint.blue or 0))
+
+
 def _lightness(paint) -> int:
-    return min(int(paint.red or 0), int(paint.green or 0), int(paint.blue or 0))
+    return min(_rgb(paint))
 
 
 def _is_white(paint) -> bool:

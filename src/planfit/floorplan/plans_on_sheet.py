@@ -1,9 +1,14 @@
 """Several plans on one sheet: groups of walls whose extents stay apart."""
 
 import numpy as np
+import scipy.sparse
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
+from planfit.errors import FloorplanError
+
+MOST_STOREYS = 8
+"""More plans than this are not drawn on one sheet: windows of a facade, houses of a site plan are."""
 _APART = 0.3
 """Groups that come nearer than this many thicknesses of a wall are one."""
 _LEAST_SHARE = 0.12
@@ -48,6 +53,7 @@ def find_storeys(
         sides = tree.nearest(shapely.points(doors.reshape(-1, 2))).reshape(-1, 2)
         for a, b in sides:
             group[group == group[b]] = group[a]
+    group = _overlapping(boxes, group)
     while True:
         merged = _merged_once(boxes, group, lines)
         if (merged == group).all():
@@ -229,6 +235,57 @@ def storey_words(
         down = "top" if v < 0.4 else "bottom" if v > 0.6 else ""
         words.append(" ".join(word for word in (down, across) if word) or "middle")
     return tuple(words)
+
+
+def storeys_warning(words: tuple[str, ...]) -> str:
+    """What to say of several plans on a sheet where none was chosen.
+
+    Args:
+        words: where each is.
+    """
+    listed = ", ".join(f"{k} ({where})" for k, where in enumerate(words))
+    return (
+        f"{len(words)} plans on one sheet, probably storeys: {listed}; all are kept, "
+        "choose one with --storey 0 and so on"
+    )
+
+
+def storey_number(name: str, asked: str, storeys: tuple[str, ...]) -> int:
+    """Which of the plans on a sheet is asked for, by its number or by where it is.
+
+    Raises:
+        FloorplanError: there is no such, or there are several.
+    """
+    known = [str(k) for k in range(len(storeys))]
+    if asked in known:
+        return int(asked)
+    if asked in storeys and storeys.count(asked) == 1:
+        return storeys.index(asked)
+    listed = ", ".join(f"{k} ({where})" for k, where in enumerate(storeys))
+    raise FloorplanError(
+        f"{name}: expected a storey of {listed}, found {asked!r}; choose one of these"
+    )
+
+
+def _overlapping(
+    boxes: Float[np.ndarray, "n 4"], group: Int[np.ndarray, " n"]
+) -> Int[np.ndarray, " n"]:
+    """Groups whose extents overlap as one, all at once: what `_merged_once` does pair by pair, which takes
+    minutes where a drawing has thousands of regions."""
+    while True:
+        names, group = np.unique(group, return_inverse=True)
+        low, high = np.full((len(names), 2), np.inf), np.full((len(names), 2), -np.inf)
+        np.minimum.at(low, group, boxes[:, :2])
+        np.maximum.at(high, group, boxes[:, 2:])
+        extents = np.asarray(
+            shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]), dtype=object
+        )
+        a, b = shapely.STRtree(extents).query(extents, predicate="intersects")
+        graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(names), len(names)))
+        count, of = scipy.sparse.csgraph.connected_components(graph, directed=False)
+        group = of[group]
+        if count == len(names):
+            return group
 
 
 def _merged_once(

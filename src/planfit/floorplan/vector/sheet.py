@@ -1,0 +1,321 @@
+"""What a sheet has around its plan, where no layer tells it apart: the frame with its title block, chains
+of dimensions, and axes. They are pairs of parallel lines, or run beside faces of walls, as walls do."""
+
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int, Shaped
+
+from planfit.floorplan.faces import covered_lengths, line_strings
+from planfit.floorplan.near_lines import groups_within
+from planfit.floorplan.vector.arcs import fit_circle
+from planfit.floorplan.vector.drawing import Lines, VectorDrawing
+from planfit.floorplan.vector.layer_names import Role
+from planfit.floorplan.vector.line_work import usual_extent
+from planfit.geometry import segments
+
+FRAME_LAYER, DIMENSION_LAYER = "frame of the sheet", "lines of dimensions"
+AXIS_LAYER = "axes with bubbles"
+ON, WHOLE = 1e-3, 0.97
+"""Lines within this share of the drawing of a side are on it; they cover so much of each side of a frame."""
+MOST_FRAMES = 6
+HUGGED, NEAR_SHARE = 0.4, 0.06
+"""Beside the outer face of a building runs its inner one, within this share of its shorter side and along at
+least so much of the whole; a frame keeps away from what it frames."""
+MOST_ATTACHED = 0.5
+"""Of the lines in a frame, by length, those that hang on it: the title block, which has a corner of it."""
+TITLE_SHARE = 0.3
+BUBBLE, LEAST_BUBBLES, LONG_AXIS = (3e-3, 0.05), 3, 0.2
+"""Radius of the circles that name axes, of the drawing's size; a plan has so many, and axes so long."""
+LONGEST_TICK = 0.03
+"""Of the drawing's size; 0.4 m in a house of 13 m. They are drawn as 2 to 4 mm of paper."""
+TICK_SINE = (float(np.sin(np.deg2rad(25.0))), float(np.sin(np.deg2rad(65.0))))
+ON_LINE = 0.05
+"""Of a tick's length: its middle is so near to the line that it ends, and nothing else to its own ends."""
+ALIKE = 0.15
+"""Ticks of one chain differ by less in length."""
+
+
+def without_sheet(drawing: VectorDrawing, roles: list[Role]) -> tuple[VectorDrawing, list[Role]]:
+    """The drawing with frames, title blocks, lines of dimensions and axes on layers of their own, which hold
+    no walls; lines on layers called wall stay.
+
+    Args:
+        drawing: cleaned.
+        roles: of its layers.
+    """
+    lines = drawing.lines
+    if len(lines) == 0:
+        return drawing, roles
+    extent = usual_extent(lines.ends.reshape(-1, 2))
+    role = np.array(roles, dtype=int)[lines.layer]
+    layers, layer = list(drawing.layers), lines.layer.copy()
+    of_frame = np.zeros(len(lines), dtype=bool)
+    looked_at = np.flatnonzero(role != Role.NO_WALL)
+    of_frame[looked_at] = lines_of_frame(lines.take(looked_at))
+    of_dimension = np.zeros(len(lines), dtype=bool)
+    rest = np.flatnonzero((role == Role.UNKNOWN) & ~of_frame & ~lines.is_curved)
+    of_dimension[rest] = lines_of_dimensions(lines.take(rest), extent)
+    unknown = np.flatnonzero((role == Role.UNKNOWN) & ~of_frame & ~of_dimension)
+    is_axis = np.zeros(len(lines), dtype=bool)
+    is_axis[unknown] = lines_of_axes(lines.take(unknown), extent)
+    kinds = ((FRAME_LAYER, of_frame), (DIMENSION_LAYER, of_dimension), (AXIS_LAYER, is_axis))
+    for name, found in kinds:
+        found &= role != Role.WALL
+        if found.any():
+            layer[found] = len(layers)
+            layers.append(name)
+            roles = [*roles, Role.NO_WALL]
+    return replace(drawing, lines=replace(lines, layer=layer), layers=tuple(layers)), roles
+
+
+def lines_of_frame(lines: Lines) -> Bool[np.ndarray, " n"]:
+    """Rectangles around everything else, what is outside of the innermost, and what hangs on it.
+
+    A building's outer faces are such a rectangle too, if no door is in them: beside them run the inner
+    ones. Nothing is taken for a frame that has neither a title block nor doors inside.
+    """
+    n = len(lines)
+    none = np.zeros(n, dtype=bool)
+    if n < 8:
+        return none
+    box, on_side = _innermost_frame(lines)
+    if box is None:
+        return none
+    size = box[1] - box[0]
+    near = ON * float(size.max())
+    is_inside = ((lines.ends > box[0] - near) & (lines.ends < box[1] + near)).all(axis=(1, 2))
+    inside = np.flatnonzero(is_inside & ~on_side)
+    if len(inside) == 0:
+        return none
+    ends, length = lines.ends[inside], segments.lengths(lines.ends[inside])
+    group = groups_within(ends, near)
+    at_frame = np.minimum(ends - box[0], box[1] - ends).min(axis=(1, 2)) < near
+    hangs = (np.bincount(group, at_frame) > 0)[group]
+    free = ~hangs
+    perimeter = 2.0 * float(size.sum())
+    if length[free].sum() < perimeter or length[hangs].sum() > MOST_ATTACHED * length[free].sum():
+        return none
+    if lines.is_curved[inside[hangs]].any() or _is_hugged(ends[free], box):
+        return none
+    has_title = bool(hangs.any()) and _is_title(ends[hangs], box)
+    if not (has_title or lines.is_curved[inside[free]].any()):
+        return none
+    result = ~is_inside | on_side
+    if has_title:
+        result[inside[hangs]] = True
+    return result
+
+
+def _innermost_frame(
+    lines: Lines,
+) -> tuple[Float[np.ndarray, "2 2"] | None, Bool[np.ndarray, " n"]]:
+    """Lowest and highest corner of the last rectangle around all else, one in another, and its lines."""
+    ends, along = lines.ends, np.abs(segments.directions(lines.ends))
+    length = segments.lengths(ends)
+    is_upright = (along.max(axis=1) > np.cos(1e-3)) & ~lines.is_curved
+    left = length > 0.05 * float(np.ptp(ends.reshape(-1, 2), axis=0).max())
+    box, found = None, np.zeros(len(lines), dtype=bool)
+    for _ in range(MOST_FRAMES):
+        if left.sum() < 8:
+            break
+        points = ends[left].reshape(-1, 2)
+        low, high = points.min(axis=0), points.max(axis=0)
+        on_side = _on_sides(ends, np.stack([low, high]), is_upright & left)
+        if on_side is None:
+            break
+        box, found = np.stack([low, high]), on_side
+        left &= ~on_side
+    return box, found
+
+
+def _on_sides(
+    ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"], may: Bool[np.ndarray, " n"]
+) -> Bool[np.ndarray, " n"] | None:
+    """Lines on the sides of a box; None where one of them is not drawn all along."""
+    size = box[1] - box[0]
+    near = ON * float(size.max())
+    result = np.zeros(len(ends), dtype=bool)
+    for axis in (0, 1):
+        for side in (0, 1):
+            at = np.flatnonzero(
+                may & (np.abs(ends[:, :, axis] - box[side, axis]).max(axis=1) < near)
+            )
+            if len(at) == 0:
+                return None
+            other = np.sort(ends[at][:, :, 1 - axis], axis=1)
+            covered = covered_lengths(np.zeros(len(at), dtype=int), other[:, 0], other[:, 1], 1)
+            if covered[0] < WHOLE * size[1 - axis]:
+                return None
+            result[at] = True
+    return result
+
+
+def _is_hugged(ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"]) -> bool:
+    """Whether lines run along a box inside of it, near it and for much of its length."""
+    size, total = box[1] - box[0], 0.0
+    reach = NEAR_SHARE * float(size.min())
+    for axis in (0, 1):
+        for side in (0, 1):
+            at = np.abs(ends[:, :, axis] - box[side, axis]).max(axis=1) < reach
+            other = np.sort(ends[at][:, :, 1 - axis], axis=1)
+            total += float(covered_lengths(
+                np.zeros(len(other), dtype=int), other[:, 0], other[:, 1], 1)[0])  # fmt: skip
+    return total > HUGGED * 2.0 * float(size.sum())
+
+
+def _is_title(ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"]) -> bool:
+    """Whether lines that hang on a frame are upright and lie in a strip or a corner of it."""
+    along = np.abs(segments.directions(ends)).max(axis=1)
+    low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
+    area, whole = float(np.prod(high - low)), float(np.prod(box[1] - box[0]))
+    return bool((along > np.cos(1e-3)).mean() > 0.8) and area < TITLE_SHARE * whole
+
+
+def lines_of_axes(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
+    """Long lines that end at small circles of one size, pointing at their middle, and the circles.
+
+    Args:
+        lines: of the drawing, in the order of the file.
+        extent: of the drawing.
+    """
+    result = np.zeros(len(lines), dtype=bool)
+    bubbles, of = [], []
+    curved = np.flatnonzero(lines.is_curved)
+    starts = np.flatnonzero(np.diff(lines.path[curved], prepend=-1))
+    for own in np.split(curved, starts[1:]):
+        if len(own) < 6:
+            continue
+        circle = fit_circle(lines.ends[own, 0])
+        if circle is None or not BUBBLE[0] * extent < circle.radius < BUBBLE[1] * extent:
+            continue
+        if segments.lengths(lines.ends[own]).sum() > 0.9 * 2 * np.pi * circle.radius:
+            bubbles.append([*circle.centre, circle.radius])
+            of.append(own)
+    if len(bubbles) < LEAST_BUBBLES:
+        return result
+    circles = np.array(bubbles)
+    alike = np.abs(circles[:, 2] / np.median(circles[:, 2]) - 1) < 0.05
+    long = ~lines.is_curved & (segments.lengths(lines.ends) > LONG_AXIS * extent)
+    at = np.flatnonzero(long)
+    away = lines.ends[at][:, :, None] - circles[None, None, :, :2]
+    along = segments.directions(lines.ends[at])
+    # Of each line, end and circle: how far the end is from the ring, and the line from the middle.
+    ring = np.abs(np.linalg.norm(away, axis=3) / circles[:, 2] - 1)
+    aside = np.abs(along[:, None, None, 0] * away[..., 1] - along[:, None, None, 1] * away[..., 0])
+    points_at = (ring < 0.1) & (aside < 0.1 * circles[:, 2]) & alike
+    is_axis = points_at.any(axis=(1, 2))
+    if is_axis.sum() < LEAST_BUBBLES:
+        return result
+    result[at[is_axis]] = True
+    for k in np.flatnonzero(points_at.any(axis=(0, 1))):
+        result[of[k]] = True
+    return result
+
+
+def lines_of_dimensions(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
+    """Lines with a slanted tick at both ends, the ticks, and the lines that lead from a tick to what is
+    measured.
+
+    Args:
+        lines: straight ones.
+        extent: of the drawing.
+    """
+    n = len(lines)
+    result = np.zeros(n, dtype=bool)
+    length = segments.lengths(lines.ends)
+    ticks = np.flatnonzero((length < LONGEST_TICK * extent) & (length > 1e-3 * extent))
+    if len(ticks) < 2:
+        return result
+    along, strings = segments.directions(lines.ends), line_strings(lines.ends)
+    ticks = ticks[_are_free(lines.ends[ticks], ticks, strings)]
+    middles = lines.ends[ticks].mean(axis=1)
+    points = np.asarray(shapely.points(middles), dtype=object)
+    k, base = shapely.STRtree(strings).query(
+        points, predicate="dwithin", distance=0.1 * LONGEST_TICK * extent
+    )
+    tick = ticks[k]
+    sine = np.abs(along[tick, 0] * along[base, 1] - along[tick, 1] * along[base, 0])
+    start = middles[k] - lines.ends[base, 0]
+    off = np.abs(along[base, 0] * start[:, 1] - along[base, 1] * start[:, 0])
+    at = np.einsum("pi,pi->p", start, along[base])
+    is_tick = (sine > TICK_SINE[0]) & (sine < TICK_SINE[1]) & (off < ON_LINE * length[tick])
+    is_tick &= length[base] > 2 * length[tick]
+    tick, base, at, k = tick[is_tick], base[is_tick], at[is_tick], k[is_tick]
+    bases, used = [], []
+    for line in np.unique(base):
+        own = np.flatnonzero(base == line)
+        usual = float(np.median(length[tick[own]]))
+        own = own[np.abs(length[tick[own]] - usual) < ALIKE * usual]
+        has_first = (np.abs(at[own]) < 1.2 * usual).any()
+        has_last = (np.abs(at[own] - length[line]) < 1.2 * usual).any()
+        if has_first and has_last:
+            bases.append(line)
+            used.append(own)
+    if not bases:
+        return result
+    own = np.concatenate(used)
+    result[bases] = True
+    result[tick[own]] = True
+    result |= _extension_lines(lines, middles[k[own]], length[tick[own]], base[own], result)
+    return result
+
+
+def _are_free(
+    ends: Float[np.ndarray, "t 2 2"], own: Int[np.ndarray, " t"], strings: Shaped[np.ndarray, " n"]
+) -> Bool[np.ndarray, " t"]:
+    """Which lines meet no other at their ends, as those of hatches and outlines do.
+
+    Args:
+        ends: of these lines.
+        own: index of each among all.
+        strings: all lines.
+    """
+    reach = np.repeat(ON_LINE * segments.lengths(ends), 2)
+    tips = np.asarray(shapely.points(ends.reshape(-1, 2)), dtype=object)
+    i, j = shapely.STRtree(strings).query(tips, predicate="dwithin", distance=reach)
+    meets = np.zeros(len(tips), dtype=bool)
+    meets[i[j != np.repeat(own, 2)[i]]] = True
+    return np.asarray(~meets.reshape(-1, 2).any(axis=1))
+
+
+def _extension_lines(
+    lines: Lines,
+    ticks: Float[np.ndarray, "t 2"],
+    size: Float[np.ndarray, " t"],
+    base: Int[np.ndarray, " t"],
+    is_known: Bool[np.ndarray, " n"],
+) -> Bool[np.ndarray, " n"]:
+    """Lines across a line of dimensions at a tick, which end near it on one side and meet nothing on the
+    other.
+
+    Args:
+        lines: straight ones.
+        ticks: their middles.
+        size: their lengths.
+        base: the line that each is on.
+        is_known: lines of dimensions and ticks.
+    """
+    along, strings = segments.directions(lines.ends), line_strings(lines.ends)
+    reach = float(np.median(size))
+    points = np.asarray(shapely.points(ticks), dtype=object)
+    tree = shapely.STRtree(strings)
+    k, line = tree.query(points, predicate="dwithin", distance=3.0 * reach)
+    start = ticks[k] - lines.ends[line, 0]
+    off = np.abs(along[line, 0] * start[:, 1] - along[line, 1] * start[:, 0])
+    is_across = np.abs(np.einsum("pi,pi->p", along[line], along[base[k]])) < 0.02
+    chosen = is_across & (off < 0.1 * size[k]) & ~is_known[line]
+    line = np.unique(line[chosen])
+    result = np.zeros(len(lines), dtype=bool)
+    if len(line) == 0:
+        return result
+    others = np.asarray(strings, dtype=object)[~is_known]
+    names = np.flatnonzero(~is_known)
+    ends = np.asarray(shapely.points(lines.ends[line].reshape(-1, 2)), dtype=object)
+    i, j = shapely.STRtree(others).query(ends, predicate="dwithin", distance=0.1 * reach)
+    meets = np.zeros(2 * len(line), dtype=bool)
+    is_other = ~np.isin(names[j], line)
+    meets[i[is_other]] = True
+    result[line[~meets.reshape(-1, 2).any(axis=1)]] = True
+    return result

@@ -1,0 +1,96 @@
+"""Walls drawn as strokes as wide as they are thick."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.faces import covered_lengths, find_partners, line_strings, weighted_median
+from planfit.floorplan.vector.double_lines import PARALLEL_SINE
+from planfit.floorplan.vector.line_work import usual_extent
+from planfit.geometry import segments
+
+WIDE, WIDEST = 7e-3, 0.05
+"""Of the drawing's size. Pens of 0.7 mm are 1.7e-3 of a sheet of 420 mm, walls of 0.1 to 0.4 m 8e-3 to 3e-2
+of a house of 13 m. Narrower ones are read as single lines, whose thickness an alignment finds."""
+FINER = 3.0
+"""The usual one of the finer lines is so many times as fine."""
+PAIRED, PAIR_GAP = 0.5, 4.5
+"""Strokes with another beside them for so much of their length, so many widths off at most, are the two faces
+of walls in a broad pen."""
+MOST_COVERED, LEAST_SLIM = 0.45, 2.5
+"""Of the hull, what walls cover; and their perimeter squared over sixteen areas: a square has 1."""
+
+
+@dataclass(frozen=True)
+class Pen:
+    """What a path is drawn with."""
+
+    width: float
+    """In the drawing's unit; 0 for the finest line there is."""
+    colour: tuple[int, int, int] | None
+    """RGB from 0 to 255; None where the file does not tell."""
+
+
+def are_bodies(
+    ends: Float[np.ndarray, "n 2 2"], width: Float[np.ndarray, " n"], may: Bool[np.ndarray, " n"]
+) -> Bool[np.ndarray, " n"]:
+    """Which lines are walls by themselves: as wide as walls are thick, finer ones beside them being none.
+
+    Args:
+        ends: all lines of a drawing.
+        width: of their strokes, in its unit; 0 where unknown.
+        may: those in a colour that walls have.
+    """
+    none = np.zeros(len(ends), dtype=bool)
+    if not (may & (width > 0)).any():
+        return none
+    extent, length = usual_extent(ends.reshape(-1, 2)), segments.lengths(ends)
+    fine = (width < WIDE * extent) & (length > 0)
+    least = WIDE * extent
+    if fine.any():
+        least = max(least, FINER * weighted_median(width[fine], length[fine]))
+    chosen = np.flatnonzero(may & (width >= least) & (width < WIDEST * extent) & (length > 0))
+    if len(chosen) == 0:
+        return none
+    widest = float(width[chosen].max())
+    pairs = find_partners(ends[chosen], PAIR_GAP * widest, 1e-6 * extent, 0.0, PARALLEL_SINE)
+    is_near = np.abs(pairs.gap) < PAIR_GAP * width[chosen][pairs.line]
+    is_near &= np.abs(pairs.gap) > 0.5 * width[chosen][pairs.line]
+    beside = covered_lengths(
+        pairs.line[is_near], pairs.low[is_near], pairs.high[is_near], len(chosen)
+    )
+    if beside.sum() > PAIRED * length[chosen].sum():
+        return none
+    body = body_of_strokes(ends[chosen], width[chosen])
+    hull = shapely.convex_hull(body).area
+    slim = shapely.length(body) ** 2 / (16 * max(body.area, 1e-300))
+    if body.area < MOST_COVERED * hull and slim > LEAST_SLIM:
+        none[chosen] = True
+    return none
+
+
+def body_of_strokes(
+    ends: Float[np.ndarray, "n 2 2"], width: Float[np.ndarray, " n"]
+) -> BaseGeometry:
+    """Area that strokes cover. An end that meets another stroke goes on for half a width, which closes
+    corners; one at a door does not."""
+    lines = line_strings(ends)
+    along = segments.directions(ends)
+    tips = np.asarray(shapely.points(ends.reshape(-1, 2)), dtype=object)
+    reach = 0.6 * np.repeat(width, 2)
+    i, j = shapely.STRtree(lines).query(tips, predicate="dwithin", distance=reach)
+    meets = np.zeros(len(tips), dtype=bool)
+    meets[i[j != _owner(i)]] = True
+    step = 0.5 * width[:, None] * along
+    longer = ends + meets.reshape(-1, 2)[:, :, None] * np.stack([-step, step], axis=1)
+    return shapely.union_all(
+        shapely.buffer(line_strings(longer), width / 2, cap_style="flat", join_style="mitre")
+    )
+
+
+def _owner(tip: Int[np.ndarray, " p"]) -> Int[np.ndarray, " p"]:
+    """Line of each end."""
+    return tip // 2
