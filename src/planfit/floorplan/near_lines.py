@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import scipy.sparse
 import shapely
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import FloorplanError
 from planfit.geometry import segments
@@ -115,6 +115,28 @@ def groups_within(ends: Float[np.ndarray, "n 2 2"], distance: float) -> Int[np.n
     together = np.asarray(shapely.multilinestrings(lines, indices=group[order]), dtype=object)
     a, b = shapely.STRtree(together).query(together, predicate="dwithin", distance=distance)
     return _components(a, b, len(together))[group]
+
+
+def ends_that_meet(
+    ends: Float[np.ndarray, "t 2 2"],
+    own: Int[np.ndarray, " t"],
+    strings: Shaped[np.ndarray, " n"],
+    reach: Float[np.ndarray, " t"],
+) -> Bool[np.ndarray, "t 2"]:
+    """Which ends of some lines have another line within reach.
+
+    Args:
+        ends: of these lines.
+        own: index of each among all.
+        strings: all lines, as shapely's.
+        reach: of each of these lines.
+    """
+    tips = np.asarray(shapely.points(ends.reshape(-1, 2)), dtype=object)
+    tree = shapely.STRtree(strings)
+    i, j = tree.query(tips, predicate="dwithin", distance=np.repeat(reach, 2))
+    meets = np.zeros(len(tips), dtype=bool)
+    meets[i[j != np.repeat(own, 2)[i]]] = True
+    return meets.reshape(-1, 2)
 
 
 def _components(

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Int
 
 from planfit.floorplan.faces import covered_lengths, line_strings
-from planfit.floorplan.near_lines import groups_within
+from planfit.floorplan.near_lines import ends_that_meet, groups_within
 from planfit.floorplan.vector.arcs import fit_circle
 from planfit.floorplan.vector.drawing import Lines, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role
@@ -229,7 +229,9 @@ def lines_of_dimensions(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
     if len(ticks) < 2:
         return result
     along, strings = segments.directions(lines.ends), line_strings(lines.ends)
-    ticks = ticks[_are_free(lines.ends[ticks], ticks, strings)]
+    # Strokes of hatches and outlines meet others at their ends.
+    meets = ends_that_meet(lines.ends[ticks], ticks, strings, ON_LINE * length[ticks])
+    ticks = ticks[~meets.any(axis=1)]
     middles = lines.ends[ticks].mean(axis=1)
     points = np.asarray(shapely.points(middles), dtype=object)
     k, base = shapely.STRtree(strings).query(
@@ -260,24 +262,6 @@ def lines_of_dimensions(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
     result[tick[own]] = True
     result |= _extension_lines(lines, middles[k[own]], length[tick[own]], base[own], result)
     return result
-
-
-def _are_free(
-    ends: Float[np.ndarray, "t 2 2"], own: Int[np.ndarray, " t"], strings: Shaped[np.ndarray, " n"]
-) -> Bool[np.ndarray, " t"]:
-    """Which lines meet no other at their ends, as those of hatches and outlines do.
-
-    Args:
-        ends: of these lines.
-        own: index of each among all.
-        strings: all lines.
-    """
-    reach = np.repeat(ON_LINE * segments.lengths(ends), 2)
-    tips = np.asarray(shapely.points(ends.reshape(-1, 2)), dtype=object)
-    i, j = shapely.STRtree(strings).query(tips, predicate="dwithin", distance=reach)
-    meets = np.zeros(len(tips), dtype=bool)
-    meets[i[j != np.repeat(own, 2)[i]]] = True
-    return np.asarray(~meets.reshape(-1, 2).any(axis=1))
 
 
 def _extension_lines(

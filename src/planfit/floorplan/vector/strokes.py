@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import covered_lengths, find_partners, line_strings, weighted_median
+from planfit.floorplan.near_lines import ends_that_meet
 from planfit.floorplan.vector.double_lines import PARALLEL_SINE
 from planfit.floorplan.vector.line_work import usual_extent
 from planfit.geometry import segments
@@ -79,18 +80,9 @@ def body_of_strokes(
     corners; one at a door does not."""
     lines = line_strings(ends)
     along = segments.directions(ends)
-    tips = np.asarray(shapely.points(ends.reshape(-1, 2)), dtype=object)
-    reach = 0.6 * np.repeat(width, 2)
-    i, j = shapely.STRtree(lines).query(tips, predicate="dwithin", distance=reach)
-    meets = np.zeros(len(tips), dtype=bool)
-    meets[i[j != _owner(i)]] = True
+    meets = ends_that_meet(ends, np.arange(len(ends)), lines, 0.6 * width)
     step = 0.5 * width[:, None] * along
-    longer = ends + meets.reshape(-1, 2)[:, :, None] * np.stack([-step, step], axis=1)
+    longer = ends + meets[:, :, None] * np.stack([-step, step], axis=1)
     return shapely.union_all(
         shapely.buffer(line_strings(longer), width / 2, cap_style="flat", join_style="mitre")
     )
-
-
-def _owner(tip: Int[np.ndarray, " p"]) -> Int[np.ndarray, " p"]:
-    """Line of each end."""
-    return tip // 2
