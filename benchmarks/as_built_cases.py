@@ -66,13 +66,14 @@ class Case:
         return np.where(self.is_built, off, np.nan)
 
 
-def make_case(seed: int, folder: Path) -> Case:
+def make_case(seed: int, folder: Path, drawn_sigma_m: float = 0.0) -> Case:
     """A building of four furnished rooms, walked through once, by one of two sensors; images are kept in
-    `folder`."""
+    `folder`. All walls of its plan are drawn off by so much, besides those that are wrong."""
     made = made_scan(seed)
     # The labels of pixels are not given: what is wall is found as in a scan of anyone's.
     scan = replace(keep_images(made.scan, folder / "images"), has_labels=False)
-    return spoilt(scan, made.floorplan, made.true_plan_from_cams, np.random.default_rng([seed, 17]))
+    rng = np.random.default_rng([seed, 17])
+    return spoilt(scan, made.floorplan, made.true_plan_from_cams, rng, drawn_sigma_m)
 
 
 def made_scan(seed: int, n_rooms: int = 4, n_frames: int = 100) -> SyntheticScan[Building]:
@@ -93,8 +94,9 @@ def spoilt(
     built: Floorplan,
     true_plan_from_cams: Float[np.ndarray, "n 4 4"],
     rng: np.random.Generator,
+    drawn_sigma_m: float = 0.0,
 ) -> Case:
-    """The case with a plan that is wrong in a share of its walls."""
+    """The case with a plan that is wrong in a share of its walls, the others drawn off by `drawn_sigma_m`."""
     wall_of = walls_of(built)
     longest = np.array([built.lengths[wall_of == w].max() for w in range(wall_of.max() + 1)])
     walls = rng.permutation(np.flatnonzero(longest > MIN_WALL_M))
@@ -105,6 +107,8 @@ def spoilt(
         faces = np.flatnonzero(wall_of == wall)
         across = built.normals[faces[np.argmax(built.lengths[faces])]]
         by[faces] = rng.choice([-1.0, 1.0]) * rng.uniform(*OFF_M) * across
+    if drawn_sigma_m:
+        by += _drawn_off(built, np.setdiff1d(np.arange(len(longest)), moved), drawn_sigma_m)
     ends -= by[:, None]
     drawn = ~np.isin(wall_of, gone)
     more = _partitions(built, n_each, rng)
@@ -122,6 +126,20 @@ def spoilt(
         np.flatnonzero(~drawn),
         true_plan_from_cams,
     )
+
+
+def _drawn_off(
+    built: Floorplan, walls: Int[np.ndarray, " w"], sigma_m: float
+) -> Float[np.ndarray, "f 2"]:
+    """How far the faces of walls stand from where they are drawn: as many draws as walls, the same each time,
+    within two sigmas, so that all agree with the plan."""
+    rng, wall_of = np.random.default_rng(len(built)), walls_of(built)
+    by = np.zeros((len(built), 2))
+    for wall in walls:
+        faces = np.flatnonzero(wall_of == wall)
+        across = built.normals[faces[np.argmax(built.lengths[faces])]]
+        by[faces] = np.clip(rng.normal(), -2.0, 2.0) * sigma_m * across
+    return by
 
 
 def _partitions(

@@ -17,7 +17,8 @@ from threadpoolctl import threadpool_info
 
 from planfit.chunks import read_chunk, write_chunk
 from planfit.errors import OutputError
-from planfit.runtime import Runtime, StageTimer, blas_on_one_thread, cache_key
+from planfit.runtime import Runtime, StageTimer, cache_key
+from planfit.threads import blas_on_one_thread, in_threads
 
 
 class Counter:
@@ -450,3 +451,10 @@ print(held - before, resident_mb() - before)
     held, after = (float(word) for word in done.stdout.split())
     assert held > 140
     assert after < 60
+
+
+def test_calls_in_threads_come_in_order_and_fail_as_they_would():
+    assert in_threads(lambda a, b: a * b, range(50), range(50)) == [k * k for k in range(50)]
+    assert in_threads(str, []) == []
+    with pytest.raises(ZeroDivisionError):
+        in_threads(lambda k: 1 // k, [2, 1, 0, 3])

@@ -12,6 +12,7 @@ import planfit
 from builders import RoomFiles, faces_plan, position_rms_m, room_plan, room_scan
 from driven_browser import driven_browser, needs_browser, set_size
 from planfit.corrections import read_corrections
+from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.observations import extract_observations
 from planfit.saving import save_result
@@ -406,4 +407,45 @@ def test_two_fingers_and_the_handle_turn_a_scan(browser, tmp_path, monkeypatch):
         time.sleep(0.3)
         np.testing.assert_allclose(placed(), before, atol=0.2)
         assert len(placed()) == 3
+        assert browser.get_log("browser") == []
+
+
+@pytest.mark.slow
+def test_a_wall_of_lines_that_were_given_a_thickness_is_left_out(browser, tmp_path, monkeypatch):
+    """The page shows its faces; what is left out, and saved, is the line of the file that was given."""
+    walk, folder = walk_in_a_room(14), tmp_path / "out"
+    lines = Floorplan.from_segments(
+        faces_plan([(-0.1, -0.1), (6.1, -0.1), (6.1, 4.1), (-0.1, 4.1)]).ends,
+        np.full((4, 2), np.nan),
+        name="lines",
+    )
+    scan = room_scan(walk)
+    monkeypatch.setattr(RoomFiles, "write_poses", lambda *_: None)
+    observations = extract_observations(scan)
+    results = [planfit.refine(scan, lines, observations=observations)]
+    save_result(results[0], folder)
+
+    def solve(corrections):
+        results.append(
+            planfit.refine(scan, lines, observations=observations, corrections=corrections)
+        )
+        save_result(results[-1], folder)
+
+    plan = results[0].floorplan
+    off_m = np.abs(plan.ends[:, 0] - plan.drawn_ends[:, 0]).max()
+    assert off_m == pytest.approx(0.1, abs=0.03)  # two faces to a line, half a wall off
+    with served(Session(folder, scan, lines, solve)) as server:
+        page = Panel(browser, server, (1200, 900))
+        page.press_plan((3.0, 0.0))
+        page.press(".hand-unuse")
+        page.wait_for("document.querySelectorAll('.hand-list li').length === 1")
+        ends = read_corrections(folder / "corrections.toml").wall_ends("exclude_wall")
+        np.testing.assert_allclose(np.sort(ends[0], axis=0), [[-0.1, -0.1], [6.1, -0.1]], atol=0.02)
+        page.solve()
+        assert len(results) == 2, page.status
+        adjustment = results[1].adjustment
+        south = np.flatnonzero((results[1].floorplan.drawn_ends[:, :, 1] < 0.0).all(axis=1))
+        assert len(south) >= 1
+        assert not np.isin(south, adjustment.association.face_idx).any()
+        assert len(browser.find_elements(By.CSS_SELECTOR, ".hand-list li")) == 1
         assert browser.get_log("browser") == []

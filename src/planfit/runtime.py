@@ -14,13 +14,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TypeVar
 
-from threadpoolctl import threadpool_limits
-
 from planfit.chunks import SUFFIX, TemporaryFolder, read_chunk, read_stored, write_chunk
 from planfit.chunks import Arrays as Arrays
 from planfit.chunks import StoredItem as StoredItem
 from planfit.errors import OutputError, require_positive
 from planfit.option_values import require_kinds
+from planfit.threads import blas_on_one_thread
 
 Item = TypeVar("Item")
 Progress = Callable[[str, int, int], None]
@@ -48,17 +47,6 @@ def give_back_memory() -> None:
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
         if trim is not None:
             trim(0)
-
-
-@contextmanager
-def blas_on_one_thread() -> Iterator[None]:
-    """BLAS starts no threads of its own inside.
-
-    On small matrices they cost more than they give: descriptors of 300 frames took 1.3 s of CPU time on
-    two threads, 0.3 s on one. And beside a pool of workers they fight over cores.
-    """
-    with threadpool_limits(1, user_api="blas"):
-        yield
 
 
 @dataclass(frozen=True)

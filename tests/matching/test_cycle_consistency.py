@@ -11,7 +11,7 @@ from builders import look
 from planfit.geometry import se3
 from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.matching.loop_closure import cycle_consistent
-from planfit.matching.pose_graph import PoseGraph
+from planfit.matching.pose_graph import LEVER_M, PoseGraph
 from planfit.matching.types import RelativePoses
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
@@ -235,3 +235,22 @@ def test_the_way_back_is_the_inverse():
     graph.add(true.pairs, true.a_from_b, 0.5, 0.03)
     motion, _, _ = graph.most_certain_path(pairs)
     assert_allclose(motion, se3.inverse(poses[pairs[:, 0]]) @ poses[pairs[:, 1]], atol=1e-9)
+
+
+def test_a_search_within_a_sigma_finds_the_same_paths_or_none(rng):
+    poses, begins = walk((0, 0), (12, 0), (0, 0), (12, 0))
+    pairs = rng.choice(len(poses), (300, 2))
+    pairs = np.concatenate([pairs, pairs[:1]])  # one twice
+    graph = PoseGraph(drifted(poses, 3), make_odometry(poses, DRIFT), pairs)
+    joins = loops(poses, [(begins[0] + k, begins[2] + k) for k in range(0, 40, 8)])
+    graph.add(joins.pairs, joins.a_from_b, 0.5, 0.03)
+    every = graph.most_certain_path(pairs)
+    within_m = float(np.quantile(every[2], 0.4))
+    motion, rotation, translation = graph.most_certain_path(pairs, within_m)
+    is_found = np.isfinite(translation)
+    assert 0.1 < is_found.mean() < 0.9
+    for some, all_of_them in zip((motion, rotation, translation), every, strict=True):
+        assert_array_equal(some[is_found], all_of_them[is_found])
+    # Left out is only what is less certain: a rotation counts by its lever besides.
+    assert np.hypot(every[2], LEVER_M * every[1])[~is_found].min() > within_m
+    assert np.isinf(rotation[~is_found]).all()

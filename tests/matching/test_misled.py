@@ -9,7 +9,7 @@ from painted_rooms import POSTER, ROOM, grids_of
 
 from builders import look
 from planfit.geometry import se3
-from planfit.matching import MatchingOptions, NeighbourMotions, without_misled
+from planfit.matching import MatchingOptions, NeighbourMotions, misled, without_misled
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.tentative import ScanKeypoints
 from planfit.matching.types import RelativePoses
@@ -26,7 +26,7 @@ def walk():
     return np.stack([look([2.0, 1.2 + 0.1 * k, 1.5], 0.0) for k in range(N)])
 
 
-def neighbours(poses, misled=True):
+def neighbours(poses, is_misled=True):
     """Pairs of a walk along a wall; of one the matches are those of the picture beside."""
     rng = np.random.default_rng(2)
     points = POSTER + rng.uniform(-0.4, 0.4, (40, 3)) * (0, 1, 1)
@@ -34,7 +34,7 @@ def neighbours(poses, misled=True):
     motions, points_a, points_b = [], [], []
     for k, (i, j) in enumerate(pairs):
         seen = poses[j].copy()
-        if misled and k == MISLED:
+        if is_misled and k == MISLED:
             seen[1, 3] += PATTERN_M
         motions.append(se3.inverse(poses[i]) @ seen)
         points_a.append(se3.transform(se3.inverse(poses[i]), points))
@@ -63,7 +63,7 @@ def test_where_the_tracker_jumped_the_measured_motion_stays(jump_m):
     poses = walk()
     jumped = poses.copy()
     jumped[MISLED + 1 :, :3, 3] += (0.0, jump_m, 0.0)
-    known = neighbours(poses, misled=False)
+    known = neighbours(poses, is_misled=False)
     assert kept(known, jumped).all()
     assert kept(known, poses).all()
 
@@ -74,13 +74,13 @@ def test_where_the_recorded_views_share_nothing_a_jump_is_told_by_its_long_step(
     # The tracker turned back to the other wall at once, where the camera went on: a jump.
     about = se3.make_transform(np.diag([-1.0, -1.0, 1.0]), np.array([4.0, 3.2, 0.0]))
     turned[MISLED + 1 :] = about @ poses[MISLED + 1 :]
-    assert kept(neighbours(poses, misled=False), turned).all()
+    assert kept(neighbours(poses, is_misled=False), turned).all()
 
 
 def test_a_turn_in_usual_steps_is_no_jump_though_the_same_picture_hangs_on_the_next_wall():
     # From the wall at x = 5 to that at y = 4 by 15 deg a step; matches say that nobody turned.
     poses = np.stack([look([2.5, 2.0, 1.5], 15.0 * k) for k in range(N)])
-    known = neighbours(poses, misled=False)
+    known = neighbours(poses, is_misled=False)
     relative_poses = known.verified.relative_poses
     pairs = np.array([[0, 6], [1, 7]])
     still = np.tile(np.eye(4), (2, 1, 1))
@@ -89,3 +89,19 @@ def test_a_turn_in_usual_steps_is_no_jump_though_the_same_picture_hangs_on_the_n
     known = replace(known, verified=known.verified.joined(VerifiedPairs(more, points, points)))
     found = without_misled(known, poses, make_odometry(poses, OdometryOptions()), MatchingOptions())
     assert_array_equal(found.verified.relative_poses.pairs, relative_poses.pairs)
+
+
+def test_of_a_long_walk_some_of_the_pairs_that_agree_say_what_is_usual(monkeypatch):
+    poses = walk()
+    every = kept(neighbours(poses), poses)
+    asked = []
+    whole = misled.compare
+
+    def compare(relative_poses, *rest):
+        asked.append(len(relative_poses))
+        return whole(relative_poses, *rest)
+
+    monkeypatch.setattr(misled, "compare", compare)
+    monkeypatch.setattr(misled, "MAX_USUAL", 3)
+    assert_array_equal(kept(neighbours(poses), poses), every)
+    assert asked == [4, 4]  # three of the six that agree, and the one that does not

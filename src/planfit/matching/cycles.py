@@ -81,7 +81,12 @@ def is_certain(
     sigma_translation: Float[np.ndarray, " p"], options: CycleConsistencyOptions
 ) -> Bool[np.ndarray, " p"]:
     """Whether rooms are further apart than the motion between two frames is uncertain (p,)."""
-    return options.max_sigmas * sigma_translation + options.translation_slack_m < options.certain_m
+    return sigma_translation < certain_sigma_m(options)
+
+
+def certain_sigma_m(options: CycleConsistencyOptions) -> float:
+    """Standard deviation of a motion's translation (m) below which it is certain."""
+    return (options.certain_m - options.translation_slack_m) / options.max_sigmas
 
 
 def by_way_of(

@@ -115,9 +115,11 @@ def _visible_share(
 @kernel
 def most_certain_paths(
     begin: np.ndarray, to: np.ndarray, edge: np.ndarray, is_back: np.ndarray, cost_of: np.ndarray,
-    forth: np.ndarray, back: np.ndarray, variance: np.ndarray, ends: np.ndarray,
+    forth: np.ndarray, back: np.ndarray, variance: np.ndarray, ends: np.ndarray, max_cost: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Motions (p, 4, 4) and summed variances (p, 3) along the cheapest paths between `ends` (p, 2).
+
+    Where the path costs more than `max_cost`, it is not looked for: its motion is 0, its variances infinite.
 
     Half-edges leave node i at begin[i]:begin[i + 1]; half-edge h leads to node to[h] along edge[h], against
     its direction where is_back[h]. Edges have a cost (e,), a motion (e, 4, 4) forth and its inverse back,
@@ -131,8 +133,11 @@ def most_certain_paths(
         last = k
         while last < len(ends) and ends[last, 0] == source:
             last += 1
-        via, before = _search_paths(begin, to, edge, cost_of, source, ends[k:last, 1])
+        via, before = _search_paths(begin, to, edge, cost_of, source, ends[k:last, 1], max_cost)
         for t in range(k, last):
+            if via[ends[t, 1]] < 0 and ends[t, 1] != source:
+                variances[t] = np.inf
+                continue
             # From the target back to the source: each step is put before what was gathered.
             motion = np.zeros((4, 4))  # np.eye takes 0.4 s to compile
             for r in range(4):
@@ -152,9 +157,10 @@ def most_certain_paths(
 @kernel
 def _search_paths(
     begin: np.ndarray, to: np.ndarray, edge: np.ndarray, cost_of: np.ndarray, source: int,
-    targets: np.ndarray,
+    targets: np.ndarray, max_cost: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Dijkstra from one source until its targets are reached: half-edge and node before each node (n,)."""
+    """Dijkstra from one source until its targets are reached, or nothing else is within `max_cost`: half-edge
+    and node before each node (n,), -1 where none is."""
     n = len(begin) - 1
     cost = np.full(n, np.inf)
     via, before = np.full(n, -1), np.full(n, -1)
@@ -177,7 +183,7 @@ def _search_paths(
             n_left -= 1
         for h in range(begin[here], begin[here + 1]):
             new = here_cost + cost_of[edge[h]]
-            if new < cost[to[h]]:
+            if new < cost[to[h]] and new <= max_cost:
                 cost[to[h]] = new
                 via[to[h]] = h
                 before[to[h]] = here

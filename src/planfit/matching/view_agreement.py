@@ -18,6 +18,7 @@ from planfit.mapped import for_kernels, let_go
 from planfit.matching.agreement_kernels import compare_views
 from planfit.matching.types import RelativePoses
 from planfit.matching.view_grids import COLUMNS, ROWS, ViewGrids
+from planfit.threads import in_threads
 
 BLOCK = 8
 """Greys are compared outside the blocks, of this many cells a side, with a matched keypoint."""
@@ -113,11 +114,13 @@ def compare(
     options: AgreementOptions,
 ) -> Agreement:
     """Project either view of each pair into the other; arguments as of `explained_shares`."""
-    parts = []
-    for first in range(0, max(len(relative_poses), 1), PAIRS_AT_A_TIME):
+
+    def of(first: int) -> tuple[np.ndarray, ...]:
         part = slice(first, first + PAIRS_AT_A_TIME)
         ends = relative_poses.pairs[part], relative_poses.a_from_b[part]
-        parts.append(_compare(*ends, points_a[part], points_b[part], sigma_m[part], grids, options))
+        return _compare(*ends, points_a[part], points_b[part], sigma_m[part], grids, options)
+
+    parts = in_threads(of, range(0, max(len(relative_poses), 1), PAIRS_AT_A_TIME))
     return Agreement(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 

@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.rigid_motion import rigid_tangents
 from planfit.adjust.uncertainty.error_model import ErrorModel
+from planfit.threads import blas_on_one_thread, in_threads
 
 
 @dataclass(frozen=True)
@@ -46,12 +47,14 @@ def pose_covariances(
     """
     if model.free.shape[1] > 0:
         return _aligned(model, unknowns, idx, shared)
-    blocks = []
-    for i in idx:
-        solved = model.factors.columns(6 * int(i) + np.arange(6))
+
+    def of_camera(i: int) -> np.ndarray:
+        solved = model.factors.columns(6 * i + np.arange(6))
         by_clusters = model.shared.T @ solved
-        blocks.append(solved.T @ (model.noise @ solved) + by_clusters.T @ by_clusters)
-    covariances = np.stack(blocks)
+        return solved.T @ (model.noise @ solved) + by_clusters.T @ by_clusters
+
+    with blas_on_one_thread():
+        covariances = np.stack(in_threads(of_camera, idx.tolist()))
     if shared is not None:
         by = shared.pose_by_shared[idx]
         covariances += by @ shared.covariance @ np.swapaxes(by, 1, 2)
