@@ -1,6 +1,7 @@
 """As built against as planned: how many walls of wrong plans get the right verdict, how right offsets are.
 
-    python benchmarks/as_built.py [--seeds 1 3 5 ...] [--cache FOLDER] [--json FILE] [--each]
+    python benchmarks/as_built.py [--seeds 1 3 5 ...] [--drawn-sigma-m 0.01] [--cache FOLDER] [--json FILE]
+        [--each]
 
 Cases are those of `as_built_cases.py`. Even seeds up to 26 were for choosing parameters, and odd ones up to
 19 were looked at once before the rules for cupboards were made; those from 21 on are for reporting. A wall of
@@ -150,8 +151,8 @@ def _where(wall: AsBuiltWall) -> str:
     return str(wall.ends.round(1).tolist())
 
 
-def run(seed: int, folder: Path) -> list[Judged]:
-    case = make_case(seed, folder)
+def run(seed: int, folder: Path, drawn_sigma_m: float) -> list[Judged]:
+    case = make_case(seed, folder, drawn_sigma_m)
     runtime = Runtime(workers=1, cache_dir=folder / "cache")
     result = planfit.refine(case.scan, case.plan, planfit.RefineOptions(), runtime)
     found = compare_as_built(result, AsBuiltOptions(tolerance_m=TOLERANCE_M))
@@ -197,6 +198,12 @@ def tell(rows: Sequence[Judged]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(21, 41, 2)))
+    parser.add_argument(
+        "--drawn-sigma-m",
+        type=float,
+        default=0.0,
+        help="how far off every wall is drawn, one sigma",
+    )
     parser.add_argument("--cache", type=Path, help="folder for images and stages, to be kept")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--each", action="store_true", help="list what is wrong, wall by wall")
@@ -204,7 +211,7 @@ def main() -> None:
     rows: list[Judged] = []
     with tempfile.TemporaryDirectory() as scratch:
         for seed in arguments.seeds:
-            rows += run(seed, arguments.cache or Path(scratch))
+            rows += run(seed, arguments.cache or Path(scratch), arguments.drawn_sigma_m)
             if arguments.json:
                 arguments.json.write_text(json.dumps([asdict(row) for row in rows], indent=1))
     tell(rows)

@@ -66,13 +66,14 @@ class Case:
         return np.where(self.is_built, off, np.nan)
 
 
-def make_case(seed: int, folder: Path) -> Case:
+def make_case(seed: int, folder: Path, drawn_sigma_m: float = 0.0) -> Case:
     """A building of four furnished rooms, walked through once, by one of two sensors; images are kept in
-    `folder`."""
+    `folder`. Every wall of the plan is drawn off by `drawn_sigma_m` across, as drawings are, one sigma."""
     made = made_scan(seed)
     # The labels of pixels are not given: what is wall is found as in a scan of anyone's.
     scan = replace(keep_images(made.scan, folder / "images"), has_labels=False)
-    return spoilt(scan, made.floorplan, made.true_plan_from_cams, np.random.default_rng([seed, 17]))
+    rng = np.random.default_rng([seed, 17])
+    return spoilt(scan, made.floorplan, made.true_plan_from_cams, rng, drawn_sigma_m)
 
 
 def made_scan(seed: int, n_rooms: int = 4, n_frames: int = 100) -> SyntheticScan[Building]:
@@ -93,8 +94,9 @@ def spoilt(
     built: Floorplan,
     true_plan_from_cams: Float[np.ndarray, "n 4 4"],
     rng: np.random.Generator,
+    drawn_sigma_m: float = 0.0,
 ) -> Case:
-    """The case with a plan that is wrong in a share of its walls."""
+    """The case with a plan that is wrong in a share of its walls, and inexact in all of them."""
     wall_of = walls_of(built)
     longest = np.array([built.lengths[wall_of == w].max() for w in range(wall_of.max() + 1)])
     walls = rng.permutation(np.flatnonzero(longest > MIN_WALL_M))
@@ -105,9 +107,13 @@ def spoilt(
         faces = np.flatnonzero(wall_of == wall)
         across = built.normals[faces[np.argmax(built.lengths[faces])]]
         by[faces] = rng.choice([-1.0, 1.0]) * rng.uniform(*OFF_M) * across
-    ends -= by[:, None]
     drawn = ~np.isin(wall_of, gone)
     more = _partitions(built, n_each, rng)
+    for wall in range(wall_of.max() + 1):
+        faces = np.flatnonzero(wall_of == wall)
+        across = built.normals[faces[np.argmax(built.lengths[faces])]]
+        by[faces] += drawn_sigma_m * rng.normal() * across
+    ends -= by[:, None]
     plan = Inputs(scan, built, true_plan_from_cams, np.eye(4)).with_faces(
         np.concatenate([ends[drawn], more]),
         np.concatenate([built.normals[drawn], segments.left_normals(more)]),

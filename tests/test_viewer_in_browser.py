@@ -12,7 +12,9 @@ import planfit
 from builders import RoomFiles, faces_plan, position_rms_m, room_plan, room_scan
 from driven_browser import driven_browser, needs_browser, set_size
 from planfit.corrections import read_corrections
+from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.pipeline.disagreements import Disagreement, EvidenceItem
 from planfit.pipeline.observations import extract_observations
 from planfit.saving import save_result
 from planfit.scan import read_tum
@@ -406,4 +408,79 @@ def test_two_fingers_and_the_handle_turn_a_scan(browser, tmp_path, monkeypatch):
         time.sleep(0.3)
         np.testing.assert_allclose(placed(), before, atol=0.2)
         assert len(placed()) == 3
+        assert browser.get_log("browser") == []
+
+
+LINE_OFF_M, WALL_OFF_M = 0.1, 0.12
+"""Of lines in the middles of walls from the faces that are seen, and of one that is drawn elsewhere."""
+
+
+def room_of_lines():
+    """The room as lines in the middles of its walls, the east one drawn off; and the number of that."""
+    low, east = -LINE_OFF_M, 6.0 + LINE_OFF_M + WALL_OFF_M
+    north = 4.0 + LINE_OFF_M
+    corners = np.array([[low, low], [east, low], [east, north], [low, north]])
+    ends = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+    return Floorplan.from_segments(ends, np.full((4, 2), np.nan), name="lines"), 1
+
+
+def press_east_wall(page, plan, wall):
+    page.press_plan(plan.ends[wall].mean(axis=0))
+    page.wait_for("document.querySelectorAll('.hand-plan line.chosen').length === 1")
+    page.press(".hand-unuse")
+
+
+def press_what_is_told(page, plan, wall):
+    """The button beside the wall in the list of what contradicts what."""
+    page.press(".hand-disagreements li button")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", [press_east_wall, press_what_is_told])
+def test_a_wall_of_a_plan_of_lines_that_misleads_is_left_out(browser, tmp_path, monkeypatch, way):
+    """Lines became faces half a wall before them; what is pressed is the line, which the given plan has."""
+    walk = walk_in_a_room(14)
+    scan, (plan, wall), folder = room_scan(walk), room_of_lines(), tmp_path / "out"
+    monkeypatch.setattr(RoomFiles, "write_poses", lambda *_: None)
+    observations = extract_observations(scan)
+    first = planfit.refine(scan, plan, observations=observations)
+    thick = first.floorplan
+    assert thick is not None
+    assert thick.drawn is not None
+    faces = np.flatnonzero(np.abs(thick.drawn - plan.ends[wall]).max(axis=(1, 2)) < 1e-6)
+    (seen,) = [face for face in faces if thick.normals[face, 0] < 0]
+    assert thick.ends[seen, 0, 0] < plan.ends[wall, 0, 0] - 0.05
+    ends = tuple((float(x), float(y)) for x, y in thick.drawn_ends[seen])
+    item = EvidenceItem("wall", face_idx=int(seen), ends=ends)
+    told = Disagreement(item, 0.0, WALL_OFF_M, ())
+    save_result(replace(first, evidence=replace(first.evidence, disagreements=(told,))), folder)
+    last = [first]
+
+    def solve(corrections):
+        last[0] = planfit.refine(scan, plan, observations=observations, corrections=corrections)
+        save_result(last[0], folder)
+
+    with served(Session(folder, scan, plan, solve)) as server:
+        page = Panel(browser, server, (1200, 900))
+        assert position_rms_m(refined_poses(folder), walk) > 0.04
+        way(page, plan, wall)
+        page.wait_for("document.querySelectorAll('.hand-list li').length === 1")
+        (excluded,) = read_corrections(folder / "corrections.toml").wall_ends("exclude_wall")
+        np.testing.assert_allclose(np.sort(excluded, axis=0), np.sort(plan.ends[wall], axis=0))
+        page.solve()
+        assert "refused" not in page.status
+        assert "used" in page.find(".hand-list li").text
+        assert position_rms_m(refined_poses(folder), walk) < 0.01
+        # The plan on the page is as given, and the wall can be taken in again.
+        assert len(browser.find_elements(By.CSS_SELECTOR, ".hand-plan svg > line")) == 4
+        page.press(".hand-list li button")
+        page.wait_for("document.querySelectorAll('.hand-list li').length === 0")
+        page.press(".hand-solve")
+        end = time.monotonic() + 60
+        # What the solve before changed is still told meanwhile.
+        while position_rms_m(last[0].plan_from_cams, walk) < 0.04:
+            assert time.monotonic() < end, page.status
+            time.sleep(0.1)
+        server.session.wait()
+        assert position_rms_m(refined_poses(folder), walk) > 0.04
         assert browser.get_log("browser") == []
