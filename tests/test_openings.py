@@ -154,6 +154,20 @@ def test_walls_in_line_that_end_at_a_corridor_leave_no_gap():
     assert find_gaps(with_faces(plan, corridor, [[0.0, 1.0], [0.0, -1.0]]), WIDTHS) == ()
 
 
+@pytest.mark.parametrize("is_known", [True, False])
+def test_doors_that_face_each_other_across_a_corridor_have_no_gap_between(is_known):
+    """Their jambs lie in one line; the free side of jambs may not be known, as in plans of bare segments."""
+    first, second = partition(DOOR), partition(DOOR)
+    by_m = np.array([1.6, 0.0])
+    plan = with_faces(first, second.ends[4:] + by_m, second.normals[4:])
+    is_jamb = plan.lengths < 0.3
+    assert is_jamb.sum() == 4
+    plan = replace(plan, is_oriented=~is_jamb | is_known)
+    gaps = find_gaps(plan, WIDTHS)
+    assert sorted(gap.ends[:, 0].mean() for gap in gaps) == pytest.approx([3.0, 4.6])
+    assert all(gap.thickness_m > 0.1 for gap in gaps)
+
+
 def test_a_gap_in_a_wall_of_one_line_counts():
     ends = [[[3.0, 0.0], [3.0, 1.5]], [[3.0, 4.0], [3.0, 2.5]]]
     plan = with_faces(room(), ends, [[1.0, 0.0], [1.0, 0.0]])
