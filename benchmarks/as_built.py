@@ -1,7 +1,7 @@
 """As built against as planned: how many walls of wrong plans get the right verdict, how right offsets are.
 
-    python benchmarks/as_built.py [--seeds 1 3 5 ...] [--cache FOLDER] [--json FILE] [--each]
-        [--drawn-sigma-m 0.01]
+    python benchmarks/as_built.py [--seeds 1 3 5 ...] [--drawn-sigma-m 0.01] [--cache FOLDER] [--json FILE]
+        [--each]
 
 Cases are those of `as_built_cases.py`. Even seeds up to 26 were for choosing parameters, and odd ones up to
 19 were looked at once before the rules for cupboards were made; those from 21 on are for reporting. A wall of
@@ -198,9 +198,14 @@ def tell(rows: Sequence[Judged]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(21, 41, 2)))
+    parser.add_argument(
+        "--drawn-sigma-m",
+        type=float,
+        default=0.0,
+        help="how far off every wall is drawn, one sigma",
+    )
     parser.add_argument("--cache", type=Path, help="folder for images and stages, to be kept")
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--drawn-sigma-m", type=float, default=0.0, help="of all walls' places")
     parser.add_argument("--each", action="store_true", help="list what is wrong, wall by wall")
     arguments = parser.parse_args()
     rows: list[Judged] = []

@@ -68,7 +68,7 @@ class Case:
 
 def make_case(seed: int, folder: Path, drawn_sigma_m: float = 0.0) -> Case:
     """A building of four furnished rooms, walked through once, by one of two sensors; images are kept in
-    `folder`. All walls of its plan are drawn off by so much, besides those that are wrong."""
+    `folder`. Every wall of the plan is drawn off by `drawn_sigma_m` across, as drawings are, one sigma."""
     made = made_scan(seed)
     # The labels of pixels are not given: what is wall is found as in a scan of anyone's.
     scan = replace(keep_images(made.scan, folder / "images"), has_labels=False)
@@ -96,7 +96,7 @@ def spoilt(
     rng: np.random.Generator,
     drawn_sigma_m: float = 0.0,
 ) -> Case:
-    """The case with a plan that is wrong in a share of its walls, the others drawn off by `drawn_sigma_m`."""
+    """The case with a plan that is wrong in a share of its walls, and inexact in all of them."""
     wall_of = walls_of(built)
     longest = np.array([built.lengths[wall_of == w].max() for w in range(wall_of.max() + 1)])
     walls = rng.permutation(np.flatnonzero(longest > MIN_WALL_M))
@@ -107,11 +107,13 @@ def spoilt(
         faces = np.flatnonzero(wall_of == wall)
         across = built.normals[faces[np.argmax(built.lengths[faces])]]
         by[faces] = rng.choice([-1.0, 1.0]) * rng.uniform(*OFF_M) * across
-    if drawn_sigma_m:
-        by += _drawn_off(built, np.setdiff1d(np.arange(len(longest)), moved), drawn_sigma_m)
-    ends -= by[:, None]
     drawn = ~np.isin(wall_of, gone)
     more = _partitions(built, n_each, rng)
+    for wall in range(wall_of.max() + 1):
+        faces = np.flatnonzero(wall_of == wall)
+        across = built.normals[faces[np.argmax(built.lengths[faces])]]
+        by[faces] += drawn_sigma_m * rng.normal() * across
+    ends -= by[:, None]
     plan = Inputs(scan, built, true_plan_from_cams, np.eye(4)).with_faces(
         np.concatenate([ends[drawn], more]),
         np.concatenate([built.normals[drawn], segments.left_normals(more)]),
@@ -126,20 +128,6 @@ def spoilt(
         np.flatnonzero(~drawn),
         true_plan_from_cams,
     )
-
-
-def _drawn_off(
-    built: Floorplan, walls: Int[np.ndarray, " w"], sigma_m: float
-) -> Float[np.ndarray, "f 2"]:
-    """How far the faces of walls stand from where they are drawn: as many draws as walls, the same each time,
-    within two sigmas, so that all agree with the plan."""
-    rng, wall_of = np.random.default_rng(len(built)), walls_of(built)
-    by = np.zeros((len(built), 2))
-    for wall in walls:
-        faces = np.flatnonzero(wall_of == wall)
-        across = built.normals[faces[np.argmax(built.lengths[faces])]]
-        by[faces] = np.clip(rng.normal(), -2.0, 2.0) * sigma_m * across
-    return by
 
 
 def _partitions(

@@ -1,8 +1,9 @@
 """Scans of buildings whose plan is wrong about doors, and what is true of every door and gap of the plan.
 
 A building is made up and scanned; of its doors, a share is not drawn (broken through since), and as many gaps
-are drawn in walls that have none (closed up since). What of each the cameras saw is told from depth at the
-true poses, not by planfit.
+are drawn in walls that have none (closed up since). Doors may be shut: a leaf flush with one face of its
+wall, through which the walk goes on. What of each the cameras saw is told from depth at the true poses, not
+by planfit.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +19,15 @@ from jaxtyping import Float
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
 from planfit.scan import Scan
+from planfit.synth import Building, SyntheticScan
+from planfit.synth.box import Box
+from planfit.synth.furniture import Footprint, Piece
+from planfit.synth.lookalikes import LEAF_THICKNESS_M
+from planfit.synth.materials import WOOD_COLORS, Material
+from planfit.synth.mesh import make_lights, make_quads
 from planfit.synth.rect import Rect
+from planfit.synth.render import Renderer
+from planfit.synth.scan import SynthFiles
 
 UNDRAWN_SHARE = 0.3
 """Of the doors."""
@@ -40,6 +49,8 @@ class TrueOpening:
     is_drawn: bool
     is_open: bool
     """As built."""
+    is_door: bool
+    """Rather than a gap of the plan alone."""
     is_seen: bool
     """By depth at the true poses: looked through, or, of one that is closed, wall seen in it."""
 
@@ -55,13 +66,22 @@ class OpeningCase:
 
 
 def make_opening_case(
-    seed: int, folder: Path, is_spoilt: bool = True, n_rooms: int = 4, n_frames: int = 100
+    seed: int,
+    folder: Path,
+    is_spoilt: bool = True,
+    is_shut: bool = False,
+    n_rooms: int = 4,
+    n_frames: int = 100,
 ) -> OpeningCase:
-    """A furnished building, walked through once, by one of two sensors; images are kept in `folder`."""
+    """A furnished building, walked through once, by one of two sensors; images are kept in `folder`. Where
+    `is_shut`, every second door is."""
     made = made_scan(seed, n_rooms, n_frames)
-    scan = replace(keep_images(made.scan, folder / "images"), has_labels=False)
+    doors, plan, scan = list(made.building.layout.doors), made.floorplan, made.scan
+    shut = list(range(0, len(doors), 2)) if is_shut else []
+    if shut:
+        scan = _shut(made, shut)
+    scan = replace(keep_images(scan, folder / "images"), has_labels=False)
     rng = np.random.default_rng([seed, 23])
-    doors, plan = list(made.building.layout.doors), made.floorplan
     undrawn, gaps = [], []
     if is_spoilt:
         n = max(1, round(UNDRAWN_SHARE * len(doors)))
@@ -73,17 +93,47 @@ def make_opening_case(
             gaps += [gap] if gap is not None else []
     views = true_views(scan, made.true_plan_from_cams)
     openings = [
-        _true(door.rect, door.is_across_x, i not in undrawn, True, views)
+        _true(door.rect, door.is_across_x, i not in undrawn, i not in shut, True, views)
         for i, door in enumerate(doors)
     ]
-    openings += [_true(gap, gap.size[1] > gap.size[0], True, False, views) for gap in gaps]
+    openings += [_true(gap, gap.size[1] > gap.size[0], True, False, False, views) for gap in gaps]
     given = Inputs(scan, made.floorplan, made.true_plan_from_cams, np.eye(4)).with_faces(
         plan.ends, plan.normals, plan.is_oriented
     )
     return OpeningCase(scan, given.floorplan, tuple(openings), made.true_plan_from_cams)
 
 
-def _true(rect: Rect, is_upright: bool, is_drawn: bool, is_open: bool, views: Views) -> TrueOpening:
+def _shut(made: SyntheticScan[Building], shut: list[int]) -> Scan:
+    """The scan of the same building and walk with some of its doors shut."""
+    building = made.building
+    leaves = []
+    for i in shut:
+        rect, axis = building.layout.doors[i].rect, 0 if building.layout.doors[i].is_across_x else 1
+        low = np.array([rect.x0, rect.y0, 0.01])
+        high = np.array([rect.x1, rect.y1, building.options.door_height_m])
+        # Flush with one face of the wall or the other.
+        if i % 4 < 2:
+            high[axis] = low[axis] + LEAF_THICKNESS_M
+        else:
+            low[axis] = high[axis] - LEAF_THICKNESS_M
+        middle, half = (low + high) / 2, (high - low) / 2
+        box = Box(
+            (-half[0], -half[1], low[2]), (half[0], half[1], high[2]),
+            Material.WOOD, WOOD_COLORS[1], Material.CABINET,
+        )  # fmt: skip
+        footprint = Footprint((float(middle[0]), float(middle[1])), (half[0], half[1]), 0.0)
+        leaves.append(Piece(footprint, (box,), building.layout.doors[i].rooms[0], 7919 + i))
+    with_leaves = replace(building, furniture=(*building.furniture, *leaves))
+    quads = make_quads(with_leaves, np.random.default_rng([made.options.seed, 29]))
+    renderer = Renderer(quads, make_lights(building))
+    camera = made.scan.cameras[0]
+    files = SynthFiles(renderer, camera, made.true_plan_from_cams, made.options)
+    return replace(made.scan, files=files, fingerprint=f"{made.scan.fingerprint}-shut")
+
+
+def _true(
+    rect: Rect, is_upright: bool, is_drawn: bool, is_open: bool, is_door: bool, views: Views
+) -> TrueOpening:
     (x, y), size = rect.centre, rect.size
     ends = np.array([[x, rect.y0], [x, rect.y1]] if is_upright else [[rect.x0, y], [rect.x1, y]])
     along = segments.directions(ends[None])[0]
@@ -95,7 +145,7 @@ def _true(rect: Rect, is_upright: bool, is_drawn: bool, is_open: bool, views: Vi
         sides = [inner + side * thickness / 2 * normal for side in (1, -1)]
         seen = max(seen_m(views, sides[0], normal), seen_m(views, sides[1], -normal))
     is_seen = seen >= SEEN_SHARE * float(np.linalg.norm(inner[1] - inner[0])) - 1e-9
-    return TrueOpening(ends, thickness, is_drawn, is_open, is_seen)
+    return TrueOpening(ends, thickness, is_drawn, is_open, is_door, is_seen)
 
 
 def _closed_in_plan(plan: Floorplan, door: Rect) -> Floorplan:

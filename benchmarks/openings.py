@@ -1,11 +1,12 @@
 """Openings as built: how many doors of wrong plans get the right verdict, how right their sides are.
 
-    python benchmarks/openings.py [--seeds 1 3 5 ...] [--cache FOLDER] [--json FILE] [--each]
+    python benchmarks/openings.py [--seeds 1 3 5 ...] [--shut] [--cache FOLDER] [--json FILE] [--each]
 
 Cases are those of `opening_cases.py`, each building twice: on a plan that is wrong about doors, and on the
 right one, where nothing may be told to differ. Even seeds were for choosing rules; odd ones from 21 on are
 for reporting. An opening is counted where the cameras saw it, by depth at the true poses. One that is told
-where there is none counts as one more verdict, wrong.
+where there is none counts as one more verdict, wrong. With `--shut`, every second door is shut, and what
+closes an opening is asked for beside its verdict: a shut door, or wall.
 """
 
 import argparse
@@ -19,7 +20,7 @@ import numpy as np
 from opening_cases import OpeningCase, TrueOpening, make_opening_case
 
 import planfit
-from planfit.as_built import AsBuilt, AsBuiltOpening, OpeningVerdict, compare_as_built
+from planfit.as_built import AsBuilt, AsBuiltOpening, ClosedBy, OpeningVerdict, compare_as_built
 from planfit.runtime import Runtime
 
 SAME_PLACE_M = 0.6
@@ -39,6 +40,10 @@ class JudgedOpening:
     side_errors_m: tuple[float, ...] = ()
     """Of both sides along the wall, inwards; none where they were not seen."""
     side_sigmas_m: tuple[float, ...] = ()
+    true_closed_by: str = ""
+    closed_by: str = ""
+    set_back_m: tuple[float, ...] = ()
+    set_back_sigmas_m: tuple[float, ...] = ()
     is_refined: bool = True
     """Whether `planfit refine` says that the poses are to be used."""
 
@@ -48,7 +53,8 @@ def judge_openings(
 ) -> list[JudgedOpening]:
     """Every true opening beside what was found in its place, and what was found where there is none."""
     options, rows, left = found.options.openings, [], list(found.openings)
-    for true in case.openings:
+    # Of a shut door that the plan lacks nothing can be told: it is wall to whoever looks.
+    for true in (one for one in case.openings if one.is_drawn or one.is_open):
         middle = true.ends.mean(axis=0)
         near = [
             one for one in left if np.linalg.norm(one.ends.mean(axis=0) - middle) < SAME_PLACE_M
@@ -66,6 +72,10 @@ def judge_openings(
                 true.is_seen,
                 errors,
                 sigmas,
+                "" if true.is_open else (ClosedBy.DOOR if true.is_door else ClosedBy.WALL).value,
+                near[0].closed_by(options).value if verdict == OpeningVerdict.CLOSED.value else "",
+                near[0].set_back_m if len(near) == 1 else (),
+                near[0].set_back_sigmas_m if len(near) == 1 else (),
                 is_refined,
             )
         )
@@ -101,8 +111,8 @@ def _sides(found: AsBuiltOpening, true: TrueOpening) -> tuple[tuple[float, ...],
     return (float(low), -float(high)), tuple(sigmas.tolist())
 
 
-def run(seed: int, is_spoilt: bool, folder: Path) -> list[JudgedOpening]:
-    case = make_opening_case(seed, folder, is_spoilt)
+def run(seed: int, is_spoilt: bool, folder: Path, is_shut: bool = False) -> list[JudgedOpening]:
+    case = make_opening_case(seed, folder, is_spoilt, is_shut)
     runtime = Runtime(workers=1, cache_dir=folder / "cache")
     result = planfit.refine(case.scan, case.plan, planfit.RefineOptions(), runtime)
     found = compare_as_built(result)
@@ -121,6 +131,9 @@ def tell(rows: Sequence[JudgedOpening]) -> None:
         for true in dict.fromkeys(row.true for row in seen):
             own = [row.found for row in seen if row.true == true]
             print(f"  {true}: {len(own)}; found: { ({one: own.count(one) for one in own}) }")
+    for true in (ClosedBy.DOOR.value, ClosedBy.WALL.value):
+        own = [row.closed_by for row in rows if row.true_closed_by == true and row.closed_by]
+        print(f"closed by {true}: {len(own)}; told: { ({one: own.count(one) for one in own}) }")
     unseen = [row for row in rows if not row.is_seen]
     claims = [row for row in unseen if row.found not in (row.true, OpeningVerdict.NOT_SEEN.value)]
     print(f"openings not seen {len(unseen)}, of which a verdict is wrong {len(claims)}")
@@ -139,6 +152,7 @@ def tell(rows: Sequence[JudgedOpening]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(21, 41, 2)))
+    parser.add_argument("--shut", action="store_true", help="every second door is shut")
     parser.add_argument("--cache", type=Path, help="folder for images and stages, to be kept")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--each", action="store_true", help="list what is wrong, one by one")
@@ -147,7 +161,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         for seed in arguments.seeds:
             for is_spoilt in (True, False):
-                rows += run(seed, is_spoilt, arguments.cache or Path(scratch))
+                rows += run(seed, is_spoilt, arguments.cache or Path(scratch), arguments.shut)
             if arguments.json:
                 arguments.json.write_text(json.dumps([asdict(row) for row in rows], indent=1))
     tell(rows)

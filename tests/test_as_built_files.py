@@ -351,7 +351,7 @@ def test_bcf_has_a_topic_for_what_is_closed_or_new(with_openings, tmp_path):
     walls = {"as built: missing", "as built: moved", "as built: new"}
     assert set(by_label) == walls | {"as built: opening closed", "as built: opening new"}
     markup, view = by_label["as built: opening closed"]
-    assert markup.findtext("Topic/Title") == "Door is closed: (2.5, 5.0)"
+    assert markup.findtext("Topic/Title") == "Door is closed (shut door or walled up): (2.5, 5.0)"
     assert "90%" in markup.findtext("Topic/Description")
     selected = [c.get("IfcGuid") for c in view.findall("Components/Selection/Component")]
     assert selected == [GLOBAL_ID]

@@ -7,7 +7,9 @@ import pytest
 
 from builders import faces_plan, look, make_structure
 from planfit.as_built import (
+    AsBuiltOpening,
     AsBuiltOptions,
+    ClosedBy,
     OpeningOptions,
     OpeningVerdict,
     counted_openings,
@@ -29,6 +31,10 @@ WEST_X, EAST_X = 2.9, 3.1
 """Faces of the partition."""
 DOOR = (1.5, 2.5)
 WIDTHS = (0.5, 3.0)
+NAN = np.nan
+CLOSED = AsBuiltOpening(
+    True, np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([0.0, 1.0]), 0.2, 0.0, 0.9, 0, 12
+)
 
 
 def room() -> Floorplan:
@@ -148,6 +154,20 @@ def test_walls_in_line_that_end_at_a_corridor_leave_no_gap():
     assert find_gaps(with_faces(plan, corridor, [[0.0, 1.0], [0.0, -1.0]]), WIDTHS) == ()
 
 
+@pytest.mark.parametrize("is_known", [True, False])
+def test_doors_that_face_each_other_across_a_corridor_have_no_gap_between(is_known):
+    """Their jambs lie in one line; the free side of jambs may not be known, as in plans of bare segments."""
+    first, second = partition(DOOR), partition(DOOR)
+    by_m = np.array([1.6, 0.0])
+    plan = with_faces(first, second.ends[4:] + by_m, second.normals[4:])
+    is_jamb = plan.lengths < 0.3
+    assert is_jamb.sum() == 4
+    plan = replace(plan, is_oriented=~is_jamb | is_known)
+    gaps = find_gaps(plan, WIDTHS)
+    assert sorted(gap.ends[:, 0].mean() for gap in gaps) == pytest.approx([3.0, 4.6])
+    assert all(gap.thickness_m > 0.1 for gap in gaps)
+
+
 def test_a_gap_in_a_wall_of_one_line_counts():
     ends = [[[3.0, 0.0], [3.0, 1.5]], [[3.0, 4.0], [3.0, 2.5]]]
     plan = with_faces(room(), ends, [[1.0, 0.0], [1.0, 0.0]])
@@ -237,7 +257,62 @@ def test_a_door_in_which_wall_is_seen_is_closed(rng):
     assert opening.differs(found.options.openings)
     # A window is planned to be closed.
     assert not replace(opening, kind="window").differs(found.options.openings)
-    assert opening_title(opening, found.options.openings) == "Opening is closed: (3.0, 2.0)"
+    title = opening_title(opening, found.options.openings)
+    assert title == "Opening is closed (shut door): (3.0, 2.0)"
+
+
+@pytest.mark.parametrize(
+    ("back_m", "sigma_m", "thickness_m", "by"),
+    [
+        # Flush with the face of one side, as deep as the rest of the wall from the other: a leaf.
+        ((0.0, 0.16), (0.01, 0.01), 0.2, ClosedBy.DOOR),
+        ((0.06, NAN), (0.01, NAN), 0.1, ClosedBy.DOOR),
+        ((0.0, 0.005), (0.01, 0.01), 0.2, ClosedBy.WALL),
+        # A leaf is flush with both faces of a wall as thin as it.
+        ((0.0, 0.005), (0.01, 0.01), 0.05, ClosedBy.UNKNOWN),
+        ((0.0, NAN), (0.01, NAN), 0.2, ClosedBy.UNKNOWN),
+        ((NAN, NAN), (NAN, NAN), 0.2, ClosedBy.UNKNOWN),
+        # Depth that scatters tells neither.
+        ((0.0, 0.06), (0.01, 0.02), 0.2, ClosedBy.UNKNOWN),
+        ((0.0, 0.005), (0.01, 0.02), 0.2, ClosedBy.UNKNOWN),
+    ],
+)
+def test_a_shut_door_and_a_wall_are_told_apart_where_the_scan_tells(
+    back_m, sigma_m, thickness_m, by
+):
+    opening = replace(CLOSED, set_back_m=back_m, set_back_sigmas_m=sigma_m, thickness_m=thickness_m)
+    options = OpeningOptions()
+    assert opening.closed_by(options) is by
+    said = {
+        ClosedBy.DOOR: "closed by a shut door",
+        ClosedBy.WALL: "walled up",
+        ClosedBy.UNKNOWN: "by a shut door or walled up, which the scan does not tell",
+    }
+    assert said[by] in opening_words(opening, options)
+    assert by.value in opening_title(opening, options)
+    # A pane is no door.
+    assert "door" not in opening_words(replace(opening, kind="window"), options)
+
+
+@pytest.mark.parametrize("depth_m", [0.0, 0.1, 0.2])
+def test_how_far_what_closes_a_door_stands_back_is_measured(rng, depth_m):
+    found = judged(partition(DOOR), rng, closed=(1.5, 2.5), surface_m=depth_m)
+    opening, verdict = only_opening(found)
+    assert verdict is OpeningVerdict.CLOSED
+    seen = np.isfinite(opening.set_back_m)
+    assert seen.sum() == 1  # all cameras are in the west
+    assert np.array(opening.set_back_m)[seen] == pytest.approx([depth_m], abs=0.01)
+    flush = ClosedBy.DOOR if depth_m else ClosedBy.UNKNOWN
+    assert opening.closed_by(found.options.openings) is flush
+    at = [ClosedBy.UNKNOWN if depth_m <= least else ClosedBy.DOOR for least in (0.01, 0.15)]
+    chosen = [OpeningOptions(leaf_back_m=least) for least in (0.01, 0.15)]
+    assert [opening.closed_by(one) for one in chosen] == at
+
+
+def test_how_thick_a_leaf_is_can_be_chosen():
+    opening = replace(CLOSED, set_back_m=(0.0, 0.0), set_back_sigmas_m=(0.01, 0.01))
+    assert opening.closed_by(OpeningOptions()) is ClosedBy.WALL
+    assert opening.closed_by(OpeningOptions(leaf_m=0.2)) is ClosedBy.UNKNOWN
 
 
 def test_a_door_that_stands_open_for_part_of_the_walk_is_open(rng):
@@ -320,6 +395,8 @@ def test_the_record_is_read_back(tmp_path, rng):
     for one, other in zip(again.openings, found.openings, strict=True):
         np.testing.assert_array_equal(one.ends, other.ends)
         np.testing.assert_equal(one.edges_m, other.edges_m)
+        np.testing.assert_equal(one.set_back_m, other.set_back_m)
+        np.testing.assert_equal(one.set_back_sigmas_m, other.set_back_sigmas_m)
         assert one.verdict(again.options.openings) is other.verdict(found.options.openings)
 
 

@@ -3,6 +3,7 @@
 import http.client
 import json
 import threading
+import tracemalloc
 from dataclasses import asdict
 
 import numpy as np
@@ -20,6 +21,7 @@ from planfit.saving import save_result
 from planfit.scan import read_tum
 from planfit.scan.pixels import lift_pixel
 from planfit.viewer import Session, ViewServer
+from planfit.viewer.server import page
 from test_corrections import HALF_TURN, walk_in_a_room
 
 
@@ -478,3 +480,24 @@ def test_a_hand_may_be_off_by_half_a_metre_and_ten_degrees(off_m, turn_deg, tmp_
     session.start_solve()
     session.wait(60)
     assert position_rms_m(last[0].plan_from_cams, truth) < 0.08
+
+
+def test_a_large_report_is_held_twice_at_most():
+    """96 MB of 10 million points took 0.56 GB as text, a sign of which no Latin alphabet has."""
+    report = ("<html><head></head><body>" + "a\u2212" * 2_000_000 + "</body></html>").encode()
+    tracemalloc.start()
+    try:
+        whole = page(report)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1.1 * len(whole)
+    assert whole.startswith(b'<html><head><link rel="icon"')
+    assert whole.endswith(b"</body></html>")
+    assert whole.count(b"<script>") == 1
+
+
+@pytest.mark.parametrize("report", [b"", b"<p>no head, no end"])
+def test_a_report_without_head_and_end_has_the_panel_at_its_end(report):
+    assert page(report).startswith(report)
+    assert b"<script>" in page(report)

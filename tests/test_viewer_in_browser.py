@@ -14,6 +14,7 @@ from driven_browser import driven_browser, needs_browser, set_size
 from planfit.corrections import read_corrections
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.pipeline.disagreements import Disagreement, EvidenceItem
 from planfit.pipeline.observations import extract_observations
 from planfit.saving import save_result
 from planfit.scan import read_tum
@@ -410,42 +411,76 @@ def test_two_fingers_and_the_handle_turn_a_scan(browser, tmp_path, monkeypatch):
         assert browser.get_log("browser") == []
 
 
+LINE_OFF_M, WALL_OFF_M = 0.1, 0.12
+"""Of lines in the middles of walls from the faces that are seen, and of one that is drawn elsewhere."""
+
+
+def room_of_lines():
+    """The room as lines in the middles of its walls, the east one drawn off; and the number of that."""
+    low, east = -LINE_OFF_M, 6.0 + LINE_OFF_M + WALL_OFF_M
+    north = 4.0 + LINE_OFF_M
+    corners = np.array([[low, low], [east, low], [east, north], [low, north]])
+    ends = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+    return Floorplan.from_segments(ends, np.full((4, 2), np.nan), name="lines"), 1
+
+
+def press_east_wall(page, plan, wall):
+    page.press_plan(plan.ends[wall].mean(axis=0))
+    page.wait_for("document.querySelectorAll('.hand-plan line.chosen').length === 1")
+    page.press(".hand-unuse")
+
+
+def press_what_is_told(page, plan, wall):
+    """The button beside the wall in the list of what contradicts what."""
+    page.press(".hand-disagreements li button")
+
+
 @pytest.mark.slow
-def test_a_wall_of_lines_that_were_given_a_thickness_is_left_out(browser, tmp_path, monkeypatch):
-    """The page shows its faces; what is left out, and saved, is the line of the file that was given."""
-    walk, folder = walk_in_a_room(14), tmp_path / "out"
-    lines = Floorplan.from_segments(
-        faces_plan([(-0.1, -0.1), (6.1, -0.1), (6.1, 4.1), (-0.1, 4.1)]).ends,
-        np.full((4, 2), np.nan),
-        name="lines",
-    )
-    scan = room_scan(walk)
+@pytest.mark.parametrize("way", [press_east_wall, press_what_is_told])
+def test_a_wall_of_a_plan_of_lines_that_misleads_is_left_out(browser, tmp_path, monkeypatch, way):
+    """Lines became faces half a wall before them; what is pressed is the line, which the given plan has."""
+    walk = walk_in_a_room(14)
+    scan, (plan, wall), folder = room_scan(walk), room_of_lines(), tmp_path / "out"
     monkeypatch.setattr(RoomFiles, "write_poses", lambda *_: None)
     observations = extract_observations(scan)
-    results = [planfit.refine(scan, lines, observations=observations)]
-    save_result(results[0], folder)
+    first = planfit.refine(scan, plan, observations=observations)
+    thick = first.floorplan
+    assert thick is not None
+    assert thick.drawn is not None
+    faces = np.flatnonzero(np.abs(thick.drawn - plan.ends[wall]).max(axis=(1, 2)) < 1e-6)
+    (seen,) = [face for face in faces if thick.normals[face, 0] < 0]
+    assert thick.ends[seen, 0, 0] < plan.ends[wall, 0, 0] - 0.05
+    ends = tuple((float(x), float(y)) for x, y in thick.drawn_ends[seen])
+    item = EvidenceItem("wall", face_idx=int(seen), ends=ends)
+    told = Disagreement(item, 0.0, WALL_OFF_M, ())
+    save_result(replace(first, evidence=replace(first.evidence, disagreements=(told,))), folder)
+    last = [first]
 
     def solve(corrections):
-        results.append(
-            planfit.refine(scan, lines, observations=observations, corrections=corrections)
-        )
-        save_result(results[-1], folder)
+        last[0] = planfit.refine(scan, plan, observations=observations, corrections=corrections)
+        save_result(last[0], folder)
 
-    plan = results[0].floorplan
-    off_m = np.abs(plan.ends[:, 0] - plan.drawn_ends[:, 0]).max()
-    assert off_m == pytest.approx(0.1, abs=0.03)  # two faces to a line, half a wall off
-    with served(Session(folder, scan, lines, solve)) as server:
+    with served(Session(folder, scan, plan, solve)) as server:
         page = Panel(browser, server, (1200, 900))
-        page.press_plan((3.0, 0.0))
-        page.press(".hand-unuse")
+        assert position_rms_m(refined_poses(folder), walk) > 0.04
+        way(page, plan, wall)
         page.wait_for("document.querySelectorAll('.hand-list li').length === 1")
-        ends = read_corrections(folder / "corrections.toml").wall_ends("exclude_wall")
-        np.testing.assert_allclose(np.sort(ends[0], axis=0), [[-0.1, -0.1], [6.1, -0.1]], atol=0.02)
+        (excluded,) = read_corrections(folder / "corrections.toml").wall_ends("exclude_wall")
+        np.testing.assert_allclose(np.sort(excluded, axis=0), np.sort(plan.ends[wall], axis=0))
         page.solve()
-        assert len(results) == 2, page.status
-        adjustment = results[1].adjustment
-        south = np.flatnonzero((results[1].floorplan.drawn_ends[:, :, 1] < 0.0).all(axis=1))
-        assert len(south) >= 1
-        assert not np.isin(south, adjustment.association.face_idx).any()
-        assert len(browser.find_elements(By.CSS_SELECTOR, ".hand-list li")) == 1
+        assert "refused" not in page.status
+        assert "used" in page.find(".hand-list li").text
+        assert position_rms_m(refined_poses(folder), walk) < 0.01
+        # The plan on the page is as given, and the wall can be taken in again.
+        assert len(browser.find_elements(By.CSS_SELECTOR, ".hand-plan svg > line")) == 4
+        page.press(".hand-list li button")
+        page.wait_for("document.querySelectorAll('.hand-list li').length === 0")
+        page.press(".hand-solve")
+        end = time.monotonic() + 60
+        # What the solve before changed is still told meanwhile.
+        while position_rms_m(last[0].plan_from_cams, walk) < 0.04:
+            assert time.monotonic() < end, page.status
+            time.sleep(0.1)
+        server.session.wait()
+        assert position_rms_m(refined_poses(folder), walk) > 0.04
         assert browser.get_log("browser") == []

@@ -200,6 +200,8 @@ def test_a_room_that_fits_twice_is_placed_by_points(twin_ends, method):
         assert np.abs(errors_m(result, given[1])).max() < 0.01
         assert result.survey.check.worst_m < 0.01
         assert not any("place on the plan" in reason for reason in result.verdict.reasons)
+        is_said = any("fewer than three cannot tell" in words for words in result.warnings)
+        assert is_said == (method == "two")
 
 
 def test_without_points_the_walls_take_the_wrong_one_of_two_ways(twin_ends):

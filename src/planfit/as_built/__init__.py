@@ -5,6 +5,7 @@ from planfit.as_built.compare import compare_as_built, judge_walls
 from planfit.as_built.deviations import Deviation, deviations
 from planfit.as_built.openings import (
     AsBuiltOpening,
+    ClosedBy,
     OpeningOptions,
     OpeningVerdict,
     counted_openings,
@@ -21,6 +22,7 @@ __all__ = [
     "AsBuiltOpening",
     "AsBuiltOptions",
     "AsBuiltWall",
+    "ClosedBy",
     "Deviation",
     "OpeningOptions",
     "OpeningVerdict",

@@ -163,6 +163,8 @@ def _seen(
         n_surface_frames=seen.n_surface_frames,
         edges_m=seen.edges_m,
         edge_sigmas_m=seen.edge_sigmas_m,
+        set_back_m=seen.set_back_m,
+        set_back_sigmas_m=seen.set_back_sigmas_m,
         kind=kind,
         element_id=element_id or of_wall,
     )

@@ -1,5 +1,5 @@
 """What a scan shows of one opening: where it is looked through, where wall or a door is seen in it, and where
-its two sides stand."""
+its two sides stand, and how far what is seen in it stands back from the wall."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.as_built.lines_of_sight import BIN_M, END_M, LinesOfSight, crossings
 from planfit.as_built.types import AsBuiltOptions
-from planfit.as_built.wall_offsets import PlacedWalls
+from planfit.as_built.wall_offsets import PlacedWalls, offset_sigma
 from planfit.floorplan.gaps import Gap
 
 REACH_M = 0.3
@@ -20,6 +20,11 @@ EDGE_SIGMA_M = 0.035
 """Of where the side of an opening is seen, poses aside: depth errs at edges. Measured on even seeds of
 benchmarks/openings.py, 208 sides: wall is seen to begin 0.02 m inside of where it does, RMS 0.038 m; what is
 looked through ends 0.14 m inside, spread 0.07 m, as depth at edges is not believed, and tells no more."""
+JAMB_M, BESIDE_M = 0.15, (0.1, 0.6)
+"""What stands in an opening is looked at so far within its sides, and the wall so far beside them: casings
+and smeared depth lie between."""
+MIN_POINTS = 6
+"""Of a frame, in the opening and beside it."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,10 @@ class OpeningSeen:
     edges_m: tuple[float, float]
     """Where its sides stand, along the wall from its first end; NaN where a side was not seen."""
     edge_sigmas_m: tuple[float, float]
+    set_back_m: tuple[float, float]
+    """How far what is seen in it stands behind the face of the wall beside it, from the side that its normal
+    points to and from the other, m; NaN from where too few frames show both."""
+    set_back_sigmas_m: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -90,6 +99,7 @@ def look_at(
         _side(at_second, gap, along, through, surface, placed, options.min_frames)
         for at_second in (False, True)
     ]
+    backs = [_set_back(sign, gap, along, placed, sight, options) for sign in (1.0, -1.0)]
     return OpeningSeen(
         is_open,
         is_closed,
@@ -97,7 +107,45 @@ def look_at(
         surface.n_frames(gap.width_m),
         (sides[0][0], sides[1][0]),
         (sides[0][1], sides[1][1]),
+        (backs[0][0], backs[1][0]),
+        (backs[0][1], backs[1][1]),
     )
+
+
+def _set_back(
+    sign: float,
+    gap: Gap,
+    along: Float[np.ndarray, "2"],
+    placed: PlacedWalls,
+    sight: LinesOfSight,
+    options: AsBuiltOptions,
+) -> tuple[float, float]:
+    """How far what is seen in an opening from one side stands behind the wall beside it, and its sigma; NaN
+    where too few frames show both.
+
+    Each frame is compared with itself, so what its pose is off does not count.
+    """
+    wide = gap.ends + BESIDE_M[1] * np.array([-along, along])
+    half_m, depth_m = gap.thickness_m / 2, options.openings.depth_m
+    near = placed.points_near(wide, half_m + depth_m, gap.storey)
+    relative, frame = placed.points[near, :2] - gap.ends[0], placed.point_frame_idx[near]
+    eyes = placed.plan_from_cams[frame, :2, 3] - gap.ends[0]
+    at, out_m = relative @ along, sign * (relative @ gap.normal)
+    above_m = placed.points[near, 2] - sight.floors_m[frame]
+    low, high = options.heights_m
+    kept = (above_m > low) & (above_m < high) & (sign * (eyes @ gap.normal) > half_m + depth_m)
+    outside_m = np.maximum(-at, at - gap.width_m)
+    is_wall = kept & (outside_m > BESIDE_M[0]) & (outside_m < BESIDE_M[1])
+    is_wall &= np.abs(out_m - half_m) <= depth_m
+    is_in = kept & (outside_m < -JAMB_M) & (np.abs(out_m) <= half_m + depth_m)
+    backs = [
+        float(np.median(out_m[is_wall & (frame == i)]) - np.median(out_m[is_in & (frame == i)]))
+        for i in np.unique(frame[is_in])
+        if min(np.sum(is_wall & (frame == i)), np.sum(is_in & (frame == i))) >= MIN_POINTS
+    ]
+    if len(backs) < options.min_frames:
+        return np.nan, np.nan
+    return float(np.median(backs)), offset_sigma(np.array(backs), 0.0, options)
 
 
 def _surface(

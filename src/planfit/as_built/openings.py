@@ -21,6 +21,21 @@ class OpeningVerdict(Enum):
     """Cameras look through wall that the plan draws without one."""
 
 
+class ClosedBy(Enum):
+    """What closes an opening, as far as the scan tells; the value is the word for it."""
+
+    DOOR = "shut door"
+    """What is seen stands back from the wall."""
+    WALL = "walled up"
+    """What is seen is flush with both faces of a wall thicker than doors are: a leaf is not."""
+    UNKNOWN = "shut door or walled up"
+    """The scan does not tell."""
+
+
+SURE_SIGMAS = 2.0
+"""Set back, or flush, is believed where it is so by this many sigmas."""
+
+
 @dataclass(frozen=True)
 class OpeningOptions:
     """When an opening is open, closed or new."""
@@ -36,6 +51,11 @@ class OpeningOptions:
     """Of the width of an opening that the plan lacks, cameras look through so much."""
     depth_m: float = 0.06
     """What stands no further than this before either side of the wall is in it."""
+    leaf_back_m: float = 0.03
+    """What closes an opening is a door where it surely stands back from a face of its wall by more than this,
+    and wall where it surely does from neither, and the wall is thicker than a leaf by more than this."""
+    leaf_m: float = 0.045
+    """Thickness of the leaf of a door, at most."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +86,11 @@ class AsBuiltOpening:
     """What the plan's file says that it is: "door", "window"; empty where it does not tell."""
     element_id: str = ""
     """What the plan's file calls it: GlobalId of IFC of the door or window, else of the wall."""
+    set_back_m: tuple[float, float] = (np.nan, np.nan)
+    """How far what is seen in it stands behind the face of the wall beside it, from the side that `normal`
+    points to and from the other, m; NaN from where it was not seen."""
+    set_back_sigmas_m: tuple[float, float] = (np.nan, np.nan)
+    """Standard deviations of these."""
 
     @property
     def drawn_width_m(self) -> float:
@@ -107,6 +132,18 @@ class AsBuiltOpening:
             return OpeningVerdict.CLOSED
         return OpeningVerdict.NOT_SEEN
 
+    def closed_by(self, options: OpeningOptions) -> ClosedBy:
+        """What closes it, where it is closed."""
+        back_m = np.array(self.set_back_m)
+        reach_m = SURE_SIGMAS * np.array(self.set_back_sigmas_m)
+        if np.any(back_m - reach_m > options.leaf_back_m):
+            return ClosedBy.DOOR
+        # A leaf may be flush with one face of a wall, or with both of a thin one.
+        is_thick = self.thickness_m > options.leaf_m + options.leaf_back_m
+        if is_thick and np.all(np.abs(back_m) + reach_m < options.leaf_back_m):
+            return ClosedBy.WALL
+        return ClosedBy.UNKNOWN
+
     def differs(self, options: OpeningOptions) -> bool:
         """Whether it is not as planned. Windows are closed, and are planned so."""
         verdict = self.verdict(options)
@@ -127,10 +164,7 @@ def opening_words(opening: AsBuiltOpening, options: OpeningOptions) -> str:
     """One verdict: "open: 0.912 m wide (± 0.021 m), drawn 0.900 m, shifted by +0.013 m"."""
     verdict = opening.verdict(options)
     if verdict is OpeningVerdict.CLOSED:
-        return (
-            f"closed: wall or a shut door is seen in {opening.closed_share:.0%} of its width "
-            f"({opening.n_surface_frames} frames)"
-        )
+        return _closed_words(opening, options)
     if verdict is OpeningVerdict.NOT_SEEN:
         return "not seen"
     width = "its sides were not both seen"
@@ -147,6 +181,25 @@ def opening_words(opening: AsBuiltOpening, options: OpeningOptions) -> str:
     return f"open: {width}, {drawn}"
 
 
+def _closed_words(opening: AsBuiltOpening, options: OpeningOptions) -> str:
+    seen = f"seen in {opening.closed_share:.0%} of its width, {opening.n_surface_frames} frames"
+    if opening.kind == "window":
+        return f"closed: a pane, a shutter or wall is {seen}"
+    by = opening.closed_by(options)
+    if by is ClosedBy.DOOR:
+        k = int(np.nanargmax(opening.set_back_m))
+        return (
+            f"closed by a shut door: what is {seen}, stands {opening.set_back_m[k]:.2f} m "
+            f"(± {opening.set_back_sigmas_m[k]:.2f} m) back from the wall"
+        )
+    if by is ClosedBy.WALL:
+        return f"walled up: what is {seen}, is flush with the wall on both sides"
+    sides = int(np.sum(np.isfinite(opening.set_back_m)))
+    flush = ("how far back from the wall it stands was not seen", "the other side was not seen")
+    why = flush[sides] if sides < 2 else "it is neither surely flush with the wall nor set back"
+    return f"closed, by a shut door or walled up, which the scan does not tell: {seen}; {why}"
+
+
 def opening_title(opening: AsBuiltOpening, options: OpeningOptions) -> str:
     """What happened to an opening, and where: for lists of issues."""
     what = {
@@ -155,6 +208,8 @@ def opening_title(opening: AsBuiltOpening, options: OpeningOptions) -> str:
         OpeningVerdict.NOT_SEEN: "Opening was not seen",
         OpeningVerdict.NEW: "Opening that the plan does not draw",
     }[opening.verdict(options)]
+    if opening.verdict(options) is OpeningVerdict.CLOSED and opening.kind != "window":
+        what = f"Opening is closed ({opening.closed_by(options).value})"
     if opening.kind and opening.is_drawn:
         what = what.replace("Opening", opening.kind.capitalize())
     x, y = opening.ends.mean(axis=0)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from planfit.as_built.openings import AsBuiltOpening
+from planfit.as_built.openings import AsBuiltOpening, OpeningOptions, OpeningVerdict
 from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.errors import ScanError
 from planfit.option_values import options_of
@@ -56,10 +56,18 @@ def as_built_record(as_built: AsBuilt) -> dict[str, Any]:
                 "surface_frames": opening.n_surface_frames,
                 "edges_m": [_known(value) for value in opening.edges_m],
                 "edge_sigmas_m": [_known(value) for value in opening.edge_sigmas_m],
+                "closed_by": _closed_by(opening, as_built.options.openings),
+                "set_back_m": [_known(value) for value in opening.set_back_m],
+                "set_back_sigmas_m": [_known(value) for value in opening.set_back_sigmas_m],
             }
             for opening in as_built.openings
         ],
     }
+
+
+def _closed_by(opening: AsBuiltOpening, options: OpeningOptions) -> str | None:
+    is_closed = opening.verdict(options) is OpeningVerdict.CLOSED
+    return opening.closed_by(options).value if is_closed else None
 
 
 def _known(value: float) -> float | None:
@@ -134,6 +142,11 @@ def _wall(row: Mapping[str, Any]) -> AsBuiltWall:
 def _opening(row: Mapping[str, Any]) -> AsBuiltOpening:
     low, high = (_number(value) for value in row["edges_m"])
     low_sigma, high_sigma = (_number(value) for value in row["edge_sigmas_m"])
+    # Runs of versions before these were looked at have none.
+    back, other_back = (_number(value) for value in row.get("set_back_m", (None, None)))
+    back_sigma, other_sigma = (
+        _number(value) for value in row.get("set_back_sigmas_m", (None, None))
+    )
     return AsBuiltOpening(
         is_drawn=bool(row["is_drawn"]),
         ends=np.array(row["ends"], dtype=float).reshape(2, 2),
@@ -145,6 +158,8 @@ def _opening(row: Mapping[str, Any]) -> AsBuiltOpening:
         n_surface_frames=int(row["surface_frames"]),
         edges_m=(low, high),
         edge_sigmas_m=(low_sigma, high_sigma),
+        set_back_m=(back, other_back),
+        set_back_sigmas_m=(back_sigma, other_sigma),
         kind=str(row["kind"]),
         element_id=str(row["element_id"]),
     )

@@ -22,6 +22,8 @@ OVERLAP_SHARE = 0.7
 """Of the wider of two gaps, that lies beside the other where they are both sides of one."""
 CLEAR_M = 0.05
 """Faces that cross the middle of a gap further from its ends than this show that it is none."""
+SAME_CORNER_M = 0.01
+"""Ends of faces that meet are no further apart."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,8 @@ def find_gaps(floorplan: Floorplan, widths: tuple[float, float]) -> tuple[Gap, .
     """Doors, windows and passages of a plan in metres, each once.
 
     What the file marks counts, and what interrupts both faces of a wall at one place; a gap in one face alone
-    is a wall that meets it, or a recess. Of walls that are drawn as one line, a gap in that counts.
+    is a wall that meets it, or a recess. Of walls that are drawn as one line, a gap in that counts; jambs
+    are no walls, though two doors that face each other have jambs in one line.
 
     Args:
         floorplan: as drawn, m.
@@ -83,25 +86,34 @@ def find_gaps(floorplan: Floorplan, widths: tuple[float, float]) -> tuple[Gap, .
 
 
 def _gaps(floorplan: Floorplan, widths: tuple[float, float], storey: int | None) -> tuple[Gap, ...]:
-    sides, is_oriented, is_marked = _sides(floorplan, widths)
+    sides, is_oriented, is_marked, is_of_jambs = _sides(floorplan, widths)
     found = []
     for own in sides_of_gaps(sides, is_oriented, is_marked):
-        if is_marked[own].any() or len(own) > 1 or not is_oriented[own].all():
+        is_through = len(own) > 1 if is_oriented[own].all() else not is_of_jambs[own].all()
+        if is_marked[own].any() or is_through:
             found.append(gap_between(sides[own], storey))
     return tuple(gap for gap in found if _is_clear(gap, floorplan))
 
 
 def _sides(
     floorplan: Floorplan, widths: tuple[float, float]
-) -> tuple[Float[np.ndarray, "s 2 2"], Bool[np.ndarray, " s"], Bool[np.ndarray, " s"]]:
-    """Gaps of single faces and marks; whether their free side, on the left, is known; which are marks."""
+) -> tuple[
+    Float[np.ndarray, "s 2 2"],
+    Bool[np.ndarray, " s"],
+    Bool[np.ndarray, " s"],
+    Bool[np.ndarray, " s"],
+]:
+    """Gaps of single faces and marks; whether their free side, on the left, is known; which are marks; which
+    lie between ends of walls."""
     long = floorplan.lengths > SHORTEST_FACE_M
+    is_end = _are_ends_of_walls(floorplan)[long]
     ends, is_oriented = floorplan.ends[long], floorplan.is_oriented[long]
     is_turned = np.einsum("ni,ni->n", segments.left_normals(ends), floorplan.normals[long]) < 0
     ends = np.where(is_turned[:, None, None], ends[:, ::-1], ends)
     # A line whose free side is unknown goes on either way.
     both = np.concatenate([ends, ends[~is_oriented][:, ::-1]])
     is_known = np.concatenate([is_oriented, np.zeros(int((~is_oriented).sum()), dtype=bool)])
+    is_end = np.concatenate([is_end, is_end[~is_oriented]])
     before, after = gaps_in_line(both, widths)
     width = np.linalg.norm(both[after, 0] - both[before, 1], axis=1)
     order = np.argsort(width, kind="stable")
@@ -116,7 +128,26 @@ def _sides(
         np.concatenate([gaps, marks]),
         np.concatenate([is_known[before] & is_known[after], np.zeros(len(marks), dtype=bool)]),
         np.arange(len(gaps) + len(marks)) >= len(gaps),
+        np.concatenate([is_end[before] & is_end[after], np.zeros(len(marks), dtype=bool)]),
     )
+
+
+def _are_ends_of_walls(floorplan: Floorplan) -> Bool[np.ndarray, " n"]:
+    """Faces no longer than walls are thick, from both of whose ends others run on, side by side: jambs."""
+    ends, n = floorplan.ends, len(floorplan)
+    corners = np.asarray(shapely.points(ends.reshape(-1, 2)), dtype=object)
+    here, there = shapely.STRtree(corners).query(corners, "dwithin", distance=SAME_CORNER_M)
+    here, there = here[here // 2 != there // 2], there[here // 2 != there // 2]
+    along = segments.directions(ends)
+    # From each corner away along the face that meets it there.
+    away = along[there // 2] * np.where(there % 2 == 0, 1.0, -1.0)[:, None]
+    is_end = np.zeros(n, dtype=bool)
+    for face in np.flatnonzero(floorplan.lengths <= MAX_WALL_M):
+        first, second = away[here == 2 * face], away[here == 2 * face + 1]
+        beside = first @ second.T > PARALLEL
+        is_across = np.abs(first @ along[face]) < 1.0 - PARALLEL
+        is_end[face] = bool((beside & is_across[:, None]).any())
+    return is_end
 
 
 def sides_of_gaps(

@@ -12,7 +12,10 @@ from planfit.errors import OptionError
 from planfit.geometry import se3
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.term import Term
+from planfit.threads import blas_on_one_thread, in_threads
 
+COLUMNS_AT_A_TIME = 6
+"""Right sides that one thread solves for; more at a time take no less."""
 MAX_SIGMA = 100.0
 """A standard deviation beyond this many metres or radians means that nothing holds the pose."""
 
@@ -112,7 +115,16 @@ class Factors:
 
     def solve(self, right: Float[np.ndarray, "u k"]) -> Float[np.ndarray, "u k"]:
         """Columns of H^-1 right; huge where nothing holds a direction."""
-        return self.lu.solve(right / self.scale[:, None]) / self.scale[:, None]
+        scaled = right / self.scale[:, None]
+        parts = [
+            scaled[:, k : k + COLUMNS_AT_A_TIME]
+            for k in range(0, scaled.shape[1], COLUMNS_AT_A_TIME)
+        ]
+        if len(parts) <= 1:
+            return self.lu.solve(scaled) / self.scale[:, None]
+        with blas_on_one_thread():
+            solved = in_threads(self.lu.solve, parts)
+        return np.concatenate(solved, axis=1) / self.scale[:, None]
 
     def columns(self, rows: Int[np.ndarray, " r"]) -> Float[np.ndarray, "u r"]:
         """Some columns of H^-1."""

@@ -247,7 +247,12 @@ def _warnings(
         "not used; check its coordinates and marks"
         for k in off
     ]
-    if len(site) >= 3 and are_on_a_line(site):
+    if 0 < len(site) < 3:
+        words.append(
+            f"the scan sees {len(site)} of the control points that are used: fewer than three cannot tell "
+            "swapped axes or another unit; mark three or more, not on a line"
+        )
+    elif len(site) >= 3 and are_on_a_line(site):
         words.append(
             "the control points stand on one line: they cannot tell a mirrored site from a right one; add a "
             "point beside the line"

@@ -81,9 +81,7 @@ class _Handler(BaseHTTPRequestHandler):
             return
         name, _, rest = path.partition("/")
         if path == "":
-            self._answer(
-                lambda: page(report_page(session.folder)).encode(), "text/html; charset=utf-8"
-            )
+            self._answer(lambda: page(report_page(session.folder)), "text/html; charset=utf-8")
         elif path == "state":
             self._answer(lambda: as_json(session.state()), "application/json")
         elif path == "plan":
@@ -177,14 +175,19 @@ class _Handler(BaseHTTPRequestHandler):
             self.close_connection = True  # the page was closed
 
 
-def page(report: str) -> str:
-    """The report with the panel of corrections in it, and an empty icon, or the browser asks for one."""
-    report = report.replace("<head>", '<head><link rel="icon" href="data:,">', 1)
+def page(report: bytes) -> bytes:
+    """The report, UTF-8, with the panel of corrections in it, and an empty icon, or the browser asks for one.
+
+    As bytes, joined once: a report of 10 million points has 96 MB, of which text has two bytes a character.
+    """
     style, markup = _read("panel.css"), _read("panel.html")
     script = "\n".join(_read(name) for name in SCRIPTS)
     panel = f'<style>\n{style}</style>\n{markup}<script>(() => {{\n"use strict";\n{script}}})();</script>\n'
-    head, body, tail = report.rpartition("</body>")
-    return f"{head}{panel}{body}{tail}" if body else report + panel
+    whole, body = memoryview(report), report.rfind(b"</body>")
+    body = len(report) if body < 0 else body
+    start = report.find(b"<head>") + len(b"<head>") if b"<head>" in report else 0
+    icon = b'<link rel="icon" href="data:,">' if start else b""
+    return b"".join([whole[:start], icon, whole[start:body], panel.encode(), whole[body:]])
 
 
 def _read(name: str) -> str:

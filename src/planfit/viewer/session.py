@@ -341,8 +341,8 @@ def _visits(record: dict[str, Any]) -> list[dict[str, Any]]:
     return sorted(visits, key=lambda visit: -visit["after_m"])[:_MAX_VISITS]
 
 
-def report_page(folder: Path) -> str:
-    """The report of a run.
+def report_page(folder: Path) -> bytes:
+    """The report of a run, UTF-8.
 
     Raises:
         OptionError: it is not there.
@@ -350,7 +350,7 @@ def report_page(folder: Path) -> str:
     path = folder / "report.html"
     if not path.exists():
         raise OptionError(f"{path}: expected the report of a run, found none; run 'planfit refine'")
-    return path.read_text(encoding="utf-8")
+    return path.read_bytes()
 
 
 def as_json(value: Any) -> bytes:

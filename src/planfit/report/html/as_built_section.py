@@ -61,7 +61,7 @@ italics is not sure: the tolerance lies within {options.sure_sigmas:g} standard 
 Short bars are doors, windows and passages, listed below.
 <code>planfit export RUN --to as-built</code> writes all this as CSV, GeoJSON, DXF and BCF.</p>
 <p class="as-built-tools"><label>tolerance <input class="as-built-tolerance" type="number" min="0" max="1"
-step="0.005" value="{options.tolerance_m:g}" data-sure="{options.sure_sigmas:g}"> m</label>
+step="0.005" value="{options.tolerance_m:g}" data-sure="{options.sure_sigmas:g}"> m:</label>
 <span class="as-built-counts" role="status">{words}</span></p>
 <p>{keys}</p>{_map(as_built, shown, crop)}
 {_table(as_built, shown, faces)}</section>

@@ -43,9 +43,10 @@ def openings_section(as_built: AsBuilt, crop: Crop) -> str:
     counts = counted_openings([opening for _, opening in shown], options)
     words = ", ".join(f"{count} {escape(verdict.value)}" for verdict, count in counts.items())
     return f"""<section class="openings"><h3>Doors, windows and passages</h3>
-<p>Every gap of a wall that the plan draws: open (cameras look through it), closed (wall or a shut door is
-seen in it), or not seen; and openings of walls that the plan draws without. Widths are between the sides of
-the wall as seen, with one standard deviation; "shifted" is along the wall. {words}.</p>
+<p>Every gap of a wall that the plan draws: open (cameras look through it), closed (by a
+shut door, which stands back from the wall, or walled up, flush with it on both sides, or by one of both where
+the scan does not tell), or not seen; and openings of walls that the plan draws without. Widths are between
+the sides of the wall as seen, with one standard deviation; "shifted" is along the wall. {words}.</p>
 {sortable_table(_HEADS, list(_rows(as_built, shown)), "openings")}</section>"""
 
 
@@ -70,6 +71,14 @@ def style_of(opening: AsBuiltOpening, as_built: AsBuilt) -> str:
     return f"opening opening-{verdict.value.replace(' ', '-')}{planned}"
 
 
+def _verdict_words(opening: AsBuiltOpening, as_built: AsBuilt) -> str:
+    options = as_built.options.openings
+    verdict = opening.verdict(options)
+    if verdict is OpeningVerdict.CLOSED and opening.kind != "window":
+        return f"{verdict.value}: {opening.closed_by(options).value}"
+    return verdict.value
+
+
 def _rows(
     as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltOpening]]
 ) -> Iterator[tuple[str, str, tuple[Cell, ...]]]:
@@ -85,7 +94,7 @@ def _rows(
             "",
             (
                 Cell(f"O{number}", number),
-                Cell(escape(verdict.value) + kind, verdict.value),
+                Cell(escape(_verdict_words(opening, as_built)) + kind, verdict.value),
                 Cell(formatting.length(opening.width_m), opening.width_m) if is_measured else none,
                 Cell(formatting.centimetres(opening.width_sigma_m), opening.width_sigma_m)
                 if is_measured
