@@ -7,6 +7,7 @@ import pytest
 import shapely
 
 from planfit.floorplan import Floorplan, read_floorplan
+from planfit.floorplan.formats.svg.variables import with_values
 
 ROOMS = [(60, 60, 340, 280), (400, 60, 300, 280), (60, 340, 340, 200), (400, 340, 300, 200)]
 """x, y, width, height: each ends where the next begins."""
@@ -134,3 +135,73 @@ def test_pale_patches_over_dark_fills_cut_them_and_furniture_cuts_no_floor(tmp_p
     table = box(150, 150, 80, 60, fill="#f4f4f4")
     plan = read_floorplan(svg(tmp_path / "floors.svg", *floors, table))
     assert drawn_share(plan, [(150, 150, 230, 150)]) == 0.0
+
+
+def _tinted(walls: str, rooms: list[str], more: str = "") -> list[str]:
+    """Rooms of `ROOMS` in tints that meet in the middle of walls, drawn over them as strokes that reach the
+    far side of each other at corners; a window of two thin lines and a door in the outer ones."""
+    outer, inner = 'stroke-width="16"', 'stroke-width="8"'
+    lines = [
+        (52, 60, 708, 60, outer), (700, 52, 700, 548, outer), (52, 540, 200, 540, outer),
+        (320, 540, 708, 540, outer), (60, 52, 60, 400, outer), (60, 480, 60, 548, outer),
+        (400, 52, 400, 180, inner), (400, 260, 400, 548, inner), (52, 340, 708, 340, inner),
+    ]  # fmt: skip
+    drawn = [
+        f'<line x1="{a}" y1="{b}" x2="{c}" y2="{d}" stroke="{walls}" {width}/>'
+        for a, b, c, d, width in lines
+    ]
+    window = [
+        f'<line x1="200" y1="{y}" x2="320" y2="{y}" stroke="{walls}" stroke-width="1"/>'
+        for y in (537, 543)
+    ]
+    filled = [
+        box(*room, fill=tint, fill_opacity="0.14") for room, tint in zip(ROOMS, rooms, strict=True)
+    ]
+    return [more, *filled, *drawn, *window]
+
+
+def test_tints_of_rooms_under_walls_make_no_faces(tmp_path: Path) -> None:
+    """Not in the middle of walls, nor across doors and windows; and walls end where they meet."""
+    shapes = _tinted("#1b1b1b", ["#26d", "#e71", "#2a5", "#c4b"])
+    plan = read_floorplan(svg(tmp_path / "plan.svg", *shapes))
+    middles = [(60, 80, 60, 320), (60, 405, 60, 475), (205, 540, 315, 540), (400, 185, 400, 255),
+               (80, 340, 380, 340)]  # fmt: skip
+    assert drawn_share(plan, middles) == 0.0
+    faces = [(52, 52, 708, 52), (708, 52, 708, 548), (68, 68, 396, 68), (404, 344, 404, 532),
+             (68, 336, 396, 336)]  # fmt: skip
+    assert drawn_share(plan, faces) > 0.99
+    low, high = plan.ends.min(axis=(0, 1)), plan.ends.max(axis=(0, 1))
+    assert [*low, *high] == pytest.approx([52, -548, 708, -52], abs=0.01)
+
+
+def test_colours_by_variables_are_those_of_the_light_page(tmp_path: Path) -> None:
+    style = (
+        "<style>svg{--dark:#1b1b1b;--wall:var(--dark);--page:#fff /* paper */}"
+        "@media (prefers-color-scheme:dark){svg{--wall:#eee;--page:#111}}"
+        "svg.night{--wall:#eee;--page:#111}</style>"
+        '<rect width="800" height="600" fill="var(--page)"/>'
+    )
+    tints = ["var(--none, #26d)", "var(--x,rgb(224,113,17))", "#2a5", "#c4b"]
+    named = svg(tmp_path / "named.svg", *_tinted("var(--wall)", tints, style))
+    page = '<rect width="800" height="600" fill="#fff"/>'
+    shapes = _tinted("#1b1b1b", ["#26d", "#e07111", "#2a5", "#c4b"], page)
+    plain = read_floorplan(svg(tmp_path / "plain.svg", *shapes))
+    np.testing.assert_allclose(read_floorplan(named).ends, plain.ends, atol=1e-9)
+
+
+def test_variables_that_name_each_other_grow_not(tmp_path: Path) -> None:
+    rules = "".join(f"--v{k}:var(--v{k + 1}) var(--v{k + 1});" for k in range(40))
+    style = f"<style>svg{{{rules}--a:var(--b);--b:var(--a)}}</style>"
+    shapes = _tinted("var(--v0)", ["var(--a)", "#e71", "#2a5", "#c4b"], style)
+    assert len(with_values(svg(tmp_path / "plan.svg", *shapes).read_bytes())) < 20_000
+    assert len(read_floorplan(tmp_path / "plan.svg").ends) > 0
+
+
+def test_a_variable_that_is_never_closed_is_left_in_time() -> None:
+    text = (
+        b"<svg xmlns='http://www.w3.org/2000/svg'><style>svg{--a:red;fill:var(--a," + b"x" * 10**6
+    )
+    data = text + b"}</style><rect fill='var(--a)'/></svg>"
+    found = with_values(data)
+    assert b'fill="red"' in found
+    assert b"var(--a,xxx" in found

@@ -85,8 +85,12 @@ def is_certain(
 
 
 def certain_sigma_m(options: CycleConsistencyOptions) -> float:
-    """Standard deviation of a motion's translation (m) below which it is certain."""
-    return (options.certain_m - options.translation_slack_m) / options.max_sigmas
+    """Standard deviation of a motion's translation (m) below which it is certain; with no sigmas any is, or
+    none."""
+    left_m = options.certain_m - options.translation_slack_m
+    if options.max_sigmas == 0.0:
+        return np.inf if left_m > 0.0 else 0.0
+    return left_m / options.max_sigmas
 
 
 def by_way_of(

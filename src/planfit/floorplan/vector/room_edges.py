@@ -1,6 +1,7 @@
 """The edges of filled rooms as faces of the walls between them."""
 
 import numpy as np
+import shapely
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.vector.areas import edges_between_rooms, edges_of_rooms, outside_rooms
@@ -15,6 +16,25 @@ TOUCHING = (
     "rooms touch: where two of them meet is taken for a wall without thickness, closed but for doors that "
     "are drawn as swings or gaps"
 )
+
+
+WALLED_SHARE = 0.4
+"""Of the outlines of rooms, what runs inside solid walls where walls are drawn over tints of the rooms. Rooms
+that end at the faces of walls have next to none."""
+
+
+def are_tints(rooms: list[BaseGeometry], solid: BaseGeometry, extent: float) -> bool:
+    """Whether rooms are tints under solid walls, so that their edges are the middles of these and, elsewhere,
+    doors and windows.
+
+    Args:
+        rooms: filled or hatched areas.
+        solid: all solid walls.
+        extent: of the drawing.
+    """
+    edges = shapely.boundary(np.array(rooms, dtype=object))
+    within = shapely.intersection(edges, shapely.buffer(solid, -1e-3 * extent))
+    return bool(shapely.length(within).sum() > WALLED_SHARE * shapely.length(edges).sum())
 
 
 def around_rooms(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import covered_lengths, find_partners, line_strings, weighted_median
@@ -77,12 +77,24 @@ def body_of_strokes(
     ends: Float[np.ndarray, "n 2 2"], width: Float[np.ndarray, " n"]
 ) -> BaseGeometry:
     """Area that strokes cover. An end that meets another stroke goes on for half a width, which closes
-    corners; one at a door does not."""
+    corners; one at a door does not, nor one that reached the far side of the other already."""
     lines = line_strings(ends)
     along = segments.directions(ends)
     meets = ends_that_meet(ends, np.arange(len(ends)), lines, 0.6 * width)
     step = 0.5 * width[:, None] * along
-    longer = ends + meets[:, :, None] * np.stack([-step, step], axis=1)
-    return shapely.union_all(
-        shapely.buffer(line_strings(longer), width / 2, cap_style="flat", join_style="mitre")
-    )
+    outwards = np.stack([-step, step], axis=1)
+    longer = _bodies(ends + meets[:, :, None] * outwards, width)
+    tips = np.asarray(shapely.points((ends + 0.2 * outwards).reshape(-1, 2)), dtype=object)
+    near = np.repeat(0.05 * width, 2)
+    tip, other = shapely.STRtree(longer).query(tips, predicate="dwithin", distance=near)
+    goes_on = np.zeros(2 * len(ends), dtype=bool)
+    goes_on[tip[other != tip // 2]] = True
+    meets &= goes_on.reshape(-1, 2)
+    return shapely.union_all(_bodies(ends + meets[:, :, None] * outwards, width))
+
+
+def _bodies(
+    ends: Float[np.ndarray, "n 2 2"], width: Float[np.ndarray, " n"]
+) -> Shaped[np.ndarray, " n"]:
+    """What each stroke covers."""
+    return shapely.buffer(line_strings(ends), width / 2, cap_style="flat", join_style="mitre")

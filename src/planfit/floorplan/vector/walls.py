@@ -14,6 +14,7 @@ from planfit.floorplan.near_lines import check_crossings, groups_within
 from planfit.floorplan.vector.areas import (
     hatched_areas,
     main_rooms,
+    outside_rooms,
     sort_fills,
     without_paper,
 )
@@ -36,6 +37,7 @@ from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_
 from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.floorplan.vector.room_edges import (
     TOUCHING,
+    are_tints,
     around_rooms,
     bare_edges,
     walls_between_rooms,
@@ -292,6 +294,10 @@ def _faces_of_all(
         solid = shapely.union_all(solids)
         if pieces.areas:
             solid = joined([*solids, *pieces.areas], 2e-4 * extent)
+        if rooms and are_tints(rooms, solid, extent):
+            candidates = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
+            rooms = []
+        if pieces.areas:
             alone = np.array(shapely.get_parts(solid), dtype=object)
             size = np.ptp(shapely.bounds(alone).reshape(-1, 2, 2), axis=1).max(axis=1)
             is_column = size <= pieces.column_size

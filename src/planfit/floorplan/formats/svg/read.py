@@ -32,6 +32,7 @@ from planfit.floorplan.formats.svg.prepare import (
     with_flat_transforms,
     with_symbols_apart,
 )
+from planfit.floorplan.formats.svg.variables import with_values
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text
@@ -106,7 +107,7 @@ def _is_in_true_size(svg: SVG) -> bool:
 
 
 def _parsed(data: bytes, path: Path) -> SVG:
-    data = with_flat_transforms(with_symbols_apart(data))
+    data = with_flat_transforms(with_symbols_apart(with_values(data)))
     try:
         svg = SVG.parse(io.BytesIO(data), reify=True, ppi=PIXELS_PER_INCH)
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as error:
