@@ -144,6 +144,11 @@ class AsBuiltOpening:
             return ClosedBy.WALL
         return ClosedBy.UNKNOWN
 
+    def word_of_closing(self, options: OpeningOptions) -> str | None:
+        """What closes it, in a word for files; None where it is not closed."""
+        is_closed = self.verdict(options) is OpeningVerdict.CLOSED
+        return self.closed_by(options).value if is_closed else None
+
     def differs(self, options: OpeningOptions) -> bool:
         """Whether it is not as planned. Windows are closed, and are planned so."""
         verdict = self.verdict(options)

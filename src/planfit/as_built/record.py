@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from planfit.as_built.openings import AsBuiltOpening, OpeningOptions, OpeningVerdict
+from planfit.as_built.openings import AsBuiltOpening
 from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.errors import ScanError
 from planfit.option_values import options_of
@@ -56,18 +56,13 @@ def as_built_record(as_built: AsBuilt) -> dict[str, Any]:
                 "surface_frames": opening.n_surface_frames,
                 "edges_m": [_known(value) for value in opening.edges_m],
                 "edge_sigmas_m": [_known(value) for value in opening.edge_sigmas_m],
-                "closed_by": _closed_by(opening, as_built.options.openings),
+                "closed_by": opening.word_of_closing(as_built.options.openings),
                 "set_back_m": [_known(value) for value in opening.set_back_m],
                 "set_back_sigmas_m": [_known(value) for value in opening.set_back_sigmas_m],
             }
             for opening in as_built.openings
         ],
     }
-
-
-def _closed_by(opening: AsBuiltOpening, options: OpeningOptions) -> str | None:
-    is_closed = opening.verdict(options) is OpeningVerdict.CLOSED
-    return opening.closed_by(options).value if is_closed else None
 
 
 def _known(value: float) -> float | None:

@@ -62,9 +62,7 @@ def opening_lines(
             "shift_m": rounded(opening.shift_m) if opening.is_drawn else None,
             "open_share": round(opening.open_share, 2),
             "closed_share": round(opening.closed_share, 2),
-            "closed_by": opening.closed_by(options).value
-            if opening.verdict(options) is OpeningVerdict.CLOSED
-            else None,
+            "closed_by": opening.word_of_closing(options),
             "through_frames": opening.n_through_frames,
             "surface_frames": opening.n_surface_frames,
             "words": opening_words(opening, options),

@@ -115,16 +115,17 @@ class Factors:
 
     def solve(self, right: Float[np.ndarray, "u k"]) -> Float[np.ndarray, "u k"]:
         """Columns of H^-1 right; huge where nothing holds a direction."""
-        scaled = right / self.scale[:, None]
-        parts = [
-            scaled[:, k : k + COLUMNS_AT_A_TIME]
-            for k in range(0, scaled.shape[1], COLUMNS_AT_A_TIME)
-        ]
-        if len(parts) <= 1:
-            return self.lu.solve(scaled) / self.scale[:, None]
+        scale = self.scale[:, None]
+
+        def of(first: int) -> np.ndarray:
+            return self.lu.solve(right[:, first : first + COLUMNS_AT_A_TIME] / scale) / scale
+
+        if right.shape[1] <= COLUMNS_AT_A_TIME:
+            return of(0)
         with blas_on_one_thread():
-            solved = in_threads(self.lu.solve, parts)
-        return np.concatenate(solved, axis=1) / self.scale[:, None]
+            return np.concatenate(
+                in_threads(of, range(0, right.shape[1], COLUMNS_AT_A_TIME)), axis=1
+            )
 
     def columns(self, rows: Int[np.ndarray, " r"]) -> Float[np.ndarray, "u r"]:
         """Some columns of H^-1."""
