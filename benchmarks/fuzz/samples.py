@@ -168,6 +168,12 @@ def _scans() -> dict[str, Make]:
         write_rtabmap(folder / "map.db", sample)
         return "scan", "map.db"
 
+    def sens(folder: Path) -> tuple[str, str]:
+        from sens_writer import write_sens
+
+        write_sens(folder / "scene.sens", sample)
+        return "scan", "scene.sens"
+
     def bag(kind: str) -> Make:
         def make(folder: Path) -> tuple[str, str]:
             from bag_writer import BagWriter, write_images, write_tf
@@ -188,6 +194,7 @@ def _scans() -> dict[str, Make]:
         "scan-colmap-binary": colmap_binary,
         "scan-zip": zipped,
         "scan-rtabmap": rtabmap,
+        "scan-sens": sens,
         **{f"scan-bag-{kind}": bag(kind) for kind in ("ros1", "sqlite", "mcap")},
         **{f"scan-{kind}": _laser(kind) for kind in ("las", "laz", "e57")},
     }

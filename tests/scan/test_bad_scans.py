@@ -516,10 +516,11 @@ def test_a_pose_that_is_no_rotation(sample, tmp_path):
     refused(tmp_path, path.name, "expected a rotation")
 
 
-def test_intrinsics_that_cannot_be_used(sample, tmp_path):
+@pytest.mark.parametrize("wrong", [{"fx": 0.0}, {"fy": 1e-30}, {"cy": 1e36}])
+def test_intrinsics_that_cannot_be_used(wrong, sample, tmp_path):
     write_polycam(tmp_path, sample)
     path = sorted((tmp_path / "keyframes" / "cameras").iterdir())[2]
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"fx": 0.0}))
+    path.write_text(json.dumps(json.loads(path.read_text()) | wrong))
     refused(tmp_path, path.name, "usable intrinsics")
 
 

@@ -26,7 +26,6 @@ def told(path) -> str:
         ("Room.json", "a single file of JSON", "'planfit plan FILE' reads it"),
         ("ground.dxf", "what may be a plan", "planfit refine SCAN --plan FILE"),
         ("walk.MP4", "a video alone", "Stray Scanner"),
-        ("scene.sens", "ScanNet's own container", "SensReader"),
         ("walk.svo2", "a ZED recording", "ROS bag"),
         ("scan.tar.gz", "a packed archive of another kind", "unpack it"),
         ("plan.png", "a picture", "'planfit plan FILE'"),

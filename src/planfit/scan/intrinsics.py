@@ -7,6 +7,8 @@ from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
 
 MAX_SIZE_PX = 100_000
+MIN_FOCAL_PX, MAX_INTRINSIC_PX = 1e-2, 1e7
+"""What no camera of at most that size exceeds by far; pixels of others are no numbers of an array."""
 
 
 def make_camera(width: object, height: object, intrinsics: object, where: str) -> Camera:
@@ -21,6 +23,8 @@ def make_camera(width: object, height: object, intrinsics: object, where: str) -
         fx, fy, cx, cy = (float(v) for v in intrinsics)  # type: ignore[attr-defined]
         if max(size) > MAX_SIZE_PX:
             raise ValueError(f"width and height must be at most {MAX_SIZE_PX}")
+        if min(fx, fy) < MIN_FOCAL_PX or max(abs(v) for v in (fx, fy, cx, cy)) > MAX_INTRINSIC_PX:
+            raise ValueError(f"found fx fy cx cy of {fx:.3g} {fy:.3g} {cx:.3g} {cy:.3g} px")
         return Camera(int(size[0]), int(size[1]), fx, fy, cx, cy)
     except (ValueError, TypeError, OverflowError) as error:
         raise ScanError(

@@ -40,7 +40,6 @@ FOREIGN = {
         "a single file of JSON",
         "give the folder that it belongs to; if it is a plan of RoomPlan, 'planfit plan FILE' reads it",
     ),
-    ".sens": ("ScanNet's own container", "unpack it with ScanNet's SensReader, and give that folder"),
     ".mkv": (
         "a video or an Azure Kinect recording",
         "export colour, depth registered to it and poses (Open3D, or a ROS bag), and give that",

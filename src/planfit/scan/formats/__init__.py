@@ -16,6 +16,7 @@ READERS = {
     "nerfstudio": "nerfstudio",
     "colmap": "colmap",
     "rtabmap": "rtabmap",
+    "sens": "sens",
     "las": "las",
     "e57": "e57",
     "bag": "bag",
@@ -26,6 +27,6 @@ it), `recognise(source)` and `read(source, options)`, which gives a `Recording`,
 files (or folders, with a slash; one of several, `a|b`) make the format. They are imported when they are asked
 for, and import the libraries of their own (video, bags) only when they read."""
 
-OWN_FILES = ("las", "e57", "bag", "rtabmap")
+OWN_FILES = ("las", "e57", "bag", "rtabmap", "sens")
 """Formats that a library of their own opens: their modules have `claims(path)`, whether a path is one, and
 `open_own(path)`, the source that they recognise and read."""

@@ -84,33 +84,51 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         color_lens=color_lens,
         depth_lens=depth_lens if depth else None,
         color_from_depth=color_from_depth,
-        write_poses=_write_poses,
+        write_poses=write_numbered_poses,
         fingerprint=images.fingerprint(tables, frames, options),
         skipped=skipped,
     )
 
 
+def check_extrinsics(
+    color: Float[np.ndarray, "4 4"], depth: Float[np.ndarray, "4 4"], where_color: str
+) -> Float[np.ndarray, "4 4"] | None:
+    """Where depth is a camera of its own, from its axes to those of the colour camera.
+
+    Args:
+        color: extrinsics of the colour camera, which poses are of: the identity.
+        depth: from depth camera axes to those of the colour camera.
+        where_color: of the first, for messages.
+
+    Raises:
+        ScanError: poses are of neither camera.
+    """
+    if not np.allclose(color, np.eye(4), atol=1e-4):
+        raise ScanError(
+            f"{where_color}: expected the identity (poses of the colour camera), found another matrix; "
+            "register depth to colour first"
+        )
+    return None if np.allclose(depth, np.eye(4), atol=1e-4) else depth
+
+
 def _color_from_depth(source: FileSource) -> Float[np.ndarray, "4 4"] | None:
     """Where depth is a camera of its own, from its axes to those of the colour camera."""
-    found = {}
-    for name in EXTRINSICS:
-        if source.exists(name):
-            found[name] = read_matrix(source, name, "a 4x4 matrix")
-            check_pose(found[name], str(source.path / name))
-    moved = [name for name, pose in found.items() if not np.allclose(pose, np.eye(4), atol=1e-4)]
-    if not moved:
-        return None
-    if moved != [EXTRINSICS[1]]:
-        raise ScanError(
-            f"{source.path / EXTRINSICS[0]}: expected the identity (poses of the colour camera), found "
-            "another matrix; register depth to colour first"
-        )
-    if not source.exists(DEPTH):
+    color, depth = (_extrinsics(source, name) for name in EXTRINSICS)
+    color_from_depth = check_extrinsics(color, depth, str(source.path / EXTRINSICS[0]))
+    if color_from_depth is not None and not source.exists(DEPTH):
         raise ScanError(
             f"{source.path / DEPTH}: expected intrinsics of the depth camera, which stands beside the colour "
             f"camera by {EXTRINSICS[1]}, found none"
         )
-    return found[EXTRINSICS[1]]
+    return color_from_depth
+
+
+def _extrinsics(source: FileSource, name: str) -> Float[np.ndarray, "4 4"]:
+    if not source.exists(name):
+        return np.eye(4)
+    matrix = read_matrix(source, name, "a 4x4 matrix")
+    check_pose(matrix, str(source.path / name))
+    return matrix
 
 
 def _intrinsics(source: FileSource, name: str) -> tuple[float, float, float, float]:
@@ -118,8 +136,9 @@ def _intrinsics(source: FileSource, name: str) -> tuple[float, float, float, flo
     return matrix_intrinsics(matrix, str(source.path / name))
 
 
-def _write_poses(
+def write_numbered_poses(
     directory: Path, frames: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
 ) -> None:
+    """As SensReader writes poses (k): a file N.txt for each frame of these."""
     for frame, pose in zip(frames, poses, strict=True):
         write_pose(directory / f"{frame.frame_id}.txt", pose)

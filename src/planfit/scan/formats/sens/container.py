@@ -1,0 +1,204 @@
+"""The file as a place where files lie, and what its header and its frames say."""
+
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.errors import ScanError
+from planfit.scan.intrinsics import MAX_SIZE_PX
+from planfit.scan.recording import Size
+from planfit.scan.source import HEAD_BYTES, MAX_ENTRY_BYTES, TAIL_BYTES, fingerprint_of_file
+
+VERSION = 4
+MAX_NAME_BYTES = 4096
+FIXED = struct.Struct("<64f2i4If")
+"""Four matrices, two codes, sizes of colour and depth, stored units a metre."""
+FRAME = struct.Struct("<16f4Q")
+"""Pose, times of colour and depth, lengths of colour and depth."""
+RAW_COLOR, COLOR_CODES = 0, (0, 1, 2)
+RAW_DEPTH, ZLIB_DEPTH = 0, 1
+
+
+@dataclass(frozen=True)
+class SensHeader:
+    """What a file says of all its frames."""
+
+    color: Float[np.ndarray, "4 4"]
+    """Intrinsics."""
+    color_extrinsics: Float[np.ndarray, "4 4"]
+    depth: Float[np.ndarray, "4 4"]
+    depth_extrinsics: Float[np.ndarray, "4 4"]
+    color_code: int
+    depth_code: int
+    color_size: Size
+    depth_size: Size
+    units_per_metre: float
+    n_frames: int
+    n_bytes: int
+    """Of the header."""
+
+
+@dataclass(frozen=True)
+class SensFrame:
+    """A frame, and where its images lie."""
+
+    world_from_cam: Float[np.ndarray, "4 4"]
+    time_us: int
+    start: dict[str, int]
+    """Of `color` and `depth`, byte of the file."""
+    n_bytes: dict[str, int]
+
+
+class SensSource:
+    """A file as a place where files lie: `color/7` and `depth/7` are images of frame 7, counted from 0."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            with path.open("rb") as file:
+                self.header = _read_header(file.read(MAX_NAME_BYTES + FIXED.size + 20), path)
+                self.frames = _list_frames(file, self.header, path)
+            self._stamp = fingerprint_of_file(path)
+        except OSError as error:
+            raise ScanError(f"{path}: cannot be read ({error.strerror})") from error
+
+    def names(self, folder: str = "") -> list[str]:
+        """See `FileSource`: numbers of the frames that have the image."""
+        if folder not in ("color", "depth"):
+            return []
+        return [str(i) for i, frame in enumerate(self.frames) if frame.n_bytes[folder]]
+
+    def folders(self) -> list[str]:
+        """See `FileSource`."""
+        return ["color", "depth"]
+
+    def exists(self, name: str) -> bool:
+        """See `FileSource`."""
+        folder, _, number = name.partition("/")
+        if folder not in ("color", "depth") or not number.isdecimal():
+            return False
+        return int(number) < len(self.frames) and self.frames[int(number)].n_bytes[folder] > 0
+
+    def read(self, name: str) -> bytes:
+        """See `FileSource`."""
+        start, length = self._place(name)
+        return self._part(start, length)
+
+    def ends(self, name: str) -> tuple[bytes, bytes]:
+        """See `FileSource`; the rest of the image stays on the disk."""
+        start, length = self._place(name)
+        tail = min(length, TAIL_BYTES)
+        return self._part(start, min(length, HEAD_BYTES)), self._part(start + length - tail, tail)
+
+    def stamp(self, name: str) -> str:
+        """See `FileSource`: that of the whole file."""
+        return f"{self._place(name)} {self._stamp}"
+
+    def locate(self, name: str) -> Path:
+        """See `FileSource`."""
+        return self.path / name
+
+    def on_disk(self, name: str) -> Path:
+        """See `FileSource`; no image of this format needs it."""
+        raise ScanError(f"{self.path}: expected {name} as a file, found it in a container")
+
+    def _place(self, name: str) -> tuple[int, int]:
+        if not self.exists(name):
+            raise ScanError(f"{self.path}: expected {name}, found no such image")
+        folder, _, number = name.partition("/")
+        frame = self.frames[int(number)]
+        return frame.start[folder], frame.n_bytes[folder]
+
+    def _part(self, start: int, length: int) -> bytes:
+        try:
+            with self.path.open("rb") as file:  # a handle of its own: threads share none
+                file.seek(start)
+                return file.read(length)
+        except OSError as error:
+            raise ScanError(f"{self.path}: cannot be read ({error.strerror})") from error
+
+
+def claims(path: Path) -> bool:
+    """Whether this is such a file, by its name: its first bytes are a small number, as those of many are."""
+    return path.suffix.lower() == ".sens" and path.is_file()
+
+
+def _read_header(data: bytes, path: Path) -> SensHeader:
+    """The fields before the first frame.
+
+    Raises:
+        ScanError: they are not those of such a file, or of codes that nothing here unpacks.
+    """
+    try:
+        version, n_name = struct.unpack_from("<IQ", data)
+        if version != VERSION:
+            raise ScanError(
+                f"{path}: expected version {VERSION} of ScanNet's container, found {version}; "
+                "convert it with the program that wrote it"
+            )
+        if n_name > MAX_NAME_BYTES:
+            raise ValueError(f"a name of {n_name} bytes")
+        at = 12 + n_name
+        fields = FIXED.unpack_from(data, at)
+        (n_frames,) = struct.unpack_from("<Q", data, at + FIXED.size)
+        matrices = np.array(fields[:64]).reshape(4, 4, 4)
+        color_code, depth_code, *sizes = fields[64:70]
+        units = fields[70]
+        if not all(0 <= size <= MAX_SIZE_PX for size in sizes) or min(sizes[2:]) == 0:
+            raise ValueError(f"images of {sizes[0]} x {sizes[1]} and {sizes[2]} x {sizes[3]} px")
+        if 2 * sizes[2] * sizes[3] > MAX_ENTRY_BYTES:
+            raise ValueError(f"depth of {sizes[2]} x {sizes[3]} px")
+        if not (np.isfinite(units) and units > 0):
+            raise ValueError(f"depth in {units} units a metre")
+        if color_code not in COLOR_CODES:
+            raise ValueError(f"colour of code {color_code}")
+    except (struct.error, ValueError) as error:
+        raise ScanError(
+            f"{path}: expected a container of ScanNet, found a damaged one or another file ({error}); "
+            "copy it again"
+        ) from error
+    if depth_code not in (RAW_DEPTH, ZLIB_DEPTH):
+        raise ScanError(
+            f"{path}: expected depth of code {RAW_DEPTH} (16 bit) or {ZLIB_DEPTH} (zlib), found "
+            f"{depth_code}, which only the sensor maker's library unpacks; export images and poses with the "
+            "program that recorded it, and give that folder"
+        )
+    return SensHeader(
+        matrices[0], matrices[1], matrices[2], matrices[3], color_code, depth_code,
+        (sizes[0], sizes[1]), (sizes[2], sizes[3]), units, n_frames, at + FIXED.size + 8,
+    )  # fmt: skip
+
+
+def _list_frames(file: BinaryIO, header: SensHeader, path: Path) -> list[SensFrame]:
+    """All frames that lie whole in an open file."""
+    n_bytes = file.seek(0, 2)
+    frames, at = [], header.n_bytes
+    while len(frames) < header.n_frames and at + FRAME.size <= n_bytes:
+        file.seek(at)
+        *numbers, time_us, _, n_color, n_depth = FRAME.unpack(file.read(FRAME.size))
+        start = at + FRAME.size
+        at = start + n_color + n_depth
+        if at > n_bytes:
+            break
+        if max(n_color, n_depth) > MAX_ENTRY_BYTES:
+            raise ScanError(
+                f"{path}: expected images below {MAX_ENTRY_BYTES // 1_000_000} MB, found one of "
+                f"{max(n_color, n_depth) // 1_000_000} MB at frame {len(frames)}; copy the file again"
+            )
+        frames.append(
+            SensFrame(
+                np.array(numbers).reshape(4, 4),
+                time_us,
+                {"color": start, "depth": start + n_color},
+                {"color": n_color, "depth": n_depth},
+            )
+        )
+    if not frames:
+        raise ScanError(
+            f"{path}: expected {header.n_frames} frames, found none that is whole; copy the file again"
+        )
+    return frames
