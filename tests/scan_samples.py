@@ -134,6 +134,25 @@ def write_seven_scenes(folder, s):
     put(folder / "camera-intrinsics.txt", matrix_text(k_of(s.camera)))
 
 
+def write_bundlefusion(folder, s):
+    """As 3RScan: depth of half the size as PGM, with intrinsics of its own."""
+    small = s.camera.scaled(WIDTH // 2, HEIGHT // 2)
+    lines = ["m_versionNumber = 4", "m_depthShift = 1000.000000"]
+    for name, camera in (("Color", s.camera), ("Depth", small)):
+        matrix = np.eye(4)
+        matrix[:3, :3] = k_of(camera)
+        numbers, mount = (" ".join(f"{v:.9g}" for v in m.ravel()) for m in (matrix, np.eye(4)))
+        lines += [
+            f"m_calibration{name}Intrinsic = {numbers} ",
+            f"m_calibration{name}Extrinsic = {mount} ",
+        ]
+    put(folder / "_info.txt", "\n".join(lines) + "\n")
+    for i, pose in enumerate(s.poses):
+        put(folder / f"frame-{i:06d}.color.jpg", jpg(s.color[i]))
+        put(folder / f"frame-{i:06d}.depth.pgm", cv2.imencode(".pgm", s.small_mm[i])[1].tobytes())
+        put(folder / f"frame-{i:06d}.pose.txt", matrix_text(pose))
+
+
 def write_scannet(folder, s):
     """Depth of half the size, with intrinsics of its own."""
     small = s.camera.scaled(WIDTH // 2, HEIGHT // 2)
@@ -371,6 +390,7 @@ WRITERS = {
     "tum": write_tum,
     "redwood": write_redwood,
     "7-scenes": write_seven_scenes,
+    "bundlefusion": write_bundlefusion,
     "scannet": write_scannet,
     "replica": write_replica,
     "nerfstudio": write_nerfstudio,
@@ -382,6 +402,15 @@ WRITERS = {
     "arkit-scenes": write_arkit_scenes,
     "scannetpp": write_scannetpp,
 }
-HALF_DEPTH = {"scannet", "stray", "record3d", "scanner-app", "polycam", "arkit-scenes", "scannetpp"}
+HALF_DEPTH = {
+    "bundlefusion",
+    "scannet",
+    "stray",
+    "record3d",
+    "scanner-app",
+    "polycam",
+    "arkit-scenes",
+    "scannetpp",
+}
 LOSSY_COLOR = HALF_DEPTH | {"replica"}
-HAS_CONFIDENCE = HALF_DEPTH - {"scannet", "scannetpp"}
+HAS_CONFIDENCE = HALF_DEPTH - {"bundlefusion", "scannet", "scannetpp"}

@@ -39,7 +39,10 @@ def test_a_file_is_read(sample, tmp_path):
     assert (camera.width, camera.height) == (WIDTH, HEIGHT)
     assert (camera.fx, camera.cy) == pytest.approx((sample.camera.fx, sample.camera.cy))
     assert_allclose(scan.files.depth(3), metres(sample.depth_mm[3]), atol=1e-6)
-    errors = [np.abs(np.asarray(scan.files.color(3), dtype=int) - c.astype(int)).mean() for c in sample.color]
+    errors = [
+        np.abs(np.asarray(scan.files.color(3), dtype=int) - c.astype(int)).mean()
+        for c in sample.color
+    ]
     assert np.argmin(errors) == 3
 
 
@@ -49,7 +52,9 @@ def test_a_file_is_read(sample, tmp_path):
 def test_every_code_of_colour(code, encode, sample, tmp_path):
     write_sens(tmp_path / "a.sens", sample, color=encode, color_code=code)
     found = read_scan(tmp_path / "a.sens").files.color(2)
-    assert np.abs(np.asarray(found, dtype=int) - sample.color[2]).mean() < (3 if code == 2 else 1e-9)
+    assert np.abs(np.asarray(found, dtype=int) - sample.color[2]).mean() < (
+        3 if code == 2 else 1e-9
+    )
 
 
 def test_depth_that_is_not_packed_and_of_other_units(sample, tmp_path):

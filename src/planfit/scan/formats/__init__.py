@@ -7,6 +7,7 @@ READERS = {
     "scanner-app": "scanner_app",
     "polycam": "polycam",
     "tum": "tum",
+    "bundlefusion": "bundlefusion",
     "7-scenes": "seven_scenes",
     "scannet": "scannet",
     "arkit-scenes": "arkit_scenes",

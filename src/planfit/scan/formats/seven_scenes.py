@@ -15,6 +15,7 @@ is registered to colour, and there is one camera.
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,13 +57,20 @@ COLOR_FROM_DEPTH = np.array(
 """Of a Kinect: LIRIS's calibration."""
 INTRINSICS = "camera-intrinsics.txt"
 
+DEPTH_ENDS = (".depth.png", ".depth.pgm")
+
 _COLOR = re.compile(r"frame-(\d+)\.color\.(png|jpg|jpeg)$", re.IGNORECASE)
-_OTHER = re.compile(r"frame-(\d+)\.(depth\.png|pose\.txt)$", re.IGNORECASE)
+_OTHER = re.compile(r"frame-(\d+)\.(depth\.(png|pgm)|pose\.txt)$", re.IGNORECASE)
 
 
 def recognise(source: FileSource) -> bool:
     """Whether a folder has this layout."""
-    return any(_COLOR.match(name) for name in source.names())
+    return has_frames(source)
+
+
+def has_frames(source: FileSource, folder: str = "") -> bool:
+    """Whether colour images of this layout lie in a folder, which ends with a slash."""
+    return any(_COLOR.match(name) for name in source.names(folder))
 
 
 def read(source: FileSource, options: ScanOptions) -> Recording:
@@ -78,7 +86,9 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         intrinsics = matrix_intrinsics(matrix, str(source.path / INTRINSICS))
     is_raw = np.allclose(intrinsics, PUBLISHED, atol=0.5)
     color_from_depth = COLOR_FROM_DEPTH if is_raw else np.eye(4)
-    frames, skipped = _list_frames(source, color_from_depth)
+    frames, skipped = list_frames(source)
+    depth_from_color = se3.inverse(color_from_depth)
+    frames = [replace(f, world_from_cam=f.world_from_cam @ depth_from_color) for f in frames]
 
     def lens(_: Frame, size: Size) -> Lens:
         return Lens(make_camera(*size, intrinsics, str(source.path / INTRINSICS)))
@@ -94,11 +104,10 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     def write_poses(
         directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
     ) -> None:
-        for frame, world_from_depth in zip(written, poses @ color_from_depth, strict=True):
-            write_pose(directory / _pose_name(frame.frame_id), world_from_depth)
+        write_frame_poses(directory, written, poses @ color_from_depth)
 
     images = ImageFiles(source, options.depth_scale or 1e-3)
-    tables = [_pose_name(frame.frame_id) for frame in frames]
+    tables = [pose_name(frame.frame_id) for frame in frames]
     tables += [INTRINSICS] if has_own else []
     return Recording(
         format="7-scenes",
@@ -114,28 +123,36 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     )
 
 
-def _pose_name(number: str) -> str:
+def pose_name(number: str) -> str:
+    """Name of the file of a frame's pose."""
     return f"frame-{number}.pose.txt"
 
 
-def _list_frames(
-    source: FileSource, color_from_depth: Float[np.ndarray, "4 4"]
-) -> tuple[list[Frame], list[str]]:
-    """Frames in the order of their numbers, with poses of the colour camera, and a line for each that lacks
-    colour or a pose."""
+def write_frame_poses(
+    directory: Path, frames: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
+) -> None:
+    """A file for each frame of these."""
+    for frame, pose in zip(frames, poses, strict=True):
+        write_pose(directory / pose_name(frame.frame_id), pose)
+
+
+def list_frames(source: FileSource, folder: str = "") -> tuple[list[Frame], list[str]]:
+    """Frames of a folder, which ends with a slash, by their numbers, with the recorded poses, and a line for
+    each that lacks colour or a pose."""
     frames, skipped = [], []
-    names = source.names()
+    names = source.names(folder)
     for name in names:
         match = _COLOR.match(name)
         if match is None:
             continue
         number = match[1]
-        if not source.exists(_pose_name(number)):
-            skipped.append(f"frame {number}: {_pose_name(number)} is missing")
+        if not source.exists(folder + pose_name(number)):
+            skipped.append(f"frame {number}: {pose_name(number)} is missing")
             continue
-        world_from_color = read_pose(source, _pose_name(number)) @ se3.inverse(color_from_depth)
-        depth = f"frame-{number}.depth.png"
-        frames.append(Frame(number, float(number), world_from_color, name, depth))
+        pose = read_pose(source, folder + pose_name(number))
+        ends = [end for end in DEPTH_ENDS if source.exists(f"{folder}frame-{number}{end}")]
+        depth = f"{folder}frame-{number}{(ends or DEPTH_ENDS)[0]}"
+        frames.append(Frame(number, float(number), pose, folder + name, depth))
     colored = {match[1] for name in names if (match := _COLOR.match(name))}
     others = {match[1] for name in names if (match := _OTHER.match(name))}
     skipped += [f"frame {n}: frame-{n}.color.png is missing" for n in sorted(others - colored)]
