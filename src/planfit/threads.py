@@ -1,6 +1,6 @@
 """Threads: independent calls on all cores, and BLAS kept from starting more of its own.
 
-Compiled loops, SuperLU, OpenCV and NumPy's larger calls let go of the interpreter's lock.
+Compiled loops, OpenCV and NumPy's larger calls let go of the interpreter's lock.
 """
 
 import os

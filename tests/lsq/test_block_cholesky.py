@@ -26,10 +26,14 @@ def system(rng, n, pairs):
 
 def check(rng, n, pairs):
     pattern, upper, dense = system(rng, n, pairs)
-    added, right = rng.uniform(0, 2, 6 * n), rng.normal(size=6 * n)
+    added, right = rng.uniform(0, 2, 6 * n), rng.normal(size=(6 * n, 7))
     expected = np.linalg.solve(dense + np.diag(added), right)
-    found = pattern.any_cholesky.solve(upper, added, right)
-    assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max() + 1e-14)
+    factor = pattern.any_cholesky.factorise(upper, added)
+    for found in (
+        factor.solve(right),
+        np.hstack([factor.solve(right[:, k : k + 1]) for k in range(7)]),
+    ):
+        assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max() + 1e-14)
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 40])
@@ -64,13 +68,17 @@ def test_solves_fronts_of_several_panels_and_tiles(rng):
 def test_the_matrix_is_not_changed_and_solves_repeat(rng):
     pattern, upper, _ = system(rng, 9, [(0, 5), (5, 8), (2, 3)])
     kept = upper.copy()
-    right = rng.normal(size=54)
-    first = pattern.any_cholesky.solve(upper, np.zeros(54), right)
+    right = rng.normal(size=(54, 3))
+    kept_right = right.copy()
+    factor = pattern.any_cholesky.factorise(upper, np.zeros(54))
+    first = factor.solve(right)
     assert np.array_equal(upper, kept)
-    assert np.array_equal(pattern.any_cholesky.solve(upper, np.zeros(54), right), first)
+    assert np.array_equal(right, kept_right)
+    assert np.array_equal(factor.solve(right), first)
+    assert np.array_equal(pattern.any_cholesky.factorise(upper, np.zeros(54)).solve(right), first)
 
 
 def test_an_indefinite_matrix_is_refused(rng):
     pattern, upper, _ = system(rng, 5, [(0, 1), (1, 4)])
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
-        pattern.any_cholesky.solve(upper, np.full(30, -1e4), np.ones(30))
+        pattern.any_cholesky.factorise(upper, np.full(30, -1e4))

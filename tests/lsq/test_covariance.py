@@ -10,6 +10,7 @@ from planfit.geometry import se3
 from planfit.lsq.covariance import (
     aligned_position_covariances,
     covariances,
+    factorised,
     position_covariances,
 )
 from planfit.lsq.linear.normal_equations import NormalEquations
@@ -91,3 +92,24 @@ def test_aligned_scatter_is_what_is_left_of_it(rng):
     prior = PosePriorTerm(np.arange(8), poses, np.full(6, 0.01))
     found = aligned_position_covariances([prior], poses, np.arange(8))
     assert_allclose(np.trace(found.sum(axis=0)), 1e-4 * (24 - 6), rtol=1e-6)
+
+
+def test_equations_that_hold_nothing_at_all_are_factorised_and_say_so(world):
+    """Matches alone leave the whole free: singular, up to rounding that may be of either sign."""
+    poses = world.plan_from_cams
+    blocks = [
+        t.reweight(poses)[0].normal_blocks(poses) for t in world.scan_terms if t.name == "points"
+    ]
+    assert blocks
+    equations = NormalEquations(blocks, len(poses))
+    factors = factorised(equations)
+    assert np.diagonal(factors.inverse(np.arange(3, 6))).min() > 1e6
+    held = NormalEquations([*blocks, prior_blocks(poses)], len(poses))
+    found = factorised(held).inverse(np.arange(12, 18))
+    expected = np.linalg.inv(held.matrix.toarray())[12:18, 12:18]
+    assert_allclose(found, expected, rtol=1e-5, atol=1e-12)
+
+
+def prior_blocks(poses):
+    prior = PosePriorTerm(np.array([0]), poses[:1], np.full(6, 0.01))
+    return prior.reweight(poses)[0].normal_blocks(poses)

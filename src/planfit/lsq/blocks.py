@@ -6,7 +6,6 @@ J^T J and J^T r of its rows to the poses that the rows name. Matches go by `bloc
 pair is summed in the six numbers of its relative pose first, however many matches it has.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,27 +26,6 @@ class NormalBlocks:
     blocks: Float[np.ndarray, "b 6 6"]
     """Blocks off the diagonal also stand for their transpose."""
     gradient: Float[np.ndarray, "n 6"]
-
-
-def joined_blocks(parts: Iterable[NormalBlocks], n_poses: int, n_off: int) -> NormalBlocks:
-    """Blocks of a term from those of its parts, one after the other.
-
-    Args:
-        parts: each with the diagonal blocks of all poses first, then its own.
-        n_poses: how many poses there are.
-        n_off: blocks of all parts together beside those on the diagonal.
-    """
-    every, at = np.arange(n_poses), n_poses
-    rows, columns = (np.concatenate([every, np.zeros(n_off, dtype=int)]) for _ in range(2))
-    blocks, gradient = np.zeros((n_poses + n_off, 6, 6)), np.zeros((n_poses, 6))
-    for part in parts:
-        own = slice(at, at + len(part.rows) - n_poses)
-        rows[own], columns[own] = part.rows[n_poses:], part.columns[n_poses:]
-        blocks[own] = part.blocks[n_poses:]
-        blocks[:n_poses] += part.blocks[:n_poses]
-        gradient += part.gradient
-        at = own.stop
-    return NormalBlocks(rows, columns, blocks, gradient)
 
 
 def sum_by_pose(

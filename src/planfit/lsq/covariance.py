@@ -5,17 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
 
 from planfit.errors import OptionError
 from planfit.geometry import se3
+from planfit.lsq.linear.block_cholesky import BlockFactor
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.term import Term
 from planfit.threads import blas_on_one_thread, in_threads
 
 COLUMNS_AT_A_TIME = 6
 """Right sides that one thread solves for; more at a time take no less."""
+FLOORS = (1e-12, 1e-11, 1e-10, 1e-9)
+"""On the diagonal of equations at unit diagonal, the first that leaves them definite."""
 MAX_SIGMA = 100.0
 """A standard deviation beyond this many metres or radians means that nothing holds the pose."""
 
@@ -109,7 +110,8 @@ def _factors(terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 4"]
 class Factors:
     """Normal equations, factorised once for many right sides."""
 
-    lu: SuperLU
+    factor: BlockFactor
+    """Of the equations at unit diagonal."""
     scale: Float[np.ndarray, " u"]
     """Root of the diagonal."""
 
@@ -118,7 +120,7 @@ class Factors:
         scale = self.scale[:, None]
 
         def of(first: int) -> np.ndarray:
-            return self.lu.solve(right[:, first : first + COLUMNS_AT_A_TIME] / scale) / scale
+            return self.factor.solve(right[:, first : first + COLUMNS_AT_A_TIME] / scale) / scale
 
         if right.shape[1] <= COLUMNS_AT_A_TIME:
             return of(0)
@@ -142,20 +144,12 @@ class Factors:
 def factorised(equations: NormalEquations) -> Factors:
     """Factorise undamped normal equations."""
     scale = np.sqrt(np.maximum(equations.diagonal, 1e-12 * max(equations.diagonal.max(), 1e-300)))
-    # To unit diagonal: radians and metres, near and far, then share one floor. In place: the matrix is large.
-    whole = equations.matrix.tocsr()
-    del equations
-    unit = sparse.csc_array(
-        (whole.data, whole.indices, whole.indptr), whole.shape
-    )  # it is symmetric
-    unit.data *= (1.0 / scale)[unit.indices]
-    unit.data *= np.repeat(1.0 / scale, np.diff(unit.indptr))
-    unit.setdiag(unit.diagonal() + 1e-12)
-    unit.eliminate_zeros()
-    lu = splu(
-        unit,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    return Factors(lu, scale)
+    # To unit diagonal: radians and metres, near and far, then share one floor. Where rounding is larger than
+    # that (directions that nothing holds), a higher one: their columns are huge with any of these.
+    with blas_on_one_thread():  # as in `solve`: its threads spin between the many small products
+        for floor in FLOORS[:-1]:
+            try:
+                return Factors(equations.factor_by(scale, floor), scale)
+            except np.linalg.LinAlgError:
+                continue
+        return Factors(equations.factor_by(scale, FLOORS[-1]), scale)

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.geometry import se3
-from planfit.lsq.blocks import NormalBlocks, blocks_of_rows, joined_blocks, relative_poses
+from planfit.lsq.block_kernels import add_pair_blocks, add_plane_blocks
+from planfit.lsq.blocks import NormalBlocks, relative_poses
 from planfit.lsq.kernels import sum_pairs, sum_planes
 from planfit.lsq.robust import Loss
 from planfit.mapped import for_kernels, let_go
@@ -27,8 +27,6 @@ from planfit.threads import in_threads
 _PART_POINTS = 100_000
 """Points a thread takes at a time: 0.5 ms of work, against 0.05 ms to hand it over."""
 _MAX_PARTS = 64
-_ROWS_AT_A_TIME = 4096
-"""Pairs, or groups of points, whose blocks are made at once: 20 MB, or 6."""
 
 
 @dataclass(frozen=True)
@@ -41,35 +39,24 @@ class PlaneMoments:
     moments: Float[np.ndarray, "k 4 4"]
     """Sums of w p~ p~^T, sigma in the weights."""
 
-    def __getitem__(self, which: slice) -> "PlaneMoments":
-        """Those of some groups."""
-        return PlaneMoments(self.pose_idx[which], self.planes[which], self.moments[which])
-
     def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
         """Half the weighted sum of squared distances."""
         planes_cam = planes_in_cam(self.planes, target_from_cams[self.pose_idx])
         return 0.5 * float(np.einsum("ki,kij,kj->", planes_cam, self.moments, planes_cam))
 
     def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
-        """Gauss-Newton blocks: with u = R p, d distance = (u x n) . rotation + n . translation."""
-        parts = (
-            self[slice(first, first + _ROWS_AT_A_TIME)]._blocks(target_from_cams)
-            for first in range(0, len(self.pose_idx), _ROWS_AT_A_TIME)
+        """Gauss-Newton blocks of the distances; see `block_kernels`."""
+        every = np.arange(len(target_from_cams))
+        blocks, gradient = np.zeros((len(every), 6, 6)), np.zeros((len(every), 6))
+        add_plane_blocks(
+            self.pose_idx,
+            self.planes,
+            self.moments,
+            np.ascontiguousarray(target_from_cams),
+            blocks,
+            gradient,
         )
-        return joined_blocks(parts, len(target_from_cams), 0)
-
-    def _blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
-        poses = target_from_cams[self.pose_idx]
-        normals = self.planes[:, :3]
-        # J = A p~ with rows: rotation, (u x n) = -[n]x R p; translation, n.
-        jacobian = np.zeros((len(poses), 6, 4))
-        jacobian[:, :3, :3] = -se3.skew(normals) @ poses[:, :3, :3]
-        jacobian[:, 3:, 3] = normals
-        planes_cam = planes_in_cam(self.planes, poses)
-        half = jacobian @ self.moments
-        gradients = np.einsum("kaj,kj->ka", half, planes_cam)
-        hessians = half @ np.swapaxes(jacobian, 1, 2)
-        return blocks_of_rows(self.pose_idx[:, None], hessians, gradients, len(target_from_cams))
+        return NormalBlocks(every, every, blocks, gradient)
 
 
 @dataclass(frozen=True)
@@ -100,40 +87,24 @@ class PairMoments:
         )
 
     def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
-        """Gauss-Newton blocks of r = u + s - v, u = R_i p, v = R_j q, s = t_i - t_j."""
-        # Some pairs at a time: 5 kB of products each are needed on the way to a block of 0.3 kB.
-        parts = (
-            self[slice(first, first + _ROWS_AT_A_TIME)]._blocks(target_from_cams)
-            for first in range(0, len(self.pairs), _ROWS_AT_A_TIME)
+        """Gauss-Newton blocks of the distances; see `block_kernels`."""
+        n_poses, n_pairs = len(target_from_cams), len(self.pairs)
+        every = np.arange(n_poses)
+        rows, columns = (np.concatenate([every, np.zeros(n_pairs, dtype=int)]) for _ in range(2))
+        blocks, gradient = np.zeros((n_poses + n_pairs, 6, 6)), np.zeros((n_poses, 6))
+        add_pair_blocks(
+            self.pairs,
+            self.aa,
+            self.ab,
+            self.bb,
+            np.ascontiguousarray(target_from_cams),
+            blocks[:n_poses],
+            gradient,
+            rows[n_poses:],
+            columns[n_poses:],
+            blocks[n_poses:],
         )
-        return joined_blocks(parts, len(target_from_cams), len(self.pairs))
-
-    def _blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
-        i, j = self.pairs[:, 0], self.pairs[:, 1]
-        rotation_i, rotation_j = target_from_cams[i, :3, :3], target_from_cams[j, :3, :3]
-        between = target_from_cams[i, :3, 3] - target_from_cams[j, :3, 3]
-        weight = self.aa[:, 3, 3]
-        sum_u = np.einsum("kab,kb->ka", rotation_i, self.aa[:, :3, 3])
-        sum_v = np.einsum("kab,kb->ka", rotation_j, self.bb[:, :3, 3])
-        uu = rotation_i @ self.aa[:, :3, :3] @ np.swapaxes(rotation_i, 1, 2)
-        uv = rotation_i @ self.ab[:, :3, :3] @ np.swapaxes(rotation_j, 1, 2)
-        vv = rotation_j @ self.bb[:, :3, :3] @ np.swapaxes(rotation_j, 1, 2)
-        residual = sum_u - sum_v + weight[:, None] * between
-        cross_uv = _cross_of_outer(uv)  # sum w u x v
-        gradients = np.concatenate(
-            [
-                np.cross(sum_u, between) - cross_uv,
-                residual,
-                cross_uv - np.cross(sum_v, between),
-                -residual,
-            ],
-            axis=1,
-        )
-        hessians = np.zeros((len(self.pairs), 12, 12))
-        hessians[:, :6, :6] = _lever_block(uu, sum_u, sum_u, weight)
-        hessians[:, :6, 6:] = -_lever_block(uv, sum_u, sum_v, weight)
-        hessians[:, 6:, 6:] = _lever_block(vv, sum_v, sum_v, weight)
-        return blocks_of_rows(self.pairs, hessians, gradients, len(target_from_cams))
+        return NormalBlocks(rows, columns, blocks, gradient)
 
 
 def plane_moments(
@@ -227,31 +198,3 @@ def _in_parts(start: np.ndarray, sum_groups: Callable[[int, int], float]) -> flo
 def planes_in_cam(planes: np.ndarray, target_from_cams: np.ndarray) -> np.ndarray:
     """Planes (k, 4) seen from cameras (k, 4, 4): T^T pi."""
     return np.einsum("kji,kj->ki", target_from_cams, planes)
-
-
-def _cross_of_outer(outer: np.ndarray) -> np.ndarray:
-    """Sum of u x v (k, 3) from the sum of u v^T (k, 3, 3)."""
-    return np.stack(
-        [
-            outer[:, 1, 2] - outer[:, 2, 1],
-            outer[:, 2, 0] - outer[:, 0, 2],
-            outer[:, 0, 1] - outer[:, 1, 0],
-        ],
-        axis=1,
-    )
-
-
-def _lever_block(
-    outer: np.ndarray, sum_u: np.ndarray, sum_v: np.ndarray, weight: np.ndarray
-) -> np.ndarray:
-    """Sum of J(u)^T J(v) (k, 6, 6), J(u) = [-[u]x, I], from the sums of u v^T, u, v and 1.
-
-    [u]x^T-free form: [u]x [v]x = v u^T - (u . v) I, so -[u]x[v]x = (u . v) I - v u^T.
-    """
-    block = np.zeros((len(outer), 6, 6))
-    trace = np.trace(outer, axis1=1, axis2=2)
-    block[:, :3, :3] = trace[:, None, None] * np.eye(3) - np.swapaxes(outer, 1, 2)
-    block[:, :3, 3:] = se3.skew(sum_u)
-    block[:, 3:, :3] = -se3.skew(sum_v)
-    block[:, 3:, 3:] = weight[:, None, None] * np.eye(3)
-    return block

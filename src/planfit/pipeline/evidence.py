@@ -49,6 +49,7 @@ from planfit.pipeline.strength import DirectionStrength, directions_held
 from planfit.pipeline.visits import Visit, frames_of_stretch, judge_visits
 from planfit.runtime import give_back_memory
 from planfit.short_repr import short_repr
+from planfit.threads import blas_on_one_thread, in_threads
 
 FOLD_TOLERANCE = 1e-4
 """A fold's solve ends when a round lowers the cost by less than this share of itself."""
@@ -228,10 +229,11 @@ def gather_evidence(
         problem = build_problem(reduced, of_folds, solved, correspondences, extra_terms)
         return problem.solve().target_from_cams[: len(solved)]
 
-    by_fold = [
-        solve(*without_fold(measurements, adjustment.correspondences, folds, fold))
-        for fold in range(folds.count)
-    ]
+    def without(fold: int) -> Float[np.ndarray, "k 4 4"]:
+        return solve(*without_fold(measurements, adjustment.correspondences, folds, fold))
+
+    with blas_on_one_thread():
+        by_fold = in_threads(without, range(folds.count))
     give_back_memory()  # each fold had a copy of the points that it kept
     problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
     shared = None if priors is None else shared_error(problem, on_plan, calibration, priors)

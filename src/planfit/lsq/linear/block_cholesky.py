@@ -5,16 +5,37 @@ of its poses and what its children leave, eliminates its poses, and leaves the r
 all work is products of dense matrices, which BLAS does at a processor's full speed (ADR 6).
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.compiled import kernel
-from planfit.lsq.linear.ordering import FillReducingOrdering, find_supernodes
+from planfit.lsq.linear.ordering import FillReducingOrdering, Supernodes, find_supernodes
 
 PANEL = 48
 """Columns eliminated at once, 8 poses."""
 TILE = 96
 """Rows of a front updated at once; what lies above the diagonal of a tile is computed for nothing."""
+
+
+@dataclass(frozen=True)
+class BlockFactor:
+    """Numbers of a factor; safe to solve with from several threads."""
+
+    nodes: Supernodes
+    panels: Float[np.ndarray, " p"]
+    """Panel after panel, each as the inverse of its triangle and what is below it."""
+
+    def solve(self, right: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
+        """Solve for several right sides at once, m = 6 n."""
+        nodes, k = self.nodes, right.shape[1]
+        n = len(nodes.order)
+        x = np.ascontiguousarray(right.reshape(n, 6, k)[nodes.order]).reshape(6 * n, k)
+        _substitute(nodes.first, nodes.start, nodes.below, self.panels, x)
+        result = np.zeros((n, 6, k))
+        result[nodes.order] = x.reshape(n, 6, k)
+        return result.reshape(6 * n, k)
 
 
 class BlockCholesky:
@@ -43,20 +64,17 @@ class BlockCholesky:
         row = np.maximum(first, second)[self._by_node]
         self._row = _rows_in_front(nodes.first, nodes.start, nodes.below, self._block_start, row)
 
-    def solve(
-        self,
-        upper: Float[np.ndarray, "u 6 6"],
-        added: Float[np.ndarray, " m"],
-        right: Float[np.ndarray, " m"],
-    ) -> Float[np.ndarray, " m"]:
-        """Solve (H + diag(added)) x = right: the blocks of H as given, m = 6 n.
+    def factorise(
+        self, upper: Float[np.ndarray, "u 6 6"], added: Float[np.ndarray, " m"]
+    ) -> BlockFactor:
+        """Factor of H + diag(added): the blocks of H as given, m = 6 n.
 
         Raises:
             numpy.linalg.LinAlgError: the matrix is not positive definite.
         """
         nodes = self._nodes
         n = len(nodes.order)
-        factor, is_definite = _factorise(
+        panels, is_definite = _factorise(
             nodes.first,
             nodes.start,
             nodes.in_parent,
@@ -71,11 +89,7 @@ class BlockCholesky:
         )
         if not is_definite:
             raise np.linalg.LinAlgError("the normal equations are not positive definite")
-        x = right.reshape(n, 6)[nodes.order].ravel()
-        _substitute(nodes.first, nodes.start, nodes.below, factor, x)
-        result = np.zeros((n, 6))
-        result[nodes.order] = x.reshape(n, 6)
-        return result.ravel()
+        return BlockFactor(nodes, panels)
 
 
 @kernel
@@ -107,7 +121,7 @@ def _factorise(
     upper,
     added,
 ):  # pragma: no cover
-    """The factor, panel after panel, each as the inverse of its triangle and what is below it."""
+    """See `BlockFactor`; False where the matrix is not positive definite."""
     size, stack_size = _sizes(first, start, n_children)
     factor, stack = np.zeros(size), np.zeros(stack_size)
     at, top = 0, 0
@@ -234,7 +248,7 @@ def _inverse_of_factor(block, inverse):  # pragma: no cover
 
 @kernel
 def _substitute(first, start, below, factor, x):  # pragma: no cover
-    """Solve in place: forwards with the factor, backwards with its transpose."""
+    """Solve in place for the columns of x: forwards with the factor, backwards with its transpose."""
     at = 0
     ends = np.zeros(len(first), np.int64)
     for s in range(len(first) - 1):
@@ -248,7 +262,7 @@ def _substitute(first, start, below, factor, x):  # pragma: no cover
 def _gathered(first, start, below, x, s):  # pragma: no cover
     """The values of x at the rows of a front."""
     own = 6 * (first[s + 1] - first[s])
-    values = np.zeros(own + 6 * (start[s + 1] - start[s]))
+    values = np.zeros((own + 6 * (start[s + 1] - start[s]), x.shape[1]))
     values[:own] = x[6 * first[s] : 6 * first[s + 1]]
     for k in range(start[s], start[s + 1]):
         to = own + 6 * (k - start[s])
@@ -268,9 +282,8 @@ def _forwards(first, start, below, factor, at, x, s):  # pragma: no cover
         at += width * width
         values[a:b] = np.dot(inverse, values[a:b])
         if b < n:
-            values[b:] -= np.dot(
-                factor[at : at + width * (n - b)].reshape(n - b, width), values[a:b]
-            )
+            panel = factor[at : at + width * (n - b)].reshape(n - b, width)
+            values[b:] -= np.dot(panel, values[a:b])
             at += width * (n - b)
     x[6 * first[s] : 6 * first[s + 1]] = values[:own]
     for k in range(start[s], start[s + 1]):
@@ -291,8 +304,8 @@ def _backwards(first, start, below, factor, at, x, s):  # pragma: no cover
         if b < n:
             at -= width * (n - b)
             panel = factor[at : at + width * (n - b)].reshape(n - b, width)
-            values[a:b] -= np.dot(values[b:], panel)
+            values[a:b] -= np.dot(panel.T, values[b:])
         at -= width * width
         inverse = factor[at : at + width * width].reshape(width, width)
-        values[a:b] = np.dot(values[a:b], inverse)
+        values[a:b] = np.dot(inverse.T, values[a:b])
     x[6 * first[s] : 6 * first[s + 1]] = values[:own]

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from scipy import sparse
 
 from planfit.lsq.blocks import NormalBlocks
+from planfit.lsq.linear.block_cholesky import BlockFactor
 from planfit.lsq.linear.block_pattern import BlockPattern
 from planfit.lsq.linear.solvers import solve_banded_cg
 
@@ -57,9 +58,20 @@ class NormalEquations:
         elif solver == "auto" and not self.pattern.is_banded:
             cholesky = self.pattern.cholesky
         if cholesky is not None:
-            return cholesky.solve(self._upper, added, right).reshape(-1, 6)
+            return cholesky.factorise(self._upper, added).solve(right[:, None]).reshape(-1, 6)
         band = self.pattern.banded(self._upper)
         return solve_banded_cg(self.matrix, band, added, right).reshape(-1, 6)
+
+    def factor_by(self, scale: Float[np.ndarray, " m"], added: float) -> BlockFactor:
+        """Factor of S^-1 H S^-1 + added, with S = diag(scale), whatever the fill.
+
+        Raises:
+            numpy.linalg.LinAlgError: rounding has made the matrix indefinite.
+        """
+        inverse = (1.0 / scale).reshape(-1, 6)
+        rows, columns = inverse[self.pattern.rows], inverse[self.pattern.columns]
+        scaled = rows[:, :, None] * self._upper * columns[:, None, :]
+        return self.pattern.any_cholesky.factorise(scaled, np.full(len(scale), added))
 
     def predicted_decrease(self, delta: Float[np.ndarray, "n 6"]) -> float:
         """How much half the squared residuals fall by a step, if they are linear."""
