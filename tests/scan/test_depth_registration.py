@@ -143,6 +143,16 @@ def test_raw_frames_of_7_scenes_are_registered(intrinsics, tmp_path):
     assert_allclose(plane[:, 2], 2.0, atol=1e-3)
 
 
+def test_frames_named_as_those_of_7_scenes_are_said_to_be_taken_for_them(tmp_path):
+    """Others name frames so too; the folders of 7-Scenes itself hold no intrinsics."""
+    write_kinect(tmp_path / "office", None)
+    (warning,) = read_scan(tmp_path / "office").warnings
+    assert "taken for the Kinect's" in warning
+    for folder, intrinsics in (("seq-03", None), ("with", 585.0), ("other", 577.87)):
+        write_kinect(tmp_path / folder, intrinsics)
+        assert read_scan(tmp_path / folder).warnings == ()
+
+
 def test_refined_poses_of_raw_frames_are_the_depth_cameras_again(tmp_path):
     poses = write_kinect(tmp_path / "in", 585.0)
     scan = read_scan(tmp_path / "in")

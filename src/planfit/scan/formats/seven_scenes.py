@@ -61,6 +61,12 @@ DEPTH_ENDS = (".depth.png", ".depth.pgm")
 
 _COLOR = re.compile(r"frame-(\d+)\.color\.(png|jpg|jpeg)$", re.IGNORECASE)
 _OTHER = re.compile(r"frame-(\d+)\.(depth\.(png|pgm)|pose\.txt)$", re.IGNORECASE)
+_SEQUENCE = re.compile(r"seq-\d+(\.zip)?$")
+"""Folders of 7-Scenes itself, which come without intrinsics."""
+_TAKEN = (
+    f"no {INTRINSICS}: as frames are named as in 7-Scenes, colour and depth are taken for the Kinect's there "
+    f"(fx 525 and 585, 2.5 cm apart); where another camera recorded them, put its matrix into {INTRINSICS}"
+)
 
 
 def recognise(source: FileSource) -> bool:
@@ -120,6 +126,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         write_poses=write_poses,
         fingerprint=images.fingerprint(tables, frames, options),
         skipped=skipped,
+        warnings=[] if has_own or _SEQUENCE.match(source.path.resolve().name) else [_TAKEN],
     )
 
 
