@@ -10,15 +10,19 @@ shows by walls alone (`pipeline/parts.py`).
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+import numpy as np
+from jaxtyping import Bool
+
 from planfit.adjust import adjust_to_plan
 from planfit.alignment import judge_adjusted
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan
 from planfit.pipeline.align import align_to_plan, wall_samples
 from planfit.pipeline.calibrate import CalibratedScan
+from planfit.pipeline.observations import Observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.parts import placed_by_parts
+from planfit.pipeline.parts import contradict_places, placed_by_parts
 from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
@@ -42,6 +46,8 @@ class _Tried:
     on_plan: ScanOnPlan
     times_usual: float = float("inf")
     """How unusual the step with the jump would truly be."""
+    is_against: Bool[np.ndarray, " p"] | None = None
+    """Pairs by surfaces that contradict it, and that it was prepared without; None: none."""
 
 
 def align_with_jumps(
@@ -85,10 +91,15 @@ def align_with_jumps(
 
 
 def _with_jump(calibrated: CalibratedScan, tried: _Tried) -> CalibratedScan:
+    def changed(seen: Observations) -> Observations:
+        if tried.is_against is not None:
+            seen = replace(seen, surfaces=seen.surfaces[~tried.is_against])
+        return replace(seen, tracking=tried.tracking)
+
     return replace(
         calibrated,
-        as_lifted=replace(calibrated.as_lifted, tracking=tried.tracking),
-        observations=replace(calibrated.observations, tracking=tried.tracking),
+        as_lifted=changed(calibrated.as_lifted),
+        observations=changed(calibrated.observations),
         prepared=tried.prepared,
     )
 
@@ -147,19 +158,29 @@ def _better_by_parts(
     tracking = placed_by_parts(aligned.prepared, aligned.tracking, aligned.on_plan, options)
     if tracking is None:
         return None
-    prepared = _prepared(scan, calibrated, tracking, options)
-    found = _aligned(scan, tracking, prepared, floorplan, options)
-    if found is None:
-        return None
-    score = _adjusted_score(found, options)
-    is_clear = score > _adjusted_score(aligned, options) + PARTS_GAIN
-    return found if is_clear and score >= options.align.min_score else None
+    known = calibrated.observations.surfaces
+    is_against = contradict_places(known, aligned.tracking, tracking)
+    best, highest = None, _adjusted_score(aligned, options) + PARTS_GAIN
+    for without in (None, is_against) if is_against.any() else (None,):
+        prepared = _prepared(scan, calibrated, tracking, options, without)
+        found = _aligned(scan, tracking, prepared, floorplan, options)
+        score = 0.0 if found is None else _adjusted_score(found, options)
+        if found is not None and score > highest and score >= options.align.min_score:
+            best, highest = replace(found, is_against=without), score
+    return best
 
 
 def _prepared(
-    scan: Scan, calibrated: CalibratedScan, tracking: Tracking, options: RefineOptions
+    scan: Scan,
+    calibrated: CalibratedScan,
+    tracking: Tracking,
+    options: RefineOptions,
+    without: Bool[np.ndarray, " p"] | None = None,
 ) -> PreparedScan:
+    """With another tracking, and without some pairs by surfaces."""
     seen = replace(calibrated.observations, tracking=tracking)
+    if without is not None:
+        seen = replace(seen, surfaces=seen.surfaces[~without])
     return prepare(scan, seen, options, StageTimer(Runtime()))
 
 
