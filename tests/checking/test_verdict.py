@@ -53,6 +53,11 @@ def test_good_evidence_is_refined():
             ((0, 19),),
             "frames 0-19 are confirmed by nothing: 0% of their 40 wall patches",
         ),
+        (
+            {"stretches": stretches(set(range(5)), near_kept_out=0.4), "visits": (), "scan_costs": {}},
+            ((0, 49),),
+            "nothing but walls corrects the recorded motion, .* only 40% of the wall patches",
+        ),
         ({"visits": (make_visit(after_m=0.8),)}, ((0, 9), (40, 49)), "1 contradict the result, by 0.8 m"),
         ({"scan_costs": {"points": (300.0, 400.0)}}, ((0, 49),), "misfit of the points rises 1.3 times"),
         ({"predicted_error_m": np.full(50, 0.15)}, ((0, 49),), "all frames may be off by 0.15 m"),
