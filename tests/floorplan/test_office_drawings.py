@@ -9,7 +9,9 @@ import shapely
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
+from planfit.floorplan.vector.axes import lines_of_plain_axes
 from planfit.floorplan.vector.double_lines import Thickness
+from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.furniture import are_furniture
 from planfit.floorplan.vector.layer_names import Role, role_of
 
@@ -109,6 +111,40 @@ def test_axes_through_two_storeys_join_them_not_and_are_no_walls(tmp_path: Path)
     assert len(plan.source.storeys) == 2
     assert any("axes with bubbles" in words for words in plan.source.dropped)
     assert min(shares(read(tmp_path, drawn), shapely.union_all(both))) > 0.98
+
+
+@pytest.mark.parametrize("tails", [(2.0, 2.0), (1.2, 0.2)])
+@pytest.mark.parametrize("at", ["middles of walls", "faces of walls"])
+def test_axes_without_bubbles_are_no_walls(
+    tmp_path: Path, tails: tuple[float, float], at: str
+) -> None:
+    """Through the middle of walls they are a face of either half, on their faces they are those on and on."""
+    walls = house()
+    off = 0.0 if at == "faces of walls" else 0.06
+    axes = [path([(x, -tails[0]), (x, 9 + tails[1])]) for x in (0.15, 5 + off, 7 + off, 11.85)]
+    axes += [path([(-tails[1], y), (12 + tails[0], y)]) for y in (0.15, 4 + off, 8.85)]
+    drawn = [*outlines(walls), *axes]
+    assert min(shares(read(tmp_path, drawn), walls)) > 0.98
+    plan = read_floorplan(tmp_path / "plan.svg")
+    assert any("axes without bubbles" in words for words in plan.source.dropped)
+
+
+def test_lines_that_cross_at_corners_are_no_axes(tmp_path: Path) -> None:
+    """As draughtsmen let them, by 0.15 m; walls without doors."""
+    rooms = [(0.3, 0.3, 5, 8.7), (5.12, 0.3, 11.7, 8.7)]
+    over = 0.15
+    drawn = []
+    for x0, y0, x1, y1 in [(0, 0, 12, 9), *rooms]:
+        drawn += [path([(x, y0 - over), (x, y1 + over)]) for x in (x0, x1)]
+        drawn += [path([(x0 - over, y), (x1 + over, y)]) for y in (y0, y1)]
+    walls = shapely.box(0, 0, 12, 9) - shapely.union_all([shapely.box(*room) for room in rooms])
+    assert shares(read(tmp_path, drawn), walls)[0] > 0.97
+
+
+def test_drawings_without_a_long_line_of_unknown_layer_have_no_axes() -> None:
+    none = np.zeros(0, dtype=int)
+    lines = Lines(np.zeros((0, 2, 2)), none, none, none, none.astype(bool))
+    assert len(lines_of_plain_axes(lines, 1.0)) == 0
 
 
 def test_a_building_in_parts_is_one_plan(tmp_path: Path) -> None:
