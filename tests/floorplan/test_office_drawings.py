@@ -143,8 +143,22 @@ def test_lines_that_cross_at_corners_are_no_axes(tmp_path: Path) -> None:
 
 def test_drawings_without_a_long_line_of_unknown_layer_have_no_axes() -> None:
     none = np.zeros(0, dtype=int)
-    lines = Lines(np.zeros((0, 2, 2)), none, none, none, none.astype(bool))
+    lines = Lines(np.zeros((0, 2, 2)), none, none, none, none.astype(bool), none.astype(bool))
     assert len(lines_of_plain_axes(lines, 1.0)) == 0
+
+
+def test_dashed_beams_overhead_are_no_walls(tmp_path: Path) -> None:
+    """Two lines as far apart as faces, between walls that they end at; walls drawn in dashes are walls."""
+    walls = house()
+    beams = [path([(0.3, y), (5.0, y)]) for y in (2.0, 2.2)]
+    beams += [path([(x, 4.12), (x, 8.7)]) for x in (9.0, 9.25)]
+    assert shares(read(tmp_path, [*outlines(walls), *beams]), walls)[1] < 0.9
+    dashed = [beam.replace("/>", ' stroke-dasharray="8 4"/>') for beam in beams]
+    assert min(shares(read(tmp_path, [*outlines(walls), *dashed]), walls)) > 0.99
+    plan = read_floorplan(tmp_path / "plan.svg")
+    assert any("dashed lines" in words for words in plan.source.dropped)
+    old = [line.replace("/>", ' stroke-dasharray="2 1"/>') for line in outlines(walls)]
+    assert min(shares(read(tmp_path, old), walls)) > 0.99
 
 
 def test_a_building_in_parts_is_one_plan(tmp_path: Path) -> None:

@@ -17,6 +17,9 @@ from planfit.geometry import segments
 
 FRAME_LAYER, DIMENSION_LAYER = "frame of the sheet", "lines of dimensions"
 AXIS_LAYER, PLAIN_AXIS_LAYER = "axes with bubbles", "axes without bubbles"
+DASHED_LAYER, MOST_DASHED = "dashed lines", 0.35
+"""Beams overhead, cupboards on walls, what is below: of the length of the lines; where more is dashed, walls
+are drawn so."""
 ON, WHOLE = 1e-3, 0.97
 """Lines within this share of the drawing of a side are on it; they cover so much of each side of a frame."""
 MOST_FRAMES = 6
@@ -63,7 +66,7 @@ def without_sheet(drawing: VectorDrawing, roles: list[Role]) -> tuple[VectorDraw
     is_plain[unknown] = lines_of_plain_axes(lines.take(unknown), extent)
     kinds = (
         (FRAME_LAYER, of_frame), (DIMENSION_LAYER, of_dimension), (AXIS_LAYER, is_axis),
-        (PLAIN_AXIS_LAYER, is_plain),
+        (PLAIN_AXIS_LAYER, is_plain), (DASHED_LAYER, _are_dashed(lines, role) & ~is_plain),
     )  # fmt: skip
     for name, found in kinds:
         found &= role != Role.WALL
@@ -72,6 +75,15 @@ def without_sheet(drawing: VectorDrawing, roles: list[Role]) -> tuple[VectorDraw
             layers.append(name)
             roles = [*roles, Role.NO_WALL]
     return replace(drawing, lines=replace(lines, layer=layer), layers=tuple(layers)), roles
+
+
+def _are_dashed(lines: Lines, role: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Straight lines with gaps, on layers that no name tells, where most lines have none."""
+    looked_at = (role != Role.NO_WALL) & ~lines.is_curved
+    found = looked_at & lines.is_dashed & (role == Role.UNKNOWN)
+    length = segments.lengths(lines.ends)
+    few = length[looked_at & lines.is_dashed].sum() < MOST_DASHED * length[looked_at].sum()
+    return found & few
 
 
 def lines_of_frame(lines: Lines) -> Bool[np.ndarray, " n"]:

@@ -203,11 +203,22 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
             builder.add_cover([shapely.get_coordinates(r) for r in shapely.get_rings(gap)])
     elif _is_drawn(shape.stroke):
         width = float(shape.stroke_width or 1.0)
-        style, pen = (str(shape.stroke), round(width, 3)), Pen(width, _rgb(shape.stroke))
+        style = (str(shape.stroke), round(width, 3))
+        pen = Pen(width, _rgb(shape.stroke), _is_dashed(shape))
         for points, is_curved in sub_paths:
             builder.add_polyline(points, is_curved, layer, style, pen)
     if _is_drawn(shape.fill):
         builder.add_fill([points for points, _ in sub_paths], layer, _rgb(shape.fill))
+
+
+def _is_dashed(shape: Shape) -> bool:
+    """Whether a stroke has gaps: of dashes and gaps in turn, the same again where their number is odd."""
+    words = re.split(r"[\s,]+", str((shape.values or {}).get("stroke-dasharray") or "").strip())
+    try:
+        dashes = [float(word.removesuffix("px")) for word in words]
+    except ValueError:
+        return False
+    return sum((dashes * 2)[1::2]) > 0
 
 
 def _covers(shape: Shape) -> bool:

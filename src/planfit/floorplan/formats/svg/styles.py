@@ -25,7 +25,7 @@ from planfit.floorplan.formats.svg.rules import (
 
 _INHERITED = {
     "fill", "stroke", "stroke-width", "stroke-opacity", "fill-opacity", "visibility", "color", "font-size",
-    "text-anchor", "font",
+    "text-anchor", "font", "stroke-dasharray",
 }  # fmt: skip
 _DRAWN = _INHERITED | {
     "display", "opacity", "transform", "clip-path", "vector-effect", "mix-blend-mode", "stop-color",
