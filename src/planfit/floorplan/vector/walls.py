@@ -21,6 +21,7 @@ from planfit.floorplan.vector.areas import (
 from planfit.floorplan.vector.candidates import Candidates
 from planfit.floorplan.vector.closed_bodies import rest_of_bodies
 from planfit.floorplan.vector.closed_pieces import ClosedPieces, closed_pieces, joined
+from planfit.floorplan.vector.door_jambs import open_jambs
 from planfit.floorplan.vector.doors import OpenedDoors, find_door_swings, open_doors
 from planfit.floorplan.vector.double_lines import (
     LineFaces,
@@ -145,10 +146,14 @@ def walls_of_drawing(
         found = found.with_single_lines(between)
     faces, apart = _main_part(LineFaces.together(found.parts), extent)
     doors = _open_doors(faces, lines, metres_per_unit, bounds[1], extent)
-    faces = doors.faces
+    others = open_jambs(doors, lines.ends[has_form], extent)
+    faces = others.faces
+    n_windows, n_others = len(windows.openings) // 2, len(others.openings) // 2
     doors_are = _counted(doors.n_doors, "door")
     if doors.n_doors:
         dropped.append(f"lines that ran through {doors_are} drawn as quarter or half circles")
+    if n_others:
+        dropped.append(f"lines that ran through {_counted(n_others, 'opening')} between jambs")
     if len(apart):
         dropped.append(f"{len(apart)} faces apart from the building (legend, title block, details)")
     by_layer = lengths_by_layer(drawing, roles, found.candidates, faces)
@@ -162,13 +167,15 @@ def walls_of_drawing(
         found.warnings,
         is_left_out,
         apart,
-        np.concatenate([windows.openings, doors.openings]),
+        np.concatenate([windows.openings, doors.openings, others.openings]),
         by_layer,
         tuple(
-            words for words in (doors_are, _counted(len(windows.openings) // 2, "window")) if words
+            filter(None, (doors_are, _counted(n_windows, "window"), _counted(n_others, "opening")))
         ),
         found.shared_edges,
-        opening_names=("window",) * len(windows.openings) + ("door",) * len(doors.openings),
+        opening_names=("window",) * len(windows.openings)
+        + ("door",) * len(doors.openings)
+        + ("opening",) * len(others.openings),
     )
 
 
