@@ -280,5 +280,38 @@ def test_rooms_of_single_lines_with_furniture_along_them(tmp_path: Path) -> None
     assert shapely.intersection(truth, faces.buffer(0.02)).length > 0.95 * truth.length
 
 
+def section() -> list[str]:
+    """Slabs, walls and a roof of a house, upright."""
+    slabs = [shapely.box(0, y, 12, y + 0.3) for y in (0, 3, 6)]
+    walls = [shapely.box(x, 0, x + 0.3, 6.3) for x in (0, 5, 11.7)]
+    roof = path([(-0.5, -0.3), (6, -4), (12.5, -0.3)])
+    return [*outlines(shapely.union_all([*slabs, *walls])), roof, path([(-5, 6.3), (18, 6.3)])]
+
+
+def sketch() -> list[str]:
+    """Walls by a shaking pen."""
+    rng = np.random.default_rng(0)
+    lines = [line for chain in CENTRES for line in itertools.pairwise(chain)]
+    return [
+        path(np.linspace(a, b, 30) + np.cumsum(rng.normal(size=(30, 2)), axis=0) * 0.015)
+        for a, b in lines
+    ]
+
+
+@pytest.mark.parametrize(("drawn", "words"), [
+    (section(), "is it a section"), (sketch(), "a sketch by hand"), (outlines(house()), ""),
+    (outlines(house() | shapely.box(1, 8.7, 2, 9)), ""),
+])  # fmt: skip
+def test_drawings_of_other_things_are_said_to_be_doubtful(
+    tmp_path: Path, drawn: list[str], words: str
+) -> None:
+    """Not a house whose rooms are joined by doors, though its entrance is closed."""
+    warnings = read_floorplan(svg(tmp_path, drawn)).source.warnings
+    if words:
+        assert any(words in warning for warning in warnings)
+    else:
+        assert warnings == ()
+
+
 def test_furniture_in_german() -> None:
     assert role_of("070 Möblierung") == role_of("MOEBLIERUNG") == Role.NO_WALL

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from planfit.floorplan import Floorplan, PlanOptions
+from planfit.floorplan.plausible import aligned_share, are_closed_rooms, kinked_share
 from planfit.floorplan.raster import plan_of_picture
-from planfit.floorplan.raster.doubts import aligned_share, kinked_share
 from planfit.floorplan.raster.photographs import is_photograph
 from planfit.synth import BuildingOptions, make_building
 from planfit.synth.drawing import DrawingOptions, draw_building
@@ -259,3 +259,21 @@ def test_kinked_share_counts_small_turns_but_no_corners_and_no_round_walls() -> 
     assert kinked_share(chain([0, 5, -5, 5, -4])) == pytest.approx(0.8)
     assert kinked_share(chain([0, 90, 90, 90])) == 0.0
     assert kinked_share(chain([10.0] * 30)) < 0.05
+
+
+def test_one_large_room_is_a_plan_whose_outer_doors_are_closed() -> None:
+    """Of rooms that doors join, the ring of outer walls encloses one; of a section each room is apart."""
+    assert are_closed_rooms(np.array([0.2, 0.2, 0.2, 0.2]))
+    assert not are_closed_rooms(np.array([0.85, 0.05]))
+    assert not are_closed_rooms(np.array([0.2, 0.1]))
+    assert not are_closed_rooms(np.zeros(0))
+
+
+def test_a_floor_with_open_doors_in_closed_outer_walls_raises_no_doubt() -> None:
+    image = paper()
+    cv2.rectangle(image, (100, 100), (1200, 800), BLACK, 20)
+    cv2.line(image, (600, 100), (600, 800), BLACK, 12)
+    cv2.line(image, (100, 450), (1200, 450), BLACK, 12)
+    for u, v in ((600, 250), (600, 600), (300, 450), (900, 450)):
+        cv2.rectangle(image, (u - 35, v - 35), (u + 35, v + 35), (255,) * 3, -1)
+    assert read(image).source.warnings == ()
