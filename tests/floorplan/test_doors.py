@@ -144,3 +144,39 @@ def test_a_patch_over_a_wall_is_a_door(
     assert shapely.intersection(wall.buffer(0.5), beside).length == pytest.approx(
         beside.length, abs=1
     )
+
+
+@pytest.mark.parametrize("at_swings", [True, False])
+def test_jambs_are_doors_where_doors_with_swings_have_them(tmp_path: Path, at_swings: bool) -> None:
+    """A corridor with nine doors drawn as swings and two as jambs alone, all with lines through; without
+    jambs at the swings, lines across a wall may be anything. A box as long as a window is none."""
+    swings, bare = np.arange(2.0, 29.0, 3.0), np.array([30.0, 33.0])
+    box = np.array([36.0, 38.0])
+    y = 4.0
+
+    def add(document: ezdxf.document.Drawing) -> None:
+        space = document.modelspace()
+        for x in swings:
+            space.add_arc((x, y + 0.12), 0.9, 0, 90, dxfattribs={"layer": "PLAN"})
+            space.add_line((x, y + 0.12), (x, y + 1.02), dxfattribs={"layer": "PLAN"})
+        doors = [*swings, *bare] if at_swings else bare
+        jambs = [*np.concatenate([np.add(doors, step) for step in (-0.03, 0.0, 0.9, 0.93)]), *box]
+        for x in jambs:
+            space.add_line((x, y), (x, y + 0.12), dxfattribs={"layer": "PLAN"})
+
+    outer = shapely.box(0, 0, 42, 9).difference(shapely.box(0.3, 0.3, 41.7, 8.7))
+    walls = shapely.union(outer, shapely.box(0.3, y, 41.7, y + 0.12))
+    plan = read_floorplan(write_dxf(tmp_path / "a.dxf", walls, layer="PLAN", extra=add))
+    faces = shapely.union_all(shapely.linestrings(plan.ends))
+
+    def are_open(doors: np.ndarray) -> bool:
+        middles = [(x + 0.45, y + side) for x in doors for side in (0.0, 0.12)]
+        return bool((shapely.distance(shapely.points(middles), faces) > 0.3).all())
+
+    assert are_open(swings)
+    assert are_open(bare) == at_swings
+    assert shapely.distance(shapely.Point(box.mean(), y), faces) < 0.01
+    expected = ("9 doors", "2 openings") if at_swings else ("9 doors",)
+    assert plan.source.opening_kinds == expected
+    if at_swings:
+        assert any("2 openings between jambs" in words for words in plan.source.dropped)

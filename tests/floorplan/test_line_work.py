@@ -288,6 +288,22 @@ def test_edges_that_two_filled_rooms_share_are_open_and_said_so(tmp_path):
     assert words in plan.source.dropped
 
 
+@pytest.mark.parametrize("share", [1.0, 0.3])
+def test_a_line_drawn_where_two_filled_rooms_meet_is_a_wall(tmp_path, share):
+    """A glazed front; of a third of the edge alone, it is a threshold or a sill."""
+    rooms = [shapely.box(x + 0.1, y + 0.1, x + 4, y + 3) for x in (0, 4) for y in (0, 3)]
+    rooms.append(shapely.box(8, 0.1, 10, 3))
+    line = ((8, 0.1), (8, 0.1 + share * 2.9))
+    plan = read_floorplan(filled_rooms(tmp_path / "a.pdf", rooms, [line]))
+    front = shapely.LineString(np.array(line) * 40 + 100)
+    near = shapely.union_all(shapely.linestrings(plan.ends)).intersection(front.buffer(0.1))
+    is_read = share == 1.0
+    assert (near.length > 0.98 * front.length) == is_read
+    assert (~plan.is_oriented).sum() == int(is_read)
+    assert any("single lines" in words for words in plan.source.warnings) == is_read
+    assert any("without a wall between" in words for words in plan.source.dropped) != is_read
+
+
 def test_walls_as_single_lines_are_read_and_said_so(tmp_path):
     def lines(document):
         for ring in ([(0, 0), (8, 0), (8, 6), (0, 6)], [(0, 0), (4, 0), (4, 6), (0, 6)]):

@@ -9,7 +9,9 @@ import shapely
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
+from planfit.floorplan.vector.axes import lines_of_plain_axes
 from planfit.floorplan.vector.double_lines import Thickness
+from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.furniture import are_furniture
 from planfit.floorplan.vector.layer_names import Role, role_of
 
@@ -109,6 +111,54 @@ def test_axes_through_two_storeys_join_them_not_and_are_no_walls(tmp_path: Path)
     assert len(plan.source.storeys) == 2
     assert any("axes with bubbles" in words for words in plan.source.dropped)
     assert min(shares(read(tmp_path, drawn), shapely.union_all(both))) > 0.98
+
+
+@pytest.mark.parametrize("tails", [(2.0, 2.0), (1.2, 0.2)])
+@pytest.mark.parametrize("at", ["middles of walls", "faces of walls"])
+def test_axes_without_bubbles_are_no_walls(
+    tmp_path: Path, tails: tuple[float, float], at: str
+) -> None:
+    """Through the middle of walls they are a face of either half, on their faces they are those on and on."""
+    walls = house()
+    off = 0.0 if at == "faces of walls" else 0.06
+    axes = [path([(x, -tails[0]), (x, 9 + tails[1])]) for x in (0.15, 5 + off, 7 + off, 11.85)]
+    axes += [path([(-tails[1], y), (12 + tails[0], y)]) for y in (0.15, 4 + off, 8.85)]
+    drawn = [*outlines(walls), *axes]
+    assert min(shares(read(tmp_path, drawn), walls)) > 0.98
+    plan = read_floorplan(tmp_path / "plan.svg")
+    assert any("axes without bubbles" in words for words in plan.source.dropped)
+
+
+def test_lines_that_cross_at_corners_are_no_axes(tmp_path: Path) -> None:
+    """As draughtsmen let them, by 0.15 m; walls without doors."""
+    rooms = [(0.3, 0.3, 5, 8.7), (5.12, 0.3, 11.7, 8.7)]
+    over = 0.15
+    drawn = []
+    for x0, y0, x1, y1 in [(0, 0, 12, 9), *rooms]:
+        drawn += [path([(x, y0 - over), (x, y1 + over)]) for x in (x0, x1)]
+        drawn += [path([(x0 - over, y), (x1 + over, y)]) for y in (y0, y1)]
+    walls = shapely.box(0, 0, 12, 9) - shapely.union_all([shapely.box(*room) for room in rooms])
+    assert shares(read(tmp_path, drawn), walls)[0] > 0.97
+
+
+def test_drawings_without_a_long_line_of_unknown_layer_have_no_axes() -> None:
+    none = np.zeros(0, dtype=int)
+    lines = Lines(np.zeros((0, 2, 2)), none, none, none, none.astype(bool), none.astype(bool))
+    assert len(lines_of_plain_axes(lines, 1.0)) == 0
+
+
+def test_dashed_beams_overhead_are_no_walls(tmp_path: Path) -> None:
+    """Two lines as far apart as faces, between walls that they end at; walls drawn in dashes are walls."""
+    walls = house()
+    beams = [path([(0.3, y), (5.0, y)]) for y in (2.0, 2.2)]
+    beams += [path([(x, 4.12), (x, 8.7)]) for x in (9.0, 9.25)]
+    assert shares(read(tmp_path, [*outlines(walls), *beams]), walls)[1] < 0.9
+    dashed = [beam.replace("/>", ' stroke-dasharray="8 4"/>') for beam in beams]
+    assert min(shares(read(tmp_path, [*outlines(walls), *dashed]), walls)) > 0.99
+    plan = read_floorplan(tmp_path / "plan.svg")
+    assert any("dashed lines" in words for words in plan.source.dropped)
+    old = [line.replace("/>", ' stroke-dasharray="2 1"/>') for line in outlines(walls)]
+    assert min(shares(read(tmp_path, old), walls)) > 0.99
 
 
 def test_a_building_in_parts_is_one_plan(tmp_path: Path) -> None:
@@ -228,6 +278,39 @@ def test_rooms_of_single_lines_with_furniture_along_them(tmp_path: Path) -> None
     truth = shapely.union_all([shapely.LineString(line) for line in CENTRES])
     faces = shapely.MultiLineString(list(plan.ends))
     assert shapely.intersection(truth, faces.buffer(0.02)).length > 0.95 * truth.length
+
+
+def section() -> list[str]:
+    """Slabs, walls and a roof of a house, upright."""
+    slabs = [shapely.box(0, y, 12, y + 0.3) for y in (0, 3, 6)]
+    walls = [shapely.box(x, 0, x + 0.3, 6.3) for x in (0, 5, 11.7)]
+    roof = path([(-0.5, -0.3), (6, -4), (12.5, -0.3)])
+    return [*outlines(shapely.union_all([*slabs, *walls])), roof, path([(-5, 6.3), (18, 6.3)])]
+
+
+def sketch() -> list[str]:
+    """Walls by a shaking pen."""
+    rng = np.random.default_rng(0)
+    lines = [line for chain in CENTRES for line in itertools.pairwise(chain)]
+    return [
+        path(np.linspace(a, b, 30) + np.cumsum(rng.normal(size=(30, 2)), axis=0) * 0.015)
+        for a, b in lines
+    ]
+
+
+@pytest.mark.parametrize(("drawn", "words"), [
+    (section(), "is it a section"), (sketch(), "a sketch by hand"), (outlines(house()), ""),
+    (outlines(house() | shapely.box(1, 8.7, 2, 9)), ""),
+])  # fmt: skip
+def test_drawings_of_other_things_are_said_to_be_doubtful(
+    tmp_path: Path, drawn: list[str], words: str
+) -> None:
+    """Not a house whose rooms are joined by doors, though its entrance is closed."""
+    warnings = read_floorplan(svg(tmp_path, drawn)).source.warnings
+    if words:
+        assert any(words in warning for warning in warnings)
+    else:
+        assert warnings == ()
 
 
 def test_furniture_in_german() -> None:

@@ -289,3 +289,36 @@ def test_a_wall_drawn_in_layers_between_its_windows_stays(tmp_path):
     plan = read_floorplan(write_dxf(tmp_path / "a.dxf", house, layer="PLAN", extra=facade))
     assert plan.openings is None
     assert_same(plan, house)
+
+
+BEAMS = [((1.0, y), (4.0, y)) for y in (1.2, 1.45)] + [((x, 1.0), (x, 3.0)) for x in (2.0, 2.3)]
+"""m, in front of whatever is there."""
+
+
+@pytest.mark.parametrize("suffix", ["dxf", "pdf", "svg"])
+def test_dashed_lines_are_told_apart(tmp_path, suffix):
+    """By the line type of an entity or its layer, by the dash of a stroke."""
+    path = tmp_path / f"plan.{suffix}"
+    if suffix == "pdf":
+        ends = [[f"{100 + 20 * v:.2f}" for v in (*a, *b)] for a, b in BEAMS]
+        beams = "\n".join(f"{a} {b} m {c} {d} l S" for a, b, c, d in ends)
+        write_pdf(path, WALLS, extra=f"[8 4] 0 d\n{beams}")
+    elif suffix == "svg":
+        ends = [[f"{100 + s * 20 * v:.2f}" for s, v in zip((1, -1) * 2, (*a, *b), strict=True)]
+                for a, b in BEAMS]  # fmt: skip
+        beams = "".join(f'<path d="M{a} {b} L{c} {d}"/>' for a, b, c, d in ends)
+        style = "<style>.over path{stroke:#000;stroke-dasharray:8px 4px}</style>"
+        write_svg(path, WALLS, extra=f'{style}<g class="over">{beams}</g>')
+    else:
+
+        def add(document):
+            document.linetypes.add("HIDDEN", [0.375, 0.25, -0.125])
+            document.layers.add("N2", linetype="HIDDEN")
+            for k, (a, b) in enumerate(BEAMS):
+                own = {"layer": "N2"} if k % 2 else {"layer": "N1", "linetype": "HIDDEN"}
+                document.modelspace().add_line(a, b, dxfattribs=own)
+
+        write_dxf(path, WALLS, layer="N1", extra=add)
+    plan = read_floorplan(path)
+    assert any(f"{len(BEAMS)} lines on layers of no walls: dashed lines" in words
+               for words in plan.source.dropped)  # fmt: skip

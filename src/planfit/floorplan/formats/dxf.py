@@ -161,7 +161,9 @@ def _add(builder: DrawingBuilder, entity: DXFGraphic, layer: str, flatten: float
         except (TypeError, ValueError, ZeroDivisionError, OverflowError):
             return
         width = float(entity.dxf.const_width) if kind == "LWPOLYLINE" else 0.0
-        _add_path(builder, made, layer, style, flatten, Pen(width, _colour(entity)))
+        _add_path(
+            builder, made, layer, style, flatten, Pen(width, _colour(entity), _is_dashed(entity))
+        )
     elif kind in ("HATCH", "MPOLYGON"):
         rings = []
         for boundary in ezpath.from_hatch(entity):  # type: ignore[arg-type]
@@ -244,6 +246,21 @@ def _add_text(builder: DrawingBuilder, entity: DXFGraphic, layer: str) -> None:
         at = at + 0.3 * height * len(text) * np.array([math.cos(rotation), math.sin(rotation)])
     if np.isfinite(at).all():
         builder.texts.append(Text(text, at, float(height), builder.layer(layer)))
+
+
+def _is_dashed(entity: DXFGraphic) -> bool:
+    """Whether the line type of an entity, or of its layer, has gaps."""
+    document = entity.doc
+    if document is None:
+        return False
+    name = entity.dxf.get("linetype", "BYLAYER")
+    layer = entity.dxf.get("layer", "0")
+    if name.upper() == "BYLAYER" and layer in document.layers:
+        name = document.layers.get(layer).dxf.get("linetype", "CONTINUOUS")
+    if name not in document.linetypes:
+        return False
+    tags = document.linetypes.get(name).pattern_tags.tags
+    return any(tag.code == 49 and tag.value < 0 for tag in tags)
 
 
 def _colour(entity: DXFGraphic) -> tuple[int, int, int] | None:

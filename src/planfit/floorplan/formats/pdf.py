@@ -262,9 +262,10 @@ def _add_path(
         raw.FPDFPageObj_GetStrokeWidth(item, width)
         colour = _colour(item, raw.FPDFPageObj_GetStrokeColor)
         style = (colour, round(width.value, 3))
+        is_dashed = raw.FPDFPageObj_GetDashCount(item) > 1
         shown = width.value * float(np.sqrt(abs(np.linalg.det(transform[:2, :2]))))
         for points, is_curved in sub_paths:
-            builder.add_polyline(points, is_curved, layer, style, Pen(shown, colour))
+            builder.add_polyline(points, is_curved, layer, style, Pen(shown, colour, is_dashed))
     if fill_mode.value:
         colour = _colour(item, raw.FPDFPageObj_GetFillColor)
         builder.add_fill([points for points, _ in sub_paths], layer, colour)

@@ -2,23 +2,23 @@
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
-from scipy.spatial import cKDTree
+from jaxtyping import Float
 
 from planfit.floorplan.plans_on_sheet import MOST_STOREYS
-from planfit.geometry import segments
+from planfit.floorplan.plausible import (
+    CLOSED,
+    COMPARE,
+    are_closed_rooms,
+    closed_shares,
+    closed_words,
+    sketch_words,
+)
 
-_SAME_DEG = 1.5
-_LEAST_ALIGNED = 0.8
-"""Of the length of faces, what runs along the two main pairs of directions: plans with slanted and round
-walls have 0.90 and more (two real sites 0.97), a sketch by hand 0.72."""
-_CURVE_FACES, _CURVE_PX, _CURVE_DEG = 6, 2.0, 45.0
-"""So many faces in a row that turn to one side, by 45 degrees at most each, with corners this near to one
-circle are a round wall: curves are traced to 1.6 px. The line of a shaking hand turns to both sides."""
-_CLOSED = 0.5
-"""Of the ground within the walls, what is closed in: most of a section; of a round house whose gaps no
-straight face has, one room."""
-_COMPARE = "compare the overlay (-o FILE.png) with the drawing"
+_OPEN = 0.05
+"""Of the ground within the walls, what is closed in: nothing of a chart of bars."""
+_FEW_GROUPS = 3
+"""More groups of walls than there are plans on most sheets, none of which has an opening, are houses of a
+site plan."""
 
 
 def find_doubts(
@@ -36,77 +36,20 @@ def find_doubts(
         n_groups: groups of walls that stand apart from each other on the sheet.
     """
     result = []
-    if n_groups > MOST_STOREYS:
+    has_openings = len(openings) > 0
+    if n_groups > MOST_STOREYS or (n_groups > _FEW_GROUPS and not has_openings):
         result.append(
             f"{n_groups} groups of marks stand apart from each other, as windows of a facade or houses of a "
-            f"site plan do: this is probably no floorplan; {_COMPARE}"
+            f"site plan do: this is probably no floorplan; {COMPARE}"
         )
-    if len(openings) == 0 and _closed_share(walls) > _CLOSED:
+    shares = closed_shares(walls)
+    closed = float(shares.sum())
+    if are_closed_rooms(shares) or (closed > CLOSED and not has_openings):
+        result.append(closed_words(shares))
+    elif closed < _OPEN and not has_openings:
         result.append(
-            "no wall has a gap for a door or window, and what it encloses has no way in: is it a section, or "
-            f"are doors drawn closed? {_COMPARE}"
+            "no wall has a gap for a door or window, and none closes in a room: this is probably no "
+            f"floorplan; {COMPARE}"
         )
-    aligned = aligned_share(ends)
-    if aligned < _LEAST_ALIGNED:
-        result.append(
-            f"only {100 * aligned:.0f} % of the length of walls runs along common directions: faces of a "
-            f"sketch by hand are no more exact than its lines; {_COMPARE}"
-        )
-    return tuple(result)
-
-
-def _closed_share(walls: tuple[shapely.Polygon, ...]) -> float:
-    """Area enclosed by rings of wall, of the convex hull of all."""
-    holes = sum(shapely.Polygon(ring).area for wall in walls for ring in wall.interiors)
-    hull = shapely.convex_hull(shapely.GeometryCollection(list(walls))).area
-    return holes / max(hull, 1e-9)
-
-
-def are_round(ends: Float[np.ndarray, "n 2 2"]) -> Bool[np.ndarray, " n"]:
-    """Which faces, px, are of round walls: rows of them along one circle."""
-    n = len(ends)
-    result = np.zeros(n, dtype=bool)
-    if n < _CURVE_FACES:
-        return result
-    apart, after = (np.atleast_1d(found) for found in cKDTree(ends[:, 0]).query(ends[:, 1]))
-    along = segments.directions(ends)
-    turn = np.rad2deg(
-        np.arctan2(
-            along[:, 0] * along[after, 1] - along[:, 1] * along[after, 0],
-            np.einsum("ni,ni->n", along, along[after]),
-        )
-    )
-    goes_on = (apart < _CURVE_PX) & (np.abs(turn) < _CURVE_DEG) & (after != np.arange(n))
-    for i in range(n):
-        row = [i]
-        while len(row) < _CURVE_FACES and goes_on[row[-1]] and turn[row[-1]] * turn[i] > 0:
-            row.append(int(after[row[-1]]))
-        if len(row) == _CURVE_FACES and _on_one_circle(ends[row].reshape(-1, 2)):
-            result[row] = True
-    return result
-
-
-def _on_one_circle(points: Float[np.ndarray, "k 2"]) -> bool:
-    """Whether points are within `_CURVE_PX` of the circle that fits them best."""
-    middle = points.mean(axis=0)
-    x, y = (points - middle).T
-    (a, b, c), *_ = np.linalg.lstsq(
-        np.stack([2 * x, 2 * y, np.ones_like(x)], 1), x**2 + y**2, rcond=None
-    )
-    radius = np.sqrt(max(c + a**2 + b**2, 0.0))
-    return bool(np.abs(np.hypot(x - a, y - b) - radius).max() < _CURVE_PX)
-
-
-def aligned_share(ends: Float[np.ndarray, "n 2 2"]) -> float:
-    """Share of the length of segments along the two most frequent directions and across them, or of round
-    walls."""
-    along = ends[:, 1] - ends[:, 0]
-    angle = np.rad2deg(np.arctan2(along[:, 1], along[:, 0])) % 90.0
-    length = segments.lengths(ends)
-    left, total = length.copy(), float(length.sum())
-    for _ in range(2):
-        off = np.abs((angle[:, None] - np.arange(0.0, 90.0, 0.5)[None] + 45.0) % 90.0 - 45.0)
-        reached = ((off < _SAME_DEG) * left[:, None]).sum(axis=0)
-        left[off[:, int(np.argmax(reached))] < _SAME_DEG] = 0.0
-    left[are_round(ends)] = 0.0
-    return 1.0 - float(left.sum()) / max(total, 1e-9)
+    sketch = sketch_words(ends)
+    return (*result, sketch) if sketch else tuple(result)

@@ -27,6 +27,7 @@ from planfit.floorplan.raster.interpretation import (
     straight_length,
 )
 from planfit.floorplan.raster.openings import find_openings
+from planfit.floorplan.raster.photographs import photograph_words
 from planfit.floorplan.raster.picture import (
     Upright,
     check_size,
@@ -113,8 +114,9 @@ def plan_of_picture(
     ink = None if wall_mask is not None else account_for(interpretation, small)
     dropped = _moved(left_out(interpretation, ink, shrink), _picture_from(upright))
     plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
-    around = surroundings_words(image_bgr) if wall_mask is None else ""
-    plan = plan.with_warning(around) if around else plan
+    if wall_mask is None:
+        for words in (photograph_words(image_bgr), surroundings_words(image_bgr)):
+            plan = plan.with_warning(words) if words else plan
     if ink is not None:
         plan = with_account(plan, ink, interpretation, shrink)
     if not plan.source.unit_from:

@@ -146,7 +146,7 @@ def open_doors(
             cuts.setdefault(int(i), []).append((float(low[i]), float(high[i])))
     if not cuts:
         return OpenedDoors(faces, np.zeros((0, 2, 2)), 0)
-    return _cut(faces, cuts, n_doors)
+    return cut_faces(faces, cuts, n_doors)
 
 
 def _closed_leaf(swing: DoorSwing, body: BaseGeometry) -> Float[np.ndarray, "2 2"] | None:
@@ -171,7 +171,16 @@ def _share_in(body: BaseGeometry, points: Float[np.ndarray, "n 2"], near: float)
     return float(np.mean(shapely.dwithin(body, shapely.points(points), near)))
 
 
-def _cut(faces: LineFaces, cuts: dict[int, list[tuple[float, float]]], n_doors: int) -> OpenedDoors:
+def cut_faces(
+    faces: LineFaces, cuts: dict[int, list[tuple[float, float]]], n_doors: int
+) -> OpenedDoors:
+    """Faces without some parts of them.
+
+    Args:
+        faces: of walls.
+        cuts: of each face, by index, begin and end of every part, from its first end.
+        n_doors: how many doors these are.
+    """
     whole = np.ones(len(faces.ends), dtype=bool)
     whole[list(cuts)] = False
     kept, openings, source = [], [], []

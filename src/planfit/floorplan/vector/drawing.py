@@ -31,6 +31,8 @@ class Lines:
     """Equal where colour and stroke width are."""
     is_curved: Bool[np.ndarray, " n"]
     """Segment of an arc, a circle or a spline."""
+    is_dashed: Bool[np.ndarray, " n"]
+    """Drawn with gaps."""
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -43,6 +45,7 @@ class Lines:
             self.path[keep],
             self.style[keep],
             self.is_curved[keep],
+            self.is_dashed[keep],
         )
 
 
@@ -116,7 +119,8 @@ class DrawingBuilder:
         if n < 1:
             return
         style_number = self._styles.setdefault(style, len(self._styles))
-        numbers = np.array([self.layer(layer), len(self._ends), style_number, 0])
+        is_dashed = pen is not None and pen.is_dashed
+        numbers = np.array([self.layer(layer), len(self._ends), style_number, 0, is_dashed])
         numbers = np.tile(numbers, (n, 1))
         numbers[:, 3] = is_curved
         self._ends.append(np.stack([points[:-1], points[1:]], axis=1))
@@ -157,9 +161,11 @@ class DrawingBuilder:
         hidden_layers: tuple[str, ...] = (),
     ) -> "VectorDrawing":
         """The drawing of all that was added; see `VectorDrawing` for the arguments."""
-        numbers = np.concatenate([*self._numbers, np.zeros((0, 4), dtype=int)])
+        numbers = np.concatenate([*self._numbers, np.zeros((0, 5), dtype=int)])
         ends = np.concatenate([*self._ends, np.zeros((0, 2, 2))])
-        lines = Lines(ends, numbers[:, 0], numbers[:, 1], numbers[:, 2], numbers[:, 3].astype(bool))
+        layer, path, style = numbers[:, 0], numbers[:, 1], numbers[:, 2]
+        is_curved, is_dashed = numbers[:, 3].astype(bool), numbers[:, 4].astype(bool)
+        lines = Lines(ends, layer, path, style, is_curved, is_dashed)
         lines = _uncovered(_clipped(lines, self._clips), self._covers)
         lines, bodies = _without_bodies(lines, self._pens)
         return VectorDrawing(

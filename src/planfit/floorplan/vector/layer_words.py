@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from planfit.floorplan.vector.layer_lengths import LayerLength
 from planfit.floorplan.vector.layer_names import Role
-from planfit.floorplan.vector.walls import LayerLength
 
 MOST_NAMED = 6
 LITTLE = 0.3

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
@@ -11,18 +12,28 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.plans_on_sheet import MOST_STOREYS, storey_number, storeys_warning
+from planfit.floorplan.plausible import (
+    are_closed_rooms,
+    closed_shares,
+    closed_words,
+    sketch_words,
+)
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.cleaning import cleaned
 from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
 from planfit.floorplan.vector.layer_words import length_words, words_on_layers
 from planfit.floorplan.vector.line_work import longest, moved, outlines
+from planfit.floorplan.vector.room_edges import TOUCHING
 from planfit.floorplan.vector.sheet import without_sheet
+from planfit.floorplan.vector.single_lines import body_of_faces
 from planfit.floorplan.vector.storeys import DrawnStoreys, storeys_of_drawing
 from planfit.floorplan.vector.units import UnitFound, unit_of_drawing
 from planfit.floorplan.vector.walls import DrawnWalls, counted_openings, walls_of_drawing
 from planfit.geometry import segments
 
+SKETCH_PX = 1000.0
+"""What sketches are told by is measured in pixels of a picture as wide."""
 FAR_FROM_ORIGIN = 20.0
 """Coordinates further from the origin than this many times the plan's size are moved to it."""
 
@@ -175,7 +186,19 @@ def _walls_and_unit(
         again = walls_of_drawing(drawing, roles, unit.metres_per_unit)
         walls = again if len(again.faces.ends) else walls
     warnings = (*_warnings_on_unit(first, walls, unit), *walls.warnings)
-    return replace(walls, warnings=warnings), unit
+    return replace(walls, warnings=(*warnings, *_doubts(walls))), unit
+
+
+def _doubts(walls: DrawnWalls) -> tuple[str, ...]:
+    """What speaks against a floorplan, a sentence each: a section has no doors, a sketch no straight line."""
+    ends = walls.faces.ends
+    extent = float(np.ptp(ends.reshape(-1, 2), axis=0).max())
+    found = [sketch_words(SKETCH_PX / extent * ends)]
+    # Rooms that touch are told to be closed already.
+    if TOUCHING not in walls.warnings:
+        shares = closed_shares(list(shapely.get_parts(body_of_faces(walls.faces, extent))))
+        found += [closed_words(shares)] if are_closed_rooms(shares) else []
+    return tuple(words for words in found if words)
 
 
 def _require_walls(walls: DrawnWalls, path: Path, drawing: VectorDrawing) -> None:

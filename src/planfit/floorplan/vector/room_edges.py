@@ -2,11 +2,15 @@
 
 import numpy as np
 import shapely
+from jaxtyping import Bool
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.faces import line_strings
 from planfit.floorplan.vector.areas import edges_between_rooms, edges_of_rooms, outside_rooms
 from planfit.floorplan.vector.candidates import Candidates
 from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.floorplan.vector.drawing import Lines
+from planfit.floorplan.vector.line_work import ends_of
 from planfit.geometry import segments
 
 TOUCHING_SHARE = 0.3
@@ -17,6 +21,9 @@ TOUCHING = (
     "are drawn as swings or gaps"
 )
 
+
+LEAST_BETWEEN, DRAWN_SHARE = 0.02, 0.6
+"""Of the drawing's size, edges between rooms that are looked at; of a wall, what of the edge is drawn."""
 
 WALLED_SHARE = 0.4
 """Of the outlines of rooms, what runs inside solid walls where walls are drawn over tints of the rooms. Rooms
@@ -70,6 +77,54 @@ def walls_between_rooms(
         np.full(n, np.nan),
         np.full(n, -1),
     )
+
+
+def drawn_between_rooms(lines: Lines, rooms: list[BaseGeometry], extent: float) -> LineFaces:
+    """Edges that two rooms share where a straight line is drawn on them beside the outlines of the two, as
+    faces whose free side is unknown: a glazed front, a wall drawn as one line. Where nothing is drawn, as
+    between a corridor and a hall, a room goes on.
+
+    Args:
+        lines: straight ones, that may be faces.
+        rooms: filled or hatched areas.
+        extent: of the drawing.
+    """
+    tolerance = 4e-4 * extent
+    edges = edges_between_rooms(rooms, tolerance)
+    edges = edges[segments.lengths(edges) > LEAST_BETWEEN * extent]
+    if len(edges) == 0 or len(lines) == 0:
+        return LineFaces.together([])
+    drawn = line_strings(lines.ends[~_are_closed(lines, tolerance)])
+    tree = shapely.STRtree(drawn)
+    kept = []
+    for edge in line_strings(edges):
+        near = shapely.buffer(edge, 1.5 * tolerance, cap_style="flat")
+        on = shapely.intersection(drawn[tree.query(near, "intersects")], near)
+        # What crosses the edge leaves a speck on it.
+        long = on[shapely.length(on) > 10 * tolerance]
+        covered = shapely.intersection(edge, shapely.buffer(shapely.union_all(long), 2 * tolerance))
+        if shapely.length(covered) > DRAWN_SHARE * shapely.length(edge):
+            kept.append(edge)
+    if not kept:
+        return LineFaces.together([])
+    ends = ends_of(np.array(kept, dtype=object))
+    n = len(ends)
+    return LineFaces(
+        ends,
+        segments.left_normals(ends),
+        np.zeros(n, dtype=bool),
+        np.full(n, np.nan),
+        np.full(n, -1),
+    )
+
+
+def _are_closed(lines: Lines, tolerance: float) -> Bool[np.ndarray, " n"]:
+    """Segments of paths that end where they began."""
+    starts = np.flatnonzero(np.diff(lines.path, prepend=-1) != 0)
+    stops = np.append(starts[1:], len(lines)) - 1
+    gap = np.linalg.norm(lines.ends[starts, 0] - lines.ends[stops, 1], axis=1)
+    is_closed = (gap < tolerance) & (stops - starts >= 2)
+    return np.repeat(is_closed, stops - starts + 1)
 
 
 def bare_edges(candidates: Candidates, paired: LineFaces, least: float) -> LineFaces:

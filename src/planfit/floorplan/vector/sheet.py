@@ -9,14 +9,17 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.floorplan.faces import covered_lengths, line_strings
 from planfit.floorplan.near_lines import ends_that_meet, groups_within
-from planfit.floorplan.vector.arcs import fit_circle
+from planfit.floorplan.vector.axes import lines_of_axes, lines_of_plain_axes
 from planfit.floorplan.vector.drawing import Lines, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import usual_extent
 from planfit.geometry import segments
 
 FRAME_LAYER, DIMENSION_LAYER = "frame of the sheet", "lines of dimensions"
-AXIS_LAYER = "axes with bubbles"
+AXIS_LAYER, PLAIN_AXIS_LAYER = "axes with bubbles", "axes without bubbles"
+DASHED_LAYER, MOST_DASHED = "dashed lines", 0.35
+"""Beams overhead, cupboards on walls, what is below: of the length of the lines; where more is dashed, walls
+are drawn so."""
 ON, WHOLE = 1e-3, 0.97
 """Lines within this share of the drawing of a side are on it; they cover so much of each side of a frame."""
 MOST_FRAMES = 6
@@ -26,8 +29,6 @@ least so much of the whole; a frame keeps away from what it frames."""
 MOST_ATTACHED = 0.5
 """Of the lines in a frame, by length, those that hang on it: the title block, which has a corner of it."""
 TITLE_SHARE = 0.3
-BUBBLE, LEAST_BUBBLES, LONG_AXIS = (3e-3, 0.05), 3, 0.2
-"""Radius of the circles that name axes, of the drawing's size; a plan has so many, and axes so long."""
 LONGEST_TICK = 0.03
 """Of the drawing's size; 0.4 m in a house of 13 m. They are drawn as 2 to 4 mm of paper."""
 TICK_SINE = (float(np.sin(np.deg2rad(25.0))), float(np.sin(np.deg2rad(65.0))))
@@ -60,7 +61,13 @@ def without_sheet(drawing: VectorDrawing, roles: list[Role]) -> tuple[VectorDraw
     unknown = np.flatnonzero((role == Role.UNKNOWN) & ~of_frame & ~of_dimension)
     is_axis = np.zeros(len(lines), dtype=bool)
     is_axis[unknown] = lines_of_axes(lines.take(unknown), extent)
-    kinds = ((FRAME_LAYER, of_frame), (DIMENSION_LAYER, of_dimension), (AXIS_LAYER, is_axis))
+    unknown = unknown[~is_axis[unknown]]
+    is_plain = np.zeros(len(lines), dtype=bool)
+    is_plain[unknown] = lines_of_plain_axes(lines.take(unknown), extent)
+    kinds = (
+        (FRAME_LAYER, of_frame), (DIMENSION_LAYER, of_dimension), (AXIS_LAYER, is_axis),
+        (PLAIN_AXIS_LAYER, is_plain), (DASHED_LAYER, _are_dashed(lines, role) & ~is_plain),
+    )  # fmt: skip
     for name, found in kinds:
         found &= role != Role.WALL
         if found.any():
@@ -68,6 +75,15 @@ def without_sheet(drawing: VectorDrawing, roles: list[Role]) -> tuple[VectorDraw
             layers.append(name)
             roles = [*roles, Role.NO_WALL]
     return replace(drawing, lines=replace(lines, layer=layer), layers=tuple(layers)), roles
+
+
+def _are_dashed(lines: Lines, role: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Straight lines with gaps, on layers that no name tells, where most lines have none."""
+    looked_at = (role != Role.NO_WALL) & ~lines.is_curved
+    found = looked_at & lines.is_dashed & (role == Role.UNKNOWN)
+    length = segments.lengths(lines.ends)
+    few = length[looked_at & lines.is_dashed].sum() < MOST_DASHED * length[looked_at].sum()
+    return found & few
 
 
 def lines_of_frame(lines: Lines) -> Bool[np.ndarray, " n"]:
@@ -171,47 +187,6 @@ def _is_title(ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"]) -
     low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
     area, whole = float(np.prod(high - low)), float(np.prod(box[1] - box[0]))
     return bool((along > np.cos(1e-3)).mean() > 0.8) and area < TITLE_SHARE * whole
-
-
-def lines_of_axes(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
-    """Long lines that end at small circles of one size, pointing at their middle, and the circles.
-
-    Args:
-        lines: of the drawing, in the order of the file.
-        extent: of the drawing.
-    """
-    result = np.zeros(len(lines), dtype=bool)
-    bubbles, of = [], []
-    curved = np.flatnonzero(lines.is_curved)
-    starts = np.flatnonzero(np.diff(lines.path[curved], prepend=-1))
-    for own in np.split(curved, starts[1:]):
-        if len(own) < 6:
-            continue
-        circle = fit_circle(lines.ends[own, 0])
-        if circle is None or not BUBBLE[0] * extent < circle.radius < BUBBLE[1] * extent:
-            continue
-        if segments.lengths(lines.ends[own]).sum() > 0.9 * 2 * np.pi * circle.radius:
-            bubbles.append([*circle.centre, circle.radius])
-            of.append(own)
-    if len(bubbles) < LEAST_BUBBLES:
-        return result
-    circles = np.array(bubbles)
-    alike = np.abs(circles[:, 2] / np.median(circles[:, 2]) - 1) < 0.05
-    long = ~lines.is_curved & (segments.lengths(lines.ends) > LONG_AXIS * extent)
-    at = np.flatnonzero(long)
-    away = lines.ends[at][:, :, None] - circles[None, None, :, :2]
-    along = segments.directions(lines.ends[at])
-    # Of each line, end and circle: how far the end is from the ring, and the line from the middle.
-    ring = np.abs(np.linalg.norm(away, axis=3) / circles[:, 2] - 1)
-    aside = np.abs(along[:, None, None, 0] * away[..., 1] - along[:, None, None, 1] * away[..., 0])
-    points_at = (ring < 0.1) & (aside < 0.1 * circles[:, 2]) & alike
-    is_axis = points_at.any(axis=(1, 2))
-    if is_axis.sum() < LEAST_BUBBLES:
-        return result
-    result[at[is_axis]] = True
-    for k in np.flatnonzero(points_at.any(axis=(0, 1))):
-        result[of[k]] = True
-    return result
 
 
 def lines_of_dimensions(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:

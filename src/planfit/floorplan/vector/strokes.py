@@ -33,6 +33,8 @@ class Pen:
     """In the drawing's unit; 0 for the finest line there is."""
     colour: tuple[int, int, int] | None
     """RGB from 0 to 255; None where the file does not tell."""
+    is_dashed: bool = False
+    """With gaps, as what lies above or below is drawn."""
 
 
 def are_bodies(

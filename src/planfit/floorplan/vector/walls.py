@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -21,6 +21,7 @@ from planfit.floorplan.vector.areas import (
 from planfit.floorplan.vector.candidates import Candidates
 from planfit.floorplan.vector.closed_bodies import rest_of_bodies
 from planfit.floorplan.vector.closed_pieces import ClosedPieces, closed_pieces, joined
+from planfit.floorplan.vector.door_jambs import open_jambs
 from planfit.floorplan.vector.doors import OpenedDoors, find_door_swings, open_doors
 from planfit.floorplan.vector.double_lines import (
     LineFaces,
@@ -31,6 +32,7 @@ from planfit.floorplan.vector.double_lines import (
 )
 from planfit.floorplan.vector.drawing import Lines, VectorDrawing
 from planfit.floorplan.vector.furniture import are_furniture
+from planfit.floorplan.vector.layer_lengths import LayerLength, lengths_by_layer
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
@@ -40,6 +42,7 @@ from planfit.floorplan.vector.room_edges import (
     are_tints,
     around_rooms,
     bare_edges,
+    drawn_between_rooms,
     walls_between_rooms,
 )
 from planfit.floorplan.vector.single_lines import (
@@ -67,7 +70,7 @@ class DrawnWalls:
     """Faces left out because they stand apart from the building."""
     openings: Float[np.ndarray, "k 2 2"]
     """Windows along the faces they interrupt, as far as they were drawn as such."""
-    by_layer: "tuple[LayerLength, ...]" = ()
+    by_layer: tuple[LayerLength, ...] = ()
     """What became of the line work of each layer."""
     opening_kinds: tuple[str, ...] = ()
     """What the openings are, counted."""
@@ -75,19 +78,6 @@ class DrawnWalls:
     """Length of the edges where two filled rooms meet without a wall between them, taken for open."""
     opening_names: tuple[str, ...] = ()
     """What each of the openings is."""
-
-
-@dataclass(frozen=True)
-class LayerLength:
-    """Line work of a layer, in the drawing's own unit."""
-
-    name: str
-    role: Role
-    n_lines: int
-    drawn: float
-    """Length of lines that were looked at as faces; of all of them where the layer holds no walls."""
-    taken: float
-    """Length of the faces among them."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +89,20 @@ class _Found:
     warnings: tuple[str, ...]
     shared_edges: float
     """See `DrawnWalls`."""
+
+    def with_single_lines(self, walls: LineFaces) -> "_Found":
+        """The same with walls between two rooms, which were taken for open there."""
+        if len(walls.ends) == 0:
+            return self
+        length = float(segments.lengths(walls.ends).sum())
+        warning = _single_warning(self.parts, length)
+        left = self.shared_edges - length
+        return replace(
+            self,
+            parts=[*self.parts, walls],
+            warnings=(*self.warnings, warning),
+            shared_edges=left if left > 0.01 * length else 0.0,  # else what rounding leaves
+        )
 
 
 def walls_of_drawing(
@@ -137,15 +141,22 @@ def walls_of_drawing(
     if rooms:
         dropped.append(f"line work inside {len(rooms)} filled or hatched rooms")
     found = _faces_of_all(solids, pieces, rooms, candidates, metres_per_unit, extent)
+    if rooms and TOUCHING not in found.warnings:
+        between = drawn_between_rooms(lines.take(has_form), rooms, extent)
+        found = found.with_single_lines(between)
     faces, apart = _main_part(LineFaces.together(found.parts), extent)
     doors = _open_doors(faces, lines, metres_per_unit, bounds[1], extent)
-    faces = doors.faces
+    others = open_jambs(doors, lines.ends[has_form], extent)
+    faces = others.faces
+    n_windows, n_others = len(windows.openings) // 2, len(others.openings) // 2
     doors_are = _counted(doors.n_doors, "door")
     if doors.n_doors:
         dropped.append(f"lines that ran through {doors_are} drawn as quarter or half circles")
+    if n_others:
+        dropped.append(f"lines that ran through {_counted(n_others, 'opening')} between jambs")
     if len(apart):
         dropped.append(f"{len(apart)} faces apart from the building (legend, title block, details)")
-    by_layer = _lengths_by_layer(drawing, roles, found.candidates, faces)
+    by_layer = lengths_by_layer(drawing, roles, found.candidates, faces)
     names = [drawing.layers[fill.layer] for fill in drawing.fills] if solids or rooms else []
     names += [drawing.layers[i] for i in np.unique(pieces.layer)]
     used = [each.name for each in by_layer if each.taken > 0]
@@ -156,13 +167,15 @@ def walls_of_drawing(
         found.warnings,
         is_left_out,
         apart,
-        np.concatenate([windows.openings, doors.openings]),
+        np.concatenate([windows.openings, doors.openings, others.openings]),
         by_layer,
         tuple(
-            words for words in (doors_are, _counted(len(windows.openings) // 2, "window")) if words
+            filter(None, (doors_are, _counted(n_windows, "window"), _counted(n_others, "opening")))
         ),
         found.shared_edges,
-        opening_names=("window",) * len(windows.openings) + ("door",) * len(doors.openings),
+        opening_names=("window",) * len(windows.openings)
+        + ("door",) * len(doors.openings)
+        + ("opening",) * len(others.openings),
     )
 
 
@@ -191,32 +204,6 @@ def _open_doors(
     usual = weighted_median(faces.thickness[known], segments.lengths(faces.ends[known]))
     swings = find_door_swings(lines, metres_per_unit, usual)
     return open_doors(faces, swings, body_of_faces(faces, extent), most)
-
-
-def _lengths_by_layer(
-    drawing: VectorDrawing, roles: list[Role], candidates: Candidates, faces: LineFaces
-) -> tuple[LayerLength, ...]:
-    """What was looked at of each layer that is to be, all line work of the others, and what became faces."""
-    n = len(drawing.layers)
-    lines = drawing.lines
-    count = np.bincount(lines.layer, minlength=n)
-    whole = np.bincount(lines.layer, segments.lengths(lines.ends), minlength=n)
-    own = candidates.layer >= 0
-    drawn = np.bincount(candidates.layer[own], segments.lengths(candidates.ends[own]), minlength=n)
-    on_line = faces.line >= 0
-    layer = candidates.layer[faces.line[on_line]]
-    length = segments.lengths(faces.ends[on_line])
-    taken = np.bincount(layer[layer >= 0], length[layer >= 0], minlength=n)
-    return tuple(
-        LayerLength(
-            name,
-            roles[i],
-            int(count[i]),
-            float(whole[i] if roles[i] == Role.NO_WALL else drawn[i]),
-            float(taken[i]),
-        )
-        for i, name in enumerate(drawing.layers)
-    )
 
 
 def _are_in_rows(
@@ -345,11 +332,14 @@ def _faces_of_all(
             single = single_lines(candidates, is_taken, extent)
     if len(single.ends) == 0:
         return _Found(parts, candidates, (), shared_edges)
-    length = segments.lengths(single.ends).sum()
-    share = length / (length + segments.lengths(is_taken.ends).sum())
-    few = "" if share > 0.995 else f" ({share:.0%} of the length of faces)"
-    warning = f"walls are drawn as single lines{few}: which side of them is free is unknown"
+    warning = _single_warning([is_taken], float(segments.lengths(single.ends).sum()))
     return _Found([*parts, single], candidates, (warning,), shared_edges)
+
+
+def _single_warning(others: list[LineFaces], length: float) -> str:
+    share = length / (length + sum(float(segments.lengths(part.ends).sum()) for part in others))
+    few = "" if share > 0.995 else f" ({share:.0%} of the length of faces)"
+    return f"walls are drawn as single lines{few}: which side of them is free is unknown"
 
 
 def _extent(drawing: VectorDrawing, role: Int[np.ndarray, " n"]) -> float:

@@ -32,6 +32,7 @@ from planfit.floorplan.formats.svg.prepare import (
     with_flat_transforms,
     with_symbols_apart,
 )
+from planfit.floorplan.formats.svg.styles import with_styles
 from planfit.floorplan.formats.svg.variables import with_values
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
@@ -64,7 +65,7 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
         FloorplanError: the file is no SVG, declares entities, or shows no walls.
     """
     data, n_references = load_safely(path)
-    svg = _parsed(data, path)
+    svg, not_understood = _parsed(data, path)
     builder = DrawingBuilder()
     strokes = [shape.stroke for shape in svg.elements() if isinstance(shape, Shape)]
     is_white = [_is_white(stroke) for stroke in strokes if _is_drawn(stroke)]
@@ -94,7 +95,9 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
         "SVG drawing",
         file_from_drawing,
     )
-    return floorplan.with_warning(not_followed) if n_references else floorplan
+    for words in (*([not_followed] if n_references else []), *not_understood):
+        floorplan = floorplan.with_warning(words)
+    return floorplan
 
 
 def _is_in_true_size(svg: SVG) -> bool:
@@ -106,8 +109,13 @@ def _is_in_true_size(svg: SVG) -> bool:
     return side_px * 0.0254 / PIXELS_PER_INCH > WIDEST_PAPER_M
 
 
-def _parsed(data: bytes, path: Path) -> SVG:
-    data = with_flat_transforms(with_symbols_apart(with_values(data)))
+def _parsed(data: bytes, path: Path) -> tuple[SVG, tuple[str, ...]]:
+    """The drawing, and what of its styles was not understood."""
+    try:
+        data, not_understood = with_styles(with_values(data))
+    except FloorplanError as error:
+        raise FloorplanError(f"{path}: {error}") from error
+    data = with_flat_transforms(with_symbols_apart(data))
     try:
         svg = SVG.parse(io.BytesIO(data), reify=True, ppi=PIXELS_PER_INCH)
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as error:
@@ -117,7 +125,7 @@ def _parsed(data: bytes, path: Path) -> SVG:
         ) from error
     if not isinstance(svg, SVG):
         raise FloorplanError(f"{path}: expected an SVG, found another XML file")
-    return svg
+    return svg, not_understood
 
 
 def _add_group(
@@ -195,11 +203,22 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
             builder.add_cover([shapely.get_coordinates(r) for r in shapely.get_rings(gap)])
     elif _is_drawn(shape.stroke):
         width = float(shape.stroke_width or 1.0)
-        style, pen = (str(shape.stroke), round(width, 3)), Pen(width, _rgb(shape.stroke))
+        style = (str(shape.stroke), round(width, 3))
+        pen = Pen(width, _rgb(shape.stroke), _is_dashed(shape))
         for points, is_curved in sub_paths:
             builder.add_polyline(points, is_curved, layer, style, pen)
     if _is_drawn(shape.fill):
         builder.add_fill([points for points, _ in sub_paths], layer, _rgb(shape.fill))
+
+
+def _is_dashed(shape: Shape) -> bool:
+    """Whether a stroke has gaps: of dashes and gaps in turn, the same again where their number is odd."""
+    words = re.split(r"[\s,]+", str((shape.values or {}).get("stroke-dasharray") or "").strip())
+    try:
+        dashes = [float(word.removesuffix("px")) for word in words]
+    except ValueError:
+        return False
+    return sum((dashes * 2)[1::2]) > 0
 
 
 def _covers(shape: Shape) -> bool:

@@ -3,7 +3,8 @@
 import re
 import xml.etree.ElementTree as ET
 
-_STYLE = "{http://www.w3.org/2000/svg}style"
+from planfit.floorplan.formats.svg.rules import STYLE, split_declarations, split_rules
+
 _PART = r"[^()]{0,80}"  # bounded: of a name that is never closed, all ends would be tried
 _VARIABLE = re.compile(rf"var\(\s*(--[^\s,()]+)\s*(?:,\s*({_PART}(?:\({_PART}\))?{_PART}))?\)")
 _MOST_STEPS, _LONGEST = 8, 200
@@ -29,40 +30,24 @@ def with_values(data: bytes) -> bytes:
         for name, text in element.attrib.items():
             if "var(" in text:
                 element.set(name, _put(text, values))
-        if element.tag == _STYLE and element.text and "var(" in element.text:
+        if element.tag == STYLE and element.text and "var(" in element.text:
             element.text = _put(element.text, values)
     return ET.tostring(root, encoding="utf-8")
 
 
 def _declared(root: ET.Element) -> dict[str, str]:
     """Variables as they are written: of the whole drawing, of its rules, of single elements."""
-    rules = [element.text or "" for element in root.iter() if element.tag == _STYLE]
-    own = [f"{{{element.get('style', '')}}}" for element in root.iter() if element.get("style")]
-    whole = [f"{{{root.get('style', '')}}}"]
+    found = list(split_declarations(root.get("style", "")))
+    for element in root.iter(STYLE):
+        for rule in split_rules(element.text or ""):
+            found += rule.declarations
+    for element in root.iter():
+        found += split_declarations(element.get("style", ""))
     values: dict[str, str] = {}
-    for text in (*whole, *rules, *own):
-        for name, value in _of_rules(text):
-            values.setdefault(name, value)
+    for name, value in found:
+        if name.startswith("--"):
+            values.setdefault(name, value.replace("!important", "").strip())
     return values
-
-
-def _of_rules(text: str) -> list[tuple[str, str]]:
-    """Variables of rules that no condition holds in."""
-    text = "".join(part.partition("/*")[0] for part in text.split("*/"))
-    found, are_conditions, begun = [], [], ""
-    n_conditions = 0
-    for piece in re.split(r"([{};])", text):
-        if piece == "{":
-            are_conditions.append(begun.startswith("@"))
-            n_conditions += are_conditions[-1]
-        elif piece == "}":
-            n_conditions -= are_conditions.pop() if are_conditions else 0
-        elif piece != ";":
-            begun = piece.strip()
-            name, colon, value = begun.partition(":")
-            if name.startswith("--") and colon and are_conditions and n_conditions == 0:
-                found.append((name.strip(), value.replace("!important", "").strip()))
-    return found
 
 
 def _resolved(values: dict[str, str]) -> dict[str, str]:
