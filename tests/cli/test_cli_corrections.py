@@ -1,6 +1,7 @@
 """Corrections by hand on the command line: used, recorded and told, or refused in one line."""
 
 import json
+import shutil
 import signal
 import socket
 import subprocess
@@ -116,6 +117,53 @@ def test_a_run_is_opened_as_it_was_read(corrected, small_scan: Path, tmp_path: P
     np.save(other, faces[:-1])
     with pytest.raises(FloorplanError, match="expected the plan as the run read it"):
         open_session(ViewArguments(corrected[1], plan=other))
+
+
+@pytest.fixture
+def opened_again(corrected, tmp_path: Path, monkeypatch) -> tuple[Path, list[dict]]:
+    """A copy of the run, and what each solve of its page gives to `refine_into`."""
+    folder, given = tmp_path / "out", []
+    without = shutil.ignore_patterns("cache", "corrections.toml")
+    shutil.copytree(corrected[1], folder, ignore=without)
+    monkeypatch.setattr(
+        "planfit.cli.view.refine_into",
+        lambda *values, **more: given.append({**more, "options": values[3]}),
+    )
+    return folder, given
+
+
+def test_corrections_of_another_file_go_on(opened_again, corrected) -> None:
+    """A page that began with none of them would solve without what the run was made with."""
+    folder, given = opened_again
+    session = open_session(ViewArguments(folder, workers=1))
+    rows = session.state()["corrections"]
+    assert len(rows) == 6
+    assert all(row["is_solved"] for row in rows)
+    session.start_solve()
+    session.wait()
+    assert len(given[0]["by_hand"].corrections) == 6
+    assert given[0]["report_options"].has_view is False
+    assert not session.path.exists()
+    session.add("add_loop", {"frames": [3, 57]})
+    assert len(read_corrections(session.path)) == 7
+    # Once the page has its own file, that alone counts; taken out by hand, none is left.
+    session.path.write_text("planfit_corrections = 1\n")
+    assert open_session(ViewArguments(folder, workers=1)).state()["corrections"] == []
+
+
+def test_places_count_for_more_than_the_number_of_an_alignment(opened_again) -> None:
+    """They leave one alignment: there is no second one to take."""
+    folder, given = opened_again
+    record = json.loads((folder / "run.json").read_text())
+    record["options"]["align"]["candidate"] = 2
+    (folder / "run.json").write_text(json.dumps(record))
+    session = open_session(ViewArguments(folder, workers=1))
+    session.start_solve()
+    session.wait()
+    session.add("place", {"scan": [1.0, 1.0, 1.0], "plan": [1.0, 1.0]})
+    session.start_solve()
+    session.wait()
+    assert [each["options"].align.candidate for each in given] == [2, 1]
 
 
 def test_no_browser_and_a_taken_port_are_told(corrected, monkeypatch, capsys) -> None:

@@ -4,7 +4,7 @@ import os
 import webbrowser
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -12,12 +12,16 @@ from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import out
 from planfit.cli.refine import HandChoice, refine_into
 from planfit.cli.run_record import RunRecord, read_present_scan, read_record
-from planfit.corrections import Corrections
+from planfit.cli.survey import SurveyFlags
+from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan import Floorplan, read_floorplan
+from planfit.option_values import options_of
+from planfit.pipeline.options import RefineOptions
+from planfit.report import ReportOptions
 from planfit.run_folder import finished_record
 from planfit.scan import Scan
-from planfit.viewer import Session, ViewServer
+from planfit.viewer import FILE, Session, ViewServer
 
 
 @dataclass(frozen=True)
@@ -91,22 +95,44 @@ def open_session(arguments: ViewArguments) -> Session:
     options = replace(record.options, poses_convention=convention)
     cache = written.get("cache")
 
+    report = options_of(
+        written.get("report_options") or {}, ReportOptions(), f"{folder / 'run.json'}: report."
+    )
+
     def solve(corrections: Corrections) -> None:
+        # As the run was made, surveyed points and report included: only corrections are to tell.
+        flags = SurveyFlags.of_record(written["inputs"])
         refine_into(
             folder,
             scan,
             floorplan,
-            options,
+            _placed_by_hand(options) if corrections.places else options,
             arguments.workers,
             # The scan may have been moved; the folder is that of this run.
             overwrite=True,
             scan_options=record.scan_options,
+            more_inputs=flags.inputs,
+            report_options=report,
             cache=Path(cache) if cache else None,
+            survey=flags.read(scan, floorplan is not None),
             by_hand=HandChoice(corrections, arguments.without_contradicted),
         )
 
     _require_frames(scan, record)
-    return Session(folder, scan, floorplan, solve)
+    return Session(folder, scan, floorplan, solve, _given(record, written))
+
+
+def _given(record: RunRecord, written: dict[str, Any]) -> Corrections:
+    """Those of another file that the run was made with: they go on until the page's own file is there."""
+    told = written.get("corrections")
+    if not told or Path(told["file"]).resolve() == (record.folder / FILE).resolve():
+        return NO_CORRECTIONS
+    return Corrections(told["file"], record.corrections.entries)
+
+
+def _placed_by_hand(options: RefineOptions) -> RefineOptions:
+    """Places say which alignment is meant; the number of one counts among those of a search without them."""
+    return replace(options, align=replace(options.align, candidate=1))
 
 
 def _plan(arguments: ViewArguments, record: RunRecord, fingerprint: str) -> Floorplan | None:
