@@ -1,11 +1,14 @@
 """Corrections by hand on the command line: used, recorded and told, or refused in one line."""
 
 import json
+import os
 import shutil
 import signal
 import socket
 import subprocess
 import sys
+import threading
+import time
 import urllib.request
 from pathlib import Path
 
@@ -167,10 +170,15 @@ def test_places_count_for_more_than_the_number_of_an_alignment(opened_again) -> 
 
 
 def test_no_browser_and_a_taken_port_are_told(corrected, monkeypatch, capsys) -> None:
+    is_asked = threading.Event()
+
     def ended(*_: object, **__: object) -> None:
+        assert is_asked.wait(10)
+        time.sleep(0.2)  # until it is told
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("webbrowser.open", lambda _: False)
+    monkeypatch.setattr("webbrowser.get", lambda: None)
+    monkeypatch.setattr("webbrowser.open", lambda _: bool(is_asked.set()))
     monkeypatch.setattr(ViewServer, "serve_forever", ended)
     assert run(["view", str(corrected[1])]) == 0
     said = capsys.readouterr().out
@@ -182,6 +190,44 @@ def test_no_browser_and_a_taken_port_are_told(corrected, monkeypatch, capsys) ->
         port = taken.getsockname()[1]
         assert run(["view", str(corrected[1]), "--port", str(port)]) == 2
     assert f"--port: expected a free port, found one in use at {port}" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a browser that is a shell script")
+@pytest.mark.parametrize("is_of_terminal", [False, True])
+def test_no_browser_keeps_the_page_from_being_served(
+    corrected, tmp_path: Path, is_of_terminal: bool
+) -> None:
+    """One that is waited for until it is closed; one that takes the terminal is not opened."""
+    script, opened = tmp_path / ("w3m" if is_of_terminal else "browser"), tmp_path / "opened"
+    script.write_text(f'#!/bin/sh\necho "$1" > {opened}\nexec sleep 20 > /dev/null 2>&1\n')
+    script.chmod(0o755)
+    hidden = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
+    env = {name: value for name, value in os.environ.items() if name not in hidden}
+    # On PATH there is nothing else, as Python takes the first of several.
+    env |= (
+        {"PATH": str(tmp_path) + ":/bin", "TERM": "xterm"}
+        if is_of_terminal
+        else {"BROWSER": str(script)}
+    )
+    command = [sys.executable, "-m", "planfit", "view", str(corrected[1]), "--workers=1"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=env) as process:
+        assert process.stdout is not None
+        address = process.stdout.readline().strip()
+        try:
+            with urllib.request.urlopen(f"{address}state", timeout=20) as answer:
+                assert json.load(answer)["frames"] == 60
+            if not is_of_terminal:
+                end = time.monotonic() + 20
+                while not (opened.exists() and opened.read_text().strip() == address):
+                    assert time.monotonic() < end
+                    time.sleep(0.05)
+            process.send_signal(signal.SIGINT)
+            told = process.communicate(timeout=20)[0]
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    assert ("no browser was found" in told) == is_of_terminal
+    assert opened.exists() != is_of_terminal
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """`planfit view`: a finished run on a local page, and corrections by hand."""
 
 import os
+import threading
 import webbrowser
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,6 +23,9 @@ from planfit.report import ReportOptions
 from planfit.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.viewer import FILE, Session, ViewServer
+
+_OF_TERMINAL = ("www-browser", "links", "elinks", "lynx", "w3m")
+"""Browsers that Python takes where there is no display: they run no script, and take the terminal."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +65,9 @@ def serve(session: Session, port: int, no_browser: bool) -> None:
     with ViewServer(session, port) as server:
         out.print(f"{server.address}", soft_wrap=True)
         out.print(f"corrections are kept in {session.path}; Ctrl-C ends", soft_wrap=True)
-        if not no_browser and not _opened(server.address):
-            out.print("no browser was found to open it: open the address above in one")
+        if not no_browser:
+            # Beside the server, which has to answer browsers that are waited for until they are closed.
+            threading.Thread(target=_open, args=(server.address,), daemon=True).start()
         try:
             server.serve_forever(poll_interval=0.2)
         except KeyboardInterrupt:
@@ -157,9 +162,16 @@ def _require_frames(scan: Scan, record: RunRecord) -> None:
         )
 
 
+def _open(address: str) -> None:
+    """In a browser, and say so where there is none."""
+    if not _opened(address):
+        out.print("no browser was found to open it: open the address above in one")
+
+
 def _opened(address: str) -> bool:
     """Whether a browser took it."""
     try:
-        return webbrowser.open(address)
+        name = getattr(webbrowser.get(), "name", "")
+        return Path(str(name)).name not in _OF_TERMINAL and webbrowser.open(address)
     except (webbrowser.Error, OSError):
         return False
