@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 import planfit
 import planfit.cli.refine as command
-from planfit.export.cloud import Cloud, place_cloud, sample_cloud
+from planfit.export.cloud import Cloud, place_cloud, read_ply_points, sample_cloud, write_ply
 from planfit.runtime import Runtime
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 
@@ -82,3 +82,16 @@ def test_a_run_leaves_frames_without_place_out_of_its_clouds(small_run, tmp_path
         len(trimesh.load(tmp_path / name / "cloud_after.ply").vertices) for name in ("out", "whole")
     )
     assert 0 < some < whole
+
+
+@pytest.mark.parametrize(
+    "origin", [(0.0, 0.0, 0.0), (500000.25, 5400000.5, 212.0), (-4000.0, 0.0, 0.0)]
+)
+def test_clouds_lose_nothing_wherever_they_are(tmp_path, rng, origin):
+    """Single precision has steps of half a metre at the northings of a national grid."""
+    points = np.array(origin) + rng.uniform(-20, 20, (500, 3))
+    path = tmp_path / "cloud.ply"
+    write_ply(path, points, np.zeros((500, 3), dtype=np.uint8))
+    np.testing.assert_allclose(read_ply_points(path, 1000), points, atol=0.0003, rtol=0)
+    kind = b"double" if origin[1] > 0 else b"float"
+    assert b"property " + kind + b" x" in path.read_bytes()[:200]

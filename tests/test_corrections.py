@@ -305,6 +305,27 @@ def test_points_picked_in_two_frames_close_a_loop(drifted_room, rng):
     result = planfit.refine(blind, None, observations=observations, corrections=by_hand(*loops))
     assert end_error_m(result, true) < 0.65 * end_error_m(open_ended, true)
     assert all(each.residual_m < 0.05 for each in result.by_hand.outcomes)
+    assert result.by_hand.contradictions == ()
+
+
+def test_a_pick_that_the_walk_contradicts_is_named_and_left_out_on_request(drifted_room, rng):
+    """Nothing lets go of a loop by hand: the result ends on it, and its own residual says little."""
+    true, scan, observations = drifted_room
+    blind = replace(scan, has_color=False)
+    right = picked(scan, true, 1, 22, rng, 1)[0]
+    # A quarter round the room, where another wall is in view.
+    told = by_hand(AddedLoop(1, (5, 12), (right[0], right[0])))
+    result = planfit.refine(blind, None, observations=observations, corrections=told)
+    (found,) = result.by_hand.contradictions
+    assert "m off where all else puts it, and without it the recorded motion of" in found.reason
+    assert result.warnings[0].startswith("contradicted by hand or scan: add_loop 1")
+    again = planfit.refine(
+        blind, None, observations=observations, corrections=told, without_contradicted=True
+    )
+    assert len(again.by_hand.left_out) == 1
+    assert position_rms_m(again.world_from_cams, true) < 0.7 * position_rms_m(
+        result.world_from_cams, true
+    )
 
 
 def test_two_frames_that_are_said_to_see_the_same_are_matched(drifted_room):

@@ -1,6 +1,8 @@
 """The report as PDF: printed by Chromium where there is one, else said so in a line."""
 
+import re
 import subprocess
+from importlib import resources
 
 import pytest
 
@@ -34,6 +36,34 @@ def test_the_report_is_printed(run, tmp_path, capsys):
     text = "".join(page.get_textpage().get_text_bounded() for page in document)
     assert text.strip() == "Walls of the plan"  # and neither its address nor the date
     assert [path.name for path in target.parent.iterdir()] == ["report.pdf"]
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium to print with")
+def test_tables_stay_whole_and_long_ones_keep_their_head(tmp_path):
+    pypdfium2 = pytest.importorskip("pypdfium2")
+
+    def table(name, n_rows):
+        rows = "".join(
+            f'<tr class="as-built-new"><td>{name}{k:03d}</td><td>x</td></tr>' for k in range(n_rows)
+        )
+        return (
+            f'<h2>Of {name}</h2><p>Some words.</p><div class="walls"><table><thead><tr><th>Head{name}</th>'
+            f"<th>y</th></tr></thead><tbody>{rows}</tbody></table></div>"
+        )
+
+    style = resources.files("planfit.report.html").joinpath("style.css").read_text("utf-8")
+    body = f'<div style="height: 180mm">full</div>{table("short", 20)}{table("long", 120)}'
+    page = tmp_path / "page.html"
+    page.write_text(f"<!DOCTYPE html><meta charset=utf-8><style>{style}</style><body>{body}</body>")
+    print_page(page, tmp_path / "page.pdf")
+    document = pypdfium2.PdfDocument(tmp_path / "page.pdf")
+    texts = [sheet.get_textpage().get_text_bounded() for sheet in document]
+    (whole,) = (text for text in texts if "short000" in text)
+    assert "short019" in whole
+    assert "Of short" in whole
+    parts = [text for text in texts if re.search(r"long\d", text)]
+    assert len(parts) > 1
+    assert all("Headlong" in text for text in parts)
 
 
 def test_a_machine_without_chromium_is_told_so(run, tmp_path, monkeypatch, capsys):

@@ -247,9 +247,16 @@ def test_a_loop_pressed_in_two_images_closes_a_drifted_walk(
         assert "m apart in the result" in page.find(".hand-list li").text
         changed = page.find(".hand-changed").text
         assert "loop closures" in changed or "matched pairs" in changed or "predicted" in changed
-        # Taken out again, nothing is left of it.
+        # Taken out again, nothing is left of it. It is told on the screen, far below the panel's head.
+        set_size(browser, 1200, 500)
         page.press(".hand-list li button")
         page.wait_for("document.querySelectorAll('.hand-list li').length === 0")
+        page.wait_for("document.querySelector('.hand-status').textContent === 'taken out'")
+        top, bottom = browser.execute_script(
+            "const status = document.querySelector('.hand-status');"
+            "const { top, bottom } = status.getBoundingClientRect(); return [top, bottom]"
+        )
+        assert 0 <= top < bottom <= 500
         assert len(read_corrections(folder / "corrections.toml")) == 0
         assert browser.get_log("browser") == []
 

@@ -12,6 +12,7 @@ from planfit.errors import OptionError
 from planfit.export import make_record, sample_cloud, write_results
 from planfit.export.cloud import Cloud, place_cloud
 from planfit.export.option_files import scan_options_record, to_toml
+from planfit.export.record import plain
 from planfit.floorplan import Floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
@@ -244,6 +245,7 @@ def write_run(
     record = make_record(__version__, inputs.names, scan, result.floorplan, options, result)
     record["cache"] = None if inputs.cache is None else str(inputs.cache.resolve())
     record["scan_options"] = scan_options_record(inputs.scan_options)
+    record["report_options"] = plain(inputs.report)
     record["made"] = asdict(inputs.made)
     write_results(staging, scan, result, record, views.cloud)
     seen = _seen_from_above(views.cloud, result)

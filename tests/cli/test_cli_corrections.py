@@ -1,10 +1,14 @@
 """Corrections by hand on the command line: used, recorded and told, or refused in one line."""
 
 import json
+import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import threading
+import time
 import urllib.request
 from pathlib import Path
 
@@ -118,11 +122,63 @@ def test_a_run_is_opened_as_it_was_read(corrected, small_scan: Path, tmp_path: P
         open_session(ViewArguments(corrected[1], plan=other))
 
 
+@pytest.fixture
+def opened_again(corrected, tmp_path: Path, monkeypatch) -> tuple[Path, list[dict]]:
+    """A copy of the run, and what each solve of its page gives to `refine_into`."""
+    folder, given = tmp_path / "out", []
+    without = shutil.ignore_patterns("cache", "corrections.toml")
+    shutil.copytree(corrected[1], folder, ignore=without)
+    monkeypatch.setattr(
+        "planfit.cli.view.refine_into",
+        lambda *values, **more: given.append({**more, "options": values[3]}),
+    )
+    return folder, given
+
+
+def test_corrections_of_another_file_go_on(opened_again, corrected) -> None:
+    """A page that began with none of them would solve without what the run was made with."""
+    folder, given = opened_again
+    session = open_session(ViewArguments(folder, workers=1))
+    rows = session.state()["corrections"]
+    assert len(rows) == 6
+    assert all(row["is_solved"] for row in rows)
+    session.start_solve()
+    session.wait()
+    assert len(given[0]["by_hand"].corrections) == 6
+    assert given[0]["report_options"].has_view is False
+    assert not session.path.exists()
+    session.add("add_loop", {"frames": [3, 57]})
+    assert len(read_corrections(session.path)) == 7
+    # Once the page has its own file, that alone counts; taken out by hand, none is left.
+    session.path.write_text("planfit_corrections = 1\n")
+    assert open_session(ViewArguments(folder, workers=1)).state()["corrections"] == []
+
+
+def test_places_count_for_more_than_the_number_of_an_alignment(opened_again) -> None:
+    """They leave one alignment: there is no second one to take."""
+    folder, given = opened_again
+    record = json.loads((folder / "run.json").read_text())
+    record["options"]["align"]["candidate"] = 2
+    (folder / "run.json").write_text(json.dumps(record))
+    session = open_session(ViewArguments(folder, workers=1))
+    session.start_solve()
+    session.wait()
+    session.add("place", {"scan": [1.0, 1.0, 1.0], "plan": [1.0, 1.0]})
+    session.start_solve()
+    session.wait()
+    assert [each["options"].align.candidate for each in given] == [2, 1]
+
+
 def test_no_browser_and_a_taken_port_are_told(corrected, monkeypatch, capsys) -> None:
+    is_asked = threading.Event()
+
     def ended(*_: object, **__: object) -> None:
+        assert is_asked.wait(10)
+        time.sleep(0.2)  # until it is told
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("webbrowser.open", lambda _: False)
+    monkeypatch.setattr("webbrowser.get", lambda: None)
+    monkeypatch.setattr("webbrowser.open", lambda _: bool(is_asked.set()))
     monkeypatch.setattr(ViewServer, "serve_forever", ended)
     assert run(["view", str(corrected[1])]) == 0
     said = capsys.readouterr().out
@@ -134,6 +190,44 @@ def test_no_browser_and_a_taken_port_are_told(corrected, monkeypatch, capsys) ->
         port = taken.getsockname()[1]
         assert run(["view", str(corrected[1]), "--port", str(port)]) == 2
     assert f"--port: expected a free port, found one in use at {port}" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a browser that is a shell script")
+@pytest.mark.parametrize("is_of_terminal", [False, True])
+def test_no_browser_keeps_the_page_from_being_served(
+    corrected, tmp_path: Path, is_of_terminal: bool
+) -> None:
+    """One that is waited for until it is closed; one that takes the terminal is not opened."""
+    script, opened = tmp_path / ("w3m" if is_of_terminal else "browser"), tmp_path / "opened"
+    script.write_text(f'#!/bin/sh\necho "$1" > {opened}\nexec sleep 20 > /dev/null 2>&1\n')
+    script.chmod(0o755)
+    hidden = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
+    env = {name: value for name, value in os.environ.items() if name not in hidden}
+    # On PATH there is nothing else, as Python takes the first of several.
+    env |= (
+        {"PATH": str(tmp_path) + ":/bin", "TERM": "xterm"}
+        if is_of_terminal
+        else {"BROWSER": str(script)}
+    )
+    command = [sys.executable, "-m", "planfit", "view", str(corrected[1]), "--workers=1"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=env) as process:
+        assert process.stdout is not None
+        address = process.stdout.readline().strip()
+        try:
+            with urllib.request.urlopen(f"{address}state", timeout=20) as answer:
+                assert json.load(answer)["frames"] == 60
+            if not is_of_terminal:
+                end = time.monotonic() + 20
+                while not (opened.exists() and opened.read_text().strip() == address):
+                    assert time.monotonic() < end
+                    time.sleep(0.05)
+            process.send_signal(signal.SIGINT)
+            told = process.communicate(timeout=20)[0]
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    assert ("no browser was found" in told) == is_of_terminal
+    assert opened.exists() != is_of_terminal
 
 
 @pytest.mark.parametrize(

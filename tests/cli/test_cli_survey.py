@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from planfit.cli import run
+from planfit.cli.survey import SurveyFlags
+from planfit.cli.view import ViewArguments, open_session
+from planfit.errors import OptionError
 from planfit.scan import read_scan, read_tum
 
 FRAMES = (3, 14, 26, 37, 48, 57)
@@ -115,3 +118,63 @@ def test_mistakes_are_one_line_before_anything_is_computed(
     told = capsys.readouterr().err
     assert words in " ".join(told.split())
     assert "Traceback" not in told
+
+
+def test_solved_again_at_the_screen_points_still_hold(
+    small_scan: Path, tables: Path, tmp_path: Path, brief: list[str]
+) -> None:
+    out, own = tmp_path / "out", tmp_path / "control.csv"
+    own.write_text((tables / "control.csv").read_text())
+    given = [f"--control-points={own}", f"--check-points={tables / 'check.csv'}"]
+    run(
+        [
+            "refine",
+            str(small_scan),
+            "-o",
+            str(out),
+            *given,
+            f"--marks={tables / 'marks.csv'}",
+            *brief,
+        ]
+    )
+    before = json.loads((out / "run.json").read_text())
+    session = open_session(ViewArguments(out, workers=1))
+    session.add("exclude_frames", {"frames": [[30, 31]]})
+    session.start_solve()
+    session.wait()
+    state, after = session.state(), json.loads((out / "run.json").read_text())
+    assert state["failed"] == ""
+    assert after["keyframes"] == before["keyframes"] - 2
+    assert after["inputs"] == before["inputs"]
+    assert after["report_options"]["has_view"] is False
+    for role in ("control", "check"):
+        assert after["survey"][role]["count"] == before["survey"][role]["count"]
+    with (out / "control_points.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == len(FRAMES)
+
+    # Other points, or none, are not what the run was made with: it says so, and nothing is written.
+    own.write_text("id,x,y,z\nP0,0,0,0\n")
+    session.start_solve()
+    session.wait()
+    assert (
+        f"{own}: expected the control points of the run, found others" in session.state()["failed"]
+    )
+    own.unlink()
+    session.start_solve()
+    session.wait()
+    assert "expected the control points of the run, found nothing" in session.state()["failed"]
+    assert json.loads((out / "run.json").read_text()) == after
+
+
+def test_flags_of_a_record_are_those_given(tables: Path) -> None:
+    flags = SurveyFlags(
+        control_points=(tables / "control.csv").resolve(),
+        marks=(tables / "marks.csv").resolve(),
+        survey_axes="file",
+        tags="apriltag-36h11",
+        tag_size_m=0.16,
+    )
+    assert SurveyFlags.of_record(flags.inputs) == flags
+    assert SurveyFlags.of_record({"scan": "x"}) == SurveyFlags()
+    with pytest.raises(OptionError, match="expected the marks of the run, found others"):
+        SurveyFlags.of_record({**flags.inputs, "marks_fingerprint": "0"})

@@ -56,30 +56,38 @@ def room_plan():
     return Floorplan("room.npy", ends, segments.left_normals(ends), np.full(4, True))
 
 
-def room_scene(n_frames=12, max_pictures=120, offsets=(0.0, 0.0, 0.0, 0.0), result=None):
+def room_scene(
+    n_frames=12, max_pictures=120, offsets=(0.0, 0.0, 0.0, 0.0), result=None, as_built=None
+):
     """The room's scene and the result it is of."""
     seen = make_result(n_frames, offsets)
     result = result or replace(seen, floorplan=room_plan())
     scan = room_scan(result)
     pictures = make_pictures(scan, result.plan_from_cams, max_pictures, Runtime())
-    return make_scene(scan, result, *room_points(seen, offsets), pictures), result
+    return make_scene(scan, result, *room_points(seen, offsets), pictures, as_built), result
 
 
 def room_report(**arguments):
     """Its report as HTML, and the scene."""
-    scene, result = room_scene(**arguments)
     as_built = room_as_built(arguments.get("offsets", (0.0,) * 4))
+    scene, result = room_scene(**arguments, as_built=as_built)
     return make_report("room", result.floorplan, result, "", scene=scene, as_built=as_built), scene
 
 
 def room_as_built(offsets):
-    """Verdicts on its walls."""
+    """Verdicts on its walls, and one that the plan lacks, from (2, 2) to (4, 2)."""
     plan = room_plan()
     walls = zip(plan.ends, plan.normals, offsets, strict=True)
+    new = AsBuiltWall(
+        -1, np.array([[4.0, 2.0], [2.0, 2.0]]), np.array([0.0, -1.0]), True, 0.0, 0.01, 3, 3, 0.0
+    )
     return AsBuilt(
-        tuple(
-            AsBuiltWall(k, ends, normal, True, offset_m, 0.01, 3, 3, 0.0)
-            for k, (ends, normal, offset_m) in enumerate(walls)
+        (
+            *(
+                AsBuiltWall(k, ends, normal, True, offset_m, 0.01, 3, 3, 0.0)
+                for k, (ends, normal, offset_m) in enumerate(walls)
+            ),
+            new,
         ),
         AsBuiltOptions(),
         plan.name,

@@ -21,6 +21,7 @@ from planfit.report.scene.encode import REACH_M, quantise, tile_frames
 from planfit.report.scene.pictures import frames_with_pictures, make_pictures, quarter_turns
 from planfit.report.scene.scene import ScenePoints
 from planfit.report.scene.walls import scene_walls
+from planfit.report.walls import seen_faces
 from planfit.runtime import Runtime
 from planfit.scan import scan_from_arrays
 from report.scenes import PER_FRAME, decode, room_plan, room_scene, view_of
@@ -177,6 +178,29 @@ def test_walls_have_the_colours_of_their_verdicts():
     for wall, verdict in zip(found, verdicts, strict=False):
         assert verdict.value in dict(wall.rows)["As built"]
     assert "As built" not in dict(found[3].rows)
+
+
+def test_walls_that_the_table_tells_of_are_shown_wherever_they_are():
+    """What was seen through a window is further away than nearly all points; and what the plan lacks."""
+    result = make_result()
+    seen = [face.face_idx for face in seen_faces(result.floorplan, result.adjustment)]
+    far = np.array([[[50.0, 0.0], [50.0, 5.0]], [[60.0, 0.0], [60.0, 5.0]]])
+    plan = replace(
+        result.floorplan,
+        ends=np.concatenate([result.floorplan.ends, far]),
+        normals=np.concatenate([result.floorplan.normals, [[-1.0, 0.0]] * 2]),
+        is_oriented=np.ones(len(result.floorplan) + 2, dtype=bool),
+    )
+    told = AsBuiltWall(4, far[0], np.array([-1.0, 0.0]), True, 0.01, 0.01, 3, 3, 0.0)
+    unseen = AsBuiltWall(5, far[1], np.array([-1.0, 0.0]), True, np.nan, np.nan, 0, 0, 0.0)
+    new = AsBuiltWall(-1, far[0] - [45.0, 0.0], np.array([1.0, 0.0]), True, 0.0, 0.01, 3, 3, 0.0)
+    nowhere = np.array([[900.0, 900.0, 0.0], [901.0, 901.0, 1.0]])
+    found = scene_walls(plan, result, nowhere, AsBuilt((told, unseen, new), AsBuiltOptions()))
+    assert [wall.face_idx for wall in found] == [*seen, 4, -3]
+    assert [wall.status for wall in found[-2:]] == ["agrees", "new"]
+    assert found[-2].title == "Wall No. 1 of the plan"
+    assert found[-1].title == "Wall No. 3, which the plan lacks"
+    np.testing.assert_array_equal(found[-1].ends, new.ends)
 
 
 def test_walls_of_a_storey_stand_on_its_floor():

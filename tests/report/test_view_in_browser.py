@@ -240,7 +240,7 @@ def test_pressing_a_camera_shows_its_image_and_where_it_stands(view):
     view.press_plan(x, y)
     assert view.card.startswith(("Frame 7", "\u00d7\nFrame 7"))
     assert f"x {x:.2f}, y {y:.2f}, height {z:.2f} m" in view.card
-    assert "30.0 cm" in view.card
+    assert "0.300 m" in view.card
     image = view.find(".view-card img")
     assert image.get_attribute("data-frame") == "7"
     assert view.browser.execute_script("return arguments[0].naturalWidth", image) == 80
@@ -324,6 +324,53 @@ def test_frames_and_walls_are_pressed_in_tables_and_plots(view):
     press_picture(view, "Walls of the plan by agreement with the scan", 4.0, DEPTH)
     assert "+7.0 cm" in view.card
     assert view.browser.get_log("browser") == []
+
+
+def press_map(view, x, y):
+    """The map of walls as built, at a point of the plan, m."""
+    view.browser.execute_script(
+        "const [x, y] = arguments, svg = document.querySelector('.as-built svg');"
+        "svg.scrollIntoView({block: 'center'});"
+        "const { left, top } = svg.dataset, matrix = svg.getScreenCTM();"
+        "const at = new DOMPoint(x - left, top - y).matrixTransform(matrix);"
+        "document.elementFromPoint(at.x, at.y).dispatchEvent("
+        "new MouseEvent('click', {clientX: at.x, clientY: at.y, bubbles: true}));",
+        x, y,
+    )  # fmt: skip
+
+
+def test_walls_are_pressed_on_the_map_of_walls_as_built(view):
+    """A line is as thin as a hair: a finger beside it means it."""
+    for y in (DEPTH, DEPTH - 0.05):
+        press_map(view, 4.0, y)
+        assert "Wall No. 3 of the plan" in view.card
+        assert "moved by 0.070 m" in view.card
+        view.press(".view-close")
+    press_map(view, 3.0, 2.0)
+    assert "Wall No. 5, which the plan lacks" in view.card
+    view.press(".view-close")
+    press_map(view, 4.0, 3.0)
+    assert view.card == ""
+    view.press("[data-wall='-5'] button")
+    assert "Wall No. 5" in view.card
+    assert view.browser.get_log("browser") == []
+
+
+def test_walls_in_3d_have_the_verdicts_of_the_tolerance_that_is_chosen(view):
+    view.from_above(with_walls=True)
+    view.press(".view-path")
+    view.press("[data-wall='2'] button")
+    before = view.pixels()
+    view.browser.execute_script(
+        "const input = document.querySelector('.as-built-tolerance'); input.value = '0.1';"
+        "input.dispatchEvent(new Event('input'))"
+    )
+    after = view.pixels()
+    # The wall of +7 cm agrees within 10 cm, that of -12 cm does not.
+    assert "agrees: off by +0.070 m" in view.card
+    status = "return document.getElementById('view').view.scene.walls.map((wall) => wall.status)"
+    assert view.browser.execute_script(status) == ["agrees"] * 3 + ["displaced", "new"]
+    assert np.abs(before - after).max() > 60
 
 
 def test_keys_turn_toggle_and_step(view):

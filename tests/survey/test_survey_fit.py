@@ -137,3 +137,35 @@ def test_two_blunders_and_too_few_to_tell():
     ):
         find_blunders(level[2:5], site[2:5], walked[2:5])
     assert not find_blunders(level[:1], site[:1], walked[:1]).any()
+
+
+IN_A_ROW = np.array(
+    [[3.15, 3.16, 0.0], [2.05, 4.37, 1.37], [4.47, 10.15, 2.29], [3.22, 6.45, 1.29], [5.1, 4.44, 1.5],
+     [6.02, 4.25, 1.34], [5.66, 0.0, 0.84]]
+)  # fmt: skip
+"""Points of a building: with y and z swapped, four of them fit within drift by the median."""
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda p: p[:, [0, 2, 1]], "found 5 of 7 .* write x, z, y"),
+        (lambda p: p[:, [0, 2, 1]] * (1, 1, -1), "found 6 of 7 .* write x, -z, y"),
+    ],
+)
+def test_a_mistake_that_the_median_hides_is_named(spoil, words):
+    site = spoil(IN_A_ROW)
+    walked = 4.5 * np.arange(7.0)
+    require_fit(fit_site(IN_A_ROW, site), IN_A_ROW, site)
+    with pytest.raises(OptionError, match=words):
+        find_blunders(IN_A_ROW, site, walked)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_blunders_are_no_mistake_in_all_points(seed):
+    """Whichever points are wrong, and how, no other axes or unit is made of it."""
+    rng = np.random.default_rng(seed)
+    level = np.column_stack([rng.uniform(0, (9, 11), (7, 2)), rng.uniform(0, 2.3, 7)])
+    site = level.copy()
+    site[:2] += rng.uniform(-6, 6, (2, 3))
+    assert find_blunders(level, site, 4.5 * np.arange(7.0)).any()

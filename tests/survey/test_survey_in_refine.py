@@ -204,6 +204,20 @@ def test_a_room_that_fits_twice_is_placed_by_points(twin_ends, method):
         assert is_said == (method == "two")
 
 
+def test_points_of_another_datum_are_doubted_where_walls_clearly_fit_elsewhere(twin_ends):
+    """All shifted alike they agree with the scan, and lie on the plan: walls alone tell."""
+    plan, world = twin_ends
+    given = in_turned_axes(world, plan, 10.0)
+    survey = survey_of(world.plan_from_cams[:, :3, 3], [0, 4, 8], [2, 7])
+    shifted = [replace(point, xyz=point.xyz + np.array([0.8, 0.0, 0.0])) for point in survey.points]
+    result = refined(given, replace(survey, points=tuple(shifted)))
+    (warning,) = (words for words in result.warnings if "disagree with the walls" in words)
+    assert "C0 (" in warning
+    assert any("place on the plan" in reason for reason in result.verdict.reasons)
+    right = refined(given, survey)
+    assert not any("disagree with the walls" in words for words in right.warnings)
+
+
 def test_without_points_the_walls_take_the_wrong_one_of_two_ways(twin_ends):
     plan, world = twin_ends
     scans = [in_turned_axes(world, plan, yaw) for yaw in (10.0, 190.0)]

@@ -65,7 +65,9 @@ def judge_adjusted(
     samples, weights = thin(walls, FULL_SAMPLES)
     here = AlignmentHypothesis(0.0, np.zeros(2), 0.0)
     score, seen_through = explained(samples, weights, floorplan, here)
-    within = SameWithin.chosen(options)
+    # Surveyed points are sure of their place until walls clearly put the scan beside it.
+    is_doubted = alignment.is_surveyed and not alignment.is_sure
+    within = SameWithin.surveyed() if is_doubted else SameWithin.chosen(options)
     others = []
     for candidate in alignment.candidates:
         start = _relative(candidate, alignment)

@@ -179,7 +179,8 @@ def is_clearly_better(
     """How far apart (m, deg) two alignments of a scan are, where the first is at another place and explains
     clearly more of the walls; else None."""
     here, there = other.hypothesis, found.hypothesis
-    if is_same([there], here, walls, SameWithin.chosen(options))[0]:
+    within = SameWithin.surveyed() if other.is_surveyed else SameWithin.chosen(options)
+    if is_same([there], here, walls, within)[0]:
         return None
     if found.is_mirrored or not outweighs(found.score, other.score, options):
         return None

@@ -48,6 +48,11 @@ class SameWithin:
         """What the options say: what a user would call two alignments."""
         return cls(options.distinct_translation_m, options.distinct_yaw_deg, options.distinct_scale)
 
+    @classmethod
+    def surveyed(cls) -> "SameWithin":
+        """What surveyed points tell apart, and walls still do: points of another datum, by decimetres."""
+        return cls(0.2, 1.0, 0.01)
+
 
 @dataclass(frozen=True)
 class Selection:

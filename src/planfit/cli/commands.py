@@ -130,7 +130,7 @@ COMMANDS = (
         "demo",
         "[-o OUT]",
         "make a synthetic scan, drift it, refine it, and compare with the truth",
-        ("out", "workers"),
+        ("out", "view", "workers"),
     ),
     Command(
         "synth",

@@ -1,9 +1,10 @@
 """Flags of control and check points, and what is said of them."""
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import tyro
 
@@ -82,19 +83,46 @@ class SurveyFlags:
     @property
     def inputs(self) -> dict[str, str]:
         """Files as the record of a run names them, with what tells their contents."""
-        named = {
-            "control_points": self.control_points,
-            "check_points": self.check_points,
-            "marks": self.marks,
-        }
         found = {}
-        for name, path in named.items():
+        for name in _TABLES:
+            path = getattr(self, name)
             if path is not None:
                 found[name] = str(path.resolve())
-                found[f"{name}_fingerprint"] = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+                found[f"{name}_fingerprint"] = _fingerprint(path)
         if self.is_given:
             found |= {"survey_axes": self.survey_axes or "", "tags": self.tags}
+            found["tag_size_m"] = "" if self.tag_size_m is None else repr(self.tag_size_m)
         return found
+
+    @staticmethod
+    def of_record(inputs: Mapping[str, str]) -> "SurveyFlags":
+        """Those that a run was given, from the inputs that its record names.
+
+        Raises:
+            OptionError: a table is no longer there, or is another.
+        """
+        paths = {name: Path(inputs[name]) for name in _TABLES if name in inputs}
+        flags = SurveyFlags(
+            **paths,
+            survey_axes=cast(SurveyAxes | None, inputs.get("survey_axes") or None),
+            tags=inputs.get("tags", ""),
+            tag_size_m=float(inputs["tag_size_m"]) if inputs.get("tag_size_m") else None,
+        )
+        for name, path in paths.items():
+            is_there = path.is_file()
+            require(
+                is_there and _fingerprint(path) == inputs.get(f"{name}_fingerprint"),
+                f"{path}: expected the {name.replace('_', ' ')} of the run, found "
+                f"{'others' if is_there else 'nothing'}; run 'planfit refine' again with those of now",
+            )
+        return flags
+
+
+_TABLES = ("control_points", "check_points", "marks")
+
+
+def _fingerprint(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
 def tell_survey(survey: SurveyResiduals) -> None:

@@ -1,10 +1,11 @@
 """`planfit view`: a finished run on a local page, and corrections by hand."""
 
 import os
+import threading
 import webbrowser
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -12,12 +13,19 @@ from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import out
 from planfit.cli.refine import HandChoice, refine_into
 from planfit.cli.run_record import RunRecord, read_present_scan, read_record
-from planfit.corrections import Corrections
+from planfit.cli.survey import SurveyFlags
+from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan import Floorplan, read_floorplan
+from planfit.option_values import options_of
+from planfit.pipeline.options import RefineOptions
+from planfit.report import ReportOptions
 from planfit.run_folder import finished_record
 from planfit.scan import Scan
-from planfit.viewer import Session, ViewServer
+from planfit.viewer import FILE, Session, ViewServer
+
+_OF_TERMINAL = ("www-browser", "links", "elinks", "lynx", "w3m")
+"""Browsers that Python takes where there is no display: they run no script, and take the terminal."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +65,9 @@ def serve(session: Session, port: int, no_browser: bool) -> None:
     with ViewServer(session, port) as server:
         out.print(f"{server.address}", soft_wrap=True)
         out.print(f"corrections are kept in {session.path}; Ctrl-C ends", soft_wrap=True)
-        if not no_browser and not _opened(server.address):
-            out.print("no browser was found to open it: open the address above in one")
+        if not no_browser:
+            # Beside the server, which has to answer browsers that are waited for until they are closed.
+            threading.Thread(target=_open, args=(server.address,), daemon=True).start()
         try:
             server.serve_forever(poll_interval=0.2)
         except KeyboardInterrupt:
@@ -91,22 +100,44 @@ def open_session(arguments: ViewArguments) -> Session:
     options = replace(record.options, poses_convention=convention)
     cache = written.get("cache")
 
+    report = options_of(
+        written.get("report_options") or {}, ReportOptions(), f"{folder / 'run.json'}: report."
+    )
+
     def solve(corrections: Corrections) -> None:
+        # As the run was made, surveyed points and report included: only corrections are to tell.
+        flags = SurveyFlags.of_record(written["inputs"])
         refine_into(
             folder,
             scan,
             floorplan,
-            options,
+            _placed_by_hand(options) if corrections.places else options,
             arguments.workers,
             # The scan may have been moved; the folder is that of this run.
             overwrite=True,
             scan_options=record.scan_options,
+            more_inputs=flags.inputs,
+            report_options=report,
             cache=Path(cache) if cache else None,
+            survey=flags.read(scan, floorplan is not None),
             by_hand=HandChoice(corrections, arguments.without_contradicted),
         )
 
     _require_frames(scan, record)
-    return Session(folder, scan, floorplan, solve)
+    return Session(folder, scan, floorplan, solve, _given(record, written))
+
+
+def _given(record: RunRecord, written: dict[str, Any]) -> Corrections:
+    """Those of another file that the run was made with: they go on until the page's own file is there."""
+    told = written.get("corrections")
+    if not told or Path(told["file"]).resolve() == (record.folder / FILE).resolve():
+        return NO_CORRECTIONS
+    return Corrections(told["file"], record.corrections.entries)
+
+
+def _placed_by_hand(options: RefineOptions) -> RefineOptions:
+    """Places say which alignment is meant; the number of one counts among those of a search without them."""
+    return replace(options, align=replace(options.align, candidate=1))
 
 
 def _plan(arguments: ViewArguments, record: RunRecord, fingerprint: str) -> Floorplan | None:
@@ -131,9 +162,16 @@ def _require_frames(scan: Scan, record: RunRecord) -> None:
         )
 
 
+def _open(address: str) -> None:
+    """In a browser, and say so where there is none."""
+    if not _opened(address):
+        out.print("no browser was found to open it: open the address above in one")
+
+
 def _opened(address: str) -> bool:
     """Whether a browser took it."""
     try:
-        return webbrowser.open(address)
+        name = getattr(webbrowser.get(), "name", "")
+        return Path(str(name)).name not in _OF_TERMINAL and webbrowser.open(address)
     except (webbrowser.Error, OSError):
         return False

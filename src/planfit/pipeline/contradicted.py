@@ -1,5 +1,6 @@
 """Corrections by hand against the result: places, what each came to, and those that something contradicts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,11 +18,16 @@ from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.by_hand import HandSeen
+from planfit.pipeline.disagreements import Disagreement, EvidenceItem
 from planfit.pipeline.evidence import CONTRADICTED_M
 from planfit.pipeline.on_plan import PointsAgainstWalls, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.places_and_walls import placed_by_walls
 from planfit.pipeline.prepare import PreparedScan
+
+STRAIN_SHARE = 0.15
+"""A loop that bends a stretch of the recorded motion by more than this share of its length, and by
+`CONTRADICTED_M` at least, is contradicted by it: no tracker loses as much."""
 
 
 class ContradictedError(OptionError):
@@ -152,6 +158,47 @@ def by_hand_outcome(
             reason = f"{off}: {against} hold against it"
             found.append(Contradiction(each.correction, reason))
     return outcomes, tuple(found)
+
+
+def loops_against_motion(
+    corrections: Corrections,
+    disagreements: Sequence[Disagreement],
+    recorded: Float[np.ndarray, "n 3"],
+) -> tuple[Contradiction, ...]:
+    """Loops that were added, and without which the recorded motion fits as no drift explains.
+
+    No loss lets go of such a loop, so that the result ends on it, and its own residual tells nothing.
+
+    Args:
+        corrections: that were used.
+        disagreements: of the result.
+        recorded: positions of the cameras.
+    """
+    steps_m = np.linalg.norm(np.diff(recorded, axis=0), axis=1)
+
+    def most_m(motion: EvidenceItem) -> float:
+        way_m = 0.0 if motion.first_frames is None else steps_m[slice(*motion.first_frames)].sum()
+        return max(CONTRADICTED_M, STRAIN_SHARE * float(way_m))
+
+    found = []
+    for each in disagreements:
+        first, last = each.item.first_frames, each.item.last_frames
+        if each.item.kind != "loop by hand" or first is None or last is None:
+            continue
+        motions = (one for one in each.eased if one.item.kind == "recorded motion")
+        bent = [one for one in motions if one.by_m > most_m(one.item)]
+        if not bent or each.kept_out_m <= CONTRADICTED_M:
+            continue
+        reason = (
+            f"{each.kept_out_m:.2f} m off where all else puts it, and without it the "
+            f"{bent[0].item.words} fits better by {bent[0].by_m:.2f} m"
+        )
+        found += [
+            Contradiction(loop, reason)
+            for loop in corrections.added
+            if first[0] <= loop.frames[0] <= first[1] and last[0] <= loop.frames[1] <= last[1]
+        ]
+    return tuple(found)
 
 
 def first_of_each(contradictions: tuple[Contradiction, ...]) -> tuple[Contradiction, ...]:

@@ -5,19 +5,25 @@ tells. So the scan is aligned once more without them. Only where its walls then 
 place, is something wrong with the points; where both fit alike, the points decide.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
 
-from planfit.alignment import Alignment, AlignOptions, is_clearly_better, read_control_points
+from planfit.alignment import Alignment, is_clearly_better, read_control_points
 from planfit.alignment.control_points import ControlPoint
+from planfit.alignment.selection import SameWithin
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan
 from planfit.pipeline.align import find_alignment, wall_samples
 from planfit.pipeline.on_plan import PointsAgainstWalls, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
+
+MAX_NAMED = 6
+"""Points that a warning names."""
 
 
 @dataclass(frozen=True)
@@ -46,20 +52,29 @@ def placed_by_walls(
 
 
 def against_walls(
-    on_plan: ScanOnPlan, prepared: PreparedScan, floorplan: Floorplan, options: RefineOptions
+    on_plan: ScanOnPlan,
+    prepared: PreparedScan,
+    floorplan: Floorplan,
+    options: RefineOptions,
+    surveyed: Mapping[str, ControlPoint] = MappingProxyType({}),
 ) -> ScanOnPlan:
     """Where the scan stands by its control points, doubted where walls clearly put it elsewhere.
 
     Args:
-        on_plan: aligned with the points of the options.
+        on_plan: aligned with the points of the options and of the survey.
         prepared: the scan.
         floorplan: as given.
-        options: those of the run, with at least one control point for anything to be compared.
+        options: those of the run.
+        surveyed: control points of a survey, by id. Without any, and without points of the options, there is
+            nothing to compare.
     """
     taken = on_plan.alignment
-    if taken is None or not options.align.control_points:
+    given = options.align.control_points
+    if taken is None or not (given or surveyed):
         return on_plan
-    points = read_control_points(options.align.control_points, prepared.level_from_world, floorplan)
+    points = read_control_points(given, prepared.level_from_world, floorplan)
+    names = [*surveyed, *(f"number {k}" for k in range(1, len(points) + 1))]
+    points = (*surveyed.values(), *points)
     alone = placed_by_walls(prepared, floorplan, options, on_plan.claimed_plan_from_level, points)
     if alone is None:
         return on_plan
@@ -67,6 +82,8 @@ def against_walls(
     apart = is_clearly_better(alone.alignment, taken, walls, options.align)
     if apart is None:
         return on_plan
+    least_m = SameWithin.surveyed().translation_m
+    most_m = least_m if surveyed else options.align.control_point_tolerance_m
     found = PointsAgainstWalls(alone.off_m, *apart, alone.alignment.score, taken.score)
     # As a candidate it is asked about again once the walls were adjusted to where the points want them.
     best = alone.alignment.candidates[:1]
@@ -74,7 +91,7 @@ def against_walls(
         taken,
         is_sure=False,
         candidates=(*taken.candidates, *best),
-        warnings=(*taken.warnings, _words(found, options.align)),
+        warnings=(*taken.warnings, _words(found, names, most_m)),
     )
     return replace(on_plan, alignment=doubted, against_points=found)
 
@@ -87,7 +104,10 @@ def _off_m(alignment: Alignment, points: tuple[ControlPoint, ...]) -> Float[np.n
     return np.linalg.norm(there - given * alignment.scale_xy, axis=1)
 
 
-def _words(found: PointsAgainstWalls, options: AlignOptions) -> str:
-    off = np.flatnonzero(found.off_m > options.control_point_tolerance_m)
-    named = ", ".join(f"number {k + 1} ({found.off_m[k]:.2f} m off there)" for k in off)
-    return f"the control points given disagree with the walls: {found.sentence}: {named or 'check them'}"
+def _words(found: PointsAgainstWalls, names: Sequence[str], most_m: float) -> str:
+    off = np.flatnonzero(found.off_m > most_m)
+    named = [f"{names[k]} ({found.off_m[k]:.2f} m off there)" for k in off[:MAX_NAMED]]
+    if len(off) > MAX_NAMED:
+        named.append(f"{len(off) - MAX_NAMED} more")
+    told = ", ".join(named) or "check them"
+    return f"the control points given disagree with the walls: {found.sentence}: {told}"

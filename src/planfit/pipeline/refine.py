@@ -30,6 +30,7 @@ from planfit.pipeline.contradicted import (
     ContradictedError,
     by_hand_outcome,
     first_of_each,
+    loops_against_motion,
     with_places,
 )
 from planfit.pipeline.fitted_thickness import with_fitted_thickness
@@ -190,9 +191,10 @@ def _refined(
         on_plan,
         chosen.align.control_point_tolerance_m,
     )
-    return replace(
-        result, made_of=made_of, by_hand=ByHand(corrections, told, first_of_each((*against, *more)))
-    )
+    positions = result.initial_plan_from_cams[:, :3, 3]
+    bent = loops_against_motion(corrections, result.evidence.disagreements, positions)
+    found = first_of_each((*against, *more, *bent))
+    return replace(result, made_of=made_of, by_hand=ByHand(corrections, told, found))
 
 
 def calibrate(

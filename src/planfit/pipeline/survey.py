@@ -13,15 +13,19 @@ from jaxtyping import Float, Int
 
 from planfit.adjust import build_problem
 from planfit.adjust.terms.control import ControlMarks
+from planfit.alignment.align import FULL_SAMPLES
 from planfit.alignment.control_points import ControlPoint
+from planfit.alignment.refine import AlignmentHypothesis, explained
+from planfit.alignment.wall_samples import thin
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.lsq import Problem
 from planfit.matching.verify import point_sigma
-from planfit.pipeline.align import align_to_plan
+from planfit.pipeline.align import align_to_plan, wall_samples
 from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan, SurveyOnPlan
 from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.places_and_walls import against_walls
 from planfit.pipeline.prepare import PreparedScan
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
@@ -328,7 +332,24 @@ def place_by_control(
             options = replace(options, align=drawn)
         on_plan = align_to_plan(scan, held.prepared, floorplan, options, timer, held.pins)
     on_plan = on_plan_by_control(held, surveyed, on_plan)
+    if floorplan is not None:
+        with timer.stage("align"):
+            on_plan = _with_own_score(on_plan, held)
+            idx = np.unique(held.prepared.measurements.control.point_idx)
+            pins = {surveyed.survey.points[k].id: p for k, p in zip(idx, held.pins, strict=True)}
+            on_plan = against_walls(on_plan, held.prepared, floorplan, options, pins)
     return with_targets(held.prepared, on_plan), on_plan
+
+
+def _with_own_score(on_plan: ScanOnPlan, held: HeldScan) -> ScanOnPlan:
+    """The share of wall that the plan explains where the points put the scan, not where the search ended."""
+    found, plan = on_plan.alignment, on_plan.floorplan
+    if found is None or plan is None or not held.is_placed:
+        return on_plan
+    walls = wall_samples(held.prepared.measurements.structure, held.prepared.level_from_keys)
+    here = AlignmentHypothesis.from_transform(on_plan.plan_from_level)
+    score, _ = explained(*thin(walls, FULL_SAMPLES), plan.used(), here)
+    return replace(on_plan, alignment=replace(found, score=score))
 
 
 def with_targets(prepared: PreparedScan, on_plan: ScanOnPlan) -> PreparedScan:

@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from planfit.errors import OptionError
-from planfit.survey.fit import are_apart, fit_rigid_2d
+from planfit.survey.axes import UNITS
+from planfit.survey.fit import EXPECTED, are_apart, fit_rigid_2d, other_axes
 
 LEAST_M = 0.5
 """Points may be off by so much anyway: marks, depth."""
@@ -22,6 +23,8 @@ NEIGHBOURS = 4
 """Points that predict one, the nearest along the path: the further, the more drift explains."""
 MAX_SUSPECTS = 12
 """Points of which pairs are tried for swapped ids, those that contradict most."""
+BETTER = 1 / 3
+"""A mistake in all points must bring the worst contradiction down to this share."""
 FEWEST = 4
 """Of fewer points that contradict each other, nothing tells which is wrong."""
 
@@ -39,9 +42,11 @@ def find_blunders(
         walked_m: how far the camera had walked where it saw each.
 
     Raises:
-        OptionError: so few contradict each other that nothing tells which is wrong.
+        OptionError: one mistake in all of them explains it (axes, unit), or so few contradict each other that
+            nothing tells which is wrong.
     """
     is_bad = np.zeros(len(level), dtype=bool)
+    _require_no_mistake(level, site, walked_m)
     swapped = _swapped(level, site, walked_m)
     if swapped is not None:
         is_bad[list(swapped)] = True
@@ -53,11 +58,34 @@ def find_blunders(
             return is_bad
         if len(left) < FEWEST:
             raise OptionError(
-                "the survey: expected control points that lie to each other as the scan has them, found "
-                f"{len(left)} that contradict each other by more than drift can; check their coordinates and "
-                "marks, or mark more points"
+                f"{EXPECTED}, found {len(left)} that contradict each other by more than drift can; check "
+                "their coordinates and marks, or mark more points"
             )
         is_bad[left[np.argmax(off)]] = True
+
+
+def _require_no_mistake(
+    level: Float[np.ndarray, "p 3"],
+    site: Float[np.ndarray, "p 3"],
+    walked_m: Float[np.ndarray, " p"],
+) -> None:
+    """Raise where points contradict each other and, as one mistake would have them, all agree.
+
+    The median of the fit can hide it: of seven points with y and z swapped, four that stood in a row of 3 m
+    fitted within drift, and the other three were left out as wrong.
+    """
+    off = _excesses(level, site, walked_m)
+    if len(level) < FEWEST or off.max() <= 1.0:
+        return
+    named = [(f"with {remedy}", changed) for remedy, changed in other_axes(site)]
+    for unit, metres in UNITS.items():
+        named.append((f"as {unit}: multiply x, y and z by {metres:g}", site * metres))
+    for remedy, changed in named:
+        if _excesses(level, changed, walked_m).max() <= min(1.0, BETTER * float(off.max())):
+            raise OptionError(
+                f"{EXPECTED}, found {np.sum(off > 1.0)} of {len(off)} that contradict those beside them by "
+                f"more than drift can; they fit {remedy}"
+            )
 
 
 def _swapped(

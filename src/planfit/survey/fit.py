@@ -21,6 +21,8 @@ BETTER = 1 / 3
 """A reason must bring the misfit down to this share."""
 HOPELESS_SHARE = 0.25
 """Beyond this share of the extent points and scan have nothing to do with each other."""
+EXPECTED = "the survey: expected control points that lie to each other as the scan has them"
+"""How errors of points that do not begin."""
 
 
 @dataclass(frozen=True)
@@ -116,44 +118,38 @@ def require_fit(
     if off_m < max(DOUBT_M, DOUBT_SHARE * extent_m):
         return
     found = f"found them {off_m:.2f} m off (median) over {extent_m:.1f} m"
-    expected = "the survey: expected control points that lie to each other as the scan has them"
-    for name, changed, is_metric in _mistakes(site):
-        other = fit_site(level, changed, is_metric)
-        if np.median(other.misfit_m) > BETTER * off_m:
-            continue
-        if is_metric:
-            raise OptionError(f"{expected}, {found}; they fit with {name}")
+    other = fit_site(level, site, False)
+    if np.median(other.misfit_m) <= BETTER * off_m:
         for unit, metres in UNITS.items():
             if abs(other.scale / metres - 1) < NEAR_UNIT:
                 raise OptionError(
-                    f"{expected}, {found}; they fit as {unit}: multiply x, y and z by {metres:g}"
+                    f"{EXPECTED}, {found}; they fit as {unit}: multiply x, y and z by {metres:g}"
                 )
+    for remedy, changed in other_axes(site):
+        if np.median(fit_site(level, changed).misfit_m) <= BETTER * off_m:
+            raise OptionError(f"{EXPECTED}, {found}; they fit with {remedy}")
     if off_m > HOPELESS_SHARE * extent_m:
         raise OptionError(
-            f"{expected}, {found}; check ids, marks, axes and unit, or leave the points out"
+            f"{EXPECTED}, {found}; check ids, marks, axes and unit, or leave the points out"
         )
 
 
-def _mistakes(
-    site: Float[np.ndarray, "p 3"],
-) -> list[tuple[str, Float[np.ndarray, "p 3"], bool]]:
-    """What could be wrong: its remedy, the points without it, and whether the scale is kept."""
+def other_axes(site: Float[np.ndarray, "p 3"]) -> list[tuple[str, Float[np.ndarray, "p 3"]]]:
+    """Axes that points may have been written in by mistake: the remedy, and the points with it."""
     x, y, z = site.T
-    mistakes = [
-        ("", site, False),
+    found = [
         (
             "x and y swapped, or one of them negated: the axes are left-handed; x is the easting, y the "
             "northing, z up",
             np.column_stack([y, x, z]),
-            True,
         ),
     ]
     if np.isfinite(z).all():
-        mistakes += [
-            ("z for y: y is up in them; write x, -z, y", np.column_stack([x, -z, y]), True),
-            ("z for y, left-handed: y is up in them; write x, z, y", np.column_stack([x, z, y]), True),
-        ]  # fmt: skip
-    return mistakes
+        found += [
+            ("z for y: y is up in them; write x, -z, y", np.column_stack([x, -z, y])),
+            ("z for y, left-handed: y is up in them; write x, z, y", np.column_stack([x, z, y])),
+        ]
+    return found
 
 
 def _complex(points: Float[np.ndarray, "p 3"]) -> np.ndarray:

@@ -49,6 +49,8 @@ class Session:
     floorplan: Floorplan | None
     """As read, before corrections; None where the run had none."""
     solve: Solve
+    given: Corrections = NO_CORRECTIONS
+    """Corrections that hold where the folder has no file of them."""
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _thread: threading.Thread | None = None
     _failed: str = ""
@@ -70,12 +72,12 @@ class Session:
         return self._thread is not None and self._thread.is_alive()
 
     def corrections(self) -> Corrections:
-        """Those of the file, which may have been changed by hand.
+        """Those of the file, which may have been changed by hand; where there is none, those given.
 
         Raises:
             OptionError: the file is damaged.
         """
-        return read_corrections(self.path) if self.path.exists() else NO_CORRECTIONS
+        return read_corrections(self.path) if self.path.exists() else self.given
 
     def state(self) -> dict[str, Any]:
         """All that the page shows beside the report, as plain values."""

@@ -6,10 +6,14 @@ for (const section of document.querySelectorAll("section.as-built")) {
   const judge = () => {
     const tolerance = Number(input.value);
     if (input.value === "" || !(tolerance >= 0)) return;
+    const verdicts = new Map();
     for (const one of section.querySelectorAll("[data-offset]")) {
-      const off = Math.abs(Number(one.dataset.offset));
+      const { face, offset, sigma } = one.dataset;
+      const off = Math.abs(Number(offset));
       const verdict = off > tolerance ? "moved" : "agrees";
-      const unsure = Math.abs(off - tolerance) <= Number(input.dataset.sure) * Number(one.dataset.sigma);
+      const unsure = Math.abs(off - tolerance) <= Number(input.dataset.sure) * Number(sigma);
+      const signed = `${Number(offset) < 0 ? "-" : "+"}${off.toFixed(3)}`;
+      verdicts.set(face, { verdict, words: `${verdict}: off by ${signed} m (± ${Number(sigma).toFixed(3)} m)` });
       one.classList.toggle("as-built-moved", verdict === "moved");
       one.classList.toggle("as-built-agrees", verdict === "agrees");
       if (one.tagName !== "TR") continue;
@@ -18,6 +22,7 @@ for (const section of document.querySelectorAll("section.as-built")) {
     }
     const count = (word) => rows.filter((row) => row.cells[1].dataset.key === word).length;
     section.querySelector(".as-built-counts").textContent = words.map((w) => `${count(w)} ${w}`).join(", ");
+    document.dispatchEvent(new CustomEvent("as-built", { detail: verdicts })); // the 3D view has them too
   };
   input.addEventListener("input", judge);
 }

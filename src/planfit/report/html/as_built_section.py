@@ -55,7 +55,7 @@ def as_built_section(as_built: AsBuilt, crop: Crop, faces: Sequence[SeenFace] = 
     return f"""<section class="as-built"><h3>As built against as planned</h3>
 <p>Every face of the plan half a metre long or more: it agrees, was moved (its offset, positive into the
 room, with one standard deviation, what the poses may be off included), is missing (cameras look through where
-it should be), or was not seen; and walls that the plan does not draw. {n_walls}
+it should be), or was not seen; and walls that the plan does not draw. At {options.tolerance_m:g} m, {n_walls}
 {"wall is" if n_walls == 1 else "walls are"} not as planned, both faces of a wall counted as one; a verdict in
 italics is not sure: the tolerance lies within {options.sure_sigmas:g} standard deviations of the offset.
 Short bars are doors, windows and passages, listed below.
@@ -114,9 +114,9 @@ def _solved(face: SeenFace | None) -> Cell:
 
 
 def _number(number: int, face_idx: int) -> Cell:
-    if face_idx < 0:
-        return Cell(str(number), number)
-    return Cell(f'<span data-wall="{face_idx}">{number}</span>', number)
+    # Walls that the plan lacks have no face: in the 3D view they go by their number.
+    wall = face_idx if face_idx >= 0 else -number
+    return Cell(f'<span data-wall="{wall}">{number}</span>', number)
 
 
 def _length(value_m: float) -> Cell:
@@ -156,7 +156,8 @@ def _map(as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], crop: Crop
         for verdict, color in COLORS.items()
     )
     return (
-        f'<svg viewBox="0 0 {width:.3f} {height:.3f}" role="img" '
+        f'<svg viewBox="0 0 {width:.3f} {height:.3f}" data-left="{crop.low[0]:.4f}" '
+        f'data-top="{crop.high[1]:.4f}" role="img" '
         f'aria-label="Walls of the plan by verdict"><style>{styles}</style>{"".join(lines)}</svg>'
     )
 
@@ -203,12 +204,12 @@ def _rows(
 
 
 def _data(number: int, wall: AsBuiltWall) -> str:
-    """What the page's script goes by: number, and offset and sigma of walls of the plan that stand."""
+    """What the page's scripts go by: number, face, and offset and sigma of walls of the plan that stand."""
+    face = wall.face_idx if wall.face_idx >= 0 else -number
+    named = f'data-number="{number}" data-face="{face}"'
     if wall.face_idx < 0 or not wall.is_standing:
-        return f'data-number="{number}"'
-    return (
-        f'data-number="{number}" data-offset="{wall.offset_m:.5f}" data-sigma="{wall.sigma_m:.5f}"'
-    )
+        return named
+    return f'{named} data-offset="{wall.offset_m:.5f}" data-sigma="{wall.sigma_m:.5f}"'
 
 
 def _style(verdict: Verdict) -> str:

@@ -23,7 +23,7 @@ _WALL_COLORS = (
     (AGREES, "wall agrees"),
     (DISPLACED, "scanned elsewhere"),
     (BEFORE, "missing"),
-    (UNMATCHED, "too little seen"),
+    (UNMATCHED, "new, or too little seen"),
     (NOT_SEEN, "not seen"),
 )
 """Those of the map of walls; `STATUS_COLORS` of renderer.js."""

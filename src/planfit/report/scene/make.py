@@ -133,7 +133,7 @@ def _frames(scan: Scan, result: RefineResult, is_placed: np.ndarray) -> tuple[Sc
             SceneFrame(
                 name=scan.frame_ids[i],
                 time=f"{since:.1f}{formatting.SPACE}s after the first" if has_times else "",
-                moved=f"{formatting.centimetres(float(moved_m[i]))}, "
+                moved=f"{formatting.length(float(moved_m[i]))}, "
                 f"{turned_deg[i]:.2f}{formatting.SPACE}deg",
                 predicted=predicted,
                 tangents=(camera.width / 2 / camera.fx, camera.height / 2 / camera.fy),

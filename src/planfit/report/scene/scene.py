@@ -52,9 +52,10 @@ class SceneFrame:
 
 @dataclass(frozen=True)
 class SceneWall:
-    """A face of the plan as an upright rectangle."""
+    """A face of the plan, or a wall that it lacks, as an upright rectangle."""
 
     face_idx: int
+    """Below 0: less the number of a wall that the plan lacks."""
     ends: Float[np.ndarray, "2 2"]
     """Plan frame, m."""
     normal: Float[np.ndarray, "2"]
@@ -62,7 +63,7 @@ class SceneWall:
     heights: tuple[float, float]
     """Of its lower and upper edge, m."""
     status: str
-    """agrees, displaced, missing, few (too few patches to tell), unseen."""
+    """agrees, displaced, missing, few (too few patches to tell), new (the plan lacks it), unseen."""
     title: str
     """In words."""
     rows: tuple[tuple[str, str], ...]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from planfit.as_built import AsBuilt, Verdict, in_words
+from planfit.as_built import AsBuilt, AsBuiltWall, Verdict, in_words
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
@@ -32,7 +32,7 @@ def scene_walls(
     bounds: Float[np.ndarray, "2 3"],
     as_built: AsBuilt | None = None,
 ) -> tuple[SceneWall, ...]:
-    """Faces of the plan near the scan.
+    """Faces of the plan near the scan and those that it tells of, and walls that the plan lacks.
 
     Args:
         floorplan: plan frame, m.
@@ -45,23 +45,53 @@ def scene_walls(
     near = np.all(
         (floorplan.ends.max(axis=1) >= low) & (floorplan.ends.min(axis=1) <= high), axis=1
     )
+    # What was seen through a window is further away than nearly all points, and in the table all the same.
+    near[list(seen)] = True
+    if as_built is not None:
+        near[[w.face_idx for w in as_built.walls if w.face_idx >= 0 and _is_told(as_built, w)]] = (
+            True
+        )
     shown = np.flatnonzero(near & (floorplan.lengths >= _LEAST_LENGTH_M))
     walls = (_wall(floorplan, result, int(face), seen.get(int(face))) for face in shown)
-    return tuple(walls if as_built is None else _with_verdicts(walls, as_built))
+    if as_built is None:
+        return tuple(walls)
+    # Of several storeys nothing tells the floor that a new wall stands on.
+    new = _new_walls(as_built) if floorplan.storeys is None else ()
+    return (*_with_verdicts(walls, as_built), *new)
+
+
+def _is_told(as_built: AsBuilt, wall: AsBuiltWall) -> bool:
+    return as_built.verdict(wall) is not Verdict.NOT_SEEN
 
 
 def _with_verdicts(walls: Iterable[SceneWall], as_built: AsBuilt) -> Iterator[SceneWall]:
     """The same, coloured by verdict and saying it; faces that are not judged as they are."""
-    judged = {wall.face_idx: wall for wall in as_built.walls}
+    judged = {wall.face_idx: (number, wall) for number, wall in enumerate(as_built.walls, 1)}
     for wall in walls:
-        found = judged.get(wall.face_idx)
-        if found is None:
+        if wall.face_idx not in judged:
             yield wall
             continue
+        number, found = judged[wall.face_idx]
         verdict = as_built.verdict(found)
-        title = f"A wall of the plan, {verdict.value}" if wall.status == "unseen" else wall.title
+        seen = ", not seen" if verdict is Verdict.NOT_SEEN else ""
         rows = (("As built", in_words(found, verdict)), *wall.rows)
+        title = f"Wall No. {number} of the plan{seen}"
         yield replace(wall, status=_STATUS[verdict], title=title, rows=rows)
+
+
+def _new_walls(as_built: AsBuilt) -> Iterator[SceneWall]:
+    """Walls that the plan does not draw; as faces they are numbered -1, -2 by their numbers in the table."""
+    for number, wall in enumerate(as_built.walls, 1):
+        if wall.face_idx < 0:
+            yield SceneWall(
+                face_idx=-number,
+                ends=wall.ends,
+                normal=wall.normal,
+                heights=(0.0, WALL_HEIGHT_M),
+                status="new",
+                title=f"Wall No. {number}, which the plan lacks",
+                rows=(("As built", in_words(wall, as_built.verdict(wall))),),
+            )
 
 
 def _wall(

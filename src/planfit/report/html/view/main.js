@@ -31,6 +31,8 @@ class View {
     const choose = { frame: (frame) => this.choose({ frame }), wall: (wall) => this.choose({ wall }) };
     linkNames(this.scene, choose);
     linkPictures(this.scene, choose);
+    linkMap(this.scene, choose);
+    document.addEventListener("as-built", ({ detail }) => this.judge(detail));
     new IntersectionObserver(
       ([seen]) => this.find("card").classList.toggle("is-away", !seen.isIntersecting), { threshold: 0.3 },
     ).observe(this.find("stage"));
@@ -205,6 +207,20 @@ class View {
       const length = Math.hypot(ends[2] - ends[0], ends[3] - ends[1]);
       this.bring([(ends[0] + ends[2]) / 2, (ends[1] + ends[3]) / 2, (heights[0] + heights[1]) / 2], 8 + 1.5 * length);
     }
+  }
+
+  // Another tolerance was chosen on the page: walls have the verdicts of its table.
+  judge(verdicts) {
+    const status = { agrees: "agrees", moved: "displaced" };
+    for (const wall of this.scene.walls) {
+      const found = verdicts.get(String(wall.face));
+      if (!found) continue;
+      wall.status = status[found.verdict];
+      wall.rows = wall.rows.map(([name, words]) => [name, name === "As built" ? found.words : words]);
+    }
+    this.renderer?.uploadWalls();
+    if (this.look.wall !== null) this.card.showWall(this.look.wall);
+    this.changed();
   }
 
   // Turns to what was chosen elsewhere on the page, or lies outside of what is seen.

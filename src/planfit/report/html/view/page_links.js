@@ -35,3 +35,18 @@ function linkPictures(scene, choose) {
     });
   }
 }
+
+// The map of walls as built: the wall that is pressed, or the nearest within a finger's breadth.
+function linkMap(scene, choose) {
+  for (const svg of document.querySelectorAll(".as-built svg")) {
+    svg.classList.add("view-pressable");
+    svg.addEventListener("click", (event) => {
+      const matrix = svg.getScreenCTM();
+      const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix.inverse());
+      const [x, y] = [Number(svg.dataset.left) + at.x, Number(svg.dataset.top) - at.y];
+      const own = scene.wallOfFace[event.target.closest("[data-face]")?.dataset.face];
+      const wall = own ?? nearestWall(scene, x - scene.origin[0], y - scene.origin[1], 12 / matrix.a);
+      if (wall !== null) choose.wall(wall);
+    });
+  }
+}
