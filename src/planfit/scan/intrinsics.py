@@ -23,9 +23,10 @@ def make_camera(width: object, height: object, intrinsics: object, where: str) -
         fx, fy, cx, cy = (float(v) for v in intrinsics)  # type: ignore[attr-defined]
         if max(size) > MAX_SIZE_PX:
             raise ValueError(f"width and height must be at most {MAX_SIZE_PX}")
+        camera = Camera(int(size[0]), int(size[1]), fx, fy, cx, cy)
         if min(fx, fy) < MIN_FOCAL_PX or max(abs(v) for v in (fx, fy, cx, cy)) > MAX_INTRINSIC_PX:
             raise ValueError(f"found fx fy cx cy of {fx:.3g} {fy:.3g} {cx:.3g} {cy:.3g} px")
-        return Camera(int(size[0]), int(size[1]), fx, fy, cx, cy)
+        return camera
     except (ValueError, TypeError, OverflowError) as error:
         raise ScanError(
             f"{where}: expected usable intrinsics (w h fx fy cx cy), {error}; "

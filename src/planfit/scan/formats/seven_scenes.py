@@ -103,7 +103,8 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         if size != KINECT_SIZE:
             raise ScanError(
                 f"{source.path / frame.color}: expected 640 x 480 px of 7-Scenes' Kinect, found {size[0]} x "
-                f"{size[1]}; add {INTRINSICS} where another camera recorded the scan"
+                f"{size[1]}; add {INTRINSICS} where another camera recorded the scan (of BundleFusion, "
+                "12-Scenes and 3RScan their info.txt or _info.txt)"
             )
         return Lens(make_camera(*size, KINECT_COLOR, str(source.path)))
 
