@@ -23,6 +23,7 @@ from planfit.scan.images.lens import (
     resample_labels,
     working_camera,
 )
+from planfit.scan.intrinsics import make_camera
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import is_lost, name_lost_frames
 from planfit.scan.types import Scan
@@ -100,6 +101,16 @@ CloudWriter = Callable[[Path, Sequence[Frame], Float[np.ndarray, "k 4 4"], bool]
 
 LensOfFrame = Callable[[Frame, Size], Lens]
 """Lens of a frame's image of a size."""
+
+
+def pinhole_lens(intrinsics: object, where: str) -> LensOfFrame:
+    """That of all frames, from what a file says of fx fy cx cy (see `make_camera`); `where` begins errors."""
+
+    def lens(_: Frame, size: Size) -> Lens:
+        return Lens(make_camera(*size, intrinsics, where))
+
+    return lens
+
 
 PoseWriter = Callable[[Path, Sequence[Frame], Float[np.ndarray, "k 4 4"]], None]
 """Writes poses of frames (k) into an existing folder, in the format's own way."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import shapely
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
@@ -68,15 +68,7 @@ def walls_between_rooms(
     own = segments.lengths(candidates.ends)[candidates.free_side != 0].sum()
     if 2 * shared_edges <= TOUCHING_SHARE * (own + 2 * shared_edges):
         return LineFaces.together([])
-    ends = edges_between_rooms(rooms, 4e-4 * extent)
-    n = len(ends)
-    return LineFaces(
-        ends,
-        segments.left_normals(ends),
-        np.zeros(n, dtype=bool),
-        np.full(n, np.nan),
-        np.full(n, -1),
-    )
+    return _without_a_side(edges_between_rooms(rooms, 4e-4 * extent))
 
 
 def drawn_between_rooms(lines: Lines, rooms: list[BaseGeometry], extent: float) -> LineFaces:
@@ -107,7 +99,11 @@ def drawn_between_rooms(lines: Lines, rooms: list[BaseGeometry], extent: float) 
             kept.append(edge)
     if not kept:
         return LineFaces.together([])
-    ends = ends_of(np.array(kept, dtype=object))
+    return _without_a_side(ends_of(np.array(kept, dtype=object)))
+
+
+def _without_a_side(ends: Float[np.ndarray, "n 2 2"]) -> LineFaces:
+    """Faces of which neither side is known to be free, of no line that was looked at."""
     n = len(ends)
     return LineFaces(
         ends,

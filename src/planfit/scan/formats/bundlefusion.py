@@ -21,11 +21,10 @@ from planfit.scan.formats.seven_scenes import (
     write_frame_poses,
 )
 from planfit.scan.images.files import ImageFiles
-from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera, matrix_intrinsics
+from planfit.scan.intrinsics import matrix_intrinsics
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import check_pose
-from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.recording import Recording, pinhole_lens
 from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import shorten
 
@@ -42,7 +41,7 @@ PREFIX = "m_calibration"
 
 def recognise(source: FileSource) -> bool:
     """Whether a folder has this layout."""
-    return _table(source) != "" and any(has_frames(source, folder) for folder in FOLDERS)
+    return any(has_frames(source, folder) for folder in FOLDERS) and _table(source) != ""
 
 
 def read(source: FileSource, options: ScanOptions) -> Recording:
@@ -66,12 +65,6 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     folder = next(folder for folder in FOLDERS if has_frames(source, folder))
     frames, skipped = list_frames(source, folder)
 
-    def color_lens(_: Frame, size: Size) -> Lens:
-        return Lens(make_camera(*size, color, f"{where}, {PREFIX}ColorIntrinsic"))
-
-    def depth_lens(_: Frame, size: Size) -> Lens:
-        return Lens(make_camera(*size, depth, f"{where}, {PREFIX}DepthIntrinsic"))
-
     images = ImageFiles(source, options.depth_scale or 1 / _units_per_metre(values, where))
     tables = [table, *(folder + pose_name(frame.frame_id) for frame in frames)]
     return Recording(
@@ -79,8 +72,8 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         path=source.path,
         frames=frames,
         images=images,
-        color_lens=color_lens,
-        depth_lens=depth_lens,
+        color_lens=pinhole_lens(color, f"{where}, {PREFIX}ColorIntrinsic"),
+        depth_lens=pinhole_lens(depth, f"{where}, {PREFIX}DepthIntrinsic"),
         color_from_depth=color_from_depth,
         write_poses=write_frame_poses,
         fingerprint=images.fingerprint(tables, frames, options),

@@ -20,10 +20,8 @@ from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.scan.images.files import ImageFiles
-from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera
 from planfit.scan.options import ScanOptions
-from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.recording import Frame, Recording, pinhole_lens
 from planfit.scan.source import FileSource, in_order
 from planfit.scan.tables import number_list, read_json, read_rows, shorten
 
@@ -71,9 +69,6 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     intrinsics_name = next((name for name in INTRINSICS if source.exists(name)), "")
     intrinsics = _intrinsics(source, intrinsics_name) if intrinsics_name else PRIMESENSE
 
-    def lens(_: Frame, size: Size) -> Lens:
-        return Lens(make_camera(*size, intrinsics, str(source.path / intrinsics_name)))
-
     def write_poses(
         directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
     ) -> None:
@@ -86,7 +81,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         path=source.path,
         frames=frames,
         images=images,
-        color_lens=lens,
+        color_lens=pinhole_lens(intrinsics, str(source.path / intrinsics_name)),
         write_poses=write_poses,
         fingerprint=images.fingerprint(tables, frames, options),
         skipped=skipped,

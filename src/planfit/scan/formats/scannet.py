@@ -18,11 +18,10 @@ from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.scan.images.files import ImageFiles
-from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera, matrix_intrinsics
+from planfit.scan.intrinsics import matrix_intrinsics
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import check_pose, read_pose, write_pose
-from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.recording import Frame, Recording, pinhole_lens
 from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
 
@@ -68,12 +67,6 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     color = _intrinsics(source, COLOR)
     depth = _intrinsics(source, DEPTH) if source.exists(DEPTH) else None
 
-    def color_lens(_: Frame, size: Size) -> Lens:
-        return Lens(make_camera(*size, color, str(source.path / COLOR)))
-
-    def depth_lens(_: Frame, size: Size) -> Lens:
-        return Lens(make_camera(*size, depth or (), str(source.path / DEPTH)))
-
     images = ImageFiles(source, options.depth_scale or 1e-3)
     tables = [COLOR, *([DEPTH] if depth else []), *(f"pose/{f.frame_id}.txt" for f in frames)]
     return Recording(
@@ -81,8 +74,8 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         path=source.path,
         frames=frames,
         images=images,
-        color_lens=color_lens,
-        depth_lens=depth_lens if depth else None,
+        color_lens=pinhole_lens(color, str(source.path / COLOR)),
+        depth_lens=pinhole_lens(depth, str(source.path / DEPTH)) if depth else None,
         color_from_depth=color_from_depth,
         write_poses=write_numbered_poses,
         fingerprint=images.fingerprint(tables, frames, options),

@@ -28,7 +28,7 @@ from planfit.scan.images.lens import Lens
 from planfit.scan.intrinsics import make_camera, matrix_intrinsics
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import read_pose, write_pose
-from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.recording import Frame, Recording, Size, pinhole_lens
 from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
 
@@ -96,8 +96,7 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     depth_from_color = se3.inverse(color_from_depth)
     frames = [replace(f, world_from_cam=f.world_from_cam @ depth_from_color) for f in frames]
 
-    def lens(_: Frame, size: Size) -> Lens:
-        return Lens(make_camera(*size, intrinsics, str(source.path / INTRINSICS)))
+    lens = pinhole_lens(intrinsics, str(source.path / INTRINSICS))
 
     def kinect_color(frame: Frame, size: Size) -> Lens:
         if size != KINECT_SIZE:

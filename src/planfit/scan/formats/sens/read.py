@@ -19,11 +19,10 @@ from planfit.scan.formats.sens.container import (
 )
 from planfit.scan.images.decode import decode_color, depth_from_raw
 from planfit.scan.images.files import ImageFiles
-from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera, matrix_intrinsics
+from planfit.scan.intrinsics import matrix_intrinsics
 from planfit.scan.options import ScanOptions
 from planfit.scan.poses import check_recorded_pose
-from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.recording import Frame, Recording, Size, pinhole_lens
 
 EXPECTS = "a .sens file of ScanNet or BundleFusion"
 USUAL_INTERVAL_S = (0.002, 10.0)
@@ -93,20 +92,14 @@ def read(source: SensSource, options: ScanOptions) -> Recording:
             )
         )
 
-    def color_lens(_: Frame, size: Size) -> Lens:
-        return Lens(make_camera(*size, color if has_color else depth, f"{where}, colour"))
-
-    def depth_lens(_: Frame, size: Size) -> Lens:
-        return Lens(make_camera(*size, depth, f"{where}, depth"))
-
     images = SensImages(source, options.depth_scale or 1 / header.units_per_metre, header=header)
     return Recording(
         format="sens",
         path=source.path,
         frames=frames,
         images=images,
-        color_lens=color_lens,
-        depth_lens=depth_lens,
+        color_lens=pinhole_lens(color if has_color else depth, f"{where}, colour"),
+        depth_lens=pinhole_lens(depth, f"{where}, depth"),
         color_from_depth=color_from_depth,
         write_poses=write_numbered_poses,
         fingerprint=images.fingerprint([], frames, options),
