@@ -83,6 +83,15 @@ def test_depth_of_a_camera_of_its_own(sample, tmp_path):
     assert_allclose(shifted[:, :-8][both], plain[:, 8:][both], atol=1e-6)
 
 
+def test_a_depth_camera_that_nobody_calibrated_is_refused(sample, tmp_path):
+    """sensorData.h writes the identity where none were set: a whole view would fall on one pixel."""
+    write_sens(tmp_path / "a.sens", sample, depth_k=np.eye(3))
+    with pytest.raises(
+        ScanError, match=r"a\.sens, depth: expected usable intrinsics .* found .* 1 1 0 0 px"
+    ):
+        read_scan(tmp_path / "a.sens")
+
+
 def test_extrinsics_of_depth_register_it(sample, tmp_path):
     apart = np.eye(4)
     apart[2, 3] = 0.5  # the depth camera stands 0.5 m in front of the colour camera

@@ -7,8 +7,11 @@ from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
 
 MAX_SIZE_PX = 100_000
-MIN_FOCAL_PX, MAX_INTRINSIC_PX = 1e-2, 1e7
-"""What no camera of at most that size exceeds by far; pixels of others are no numbers of an array."""
+MIN_FOCAL_SHARE = 0.02
+"""Of a side of the image; fisheyes of 220 degrees have 0.26. Matrices that nobody filled in are the
+identity."""
+MAX_INTRINSIC_PX = 1e7
+"""Far beyond cameras of at most that size; pixels of others are no numbers of an array."""
 
 
 def make_camera(width: object, height: object, intrinsics: object, where: str) -> Camera:
@@ -24,7 +27,8 @@ def make_camera(width: object, height: object, intrinsics: object, where: str) -
         if max(size) > MAX_SIZE_PX:
             raise ValueError(f"width and height must be at most {MAX_SIZE_PX}")
         camera = Camera(int(size[0]), int(size[1]), fx, fy, cx, cy)
-        if min(fx, fy) < MIN_FOCAL_PX or max(abs(v) for v in (fx, fy, cx, cy)) > MAX_INTRINSIC_PX:
+        is_short = fx < MIN_FOCAL_SHARE * size[0] or fy < MIN_FOCAL_SHARE * size[1]
+        if is_short or max(abs(v) for v in (fx, fy, cx, cy)) > MAX_INTRINSIC_PX:
             raise ValueError(f"found fx fy cx cy of {fx:.3g} {fy:.3g} {cx:.3g} {cy:.3g} px")
         return camera
     except (ValueError, TypeError, OverflowError) as error:
