@@ -1,6 +1,7 @@
 """The registration of a run: a table, and what the record says."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,7 @@ def write_registration(folder: Path, registration: Registration) -> None:
     lines = [HEADER]
     for row in registration.rows:
         numbers = (row.before, row.fit, row.held_out)
-        cells = ["" if v is None or not math.isfinite(v) else f"{v:.6f}" for v in numbers]
-        name = row.name.replace('"', '""')
-        lines.append(",".join([f'"{name}"', row.unit, *cells, str(row.count)]))
+        lines.append(_line(row.name, row.unit, numbers, row.count))
     for loop in registration.loops:
         (a, b), (c, d) = loop.first_frames, loop.last_frames
         name = f"loop of frames {a}-{b} and {c}-{d}"
@@ -30,9 +29,15 @@ def write_registration(folder: Path, registration: Registration) -> None:
             ("mean distance", None, loop.mean_m, None),
             ("length of way", None, loop.way_m, None),
         )
-        for what, *numbers in amounts:
-            cells = ["" if v is None or not math.isfinite(v) else f"{v:.6f}" for v in numbers]
-            lines.append(",".join([f'"{name}, {what}"', "m", *cells, str(loop.n_points)]))
+        lines += [
+            _line(f"{name}, {what}", "m", numbers, loop.n_points) for what, *numbers in amounts
+        ]
+    for link in registration.links:
+        (a, b), (c, d) = link.first_frames, link.last_frames
+        name = f"link of frames {a}-{b} and {c}-{d}"
+        distances, overlap = (link.before_m, link.after_m, None), (None, link.overlap, None)
+        lines.append(_line(f"{name}, mean distance", "m", distances, link.n_points))
+        lines.append(_line(f"{name}, overlap", "share", overlap, link.n_pairs))
     for each in registration.strength:
         lines.append(f'"{each.direction}, predicted sigma",{each.unit},,,{each.sigma:.6f},')
         lines += [
@@ -48,6 +53,12 @@ def write_registration(folder: Path, registration: Registration) -> None:
         if value is not None and math.isfinite(value):
             lines.append(f'"{name}",m,,,{value:.6f},')
     (folder / "registration.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _line(name: str, unit: str, numbers: Iterable[float | None], count: int) -> str:
+    cells = ["" if v is None or not math.isfinite(v) else f"{v:.6f}" for v in numbers]
+    quoted = name.replace('"', '""')
+    return ",".join([f'"{quoted}"', unit, *cells, str(count)])
 
 
 def registration_record(registration: Registration) -> dict[str, Any]:

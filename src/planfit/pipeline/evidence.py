@@ -36,6 +36,7 @@ from planfit.pipeline.folds import (
     choose_folds,
     without_fold,
 )
+from planfit.pipeline.links import Link, judge_links
 from planfit.pipeline.on_plan import ScanOnPlan, Storey
 from planfit.pipeline.predicted_error import (
     brought_close,
@@ -123,6 +124,8 @@ class Evidence:
     """What fixes x, y, z and heading; in this order."""
     left_out: tuple[PointLeftOut, ...] = ()
     """Control points that took part, each left out in turn."""
+    links: tuple[Link, ...] = ()
+    """Stretches of the walk that pairs of frames hold together: by how much they overlap and agree."""
 
     __repr__ = short_repr
 
@@ -263,6 +266,7 @@ def gather_evidence(
         tracking_doubt=prepared.tracking_doubt,
         without_plan=on_plan.storeys.without_plan if on_plan.storeys else (),
         left_out=leave_out_control(problem, solved),
+        links=judge_links(prepared, folds, recorded, solved),
         strength=directions_held(problem, solved, folds.stretch, covariance, keyframes.frame_idx),
     )
 

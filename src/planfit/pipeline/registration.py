@@ -10,6 +10,7 @@ import numpy as np
 
 from planfit.adjust.uncertainty import radius_95
 from planfit.pipeline.evidence import Evidence
+from planfit.pipeline.links import Link
 from planfit.pipeline.strength import DirectionStrength
 from planfit.pipeline.validation import Check
 from planfit.pipeline.visits import Visit
@@ -62,6 +63,8 @@ class Registration:
     """What fixes x, y, z and heading."""
     loops: tuple[Visit, ...] = ()
     """Places seen again, that with the largest mean distance first."""
+    links: tuple[Link, ...] = ()
+    """Stretches of the walk held together by what both see, the one that agrees least first."""
 
     __repr__ = short_repr
 
@@ -98,6 +101,7 @@ def register(
         _basis(evidence, survey),
         evidence.strength,
         tuple(sorted(evidence.visits, key=lambda visit: -visit.mean_m)),
+        tuple(sorted(evidence.links, key=lambda link: -link.after_m)),
     )
 
 

@@ -63,6 +63,17 @@ class SurfacePairs:
         values = np.linalg.eigvalsh(self.information)
         return np.sum(values < NULL_SHARE * values[:, -1:], axis=1)
 
+    def held_off_m(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, " p"]:
+        """How far (m) poses put the cameras of each pair from its motion, in directions that it holds."""
+        if len(self) == 0:
+            return np.zeros(0)
+        a, b = self.pairs.T
+        motion = se3.inverse(target_from_cams[a]) @ target_from_cams[b]
+        values, vectors = np.linalg.eigh(self.information)
+        is_held = values > NULL_SHARE * values[:, -1:]
+        along = np.einsum("pij,pi->pj", vectors, se3.difference(motion, self.a_from_b)) * is_held
+        return np.linalg.norm(np.einsum("pij,pj->pi", vectors, along)[:, 3:], axis=1)
+
     @property
     def sentence(self) -> str:
         """How many there are, and how many leave directions free."""

@@ -1,13 +1,16 @@
 """What several scans come to: all of them together, and each as its own run would tell it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 from planfit.adjust import PlanAdjustment
 from planfit.adjust.association import Association
 from planfit.geometry import se3
 from planfit.pipeline.calibrate import corrected
 from planfit.pipeline.evidence import Evidence
+from planfit.pipeline.links import Link
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult, above, to_recorded_axes
 from planfit.pipeline.sensor import sensor_parameters, sensor_warnings
@@ -16,10 +19,14 @@ from planfit.pipeline.together.observed import ObservedScan
 from planfit.pipeline.together.placing import PlacedBy
 from planfit.pipeline.validation import visit_check, wall_check
 from planfit.pipeline.verdict import judge
+from planfit.pipeline.visits import Visit
 from planfit.scan import Scan
 from planfit.scan.joined import FramesOfScan
 from planfit.segmentation import level_from_world
 from planfit.short_repr import short_repr
+
+Both = TypeVar("Both", Visit, Link)
+"""What concerns two stretches of the walk."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +165,17 @@ def evidence_of_frames(evidence: Evidence, own: FramesOfScan) -> Evidence:
     def is_inside(*runs: tuple[int, int]) -> bool:
         return all(own.first <= first and last <= own.last for first, last in runs)
 
+    def of_both(pairs: Sequence[Both]) -> tuple[Both, ...]:
+        return tuple(
+            replace(
+                each,
+                first_frames=clipped(each.first_frames),
+                last_frames=clipped(each.last_frames),
+            )
+            for each in pairs
+            if is_inside(each.first_frames, each.last_frames)
+        )
+
     return replace(
         evidence,
         pose_covariances=evidence.pose_covariances[own.frames],
@@ -167,15 +185,8 @@ def evidence_of_frames(evidence: Evidence, own: FramesOfScan) -> Evidence:
             for each in evidence.stretches
             if touches(each.frames)
         ),
-        visits=tuple(
-            replace(
-                each,
-                first_frames=clipped(each.first_frames),
-                last_frames=clipped(each.last_frames),
-            )
-            for each in evidence.visits
-            if is_inside(each.first_frames, each.last_frames)
-        ),
+        visits=of_both(evidence.visits),
+        links=of_both(evidence.links),
         torn=tuple(
             replace(each, frames=clipped(each.frames))
             for each in evidence.torn

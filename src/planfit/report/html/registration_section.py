@@ -2,15 +2,17 @@
 
 from collections.abc import Sequence
 from html import escape
+from math import isfinite
 
+from planfit.pipeline.links import Link
 from planfit.pipeline.registration import Registration, RegistrationRow
 from planfit.pipeline.strength import DirectionStrength
 from planfit.pipeline.visits import Visit
 from planfit.report.formatting import SPACE, length, quantity, share
 from planfit.report.html.tables import table
 
-MAX_LOOPS = 20
-"""Loops on the page."""
+MAX_ROWS = 20
+"""Loops on the page, and links."""
 LEAST_SHARE = 0.005
 """What holds less of a direction is not named."""
 
@@ -35,6 +37,7 @@ def registration_section(registration: Registration) -> str:
         "depth. Also in <code>registration.csv</code>.</p>"
         f"{rows if registration.rows else ''}"
         f"{_strength(registration.strength)}{_loops(registration.loops)}"
+        f"{_links(registration.links)}"
     )
 
 
@@ -78,16 +81,45 @@ def _loops(loops: Sequence[Visit]) -> str:
             length(loop.way_m),
             str(loop.n_points),
         )
-        for loop in loops[:MAX_LOOPS]
+        for loop in loops[:MAX_ROWS]
     ]
-    more = len(loops) - len(rows)
     heads = ("frames", "seen again", "mean", "median", "held out", "way between", "points")
     return (
         "<h3>Error of each loop</h3><p>Distance between both sightings of the points of a place that was "
         "seen again, by the result; held out: the median by a solve without this loop. The worst come first"
-        + (f"; {more} more are in <code>registration.csv</code>" if more else "")
-        + f".</p>{table(heads, rows, 'wwnnnnn')}"
+        f"{_more(loops)}.</p>{table(heads, rows, 'wwnnnnn')}"
     )
+
+
+def _links(links: Sequence[Link]) -> str:
+    """Overlap and error of each link, the worst first."""
+    if not links:
+        return ""
+    rows = [
+        (
+            _frames(link.first_frames),
+            _frames(link.last_frames),
+            share(link.overlap) if isfinite(link.overlap) else "",
+            quantity(link.before_m, "m"),
+            quantity(link.after_m, "m"),
+            str(link.n_points or ""),
+            str(link.n_pairs),
+        )
+        for link in links[:MAX_ROWS]
+    ]
+    heads = ("frames", "and frames", "overlap", "before", "mean", "points", "pairs")
+    return (
+        "<h3>Overlap and error of each link</h3><p>Stretches of the walk that are held together by what both "
+        "see. Overlap: of the floor, wall and ceiling of the one that sees less, the share that the other "
+        "sees too. Error: mean distance between both sightings of a point; where surfaces alone hold a "
+        f"link (no points), how far the result is from where they put it. The worst come first{_more(links)}."
+        f"</p>{table(heads, rows, 'wwnnnnn')}"
+    )
+
+
+def _more(of: Sequence[object]) -> str:
+    more = len(of) - MAX_ROWS
+    return f"; {more} more are in <code>registration.csv</code>" if more > 0 else ""
 
 
 def _frames(frames: tuple[int, int]) -> str:

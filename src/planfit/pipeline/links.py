@@ -1,0 +1,144 @@
+"""Links of the registration: stretches of the walk that see the same, by how much they overlap and agree."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
+
+from planfit.evaluation import match_distances
+from planfit.geometry import se3
+from planfit.geometry.grouped import in_parts
+from planfit.mapped import let_go
+from planfit.pipeline.folds import Folds
+from planfit.pipeline.prepare import PreparedScan
+from planfit.pipeline.visits import frames_of_stretch
+from planfit.segmentation import LevelPoints, Structure
+
+CUBE_M = 0.15
+"""Side of the cubes by whose centres stretches are compared, so that surface counts by its area."""
+WITHIN_CUBES = 2.0
+"""One cube alone would part a floor that lies on the border of two; these are 0.3 m, narrow beside a room."""
+AXIS_BITS = 16
+"""Of a cube's number along each axis: 10 km."""
+
+Poses = Float[np.ndarray, "k 4 4"]
+
+
+@dataclass(frozen=True)
+class Link:
+    """Two stretches of the walk that matched keypoints or surfaces hold together."""
+
+    first_frames: tuple[int, int]
+    """First and last frame of the earlier stretch, as numbered in the scan."""
+    last_frames: tuple[int, int]
+    """Of the later one; neighbours, unless a place was seen again."""
+    overlap: float
+    """Of the floor, walls and ceiling of the stretch that sees less of them, the share within `WITHIN_CUBES`
+    of some of the other, poses of the result; NaN where either sees none."""
+    before_m: float
+    """Mean distance between the two sightings of a point, poses as recorded; by surfaces alone, how far their
+    motion is from that of the poses, in the directions that they hold."""
+    after_m: float
+    """The same by the result."""
+    n_points: int
+    """Points that both saw; 0 where surfaces alone hold them together."""
+    n_pairs: int
+    """Pairs of frames, by keypoints and by surfaces."""
+
+
+def judge_links(
+    prepared: PreparedScan, folds: Folds, recorded: Poses, solved: Poses
+) -> tuple[Link, ...]:
+    """Every two stretches that pairs of frames hold together, in the order of the walk.
+
+    Args:
+        prepared: the scan.
+        folds: stretches of the walk.
+        recorded: poses of the keyframes as recorded, in any frame.
+        solved: the same by the result.
+    """
+    measurements, n = prepared.measurements, folds.n_stretches
+    matches, surfaces = measurements.matches, measurements.surfaces
+    has_points = np.flatnonzero(np.diff(matches.start) > 0)
+    by_points = _by_link(matches.pairs[has_points], folds.stretch, n)
+    by_surfaces = _by_link(surfaces.pairs, folds.stretch, n)
+    cubes = _cubes_seen(measurements.structure, solved, folds.stretch, n)
+    none = np.zeros(0, dtype=int)
+    links = []
+    for cell in sorted({*by_points, *by_surfaces}):
+        a, b = divmod(cell, n)
+        own = matches.taken(has_points[by_points.get(cell, none)])
+        pairs = surfaces[by_surfaces.get(cell, none)]
+        before_m, after_m = (
+            float(
+                np.mean(match_distances(own, poses) if len(own.pairs) else pairs.held_off_m(poses))
+            )
+            for poses in (recorded, solved)
+        )
+        links.append(
+            Link(
+                frames_of_stretch(prepared, folds, a),
+                frames_of_stretch(prepared, folds, b),
+                _overlap(cubes[a], cubes[b]),
+                before_m,
+                after_m,
+                own.n_matches,
+                len(own.pairs) + len(pairs),
+            )
+        )
+    return tuple(links)
+
+
+def _by_link(
+    pairs: Int[np.ndarray, "p 2"], stretch: Int[np.ndarray, " k"], n: int
+) -> dict[int, Int[np.ndarray, " q"]]:
+    """Pairs of frames of each link, which is numbered first stretch times n plus second."""
+    a, b = stretch[pairs].reshape(-1, 2).T
+    cell = a * n + b
+    between = np.flatnonzero(a != b)
+    order = between[np.argsort(cell[between], kind="stable")]
+    cells, start = np.unique(cell[order], return_index=True)
+    borders = pairwise([*start.tolist(), len(order)])
+    return {int(c): order[i:j] for c, (i, j) in zip(cells, borders, strict=True)}
+
+
+def _overlap(a: Int[np.ndarray, "c 3"], b: Int[np.ndarray, "d 3"]) -> float:
+    """Of two stretches, whose cubes these are."""
+    less, more = sorted((a, b), key=len)
+    if len(less) == 0:
+        return float("nan")
+    distance, _ = cKDTree(more).query(less, distance_upper_bound=WITHIN_CUBES + 0.5)
+    return float(np.mean(distance <= WITHIN_CUBES))
+
+
+def _cubes_seen(
+    structure: Structure, solved: Poses, stretch: Int[np.ndarray, " k"], n: int
+) -> list[Int[np.ndarray, "c 3"]]:
+    """Cubes in which each stretch sees floor, wall, ceiling or column, numbered along each axis."""
+    origin = solved[:, :3, 3].mean(axis=0)
+    seen = np.zeros(0, dtype=np.int64)
+    for points, frames in _points_in_parts(structure):
+        at = (se3.transform_each(solved[frames], points) - origin) / CUBE_M
+        half = 1 << (AXIS_BITS - 1)
+        x, y, z = (np.floor(at).clip(-half, half - 1).astype(np.int64) + half).T
+        # One number for stretch and cube, the stretch first: sorted, each stretch is a run of them.
+        number = (((stretch[frames] << AXIS_BITS) + x << AXIS_BITS) + y << AXIS_BITS) + z
+        seen = np.union1d(seen, number)
+        let_go(points)
+    borders = np.searchsorted(seen, np.arange(n + 1) << 3 * AXIS_BITS)
+    shifts = np.array([2, 1, 0]) * AXIS_BITS
+    runs = pairwise(borders.tolist())
+    return [(seen[i:j, None] >> shifts) & ((1 << AXIS_BITS) - 1) for i, j in runs]
+
+
+def _points_in_parts(
+    structure: Structure,
+) -> Iterator[tuple[Float[np.ndarray, "m 3"], Int[np.ndarray, " m"]]]:
+    """Points of level surfaces and of upright patches, some at a time, and the frame of each."""
+    for surface in (structure.floor, structure.ceiling, structure.walls, structure.columns):
+        for part, group in in_parts(surface.start):
+            is_level = isinstance(surface, LevelPoints)
+            yield surface.points_cam[part], group if is_level else surface.frame_idx[group]
