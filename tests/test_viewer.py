@@ -164,6 +164,11 @@ def test_what_contradicts_what_is_told_with_what_takes_it_out(served):
     loop, by_hand, wall = served.ask("state")[1]["disagreements"]
     assert (loop["words"], loop["frames"]) == ("loop", [0, 9])
     assert by_hand["correction"] is None  # it is in the list of corrections
+    point = "control point 'C4' contradicts the other evidence"
+    with_survey = {**record, "survey": {"contradicted": [point]}}
+    (served.session.folder / "run.json").write_text(json.dumps(with_survey))
+    of_point = served.ask("state")[1]["disagreements"][3]
+    assert of_point == {"words": point, "frames": [], "correction": None}
     # What takes it out is taken as it is.
     for each in (loop, wall):
         assert served.ask("add", each["correction"])[0] == 200

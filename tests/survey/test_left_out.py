@@ -3,6 +3,7 @@ each, and who is named."""
 
 import csv
 from dataclasses import replace
+from html import escape
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from numpy.testing import assert_allclose
 import planfit
 from builders import make_world
 from planfit.adjust import left_out
-from planfit.export.survey import write_survey
+from planfit.export.survey import survey_record, write_survey
+from planfit.report.html.disagreement_section import disagreement_section
 from planfit.report.html.survey_section import survey_section
 from surveyed import observed, scan_at, survey_of
 
@@ -189,6 +191,11 @@ def test_the_table_and_the_report_have_both_residuals(walk, tmp_path):
     assert 'class="worse"' in row
     assert page.count('class="worse"') == 1
     assert "each left out" in page
+    (told,) = survey_record(result.survey)["contradicted"]
+    assert told.startswith("control point 'C4' contradicts the other evidence")
+    against = disagreement_section((), [told])
+    assert f"but:</p><ul><li>{escape(told)}</li></ul>" in against
+    assert "Nothing" not in against
     held_out = {row.name: row.held_out for row in result.registration.rows}
     told = held_out["control points, each left out, RMS"]
     assert told == pytest.approx(result.survey.left_out.rms_m)

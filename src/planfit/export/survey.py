@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from planfit.pipeline.survey_residuals import contradicted_words
 from planfit.survey import RoleResiduals, SurveyResiduals
 
 HEADER = (
@@ -71,6 +72,7 @@ def survey_record(survey: SurveyResiduals) -> dict[str, Any]:
             }
             for point in survey.points
         ],
+        "contradicted": contradicted_words(survey.points),
         "unseen": list(survey.unseen),
     }
 

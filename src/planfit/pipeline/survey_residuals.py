@@ -73,8 +73,9 @@ BELIEVED_FACTOR = 2.0
 something is not known."""
 
 
-def _contradicted(points: Sequence[PointResidual]) -> list[str]:
-    """Points that the rest puts elsewhere; where it names some, those beside them are only drawn along."""
+def contradicted_words(points: Sequence[PointResidual]) -> list[str]:
+    """Points that the rest puts elsewhere, a sentence each; where it names some, those beside them are only
+    drawn along."""
     words, told = [], set()
     for point in points:
         if point.swapped_with and point.swapped_with not in told:
@@ -107,7 +108,7 @@ def survey_warnings(residuals: SurveyResiduals, predicted_rms_m: float) -> tuple
     words = []
     if residuals.unseen:
         words.append(f"no frame sees the surveyed points {some_ids(list(residuals.unseen))}")
-    words += _contradicted(residuals.points)
+    words += contradicted_words(residuals.points)
     check = residuals.check
     if check is not None:
         sigma_m = np.sqrt(3) * np.median([p.sigma_m for p in residuals.points if p.is_check])

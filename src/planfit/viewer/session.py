@@ -276,7 +276,9 @@ class Session:
                 correction = {"kind": "exclude_wall", "entry": {"ends": ends}}
             frames = [item[name][0] for name in ("first_frames", "last_frames") if item[name]]
             found.append({"words": each["words"], "frames": frames, "correction": correction})
-        return found
+        # A point is taken out in its own file, which other tools read too.
+        of_points = (record.get("survey") or {}).get("contradicted", [])
+        return found + [{"words": words, "frames": [], "correction": None} for words in of_points]
 
     def _write(self, entries: tuple[Any, ...]) -> None:
         write_corrections(self.path, Corrections(str(self.path), entries))

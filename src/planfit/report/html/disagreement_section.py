@@ -8,13 +8,20 @@ from planfit.report import formatting
 from planfit.report.html.tables import table
 
 
-def disagreement_section(found: Sequence[Disagreement]) -> str:
-    """Suspects, the most suspect first."""
+def disagreement_section(found: Sequence[Disagreement], points: Sequence[str] = ()) -> str:
+    """Suspects, the most suspect first.
+
+    Args:
+        found: visits and walls.
+        points: what is said of control points that the rest contradicts, a sentence each.
+    """
+    told = "".join(f"<li>{escape(words)}</li>" for words in points)
+    of_points = f"<ul>{told}</ul>" if told else ""
     if not found:
-        return (
-            "<h3>What contradicts what</h3><p>Nothing: each visit and each wall is about where the solves "
-            "without it put it.</p>"
-        )
+        words = "Nothing: each visit and each wall is about where the solves without it put it."
+        if points:
+            words = "Each visit and each wall is about where the solves without it put it, but:"
+        return f"<h3>What contradicts what</h3><p>{words}</p>{of_points}"
     heads = ("evidence", "off in the result", "off by the rest", "fits better without it")
     rows = [
         (
@@ -31,7 +38,7 @@ def disagreement_section(found: Sequence[Disagreement]) -> str:
         "alone, and the scan solved again. What then fits better is what it stands against, and one of the "
         "two is wrong; where nothing does, nothing was bent by it. Images of the frames tell which: "
         "<code>planfit view</code> shows them, and deletes a loop or leaves out a wall.</p>"
-        f"{table(heads, rows, 'wnnw')}"
+        f"{table(heads, rows, 'wnnw')}{of_points}"
     )
 
 

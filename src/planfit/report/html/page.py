@@ -13,6 +13,7 @@ from planfit.as_built import AsBuilt
 from planfit.floorplan import Floorplan
 from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.result import RefineResult
+from planfit.pipeline.survey_residuals import contradicted_words
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
 from planfit.report.html.disagreement_section import disagreement_section
@@ -72,7 +73,11 @@ def make_report(
         *([scans_section(result)] if result.scans else []),
         seen_on_plan,
         *([] if scene is None else [view_section(scene)]),
-        sections.certainty(result, truth) + disagreement_section(result.evidence.disagreements),
+        sections.certainty(result, truth)
+        + disagreement_section(
+            result.evidence.disagreements,
+            [] if result.survey is None else contradicted_words(result.survey.points),
+        ),
         registration_section(result.registration),
         survey_section(result.survey),
         sections.fit_and_correction(both),
