@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import planfit.export.mesh as mesh_module
-from planfit.export.mesh import fuse_mesh
+from planfit.export.mesh import SUFFIXES, fuse_mesh, write_mesh
 from planfit.export.mesh_tiles import BLOCK_VOXELS, cut_tiles
 from planfit.geometry import se3
 from planfit.runtime import Runtime
@@ -83,3 +84,35 @@ def test_a_mesh_of_tiles_is_the_mesh_of_the_whole(synthetic, monkeypatch):
     assert len(tiled.faces) == pytest.approx(len(whole.faces), rel=0.002)
     assert len(tiled.vertices) == pytest.approx(len(whole.vertices), rel=0.002)
     assert tiled.area == pytest.approx(whole.area, rel=0.002)
+
+
+def test_a_mesh_on_a_national_grid_is_the_mesh_at_home(synthetic):
+    """Single precision has steps of half a metre at the northings of a national grid."""
+    pytest.importorskip("open3d", reason="Open3D is not installed", exc_type=ImportError)
+    grid = np.array([691_000.0, 5_335_000.0, 515.0])
+    poses = synthetic.true_world_from_cams
+    there = poses.copy()
+    there[:, :3, 3] += grid
+    home, away = (
+        fuse_mesh(synthetic.scan, each, VOXEL_M, MAX_DEPTH_M, Runtime(1, None, None))
+        for each in (poses, there)
+    )
+    # Voxels begin at another place by less than one of them.
+    assert away.area == pytest.approx(home.area, rel=0.01)
+    np.testing.assert_allclose(away.bounds - grid, home.bounds, atol=VOXEL_M)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (691_000.25, 5_335_000.5, 515.0)])
+def test_files_of_meshes_lose_nothing_wherever_they_are(tmp_path, suffix, origin):
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
+    mesh.visual.vertex_colors = np.arange(4 * len(mesh.vertices)).reshape(-1, 4).astype(np.uint8)
+    mesh.apply_translation(origin)
+    write_mesh(tmp_path / f"mesh{suffix}", mesh, suffix)
+    read = trimesh.load(tmp_path / f"mesh{suffix}", process=False)
+    read = read.to_geometry() if isinstance(read, trimesh.Scene) else read
+    np.testing.assert_allclose(read.vertices, mesh.vertices, atol=1e-4, rtol=0)
+    np.testing.assert_array_equal(read.faces, mesh.faces)
+    np.testing.assert_array_equal(
+        read.visual.vertex_colors[:, :3], mesh.visual.vertex_colors[:, :3]
+    )

@@ -89,11 +89,21 @@ _KINDS = {
         np.dtype([(xyz, size) for xyz in "xyz"] + [(rgb, "u1") for rgb in "rgb"]),
         "ply\nformat binary_little_endian 1.0\nelement vertex {}\n"
         + "".join(f"property {kind} {xyz}\n" for xyz in "xyz")
-        + "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+        + "property uchar red\nproperty uchar green\nproperty uchar blue\n{}end_header\n",
     )
     for kind, size in (("float", "<f4"), ("double", "<f8"))
 }
 """Of coordinates: a vertex, and the head of the file."""
+_FACE = np.dtype([("n", "u1"), ("corners", "<i4", 3)])
+_FACES = "element face {}\nproperty list uchar int vertex_indices\n"
+
+
+def near_origin(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "3"]:
+    """Whole metres to take off points (m), so that single precision loses nothing of them; 0 where it does
+    not anyway."""
+    reach = np.abs(points).max(axis=0, initial=0.0)
+    middle = np.rint(points.mean(axis=0)) if len(points) else np.zeros(3)
+    return np.where(reach > _SINGLE_WITHIN_M, middle, 0.0)
 
 
 def place_cloud(
@@ -110,9 +120,15 @@ def place_cloud(
 
 
 def write_ply(
-    path: Path, points: Float[np.ndarray, "m 3"], colors: UInt8[np.ndarray, "m 3"]
+    path: Path,
+    points: Float[np.ndarray, "m 3"],
+    colors: UInt8[np.ndarray, "m 3"],
+    triangles: Int[np.ndarray, "t 3"] | None = None,
 ) -> None:
-    """Write points (m) with colours as binary PLY: in single precision, or in double far from the origin."""
+    """Write points (m) with colours as binary PLY: in single precision, or in double far from the origin.
+
+    With `triangles`, numbers of points, a mesh.
+    """
     is_near = len(points) == 0 or np.nanmax(np.abs(points)) <= _SINGLE_WITHIN_M
     vertex, header = _KINDS["float" if is_near else "double"]
     vertices = np.zeros(len(points), dtype=vertex)
@@ -120,9 +136,14 @@ def write_ply(
         vertices[name] = points[:, axis]
     for channel, name in enumerate("rgb"):
         vertices[name] = colors[:, channel]
+    faces = np.zeros(0 if triangles is None else len(triangles), dtype=_FACE)
+    if triangles is not None:
+        faces["n"], faces["corners"] = 3, triangles
     with path.open("wb") as file:
-        file.write(header.format(len(points)).encode())
+        of_faces = "" if triangles is None else _FACES.format(len(faces))
+        file.write(header.format(len(points), of_faces).encode())
         file.write(vertices.tobytes())
+        file.write(faces.tobytes())
 
 
 def read_ply_points(path: Path, max_points: int) -> Float[np.ndarray, "k 3"]:
@@ -136,7 +157,8 @@ def read_ply_points(path: Path, max_points: int) -> Float[np.ndarray, "k 3"]:
         head = file.read(1024)
     size = path.stat().st_size
     for vertex, header in _KINDS.values():
-        found = re.match(re.escape(header).replace(r"\{\}", r"(\d+)").encode(), head)
+        pattern = re.escape(header.format("{}", "")).replace(r"\{\}", r"(\d+)")
+        found = re.match(pattern.encode(), head)
         if found is not None and size == found.end() + int(found[1]) * vertex.itemsize:
             break
     else:

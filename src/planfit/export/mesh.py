@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import trimesh
 from jaxtyping import Float
+from trimesh.visual import ColorVisuals
 
 from planfit.errors import OutputError
-from planfit.export.cloud import color_or_grey
+from planfit.export.cloud import color_or_grey, near_origin, write_ply
 from planfit.export.mesh_tiles import BLOCK_VOXELS, Tile, cut_tiles
 from planfit.geometry import se3
 from planfit.runtime import Runtime
@@ -71,6 +72,10 @@ def fuse_mesh(
         ScanError: an image cannot be read.
     """
     open3d = load_open3d()
+    # Volumes are of single precision, which knows half a metre at the millions of a national grid.
+    origin = near_origin(target_from_cams[:, :3, 3])
+    target_from_cams = target_from_cams.copy()
+    target_from_cams[:, :3, 3] -= origin
     truncation_m = TRUNCATION_VOXELS * voxel_m
     tiles = cut_tiles(scan, target_from_cams, voxel_m, max_depth_m, truncation_m)
     if not tiles:
@@ -96,6 +101,7 @@ def fuse_mesh(
             f"{scan.name}: expected surfaces that {least} frames agree on, found none; take larger "
             "voxels (--voxel-m)"
         )
+    mesh.apply_translation(origin)
     return mesh
 
 
@@ -169,5 +175,18 @@ def check_suffix(path: Path) -> None:
 
 def write_mesh(path: Path, mesh: trimesh.Trimesh, suffix: str) -> None:
     """Write a mesh in the form of a suffix (`.ply`, binary; `.obj`; `.glb`), whatever the file is called."""
-    data = mesh.export(file_type=suffix.lower().removeprefix("."))
+    kind = suffix.lower().removeprefix(".")
+    if kind == "ply":
+        assert isinstance(mesh.visual, ColorVisuals)  # as all meshes are made here
+        write_ply(path, mesh.vertices, mesh.visual.vertex_colors[:, :3], mesh.faces)
+        return
+    if kind == "glb":
+        # Its vertices are of single precision; the place of the whole is not.
+        origin = near_origin(mesh.vertices)
+        near, scene = mesh.copy(), trimesh.Scene()
+        near.apply_translation(-origin)
+        scene.add_geometry(near, transform=trimesh.transformations.translation_matrix(origin))
+        data = scene.export(file_type=kind)
+    else:
+        data = mesh.export(file_type=kind)
     path.write_bytes(data if isinstance(data, bytes) else str(data).encode())
