@@ -1,4 +1,8 @@
-"""Rules of the style sheets in an SVG: which hold, and which elements they are of."""
+"""Rules of the style sheets in an SVG: which hold, and which elements they are of.
+
+Not by cssselect2, whose selectors are Python that it makes of the file and evaluates, in a time that grows
+with the power of the depth: `x g g g g g` takes 4.6 s for one element in 80 groups.
+"""
 
 import re
 import xml.etree.ElementTree as ET
