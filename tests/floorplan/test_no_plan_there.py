@@ -61,7 +61,7 @@ def test_the_picture_of_a_map_names_the_description_beside_it(tmp_path, is_plan)
         picture[20:176, 270:276] = 0
     Image.fromarray(picture).save(tmp_path / "map.png")
     (tmp_path / "map.yaml").write_text("image: map.png\n")
-    hint = "map.yaml beside it may describe it as a ROS map: give that"
+    hint = "map.yaml beside it may describe it as a ROS map: give that file, which tells the scale"
     if is_plan:
         assert hint in read_floorplan(tmp_path / "map.png").source.warnings
     else:

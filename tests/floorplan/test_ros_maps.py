@@ -174,11 +174,20 @@ def test_damaged_files_end_in_one_line_or_in_a_plan(tmp_path: Path) -> None:
             file.write_bytes(data)
 
 
-def test_a_picture_beside_its_yaml_is_said_to_be_a_map(tmp_path: Path) -> None:
+def test_a_picture_beside_its_yaml_is_said_once_to_be_a_map(tmp_path: Path) -> None:
     cells = np.where(np.kron(cells_of_a_room(), np.ones((4, 4), np.uint8)) == 0, 0, 255)
     write_map(tmp_path, cells.astype(np.uint8))
-    plan = read_floorplan(tmp_path / "map.pgm")
-    assert any("map.yaml beside it may be a ROS map" in words for words in plan.source.warnings)
+    source = read_floorplan(tmp_path / "map.pgm").source
+    assert sum("map.yaml beside it" in words for words in source.warnings) == 1
+    assert source.dropped[0] == "no ink: all is wall"
+
+
+def test_a_map_too_small_for_walls_says_what_they_would_be(tmp_path: Path) -> None:
+    cells = np.full((10, 10), 254, np.uint8)
+    cells[2:6, 6:8] = 0
+    path = write_map(tmp_path, cells)
+    with pytest.raises(FloorplanError, match=r"walls of 0.25 m and more .* 8 occupied and 92 free"):
+        read_floorplan(path)
 
 
 @pytest.mark.shared

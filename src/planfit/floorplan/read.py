@@ -16,9 +16,12 @@ from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
 def _map_hint(path: Path) -> str:
     """What to say of a picture that a ROS map's description lies beside, which has its scale."""
     beside = [path.with_suffix(end) for end in (".yaml", ".yml")]
-    if path.suffix.lower() not in PICTURE_SUFFIXES or not any(p.is_file() for p in beside):
+    names = [p.name for p in beside if p.is_file()]
+    if path.suffix.lower() not in PICTURE_SUFFIXES or not names:
         return ""
-    return f"{next(p.name for p in beside if p.is_file())} beside it may describe it as a ROS map: give that"
+    return (
+        f"{names[0]} beside it may describe it as a ROS map: give that file, which tells the scale"
+    )
 
 
 def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floorplan:

@@ -70,11 +70,6 @@ def _doubts(path: Path, options: PlanOptions) -> tuple[str, ...]:
             return (
                 f"the picture says {dpi:.0f} dpi, which programs write where they know none: check a length",
             )
-    beside = next(
-        (p for p in (path.with_suffix(s) for s in (".yaml", ".yml")) if p.is_file()), None
-    )
-    if path.suffix.lower() in (".pgm", ".png") and beside is not None:
-        return (f"{beside.name} beside it may be a ROS map: give that file, which tells the scale",)
     return ()
 
 

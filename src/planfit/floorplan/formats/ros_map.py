@@ -76,9 +76,9 @@ def read_ros_map(path: Path, options: PlanOptions) -> Floorplan:
     px_ends, px_normals = faces_of_cells(cells, description.resolution_m)
     if len(px_ends) == 0:
         raise FloorplanError(
-            f"{path}: expected occupied cells beside free ones, found none in "
-            f"{int(cells.is_occupied.sum())} occupied and {int(cells.is_free.sum())} free cells; check "
-            "negate and the thresholds"
+            f"{path}: expected walls of {MIN_FACE_M:g} m and more between occupied and free cells, found "
+            f"none in {int(cells.is_occupied.sum())} occupied and {int(cells.is_free.sum())} free cells of "
+            f"{description.resolution_m:g} m; check negate and the thresholds, and the resolution"
         )
     unit = choose_unit(options.unit, options.metres_per_unit, "m", "the map's resolution")
     # --scale and --unit speak of a unit of the file, which here is the metre.

@@ -88,8 +88,9 @@ def with_account(
     """The plan with what became of the picture's ink, and a warning where little of it became wall."""
     source = plan.source
     read = f"{100 * ink.share:.0f} % of the ink is read as wall"
-    words = f"{read}; strokes of {ink.left_px * shrink:.0f} px in all are not"
-    if interpretation.candidate.style != STYLE:
+    left_px = round(ink.left_px * shrink)
+    words = f"{read}; strokes of {left_px} px in all are not" if left_px else "no ink: all is wall"
+    if left_px and interpretation.candidate.style != STYLE:
         words += " (thinner or paler than walls, or of other form: furniture, words, dimensions)"
     warnings = source.warnings
     if ink.share < _DOUBTFUL_SHARE:
