@@ -177,6 +177,27 @@ def test_what_contradicts_what_is_told_with_what_takes_it_out(served):
     assert read.deleted[0].second == (9, 11)
 
 
+def test_two_windows_on_one_folder_lose_nothing_of_each_other(served):
+    """Each reads the file and writes it whole: what the other added meanwhile would be gone."""
+    first = served.session
+    other = Session(first.folder, first.scan, first.floorplan, first.solve)
+
+    def add(session, frames):
+        for k in frames:
+            session.add("exclude_frames", {"frames": [k]})
+
+    threads = [
+        threading.Thread(target=add, args=(session, frames))
+        for session, frames in ((first, range(6)), (other, range(6, 12)))
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    read = read_corrections(first.path).entries
+    assert sorted(each.ranges[0][0] for each in read) == list(range(12))
+
+
 def test_a_pair_that_the_walls_contradict_is_told_beside_it(served):
     """What the panel marks: only of the very pair that the run was made with."""
     served.add("place", frame=2, pixel=[30.0, 40.0], plan=[1.0, 1.0])

@@ -7,12 +7,14 @@ a page that is closed, a browser that dies and a file that is changed by hand me
 import io
 import json
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import FileLock
 from PIL import Image
 
 from planfit.corrections import (
@@ -23,7 +25,7 @@ from planfit.corrections import (
     write_corrections,
 )
 from planfit.corrections.file import corrections_of
-from planfit.errors import OptionError, PlanfitError
+from planfit.errors import OptionError, OutputError, PlanfitError
 from planfit.floorplan import Floorplan
 from planfit.floorplan.edits import faces_at
 from planfit.run_folder import finished_record
@@ -162,7 +164,7 @@ class Session:
         tables = [{**pair, "note": NOTE} for pair in pairs]
         added = corrections_of({"place": tables}, "this correction")
         self._require_seen(added)
-        with self._lock:
+        with self._changing():
             kept = [
                 each
                 for each in self.corrections()
@@ -207,7 +209,7 @@ class Session:
         added = corrections_of({kind: [table]}, "this correction")
         added.require_frames(len(self.scan))
         self._require_seen(added)
-        with self._lock:
+        with self._changing():
             given = self.corrections()
             self._write((*given.entries, *added.entries))
 
@@ -217,7 +219,7 @@ class Session:
         Raises:
             OptionError: there is none of this number that says these words: the file was changed meanwhile.
         """
-        with self._lock:
+        with self._changing():
             given = self.corrections().entries
             left = [
                 each
@@ -279,6 +281,28 @@ class Session:
         # A point is taken out in its own file, which other tools read too.
         of_points = (record.get("survey") or {}).get("contradicted", [])
         return found + [{"words": words, "frames": [], "correction": None} for words in of_points]
+
+    @contextmanager
+    def _changing(self) -> Iterator[None]:
+        """The file of corrections for this thread alone, and for this process: the folder may be open in two
+        windows.
+
+        Raises:
+            OutputError: the folder cannot be written to.
+        """
+        lock = FileLock(self.path.with_name(f".{FILE}.lock"))
+        try:
+            lock.acquire()
+        except OSError as error:
+            raise OutputError(
+                f"{self.path}: expected a file to write, found one that cannot be written ({error.strerror})"
+                "; check the folder's rights"
+            ) from error
+        try:
+            with self._lock:
+                yield
+        finally:
+            lock.release()
 
     def _write(self, entries: tuple[Any, ...]) -> None:
         write_corrections(self.path, Corrections(str(self.path), entries))
