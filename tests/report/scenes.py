@@ -106,6 +106,11 @@ def decode(html):
     scene = json.loads(found[1])
     for name, shape in (("before", (-1, 3, 4)), ("after", (-1, 3, 4)), ("tiles", (-1, 2, 3))):
         scene[name] = np.frombuffer(base64.b64decode(scene[name]), "<f4").reshape(shape)
+    n = len(scene["frames"]["id"])
+    columns = {k: v * n if len(v) == 1 else v for k, v in scene["frames"].items()}
+    scene["frames"] = [
+        dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
+    ]
     points = []
     for block in re.findall(r'class="view-points">(.*?)</script>', html, re.S):
         data = zlib.decompress(base64.b64decode(block))

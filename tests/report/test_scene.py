@@ -17,6 +17,7 @@ from planfit.floorplan.nearest_faces import nearest_distance
 from planfit.geometry import se3
 from planfit.pipeline.on_plan import Storey, Storeys
 from planfit.report import ReportOptions, make_report
+from planfit.report.html.view_section import view_data
 from planfit.report.scene.encode import REACH_M, quantise, tile_frames
 from planfit.report.scene.pictures import frames_with_pictures, make_pictures, quarter_turns
 from planfit.report.scene.scene import ScenePoints
@@ -280,6 +281,33 @@ def test_names_of_frames_cannot_leave_their_script():
     assert "</script><b>" not in html
     decoded, _ = decode(html)
     assert decoded["frames"][0]["id"] == "</script><b>"
+
+
+def test_what_is_told_of_a_frame_takes_little_of_the_page():
+    """25,000 frames and 2 million points are to stay below 25 MB."""
+    scene, _ = room_scene()
+    head, _ = view_data(scene)
+    many, _ = view_data(
+        replace(
+            scene,
+            frames=scene.frames * 10,
+            before=np.tile(scene.before, (10, 1, 1)),
+            after=np.tile(scene.after, (10, 1, 1)),
+            is_placed=np.tile(scene.is_placed, 10),
+        )
+    )
+    n_more = 9 * len(scene.frames)
+    assert (len(many) - len(head)) / n_more < 220
+    decoded, _ = decode(view_of(scene))
+    told = decoded["frames"][3]
+    frame = scene.frames[3]
+    assert (told["id"], told["moved"], told["predicted"]) == (
+        frame.name,
+        frame.moved,
+        frame.predicted,
+    )
+    assert told["floor"] == pytest.approx(frame.floor_m - scene.origin[2], abs=1e-3)
+    assert bool(told["isAfterGap"]) is frame.is_after_gap
 
 
 def test_a_scan_of_which_nothing_is_placed_still_makes_a_page():

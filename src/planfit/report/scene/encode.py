@@ -11,6 +11,8 @@ differences from point to point, in planes of bytes, compress well.
 import base64
 import json
 import zlib
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt16
@@ -47,18 +49,16 @@ def scene_json(scene: Scene, n_levels: int) -> str:
         "tiles": _floats(tiles),
         "hasDistances": scene.points.plan_distances_m is not None,
         "keyframes": scene.keyframe_idx.tolist(),
-        "frames": [
-            {
-                "id": frame.name,
-                "time": frame.time,
-                "moved": frame.moved,
-                "predicted": frame.predicted,
-                "floor": round(frame.floor_m - float(origin[2]), 3),
-                "tangents": [round(t, 4) for t in frame.tangents],
-                "isAfterGap": frame.is_after_gap,
-            }
-            for frame in scene.frames
-        ],
+        # By columns: names of fields in every row took 3 MB of a page of 25,000 frames.
+        "frames": {
+            "id": [frame.name for frame in scene.frames],
+            "time": _column(frame.time for frame in scene.frames),
+            "moved": _column(frame.moved for frame in scene.frames),
+            "predicted": _column(frame.predicted for frame in scene.frames),
+            "floor": _column(round(f.floor_m - float(origin[2]), 3) for f in scene.frames),
+            "tangents": _column([round(t, 4) for t in frame.tangents] for frame in scene.frames),
+            "isAfterGap": _column(int(frame.is_after_gap) for frame in scene.frames),
+        },
         "walls": [
             {
                 "face": wall.face_idx,
@@ -75,8 +75,14 @@ def scene_json(scene: Scene, n_levels: int) -> str:
             str(i): base64.b64encode(jpeg).decode("ascii") for i, jpeg in scene.pictures.items()
         },
     }
-    text = json.dumps(values, allow_nan=False, separators=(",", ":"))
+    text = json.dumps(values, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     return text.replace("<", "\\u003c")  # no name of a file can end the script element
+
+
+def _column(values: Iterable[Any]) -> list[Any]:
+    """One value where all are the same."""
+    column = list(values)
+    return column[:1] if all(value == column[0] for value in column) else column
 
 
 def encode_levels(points: ScenePoints) -> list[str]:

@@ -5,6 +5,10 @@ const floatsOf = (base64) => new Float32Array(bytesOf(base64).buffer);
 function readScene() {
   const scene = JSON.parse(document.getElementById("view-scene").textContent);
   for (const name of ["before", "after", "tiles"]) scene[name] = floatsOf(scene[name]);
+  const columns = Object.entries(scene.frames);
+  const at = (values, i) => values[values.length === 1 ? 0 : i]; // one value where all are the same
+  const frameOf = (_, i) => Object.fromEntries(columns.map(([name, values]) => [name, at(values, i)]));
+  scene.frames = scene.frames.id.map(frameOf);
   return scene;
 }
 
