@@ -29,19 +29,25 @@ LOOPS = (2, 3, 4, 13, 14, 22)
 """Frames that a frame of the way back sees again."""
 
 
-@pytest.fixture(scope="module")
-def there_and_back():
-    """A corridor walked to its end and back by the same places, with loops in between; its scan and truth."""
+def walk_there_and_back(pairs):
+    """A corridor walked to its end and back by the same places, pairs of frames matched: its truth, scan and
+    observations."""
     rng = np.random.default_rng(0)
     out = straight_walk(30)
     true = np.concatenate([out, out[::-1]])
     points = rng.uniform([-1, 2, 0], [10, 4, 2.5], (400, 3))
     matches = []
-    for i in LOOPS:
+    for i, j in pairs:
         near = points[np.abs(points[:, 0] - true[i, 0, 3]) < 1.5]
-        matches.append(make_matches(true, [(i, 59 - i)], near))
+        matches.append(make_matches(true, [(i, j)], near))
     observations = seen(make_structure(true, floor_of(true, rng)), joined(matches), true)
     return true, replace(room_scan(true), has_color=False), observations
+
+
+@pytest.fixture(scope="module")
+def there_and_back():
+    """With loops in between, and no other pairs."""
+    return walk_there_and_back([(i, 59 - i) for i in LOOPS])
 
 
 def picked_wrongly(scan, true, i, j, off_m):

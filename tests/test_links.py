@@ -7,35 +7,22 @@ import numpy as np
 import pytest
 
 import planfit
-from builders import make_matches, make_structure, room_scan
 from planfit.export.registration import write_registration
 from planfit.geometry import se3
 from planfit.matching import SurfacePairs
 from planfit.pipeline.links import CUBE_M, WITHIN_CUBES, Link
 from planfit.pipeline.registration import register
 from planfit.report.html.registration_section import MAX_ROWS, registration_section
-from test_corrections import floor_of, joined, seen, straight_walk
+from test_disagreements import LOOPS, walk_there_and_back
 from test_registration import evidence_of
-
-FRAMES_AGAIN = (2, 3, 4, 13, 14, 22)
 
 
 @pytest.fixture(scope="module")
 def there_and_back():
     """A corridor walked to its end and back by the same places."""
-    rng = np.random.default_rng(0)
-    out = straight_walk(30)
-    true = np.concatenate([out, out[::-1]])
-    points = rng.uniform([-1, 2, 0], [10, 4, 2.5], (400, 3))
-    pairs = [(i, 59 - i) for i in FRAMES_AGAIN] + [(i, i + 1) for i in range(59)]
-    matches = [
-        make_matches(true, [pair], points[np.abs(points[:, 0] - true[pair[0], 0, 3]) < 1.5])
-        for pair in pairs
-    ]
-    observations = seen(make_structure(true, floor_of(true, rng)), joined(matches), true)
-    return planfit.refine(
-        replace(room_scan(true), has_color=False), None, observations=observations
-    )
+    pairs = [(i, 59 - i) for i in LOOPS] + [(i, i + 1) for i in range(59)]
+    _, scan, observations = walk_there_and_back(pairs)
+    return planfit.refine(scan, None, observations=observations)
 
 
 def floor_seen(result, frames):
