@@ -75,9 +75,28 @@ def test_control_points_that_disagree_are_named():
         ControlPoint(control_points[2].level_xy, control_points[2].plan_xy + np.array([6.0, 0])),
         control_points[3],
     )
-    words = r"^align\.control-points: expected points that agree within 1 m, found number 3 off by \d\.\d\d m"
-    with pytest.raises(OptionError, match=words):
-        fit_control_points(wrong, 1.0, 1.0)
+    words = (
+        r"^align\.control-points: expected points that agree within 1 m, found number 3 6\.00 m from where "
+        "the others put it; check its points"
+    )
+    for metres_per_unit in (1.0, None):
+        with pytest.raises(OptionError, match=words):
+            fit_control_points(wrong, metres_per_unit, 1.0)
+
+
+def test_of_points_too_few_to_tell_none_is_blamed():
+    """Without a scale any two of three agree; of a mirrored plan each is as wrong."""
+    good = control_points_of(0.5, 1.0, [0, 0], [[0, 0], [9, 1], [5, 5], [0, 9]])
+    moved = ControlPoint(good[2].level_xy, good[2].plan_xy + np.array([6.0, 0]))
+    with pytest.raises(OptionError, match=r"found 3 that are off by up to .* m; check their points"):
+        fit_control_points((*good[:2], moved), None, 1.0)
+    with pytest.raises(
+        OptionError, match="found 2 .*; the two are 9.06 m apart in the scan and 11"
+    ):
+        fit_control_points((good[0], replace(good[1], plan_xy=1.3 * good[1].plan_xy)), 1.0, 1.0)
+    mirrored = [replace(each, plan_xy=each.plan_xy * (1, -1)) for each in good]
+    with pytest.raises(OptionError, match="with left and right swapped they agree"):
+        fit_control_points(mirrored, 1.0, 1.0)
 
 
 def test_control_points_at_one_point_are_refused():

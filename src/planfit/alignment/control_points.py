@@ -147,12 +147,33 @@ def fit_control_points(
     translation = scale * plan_middle - rotation @ scan_middle
     off_m = np.linalg.norm(scan @ rotation.T + translation - scale * plan, axis=1)
     if off_m.max() > tolerance_m:
+        words = _disagreement_words(control_points, metres_per_unit, tolerance_m)
         raise OptionError(
-            f"align.control-points: expected points that agree within {tolerance_m:g} m, found number "
-            f"{int(np.argmax(off_m)) + 1} off by {off_m.max():.2f} m; check its points, which axis "
-            "goes up, and that the plan is not mirrored"
+            f"align.control-points: expected points that agree within {tolerance_m:g} m, found {words}"
         )
     return yaw, translation, scale
+
+
+def _disagreement_words(
+    control_points: Sequence[ControlPoint], metres_per_unit: float | None, tolerance_m: float
+) -> str:
+    """Which point the others do not agree with, where they tell; and what to do."""
+    numbers = range(len(control_points))
+    off_m = []
+    for k in numbers:
+        others = [*control_points[:k], *control_points[k + 1 :]]
+        agree = _largest_off_m(others, metres_per_unit) <= tolerance_m
+        own = _offs_m([control_points[k]], others, metres_per_unit)[0]
+        off_m.append(float(own) if agree else np.nan)
+    told = [k for k in numbers if off_m[k] > tolerance_m]
+    hint = disagreement_hint(control_points, metres_per_unit, tolerance_m)
+    check = "check its points, which axis goes up, and that the plan is not mirrored"
+    if len(told) == 1 and not hint:
+        (k,) = told
+        return f"number {k + 1} {off_m[k]:.2f} m from where the others put it; {check}"
+    largest_m = _largest_off_m(control_points, metres_per_unit)
+    check = check.replace("its", "their", 1)
+    return f"{len(control_points)} that are off by up to {largest_m:.2f} m{hint}; {check}"
 
 
 def worst_control_point(
@@ -194,18 +215,26 @@ def disagreement_hint(
 
 def _largest_off_m(control_points: Sequence[ControlPoint], metres_per_unit: float | None) -> float:
     """How far off (m) the worst ends, once they are brought together as well as they can be."""
-    if len(control_points) < 2:
-        return 0.0
-    scan = np.array([point.level_xy for point in control_points])
-    plan = np.array([point.plan_xy for point in control_points])
+    return float(_offs_m(control_points, control_points, metres_per_unit).max(initial=0.0))
+
+
+def _offs_m(
+    points: Sequence[ControlPoint], fitted: Sequence[ControlPoint], metres_per_unit: float | None
+) -> Float[np.ndarray, " p"]:
+    """How far off (m) points end where others are brought together as well as they can be; 0 where these tell
+    nothing."""
+    if len(fitted) < 2:
+        return np.zeros(len(points))
     try:
-        fit = fit_control_points(control_points, metres_per_unit, np.inf)
+        fit = fit_control_points(fitted, metres_per_unit, np.inf)
     except OptionError:  # all at one point
-        return 0.0
+        return np.zeros(len(points))
     yaw, translation, scale = fit
     c, s = np.cos(yaw), np.sin(yaw)
+    scan = np.array([point.level_xy for point in points])
+    plan = np.array([point.plan_xy for point in points])
     off = scan @ np.array([[c, -s], [s, c]]).T + translation - scale * plan
-    return float(np.linalg.norm(off, axis=1).max())
+    return np.linalg.norm(off, axis=1)
 
 
 def _numbers(text: str) -> list[float] | None:
