@@ -88,10 +88,12 @@ def test_of_points_too_few_to_tell_none_is_blamed():
     """Without a scale any two of three agree; of a mirrored plan each is as wrong."""
     good = control_points_of(0.5, 1.0, [0, 0], [[0, 0], [9, 1], [5, 5], [0, 9]])
     moved = ControlPoint(good[2].level_xy, good[2].plan_xy + np.array([6.0, 0]))
-    with pytest.raises(OptionError, match=r"found 3 that are off by up to .* m; check their points"):
+    with pytest.raises(
+        OptionError, match=r"found 3 that are off by up to .* m; check their points"
+    ):
         fit_control_points((*good[:2], moved), None, 1.0)
     with pytest.raises(
-        OptionError, match="found 2 .*; the two are 9.06 m apart in the scan and 11"
+        OptionError, match=r"found 2 .*; the two are 9.06 m apart in the scan and 11"
     ):
         fit_control_points((good[0], replace(good[1], plan_xy=1.3 * good[1].plan_xy)), 1.0, 1.0)
     mirrored = [replace(each, plan_xy=each.plan_xy * (1, -1)) for each in good]

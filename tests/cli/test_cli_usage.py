@@ -100,6 +100,11 @@ def refusal(words: Sequence[str], capsys: pytest.CaptureFixture[str]) -> str:
             "'--wall-mask'? 'planfit plan --help-all' lists every one",
         ),
         (
+            "align SCAN --plan PLAN -o OUT",
+            "--plan: expected 'planfit align SCAN PLAN -o OUT', found an option in place of a word; leave "
+            "--plan out",
+        ),
+        (
             "plan PLAN --unit metre",
             "--unit: expected one of auto, m, cm, mm, in, ft, unknown, found 'metre'; "
             "'planfit plan --help-all' tells what they mean",

@@ -49,11 +49,22 @@ def check_flags(command: str, words: Sequence[str]) -> None:
             or name.startswith("--tyro-")
         ):
             continue
+        usage = _usage_of(command)
+        if name.removeprefix("--").upper() in re.split(r"[ \[\]]+", usage):
+            raise OptionError(
+                f"{name}: expected 'planfit {usage}', found an option in place of a word; leave {name} out"
+            )
         meant = did_you_mean(name, known)
         raise OptionError(
             f"{name}: expected an option of 'planfit {command}', found an unknown one; "
             f"{f'{meant} ' if meant else ''}'planfit {command} --help-all' lists every one"
         )
+
+
+def _usage_of(command: str) -> str:
+    """How a command is called, as the first line of its help has it."""
+    help_text = flags_path(command).with_suffix(".txt").read_text(encoding="utf-8")
+    return help_text.splitlines()[0].removeprefix("usage: planfit ")
 
 
 def completions(words: Sequence[str], commands: Sequence[str]) -> list[str]:
