@@ -9,7 +9,7 @@ from measured_walk import LAP, displaced, measure, three_laps
 from builders import make_matches
 from planfit.geometry import se3
 from planfit.matching.verify import VerifyOptions
-from planfit.scan.odometry import OdometryOptions
+from planfit.scan.odometry import OdometryOptions, usual_step
 from planfit.tracking import (
     TrackingOptions,
     judge_tracking,
@@ -17,6 +17,7 @@ from planfit.tracking import (
     place_submaps,
     with_open_steps,
 )
+from planfit.tracking.submaps import LEAP, LEAP_M
 
 
 @pytest.fixture
@@ -108,6 +109,35 @@ def test_without_revisits_the_recorded_step_stands(laps, rng):
     result = placed(tracking, revisits(laps, rng, [15, 16]))  # two are too few
     assert np.array_equal(result.world_from_cams, jumped)
     assert result.breaks == ()
+
+
+def test_revisits_of_a_place_that_looks_alike_make_no_walk_leap(laps, rng):
+    """All agree, on another office than the one that the walk went on in."""
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 60.0, rng)
+    tracking = judged(jumped, measure(laps, rng, unmeasured=(40,)))
+    elsewhere = laps.copy()
+    elsewhere[41:] = se3.make_transform(np.eye(3), np.array([9.0, 6.0, 0.0])) @ laps[41:]
+    result = placed(tracking, revisits(elsewhere, rng, range(15, 30)))
+    assert np.array_equal(result.world_from_cams, jumped)
+    assert result.breaks == ()
+    assert result.undecided_steps.tolist() == [40]
+
+
+def test_a_jump_is_undone_where_the_recording_paused_too(laps, rng):
+    """The walk goes on metres further, as is recorded but for the jump."""
+    n_missing = LAP // 4
+    kept = np.r_[0:40, 40 + n_missing : len(laps)]
+    poses = laps[kept]
+    pause_m = np.linalg.norm(poses[40, :3, 3] - poses[39, :3, 3])
+    assert pause_m > max(LEAP_M, LEAP * usual_step(se3.inverse(laps[:-1]) @ laps[1:])[0])
+    jumped = displaced(poses, 40, len(poses) - 1, 1.0, 10.0, rng)
+    tracking = judged(jumped, measure(poses, rng, unmeasured=(39,)))
+    points = rng.uniform([-5, -5, -1], [5, 5, 1], (40, 3))
+    pairs = [(i, i + LAP - n_missing) for i in range(22, 37)]
+    result = placed(tracking, make_matches(poses, pairs, points))
+    assert [b.first_frame for b in result.breaks] == [39]
+    gap = np.linalg.norm((result.world_from_cams - poses)[:, :3, 3], axis=1)
+    assert gap.max() < 0.1
 
 
 def test_pairs_across_a_step_have_it_between_them_and_are_no_neighbours():
