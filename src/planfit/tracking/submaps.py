@@ -228,7 +228,8 @@ def _merge_surest(
 
 def _leaps(placed: _Placed, merge: _Merge, tracking: Tracking) -> bool:
     """Whether a doubtful step between two groups would be longer than any of a walk, and not as recorded."""
-    doubtful, group = tracking.doubtful_steps, placed.group
+    # Over frames that were lost the walk went on, nobody knows how far.
+    doubtful, group = np.setdiff1d(tracking.doubtful_steps, tracking.open_steps), placed.group
     ends = np.sort(np.column_stack([group[doubtful], group[doubtful + 1]]), axis=1)
     between = doubtful[(ends == (merge.first, merge.second)).all(axis=1)]
     moves = (group == merge.second)[:, None, None]
