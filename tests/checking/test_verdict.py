@@ -49,6 +49,11 @@ def test_good_evidence_is_refined():
             "torn at frames 12-13: .* 2.0 m and",
         ),
         (
+            {"leaps": ((30, 31),)},
+            ((30, 31),),
+            "the walk leaps at frames 30-31, further than any walk does",
+        ),
+        (
             {"stretches": stretches({0, 1}, near_kept_out=0.0), "visits": ()},
             ((0, 19),),
             "frames 0-19 are confirmed by nothing: 0% of their 40 wall patches",

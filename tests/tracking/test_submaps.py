@@ -17,7 +17,7 @@ from planfit.tracking import (
     place_submaps,
     with_open_steps,
 )
-from planfit.tracking.submaps import LEAP, LEAP_M
+from planfit.tracking.types import LEAP, LEAP_M
 
 
 @pytest.fixture
@@ -121,6 +121,18 @@ def test_revisits_of_a_place_that_looks_alike_make_no_walk_leap(laps, rng):
     assert np.array_equal(result.world_from_cams, jumped)
     assert result.breaks == ()
     assert result.undecided_steps.tolist() == [40]
+
+
+def test_a_jump_that_leaves_a_leap_is_told(laps, rng):
+    """However it was placed: 9 m on, where a step is 0.6 m."""
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 60.0, rng)
+    tracking = judged(jumped, measure(laps, rng, unmeasured=(40,)))
+    assert tracking.leaps == ()  # nothing was corrected
+    right = placed(tracking, revisits(laps, rng, range(15, 30)))
+    assert right.leaps == ()
+    poses = right.world_from_cams.copy()
+    poses[41:, 0, 3] += 9.0
+    assert replace(right, world_from_cams=poses).leaps == ((40, 41),)
 
 
 def test_a_jump_is_undone_where_the_recording_paused_too(laps, rng):

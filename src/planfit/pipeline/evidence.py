@@ -124,6 +124,8 @@ class Evidence:
     """What fixes x, y, z and heading; in this order."""
     left_out: tuple[PointLeftOut, ...] = ()
     """Control points that took part, each left out in turn."""
+    leaps: tuple[tuple[int, int], ...] = ()
+    """Frames before and after jumps by whose correction the walk leaps, as none can."""
     links: tuple[Link, ...] = ()
     """Stretches of the walk that pairs of frames hold together: by how much they overlap and agree."""
 
@@ -264,6 +266,7 @@ def gather_evidence(
         is_alone=problem.gauge is not None,
         unplaced=prepared.unplaced,
         tracking_doubt=prepared.tracking_doubt,
+        leaps=prepared.leaps,
         without_plan=on_plan.storeys.without_plan if on_plan.storeys else (),
         left_out=leave_out_control(problem, solved),
         links=judge_links(prepared, folds, recorded, solved),

@@ -43,6 +43,8 @@ class PreparedScan:
     """Recorded steps that closing loops gave up, the worst first."""
     tracking_doubt: str = ""
     """Why the recorded poses as a whole say nothing, in words."""
+    leaps: tuple[tuple[int, int], ...] = ()
+    """Frames before and after jumps by whose correction the walk leaps, as none can."""
     metres_per_pose_unit: float = 1.0
     """Of poses in a unit of their own, as images and depth show it."""
 
@@ -96,6 +98,7 @@ def prepare(
             level_from_keys,
             unplaced=tracking.unplaced,
             tracking_doubt=tracking.doubt,
+            leaps=tracking.leaps,
             metres_per_pose_unit=tracking.metres_per_unit,
         )
     with stages.stage("close loops"):
@@ -108,9 +111,10 @@ def prepare(
         level,
         level_from_cams,
         closed.solution.target_from_cams,
-        tuple(visit.sentence for visit in closed.dropped),
-        tracking.unplaced,
-        closed.torn_steps,
-        tracking.doubt,
-        tracking.metres_per_unit,
+        warnings=tuple(visit.sentence for visit in closed.dropped),
+        unplaced=tracking.unplaced,
+        torn_steps=closed.torn_steps,
+        tracking_doubt=tracking.doubt,
+        leaps=tracking.leaps,
+        metres_per_pose_unit=tracking.metres_per_unit,
     )

@@ -58,6 +58,7 @@ def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Reserv
         *_of_doubted_tracking(evidence),
         *_of_unplaced_frames(evidence),
         *_of_torn_steps(evidence),
+        *_of_leaps(evidence),
         *_of_rivals(evidence, options),
         *_of_unsure_stretches(evidence, options),
         *_of_unexplained_stretches(evidence),
@@ -121,6 +122,19 @@ def _of_torn_steps(evidence: Evidence) -> list[Reservation]:
             f"the path is torn at frames {frame_ranges(frames)}: the result departs from the recorded motion "
             f"by up to {worst.departure_m:.1f} m and {worst.departure_deg:.0f} deg in one step",
             "look at those frames: either the tracker jumped there, or places were confused",
+        )
+    ]
+
+
+def _of_leaps(evidence: Evidence) -> list[Reservation]:
+    if not evidence.leaps:
+        return []
+    return [
+        Reservation(
+            evidence.leaps,
+            f"the walk leaps at frames {frame_ranges(evidence.leaps)}, further than any walk does in a step: "
+            "the tracker jumped there, and what follows was put at a place that may only look alike",
+            "look at those frames, delete the loops that are wrong (planfit view), or scan that part again",
         )
     ]
 

@@ -37,6 +37,7 @@ from planfit.tracking.types import (
     Tracking,
     TrackingBreak,
     describe_jump,
+    leaps,
     size_of,
     submaps_of,
 )
@@ -45,12 +46,6 @@ SAME = 1e-6
 """Steps that differ by less were not changed."""
 MIN_VOTES = 3
 """Revisits that must agree to place a submap."""
-LEAP, LEAP_M = 4.0, 2.0
-"""A step of so many usual ones, and so many metres, is none of a walk, nor of a phone that finds its place
-again."""
-LEAP_CHANGED = 0.5
-"""Where a recording paused it may be right, and is recorded: what departs from the recorded step by more than
-this share of it is none of a pause."""
 
 
 @dataclass(frozen=True)
@@ -234,13 +229,9 @@ def _leaps(placed: _Placed, merge: _Merge, tracking: Tracking) -> bool:
     between = doubtful[(ends == (merge.first, merge.second)).all(axis=1)]
     moves = (group == merge.second)[:, None, None]
     poses = np.where(moves, merge.displaced @ placed.poses, placed.poses)
-    recorded = tracking.odometry.cam_from_next
-    usual_m, _ = usual_step(recorded)
     told = se3.inverse(poses[between]) @ poses[between + 1]
-    length_m, recorded_m = (np.linalg.norm(s[:, :3, 3], axis=1) for s in (told, recorded[between]))
-    change_m = np.linalg.norm(told[:, :3, 3] - recorded[between, :3, 3], axis=1)
-    is_leap = length_m > max(LEAP * usual_m, LEAP_M)
-    return bool(np.any(is_leap & (change_m > LEAP_CHANGED * recorded_m)))
+    recorded = tracking.odometry.cam_from_next
+    return bool(leaps(told, recorded[between], usual_step(recorded)[0]).any())
 
 
 def _merge(votes: Votes, first: int, second: int, options: TrackingOptions) -> list[_Merge]:

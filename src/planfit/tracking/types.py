@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
-from planfit.scan.odometry import Odometry
+from planfit.scan.odometry import Odometry, usual_step
 from planfit.short_repr import short_repr
 from planfit.tracking.clock import ClockOffset
 from planfit.tracking.conventions import ConventionFit
@@ -93,6 +93,17 @@ class Tracking:
         return tuple((int(a), int(b) - 1) for a, b in edges.reshape(-1, 2))
 
     @property
+    def leaps(self) -> tuple[tuple[int, int], ...]:
+        """Frames before and after the jumps by whose correction the walk leaps, as none can."""
+        recorded, now = (
+            se3.inverse(poses[:-1]) @ poses[1:]
+            for poses in (self.recorded_world_from_cams, self.world_from_cams)
+        )
+        is_leap = leaps(now, recorded, usual_step(self.odometry.cam_from_next)[0])
+        jumps = [b.first_frame for b in self.breaks if b.kind == "jump" and b.n_motions]
+        return tuple((k, k + 1) for k in jumps if is_leap[k])
+
+    @property
     def doubt(self) -> str:
         """Why the recorded poses as a whole say nothing of these images, in words; empty where they do."""
         fit, n = self.convention_fit, len(self.world_from_cams)
@@ -135,8 +146,30 @@ class Tracking:
         return (*notes, *(b.reason for b in self.breaks))
 
 
+LEAP, LEAP_M = 4.0, 2.0
+"""A step of so many usual ones, and so many metres, is none of a walk, nor of a phone that finds its place
+again."""
+LEAP_CHANGED = 0.5
+"""Where a recording paused it may be right, and is recorded: what departs from the recorded step by more than
+this share of it is none of a pause."""
 NOTED_FACTOR = 2.0
 """A tracker that errs by more than this factor is worth a note."""
+
+
+def leaps(
+    told: Float[np.ndarray, "s 4 4"], recorded: Float[np.ndarray, "s 4 4"], usual_m: float
+) -> Bool[np.ndarray, " s"]:
+    """Which steps are longer than any of a walk, and not so because a recording paused.
+
+    Args:
+        told: motions over steps, by what is not the tracker.
+        recorded: as the tracker has them.
+        usual_m: what usual steps do not exceed.
+    """
+    length_m, recorded_m = (np.linalg.norm(s[:, :3, 3], axis=1) for s in (told, recorded))
+    change_m = np.linalg.norm(told[:, :3, 3] - recorded[:, :3, 3], axis=1)
+    is_long = length_m > max(LEAP * usual_m, LEAP_M)
+    return is_long & (change_m > LEAP_CHANGED * recorded_m)
 
 
 def submaps_of(

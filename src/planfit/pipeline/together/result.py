@@ -192,6 +192,7 @@ def evidence_of_frames(evidence: Evidence, own: FramesOfScan) -> Evidence:
             for each in evidence.torn
             if is_inside(each.frames)
         ),
+        leaps=tuple(clipped(run) for run in evidence.leaps if is_inside(run)),
         unplaced=tuple(clipped(run) for run in evidence.unplaced if touches(run)),
     )
 
