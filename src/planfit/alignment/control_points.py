@@ -167,13 +167,13 @@ def _disagreement_words(
         off_m.append(float(own) if agree else np.nan)
     told = [k for k in numbers if off_m[k] > tolerance_m]
     hint = disagreement_hint(control_points, metres_per_unit, tolerance_m)
-    check = "check its points, which axis goes up, and that the plan is not mirrored"
     if len(told) == 1 and not hint:
         (k,) = told
-        return f"number {k + 1} {off_m[k]:.2f} m from where the others put it; {check}"
-    largest_m = _largest_off_m(control_points, metres_per_unit)
-    check = check.replace("its", "their", 1)
-    return f"{len(control_points)} that are off by up to {largest_m:.2f} m{hint}; {check}"
+        found, whose = f"number {k + 1} {off_m[k]:.2f} m from where the others put it", "its"
+    else:
+        largest_m = _largest_off_m(control_points, metres_per_unit)
+        found, whose = f"{len(off_m)} that are off by up to {largest_m:.2f} m{hint}", "their"
+    return f"{found}; check {whose} points, which axis goes up, and that the plan is not mirrored"
 
 
 def worst_control_point(

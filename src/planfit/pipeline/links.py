@@ -12,6 +12,7 @@ from planfit.evaluation import match_distances
 from planfit.geometry import se3
 from planfit.geometry.grouped import in_parts
 from planfit.mapped import let_go
+from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.folds import Folds
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.visits import frames_of_stretch
@@ -72,12 +73,7 @@ def judge_links(
         a, b = divmod(cell, n)
         own = matches.taken(has_points[by_points.get(cell, none)])
         pairs = surfaces[by_surfaces.get(cell, none)]
-        before_m, after_m = (
-            float(
-                np.mean(match_distances(own, poses) if len(own.pairs) else pairs.held_off_m(poses))
-            )
-            for poses in (recorded, solved)
-        )
+        before_m, after_m = (_mean_off_m(own, pairs, poses) for poses in (recorded, solved))
         links.append(
             Link(
                 frames_of_stretch(prepared, folds, a),
@@ -90,6 +86,11 @@ def judge_links(
             )
         )
     return tuple(links)
+
+
+def _mean_off_m(own: Matches, pairs: SurfacePairs, poses: Poses) -> float:
+    """Between matched points; where there are none, by what surfaces hold."""
+    return float(np.mean(match_distances(own, poses) if own.n_matches else pairs.held_off_m(poses)))
 
 
 def _by_link(
@@ -119,15 +120,16 @@ def _cubes_seen(
 ) -> list[Int[np.ndarray, "c 3"]]:
     """Cubes in which each stretch sees floor, wall, ceiling or column, numbered along each axis."""
     origin = solved[:, :3, 3].mean(axis=0)
-    seen = np.zeros(0, dtype=np.int64)
+    parts = [np.zeros(0, dtype=np.int64)]  # of neighbouring frames, which see the same: few a part
     for points, frames in _points_in_parts(structure):
         at = (se3.transform_each(solved[frames], points) - origin) / CUBE_M
         half = 1 << (AXIS_BITS - 1)
         x, y, z = (np.floor(at).clip(-half, half - 1).astype(np.int64) + half).T
         # One number for stretch and cube, the stretch first: sorted, each stretch is a run of them.
         number = (((stretch[frames] << AXIS_BITS) + x << AXIS_BITS) + y << AXIS_BITS) + z
-        seen = np.union1d(seen, number)
+        parts.append(np.unique(number))
         let_go(points)
+    seen = np.unique(np.concatenate(parts))
     borders = np.searchsorted(seen, np.arange(n + 1) << 3 * AXIS_BITS)
     shifts = np.array([2, 1, 0]) * AXIS_BITS
     runs = pairwise(borders.tolist())

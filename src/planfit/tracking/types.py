@@ -100,7 +100,7 @@ class Tracking:
             for poses in (self.recorded_world_from_cams, self.world_from_cams)
         )
         is_leap = leaps(now, recorded, usual_step(self.odometry.cam_from_next)[0])
-        jumps = [b.first_frame for b in self.breaks if b.kind == "jump" and b.n_motions]
+        jumps = [b.first_frame for b in self.breaks if b.kind == "jump"]
         return tuple((k, k + 1) for k in jumps if is_leap[k])
 
     @property
