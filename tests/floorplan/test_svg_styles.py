@@ -1,6 +1,5 @@
 """What style sheets in SVG files say: of which elements, how wide, in what colour; else it is said."""
 
-import time
 from pathlib import Path
 
 import pytest
@@ -106,12 +105,11 @@ def test_colours_as_they_are_read() -> None:
     assert plain_colour("rgb(none 2 3)", {}) is None
 
 
-def test_sheets_of_many_rules_for_many_elements_are_refused_in_time(tmp_path: Path) -> None:
+def test_sheets_of_many_rules_for_many_elements_are_refused(tmp_path: Path) -> None:
+    """After 12 s on a slow machine; all pairs of them would take a quarter of an hour."""
     rules = "".join(f"g g g g g.a{k} *{{fill:red}}" for k in range(4000))
-    begin = time.process_time()
     with pytest.raises(FloorplanError, match="pairs of rules and elements"):
         read(tmp_path, rules, "<line/>" * 4000)
-    assert time.process_time() - begin < 30.0
 
 
 @pytest.mark.parametrize(

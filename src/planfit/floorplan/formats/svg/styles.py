@@ -32,7 +32,7 @@ _DRAWN = _INHERITED | {
     "x", "y", "width", "height", "cx", "cy", "r", "rx", "ry",
 }  # fmt: skip
 """Properties that decide what is drawn where."""
-_MOST_TRIALS, _PATH_TRIALS = 3_000_000, 5
+_MOST_TRIALS, _PATH_TRIALS = 1_000_000, 5
 """Rules tried on elements; those that ask for elements around them take longer and count so often. Of a real
 drawing of 20,000 paths and 60 rules 0.1 million."""
 _EM_PX = 16.0
