@@ -283,6 +283,15 @@ def test_names_of_frames_cannot_leave_their_script():
     assert decoded["frames"][0]["id"] == "</script><b>"
 
 
+def test_names_that_are_no_text_are_written():
+    """Of a file whose name is of another alphabet's encoding."""
+    scene, _ = room_scene()
+    name = b"frame-\xff.jpg".decode("utf-8", "surrogateescape")
+    html = view_of(replace(scene, frames=(replace(scene.frames[0], name=name), *scene.frames[1:])))
+    decoded, _ = decode(html.encode().decode())
+    assert decoded["frames"][0]["id"] == name
+
+
 def test_what_is_told_of_a_frame_takes_little_of_the_page():
     """25,000 frames and 2 million points are to stay below 25 MB."""
     scene, _ = room_scene()

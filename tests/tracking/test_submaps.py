@@ -12,6 +12,7 @@ from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import OdometryOptions, usual_step
 from planfit.tracking import (
     TrackingOptions,
+    believe,
     judge_tracking,
     pairs_across,
     place_submaps,
@@ -130,6 +131,7 @@ def test_a_jump_that_leaves_a_leap_is_told(laps, rng):
     assert tracking.leaps == ()  # nothing was corrected
     right = placed(tracking, revisits(laps, rng, range(15, 30)))
     assert right.leaps == ()
+    assert believe(laps[:1], "recorded", OdometryOptions()).leaps == ()
     poses = right.world_from_cams.copy()
     poses[41:, 0, 3] += 9.0
     assert replace(right, world_from_cams=poses).leaps == ((40, 41),)

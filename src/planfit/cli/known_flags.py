@@ -37,8 +37,10 @@ def plain_name(word: str) -> str:
     return word.split("=", 1)[0].replace("_", "-")
 
 
-def check_flags(command: str, words: Sequence[str]) -> None:
-    """Raise `OptionError` at the first word that looks like a flag and is none, naming the nearest one."""
+def check_flags(command: str, words: Sequence[str], usage: str) -> None:
+    """Raise `OptionError` at the first word that looks like a flag and is none, naming the nearest one; or
+    the command's usage, where that has a word of this name.
+    """
     known = flags_of(command)
     for word in words:
         name = plain_name(word)
@@ -49,22 +51,16 @@ def check_flags(command: str, words: Sequence[str]) -> None:
             or name.startswith("--tyro-")
         ):
             continue
-        usage = _usage_of(command)
         if name.removeprefix("--").upper() in re.split(r"[ \[\]]+", usage):
             raise OptionError(
-                f"{name}: expected 'planfit {usage}', found an option in place of a word; leave {name} out"
+                f"{name}: expected 'planfit {command} {usage}', found an option in place of a word; "
+                f"leave {name} out"
             )
         meant = did_you_mean(name, known)
         raise OptionError(
             f"{name}: expected an option of 'planfit {command}', found an unknown one; "
             f"{f'{meant} ' if meant else ''}'planfit {command} --help-all' lists every one"
         )
-
-
-def _usage_of(command: str) -> str:
-    """How a command is called, as the first line of its help has it."""
-    help_text = flags_path(command).with_suffix(".txt").read_text(encoding="utf-8")
-    return help_text.splitlines()[0].removeprefix("usage: planfit ")
 
 
 def completions(words: Sequence[str], commands: Sequence[str]) -> list[str]:

@@ -110,7 +110,7 @@ def in_one_line(action: Callable[[], int], kept: str, speech: Speech = USUAL) ->
 
 
 def _run_command(command: Command, argv: list[str], speech: Speech) -> int:
-    check_flags(command.name, argv)
+    check_flags(command.name, argv, command.usage)
     with _stopped_at_once():
         arguments_type, function = command.load()
         if command.is_light:

@@ -95,13 +95,15 @@ class Tracking:
     @property
     def leaps(self) -> tuple[tuple[int, int], ...]:
         """Frames before and after the jumps by whose correction the walk leaps, as none can."""
+        jumps = np.array([b.first_frame for b in self.breaks if b.kind == "jump"], dtype=int)
+        if len(jumps) == 0:  # a single frame has no steps that are usual
+            return ()
         recorded, now = (
-            se3.inverse(poses[:-1]) @ poses[1:]
+            se3.inverse(poses[jumps]) @ poses[jumps + 1]
             for poses in (self.recorded_world_from_cams, self.world_from_cams)
         )
         is_leap = leaps(now, recorded, usual_step(self.odometry.cam_from_next)[0])
-        jumps = [b.first_frame for b in self.breaks if b.kind == "jump"]
-        return tuple((k, k + 1) for k in jumps if is_leap[k])
+        return tuple((int(k), int(k) + 1) for k in jumps[is_leap])
 
     @property
     def doubt(self) -> str:

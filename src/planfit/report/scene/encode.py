@@ -75,7 +75,7 @@ def scene_json(scene: Scene, n_levels: int) -> str:
             str(i): base64.b64encode(jpeg).decode("ascii") for i, jpeg in scene.pictures.items()
         },
     }
-    text = json.dumps(values, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c")  # no name of a file can end the script element
 
 
