@@ -168,6 +168,52 @@ def test_single_lines_beside_walls_drawn_double_are_no_walls(tmp_path: Path) -> 
     assert any("taken for no wall: 0 (9.2 m)" in words for words in plan.source.dropped)
 
 
+def reactor(path: Path) -> Path:
+    """Offices by single lines with gaps for doors on one layer, where a vault has double walls too; a machine
+    of double lines; a stub on a layer that is called wall; a line over a wall on a layer of labels."""
+    document = ezdxf.new()
+    document.header["$INSUNITS"] = 6
+    space = document.modelspace()
+
+    def add(layer: str, *chains: list[tuple[float, float]]) -> None:
+        for chain in chains:
+            space.add_lwpolyline(chain, dxfattribs={"layer": layer})
+
+    add("rooms", *OFFICES, [(20, 1), (25, 1), (25, 7), (20, 7), (20, 1)])
+    add("rooms", [(20.3, 1.3), (24.7, 1.3), (24.7, 6.7), (20.3, 6.7), (20.3, 1.3)])
+    for inset in (0, 0.4):
+        box = [(22 + inset, 12 + inset), (27 - inset, 12 + inset), (27 - inset, 17 - inset)]
+        add("machine", [*box, (22 + inset, 17 - inset), box[0]])
+    add("walls", [(1, 3), (1, 4)])
+    add("labels", [(4, 0), (4, 1)])
+    document.saveas(path)
+    return path
+
+
+OFFICES = [
+    [(3, 10), (0, 10), (0, 0), (8, 0)], [(9, 0), (18, 0), (18, 4)], [(18, 5), (18, 10), (12, 10)],
+    [(4, 10), (11, 10)], [(6, 0), (6, 3)], [(6, 4), (6, 10)], [(6, 5), (9, 5)], [(10, 5), (18, 5)],
+    [(0, 10), (0, 18), (12, 18), (12, 15)], [(12, 14), (12, 10)], [(4, 0), (4, 1)],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("layers", [(), ("rooms", "walls")])
+def test_rooms_of_single_lines_beside_walls_drawn_double(
+    tmp_path: Path, layers: tuple[str, ...]
+) -> None:
+    plan = read_floorplan(reactor(tmp_path / "a.dxf"), PlanOptions(layers=layers))
+    offices = shapely.MultiLineString(OFFICES)
+    single = shapely.MultiLineString(list(plan.ends[~plan.is_oriented]))
+    assert single.intersection(offices.buffer(0.01)).length > 0.99 * offices.length
+    machine = shapely.box(22, 12, 27, 17)
+    on_machine = shapely.MultiLineString(list(plan.ends)).intersection(machine.buffer(0.01)).length
+    assert on_machine == (0.0 if layers else pytest.approx(20 + 16.8, rel=0.01))
+    vault = shapely.box(20, 1, 25, 7).boundary
+    double = shapely.MultiLineString(list(plan.ends[plan.is_oriented]))
+    assert double.intersection(vault.buffer(0.01)).length > 0.99 * vault.length
+    assert any("walls are drawn as single lines" in words for words in plan.source.warnings)
+
+
 def test_a_chosen_layer_alone_is_read(tmp_path: Path) -> None:
     plan = read_floorplan(german(tmp_path / "a.dxf"), PlanOptions(layers=("020*",)))
     assert plan.source.layers == ("020 Stützen",)

@@ -22,6 +22,11 @@ both faces of two walls."""
 BESIDE, MAIN, SPANNED = 0.35, 0.4, 0.7
 """Of the length of rooms drawn by single lines, those with another line beside them, a bed's or a cupboard's;
 of all lines, theirs; of the sides of the drawing, that they span. Of walls drawn as two lines 0.8 have."""
+NETWORK, NETWORK_SHARE, NETWORK_SPANS = 0.1, 0.5, 0.5
+"""Rooms of single lines beside walls of two: of the drawing's size, the length of a group of lines that
+touch; of the faces of their layer, the length of all such; of the sides of the drawing, that they span."""
+BESIDE_REACH = 0.01
+"""Of the drawing's size, how near another line is beside one: half a metre of a floor of 50 m."""
 MAX_OUTLINE_LINES = 20_000
 """Closing the areas of 10,000 lines takes 0.4 s; a real floor has 1,000 to 3,000 that may be faces."""
 
@@ -77,10 +82,13 @@ def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> Lin
     on_line = faces.line >= 0
     of_face = candidates.layer[faces.line[on_line]]
     face_length = segments.lengths(faces.ends[on_line])
-    taken = np.bincount(of_face[of_face >= 0], face_length[of_face >= 0], minlength=len(left))
+    taken = np.zeros(len(left))
+    np.add.at(taken, of_face[of_face >= 0], face_length[of_face >= 0])
     if candidates.is_called_wall.any():
         is_single = taken < SINGLE_SHARE * left
-        at = own[rest.is_called_wall[own] & is_single[rest.layer[own]]]
+        is_wall = rest.is_called_wall & is_single[rest.layer]
+        is_wall |= _are_of_rooms(rest, candidates, taken, extent)
+        at = own[is_wall[own]]
     else:
         total = segments.lengths(faces.ends).sum()
         very_long = length[own][length[own] > 0.1 * extent].sum()
@@ -97,6 +105,39 @@ def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> Lin
     return LineFaces(
         ends, segments.left_normals(ends), np.zeros(n, dtype=bool), np.full(n, np.nan), line
     )
+
+
+def _are_of_rooms(
+    rest: Candidates, candidates: Candidates, taken: Float[np.ndarray, " l"], extent: float
+) -> Bool[np.ndarray, " n"]:
+    """Lines of layers that draw rooms by single lines, beside others whose walls have two: groups of lines
+    that touch, most without another line beside them, span the drawing and are not little beside the faces
+    of the layer. Of layers that are not called wall only where those that are hold little in comparison.
+
+    Args:
+        rest: what no face is of.
+        candidates: all lines that were looked at.
+        taken: length of the faces of each layer.
+        extent: of the drawing.
+    """
+    found, length = np.zeros(len(rest), dtype=bool), segments.lengths(rest.ends)
+    whole = np.ptp(candidates.ends.reshape(-1, 2), axis=0)
+    called_length = segments.lengths(candidates.ends[candidates.is_called_wall]).sum()
+    for layer in np.unique(rest.layer[rest.layer >= 0]):
+        own = np.flatnonzero(rest.layer == layer)
+        group = groups_within(rest.ends[own], 1e-3 * extent)
+        at = own[np.bincount(group, length[own])[group] > NETWORK * extent]
+        if len(at) == 0:
+            continue
+        ends, total = rest.ends[at], length[at].sum()
+        pairs = find_partners(ends, BESIDE_REACH * extent, 1e-3 * extent, 0.0, PARALLEL_SINE)
+        beside = covered_lengths(pairs.line, pairs.low, pairs.high, len(ends)).sum()
+        spans = (np.ptp(ends.reshape(-1, 2), axis=0) > NETWORK_SPANS * whole).all()
+        called = length[at[rest.is_called_wall[at]]].sum()
+        is_named = called > 0.5 * total or called_length < SINGLE_SHARE * total
+        is_main = total > NETWORK_SHARE * taken[layer]
+        found[own] = is_named and is_main and spans and beside < BESIDE * total
+    return found
 
 
 def _around_faces(

@@ -55,6 +55,10 @@ from planfit.geometry import segments
 MAIN_SHARE = 0.35
 """Solid walls with this share of the length of double lines beside them are the walls of the drawing."""
 
+CALLED_SHARE = 0.25
+"""Of a line, what must lie on lines of layers that are called wall: the end of a wall lies on the outline of
+the building that it is built in."""
+
 
 @dataclass(frozen=True)
 class DrawnWalls:
@@ -257,12 +261,18 @@ def _have_form_of_faces(
 
 
 def _merged(lines: Lines, role: Int[np.ndarray, " n"], extent: float) -> Candidates:
-    """Lines on one another as one: a wall if one of them is called so, on the layer of the last."""
+    """Lines on one another as one: a wall if more than a speck of it is called so, on the layer of the longest
+    of those that are; else on the layer of the longest."""
     ends, group = merge_collinear(lines.ends, 3e-5 * extent)
-    is_called_wall = np.zeros(len(ends), dtype=bool)
-    is_called_wall[group[role == Role.WALL]] = True
+    length = segments.lengths(lines.ends)
+    is_wall = role == Role.WALL
+    called_length = np.zeros(len(ends))
+    np.add.at(called_length, group[is_wall], length[is_wall])
+    is_called_wall = called_length > CALLED_SHARE * segments.lengths(ends)
     layer = np.zeros(len(ends), dtype=int)
-    layer[group] = lines.layer
+    # Of an array's places that are written several times the last stays.
+    order = np.lexsort((length, is_wall & is_called_wall[group]))
+    layer[group[order]] = lines.layer[order]
     return Candidates(ends, is_called_wall, layer, np.zeros(len(ends), dtype=int))
 
 
