@@ -261,8 +261,8 @@ def _have_form_of_faces(
 
 
 def _merged(lines: Lines, role: Int[np.ndarray, " n"], extent: float) -> Candidates:
-    """Lines on one another as one: a wall if more than a speck of it is called so, on the layer of the longest
-    of those that are; else on the layer of the longest."""
+    """Lines on one another as one: a wall if more than a speck of it is called so, on the layer of the
+    longest of those that are; else on the layer of the longest."""
     ends, group = merge_collinear(lines.ends, 3e-5 * extent)
     length = segments.lengths(lines.ends)
     is_wall = role == Role.WALL
