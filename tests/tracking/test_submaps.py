@@ -201,6 +201,22 @@ def test_revisits_join_the_walk_over_frames_that_nothing_places(laps, rng):
     assert np.linalg.norm(closer - laps[others, :3, 3], axis=1).max() < 0.2
 
 
+def test_a_step_that_revisits_alone_tell_is_no_recorded_motion(laps, rng):
+    """It was as sure as a tracker's: an adjustment that moved it by 0.2 m had *torn the path*, and walls and
+    other revisits could not move what came after."""
+    frozen = laps.copy()
+    frozen[41:46] = laps[40]
+    frozen[46:] = laps[40] @ se3.inverse(laps[45]) @ laps[46:]
+    tracking = judged(frozen, measure(laps, rng, unmeasured=(43,)))
+    result = placed(tracking, revisits(laps, rng, range(17, 30)))
+    assert tracking.open_steps.tolist() == [43]
+    assert len(result.open_steps) == 0
+    length = np.linalg.norm(result.odometry.cam_from_next[:, :3, 3], axis=1)
+    assert result.odometry.sigma_translation[43] >= length[43] / 2
+    others = np.arange(len(laps) - 1) != 43
+    assert np.all(result.odometry.sigma_translation[others] < length[others] / 2)
+
+
 def test_a_long_step_that_ends_a_little_otherwise_is_no_jump(laps, rng):
     """Two parts of a walk, placed one by one, were said to have jumped by the whole step between them."""
     jumped = displaced(laps, 41, len(laps) - 1, 5.0, 60.0, rng)

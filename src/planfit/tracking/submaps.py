@@ -295,6 +295,8 @@ def _with_placed(
     for sigma, of_votes in zip((rotation, translation), placed.sigma, strict=True):
         sigma[moved] = np.hypot(sigma[moved], of_votes)
         sigma[found] = max(float(np.median(sigma)), of_votes)
+    # No tracker walked them: what places them are revisits, which the adjustment has itself.
+    told = with_open_steps(Odometry(steps, rotation, translation), found)
     recorded, votes = tracking.recorded_world_from_cams, placed.n_votes
     breaks = [
         describe_jump(recorded, poses, int(s), int(max(votes[s], votes[s + 1])), "revisits")
@@ -304,7 +306,7 @@ def _with_placed(
     return replace(
         tracking,
         world_from_cams=poses,
-        odometry=Odometry(steps, rotation, translation),
+        odometry=told,
         breaks=tuple(sorted((*tracking.breaks, *breaks), key=lambda b: b.first_frame)),
         doubtful_steps=np.zeros(0, dtype=int),
         open_steps=open_steps,
