@@ -15,9 +15,10 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, UInt16
+from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
 from planfit.report.scene.scene import FAR_M, Scene, ScenePoints
+from planfit.threads import in_threads
 
 REACH_M = 60.0
 """Points further from their camera along any axis are left out: with them a tile would round by 1 mm."""
@@ -96,7 +97,12 @@ def encode_levels(points: ScenePoints) -> list[str]:
     # Steps of the golden ratio: every level is even along the rows of pixels, and none is a grid of its own.
     turn = np.arange(len(kept)) * ((np.sqrt(5.0) - 1.0) / 2.0) % 1.0
     level = np.minimum(np.searchsorted(ends, turn, side="right"), n_others)
-    return [_encode_level(points, quantised, kept & (level == k)) for k in range(n_others + 1)]
+    colors = points.colors & _COLOR_BITS
+
+    def encode(k: int) -> str:
+        return _encode_level(points, quantised, colors, kept & (level == k))
+
+    return in_threads(encode, range(n_others + 1))
 
 
 def tile_frames(
@@ -126,7 +132,10 @@ def quantise(points: ScenePoints) -> UInt16[np.ndarray, "m 3"]:
 
 
 def _encode_level(
-    points: ScenePoints, quantised: UInt16[np.ndarray, "m 3"], mask: np.ndarray
+    points: ScenePoints,
+    quantised: UInt16[np.ndarray, "m 3"],
+    colors: UInt8[np.ndarray, "m 3"],
+    mask: Bool[np.ndarray, " m"],
 ) -> str:
     frame_idx = points.frame_idx[mask]
     counts = np.bincount(frame_idx, minlength=len(points.start) - 1).astype("<u4")
@@ -135,7 +144,6 @@ def _encode_level(
         # Differences wrap around as the sums of the page do.
         change = np.diff(quantised[mask, axis], prepend=np.uint16(0))
         planes += [change & 0xFF, change >> 8]
-    colors = points.colors & _COLOR_BITS
     planes += [np.diff(colors[mask, k], prepend=np.uint8(0)) for k in range(3)]
     if points.plan_distances_m is not None:
         for distances in points.plan_distances_m[:, mask]:
