@@ -49,13 +49,20 @@ def single_line_walls(
     group = groups_within(ends, 1e-3 * extent)
     found = group == np.bincount(group, length).argmax()
     size, whole = (np.ptp(part.reshape(-1, 2), axis=0) for part in (ends[found], ends))
-    pairs = find_partners(ends, thickness.most, thickness.least, 0.0, PARALLEL_SINE)
-    beside = covered_lengths(pairs.line, pairs.low, pairs.high, len(ends))
+    beside = _lengths_beside(ends, thickness.most, thickness.least)
     is_single = beside[found].sum() < BESIDE * length[found].sum()
     is_main = length[found].sum() > MAIN * length.sum()
     spans = bool((size > SPANNED * whole).all())
     found &= is_single and is_main and spans
     return found
+
+
+def _lengths_beside(
+    ends: Float[np.ndarray, "n 2 2"], most: float, least: float
+) -> Float[np.ndarray, " n"]:
+    """How much of each line has a parallel one beside it, within `most` and beyond `least`."""
+    pairs = find_partners(ends, most, least, 0.0, PARALLEL_SINE)
+    return covered_lengths(pairs.line, pairs.low, pairs.high, len(ends))
 
 
 def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> LineFaces:
@@ -130,8 +137,7 @@ def _are_of_rooms(
         if len(at) == 0:
             continue
         ends, total = rest.ends[at], length[at].sum()
-        pairs = find_partners(ends, BESIDE_REACH * extent, 1e-3 * extent, 0.0, PARALLEL_SINE)
-        beside = covered_lengths(pairs.line, pairs.low, pairs.high, len(ends)).sum()
+        beside = _lengths_beside(ends, BESIDE_REACH * extent, 1e-3 * extent).sum()
         spans = (np.ptp(ends.reshape(-1, 2), axis=0) > NETWORK_SPANS * whole).all()
         called = length[at[rest.is_called_wall[at]]].sum()
         is_named = called > 0.5 * total or called_length < SINGLE_SHARE * total
