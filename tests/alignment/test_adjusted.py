@@ -94,6 +94,28 @@ def test_a_plan_that_lacks_half_of_the_walls_is_sure_where_no_wall_is_seen_throu
     assert judged.doubt == ""
 
 
+def test_a_plan_that_was_seen_through_is_doubted_though_the_place_was_given(office):
+    # A hall seen from its middle. Of what is taken for its plan, two walls stand where some were seen.
+    hall = faces_plan([[0, 0], [12, 0], [12, 8], [0, 8]])
+    walls = replace(walls_of(hall), seen_from=np.full_like(walls_of(hall).seen_from, [6.0, 4.0]))
+    rooms = [faces_plan([[x, 1], [x + 2, 1], [x + 2, 4], [x, 4]]) for x in (1, 3.5, 7, 9.5)]
+    drawn = [hall.ends[:2], *(room.ends for room in rooms)]
+    facing = [hall.normals[:2], *(room.normals for room in rooms)]
+    ends, normals = np.concatenate(drawn), np.concatenate(facing)
+    other = Floorplan("another building", ends, normals, np.ones(len(ends), dtype=bool))
+    lacking = Floorplan("two walls", ends[:2], normals[:2], np.ones(2, dtype=bool))
+    found = replace(align(walls, hall, OPTIONS), is_as_recorded=True, candidates=())
+    judged = judge_adjusted(walls, other, found, OPTIONS)
+    assert judged.score > 0.25
+    assert judged.evidence.is_seen_through
+    assert "seems to be of another place" in judged.doubt
+    # The same two alone, where others are not drawn at all, is a plan that lacks walls.
+    assert judge_adjusted(walls, lacking, found, OPTIONS).doubt == ""
+    # Where surveyed points put the scan, its place is known, whatever the plan.
+    surveyed = replace(found, is_surveyed=True)
+    assert judge_adjusted(walls, other, surveyed, OPTIONS).doubt == ""
+
+
 def test_a_mirrored_plan_is_doubted(office):
     walls = walls_of(office)
     found = replace(align(walls, office, OPTIONS), is_mirrored=True)

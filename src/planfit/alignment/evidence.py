@@ -57,6 +57,15 @@ class PlanEvidence:
     """How far scanned walls stand in front of lines whose free side is not known, on either side: half a
     thickness where walls are drawn by their centre lines. 0 where not surely more than `MIN_OFFSET_M`."""
 
+    @property
+    def is_seen_through(self) -> bool:
+        """Whether the camera saw through more of the plan's wall than it saw as wall."""
+        return self.seen_through_share > MAX_SEEN_THROUGH and self.judged_m >= MIN_JUDGED_M
+
+
+NOTHING_JUDGED = PlanEvidence(0.0, 0.0, 0.0)
+"""Where nothing is known of where walls were seen from."""
+
 
 def plan_evidence(
     walls: WallSamples, floorplan: Floorplan, hypothesis: AlignmentHypothesis
@@ -69,7 +78,7 @@ def plan_evidence(
         hypothesis: where the scan is on it.
     """
     if walls.seen_from is None or len(walls.xy) == 0:
-        return PlanEvidence(0.0, 0.0, 0.0, line_offset_m(walls, floorplan, hypothesis))
+        return replace(NOTHING_JUDGED, line_offset_m=line_offset_m(walls, floorplan, hypothesis))
     walked = walked_through_share(walls, floorplan, hypothesis)
     ends, normals = scaled_faces(floorplan, np.array(hypothesis.scale_xy))
     rotation, translation = rotation_2d(hypothesis.yaw), hypothesis.translation
@@ -123,7 +132,7 @@ def with_way(
 def evidence_words(evidence: PlanEvidence) -> tuple[list[str], list[str]]:
     """What speaks against the alignment, and what a user should know besides; a sentence each."""
     against, besides = [], []
-    if evidence.seen_through_share > MAX_SEEN_THROUGH and evidence.judged_m >= MIN_JUDGED_M:
+    if evidence.is_seen_through:
         against.append(
             f"weak: the camera saw through {evidence.seen_through_share:.0%} of the plan's wall where it "
             f"looked ({evidence.judged_m:.0f} m); is it the plan of this building and storey?"
