@@ -20,8 +20,10 @@ from planfit.alignment import metric_plan
 from planfit.floorplan import Floorplan
 from planfit.pipeline.align import AlignResult, align
 from planfit.pipeline.prepare import PreparedScan, extract_observations, prepare
-from planfit.report import draw_alignment, draw_overlay, draw_plan_picture
+from planfit.report.plots.alignment import draw_alignment
 from planfit.report.plots.drawing import AFTER, BEFORE, FONT_PT, GREY, INK, new_figure
+from planfit.report.plots.overlay import draw_overlay
+from planfit.report.plots.plan_picture import draw_plan_picture
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.synth.drawing import DrawingOptions, draw_building

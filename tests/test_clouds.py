@@ -10,7 +10,15 @@ from numpy.testing import assert_array_equal
 
 import planfit
 import planfit.cli.refine as command
-from planfit.export.cloud import Cloud, place_cloud, read_ply_points, sample_cloud, write_ply
+from planfit.export.cloud import (
+    Cloud,
+    Sampling,
+    place_cloud,
+    read_ply_points,
+    sample_cloud,
+    sample_clouds,
+    write_ply,
+)
 from planfit.runtime import Runtime
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 
@@ -56,6 +64,30 @@ def test_a_cloud_of_some_frames_is_theirs_alone(small_run):
     assert_array_equal(less.points_cam, every.points_cam[of_some])
     assert_array_equal(less.colors, every.colors[of_some])
     assert_array_equal(np.flatnonzero(np.diff(less.start)), some)
+
+
+def test_several_clouds_are_those_sampled_one_by_one_and_open_each_image_once(small_run):
+    scan, _, _ = small_run
+    opened = []
+
+    class Counted:
+        def __getattr__(self, name):
+            read = getattr(scan.files, name)
+            return (
+                (lambda i: opened.append((name, i)) or read(i))
+                if name in ("depth", "color")
+                else read
+            )
+
+    counted = replace(scan, files=Counted())
+    few, many = sample_clouds(counted, Runtime(1), (Sampling(12 * 300), Sampling(10**6, 800)))
+    assert sorted(opened) == [(name, i) for name in ("color", "depth") for i in range(len(scan))]
+    assert_array_equal(few.points_cam, sample_cloud(scan, Runtime(1), 12 * 300).points_cam)
+    assert np.diff(many.start).max() <= 2 * 800
+    (alone,) = sample_clouds(scan, Runtime(1), [Sampling(10**6, 800)])
+    for one, other in ((many.points_cam, alone.points_cam), (many.colors, alone.colors)):
+        assert_array_equal(one, other)
+    assert len(many.points_cam) > 2 * len(few.points_cam)
 
 
 @pytest.mark.parametrize("most", [1, 4, 9, 10, 50])

@@ -15,7 +15,9 @@ from planfit.evaluation import evaluate, position_errors
 from planfit.geometry import se3
 from planfit.lsq import ResidualTerm
 from planfit.pipeline.prepare import prepare
-from planfit.report import draw_overlay, make_report
+from planfit.report.html.page import make_report
+from planfit.report.measures import measure
+from planfit.report.plots.overlay import draw_overlay
 from planfit.segmentation import LevelPoints
 from planfit.synth import (
     BuildingOptions,
@@ -172,7 +174,8 @@ def test_the_report_shows_the_scan_alone(alone):
     for words in ("Walls of the plan", "Distance of wall points", "found on the plan", "NSD)"):
         assert words not in html
     xy = np.array([[0.0, 0.0], [4.0, 3.0]])
-    assert draw_overlay(None, alone, (xy, xy)) != draw_overlay(None, alone)
+    shown = measure(None, alone, (xy, xy))
+    assert draw_overlay(None, shown) != draw_overlay(None, measure(None, alone))
 
 
 def test_evaluate_takes_a_result_without_a_plan(synthetic, alone):

@@ -22,14 +22,16 @@ from planfit.lsq.solver import Cost, Solution, Stop
 from planfit.matching import Matches
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.validation import Check
-from planfit.report import TruthErrors, draw_overlay, formatting, make_report
-from planfit.report.key_metrics import key_metrics, verdict_in_words
+from planfit.report import formatting
+from planfit.report.html.page import make_report
+from planfit.report.key_metrics import TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import measure
 from planfit.report.plots.charts import certainty_plot
 from planfit.report.plots.close_ups import choose_close_ups
 from planfit.report.plots.cross_sections import cut_walls
 from planfit.report.plots.drawing import Picture
 from planfit.report.plots.matches import loop_closures_of, matches_by_frame
+from planfit.report.plots.overlay import draw_overlay
 from planfit.report.plots.top_view import crop_to_scan, find_gaps
 from planfit.report.provenance import Provenance, provenance_now
 from planfit.report.walls import seen_faces
@@ -467,7 +469,7 @@ def test_short_scans(small_pictures, floorplan, n_frames):
 
 @pytest.mark.parametrize("strip", [without_walls, alone])
 def test_overlay_where_little_was_seen(small_pictures, floorplan, strip):
-    assert draw_overlay(floorplan, strip(make_result(1))).startswith(PNG_MAGIC)
+    assert draw_overlay(floorplan, measure(floorplan, strip(make_result(1)))).startswith(PNG_MAGIC)
 
 
 def test_not_aligned_shows_no_distances_to_the_plan(floorplan, no_pictures):
@@ -483,7 +485,7 @@ def test_not_aligned_shows_no_distances_to_the_plan(floorplan, no_pictures):
 
 
 def test_overlay_is_a_png_with_two_panels(floorplan):
-    image = Image.open(io.BytesIO(draw_overlay(floorplan, make_result())))
+    image = Image.open(io.BytesIO(draw_overlay(floorplan, measure(floorplan, make_result()))))
     assert image.format == "PNG"
     assert image.width > 1.5 * image.height > 600  # the room is about square: side by side
     colors = {color for _, color in image.convert("RGB").getcolors(100_000)}
@@ -495,7 +497,9 @@ def test_overlay_stacks_wide_scans(floorplan):
     result = make_result()
     far = result.plan_from_cams.copy()
     far[0, 0, 3] += 60.0
-    image = Image.open(io.BytesIO(draw_overlay(floorplan, replace(result, plan_from_cams=far))))
+    image = Image.open(
+        io.BytesIO(draw_overlay(floorplan, measure(floorplan, replace(result, plan_from_cams=far))))
+    )
     assert image.height > 0.4 * image.width
     assert image.width < 2000
 
@@ -509,7 +513,9 @@ def test_overlay_is_cropped_to_the_scan(small_pictures, floorplan):
         normals=np.concatenate([floorplan.normals, segments.left_normals(outside)]),
         is_oriented=np.full(5, True),
     )
-    assert draw_overlay(larger, result) == draw_overlay(floorplan, result)
+    assert draw_overlay(larger, measure(larger, result)) == draw_overlay(
+        floorplan, measure(floorplan, result)
+    )
     crop = crop_to_scan(measure(larger, result))
     assert (crop.low < [0.0, 0.0]).all()
     assert (crop.low > [-2.5, -2.5]).all()

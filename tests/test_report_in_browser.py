@@ -6,7 +6,7 @@ import pytest
 
 from browser_probe import BROWSER, found_in, printed
 from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall
-from planfit.report import make_report
+from planfit.report.html.page import make_report
 from test_report import floorplan as floorplan  # a fixture
 from test_report import make_result
 

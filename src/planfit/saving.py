@@ -3,34 +3,29 @@
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from functools import partial
 from pathlib import Path
 
 from planfit import __version__
 from planfit.as_built import AS_BUILT, AsBuilt, compare_as_built, write_as_built
 from planfit.errors import OptionError
-from planfit.export import make_record, sample_cloud, write_results
-from planfit.export.cloud import Cloud, place_cloud
-from planfit.export.option_files import scan_options_record, to_toml
-from planfit.export.record import plain
+from planfit.export.cloud import Cloud, Sampling, place_cloud, sample_clouds
+from planfit.export.option_files import plain, scan_options_record, to_toml
+from planfit.export.record import make_record
+from planfit.export.write import write_results
 from planfit.floorplan import Floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.together import TogetherResult
-from planfit.report import (
-    Provenance,
-    ReportOptions,
-    Scene,
-    TruthErrors,
-    draw_overlay,
-    draw_overlays,
-    make_pictures,
-    make_report,
-    make_scene,
-    provenance_now,
-)
-from planfit.report.measures import CloudXY
+from planfit.report.html.page import make_report
+from planfit.report.key_metrics import TruthErrors
+from planfit.report.measures import CloudXY, measure
+from planfit.report.options import ReportOptions
+from planfit.report.plots.overlay import draw_overlay, draw_overlays
 from planfit.report.plots.scan_view import at_camera_height
+from planfit.report.provenance import Provenance, provenance_now
+from planfit.report.scene.make import make_scene
+from planfit.report.scene.pictures import make_pictures
+from planfit.report.scene.scene import Scene
 from planfit.run_folder import RECORD, RunFolder
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, calibrated_scan
@@ -182,7 +177,9 @@ def write_together(
         record["made"] = asdict(inputs.made)
         cloud = views.cloud.of_frames(own.frames)
         write_results(folder, each.scan, each.result, record, cloud)
-        (folder / "overlay.png").write_bytes(draw_overlay(floorplan, each.result, None))
+        (folder / "overlay.png").write_bytes(
+            draw_overlay(floorplan, measure(floorplan, each.result))
+        )
 
 
 def _tell_scans(path: Path, result: TogetherResult) -> None:
@@ -212,13 +209,16 @@ def result_views(inputs: RunInputs, result: RefineResult, runtime: Runtime) -> R
     """Sample the images once more, for the clouds and the report, and judge the walls of the plan."""
     scan, options, as_built = inputs.scan, inputs.report, _as_built(inputs, result)
     corrected, unplaced = calibrated_scan(scan, result.sensor), result.evidence.unplaced
+    samplings = [Sampling()]
+    if options.has_view:
+        samplings.append(Sampling(options.max_points, VIEW_POINTS_OF_FRAME))
     # Keyframes see what all frames see, and their images are all that a run opens.
-    sample = partial(sample_cloud, corrected, runtime, frame_idx=result.solved_frame_idx)
-    cloud = sample().without(unplaced)
+    keys = result.solved_frame_idx
+    clouds = sample_clouds(corrected, runtime, samplings, frame_idx=keys)
+    cloud = clouds[0].without(unplaced)
     if not options.has_view:
         return RunViews(cloud, None, as_built)
-    sampled = sample(max_points=options.max_points, max_per_frame=VIEW_POINTS_OF_FRAME)
-    shown = sampled.without(unplaced).thinned(options.max_points)
+    shown = clouds[1].without(unplaced).thinned(options.max_points)
     pictures = make_pictures(scan, result.plan_from_cams, options.max_pictures, runtime)
     points = (shown.points_cam, shown.colors, shown.start)
     scene = make_scene(scan, result, *points, pictures, as_built)
@@ -248,12 +248,12 @@ def write_run(
     record["report_options"] = plain(inputs.report)
     record["made"] = asdict(inputs.made)
     write_results(staging, scan, result, record, views.cloud)
-    seen = _seen_from_above(views.cloud, result)
-    for name, overlay in draw_overlays(result, seen).items():
+    both = measure(result.floorplan, result, _seen_from_above(views.cloud, result))
+    for name, overlay in draw_overlays(result, both).items():
         (staging / name).write_bytes(overlay)
     if views.as_built is not None:
         write_as_built(staging / AS_BUILT, views.as_built)
-    text, shown = to_toml(options), (seen, views.scene, views.as_built)
+    text, shown = to_toml(options), (both, views.scene, views.as_built)
     report = make_report(scan.name, result.floorplan, result, text, errors, *shown, inputs.made)
     (staging / "report.html").write_text(report, encoding="utf-8")
 

@@ -24,7 +24,7 @@ from planfit.evaluation.evaluate import RefinedPoses
 from planfit.evaluation.free_space import looked_through_share, near_pairs, read_thumbnails
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
-from planfit.report import conclusion
+from planfit.report.comparison_words import conclusion
 from planfit.runtime import Runtime
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 

@@ -7,7 +7,7 @@ import pytest
 
 from browser_probe import BROWSER, found_in
 from planfit.as_built import AsBuilt, AsBuiltOpening, AsBuiltOptions, AsBuiltWall, Verdict
-from planfit.report import make_report
+from planfit.report.html.page import make_report
 from planfit.report.walls import seen_faces
 from test_report import floorplan as floorplan  # a fixture
 from test_report import make_result, read

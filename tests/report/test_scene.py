@@ -16,8 +16,9 @@ from planfit.errors import OptionError
 from planfit.floorplan.nearest_faces import nearest_distance
 from planfit.geometry import se3
 from planfit.pipeline.on_plan import Storey, Storeys
-from planfit.report import ReportOptions, make_report
+from planfit.report.html.page import make_report
 from planfit.report.html.view_section import view_data
+from planfit.report.options import ReportOptions
 from planfit.report.scene.encode import REACH_M, quantise, tile_frames
 from planfit.report.scene.pictures import frames_with_pictures, make_pictures, quarter_turns
 from planfit.report.scene.scene import ScenePoints

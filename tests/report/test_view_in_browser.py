@@ -11,8 +11,7 @@ from view_speed import make_scene
 
 from driven_browser import driven_browser, needs_browser, set_size
 from planfit.geometry import se3
-from planfit.report import make_report
-from planfit.report.html.page import page_of
+from planfit.report.html.page import make_report, page_of
 from planfit.report.html.view_section import view_section
 from report.scenes import BLUE, GREEN, RED, room_report, room_scene
 from test_report import DEPTH, OFFSET, WIDTH, make_result

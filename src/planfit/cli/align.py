@@ -23,7 +23,7 @@ from planfit.floorplan import Floorplan, read_floorplan
 from planfit.geometry import se3
 from planfit.pipeline.align import align
 from planfit.pipeline.options import RefineOptions
-from planfit.report import draw_alignment
+from planfit.report.plots.alignment import draw_alignment
 from planfit.run_folder import ALIGNMENT, CANDIDATE, RunFolder, remove_alignment
 from planfit.runtime import Runtime
 from planfit.saving import RunInputs

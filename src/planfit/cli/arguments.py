@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -20,8 +20,9 @@ from planfit.errors import OptionError
 from planfit.floorplan import PlanOptions
 from planfit.floorplan.units import Unit
 from planfit.option_values import choices_of, member_of
-from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.presets import preset
+
+if TYPE_CHECKING:
+    from planfit.pipeline.options import RefineOptions
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ class AlignmentFlags:
     """Known pairs "x,y,z=X,Y": a point of the scan in its own axes (m) and the same point on the plan, in the
     coordinates at the rim of `planfit plan PLAN -o plan.png`; "x,y,z=file:X,Y" in the file's own."""
 
-    def added_to(self, options: RefineOptions) -> RefineOptions:
+    def added_to(self, options: "RefineOptions") -> "RefineOptions":
         """Options with these in place of `align.candidate`, and beside `align.control_points`."""
         points = tuple(point for points in self.pin for point in points)
         chosen = replace(
@@ -137,6 +138,8 @@ def parse(arguments_type: Any, prog: str, argv: list[str]) -> Any:
     fields = {f.name: f for f in dataclasses.fields(arguments_type)} if is_plain else {}
     preset_name, config = _value_of(argv, "--preset"), _value_of(argv, "--config")
     if "config" in fields and (preset_name or config):
+        from planfit.pipeline.presets import preset  # commands without presets need no pipeline
+
         options = preset(preset_name or "default")
         if config:
             options = read_options(Path(config), options)

@@ -17,8 +17,8 @@ from planfit.cli.run_record import cache_of
 from planfit.errors import OutputError, require
 from planfit.evaluation import CompareOptions, Comparison, Metric, Witness, compare
 from planfit.export.cloud import place_cloud, sample_cloud
-from planfit.report import Compared, conclusion, make_comparison
-from planfit.report.comparison_words import local_in_words, whole_in_words
+from planfit.report.comparison_words import conclusion, local_in_words, whole_in_words
+from planfit.report.html.comparison_page import Compared, make_comparison
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime

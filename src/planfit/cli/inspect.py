@@ -11,7 +11,7 @@ from jaxtyping import Integer
 
 from planfit.cli.console import StageBars, out, table, tell_scan
 from planfit.errors import OutputError
-from planfit.report import draw_scan_view
+from planfit.report.plots.scan_view import draw_scan_view
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, read_scan
 from planfit.scan.statistics import (

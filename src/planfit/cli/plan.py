@@ -17,7 +17,7 @@ from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
 from planfit.floorplan.columns import find_columns
 from planfit.floorplan.edits import edited, edits_of_words, write_edits
 from planfit.floorplan.elements import are_glass
-from planfit.report import draw_plan_picture
+from planfit.report.plots.plan_picture import draw_plan_picture
 from planfit.whole_files import write_whole
 
 

@@ -20,7 +20,9 @@ from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
-from planfit.report import ReportOptions, TruthErrors, provenance_now
+from planfit.report.key_metrics import TruthErrors
+from planfit.report.options import ReportOptions
+from planfit.report.provenance import provenance_now
 from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
 from planfit.saving import RunInputs, result_views, write_run

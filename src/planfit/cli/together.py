@@ -9,7 +9,7 @@ from planfit.cli.survey import SurveyFlags
 from planfit.errors import ScanError, require
 from planfit.floorplan import Floorplan
 from planfit.pipeline.together import TogetherResult, refine_together
-from planfit.report import provenance_now
+from planfit.report.provenance import provenance_now
 from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
 from planfit.saving import RunInputs, result_views, write_together

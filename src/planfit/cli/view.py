@@ -19,7 +19,7 @@ from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.option_values import options_of
 from planfit.pipeline.options import RefineOptions
-from planfit.report import ReportOptions
+from planfit.report.options import ReportOptions
 from planfit.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.viewer import FILE, Session, ViewServer

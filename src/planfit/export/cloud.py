@@ -55,11 +55,20 @@ class Cloud:
         return Cloud(self.points_cam[kept], self.colors[kept], start)
 
 
+@dataclass(frozen=True)
+class Sampling:
+    """How many points a cloud has."""
+
+    max_points: int = 500_000
+    """Of all frames."""
+    max_per_frame: int = 2500
+    """Of each frame."""
+
+
 def sample_cloud(
     scan: Scan,
     runtime: Runtime,
-    max_points: int = 500_000,
-    max_per_frame: int = 2500,
+    max_points: int = Sampling.max_points,
     max_depth_m: float = 8.0,
     frame_idx: Int[np.ndarray, " k"] | None = None,
 ) -> Cloud:
@@ -67,18 +76,33 @@ def sample_cloud(
 
     Of every frame; with `frame_idx`, of these alone, and the others have no points.
     """
+    (cloud,) = sample_clouds(scan, runtime, (Sampling(max_points),), max_depth_m, frame_idx)
+    return cloud
+
+
+def sample_clouds(
+    scan: Scan,
+    runtime: Runtime,
+    samplings: Sequence[Sampling],
+    max_depth_m: float = 8.0,
+    frame_idx: Int[np.ndarray, " k"] | None = None,
+) -> tuple[Cloud, ...]:
+    """Clouds as `sample_cloud` gives them, one a sampling: each image is opened once for all."""
     frames = np.arange(len(scan)) if frame_idx is None else frame_idx
-    per_frame = max(1, min(max_per_frame, max_points // len(frames)))
+    per_frame = tuple(
+        max(1, min(each.max_per_frame, each.max_points // len(frames))) for each in samplings
+    )
     key = cache_key(scan.fingerprint, per_frame, max_depth_m, frames.tobytes())
     sample = partial(_sample, scan, frames, per_frame, max_depth_m)
     items = runtime.map("clouds", key, len(frames), sample)
-    n_points = np.zeros(len(scan), dtype=int)
-    n_points[frames] = [len(item["points"]) for item in items]
-    return Cloud(
-        points_cam=np.concatenate([item["points"] for item in items]),
-        colors=np.concatenate([item["colors"] for item in items]),
-        start=np.cumsum([0, *n_points]),
-    )
+    clouds = []
+    for k in range(len(samplings)):
+        n_points = np.zeros(len(scan), dtype=int)
+        n_points[frames] = [len(item[f"points_{k}"]) for item in items]
+        points_cam = np.concatenate([item[f"points_{k}"] for item in items])
+        colors = np.concatenate([item[f"colors_{k}"] for item in items])
+        clouds.append(Cloud(points_cam, colors, start=np.cumsum([0, *n_points])))
+    return tuple(clouds)
 
 
 _SINGLE_WITHIN_M = 5000.0
@@ -179,17 +203,24 @@ def color_or_grey(scan: Scan, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def _sample(
-    scan: Scan, frames: Int[np.ndarray, " k"], per_frame: int, max_depth_m: float, k: int
+    scan: Scan,
+    frames: Int[np.ndarray, " k"],
+    per_frame: Sequence[int],
+    max_depth_m: float,
+    k: int,
 ) -> Arrays:
     i = int(frames[k])
-    depth = scan.files.depth(i)
-    step = max(1, int(np.sqrt(depth.size / per_frame)))
-    rows, columns = np.mgrid[step // 2 : depth.shape[0] : step, step // 2 : depth.shape[1] : step]
-    at = depth[rows, columns]
-    with np.errstate(invalid="ignore"):  # NaN, where there is no depth, is not below anything
-        keep = at < max_depth_m
-    uv = np.stack([columns[keep], rows[keep]], axis=1)
-    return {
-        "points": scan.cameras[i].lift(uv.astype(float), at[keep]).astype(np.float32),
-        "colors": color_or_grey(scan, i)[rows[keep], columns[keep]],
-    }
+    depth, image = scan.files.depth(i), color_or_grey(scan, i)
+    found = {}
+    for at, n_points in enumerate(per_frame):
+        step = max(1, int(np.sqrt(depth.size / n_points)))
+        rows, columns = np.mgrid[
+            step // 2 : depth.shape[0] : step, step // 2 : depth.shape[1] : step
+        ]
+        depth_m = depth[rows, columns]
+        with np.errstate(invalid="ignore"):  # NaN, where there is no depth, is not below anything
+            keep = depth_m < max_depth_m
+        uv = np.stack([columns[keep], rows[keep]], axis=1).astype(float)
+        found[f"points_{at}"] = scan.cameras[i].lift(uv, depth_m[keep]).astype(np.float32)
+        found[f"colors_{at}"] = image[rows[keep], columns[keep]]
+    return found

@@ -1,9 +1,9 @@
 """Options as TOML text and as plain values, for the report and the record of a run."""
 
 import dataclasses
+from enum import Enum
 from typing import Any
 
-from planfit.export.record import plain
 from planfit.scan import ScanOptions
 
 FILES_OF_SCAN = ("poses", "calibration")
@@ -13,6 +13,18 @@ FILES_OF_SCAN = ("poses", "calibration")
 def to_toml(options: Any) -> str:
     """Options dataclass as TOML text."""
     return "\n".join(_toml_lines(plain(options), ())) + "\n"
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses, enumerations and tuples as dictionaries, names and lists."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = dataclasses.fields(value)
+        return {field.name: plain(getattr(value, field.name)) for field in fields}
+    if isinstance(value, Enum):
+        return value.name.lower()
+    if isinstance(value, tuple | list):
+        return [plain(item) for item in value]
+    return value
 
 
 def scan_options_record(options: ScanOptions) -> dict[str, Any]:

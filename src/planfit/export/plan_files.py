@@ -4,7 +4,6 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
-from ezdxf.filemanagement import new
 from jaxtyping import Float
 
 from planfit.floorplan import Floorplan
@@ -50,6 +49,8 @@ def write_plan_dxf(path: Path, floorplan: Floorplan) -> None:
 
     The free side of a face is on the left of its line, where it is known.
     """
+    from ezdxf.filemanagement import new  # takes a quarter of a second to import
+
     document = new("R2010", units=6 if floorplan.is_metric else 0)
     document.layers.add("WALL_FACES", color=7)
     document.layers.add("OPENINGS", color=5)

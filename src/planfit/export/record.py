@@ -1,8 +1,6 @@
 """The record of a run: what went in, what was chosen, what came out, and how sure it is."""
 
-import dataclasses
 from collections.abc import Sequence
-from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -11,6 +9,7 @@ from jaxtyping import Int
 from planfit.alignment import Alignment
 from planfit.corrections import to_toml
 from planfit.evaluation import surface_metrics, wall_distances
+from planfit.export.option_files import plain
 from planfit.export.registration import registration_record
 from planfit.export.survey import survey_record
 from planfit.floorplan import Floorplan
@@ -309,15 +308,3 @@ def wall_offsets(result: RefineResult) -> list[dict[str, float]]:
         {"face": int(i), "offset_m": float(offsets_m[i]), "sigma_m": float(sigmas_m[i])}
         for i in np.flatnonzero(np.isfinite(sigmas_m))
     ]
-
-
-def plain(value: Any) -> Any:
-    """Dataclasses, enumerations and tuples as dictionaries, names and lists."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = dataclasses.fields(value)
-        return {field.name: plain(getattr(value, field.name)) for field in fields}
-    if isinstance(value, Enum):
-        return value.name.lower()
-    if isinstance(value, tuple | list):
-        return [plain(item) for item in value]
-    return value

@@ -122,7 +122,7 @@ class RefineResult:
     def plot(self) -> Image.Image:
         """The scan's wall points over the plan, before and after, as a picture that notebooks show; without a
         plan, its walls from above."""
-        return above("planfit.report").plot_result(self)
+        return above("planfit.report.plots.overlay").plot_result(self)
 
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:

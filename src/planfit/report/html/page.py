@@ -24,7 +24,7 @@ from planfit.report.html.storey_section import storeys
 from planfit.report.html.survey_section import survey_section
 from planfit.report.html.view_section import view_data, view_script, view_section, view_style
 from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict_in_words
-from planfit.report.measures import CloudXY, measure
+from planfit.report.measures import BeforeAfter, measure
 from planfit.report.plots.top_view import crop_to_scan
 from planfit.report.provenance import Provenance
 from planfit.report.scene.scene import Scene
@@ -39,7 +39,7 @@ def make_report(
     result: RefineResult,
     options_text: str,
     truth: TruthErrors | None = None,
-    cloud: CloudXY | None = None,
+    both: BeforeAfter | None = None,
     scene: Scene | None = None,
     as_built: AsBuilt | None = None,
     made: Provenance | None = None,
@@ -52,12 +52,12 @@ def make_report(
         result: of `planfit.refine`.
         options_text: the options of the run, shown as they are.
         truth: position errors against true poses, where these are known.
-        cloud: what is drawn from above without a plan; else walls are.
+        both: what `measure` gives of the result with that plan, where that is at hand.
         scene: what a 3D view shows; without, there is none.
         as_built: verdicts on the walls of the plan; without, there are none.
         made: when, how and with what the run was made, where that is to be told.
     """
-    both = measure(floorplan, result, cloud)
+    both = both or measure(floorplan, result)
     crop = crop_to_scan(both)
     numbers = key_metrics(result, both, truth)
     scan_name = _last_part(scan_name)

@@ -13,7 +13,7 @@ from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
-from planfit.report.measures import BeforeAfter, CloudXY, Measures, measure
+from planfit.report.measures import BeforeAfter, Measures, measure
 from planfit.report.plots.drawing import (
     AFTER,
     BEFORE,
@@ -62,25 +62,23 @@ def is_wide(crop: Crop) -> bool:
     return crop.height_per_width < _WIDE
 
 
-def draw_overlay(
-    floorplan: Floorplan | None, result: RefineResult, cloud: CloudXY | None = None
-) -> bytes:
+def draw_overlay(floorplan: Floorplan | None, both: BeforeAfter) -> bytes:
     """PNG: the scan's wall points over the plan's faces, before and after, cropped to the scan.
 
     Args:
         floorplan: plan frame, m.
-        result: of `planfit.refine` with that plan.
-        cloud: what is drawn without a plan, in place of wall points.
+        both: of `measure` with that plan.
     """
-    both = measure(floorplan, result, cloud)
     return _before_and_after(floorplan, both, crop_to_scan(both))
 
 
-def draw_overlays(result: RefineResult, cloud: CloudXY | None = None) -> dict[str, bytes]:
-    """The overlay as `draw_overlay` draws it, by the name of its file; one a storey where each has a plan."""
+def draw_overlays(result: RefineResult, both: BeforeAfter | None = None) -> dict[str, bytes]:
+    """The overlay as `draw_overlay` draws it, by the name of its file; one a storey where each has a plan.
+    `both` is what `measure` gives of the result, where that is at hand."""
+    both = both or measure(result.floorplan, result)
     if result.storeys is None:
-        return {"overlay.png": draw_overlay(result.floorplan, result, cloud)}
-    crop = crop_to_scan(measure(result.floorplan, result))
+        return {"overlay.png": draw_overlay(result.floorplan, both)}
+    crop = crop_to_scan(both)
     return {
         f"overlay_{each.number}.png": _before_and_after(each.floorplan, each.both, crop)
         for each in measure_storeys(result)
