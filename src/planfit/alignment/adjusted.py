@@ -22,6 +22,7 @@ from planfit.alignment.selection import MARGIN_WORTH, MIN_EVIDENCE, SameWithin, 
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.short_repr import short_repr
 
 WEAK_SCORE, CLEAR_RATIO, GIVEN_RATIO, SEEN_THROUGH = 0.25, 1.5, 1.25, 0.05
 """With half of the plan's walls missing, it explains 0.27 to 0.5 of what is seen. A place is sure
@@ -58,6 +59,8 @@ class AdjustedAlignment:
     """Why this may be the wrong place, in words; empty where it is surely the right one."""
     evidence: PlanEvidence = NOTHING_JUDGED
     """The plan's walls against the camera's way and lines of sight."""
+
+    __repr__ = short_repr
 
 
 def judge_adjusted(

@@ -18,6 +18,7 @@ from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import nearest_beside
 from planfit.geometry import segments
+from planfit.short_repr import short_repr
 
 MAX_SAMPLES = 2500
 """Samples of wall that lines of sight are taken of."""
@@ -56,6 +57,8 @@ class PlanEvidence:
     line_offset_m: float = 0.0
     """How far scanned walls stand in front of lines whose free side is not known, on either side: half a
     thickness where walls are drawn by their centre lines. 0 where not surely more than `MIN_OFFSET_M`."""
+
+    __repr__ = short_repr
 
     @property
     def is_seen_through(self) -> bool:
