@@ -7,13 +7,15 @@ normal; recall the share of the true length (without jambs and ends of walls) wi
 """
 
 import argparse
+import contextlib
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-from records import Record
+from records import Record, cpu_seconds
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, nearest_faces
@@ -23,6 +25,7 @@ from planfit.synth import BuildingOptions, make_building
 from planfit.synth.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
 
 NEAR_PX = 3.0
+DENSE_SIDE_PX = 1500
 FIRST_SEED = 5000
 """Seeds below were used while the reader was written."""
 
@@ -135,6 +138,63 @@ def records(
     return result
 
 
+def dense_squares(side_px: int = DENSE_SIDE_PX) -> np.ndarray:
+    """Outlines of squares side by side, white (255) and black (v, u)."""
+    picture = np.full((side_px, side_px), 255, np.uint8)
+    for v in range(30, side_px - 60, 40):
+        for u in range(30, side_px - 60, 40):
+            picture[v : v + 28, u : u + 28] = 0
+            picture[v + 5 : v + 23, u + 5 : u + 23] = 255
+    return picture
+
+
+def dense_grid(side_px: int = DENSE_SIDE_PX, step_px: int = 24, line_px: int = 5) -> np.ndarray:
+    """Lines that cross, as of squared paper, white and black (v, u)."""
+    picture = np.full((side_px, side_px), 255, np.uint8)
+    for k in range(30, side_px - 30, step_px):
+        picture[k : k + line_px, 30 : side_px - 30] = 0
+        picture[30 : side_px - 30, k : k + line_px] = 0
+    return picture
+
+
+def dense_dots(side_px: int = DENSE_SIDE_PX, dot_px: int = 3) -> np.ndarray:
+    """Squares of `dot_px`, two of five of them black, white and black (v, u)."""
+    is_dark = np.random.default_rng(1).random((side_px // dot_px, side_px // dot_px)) < 0.4
+    return np.where(np.kron(is_dark, np.ones((dot_px, dot_px))) > 0, 0, 255).astype(np.uint8)
+
+
+DENSE: dict[str, Callable[[], np.ndarray]] = {
+    "squares": dense_squares,
+    "grid": dense_grid,
+    "dots": dense_dots,
+}
+"""Pictures of more lines than any plan."""
+
+
+def dense_ratios() -> list[Record]:
+    """CPU time of reading or refusing each dense picture, over that of a cluttered drawing as large."""
+    drawing = cv2.resize(
+        make_drawing("cluttered", "hatched", FIRST_SEED).image,
+        (DENSE_SIDE_PX, DENSE_SIDE_PX),
+        interpolation=cv2.INTER_CUBIC,
+    )
+    plan_s, _ = cpu_seconds(lambda: read_or_refused(drawing))
+    result = []
+    for name, make in DENSE.items():
+        picture = cv2.cvtColor(make(), cv2.COLOR_GRAY2BGR)
+        ratio = cpu_seconds(lambda picture=picture: read_or_refused(picture))[0] / plan_s
+        print(f"{name}: {ratio:.1f} times the CPU time of a plan as large")
+        where = f"{DENSE_SIDE_PX} px square, over a hatched, cluttered drawing ({plan_s:.1f} s)"
+        result.append(Record(f"dense_picture_{name}_time_ratio", ratio, "ratio", where))
+    return result
+
+
+def read_or_refused(image: np.ndarray) -> None:
+    """Read a picture; one that is refused as no plan has cost its time as well."""
+    with contextlib.suppress(FloorplanError):
+        plan_of_picture(image, "drawing", "", PlanOptions(), "picture")
+
+
 def time_large(side_px: int = 4000) -> Record:
     """Seconds to read a cluttered sheet of `side_px` x `side_px`."""
     drawing = make_drawing("cluttered", "hatched", FIRST_SEED)
@@ -158,6 +218,7 @@ if __name__ == "__main__":
         arguments.save.mkdir(parents=True, exist_ok=True)
     if arguments.size:
         time_large(arguments.size)
+        dense_ratios()
     for condition in list(CONDITIONS):
         if arguments.only not in condition:
             del CONDITIONS[condition]

@@ -129,7 +129,11 @@ def without_planfit_part(fresh: bool) -> list[Record]:  # noqa: ARG001
 def plan_pictures_part(fresh: bool) -> list[Record]:  # noqa: ARG001
     import plan_pictures
 
-    return [plan_pictures.time_large(), *plan_pictures.records()]
+    return [
+        plan_pictures.time_large(),
+        *plan_pictures.dense_ratios(),
+        *plan_pictures.records(),
+    ]
 
 
 def real_plans_part(fresh: bool) -> list[Record]:  # noqa: ARG001

@@ -50,7 +50,7 @@ def test_results_are_in_order_whatever_the_threads_do(workers, chunk_size):
 
 
 def test_threads_are_used():
-    barrier = threading.Barrier(2, timeout=5)
+    barrier = threading.Barrier(2, timeout=60)
 
     def meet(i):
         barrier.wait()
@@ -65,7 +65,7 @@ def blas_threads():
 
 def test_blas_threads_are_one_inside_and_as_before_afterwards():
     before, inside = blas_threads(), []
-    both, first_done = threading.Barrier(2, timeout=5), threading.Event()
+    both, first_done = threading.Barrier(2, timeout=60), threading.Event()
 
     def overlap(i):
         both.wait()
@@ -278,7 +278,7 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
 
 
 def test_a_chunk_that_ends_while_another_fails_is_kept(tmp_path):
-    both = threading.Barrier(2, timeout=5)
+    both = threading.Barrier(2, timeout=60)
 
     def one_fails(i):
         both.wait()

@@ -23,6 +23,9 @@ from planfit.errors import FloorplanError, ScanError
 from planfit.floorplan import PlanOptions, read_floorplan
 from planfit.viewer import ViewServer
 
+PATIENCE_S = 120.0
+"""How long a page may take to come or to go before a test gives up: a hang, on any machine."""
+
 
 def refine(scan: Path, out: Path, *flags: str) -> int:
     return run(["refine", str(scan), "-o", str(out), "--report.no-has-view", *flags])
@@ -97,10 +100,10 @@ def test_the_page_is_served_until_it_is_ended(corrected) -> None:
         address = process.stdout.readline().strip()
         assert process.stdout.readline().startswith("corrections are kept in")
         try:
-            with urllib.request.urlopen(f"{address}state", timeout=20) as answer:
+            with urllib.request.urlopen(f"{address}state", timeout=PATIENCE_S) as answer:
                 assert json.load(answer)["frames"] == 60
             process.send_signal(signal.SIGINT)
-            told = process.communicate(timeout=20)[0]
+            told = process.communicate(timeout=PATIENCE_S)[0]
         finally:
             process.kill()  # else a page that goes on is waited for without end
     assert process.returncode == 0
@@ -214,22 +217,22 @@ def test_no_browser_keeps_the_page_from_being_served(
         assert process.stdout is not None
         address = process.stdout.readline().strip()
         try:
-            with urllib.request.urlopen(f"{address}state", timeout=20) as answer:
+            with urllib.request.urlopen(f"{address}state", timeout=PATIENCE_S) as answer:
                 assert json.load(answer)["frames"] == 60
             told = ""
             if is_of_terminal:
-                late = threading.Timer(20, process.kill)
+                late = threading.Timer(PATIENCE_S, process.kill)
                 late.start()
                 while "no browser was found" not in told and (line := process.stdout.readline()):
                     told += line
                 late.cancel()
             else:
-                end = time.monotonic() + 20
+                end = time.monotonic() + PATIENCE_S
                 while not (opened.exists() and opened.read_text().strip() == address):
                     assert time.monotonic() < end
                     time.sleep(0.05)
             process.send_signal(signal.SIGINT)
-            told += process.communicate(timeout=20)[0]
+            told += process.communicate(timeout=PATIENCE_S)[0]
         finally:
             process.kill()
     assert process.returncode == 0

@@ -102,7 +102,7 @@ sys.meta_path.insert(0, Waits())
     assert process.stdout.readline() == "importing\n"
     time.sleep(0.1)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=20)
+    _, said = process.communicate(timeout=50)
     assert (process.returncode, said) == (EXIT_INTERRUPTED, "planfit: stopped; nothing was begun\n")
 
 
