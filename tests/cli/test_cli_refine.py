@@ -146,6 +146,20 @@ def evaluated(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, A
     return json.loads(capsys.readouterr().out)
 
 
+def test_evaluate_tells_that_a_whole_scan_lies_elsewhere(
+    finished: Path, small_scan: Path, tmp_path: Path, capsys
+) -> None:
+    times, true_poses = read_tum(small_scan / "groundtruth.tum")
+    true_poses[:, 0, 3] += 0.4
+    write_tum(tmp_path / "moved.tum", times, true_poses)
+    words = finished, "--no-depth-maps", "--truth"
+    report = evaluated(capsys, *words, tmp_path / "moved.tum")
+    aligned = report["metrics"]["ate_aligned_rms"]["after"]
+    assert aligned < 0.05
+    assert [f"its shape is {aligned:.3f} m from the truth" in n for n in report["notes"]] == [True]
+    assert not evaluated(capsys, *words, small_scan / "groundtruth.tum")["notes"]
+
+
 @pytest.mark.slow
 def test_evaluate_poses_of_a_scan(finished: Path, small_scan: Path, capsys) -> None:
     truth = small_scan / "groundtruth.tum"

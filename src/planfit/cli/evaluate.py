@@ -38,6 +38,8 @@ from planfit.scan import ScanOptions, read_tum
 
 _FAR_CM = 30.0
 """A map this far from the true scan on average was not registered to it."""
+_APART_M, _OTHER_FRAME_M = 0.1, 1.0
+"""A whole scan this far from the truth is told to lie elsewhere, or to be in other axes than the truth."""
 _SHOWN_UNITS: dict[str, str] = {"1": "", "cm^2": "cm²", "deg": "°"}
 
 
@@ -164,15 +166,20 @@ def _truth(arguments: EvaluateArguments, compared: Compared) -> Truth | None:
 
 
 def _notes(arguments: EvaluateArguments, evaluation: Evaluation) -> list[str]:
-    """Where truth and scan seem to be in different frames."""
+    """Where the poses as a whole lie elsewhere than the truth, or both seem to be in different frames."""
     notes, after = [], {name: metric.after for name, metric in evaluation.metrics.items()}
-    ate = after.get("ate_rms", 0.0)
-    if ate > 1.0 and after["ate_aligned_rms"] < 0.3 * ate:
-        other = "plan" if arguments.truth_frame == "world" else "world"
-        notes.append(
-            f"most of the error is one rigid motion: is the truth in the {arguments.truth_frame} "
-            f"frame? Try --truth-frame {other}"
-        )
+    ate, frame = after.get("ate_rms", 0.0), arguments.truth_frame
+    if ate > _APART_M and after["ate_aligned_rms"] < 0.3 * ate:
+        words = f"most of the error of {ate:.3f} m is one rigid motion of the whole scan"
+        if ate > _OTHER_FRAME_M:
+            other = "plan" if frame == "world" else "world"
+            words += f": is the truth in the {frame} frame? Try --truth-frame {other}"
+        else:
+            words += (
+                ", to where the plan or the scan's own axes say that it is; its shape is "
+                f"{after['ate_aligned_rms']:.3f} m from the truth (rigidly aligned)"
+            )
+        notes.append(words)
     if after.get("nnd", 0.0) > _FAR_CM:
         notes.append(
             f"the true scan lies far from the map: is it in metres and in the "
