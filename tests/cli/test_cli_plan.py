@@ -95,21 +95,20 @@ def test_json_is_lossless(picture: Path, tmp_path: Path) -> None:
     assert json.loads(out.read_text())["planfit_floorplan"] == 1
 
 
-def test_svg_and_dxf_hold_the_faces(picture: Path, tmp_path: Path) -> None:
-    plan = read_floorplan(picture, PlanOptions(metres_per_unit=0.02))
-    for suffix in (".svg", ".dxf"):
-        out = tmp_path / f"out{suffix}"
-        assert run(["plan", str(picture), "--scale", "0.02", "-o", str(out)]) == 0
-    document = ezdxf.readfile(tmp_path / "out.dxf")
-    assert document.units == 6
-    lines = [e for e in document.modelspace() if e.dxf.layer == "WALL_FACES"]
-    assert len(lines) == len(plan)
-    for line, normal in zip(lines, plan.normals, strict=True):
-        along = np.array([*(line.dxf.end - line.dxf.start)])[:2]
-        assert along[0] * normal[1] - along[1] * normal[0] > 0
-    text = (tmp_path / "out.svg").read_text()
-    assert text.count("<line") == len(plan) + len(plan.openings)
-    assert 'data-unit="m"' in text
+@pytest.mark.parametrize("suffix", [".svg", ".dxf"])
+@pytest.mark.parametrize("scale", [["--scale", "0.02"], []], ids=["metres", "unknown"])
+def test_svg_and_dxf_hold_the_faces(
+    picture: Path, tmp_path: Path, suffix: str, scale: list[str]
+) -> None:
+    plan = read_floorplan(picture, PlanOptions(metres_per_unit=float(scale[1]) if scale else None))
+    out = tmp_path / f"out{suffix}"
+    assert run(["plan", str(picture), *scale, "-o", str(out)]) == 0
+    back = read_floorplan(out)
+    assert back.is_metric == plan.is_metric
+    assert not back.source.warnings
+    for name in ("normals", "is_oriented", "openings"):
+        assert_allclose(getattr(back, name), getattr(plan, name), atol=1e-6)
+    assert_allclose(back.ends.mean(axis=1), plan.ends.mean(axis=1), atol=1e-6)
 
 
 def test_a_plan_of_segments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,6 +24,7 @@ from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
 from planfit.floorplan.vector.layer_words import length_words, words_on_layers
 from planfit.floorplan.vector.line_work import longest, moved, outlines
+from planfit.floorplan.vector.own_drawing import is_own_drawing, plan_of_own_drawing
 from planfit.floorplan.vector.room_edges import TOUCHING
 from planfit.floorplan.vector.sheet import without_sheet
 from planfit.floorplan.vector.single_lines import body_of_faces
@@ -59,6 +60,8 @@ def plan_of_drawing(
     Raises:
         FloorplanError: nothing in it looks like a wall, or a layer or unit asked for does not fit.
     """
+    if is_own_drawing(drawing, options):
+        return plan_of_own_drawing(drawing, path, fingerprint, options, kind, file_from_drawing)
     drawing, dropped = cleaned(drawing)
     if len(drawing.lines) == 0 and not drawing.fills:
         raise FloorplanError(

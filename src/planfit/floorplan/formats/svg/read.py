@@ -36,7 +36,7 @@ from planfit.floorplan.formats.svg.styles import with_styles
 from planfit.floorplan.formats.svg.variables import with_values
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.vector.drawing import DrawingBuilder, Text
+from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.strokes import Pen
@@ -72,7 +72,9 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     hides_white = sum(is_white) <= MOST_WHITE * len(is_white)
     _add_group(builder, svg, svg, "", None, hides_white)
     drawing = builder.build(unit="paper")
-    if _is_in_true_size(svg):
+    if _is_own(svg):
+        drawing = _in_own_units(drawing, svg)
+    elif _is_in_true_size(svg):
         metres = 0.0254 / PIXELS_PER_INCH
         drawing = replace(drawing, metres_per_unit=metres, unit="1/96 in")
     not_followed = (
@@ -98,6 +100,27 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     for words in (*([not_followed] if n_references else []), *not_understood):
         floorplan = floorplan.with_warning(words)
     return floorplan
+
+
+def _is_own(svg: SVG) -> bool:
+    """Whether planfit wrote a drawing (`write_plan_svg`)."""
+    own = (svg.values or {}).get("attributes") or {}
+    return own.get("data-unit") in ("m", "unknown") and bool(Matrix(svg.viewbox_transform or "").a)
+
+
+def _in_own_units(drawing: VectorDrawing, svg: SVG) -> VectorDrawing:
+    """The lines of a drawing that planfit wrote in the coordinates that it wrote, wherever a program put
+    the page: in metres, or in units that stay unknown."""
+    shown = Matrix(svg.viewbox_transform or "")
+    # y is up here, and down on the page.
+    ends = (drawing.lines.ends - np.array([shown.e, -shown.f])) / shown.a
+    is_metric = (svg.values or {})["attributes"]["data-unit"] == "m"
+    return replace(
+        drawing,
+        lines=replace(drawing.lines, ends=ends),
+        metres_per_unit=1.0 if is_metric else None,
+        unit="m" if is_metric else "paper",
+    )
 
 
 def _is_in_true_size(svg: SVG) -> bool:

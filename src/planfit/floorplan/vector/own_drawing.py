@@ -1,0 +1,126 @@
+"""Drawings that planfit wrote (`planfit plan -o FILE.dxf` or `.svg`): faces are read as they are drawn.
+
+A CAD program is where many would mend a plan. So what was read once is not interpreted again: a wall of a
+picture in single faces looks like double lines, hollow rooms and details to the readers of drawings, which
+left out half of the faces of a floor of 70 m.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from planfit.errors import FloorplanError
+from planfit.floorplan.faces import orient_faces, usual_gap
+from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.types import SHORTEST_SHARE, Floorplan, PlanSource
+from planfit.floorplan.vector.drawing import VectorDrawing
+from planfit.floorplan.vector.layer_words import length_words
+from planfit.floorplan.vector.line_work import longest, moved
+from planfit.floorplan.vector.units import unit_of_drawing
+from planfit.geometry import segments
+
+FACES, LINES, OPENINGS = "PLANFIT_FACES", "PLANFIT_LINES", "PLANFIT_OPENINGS"
+"""Layers: of faces whose free side is on the left of their line, of faces whose side is not known, and of
+doors and windows."""
+
+
+def is_own_drawing(drawing: VectorDrawing, options: PlanOptions) -> bool:
+    """Whether planfit wrote a drawing, and the user chose no layers of it."""
+    return not options.layers and bool({FACES, LINES} & set(drawing.layers))
+
+
+def plan_of_own_drawing(
+    drawing: VectorDrawing,
+    path: Path,
+    fingerprint: str,
+    options: PlanOptions,
+    kind: str,
+    file_from_drawing: Float[np.ndarray, "3 3"],
+) -> Floorplan:
+    """The faces of a drawing that planfit wrote, perhaps mended since; arguments as of `plan_of_drawing`.
+
+    Raises:
+        FloorplanError: no faces are left, a storey is asked for, or the user's unit makes an absurd size.
+    """
+    faces, lines, openings = (_on_layer(drawing, name) for name in (FACES, LINES, OPENINGS))
+    ends = np.concatenate([faces, lines])
+    if len(ends) == 0:
+        raise FloorplanError(
+            f"{path}: expected faces on the layers {FACES} or {LINES}, found none; draw them there"
+        )
+    if options.storey:
+        raise FloorplanError(
+            f"{path}: expected no storey of a drawing that planfit wrote, which has one plan, found "
+            f"{options.storey!r}; choose the storey of the file that it was made of, and write it again"
+        )
+    size = float(np.ptp(ends.reshape(-1, 2), axis=0).max())
+    # planfit writes no unit where it knew none, which is nothing to be guessed again.
+    told = drawing if drawing.metres_per_unit else replace(drawing, unit="paper")
+    unit = unit_of_drawing(told, path, options, size, None)
+    metres = unit.metres_per_unit
+    is_oriented = np.arange(len(ends)) < len(faces)
+    is_mirrored = _is_mirrored(faces, size, metres)
+    normals = segments.left_normals(ends) * (-1.0 if is_mirrored else 1.0)
+    warnings = unit.warnings
+    if is_mirrored:
+        warnings += (
+            f"most faces on {FACES} have their wall on the left: the drawing was mirrored since planfit "
+            "wrote it, and left was taken for right; --mirror swaps left and right of the plan",
+        )
+    scale = metres or 1.0
+    is_other = np.array(
+        [drawing.layers[k] not in (FACES, LINES, OPENINGS) for k in drawing.lines.layer]
+    )
+    return Floorplan(
+        str(path),
+        ends * scale,
+        normals,
+        is_oriented,
+        fingerprint,
+        openings=openings * scale if len(openings) else None,
+        is_metric=metres is not None,
+        source=PlanSource(
+            kind=f"{kind}, written by planfit",
+            unit=unit.unit,
+            unit_from=unit.unit_from,
+            layers=tuple(name for name in (FACES, LINES) if name in drawing.layers),
+            dropped=_dropped(drawing, is_other, metres),
+            warnings=warnings,
+            file_from_plan=file_from_drawing @ np.diag([1 / scale, 1 / scale, 1.0]),
+            drawn_lines=moved(longest(ends), file_from_drawing),
+            dropped_lines=moved(longest(drawing.lines.ends[is_other]), file_from_drawing),
+        ),
+    )
+
+
+def _on_layer(drawing: VectorDrawing, name: str) -> Float[np.ndarray, "n 2 2"]:
+    """Lines of a layer that have a length, as they run."""
+    if name not in drawing.layers:
+        return np.zeros((0, 2, 2))
+    ends = drawing.lines.ends[drawing.lines.layer == drawing.layers.index(name)]
+    size = float(np.ptp(ends.reshape(-1, 2), axis=0).max()) if len(ends) else 0.0
+    return ends[segments.lengths(ends) > SHORTEST_SHARE * size]
+
+
+def _is_mirrored(faces: Float[np.ndarray, "n 2 2"], size: float, metres: float | None) -> bool:
+    """Whether more of the faces, by their length, have the other face of a wall on their left than right."""
+    gap = 0.6 / metres if metres else 2.5 * usual_gap(faces, size / 30)
+    if len(faces) < 2 or not np.isfinite(gap):
+        return False
+    normals, is_known = orient_faces(faces, gap, gap / 30)
+    along = np.einsum("ni,ni->n", normals, segments.left_normals(faces)) * segments.lengths(faces)
+    return float(along[is_known].sum()) < 0.0
+
+
+def _dropped(drawing: VectorDrawing, is_other: np.ndarray, metres: float | None) -> tuple[str, ...]:
+    """What else is in the drawing, in words."""
+    if not is_other.any():
+        return ()
+    names = sorted({drawing.layers[k] or "no layer" for k in drawing.lines.layer[is_other]})
+    length = length_words(float(segments.lengths(drawing.lines.ends[is_other]).sum()), metres)
+    return (
+        f"{length} of lines on other layers than planfit's ({', '.join(names[:6])}): walls are read of "
+        f"{FACES} and {LINES}",
+    )
