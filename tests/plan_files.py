@@ -91,9 +91,9 @@ def write_pdf(path, area, points_per_metre=20.0, fill=None, rotate=0, extra=""):
     return write_pdf_stream(path, "\n".join([*commands, extra]), rotate)
 
 
-def write_pdf_stream(path, stream, rotate=0, extra_objects=(), resources=""):
+def write_pdf_stream(path, stream, rotate=0, extra_objects=(), resources="", catalog=""):
     objects = [
-        "<< /Type /Catalog /Pages 2 0 R >>",
+        f"<< /Type /Catalog /Pages 2 0 R {catalog} >>",
         "<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
         f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 1200 900] /Rotate {rotate} "
         f"/Resources << /Font << /F1 5 0 R >> {resources} >> /Contents 4 0 R >>",

@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.pdf_layers import hidden_layers, layer_of
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
@@ -67,13 +68,28 @@ def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
                 "pass a page that there is"
             )
         page = document[options.page - 1]
-        drawing, has_picture = _drawing(page, path)
+        hidden, warning = _hidden_layers(path)
+        drawing, has_picture = _drawing(page, path, hidden)
         if has_picture and len(drawing.lines) + len(drawing.fills) < MIN_PARTS:
             return _read_as_picture(page, path, options)
     finally:
         document.close()
     on_paper = options.on_paper(METRES_PER_POINT)
-    return plan_of_drawing(drawing, path, fingerprint_of(path), on_paper, "PDF drawing", np.eye(3))
+    floorplan = plan_of_drawing(
+        drawing, path, fingerprint_of(path), on_paper, "PDF drawing", np.eye(3)
+    )
+    return floorplan.with_warning(warning) if warning else floorplan
+
+
+def _hidden_layers(path: Path) -> tuple[frozenset[str], str]:
+    """Layers that are off, and a warning where that cannot be told."""
+    try:
+        return hidden_layers(path.read_bytes()), ""
+    except ValueError as error:
+        return frozenset(), (
+            f"which layers of the file are off could not be told ({error}): all were read; if the overlay "
+            "(-o FILE.png) shows walls that the page does not, print it to a new PDF"
+        )
 
 
 def _open(path: Path) -> pdfium.PdfDocument:
@@ -138,15 +154,18 @@ def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> 
     )
 
 
-def _drawing(page: pdfium.PdfPage, path: Path) -> tuple[VectorDrawing, bool]:
+def _drawing(
+    page: pdfium.PdfPage, path: Path, hidden: frozenset[str]
+) -> tuple[VectorDrawing, bool]:
     builder = DrawingBuilder()
+    seen_hidden: set[str] = set()
     shown_from_page = _shown_from_page(page)
     has_picture = False
     clips = _Clips()
-    stack = [(page.raw, None, shown_from_page, 0)]
+    stack = [(page.raw, None, shown_from_page, 0, "")]
     n_objects = 0
     while stack:
-        owner, form, transform, depth = stack.pop()
+        owner, form, transform, depth, outer = stack.pop()
         count = (
             raw.FPDFPage_CountObjects(owner) if form is None else raw.FPDFFormObj_CountObjects(form)
         )
@@ -164,15 +183,18 @@ def _drawing(page: pdfium.PdfPage, path: Path) -> tuple[VectorDrawing, bool]:
             )
             kind = raw.FPDFPageObj_GetType(item)
             shown_from_item = transform @ _matrix(item)
-            if kind == raw.FPDF_PAGEOBJ_PATH:
+            layer = layer_of(item) or outer
+            if layer in hidden:
+                seen_hidden.add(layer)
+            elif kind == raw.FPDF_PAGEOBJ_PATH:
                 builder.clip = clips.of(item, transform)
-                _add_path(builder, item, shown_from_item, _layer(item))
+                _add_path(builder, item, shown_from_item, layer)
             elif kind == raw.FPDF_PAGEOBJ_IMAGE:
                 has_picture = True
             elif kind == raw.FPDF_PAGEOBJ_FORM and depth < _MAX_FORM_DEPTH:
-                stack.append((owner, item, shown_from_item, depth + 1))
+                stack.append((owner, item, shown_from_item, depth + 1, layer))
     _add_texts(builder, page, shown_from_page)
-    return builder.build(unit="paper"), has_picture
+    return builder.build(unit="paper", hidden_layers=tuple(sorted(seen_hidden))), has_picture
 
 
 def _shown_from_page(page: pdfium.PdfPage) -> Float[np.ndarray, "3 3"]:
@@ -193,18 +215,6 @@ def _matrix(item) -> Float[np.ndarray, "3 3"]:
     m = raw.FS_MATRIX()
     raw.FPDFPageObj_GetMatrix(item, m)
     return np.array([[m.a, m.c, m.e], [m.b, m.d, m.f], [0.0, 0.0, 1.0]])
-
-
-def _layer(item) -> str:
-    """Name of the optional content group that an object is marked with, where there is one."""
-    for i in range(raw.FPDFPageObj_CountMarks(item)):
-        mark = raw.FPDFPageObj_GetMark(item, i)
-        name = ctypes.create_string_buffer(256)
-        size = ctypes.c_ulong()
-        if not raw.FPDFPageObjMark_GetParamStringValue(mark, b"Name", name, 256, size):
-            continue
-        return name.raw[: max(size.value - 2, 0)].decode("utf-16-le", errors="replace")
-    return ""
 
 
 class _Clips:
@@ -257,24 +267,27 @@ def _add_path(
     if not (fill_mode.value or has_stroke.value):
         return  # clips only
     sub_paths = _sub_paths(item, transform)
-    if has_stroke.value:
+    stroke, fill = (
+        _colour(item, raw.FPDFPageObj_GetStrokeColor),
+        _colour(item, raw.FPDFPageObj_GetFillColor),
+    )
+    if has_stroke.value and stroke is not None:
         width = ctypes.c_float()
         raw.FPDFPageObj_GetStrokeWidth(item, width)
-        colour = _colour(item, raw.FPDFPageObj_GetStrokeColor)
-        style = (colour, round(width.value, 3))
+        style = (stroke, round(width.value, 3))
         is_dashed = raw.FPDFPageObj_GetDashCount(item) > 1
         shown = width.value * float(np.sqrt(abs(np.linalg.det(transform[:2, :2]))))
         for points, is_curved in sub_paths:
-            builder.add_polyline(points, is_curved, layer, style, Pen(shown, colour, is_dashed))
-    if fill_mode.value:
-        colour = _colour(item, raw.FPDFPageObj_GetFillColor)
-        builder.add_fill([points for points, _ in sub_paths], layer, colour)
+            builder.add_polyline(points, is_curved, layer, style, Pen(shown, stroke, is_dashed))
+    if fill_mode.value and fill is not None:
+        builder.add_fill([points for points, _ in sub_paths], layer, fill)
 
 
-def _colour(item, getter) -> tuple[int, int, int]:
+def _colour(item, getter) -> tuple[int, int, int] | None:
+    """RGB, or None of what is transparent altogether."""
     red, green, blue, alpha = (ctypes.c_uint() for _ in range(4))
-    getter(item, red, green, blue, alpha)
-    return (red.value, green.value, blue.value)
+    is_told = getter(item, red, green, blue, alpha)
+    return None if is_told and alpha.value == 0 else (red.value, green.value, blue.value)
 
 
 def _sub_paths(
