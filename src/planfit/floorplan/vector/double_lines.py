@@ -14,16 +14,29 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.floorplan.faces import (
     Partners,
-    covered_lengths,
     find_partners,
     line_strings,
     weighted_median,
+)
+from planfit.floorplan.vector.wall_sides import (
+    inner_lines,
+    side_seen_from_partner,
+    sides_with_room,
+    votes_of_other_faces,
+    wall_sides,
 )
 from planfit.geometry import segments
 
 MIN_THICKNESS_M, MAX_THICKNESS_M = 0.03, 0.62
 MAX_OPENING = 25.0
 """Widest opening between parts of one wall, in thicknesses of the usual wall: 2.5 m for one of 10 cm."""
+MOSTLY = 0.5
+"""Of the length of pairs of lines: where those with room on both of their sides are most of a drawing, they
+tell how thick its walls are."""
+ALIKE, SELDOM = (0.9, 1.1), 0.02
+LEAST_OFTEN, SURELY_OFTEN = 6.0, 60.0
+"""A thickness is one of walls where, within such shares of it, walls have such a share of all their length;
+at least and at most so many thicknesses. At 0.04 the few thick walls of an office were lost."""
 PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
 """Lines that differ by less are parallel."""
 
@@ -165,26 +178,71 @@ def faces_of_lines(
         is_surely_wall: lines that something else (the name of their layer) calls wall.
         free_side: 1 where the left side is known to be free, -1 the right, 0 unknown.
     """
-    pairs = find_partners(
+    is_surely_wall = is_surely_wall | (free_side != 0)
+    free_side = np.where(free_side != 0, free_side, sides_with_room(ends, thickness.most))
+    has_room = free_side != 0
+    # No wall is where one of two lines has room towards the other.
+    near = find_partners(
         ends, thickness.most, thickness.least, 0.5 * thickness.least, PARALLEL_SINE
     )
-    gap, overlap = np.abs(pairs.gap), pairs.high - pairs.low
-    side = np.sign(pairs.gap)
-    keep = (overlap > 0.8 * gap) & (free_side[pairs.line] != side)
-    keep &= free_side[pairs.partner] != _side_seen_from_partner(ends, pairs)
-    near = pairs
-    pairs = pairs.take(keep)
-    is_inner = _inner_lines(ends, pairs, thickness) & (free_side == 0)
-    keep = ~is_inner[pairs.line] & ~is_inner[pairs.partner]
-    pairs = pairs.take(keep)
-    wall_side = _wall_sides(ends, pairs, free_side)
+    is_long = near.high - near.low > 0.8 * np.abs(near.gap)
+    pairs = near.take(is_long & ~_is_free_between(ends, near, free_side))
+    # The other face of a wall is known by the first, unless both lie beside it: then it is within the wall.
+    votes, is_between = votes_of_other_faces(ends, pairs, free_side)
+    may_be = ~has_room & (is_between | ~votes.any(axis=0))
+    is_inner = inner_lines(ends, pairs, thickness.most) & may_be
+    voted = np.where(is_inner, 0, np.sign(votes[0] - votes[1]).astype(int))
+    free_side = np.where(has_room, free_side, voted)
+    is_out = is_inner[pairs.line] | is_inner[pairs.partner]
+    pairs = pairs.take(~is_out & ~_is_free_between(ends, pairs, free_side))
+    # Of the rest the nearer and longer neighbour decides.
+    wall_side = wall_sides(ends, pairs, free_side)
     keep = (wall_side[pairs.line] == np.sign(pairs.gap)) & (
-        wall_side[pairs.partner] == _side_seen_from_partner(ends, pairs)
+        wall_side[pairs.partner] == side_seen_from_partner(ends, pairs)
     )
     pairs = pairs.take(keep)
-    in_wall = _standing(ends, pairs, thickness, is_surely_wall | (free_side != 0))
+    is_certain = has_room[pairs.line] & has_room[pairs.partner]
+    reach = MAX_OPENING * _usual_of_certain(pairs, is_certain, thickness)
+    is_called = is_surely_wall[pairs.line] | is_surely_wall[pairs.partner]
+    pairs = pairs.take(is_called | _are_as_thick(pairs, is_certain | is_called))
+    in_wall = _standing(ends, pairs, thickness, is_surely_wall, reach)
     pairs = pairs.take(in_wall[pairs.line])
     return _faces(ends, _with_short(ends, pairs, near, wall_side), wall_side, thickness), is_inner
+
+
+def _is_free_between(
+    ends: Float[np.ndarray, "n 2 2"], pairs: Partners, free_side: Int[np.ndarray, " n"]
+) -> Bool[np.ndarray, " p"]:
+    """Pairs with the free side of one of their lines towards the other: no wall is between them."""
+    return (free_side[pairs.line] == np.sign(pairs.gap)) | (
+        free_side[pairs.partner] == side_seen_from_partner(ends, pairs)
+    )
+
+
+def _are_as_thick(pairs: Partners, is_certain: Bool[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
+    """Pairs as far apart as enough that have room on both sides: walls have few thicknesses, furniture many.
+    All where such pairs are not most."""
+    gap, overlap = np.abs(pairs.gap), pairs.high - pairs.low
+    if overlap[is_certain].sum() <= MOSTLY * overlap.sum():
+        return np.ones(len(gap), dtype=bool)
+    order = np.argsort(gap[is_certain])
+    known = gap[is_certain][order]
+    length = np.concatenate([[0.0], np.cumsum(overlap[is_certain][order])])
+    low, high = np.searchsorted(known, ALIKE[0] * gap), np.searchsorted(known, ALIKE[1] * gap)
+    enough = np.clip(SELDOM * length[-1], LEAST_OFTEN * gap, SURELY_OFTEN * gap)
+    return length[high] - length[low] > enough
+
+
+def _usual_of_certain(
+    pairs: Partners, is_certain: Bool[np.ndarray, " p"], thickness: Thickness
+) -> float:
+    """How thick walls usually are by the pairs with room on both sides, where these are most and it is more:
+    what is counted before has furniture in it."""
+    overlap = pairs.high - pairs.low
+    if overlap[is_certain].sum() <= MOSTLY * overlap.sum():
+        return thickness.usual
+    certain = weighted_median(np.abs(pairs.gap)[is_certain], overlap[is_certain])
+    return max(certain, thickness.usual)
 
 
 def _with_short(
@@ -201,7 +259,7 @@ def _with_short(
     np.maximum.at(depth, pairs.line, np.abs(pairs.gap))
     keep = in_wall[near.line] & in_wall[near.partner]
     keep &= wall_side[near.line] == np.sign(near.gap)
-    keep &= wall_side[near.partner] == _side_seen_from_partner(ends, near)
+    keep &= wall_side[near.partner] == side_seen_from_partner(ends, near)
     keep &= np.abs(near.gap) <= 1.01 * depth[near.line]
     both = [np.concatenate([getattr(pairs, name), getattr(near, name)[keep]])
             for name in ("line", "partner", "gap", "low", "high")]  # fmt: skip
@@ -209,61 +267,12 @@ def _with_short(
     return Partners(*(values[order] for values in both))
 
 
-def _side_seen_from_partner(
-    ends: Float[np.ndarray, "n 2 2"], pairs: Partners
-) -> Float[np.ndarray, " p"]:
-    """For each pair, 1 where `line` is left of `partner`, -1 right."""
-    along = segments.directions(ends)
-    same_way = np.sign(np.einsum("pi,pi->p", along[pairs.line], along[pairs.partner]))
-    return -np.sign(pairs.gap) * same_way
-
-
-def _inner_lines(
-    ends: Float[np.ndarray, "n 2 2"], pairs: Partners, thickness: Thickness
-) -> Bool[np.ndarray, " n"]:
-    """Lines with others on both sides all along, all within one wall's thickness: panes of
-    windows, cavities, leaves of sliding doors."""
-    n, length = len(ends), segments.lengths(ends)
-    far = np.zeros((2, n))
-    covered = np.zeros((2, n))
-    for i, side in enumerate((1, -1)):
-        on_side = np.sign(pairs.gap) == side
-        line = pairs.line[on_side]
-        covered[i] = covered_lengths(line, pairs.low[on_side], pairs.high[on_side], n)
-        nearest = np.full(n, np.inf)
-        np.minimum.at(nearest, line, np.abs(pairs.gap[on_side]))
-        far[i] = nearest
-    return (covered.min(axis=0) > 0.9 * length) & (far.sum(axis=0) < thickness.most)
-
-
-def _wall_sides(
-    ends: Float[np.ndarray, "n 2 2"], pairs: Partners, free_side: Int[np.ndarray, " n"]
-) -> Int[np.ndarray, " n"]:
-    """For each line, 1 where the wall is left of a line, -1 right, 0 where nothing tells."""
-    n, length = len(ends), segments.lengths(ends)
-    gaps, shares = np.full((2, n), np.inf), np.zeros((2, n))
-    for i, side in enumerate((1, -1)):
-        on_side = np.sign(pairs.gap) == side
-        line = pairs.line[on_side]
-        # Weighed by what lies beside it, so that a jamb or a short stroke decides nothing.
-        share = covered_lengths(line, pairs.low[on_side], pairs.high[on_side], n) / length
-        weight = pairs.high[on_side] - pairs.low[on_side]
-        total = np.bincount(line, weight, minlength=n)
-        mean = np.bincount(line, weight * np.abs(pairs.gap[on_side]), minlength=n)
-        has = total > 0
-        gaps[i, has] = mean[has] / total[has]
-        shares[i] = share
-    left = (shares[0] > 0.1) & ((shares[1] < 0.4 * shares[0]) | (gaps[0] < 0.75 * gaps[1]))
-    right = (shares[1] > 0.1) & ((shares[0] < 0.4 * shares[1]) | (gaps[1] < 0.75 * gaps[0]))
-    found = np.where(left ^ right, np.where(left, 1, -1), 0)
-    return np.where(free_side != 0, -free_side, found)
-
-
 def _standing(
     ends: Float[np.ndarray, "n 2 2"],
     pairs: Partners,
     thickness: Thickness,
     is_surely_wall: Bool[np.ndarray, " n"],
+    reach: float,
 ) -> Bool[np.ndarray, " n"]:
     """Lines that belong to a run of wall long enough to be one.
 
@@ -289,7 +298,7 @@ def _standing(
     is_wall = (total > 6 * thickness.usual) & (slim > 4)
     stands = in_pair & (is_wall | (sure & (total > thickness.usual)))[group]
     while True:
-        found = _piers(ends, pairs, stands, group, MAX_OPENING * thickness.usual)
+        found = _piers(ends, pairs, stands, group, reach)
         if not found.any():
             return stands
         stands |= found

@@ -2,11 +2,13 @@
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import covered_lengths, find_partners, line_strings
+from planfit.floorplan.faces import Partners, covered_lengths, find_partners, line_strings
 from planfit.floorplan.near_lines import groups_within
 from planfit.floorplan.vector.double_lines import PARALLEL_SINE, Thickness
+from planfit.floorplan.vector.wall_sides import sides_with_room
 from planfit.geometry import segments
 
 TOUCHING = 1e-3
@@ -24,12 +26,19 @@ up to so many thicknesses of the usual one: a worktop is 0.6 m deep, a lift's wa
 LONGEST = 5.0
 """What is longer in its widths may be a piece of wall between two doors."""
 MOST_LINES = 200
+AROUND = 0.25
+"""Of the hull of an outline, what must be seen to have room before it."""
+ROOM = 1.5
+"""Thicknesses of the thickest wall that a room is wide at least."""
+SAME_SIZE = 0.05
+"""Pieces of furniture that differ by less are of one kind, and may stand in a row."""
 
 
 def are_furniture(
     ends: Float[np.ndarray, "n 2 2"], thickness: Thickness, extent: float
 ) -> Bool[np.ndarray, " n"]:
-    """Lines of closed outlines that touch nothing else and have no other faces of walls around them.
+    """Lines of closed outlines that touch nothing else, and have no other faces of walls around them, or room
+    around them and none inside.
 
     Args:
         ends: merged, no two on one another.
@@ -52,15 +61,77 @@ def are_furniture(
     keep = (group[pairs.line] != group[pairs.partner]) | (np.abs(pairs.gap) < OWN * thickness.usual)
     covered = covered_lengths(pairs.line[keep], pairs.low[keep], pairs.high[keep], n)
     total = np.bincount(group, segments.lengths(ends))
-    asked &= np.bincount(group, covered) < BESIDE * total
+    has_faces = np.bincount(group, covered) >= BESIDE * total
+    free_side = sides_with_room(ends, thickness.most)
+    walls = _Alignment(ends, group, size, pairs, 1e-3 * extent)
     strings = line_strings(ends)
     for one in np.flatnonzero(asked):
         own = np.flatnonzero(group == one)
         # Lines cut where they cross: what they enclose then shares no ground.
         areas = shapely.get_parts(shapely.polygonize([shapely.union_all(strings[own])]))
         hull = shapely.convex_hull(shapely.MultiLineString(list(ends[own])))
-        if float(shapely.area(areas).sum()) > CLOSED * hull.area > 0.0:
-            corners = shapely.get_coordinates(shapely.oriented_envelope(hull))
-            sides = np.linalg.norm(np.diff(corners[:3], axis=0), axis=1)
-            result[own] = sides.max() < LONGEST * sides.min()
+        if float(shapely.area(areas).sum()) <= CLOSED * hull.area or hull.area == 0.0:
+            continue
+        corners = shapely.get_coordinates(shapely.oriented_envelope(hull))
+        sides = np.linalg.norm(np.diff(corners[:3], axis=0), axis=1)
+        if sides.max() >= LONGEST * sides.min():
+            continue
+        if has_faces[one] and _holds_a_room(list(areas), thickness.most):
+            continue
+        if has_faces[one] and not _looks_out(ends[own], free_side[own], hull):
+            continue
+        result[own] = not walls.go_on(int(one))
     return result
+
+
+def _holds_a_room(areas: list[BaseGeometry], most: float) -> bool:
+    """Whether one of the areas is wider than what furniture has within its parts, as the seat of a sofa."""
+    return any(not area.buffer(-ROOM / 2 * most).is_empty for area in areas)
+
+
+def _looks_out(
+    ends: Float[np.ndarray, "n 2 2"], free_side: Int[np.ndarray, " n"], hull: BaseGeometry
+) -> bool:
+    """Whether an outline has more room around it than inside: a room has it inside alone."""
+    length = segments.lengths(ends)
+    step = (1e-3 * np.sqrt(hull.area)) * free_side[:, None] * segments.left_normals(ends)
+    is_inward = shapely.contains(hull, shapely.points(ends.mean(axis=1) + step))
+    on_hull = (
+        shapely.distance(hull.boundary, shapely.points(ends.mean(axis=1))) < 1e-3 * hull.length
+    )
+    outward = length[(free_side != 0) & on_hull & ~is_inward].sum()
+    inward = length[(free_side != 0) & on_hull & is_inward].sum()
+    return bool(outward > max(AROUND * hull.length, inward))
+
+
+class _Alignment:
+    """Which groups of lines have both faces of a wall that go on the lines of those of another group."""
+
+    def __init__(
+        self,
+        ends: Float[np.ndarray, "n 2 2"],
+        group: Int[np.ndarray, " n"],
+        size: Float[np.ndarray, " g"],
+        pairs: Partners,
+        tolerance: float,
+    ) -> None:
+        self._ends, self._group, self._size, self._tolerance = ends, group, size, tolerance
+        self._along, self._left = segments.directions(ends), segments.left_normals(ends)
+        is_own = (group[pairs.line] == group[pairs.partner]) & (pairs.line < pairs.partner)
+        is_own &= pairs.high - pairs.low > 0.5 * np.abs(pairs.gap)
+        self._pairs = pairs.take(is_own)
+
+    def go_on(self, one: int) -> bool:
+        """Of a group; another as large may be the same piece of furniture again."""
+        mine = np.flatnonzero(self._group[self._pairs.line] == one)
+        return any(
+            self._on_line(int(self._pairs.line[k])) & self._on_line(int(self._pairs.partner[k]))
+            for k in mine
+        )
+
+    def _on_line(self, i: int) -> set[int]:
+        """Groups of another size with a line on that of line `i`."""
+        across = np.abs(np.einsum("nei,i->ne", self._ends - self._ends[i, 0], self._left[i]))
+        found = np.unique(self._group[across.max(axis=1) < self._tolerance])
+        apart = np.abs(self._size[found] - self._size[self._group[i]])
+        return set(found[apart > SAME_SIZE * self._size[self._group[i]]].tolist())
