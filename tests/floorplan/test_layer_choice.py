@@ -39,6 +39,8 @@ COLUMNS = [shapely.box(8, 2, 8.4, 2.4), shapely.box(2.5, 5, 2.9, 5.4)]
         (["A-WALL-PATT", "A-WALL-IDEN", "A-WALL-HEAD-TEXT", "A-FLOR-STRS", "Wandlampen", "Schrankwand",
           "Bemaßung Wände", "Wandschraffur", "mobiliario", "Cotas", "Arredi", "Maatvoering", "ריהוט",
           "A-ANNO-DIMS"], Role.NO_WALL),
+        (["Furnishing", "Sanitärobjekte", "AMENAGEMENT", "Wyposażenie", "MOBİLYA", "LVTRY", "KALUSTEET",
+          "BÚTOR", "Garten", "Stellplätze", "Elektro", "CONTOURS"], Role.NO_WALL),
         # Overhead, as two lines from wall to wall.
         (["Stahltraeger", "Stahlträger", "Querbalken", "Unterzüge", "S-BEAM", "Structure Beams", "Poutres",
           "Vigas", "Travi", "Stalen liggers", "קורות"], Role.NO_WALL),

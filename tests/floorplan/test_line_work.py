@@ -408,6 +408,13 @@ def test_dimension_texts_that_disagree_tell_nothing(tmp_path):
     assert not read_floorplan(write_svg(tmp_path / "a.svg", WALLS, extra=extra)).is_metric
 
 
+def test_numbers_of_rooms_over_equal_tables_tell_no_scale(tmp_path):
+    """They differ by less than lengths that agree may, and so agree with any lines of one length."""
+    numbers = iter((2.01, 2.02, 2.03, 2.04))
+    extra = dimensions((1.6, 1.6, 1.6, 1.6), lambda _: f"{next(numbers):.2f}")
+    assert not read_floorplan(write_svg(tmp_path / "a.svg", WALLS, extra=extra)).is_metric
+
+
 # --- SVG, IFC, GeoJSON, models ----------------------------------------------------------------
 
 

@@ -65,7 +65,8 @@ _NO_WALL = """
     benches bench desk desks kitchen symbol symbols room-text area areas flooring tiles tiling paving carpet
     beam beams girder girders joist joists rafter rafters purlin purlins
     handrail handrails hral railing railings overhead ovhd above case casework appl cntr centerline
-    centreline header lintel demo demolition sketch projection
+    centreline header lintel demo demolition sketch projection furnishing furnishings millwork lvtry
+    garden gardens parking contour contours property vports zone zones elevation elevations
     mobilier mobiliers meuble meubles cote cotes cotation cotations texte textes escalier escaliers hachure
     hachures cartouche axe dallage carrelage sanitaire sanitaires plomberie faux-plafond plafond toiture
     garde-corps poutre poutres poutrelle poutrelles solive solives
@@ -74,7 +75,8 @@ _NO_WALL = """
     treppen gelander gelaender schraffur schraffuren beschriftung beschriftungen raumstempel achse achsen
     raster sanitar sanitaer kuche kueche decke decken unterdecke dach plankopf rahmen einrichtung
     trager traeger balken unterzug unterzuge unterzuege uberzug ueberzug sparren pfette pfetten
-    ausstattung schrankwand duschwand leinwand abbruch projektion
+    ausstattung schrankwand duschwand leinwand abbruch projektion sanitarobjekte sanitaerobjekte elektro
+    heizung garten grundstuck grundstueck stellplatz stellplatze stellplaetze aussenanlagen ansicht ansichten
     mobiliario moveis cota cotas texto textos escalera escaleras escada escadas eje ejes eixo eixos
     sombreado sombreados trama tramas sanitario sanitarios pavimento pavimentos baldosas cubierta techo techos
     falso-techo cajetin marco aparatos barandilla
@@ -85,6 +87,7 @@ _NO_WALL = """
     meubilair meubels maat maten maatvoering maatlijnen tekst teksten trap trappen arcering arceringen
     stramien plafonds plafond dak sanitair inrichting onderhoek
     ligger liggers balk
+    amenagement amenagements wyposazenie mobilya mobilyalar kaluste kalusteet butor butorok nabytok namestaj
     mebel meble wymiary schody nabytek koty matt mattsattning trappa trappor mobler mobel inredning
     балка балки
     мебель размеры текст оси лестница лестницы штриховка 家具 尺寸 文字 寸法 轴 가구 치수

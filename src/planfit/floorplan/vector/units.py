@@ -17,7 +17,8 @@ LIKELY_SIZE_M = (3.0, 400.0)
 LIKELY_THICKNESS_M = (0.07, 0.45)
 """Of most of the walls of a building; used only to choose between units, and only where one is left."""
 MIN_AGREEING = 3
-AGREEMENT = 0.01
+AGREEMENT, DIFFERENT = 0.01, 0.03
+"""Scales that differ by at most the one agree; lengths that differ by more than the other are two."""
 _NUMBER = re.compile(r"^\s*(\d{1,6}(?:[.,]\d{1,3})?)\s*(mm|cm|m)?\s*$", re.IGNORECASE)
 _FEET = re.compile(
     r"^\s*(?:(\d{1,4})\s*['′’]\s*-?\s*)?(?:(\d{1,2})(?:\s+(\d{1,2})/(\d{1,2}))?\s*(?:\"|″|''|”))?\s*$"
@@ -179,10 +180,20 @@ def length_of_text(text: str) -> tuple[float, bool] | None:
     return None
 
 
+def _n_apart(values: list[float]) -> int:
+    """How many values differ from one another by more than those that agree may: the numbers of neighbouring
+    rooms (2.01, 2.02, 2.03) agree with any lines of one length, as of equal desks."""
+    count, last = 0, 0.0
+    for value in sorted(values):
+        if value > (1 + DIFFERENT) * last:
+            count, last = count + 1, value
+    return count
+
+
 def scale_of_dimensions(
     ends: Float[np.ndarray, "n 2 2"], texts: tuple[Text, ...]
 ) -> DimensionScale | None:
-    """Metres of one unit of the drawing, where at least three texts of different lengths agree
+    """Metres of one unit of the drawing, where at least three texts of clearly different lengths agree
     within 1 % with the lines they stand at the middle of, and they are most of the
     texts that have such a line.
     """
@@ -208,7 +219,7 @@ def scale_of_dimensions(
     agreeing = np.abs(ratios[:, None] / ratios[None] - 1) < AGREEMENT
     best = int(agreeing.sum(axis=1).argmax())
     chosen = [candidates[i] for i in np.flatnonzero(agreeing[best])]
-    n_values = len({round(c[1], 4) for c in chosen})
+    n_values = _n_apart([c[1] for c in chosen])
     n_texts = len({c[3] for c in chosen})
     if n_values < MIN_AGREEING or n_texts < 0.6 * n_with_line:
         return None
