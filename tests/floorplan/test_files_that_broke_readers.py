@@ -71,10 +71,10 @@ def test_insertions_are_counted_as_they_are_drawn():
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(dxf_blocks, "MAX_ENTITIES", limit)
             if limit == drawn:
-                dxf_blocks.check_expansion(path, document)
+                dxf_blocks.check_expansion(path, document, document.modelspace())
             else:
                 with pytest.raises(FloorplanError, match=f"found {drawn} once blocks"):
-                    dxf_blocks.check_expansion(path, document)
+                    dxf_blocks.check_expansion(path, document, document.modelspace())
 
 
 def _nested(leaf_lines: int):
@@ -120,10 +120,10 @@ def test_insertions_count_though_what_they_draw_is_little(tmp_path):
 def test_a_file_that_holds_much_may_draw_much(monkeypatch):
     document = _nested(1)
     monkeypatch.setattr(dxf_blocks, "MAX_REPEATED", 211_111 // 51 + 1)
-    dxf_blocks.check_expansion(Path("plan.dxf"), document)
+    dxf_blocks.check_expansion(Path("plan.dxf"), document, document.modelspace())
     monkeypatch.setattr(dxf_blocks, "MAX_REPEATED", 100)
     with pytest.raises(FloorplanError, match="at most 200,000"):
-        dxf_blocks.check_expansion(Path("plan.dxf"), document)
+        dxf_blocks.check_expansion(Path("plan.dxf"), document, document.modelspace())
 
 
 def test_a_hall_full_of_seats_may_be_drawn_out():
@@ -133,7 +133,9 @@ def test_a_hall_full_of_seats_may_be_drawn_out():
         seat.add_line((k, 0), (k, 1))
     for k in range(2000):
         document.modelspace().add_blockref("seat", (k, 0))
-    assert dxf_blocks.check_expansion(Path("hall.dxf"), document) == frozenset()
+    assert (
+        dxf_blocks.check_expansion(Path("hall.dxf"), document, document.modelspace()) == frozenset()
+    )
 
 
 def test_what_libraries_raise_names_the_file_and_what_the_system_says_passes():

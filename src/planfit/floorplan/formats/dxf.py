@@ -5,6 +5,7 @@ import logging
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from jaxtyping import Float
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.dxf_blocks import check_expansion
+from planfit.floorplan.formats.dxf_unread import only_layout, unread_words
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import METRES_PER_FILE_UNIT
@@ -66,7 +68,7 @@ _RECOVERED = re.compile(r'value "(?P<found>[^"]*)".* as "(?P<read>[^"]*)"')
 
 
 def read_dxf(path: Path, options: PlanOptions) -> Floorplan:
-    """Wall faces of the model space of a DXF.
+    """Wall faces of the model space of a DXF, or of a layout where that one is empty.
 
     Raises:
         FloorplanError: the file is no DXF, is cut off, or has no walls.
@@ -74,11 +76,24 @@ def read_dxf(path: Path, options: PlanOptions) -> Floorplan:
     # ezdxf warns of every odd table entry; what matters comes back as an error or in `dropped`.
     logging.getLogger("ezdxf").setLevel(logging.ERROR)
     document, lost = _open(path)
-    empty = check_expansion(path, document)
-    drawing = _drawing(document, empty)
-    floorplan = plan_of_drawing(
-        drawing, path, fingerprint_of(path), options, "DXF drawing", np.eye(3)
-    )
+    layout = only_layout(document)
+    space = document.modelspace() if layout is None else layout
+    empty = check_expansion(path, document, space)
+    unread = unread_words(document, space)
+    drawing = _drawing(document, space, empty)
+    if layout is not None:
+        drawing = replace(drawing, metres_per_unit=None, unit="paper")
+        unread += (
+            f"the model space is empty: the layout {layout.name!r} was read, whose unit is that of the paper",
+        )
+    try:
+        floorplan = plan_of_drawing(
+            drawing, path, fingerprint_of(path), options, "DXF drawing", np.eye(3)
+        )
+    except FloorplanError as error:
+        raise FloorplanError("; ".join([str(error), *unread])) from error
+    for words in unread:
+        floorplan = floorplan.with_warning(words)
     return floorplan if not lost else floorplan.with_warning(
         f"the file is damaged: {len(lost)} of its parts or numbers were lost or guessed; first: {lost[0]}"
     )  # fmt: skip
@@ -114,11 +129,10 @@ def _open(path: Path) -> tuple[Document, list[str]]:
     return document, _lost_parts(auditor)
 
 
-def _drawing(document: Document, empty_blocks: frozenset[str]) -> VectorDrawing:
+def _drawing(document: Document, space: Any, empty_blocks: frozenset[str]) -> VectorDrawing:
     builder = DrawingBuilder()
     hidden = {layer.dxf.name for layer in document.layers if layer.is_off() or layer.is_frozen()}
     # Layer 0 stands for the layer of the block's insertion; on its own it may be frozen too.
-    space = document.modelspace()
     flatten = _flattening_distance(space)
     seen_hidden: set[str] = set()
     for entity, layer in _entities(space, empty_blocks):

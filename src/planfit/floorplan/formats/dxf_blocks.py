@@ -34,8 +34,8 @@ class _Drawn:
         return _Drawn(self.entities + other.entities, self.steps + other.steps)
 
 
-def check_expansion(path: Path, document: Document) -> frozenset[str]:
-    """Raise unless the model space can be drawn out: at most `MAX_ENTITIES` entities, in at most
+def check_expansion(path: Path, document: Document, space: Any) -> frozenset[str]:
+    """Raise unless a space of a document can be drawn out: at most `MAX_ENTITIES` entities, in at most
     `MAX_STEPS` steps or `MAX_REPEATED` for each entity of the file.
 
     Returns:
@@ -46,7 +46,7 @@ def check_expansion(path: Path, document: Document) -> frozenset[str]:
     """
     counts: dict[str, _Drawn] = {}
     largest: dict[str, _Drawn] = {}
-    total = _count(path, document, document.modelspace(), (counts, largest), ())
+    total = _count(path, document, space, (counts, largest), ())
     name = max(largest, key=lambda each: largest[each].steps, default="")
     by_one = f"by one insertion of the block '{printable(name)}'"
     export = "export the floor alone, without that block"
@@ -58,7 +58,7 @@ def check_expansion(path: Path, document: Document) -> frozenset[str]:
         )
     held = sum(len(block) for block in document.blocks)
     most = max(MAX_STEPS, MAX_REPEATED * held)
-    if total.steps - len(document.modelspace()) > most:
+    if total.steps - len(space) > most:
         raise FloorplanError(
             f"{path}: expected blocks that draw at most {most:,} entities and blocks within them, as the "
             f"file holds {held:,}, found {_shown(total.steps)}, {_shown(largest[name].steps)} {by_one}; "
