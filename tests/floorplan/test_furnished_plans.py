@@ -1,5 +1,6 @@
 """Furnished rooms drawn on one layer: walls stay, whatever stands at them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,16 @@ def test_walls_of_furnished_rooms_on_one_layer_are_read(tmp_path: Path, seed: in
     recall, precision = shares(floor, read_floorplan(write_floor(tmp_path / "a.dxf", floor)).ends)
     assert recall > 0.9
     assert precision > 0.9
+
+
+@pytest.mark.parametrize("seed", [302, 306, 326, 334])
+def test_walls_alone_with_wide_windows_are_one_plan(tmp_path: Path, seed: int) -> None:
+    """As on a layer of walls: nothing drawn joins what stands on two sides of a window. They were told as
+    several storeys."""
+    walls = replace(make_floor(seed), lines=[], arcs=[])
+    plan = read_floorplan(write_floor(tmp_path / "a.dxf", walls))
+    assert plan.source.storeys == ()
+    assert not plan.source.warnings
 
 
 def box(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:

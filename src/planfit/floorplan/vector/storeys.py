@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.plans_on_sheet import find_storeys, storey_words
+from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.vector.double_lines import LineFaces
 from planfit.floorplan.vector.single_lines import body_of_faces
 from planfit.geometry import segments
@@ -62,7 +63,14 @@ def storeys_of_drawing(
     is_short = segments.lengths(lines) < LONGEST_PANE * extent
     drawn = np.concatenate([(lines[is_short] - origin) * page, (faces.ends - origin) * page])
     gaps = (openings - origin) * page
-    storey_of = find_storeys(walls, thickness / cell, gaps, _grid(drawn))
+    # Doors and windows that are not drawn, as where the layer of walls alone was chosen.
+    bare = find_openings(
+        (faces.ends[known] - origin) * page,
+        faces.normals[known] * np.sign(page),
+        faces.thickness[known] / cell,
+    )
+    joining = np.concatenate([gaps, bare])
+    storey_of = find_storeys(walls, thickness / cell, joining, _grid(drawn))
     if storey_of.max() == 0:
         return one
     tree = shapely.STRtree(walls)
