@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Float
+from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.vector.arcs import fit_circle
@@ -62,26 +63,28 @@ def find_door_swings(
         least, most = np.array(RADIUS_M) / metres_per_unit
     at, run = curve_runs(lines)
     straight = lines.ends[~lines.is_curved]
+    # First ends, then second ends: a site's contours are thousands of curves, and of straight pieces.
+    tips = cKDTree(np.concatenate([straight[:, 0], straight[:, 1]]))
     starts = np.flatnonzero(np.diff(run, prepend=-1))
     found = []
     for start, stop in zip(starts, np.append(starts[1:], len(run)), strict=True):
         ends = lines.ends[at[start:stop]]
         points = np.concatenate([ends[:, 0], ends[-1:, 1]])
-        swing = _swing_of(points, straight)
-        if swing is not None and least < swing.radius < most:
+        swing = _swing_of(points, tips, (float(least), float(most)))
+        if swing is not None:
             found.append(swing)
     return found
 
 
 def _swing_of(
-    points: Float[np.ndarray, "n 2"], straight: Float[np.ndarray, "m 2 2"]
+    points: Float[np.ndarray, "n 2"], tips: cKDTree, radii: tuple[float, float]
 ) -> DoorSwing | None:
-    """The circle through points, where they are a quarter or half of one; leaves are among the straight
-    lines."""
+    """The circle through points, where they are a quarter or half of one with a radius between two; leaves
+    are among the straight lines, of which `tips` are all first ends and then all second ones."""
     if len(points) < 4:
         return None
     circle = fit_circle(points)
-    if circle is None:
+    if circle is None or not radii[0] < circle.radius < radii[1]:
         return None
     ends = points[[0, -1]]
     spokes = (ends - circle.centre) / circle.radius
@@ -99,16 +102,15 @@ def _swing_of(
     else:
         return None
     near = TOLERANCE * circle.radius
-    has_leaf = [bool(_is_drawn(leaf, straight, near).any()) for leaf in leaves]
+    has_leaf = [_is_drawn(leaf, tips, near) for leaf in leaves]
     return DoorSwing(leaves, circle.radius, (has_leaf[0], has_leaf[1]))
 
 
-def _is_drawn(
-    leaf: Float[np.ndarray, "2 2"], straight: Float[np.ndarray, "m 2 2"], near: float
-) -> Bool[np.ndarray, " m"]:
-    """Which lines go from one end of a leaf to the other, either way."""
-    there, back = (np.linalg.norm(straight - ends, axis=2) < near for ends in (leaf, leaf[::-1]))
-    return there.all(axis=1) | back.all(axis=1)
+def _is_drawn(leaf: Float[np.ndarray, "2 2"], tips: cKDTree, near: float) -> bool:
+    """Whether a line goes from one end of a leaf to the other, either way."""
+    at = np.array(tips.query_ball_point(leaf[0], near), dtype=int)
+    other = (at + tips.n // 2) % tips.n
+    return bool((np.linalg.norm(tips.data[other] - leaf[1], axis=1) < near).any())
 
 
 def open_doors(
