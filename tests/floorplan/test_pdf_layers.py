@@ -1,6 +1,7 @@
 """PDFs as CAD and office programs write them: marked content, layers that are off, transparent paths."""
 
 import numpy as np
+import pypdfium2 as pdfium
 import pytest
 import shapely
 from numpy.testing import assert_allclose
@@ -111,3 +112,14 @@ def test_a_name_longer_than_the_buffer_is_cut_and_kept_apart(tmp_path):
     plan = read_floorplan(two_layers(tmp_path, "", names))
     assert np.isfinite(plan.ends).all()
     assert length(plan) > 2 * (600 + 400) + 2 * (580 + 380) + 600
+
+
+def test_other_pages_are_named_as_not_read(tmp_path):
+    path = write_pdf_stream(tmp_path / "a.pdf", filled(ROOM))
+    assert not any("page" in words for words in read_floorplan(path).source.dropped)
+    document = pdfium.PdfDocument(path)
+    document.new_page(600, 400)
+    document.save(tmp_path / "two.pdf")
+    plan = read_floorplan(tmp_path / "two.pdf")
+    assert len(plan) == 8
+    assert any("page 1 of 2 was read" in words for words in plan.source.dropped)

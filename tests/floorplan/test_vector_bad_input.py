@@ -80,6 +80,25 @@ def test_an_encoding_does_not_hide_entities(tmp_path):
     assert "found an ENTITY declaration" in refusal(path)
 
 
+@pytest.mark.parametrize("hidden", ['opacity="0"', 'style="opacity: 0"'])
+def test_what_is_transparent_in_an_svg_is_not_read(tmp_path, hidden):
+    wall = f'<g {hidden}><path d="M 140,110 v 40 h 4 v -40 z" fill="none" stroke="black"/></g>'
+    plan = read_floorplan(write_svg(tmp_path / "a.svg", WALLS, extra=wall))
+    clean = read_floorplan(write_svg(tmp_path / "b.svg", WALLS))
+    np.testing.assert_allclose(plan.ends, clean.ends)
+    seen = read_floorplan(write_svg(tmp_path / "c.svg", WALLS, extra=wall.replace(hidden, "")))
+    assert len(seen) > len(clean)
+
+
+def test_an_svg_that_holds_a_picture_alone_says_so(tmp_path):
+    (tmp_path / "a.svg").write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="9" '
+        'height="9"><image width="9" height="9" xlink:href="data:image/png;base64,iVBORw0KGgo="/></svg>'
+    )
+    with pytest.raises(FloorplanError, match="found a picture in the SVG"):
+        read_floorplan(tmp_path / "a.svg")
+
+
 def test_references_to_other_files_are_not_followed(tmp_path, monkeypatch):
     other = write_svg(tmp_path / "other.svg", shapely.box(50, 50, 60, 60))
     opened = []

@@ -3,6 +3,7 @@
 import ctypes
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,14 +71,20 @@ def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
         page = document[options.page - 1]
         hidden, warning = _hidden_layers(path)
         drawing, has_picture = _drawing(page, path, hidden)
+        n_others = len(document) - 1
         if has_picture and len(drawing.lines) + len(drawing.fills) < MIN_PARTS:
-            return _read_as_picture(page, path, options)
+            floorplan = _read_as_picture(page, path, options)
+        else:
+            on_paper = options.on_paper(METRES_PER_POINT)
+            floorplan = plan_of_drawing(
+                drawing, path, fingerprint_of(path), on_paper, "PDF drawing", np.eye(3)
+            )
     finally:
         document.close()
-    on_paper = options.on_paper(METRES_PER_POINT)
-    floorplan = plan_of_drawing(
-        drawing, path, fingerprint_of(path), on_paper, "PDF drawing", np.eye(3)
-    )
+    if n_others:
+        pages = f"page {options.page} of {n_others + 1} was read, the others not (--page N reads one of them)"
+        source = floorplan.source
+        floorplan = replace(floorplan, source=replace(source, dropped=(*source.dropped, pages)))
     return floorplan.with_warning(warning) if warning else floorplan
 
 

@@ -21,6 +21,7 @@ from svgelements import (
     Shape,
     Use,
 )
+from svgelements import Image as SvgImage
 from svgelements import Path as SvgPath
 from svgelements import Text as SvgText
 
@@ -82,7 +83,13 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
         if n_references > 1
         else "1 reference to another file was not followed"
     )
-    if n_references and len(drawing.lines) == 0 and not drawing.fills:
+    is_empty = len(drawing.lines) == 0 and not drawing.fills
+    if is_empty and any(isinstance(element, SvgImage) for element in svg.elements()):
+        raise FloorplanError(
+            f"{path}: expected a drawing of walls, found a picture in the SVG and no lines or areas; save "
+            "the picture as PNG and give that"
+        )
+    if n_references and is_empty:
         raise FloorplanError(
             f"{path}: expected a drawing of walls, found no lines or areas in it; {not_followed}: "
             "embed in the SVG what they show"
@@ -165,6 +172,8 @@ def _add_group(
     layer = own.get(_LABEL) or _telling_id(own.get("id", "")) or layer
     clip = _narrowed(svg, group, clip)
     for element in group:
+        if _is_clear(element):
+            continue
         if isinstance(element, Group | Use):
             _add_group(builder, svg, element, layer, clip, hides_white)
         elif element.values.get("visibility") in ("hidden", "collapse"):
@@ -174,6 +183,14 @@ def _add_group(
             _add_shape(builder, element, layer, hides_white)
         elif isinstance(element, SvgText):
             _add_text(builder, element, layer)
+
+
+def _is_clear(element) -> bool:
+    """Whether an element, or a group with all in it, is transparent altogether."""
+    try:
+        return float((element.values or {}).get("attributes", {}).get("opacity", 1.0)) <= 0.0
+    except (TypeError, ValueError):
+        return False  # a share in per cent, or no number
 
 
 def _telling_id(name: str) -> str:
