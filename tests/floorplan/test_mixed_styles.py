@@ -86,3 +86,20 @@ def test_outlines_that_cross_themselves_are_cut_too() -> None:
     with_other_styles(
         interpretation("solid black", shell), [interpretation("double lines", crossed)], EXTENT_PX
     )
+
+
+def test_black_walls_go_on_across_their_own_doors_and_may_be_thin() -> None:
+    """The flat that is sold, black among grey neighbours: its partitions touch no grey wall."""
+    grey = interpretation("solid grey", SHELL)
+    at_shell, beyond_door = bar(300, 22, 322, 150), bar(300, 200, 322, 358)
+    thin = bar(322, 270, 478, 277)
+    walls = shapely.get_parts(shapely.union_all([at_shell, beyond_door, thin]))
+    far = bar(60, 200, 160, 222)
+    black = interpretation("solid black", *walls, far)
+    found = shapely.union_all(added(grey, black))
+    assert found.intersection(beyond_door).area > 0.9 * beyond_door.area
+    assert found.intersection(thin).area > 0.9 * thin.area
+    assert found.intersection(far).area == 0.0
+    # Of two lines, as furniture is, only what touches walls and is as thick as others.
+    lines = shapely.union_all(added(grey, interpretation("double lines", *walls, far)))
+    assert lines.intersection(beyond_door).area < 0.1 * beyond_door.area

@@ -33,7 +33,9 @@ _STRAIGHT = 0.7
 _LONG = 3.0
 """It is at least so many times as long as thick."""
 _ALIKE = 2.0
-"""Walls of one style are up to so many times as thick as most of them, or as thin."""
+"""Walls of one style are up to so many times as thick as most of them, or as thin: what differs more is
+furniture, unless it is solid black beside paler walls, as the flat that is sold is among its neighbours."""
+SOLID_BLACK = "solid black"
 LEAST_SHARE = 0.15
 """Of the score of one style, what walls of others add at least: less is furniture more often than wall."""
 _MOST_STYLES = 3
@@ -93,11 +95,14 @@ def _walls_beside(
         shapely.boundary(pieces), shapely.buffer(around, 1.0, join_style="mitre")
     )
     is_wall &= shapely.length(beside) < _MOST_CONTACT * outline
-    is_wall &= _hang_together(pieces, is_wall, around, reach_px)
+    is_black = _family(other) == SOLID_BLACK
+    across = _gaps(shapely.union_all(_valid(other.walls)), other.thickness_px) if is_black else None
+    is_wall &= _hang_together(pieces, is_wall, around, reach_px, across)
     if not is_wall.any():
         return nothing
     usual = weighted_median(thickness[is_wall], outline[is_wall])
-    is_wall &= (thickness < _ALIKE * usual) & (thickness > usual / _ALIKE)
+    if not is_black:
+        is_wall &= (thickness < _ALIKE * usual) & (thickness > usual / _ALIKE)
     walls = tuple(pieces[is_wall])
     share = _worth(walls, usual, extent_px) / max(
         _worth(other.walls, other.thickness_px, extent_px), 1e-6
@@ -166,14 +171,21 @@ def _hang_together(
     is_wall: Bool[np.ndarray, " n"],
     around: BaseGeometry,
     reach_px: float,
+    across: BaseGeometry | None,
 ) -> Bool[np.ndarray, " n"]:
-    """Those that touch the walls, or others that do."""
+    """Those that touch the walls, or others that do, or go on from one of those across a door or window of
+    their own (`across`)."""
     idx = np.flatnonzero(is_wall)
     result = np.zeros(len(pieces), dtype=bool)
     if len(idx) == 0:
         return result
     reached = shapely.distance(pieces[idx], around) < reach_px
-    a, b = shapely.STRtree(pieces[idx]).query(pieces[idx], predicate="dwithin", distance=reach_px)
+    tree = shapely.STRtree(pieces[idx])
+    a, b = tree.query(pieces[idx], predicate="dwithin", distance=reach_px)
+    if across is not None:
+        gap, side = tree.query(shapely.get_parts(across), predicate="dwithin", distance=reach_px)
+        i, j = np.nonzero(gap[:, None] == gap)
+        a, b = np.concatenate([a, side[i]]), np.concatenate([b, side[j]])
     n_before = -1
     while reached.sum() != n_before:
         n_before = int(reached.sum())
