@@ -116,7 +116,7 @@ class _Alignment:
         tolerance: float,
     ) -> None:
         self._ends, self._group, self._size, self._tolerance = ends, group, size, tolerance
-        self._along, self._left = segments.directions(ends), segments.left_normals(ends)
+        self._left = segments.left_normals(ends)
         is_own = (group[pairs.line] == group[pairs.partner]) & (pairs.line < pairs.partner)
         is_own &= pairs.high - pairs.low > 0.5 * np.abs(pairs.gap)
         self._pairs = pairs.take(is_own)
