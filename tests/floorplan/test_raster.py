@@ -22,8 +22,8 @@ from planfit.floorplan.raster.picture import (
     find_skew_deg,
     make_darkness,
     make_upright,
-    without_frame,
 )
+from planfit.floorplan.raster.sheet_marks import without_bars, without_frame
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
 from planfit.synth.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
@@ -503,3 +503,38 @@ def test_a_large_sheet_takes_little_memory(tmp_path: Path) -> None:
         "assert not code; assert peak < 800_000, peak"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+def with_bar(title: str, side: str, colour: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """A flat, as darkness, below or beside a bar with white letters; and the flat alone."""
+    picture = np.full((900, 1200, 3), 255, np.uint8)
+    cv2.rectangle(picture, (200, 250), (1000, 800), (0, 0, 0), 16)
+    cv2.line(picture, (600, 250), (600, 600), (0, 0, 0), 10)
+    plain = picture.copy()
+    cv2.rectangle(picture, (0, 0), (1199, 90), (colour, colour, colour), -1)
+    cv2.putText(picture, title, (250, 62), cv2.FONT_HERSHEY_SIMPLEX, 1.8, (255, 255, 255), 5)
+    turn = {"top": 0, "left": 1, "bottom": 2}[side]
+    return tuple(np.rot90(1 - p[..., 0] / np.float32(255), turn) for p in (picture, plain))
+
+
+@pytest.mark.parametrize("side", ["top", "left", "bottom"])
+def test_bars_of_titles_are_blanked(side: str) -> None:
+    darkness, plain = with_bar("FOX AND SONS", side)
+    np.testing.assert_allclose(without_bars(darkness), plain, atol=0.01)
+
+
+def test_a_dark_bar_without_words_may_be_a_wall() -> None:
+    darkness, _ = with_bar("", "top")
+    np.testing.assert_array_equal(without_bars(darkness), darkness)
+    # As a shop front with panes as long as they are.
+    for x in range(60, 1100, 160):
+        darkness[30:60, x : x + 120] = 0.0
+    np.testing.assert_array_equal(without_bars(darkness), darkness)
+
+
+def test_a_picture_with_a_bar_reads_as_without(tmp_path: Path) -> None:
+    found = []
+    for name, darkness in zip(("bar", "plain"), with_bar("FOX AND SONS", "top"), strict=True):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.round(255 * (1 - darkness)).astype(np.uint8))
+        found.append(read_floorplan(tmp_path / f"{name}.png"))
+    np.testing.assert_allclose(found[0].ends, found[1].ends, atol=1.0)

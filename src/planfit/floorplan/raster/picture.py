@@ -1,4 +1,4 @@
-"""A picture made ready for interpretation: as darkness over its paper, upright, without its frame."""
+"""A picture made ready for interpretation: as darkness over its paper, upright."""
 
 from dataclasses import dataclass, replace
 
@@ -29,15 +29,13 @@ _MAX_WINDOWS = 8
 """Windows of 1.2 deg that the skew is looked for in, each about the end of the one before."""
 _LONG_LINE = 1 / 12
 """Walls have lines longer than this share of the drawing; hatching, as long as walls are thick, has none."""
-_DARK = 0.3
+DARK = 0.3
+"""Darkness from which on something is drawn."""
 _COARSE, _DIFFERS = 8, 10
 """Blocks of so many pixels are looked at; a line of one pixel changes the grey of a block by 30."""
 _PAGE_PAD = 0.08
 _PAD = 0.02
 """Paper around a drawing, as a share of its size."""
-_WIDE, _ALIKE = 0.08, 1.4
-"""The outer line of a building of double lines is as far from the next line on all four sides, up to the
-factor; a frame is not, or is further away than this share of the sheet."""
 
 
 @dataclass(frozen=True)
@@ -270,7 +268,7 @@ def content_box(darkness: Float[np.ndarray, "h w"]) -> tuple[slice, slice]:
 
     Nothing that follows then depends on how much paper there is around a drawing.
     """
-    is_dark = darkness > _DARK
+    is_dark = darkness > DARK
     rows, columns = np.flatnonzero(is_dark.sum(axis=1) > 1), np.flatnonzero(is_dark.sum(axis=0) > 1)
     if len(rows) == 0 or len(columns) == 0:
         return slice(0, darkness.shape[0]), slice(0, darkness.shape[1])
@@ -286,52 +284,3 @@ def moved_from(upright: Upright, box: tuple[slice, slice]) -> Upright:
     matrix = upright.upright_from_picture.copy()
     matrix[:, 2] -= matrix[:, :2] @ np.array([box[1].start, box[0].start])
     return replace(upright, upright_from_picture=matrix)
-
-
-def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """The picture with the frame blanked; the same where there is none."""
-    lines = (darkness > _DARK).astype(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
-    marks = stats[1:][stats[1:, 4] > 40]  # specks lie anywhere
-    if len(marks) == 0:
-        return darkness
-    low = marks[:, :2].min(axis=0)
-    width, height = (marks[:, :2] + marks[:, 2:4]).max(axis=0) - low
-    is_all_round = (stats[:, 2] > 0.93 * width) & (stats[:, 3] > 0.93 * height)
-    is_all_round[0] = False
-    result = darkness
-    for label in np.flatnonzero(is_all_round):
-        others = np.delete(np.arange(1, count), label - 1)
-        # Specks outside do not matter.
-        inside = others[stats[others, 4] > 1e-4 * height * width]
-        if len(inside) == 0 or stats[label, 4] > stats[others, 4].sum():
-            continue
-        box, rest = stats[label], stats[inside]
-        if (rest[:, :2] < box[:2]).any() or (rest[:, :2] + rest[:, 2:4] > box[:2] + box[2:4]).any():
-            continue
-        part = slice(box[1], box[1] + box[3]), slice(box[0], box[0] + box[2])
-        mask = labels == label
-        if _has_four_sides(mask[part]) and not _is_outline(
-            (lines[part] > 0) & ~mask[part], 0.3 * max(height, width)
-        ):
-            blank = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-            result = np.where(blank, np.float32(0.0), result)
-    return result
-
-
-def _is_outline(inside: Bool[np.ndarray, "h w"], far: float) -> bool:
-    """Whether what is inside a closed line keeps the distance of a wall to it on all sides."""
-    gaps = []
-    for turned in (inside, inside[::-1], inside.T, inside.T[::-1]):
-        first = np.argmax(turned, axis=0)[turned.any(axis=0)]
-        first = first[first < far]
-        gaps.append(float(np.median(first)) if len(first) else far)
-    return max(gaps) < min(_WIDE * max(inside.shape), _ALIKE * min(gaps) + 3.0)
-
-
-def _has_four_sides(mask: Bool[np.ndarray, "h w"]) -> bool:
-    """Whether lines run along most of every side of a component's box."""
-    band = max(3, max(mask.shape) // 60)
-    sides = (mask[:band].any(axis=0), mask[-band:].any(axis=0),
-             mask[:, :band].any(axis=1), mask[:, -band:].any(axis=1))  # fmt: skip
-    return all(side.mean() > 0.9 for side in sides)

@@ -36,8 +36,8 @@ from planfit.floorplan.raster.picture import (
     make_darkness,
     make_upright,
     moved_from,
-    without_frame,
 )
+from planfit.floorplan.raster.sheet_marks import without_bars, without_frame
 from planfit.floorplan.raster.surroundings import surroundings_words
 from planfit.floorplan.raster.trace import settle_faces
 from planfit.floorplan.raster.walls_alone import STYLE, find_walls_alone
@@ -95,7 +95,7 @@ def plan_of_picture(
     shrink = _shrink(max(upright.darkness.shape), may_enlarge=wall_mask is None)
     small = _shrunk(upright.darkness, shrink)
     if wall_mask is None:
-        small = without_frame(small)
+        small = without_bars(without_frame(small))
         interpretation = find_walls_alone(small, upright.darkness)
         if interpretation is not None:
             interpretation = with_paler_walls(interpretation, small)

@@ -1,0 +1,118 @@
+"""What is printed on a sheet around its plan and is no wall: a frame, bars of titles."""
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from planfit.floorplan.raster.picture import DARK
+
+_WIDE, _ALIKE = 0.08, 1.4
+"""The outer line of a building of double lines is as far from the next line on all four sides, up to the
+factor; a frame is not, or is further away than this share of the sheet."""
+_SPECK_PX = 40
+"""Marks of fewer pixels lie anywhere."""
+_WHOLE_SIDE, _FLAT = 0.9, 0.15
+"""A bar runs along so much of a side of what is drawn, and is as high as this share of it at most."""
+_SOLID = 0.5
+"""Of its box, what of a bar is dark: the rest are letters."""
+_LETTERS = 5
+"""White on a bar. A long wall may have as many panes of windows, which are longer than letters are."""
+_LETTER = (0.1, 0.95)
+"""Height of a letter in a bar's; it is up to three times as long."""
+
+
+def without_bars(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """The picture with bars of titles blanked, dark with white letters along a side of what is drawn; the
+    same where there are none."""
+    lines = (darkness > DARK).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
+    marks = stats[1:][stats[1:, 4] > _SPECK_PX]
+    if len(marks) == 0:
+        return darkness
+    low, high = marks[:, :2].min(axis=0), (marks[:, :2] + marks[:, 2:4]).max(axis=0)
+    result = darkness
+    for label in 1 + np.flatnonzero(stats[1:, 4] > _SPECK_PX):
+        box = stats[label]
+        part = slice(box[1], box[1] + box[3]), slice(box[0], box[0] + box[2])
+        if _lies_along_a_side(box, low, high) and _has_letters(labels[part] == label):
+            # With what of letters is dark within, and the bar's own edge.
+            rows, columns = (slice(max(side.start - 2, 0), side.stop + 2) for side in part)
+            result = result.copy()
+            result[rows, columns] = 0.0
+    return result
+
+
+def _lies_along_a_side(
+    box: Int[np.ndarray, "5"], low: Int[np.ndarray, "2"], high: Int[np.ndarray, "2"]
+) -> bool:
+    """Whether a component, by its box (u, v, width, height, pixels), is a solid bar at one side of what is
+    drawn from `low` to `high` (u, v)."""
+    size = high - low
+    for axis in (0, 1):
+        across = 1 - axis
+        near = 0.02 * size[across] + 2
+        is_at_side = box[across] < low[across] + near or (
+            box[across] + box[2 + across] > high[across] - near
+        )
+        is_bar = box[2 + axis] > _WHOLE_SIDE * size[axis] and box[2 + across] < _FLAT * size[across]
+        if is_at_side and is_bar and box[4] > _SOLID * box[2] * box[3]:
+            return True
+    return False
+
+
+def _has_letters(mask: Bool[np.ndarray, "h w"]) -> bool:
+    """Whether a bar has as many holes of the size of letters as a word has."""
+    height = min(mask.shape)
+    _, _, holes, _ = cv2.connectedComponentsWithStats((~mask).astype(np.uint8), connectivity=4)
+    size = np.sort(holes[1:, 2:4], axis=1)
+    is_letter = (size[:, 0] > _LETTER[0] * height) & (size[:, 0] < _LETTER[1] * height)
+    return int((is_letter & (size[:, 1] < 3 * size[:, 0])).sum()) >= _LETTERS
+
+
+def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """The picture with the frame blanked; the same where there is none."""
+    lines = (darkness > DARK).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
+    marks = stats[1:][stats[1:, 4] > 40]  # specks lie anywhere
+    if len(marks) == 0:
+        return darkness
+    low = marks[:, :2].min(axis=0)
+    width, height = (marks[:, :2] + marks[:, 2:4]).max(axis=0) - low
+    is_all_round = (stats[:, 2] > 0.93 * width) & (stats[:, 3] > 0.93 * height)
+    is_all_round[0] = False
+    result = darkness
+    for label in np.flatnonzero(is_all_round):
+        others = np.delete(np.arange(1, count), label - 1)
+        # Specks outside do not matter.
+        inside = others[stats[others, 4] > 1e-4 * height * width]
+        if len(inside) == 0 or stats[label, 4] > stats[others, 4].sum():
+            continue
+        box, rest = stats[label], stats[inside]
+        if (rest[:, :2] < box[:2]).any() or (rest[:, :2] + rest[:, 2:4] > box[:2] + box[2:4]).any():
+            continue
+        part = slice(box[1], box[1] + box[3]), slice(box[0], box[0] + box[2])
+        mask = labels == label
+        if _has_four_sides(mask[part]) and not _is_outline(
+            (lines[part] > 0) & ~mask[part], 0.3 * max(height, width)
+        ):
+            blank = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+            result = np.where(blank, np.float32(0.0), result)
+    return result
+
+
+def _is_outline(inside: Bool[np.ndarray, "h w"], far: float) -> bool:
+    """Whether what is inside a closed line keeps the distance of a wall to it on all sides."""
+    gaps = []
+    for turned in (inside, inside[::-1], inside.T, inside.T[::-1]):
+        first = np.argmax(turned, axis=0)[turned.any(axis=0)]
+        first = first[first < far]
+        gaps.append(float(np.median(first)) if len(first) else far)
+    return max(gaps) < min(_WIDE * max(inside.shape), _ALIKE * min(gaps) + 3.0)
+
+
+def _has_four_sides(mask: Bool[np.ndarray, "h w"]) -> bool:
+    """Whether lines run along most of every side of a component's box."""
+    band = max(3, max(mask.shape) // 60)
+    sides = (mask[:band].any(axis=0), mask[-band:].any(axis=0),
+             mask[:, :band].any(axis=1), mask[:, -band:].any(axis=1))  # fmt: skip
+    return all(side.mean() > 0.9 for side in sides)
