@@ -25,7 +25,9 @@ from planfit.floorplan.vector.strokes import Pen
 
 MIN_PARTS = 20
 """A page with fewer lines and areas, and a picture on it, is the picture."""
-PICTURE_DPI = 300.0
+PICTURE_DPI = (72.0, 300.0)
+"""Pictures on a page are looked at as fine as they are, within this: enlarged, what is drawn beside walls
+grew as thick as walls are (precision .79 instead of .92; .18 instead of .99 with a photograph beside)."""
 MAX_PICTURE_PX = 10_000
 MAX_OPEN_S = 15.0
 MAX_OPEN_BYTES = 2_000_000_000
@@ -70,10 +72,10 @@ def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
             )
         page = document[options.page - 1]
         hidden, warning = _hidden_layers(path)
-        drawing, has_picture = _drawing(page, path, hidden)
+        drawing, picture_dpi = _drawing(page, path, hidden)
         n_others = len(document) - 1
-        if has_picture and len(drawing.lines) + len(drawing.fills) < MIN_PARTS:
-            floorplan = _read_as_picture(page, path, options)
+        if picture_dpi > 0 and len(drawing.lines) + len(drawing.fills) < MIN_PARTS:
+            floorplan = _read_as_picture(page, path, options, picture_dpi)
         else:
             on_paper = options.on_paper(METRES_PER_POINT)
             floorplan = plan_of_drawing(
@@ -143,12 +145,14 @@ def _check_page_opens(path: Path, page: int) -> None:
     )
 
 
-def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> Floorplan:
+def _read_as_picture(
+    page: pdfium.PdfPage, path: Path, options: PlanOptions, picture_dpi: float
+) -> Floorplan:
     # Here, not above: drawings need no OpenCV.
     from planfit.floorplan.formats.picture import fingerprint_with_mask, read_image
 
     longer = max(page.get_size())
-    scale = min(PICTURE_DPI / 72.0, MAX_PICTURE_PX / longer)
+    scale = min(float(np.clip(picture_dpi, *PICTURE_DPI)) / 72.0, MAX_PICTURE_PX / longer)
     bitmap = page.render(scale=scale, rev_byteorder=False)  # type: ignore[arg-type] - any number
     picture = bitmap.to_numpy()[..., :3]
     fingerprint = fingerprint_with_mask(path, options)
@@ -163,11 +167,12 @@ def _read_as_picture(page: pdfium.PdfPage, path: Path, options: PlanOptions) -> 
 
 def _drawing(
     page: pdfium.PdfPage, path: Path, hidden: frozenset[str]
-) -> tuple[VectorDrawing, bool]:
+) -> tuple[VectorDrawing, float]:
+    """The line work of a page, and how fine the finest of its pictures is, pixels an inch; 0 without one."""
     builder = DrawingBuilder()
     seen_hidden: set[str] = set()
     shown_from_page = _shown_from_page(page)
-    has_picture = False
+    picture_dpi = 0.0
     clips = _Clips()
     stack = [(page.raw, None, shown_from_page, 0, "")]
     n_objects = 0
@@ -197,11 +202,21 @@ def _drawing(
                 builder.clip = clips.of(item, transform)
                 _add_path(builder, item, shown_from_item, layer)
             elif kind == raw.FPDF_PAGEOBJ_IMAGE:
-                has_picture = True
+                picture_dpi = max(picture_dpi, _image_dpi(item, shown_from_item))
             elif kind == raw.FPDF_PAGEOBJ_FORM and depth < _MAX_FORM_DEPTH:
                 stack.append((owner, item, shown_from_item, depth + 1, layer))
     _add_texts(builder, page, shown_from_page)
-    return builder.build(unit="paper", hidden_layers=tuple(sorted(seen_hidden))), has_picture
+    return builder.build(unit="paper", hidden_layers=tuple(sorted(seen_hidden))), picture_dpi
+
+
+def _image_dpi(item, shown_from_item: Float[np.ndarray, "3 3"]) -> float:
+    """Pixels of an image to an inch of the page, along the side that has more; the most that are used where
+    the file does not tell."""
+    width, height = ctypes.c_uint(), ctypes.c_uint()
+    sides_pt = np.linalg.norm(shown_from_item[:2, :2], axis=0)
+    if not raw.FPDFImageObj_GetImagePixelSize(item, width, height) or not (sides_pt > 0).all():
+        return PICTURE_DPI[1]
+    return float(72.0 * max(width.value / sides_pt[0], height.value / sides_pt[1]))
 
 
 def _shown_from_page(page: pdfium.PdfPage) -> Float[np.ndarray, "3 3"]:
