@@ -1,5 +1,7 @@
 """A page that is a picture goes to the reader of pictures, rendered."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,17 +10,22 @@ from plan_files import write_pdf_stream
 from planfit.floorplan import PlanOptions, read_floorplan
 
 
-def test_a_page_that_is_a_picture_is_rendered_and_read_as_one(tmp_path, monkeypatch):
-    pixels = bytes([0, 0, 255, 255, 255, 255, 255, 255, 255, 0, 0, 0]).hex()
+def write_picture_page(path: Path, width: int, height: int, space: str, pixels: bytes) -> Path:
+    """A page of 1200 x 900 points that one image covers."""
     image = (
-        "<< /Type /XObject /Subtype /Image /Width 2 /Height 2 /ColorSpace /DeviceRGB "
-        f"/BitsPerComponent 8 /Filter /ASCIIHexDecode /Length {len(pixels) + 1} >>\n"
-        f"stream\n{pixels}>\nendstream"
+        f"<< /Type /XObject /Subtype /Image /Width {width} /Height {height} /ColorSpace /{space} "
+        f"/BitsPerComponent 8 /Filter /ASCIIHexDecode /Length {2 * len(pixels) + 1} >>\n"
+        f"stream\n{pixels.hex()}>\nendstream"
     )
-    path = write_pdf_stream(
-        tmp_path / "a.pdf", "q 1200 0 0 900 0 0 cm /Im Do Q", extra_objects=(image,),
+    return write_pdf_stream(
+        path, "q 1200 0 0 900 0 0 cm /Im Do Q", extra_objects=(image,),
         resources="/XObject << /Im 6 0 R >>",
     )  # fmt: skip
+
+
+def test_a_page_that_is_a_picture_is_rendered_and_read_as_one(tmp_path, monkeypatch):
+    pixels = bytes([0, 0, 255, 255, 255, 255, 255, 255, 255, 0, 0, 0])
+    path = write_picture_page(tmp_path / "a.pdf", 2, 2, "DeviceRGB", pixels)
     seen = []
 
     def read_image(image_bgr, name, fingerprint, options, kind):
@@ -42,15 +49,7 @@ def test_a_page_that_is_a_picture_is_rendered_and_read_as_one(tmp_path, monkeypa
 
 @pytest.mark.parametrize(("pixels", "dpi"), [(500, 72), (2500, 150), (9000, 300)])
 def test_a_picture_is_looked_at_as_fine_as_it_is(tmp_path, monkeypatch, pixels: int, dpi: int):
-    image = (
-        f"<< /Type /XObject /Subtype /Image /Width {pixels} /Height 1 /ColorSpace /DeviceGray "
-        f"/BitsPerComponent 8 /Filter /ASCIIHexDecode /Length {2 * pixels + 1} >>\n"
-        f"stream\n{'00' * pixels}>\nendstream"
-    )
-    path = write_pdf_stream(
-        tmp_path / "a.pdf", "q 1200 0 0 900 0 0 cm /Im Do Q", extra_objects=(image,),
-        resources="/XObject << /Im 6 0 R >>",
-    )  # fmt: skip
+    path = write_picture_page(tmp_path / "a.pdf", pixels, 1, "DeviceGray", bytes(pixels))
     shapes = []
 
     def read_image(image_bgr, *_):
