@@ -8,10 +8,11 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from planfit.floorplan import Floorplan
 from planfit.floorplan.vector.own_drawing import FACES, LINES, OPENINGS
+from planfit.geometry import segments
 from planfit.whole_files import whole_file, write_whole
 
 _COLOURS = {FACES: (7, "black"), LINES: (8, "#808080"), OPENINGS: (5, "#0072b2")}
@@ -60,8 +61,7 @@ def write_plan_dxf(path: Path, floorplan: Floorplan) -> None:
 
 def _layers(floorplan: Floorplan) -> list[tuple[str, Float[np.ndarray, "n 2 2"]]]:
     """Lines (n, 2, 2) of each layer that has any, the free side of faces on their left."""
-    along, normals = floorplan.ends[:, 1] - floorplan.ends[:, 0], floorplan.normals
-    is_left: Bool[np.ndarray, " n"] = along[:, 0] * normals[:, 1] - along[:, 1] * normals[:, 0] > 0
+    is_left = np.einsum("ni,ni->n", segments.left_normals(floorplan.ends), floorplan.normals) > 0
     ends = np.where(is_left[:, None, None], floorplan.ends, floorplan.ends[:, ::-1])
     openings = np.zeros((0, 2, 2)) if floorplan.openings is None else floorplan.openings
     is_oriented = floorplan.is_oriented

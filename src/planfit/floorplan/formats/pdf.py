@@ -64,14 +64,15 @@ def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
     """
     document = _open(path)
     try:
-        _check_page_opens(path, options.page)
+        data = path.read_bytes()
+        _check_page_opens(path, options.page, data)
         if options.page > len(document):
             raise FloorplanError(
                 f"{path}: expected a page {options.page}, found {len(document)} pages; "
                 "pass a page that there is"
             )
         page = document[options.page - 1]
-        hidden, warning = _hidden_layers(path)
+        hidden, warning = _hidden_layers(data)
         drawing, picture_dpi = _drawing(page, path, hidden)
         n_others = len(document) - 1
         if picture_dpi > 0 and len(drawing.lines) + len(drawing.fills) < MIN_PARTS:
@@ -90,10 +91,10 @@ def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
     return floorplan.with_warning(warning) if warning else floorplan
 
 
-def _hidden_layers(path: Path) -> tuple[frozenset[str], str]:
+def _hidden_layers(data: bytes) -> tuple[frozenset[str], str]:
     """Layers that are off, and a warning where that cannot be told."""
     try:
-        return hidden_layers(path.read_bytes()), ""
+        return hidden_layers(data), ""
     except ValueError as error:
         return frozenset(), (
             f"which layers of the file are off could not be told ({error}): all were read; if the overlay "
@@ -120,13 +121,12 @@ def _open(path: Path) -> pdfium.PdfDocument:
     return document
 
 
-def _check_page_opens(path: Path, page: int) -> None:
+def _check_page_opens(path: Path, page: int, data: bytes) -> None:
     """Open a page in a process of its own first, where it may hold forms within forms.
 
     PDFium draws those out as it opens the page: ten levels of ten are a kilobyte in the file, and no call
     of it can be stopped.
     """
-    data = path.read_bytes()
     if b"/Form" not in data and b"/ObjStm" not in data:
         return
     command = [sys.executable, "-c", _OPEN_PAGE, str(path), str(page), str(MAX_OPEN_BYTES)]
@@ -289,11 +289,9 @@ def _add_path(
     if not (fill_mode.value or has_stroke.value):
         return  # clips only
     sub_paths = _sub_paths(item, transform)
-    stroke, fill = (
-        _colour(item, raw.FPDFPageObj_GetStrokeColor),
-        _colour(item, raw.FPDFPageObj_GetFillColor),
-    )
-    if has_stroke.value and stroke is not None:
+    stroke = _colour(item, raw.FPDFPageObj_GetStrokeColor) if has_stroke.value else None
+    fill = _colour(item, raw.FPDFPageObj_GetFillColor) if fill_mode.value else None
+    if stroke is not None:
         width = ctypes.c_float()
         raw.FPDFPageObj_GetStrokeWidth(item, width)
         style = (stroke, round(width.value, 3))
@@ -301,7 +299,7 @@ def _add_path(
         shown = width.value * float(np.sqrt(abs(np.linalg.det(transform[:2, :2]))))
         for points, is_curved in sub_paths:
             builder.add_polyline(points, is_curved, layer, style, Pen(shown, stroke, is_dashed))
-    if fill_mode.value and fill is not None:
+    if fill is not None:
         builder.add_fill([points for points, _ in sub_paths], layer, fill)
 
 

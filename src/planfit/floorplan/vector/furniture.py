@@ -76,11 +76,10 @@ def are_furniture(
         sides = np.linalg.norm(np.diff(corners[:3], axis=0), axis=1)
         if sides.max() >= LONGEST * sides.min():
             continue
-        if has_faces[one] and _holds_a_room(list(areas), thickness.most):
-            continue
-        if has_faces[one] and not _looks_out(ends[own], free_side[own], hull):
-            continue
-        result[own] = not walls.go_on(int(one))
+        is_body = not _holds_a_room(list(areas), thickness.most) and _looks_out(
+            ends[own], free_side[own], hull
+        )
+        result[own] = (is_body or not has_faces[one]) and not walls.go_on(int(one))
     return result
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.faces import orient_faces, usual_gap
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import SHORTEST_SHARE, Floorplan, PlanSource
 from planfit.floorplan.vector.drawing import VectorDrawing
@@ -61,7 +60,7 @@ def plan_of_own_drawing(
     unit = unit_of_drawing(told, path, options, size, None)
     metres = unit.metres_per_unit
     is_oriented = np.arange(len(ends)) < len(faces)
-    is_mirrored = _is_mirrored(faces, size, metres)
+    is_mirrored = _is_mirrored(faces, metres)
     normals = segments.left_normals(ends) * (-1.0 if is_mirrored else 1.0)
     warnings = unit.warnings
     if is_mirrored:
@@ -104,14 +103,13 @@ def _on_layer(drawing: VectorDrawing, name: str) -> Float[np.ndarray, "n 2 2"]:
     return ends[segments.lengths(ends) > SHORTEST_SHARE * size]
 
 
-def _is_mirrored(faces: Float[np.ndarray, "n 2 2"], size: float, metres: float | None) -> bool:
+def _is_mirrored(faces: Float[np.ndarray, "n 2 2"], metres: float | None) -> bool:
     """Whether more of the faces, by their length, have the other face of a wall on their left than right."""
-    gap = 0.6 / metres if metres else 2.5 * usual_gap(faces, size / 30)
-    if len(faces) < 2 or not np.isfinite(gap):
+    if len(faces) < 2:
         return False
-    normals, is_known = orient_faces(faces, gap, gap / 30)
-    along = np.einsum("ni,ni->n", normals, segments.left_normals(faces)) * segments.lengths(faces)
-    return float(along[is_known].sum()) < 0.0
+    found = Floorplan.from_segments(faces * (metres or 1.0), is_metric=metres is not None)
+    free_on_left = np.einsum("ni,ni->n", found.normals, segments.left_normals(found.ends))
+    return float((free_on_left * found.lengths)[found.is_oriented].sum()) < 0.0
 
 
 def _dropped(drawing: VectorDrawing, is_other: np.ndarray, metres: float | None) -> tuple[str, ...]:
