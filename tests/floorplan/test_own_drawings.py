@@ -94,6 +94,20 @@ def test_a_drawing_mirrored_since_keeps_free_sides_free(tmp_path: Path):
     assert "mirrored since" in back.source.warnings[0]
 
 
+def test_layers_may_be_saved_in_another_case(plan, tmp_path: Path):
+    """Or openings, which are lines too, would be read as walls."""
+    path = tmp_path / "plan.dxf"
+    write_plan_dxf(path, plan)
+    document = ezdxf.readfile(path)
+    for entity in document.modelspace():
+        entity.dxf.layer = entity.dxf.layer.lower()
+    document.saveas(path)
+    back = read_floorplan(path)
+    assert_same_faces(back, plan)
+    assert_allclose(back.openings, plan.openings, atol=1e-6)
+    assert back.source.dropped == ()
+
+
 def test_a_page_that_a_program_gave_a_size_is_read_in_the_same_metres(plan, tmp_path: Path):
     path = tmp_path / "plan.svg"
     write_plan_svg(path, plan)

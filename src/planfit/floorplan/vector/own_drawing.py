@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
@@ -27,7 +27,7 @@ doors and windows."""
 
 def is_own_drawing(drawing: VectorDrawing, options: PlanOptions) -> bool:
     """Whether planfit wrote a drawing, and the user chose no layers of it."""
-    return not options.layers and bool({FACES, LINES} & set(drawing.layers))
+    return not options.layers and not {FACES, LINES}.isdisjoint(_names(drawing))
 
 
 def plan_of_own_drawing(
@@ -69,9 +69,7 @@ def plan_of_own_drawing(
             "wrote it, and left was taken for right; --mirror swaps left and right of the plan",
         )
     scale = metres or 1.0
-    is_other = np.array(
-        [drawing.layers[k] not in (FACES, LINES, OPENINGS) for k in drawing.lines.layer]
-    )
+    is_other = ~np.isin(_names(drawing)[drawing.lines.layer], (FACES, LINES, OPENINGS))
     return Floorplan(
         str(path),
         ends * scale,
@@ -84,7 +82,7 @@ def plan_of_own_drawing(
             kind=f"{kind}, written by planfit",
             unit=unit.unit,
             unit_from=unit.unit_from,
-            layers=tuple(name for name in (FACES, LINES) if name in drawing.layers),
+            layers=tuple(name for name in (FACES, LINES) if name in _names(drawing)),
             dropped=_dropped(drawing, is_other, metres),
             warnings=warnings,
             file_from_plan=file_from_drawing @ np.diag([1 / scale, 1 / scale, 1.0]),
@@ -94,11 +92,14 @@ def plan_of_own_drawing(
     )
 
 
+def _names(drawing: VectorDrawing) -> Shaped[np.ndarray, " l"]:
+    """Of layers, as planfit writes them: programs save them in any case, which says nothing in DXF."""
+    return np.array([name.upper() for name in drawing.layers])
+
+
 def _on_layer(drawing: VectorDrawing, name: str) -> Float[np.ndarray, "n 2 2"]:
     """Lines of a layer that have a length, as they run."""
-    if name not in drawing.layers:
-        return np.zeros((0, 2, 2))
-    ends = drawing.lines.ends[drawing.lines.layer == drawing.layers.index(name)]
+    ends = drawing.lines.ends[_names(drawing)[drawing.lines.layer] == name]
     size = float(np.ptp(ends.reshape(-1, 2), axis=0).max()) if len(ends) else 0.0
     return ends[segments.lengths(ends) > SHORTEST_SHARE * size]
 
