@@ -234,19 +234,37 @@ def test_no_floor_seen_is_refined_by_the_rest(synthetic):
 
 
 @pytest.mark.slow
-def test_a_plan_drawn_too_small_is_scaled_and_said_to_be(synthetic, refined, runtime):
-    drawn = synthetic.floorplan.scaled(0.96)
+@pytest.mark.parametrize("drawn_at", [0.96, 1.02])
+def test_a_plan_drawn_at_another_scale_is_taken_as_drawn_and_doubted(drawn_at, synthetic, runtime):
+    drawn = synthetic.floorplan.scaled(drawn_at)
     result = planfit.refine(synthetic.scan, drawn, runtime=runtime)
+    assert result.alignment.scale_xy == (1.0, 1.0)
+    assert result.floorplan.size == pytest.approx(drawn.size)
+    other = result.alignment.other_scale
+    assert other.metres_per_unit == pytest.approx(1 / drawn_at, rel=3e-3)
+    assert not result.verdict.is_refined
+    said = result.verdict.headline
+    assert "would fit" in said
+    assert "--align.metric-scale-tolerance" in said + result.verdict.advice
+    # What the sensor measured is not bent to the plan.
+    assert result.sensor.depth_scale == 1.0
+
+
+def test_a_right_plan_in_metres_is_not_doubted(refined):
+    assert refined.alignment.other_scale is None
+
+
+@pytest.mark.slow
+def test_a_plan_drawn_too_small_is_scaled_where_that_is_allowed(synthetic, refined, runtime):
+    drawn = synthetic.floorplan.scaled(0.96)
+    scaled = planfit.RefineOptions(align=AlignOptions(metric_scale_tolerance=0.12))
+    result = planfit.refine(synthetic.scan, drawn, scaled, runtime=runtime)
     assert result.alignment.metres_per_unit == pytest.approx(1 / 0.96, rel=3e-3)
     assert result.floorplan.size == pytest.approx(synthetic.floorplan.size, rel=3e-3)
     assert any("the plan is drawn 4." in warning for warning in result.warnings)
     assert result.verdict.is_refined
     truth = synthetic.true_plan_from_cams
     assert rms(result.plan_from_cams, truth) < 1.3 * rms(refined.plan_from_cams, truth) + 0.003
-    # A user who knows better has the plan as drawn.
-    as_drawn = planfit.RefineOptions(align=AlignOptions(metric_scale_tolerance=0.0))
-    kept = planfit.align(synthetic.scan, drawn, as_drawn, runtime)
-    assert kept.alignment.scale_xy == (1.0, 1.0)
 
 
 @pytest.mark.slow

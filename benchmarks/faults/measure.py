@@ -14,6 +14,7 @@ from faults.optimality import compare_with_truth
 from faults.scans import SHARED, all_scans, drifted, keep_images
 from faults.words import moved_walls_found, outcome_of, predicted_errors_m, recognised
 from planfit.errors import PlanfitError
+from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.result import RefineResult
 from planfit.runtime import Runtime
@@ -42,7 +43,7 @@ class Measured:
     largest_m: float | None = None
     """Largest error of a frame."""
     scale_error: float | None = None
-    """Of the plan in the end."""
+    """Of the plan in the end: at the scale that was taken, or that was named as fitting better."""
     warnings: tuple[str, ...] = ()
     convention: str = ""
     """The wrong convention that the poses were given in."""
@@ -145,7 +146,7 @@ def judge(inputs: Inputs, result: RefineResult, nothing: Measured) -> Measured:
         error_m=_rms(errors),
         aligned_m=_rms(np.linalg.norm(brought_to(found, truth) - truth, axis=1)),
         largest_m=float(errors.max()),
-        scale_error=None if plan is None else inputs.scale_error(plan),
+        scale_error=None if plan is None else scale_error_of(inputs, result, plan),
         warnings=result.warnings,
         is_recognised=claims,
         moved_seen=seen,
@@ -153,6 +154,13 @@ def judge(inputs: Inputs, result: RefineResult, nothing: Measured) -> Measured:
         predicted_m=None if predicted is None else _rms(predicted),
         within_predicted=None if predicted is None else float(np.mean(errors <= 2 * predicted)),
     )
+
+
+def scale_error_of(inputs: Inputs, result: RefineResult, plan: Floorplan) -> float:
+    """Error of the plan's scale, as a share: of the one taken, or of the one named as fitting better."""
+    other = None if result.alignment is None else result.alignment.other_scale
+    factor = 1.0 if other is None else other.metres_per_unit
+    return factor * (1.0 + inputs.scale_error(plan)) - 1.0
 
 
 def convention_of(case: Case) -> str:

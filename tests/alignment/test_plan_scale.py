@@ -11,7 +11,9 @@ from planfit.alignment import (
     AlignOptions,
     align,
     find_plan_scale,
+    is_clearly_likelier,
     is_off,
+    may_be_rescaled,
     sample_walls,
     scale_words,
 )
@@ -43,10 +45,10 @@ def scan(office):
     return sample_walls(office.normals[:12], office.ends[:12], seen_from=eyes)
 
 
-def found_in(scan, plan, options=None, recorded=None):
+def found_in(scan, plan, options=None, recorded=None, slack=0.12):
     options = options or AlignOptions()
     drawn = align(scan, plan, options, recorded)
-    return drawn, find_plan_scale(scan, plan, drawn, options, recorded)
+    return drawn, find_plan_scale(scan, plan, drawn, options, slack, recorded)
 
 
 @pytest.mark.parametrize("drawn_at", [0.9, 0.99, 1.05])
@@ -86,21 +88,29 @@ def test_lines_off_in_scale_are_scaled_but_never_sure(office, scan):
     assert not found.is_sure
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        AlignOptions(metric_scale_tolerance=0.0),
-        AlignOptions(start="0,0,0"),
-        AlignOptions(metric_scale_tolerance=0.02),
-    ],
-)
+@pytest.mark.parametrize("options", [AlignOptions(), AlignOptions(start="0,0,0")])
 def test_the_search_keeps_to_what_the_user_says(office, scan, options):
-    assert found_in(scan, office.scaled(0.95), options)[1] is None
+    plan, slack = office.scaled(0.95), 0.12 if options.start else 0.02
+    assert found_in(scan, plan, options, slack=slack)[1] is None
+
+
+def test_a_plan_in_metres_keeps_its_scale_unless_the_user_allows_another():
+    assert not may_be_rescaled(AlignOptions())
+    allowed = AlignOptions(metric_scale_tolerance=0.05)
+    assert may_be_rescaled(allowed, 1.04)
+    assert not may_be_rescaled(allowed, 1.06)
+
+
+@pytest.mark.parametrize(("cost_gain", "expected"), [(9.0, False), (9.3, True), (-50.0, False)])
+def test_another_scale_is_told_of_from_odds_of_a_hundred_on(cost_gain, expected):
+    """Costs are squared sigmas: exp(9.21 / 2) is 100."""
+    assert is_clearly_likelier(cost_gain) is expected
 
 
 def test_a_plan_without_unit_is_not_this_ones_task(office, scan):
     drawn = align(scan, office, AlignOptions())
-    assert find_plan_scale(scan, replace(office, is_metric=False), drawn, AlignOptions()) is None
+    plan = replace(office, is_metric=False)
+    assert find_plan_scale(scan, plan, drawn, AlignOptions(), 0.12) is None
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -19,6 +19,7 @@ from planfit.adjust.paper.preset import paper_options as paper_options
 from planfit.adjust.problem import AdjustmentProblem as AdjustmentProblem
 from planfit.adjust.problem import build_problem as build_problem
 from planfit.adjust.problem import costs as costs
+from planfit.adjust.scale import cost_on_plan as cost_on_plan
 from planfit.adjust.scale import refit_scale as refit_scale
 from planfit.adjust.schedule import ClosedLoops as ClosedLoops
 from planfit.adjust.schedule import PlanAdjustment as PlanAdjustment

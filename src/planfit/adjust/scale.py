@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from planfit.adjust.competition import best_of_starts, full_cost
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import costs
-from planfit.adjust.schedule import PlanAdjustment, adjust_to_plan
+from planfit.adjust.schedule import PlanAdjustment, adjust_to_plan, plan_task
 from planfit.floorplan import Floorplan
 from planfit.lsq.term import Term
 
@@ -82,6 +83,22 @@ def refit_scale(
     # A robust cost is a sum of squares, near enough: it rises by one at one sigma from the bottom.
     sigma = STEP * float(np.sqrt(2.0 / curvature))
     return ScaleRefit(float(np.exp(bottom * STEP)), sigma, len(cost_at))
+
+
+def cost_on_plan(
+    measurements: Measurements,
+    floorplan: Floorplan,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    options: AdjustOptions,
+) -> float:
+    """Full cost (squared sigmas) of all measurements adjusted to a plan whose walls stand as drawn.
+
+    Of two scales of one plan, that of the lower cost is the likelier: walls that may be moved would explain
+    either. Arguments are those of `adjust_to_plan`.
+    """
+    as_drawn = replace(options, moved_walls=replace(options.moved_walls, sigma_m=0.0))
+    task, poses = plan_task(measurements, floorplan, plan_from_cams, as_drawn)
+    return full_cost(task, best_of_starts(task, poses).best)
 
 
 def about_middle(

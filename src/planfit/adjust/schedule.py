@@ -155,10 +155,7 @@ def adjust_to_plan(
     """
     if floorplan is None:
         return _adjust_alone(measurements, plan_from_cams, options, extra_terms)
-    ceilings_m, cameras_m = settle_ceilings(measurements, plan_from_cams, options)
-    plan_from_cams = plan_from_cams.copy()
-    plan_from_cams[:, 2, 3] = cameras_m
-    task = PlanTask(measurements, floorplan, options, ceilings_m, tuple(extra_terms))
+    task, plan_from_cams = plan_task(measurements, floorplan, plan_from_cams, options, extra_terms)
     rivals: tuple[Rival, ...] = ()
     if options.has_several_starts:
         competition = best_of_starts(task, plan_from_cams)
@@ -166,6 +163,21 @@ def adjust_to_plan(
     else:
         end = alternate(task, plan_from_cams, options.wall_distances_m)
     return _as_adjustment(task, end, rivals)
+
+
+def plan_task(
+    measurements: Measurements,
+    floorplan: Floorplan,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    options: AdjustOptions,
+    extra_terms: Sequence[Term] = (),
+) -> tuple[PlanTask, Float[np.ndarray, "n 4 4"]]:
+    """What is adjusted to what, and the poses to begin with, at the heights that floors and ceilings give."""
+    ceilings_m, cameras_m = settle_ceilings(measurements, plan_from_cams, options)
+    plan_from_cams = plan_from_cams.copy()
+    plan_from_cams[:, 2, 3] = cameras_m
+    task = PlanTask(measurements, floorplan, options, ceilings_m, tuple(extra_terms))
+    return task, plan_from_cams
 
 
 def settle_walls(

@@ -3,6 +3,7 @@
 from planfit.alignment.adjusted import AdjustedAlignment as AdjustedAlignment
 from planfit.alignment.adjusted import judge_adjusted as judge_adjusted
 from planfit.alignment.align import Alignment as Alignment
+from planfit.alignment.align import OtherScale as OtherScale
 from planfit.alignment.align import align as align
 from planfit.alignment.align import is_clearly_better as is_clearly_better
 from planfit.alignment.control_points import ControlPoint as ControlPoint
@@ -11,10 +12,14 @@ from planfit.alignment.evidence import PlanEvidence as PlanEvidence
 from planfit.alignment.evidence import plan_evidence as plan_evidence
 from planfit.alignment.options import AlignOptions as AlignOptions
 from planfit.alignment.paper import align_paper as align_paper
+from planfit.alignment.plan_scale import LOOK_WITHIN as LOOK_WITHIN
+from planfit.alignment.plan_scale import OTHER_SCALE_ADVICE as OTHER_SCALE_ADVICE
 from planfit.alignment.plan_scale import find_plan_scale as find_plan_scale
 from planfit.alignment.plan_scale import find_unit as find_unit
+from planfit.alignment.plan_scale import is_clearly_likelier as is_clearly_likelier
 from planfit.alignment.plan_scale import is_off as is_off
 from planfit.alignment.plan_scale import may_be_rescaled as may_be_rescaled
+from planfit.alignment.plan_scale import other_scale_words as other_scale_words
 from planfit.alignment.plan_scale import scale_words as scale_words
 from planfit.alignment.plan_scale import told_of as told_of
 from planfit.alignment.refine import AlignmentHypothesis as AlignmentHypothesis

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planfit.alignment.align import FULL_SAMPLES, Alignment
+from planfit.alignment.align import FULL_SAMPLES, Alignment, OtherScale
 from planfit.alignment.evidence import NOTHING_JUDGED, PlanEvidence, plan_evidence
 from planfit.alignment.options import AlignOptions
 from planfit.alignment.plan_scale import LINES_WORDS, is_of_lines
@@ -57,6 +57,8 @@ class AdjustedAlignment:
     """Share of seen wall that a wall of the plan hides from the camera."""
     doubt: str = ""
     """Why this may be the wrong place, in words; empty where it is surely the right one."""
+    other_scale: OtherScale | None = None
+    """At which a plan in metres would fit clearly better than as drawn, as it was taken."""
     evidence: PlanEvidence = NOTHING_JUDGED
     """The plan's walls against the camera's way and lines of sight."""
 
@@ -92,6 +94,7 @@ def judge_adjusted(
         score,
         max(others, default=0.0),
         seen_through,
+        other_scale=alignment.other_scale,
         evidence=plan_evidence(walls, floorplan, here),
     )
     if alignment.is_plan_rescaled and is_of_lines(floorplan):

@@ -71,6 +71,18 @@ class HalfThickness:
 
 
 @dataclass(frozen=True)
+class OtherScale:
+    """A scale at which a plan in metres, taken as drawn, fits the scan clearly better."""
+
+    metres_per_unit: float
+    """What the plan's coordinates would be multiplied by."""
+    sigma: float
+    """Standard deviation of that, as a share."""
+    cost_gain: float
+    """Full cost of all measurements with the walls as drawn, less that at this scale; squared sigmas."""
+
+
+@dataclass(frozen=True)
 class Alignment:
     """The alignment of the scan with the plan that was taken, what else fits, and how sure it is."""
 
@@ -99,6 +111,8 @@ class Alignment:
     """Whether the scan fits the plan clearly better when left and right are swapped."""
     is_plan_rescaled: bool = False
     """Whether a plan in metres was taken at another scale than it is drawn at."""
+    other_scale: OtherScale | None = None
+    """Where a plan in metres was taken as drawn and fits clearly better at another scale: that one."""
     evidence: PlanEvidence | None = None
     """What the camera walked and saw through, where that was looked at."""
     half_thickness: HalfThickness | None = None

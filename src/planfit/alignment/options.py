@@ -42,9 +42,10 @@ class AlignOptions:
     """Length of one unit of a plan without unit, where it is known; 0: it is searched."""
     scale_tolerance: float = 0.0
     """Share by which `metres_per_unit` may be off; 0 takes it as exact."""
-    metric_scale_tolerance: float = 0.12
-    """Share by which a plan in metres may be off; another scale is taken only where the walls and all
-    measurements surely ask for it. 0 takes the plan as drawn."""
+    metric_scale_tolerance: float = 0.0
+    """Share by which a plan in metres may be off: another scale within it is taken where the walls and all
+    measurements surely ask for one. 0 takes the plan as drawn, and where it fits clearly better at another
+    scale, says so and ends with exit code 1."""
     two_scales: bool = False
     """Look for a scale along each axis of the plan: drawings that were stretched."""
     control_points: tuple[str, ...] = ()

@@ -15,6 +15,7 @@ from planfit.alignment.align import (
     FULL_DISTANCES_M,
     FULL_SAMPLES,
     Alignment,
+    OtherScale,
     align,
     align_within,
 )
@@ -25,6 +26,12 @@ from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_thickness
 
+LOOK_WITHIN = 0.12
+"""Share by which the scale of a plan in metres that keeps its scale is looked beside it: prints, tracings and
+drawings scaled by hand are off by less; a plan further off is in another unit."""
+CLEAR_ODDS = 100.0
+"""Another scale is told of where it is so many times as likely by all measurements. Synthetic plans 1 to 10 %
+off, and ConSLAM's: exp(13) to exp(124); right ones are not asked, as no other scale is surely off."""
 OFF_SHARE = 0.006
 """A scale nearer to 1 than this, as a share, is as drawn: plans in metres are right within half a per cent,
 and depth, odometry and the bend that drift leaves are not surer."""
@@ -68,6 +75,7 @@ def find_plan_scale(
     floorplan: Floorplan,
     drawn: Alignment,
     options: AlignOptions,
+    slack: float,
     recorded: Float[np.ndarray, "4 4"] | None = None,
     control_points: Sequence[ControlPoint] = (),
 ) -> Alignment | None:
@@ -80,22 +88,22 @@ def find_plan_scale(
         walls: samples, level frame.
         floorplan: in metres, as drawn.
         drawn: the alignment with it as drawn.
-        options: `metric_scale_tolerance` bounds the scales.
+        options: those of `drawn`.
+        slack: share by which the scale may differ from the drawn one; 0 looks at none.
         recorded: plan_from_level that the scan's format claims, if it does.
         control_points: points of the scan whose location on the plan is known.
     """
-    if not floorplan.is_metric or not may_be_rescaled(options):
+    if not floorplan.is_metric or slack == 0 or _is_told(options):
         return None
     is_clear = drawn.is_sure and drawn.score >= CLEAR_SCORE
     if is_clear and abs(np.log(_preferred_scale(walls, floorplan, drawn))) < LOOK_SHARE:
         return None
-    slack = options.metric_scale_tolerance
     found = align_within(walls, floorplan, options, slack, recorded, control_points)
     off = abs(np.log(found.metres_per_unit))
     gain = options.min_margin if off > FAR_SHARE else 0.0
     # In a building that repeats itself no place is sure, and every place asks for the same scale.
     is_plain = found.score >= max(CLEAR_SCORE, drawn.score + CLEAR_GAIN) and not drawn.is_sure
-    if off < LOOK_SHARE or not may_be_rescaled(options, found.metres_per_unit):
+    if not LOOK_SHARE <= off <= np.log1p(slack):
         return None
     if not (found.is_sure or is_plain) or found.score <= drawn.score + gain:
         return None
@@ -109,15 +117,26 @@ def find_plan_scale(
 
 def may_be_rescaled(options: AlignOptions, metres_per_unit: float = 1.0) -> bool:
     """Whether the options let a plan in metres be taken at another scale than drawn, and at this one."""
-    is_told = options.candidate != 1 or bool(options.start)
     slack = options.metric_scale_tolerance
-    return slack > 0 and not is_told and bool(abs(np.log(metres_per_unit)) <= np.log1p(slack))
+    is_within = bool(abs(np.log(metres_per_unit)) <= np.log1p(slack))
+    return slack > 0 and not _is_told(options) and is_within
+
+
+def _is_told(options: AlignOptions) -> bool:
+    """Whether the user says which alignment to take."""
+    return options.candidate != 1 or bool(options.start)
 
 
 def is_off(scaled: Alignment) -> bool:
     """Whether the scale of a metric plan is off by more than plans usually are, and surely so."""
     off = abs(np.log(scaled.metres_per_unit))
     return bool(off > max(OFF_SHARE, OFF_SIGMAS * scaled.scale_sigma))
+
+
+def is_clearly_likelier(cost_gain: float) -> bool:
+    """Whether a scale whose full cost is lower by this much is `CLEAR_ODDS` times as likely."""
+    # Costs are sums of squared sigmas: twice a negative log likelihood.
+    return bool(cost_gain > 2.0 * np.log(CLEAR_ODDS))
 
 
 def told_of(alignment: Alignment) -> tuple[str, ...]:
@@ -128,17 +147,38 @@ def told_of(alignment: Alignment) -> tuple[str, ...]:
 
 
 def scale_words(scaled: Alignment) -> str:
-    """What a user should know of a metric plan that is off in scale."""
-    factor, sigma = scaled.metres_per_unit, scaled.scale_sigma
+    """What a user should know of a metric plan that was taken at another scale."""
+    factor = scaled.metres_per_unit
     way = "small" if factor > 1 else "large"
-    other = "long" if factor > 1 else "short"
-    off = abs(1.0 / factor - 1.0)
     return (
-        f"the plan is drawn {off:.1%} too {way}: its coordinates were multiplied by {factor:.4f} (within "
-        f"{sigma:.1%}), so that lengths are the scan's; a scan whose depth and motion are {off:.1%} too "
-        f"{other} looks the same: compare a length that you know, and where the plan is right, run again "
-        "with --align.metric-scale-tolerance 0"
+        f"the plan is drawn {_off_share(factor):.1%} too {way}: its coordinates were multiplied by "
+        f"{factor:.4f} (within {scaled.scale_sigma:.1%}), so that lengths are the scan's; "
+        f"{_same_look(factor)}: compare a length that you know, and where the plan is right, run again with "
+        "--align.metric-scale-tolerance 0"
     )
+
+
+OTHER_SCALE_ADVICE = (
+    "compare a length that you know; where the plan is off, run again with "
+    f"--align.metric-scale-tolerance {LOOK_WITHIN:g}, which takes that scale"
+)
+
+
+def other_scale_words(other: OtherScale) -> str:
+    """What a user should know of a metric plan that was taken as drawn and fits better at another scale."""
+    return (
+        f"the plan would fit at {other.metres_per_unit:.4f} times its size (within {other.sigma:.1%}): was "
+        f"it printed, traced or shrunk? It was taken as drawn; {_same_look(other.metres_per_unit)}"
+    )
+
+
+def _same_look(factor: float) -> str:
+    way = "long" if factor > 1 else "short"
+    return f"a scan whose depth and motion are {_off_share(factor):.1%} too {way} looks the same"
+
+
+def _off_share(factor: float) -> float:
+    return abs(1.0 / factor - 1.0)
 
 
 def find_unit(

@@ -2,7 +2,7 @@
 
 import json
 import os
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,10 +11,12 @@ import tyro
 from rich.text import Text
 
 from planfit.alignment import (
+    OTHER_SCALE_ADVICE,
     Alignment,
     AlignmentHypothesis,
     WallSamples,
     metric_plan,
+    other_scale_words,
     told_of,
 )
 from planfit.cli.arguments import AlignmentFlags, PlanFlags
@@ -60,7 +62,7 @@ class AlignArguments:
 
 
 def align_command(arguments: AlignArguments) -> int:
-    """Read, align, draw, report. Exit code 1 where the alignment is not sure."""
+    """Read, align, draw, report. Exit code 1 where the alignment, or the plan's scale, is not sure."""
     options = arguments.alignment_flags.added_to(arguments.options)
     scan = read_scan(arguments.scan, options.segmentation.reads_masks, arguments.scan_options)
     floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
@@ -75,7 +77,7 @@ def align_command(arguments: AlignArguments) -> int:
         pictures = _write(run.path, floorplan, walls, alignment)
     tell_scan(scan)
     _tell(floorplan, alignment, pictures)
-    return 0 if alignment.is_sure else 1
+    return 0 if alignment.is_sure and alignment.other_scale is None else 1
 
 
 def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
@@ -87,6 +89,7 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
         "metres_per_unit": alignment.metres_per_unit,
         "metres_per_unit_xy": list(alignment.scale_xy),
         "metres_per_unit_sigma_share": alignment.scale_sigma,
+        "other_scale": None if alignment.other_scale is None else asdict(alignment.other_scale),
         "score": alignment.score,
         "margin": alignment.margin,
         "covariance_yaw_x_y_log_scale": None
@@ -105,8 +108,13 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
             }
             for hypothesis in alignment.candidates
         ],
-        "warnings": list(told_of(alignment)),
+        "warnings": list(_warnings(alignment)),
     }
+
+
+def _warnings(alignment: Alignment) -> tuple[str, ...]:
+    told, other = told_of(alignment), alignment.other_scale
+    return told if other is None else (*told, f"{other_scale_words(other)}; {OTHER_SCALE_ADVICE}")
 
 
 def _write(
@@ -168,8 +176,9 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
             "(one standard deviation)"
         )
     out.print(f"margin over the next hypothesis: {100 * alignment.margin:.0f} percentage points")
-    for warning in told_of(alignment):
+    for warning in _warnings(alignment):
         note(warning)
-    verdict = Text("aligned") if alignment.is_sure else Text("not sure", "red")
+    is_sure = alignment.is_sure and alignment.other_scale is None
+    verdict = Text("aligned") if is_sure else Text("not sure", "red")
     folder = pictures[0].parent if pictures else Path()
     out.print(verdict.append(f": look at {folder / CANDIDATE.format(1)}", "none"), soft_wrap=True)

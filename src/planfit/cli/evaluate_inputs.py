@@ -1,6 +1,6 @@
 """What `planfit evaluate` compares: the poses of a scan before and after, in its own axes and on the plan."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.calibration import corrected_structure
-from planfit.alignment import Alignment, WallSamples, align, find_plan_scale, is_off, metric_plan
-from planfit.alignment.options import AlignOptions
+from planfit.alignment import align, metric_plan
 from planfit.cli.run_record import read_present_scan, read_record
 from planfit.errors import FloorplanError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
@@ -122,12 +121,9 @@ def run_source(
         FloorplanError: the plan is another.
     """
     record = read_record(folder)
-    # The run has judged the scale; what walls alone say of it is not asked again.
-    as_found = replace(record.options.align, metric_scale_tolerance=0.0)
-    options = replace(record.options, align=as_found)
     floorplan = record.floorplan(plan, plan_path)
     scan = record.as_read(scan_path)
-    return PosesSource(scan, floorplan, options, max_time_gap_s, record.sensor)
+    return PosesSource(scan, floorplan, record.options, max_time_gap_s, record.sensor)
 
 
 def read_poses(
@@ -168,31 +164,12 @@ def read_poses(
                 "plan's frame with --poses-frame plan"
             )
         claimed = claimed_alignment(scan, floorplan, level)
-        alignment = _aligned(walls, floorplan, options.align, claimed)
+        alignment = align(walls, floorplan, options.align, claimed)
         notes = alignment.warnings
         level = alignment.plan_from_level @ level
         floorplan = metric_plan(floorplan, alignment.scale_xy)
     on_plan = (level @ recorded, level @ given)
     return Compared(seen, floorplan, structure, (recorded, given), on_plan, notes)
-
-
-def _aligned(
-    walls: WallSamples,
-    floorplan: Floorplan,
-    options: AlignOptions,
-    claimed: Float[np.ndarray, "4 4"] | None,
-) -> Alignment:
-    """By the walls alone, a plan in metres at the scale that they surely ask for."""
-    drawn = align(walls, floorplan, options, claimed)
-    scaled = find_plan_scale(walls, floorplan, drawn, options, claimed)
-    if scaled is None or not is_off(scaled):
-        return drawn
-    words = (
-        f"by its walls the plan is off in scale: its coordinates were multiplied by "
-        f"{scaled.metres_per_unit:.4f}; where poses are of a run, give its folder in place of the scan, for "
-        "the run's scale"
-    )
-    return replace(scaled, warnings=(*scaled.warnings, words))
 
 
 def _structure(

@@ -236,6 +236,7 @@ def _alignment_record(alignment: Alignment) -> dict[str, Any]:
         "metres_per_unit_xy": list(alignment.scale_xy),
         "metres_per_unit_sigma_share": alignment.scale_sigma,
         "evidence": plain(alignment.evidence),
+        "other_scale": plain(alignment.other_scale),
         "half_thickness_of_lines": plain(alignment.half_thickness),
     }
 

@@ -7,16 +7,20 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust import AdjustOptions, refit_scale
+from planfit.adjust import AdjustOptions, cost_on_plan, refit_scale
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.alignment import (
+    LOOK_WITHIN,
     Alignment,
+    OtherScale,
     WallSamples,
     align_paper,
     find_half_thickness,
     find_plan_scale,
     find_unit,
+    is_clearly_likelier,
     is_off,
+    may_be_rescaled,
     metric_plan,
     read_control_points,
     sample_walls,
@@ -104,7 +108,7 @@ def align_to_plan(
 ) -> ScanOnPlan:
     """Align, bring the plan to metres, and refit a scale that was searched by all measurements.
 
-    A plan in metres keeps its scale, exactly, unless it is surely off (`alignment/plan_scale.py`).
+    A plan in metres keeps its scale, exactly, unless the options allow another (`alignment/plan_scale.py`).
 
     Raises:
         FloorplanError: the plan fits in another unit than it claims, or its unit cannot be found.
@@ -182,6 +186,30 @@ def with_refitted_scale(
     return found.rescaled(refit.factor, refit.sigma, on_plan[:, :2, 3].mean(axis=0))
 
 
+def _with_other_scale(
+    prepared: PreparedScan,
+    floorplan: Floorplan,
+    drawn: Alignment,
+    scaled: Alignment,
+    options: AdjustOptions,
+) -> Alignment:
+    """The alignment as drawn, told of another scale where all measurements find that clearly likelier."""
+    cost_drawn, cost_scaled = (
+        cost_on_plan(
+            prepared.measurements,
+            metric_plan(floorplan, found.scale_xy),
+            found.plan_from_level @ prepared.level_from_keys,
+            options,
+        )
+        for found in (drawn, scaled)
+    )
+    gain = cost_drawn - cost_scaled
+    if not is_clearly_likelier(gain):
+        return drawn
+    other = OtherScale(scaled.metres_per_unit, scaled.scale_sigma, gain)
+    return replace(drawn, other_scale=other)
+
+
 def find_alignment(
     prepared: PreparedScan,
     floorplan: Floorplan,
@@ -215,11 +243,14 @@ def find_alignment(
         *surveyed,
     )
     drawn = search_alignment(walls, floorplan, chosen, claimed, control_points)
-    scaled = find_plan_scale(walls, floorplan, drawn, chosen, claimed, control_points)
+    slack = chosen.metric_scale_tolerance or LOOK_WITHIN
+    scaled = find_plan_scale(walls, floorplan, drawn, chosen, slack, claimed, control_points)
     if scaled is not None:
         scaled = with_refitted_scale(prepared, floorplan, scaled, options.adjust)
-        if is_off(scaled):
+        if is_off(scaled) and may_be_rescaled(chosen, scaled.metres_per_unit):
             return scaled
+        if is_off(scaled):
+            drawn = _with_other_scale(prepared, floorplan, drawn, scaled, options.adjust)
     unit = find_unit(walls, floorplan, drawn, chosen)
     if unit is not None:
         own = prepared.metres_per_pose_unit

@@ -188,12 +188,14 @@ def plan_prior(
 
     A metric plan that fits as drawn is right. One that fits a little too large or small may be right, and the
     scan's depth be corrected not quite enough: one step then says which, and all comes again. One that is
-    further off was drawn so: its scale is free, as that of a plan without unit.
+    further off was drawn so: its scale is free, as that of a plan without unit. So it is where the plan was
+    taken as drawn and fits clearly better at another scale: what the sensor measured is not bent to it.
     """
     found, plan = on_plan.alignment, on_plan.floorplan
     if plan is None or plan.before_line is None:
         priors = replace(priors, half_thickness_sigma_m=0.0)
-    if found is None or found.scale_xy == (1.0, 1.0):
+    is_doubted = found is not None and found.other_scale is not None
+    if found is None or (found.scale_xy == (1.0, 1.0) and not is_doubted):
         return replace(priors, plan_scale_sigma=0.0), 0.0
     departure = float(np.log(found.metres_per_unit))
     # Whether or not it was kept: where the odometry tells little of the metre, depth is doubted first. What

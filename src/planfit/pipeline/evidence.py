@@ -25,7 +25,7 @@ from planfit.adjust.association import PlanCorrespondences, associate
 from planfit.adjust.calibration import NOT_CALIBRATED, Calibration, CalibrationOptions
 from planfit.adjust.left_out import PointLeftOut, leave_out_control
 from planfit.adjust.torn_steps import find_broken_steps
-from planfit.alignment import AdjustedAlignment, AlignOptions, judge_adjusted
+from planfit.alignment import AdjustedAlignment, AlignOptions, OtherScale, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M
 from planfit.lsq import Term
 from planfit.pipeline.align import wall_samples
@@ -145,6 +145,11 @@ class Evidence:
     def is_place_sure(self) -> bool:
         """Whether the adjusted walls surely lie where they belong on the plan."""
         return self.alignment is not None and not self.alignment.doubt
+
+    @property
+    def other_scale(self) -> OtherScale | None:
+        """At which a plan in metres, taken as drawn, would fit clearly better; None where there is none."""
+        return None if self.alignment is None else self.alignment.other_scale
 
     @property
     def predicted_words(self) -> str:

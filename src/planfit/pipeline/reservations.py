@@ -7,6 +7,7 @@ from itertools import groupby
 import numpy as np
 
 from planfit.adjust.observability import frame_ranges
+from planfit.alignment import OTHER_SCALE_ADVICE, other_scale_words
 from planfit.pipeline.evidence import CONTRADICTED_M, Evidence, Stretch
 from planfit.pipeline.verdict_options import VerdictOptions
 
@@ -59,6 +60,7 @@ def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Reserv
         *_of_unplaced_frames(evidence),
         *_of_torn_steps(evidence),
         *_of_leaps(evidence),
+        *_of_other_scale(evidence),
         *_of_rivals(evidence, options),
         *_of_unsure_stretches(evidence, options),
         *_of_unexplained_stretches(evidence),
@@ -137,6 +139,14 @@ def _of_leaps(evidence: Evidence) -> list[Reservation]:
             "look at those frames, delete the loops that are wrong (planfit view), or scan that part again",
         )
     ]
+
+
+def _of_other_scale(evidence: Evidence) -> list[Reservation]:
+    """A plan in metres that was taken as drawn and would fit clearly better at another scale."""
+    if evidence.other_scale is None:
+        return []
+    everything = (evidence.stretches[0].frames[0], evidence.stretches[-1].frames[1])
+    return [Reservation((everything,), other_scale_words(evidence.other_scale), OTHER_SCALE_ADVICE)]
 
 
 def _of_rivals(evidence: Evidence, options: VerdictOptions) -> list[Reservation]:

@@ -153,7 +153,9 @@ def judge_storeys(
         found = judge_adjusted(walls, own.floorplan, own.alignment, options)
         doubt = f"{storeys.walked[k].name}: {found.doubt}" if found.doubt else ""
         judged.append(replace(found, doubt=doubt))
-    return min(judged, key=lambda each: (not each.doubt, each.score - each.runner_up_score))
+    least = min(judged, key=lambda each: (not each.doubt, each.score - each.runner_up_score))
+    others = (each.other_scale for each in judged if each.other_scale is not None)
+    return replace(least, other_scale=next(others, None))
 
 
 def in_shared_axes(

@@ -13,6 +13,7 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float
 
+from planfit.alignment import OTHER_SCALE_ADVICE, other_scale_words
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.reservations import Reservation, reservations_of
 from planfit.pipeline.verdict_options import VerdictOptions
@@ -91,6 +92,10 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
     what, _, mend = evidence.tracking_doubt.rpartition(": ")
     if against and what:
         outcome, reasons, advice = Outcome.NO_BETTER, (what, *against), mend
+    elif against and evidence.other_scale is not None:
+        # A plan at a wrong scale explains all that follows from it.
+        outcome, reasons = Outcome.NO_BETTER, (other_scale_words(evidence.other_scale), *against)
+        advice = OTHER_SCALE_ADVICE
     elif against:
         outcome, reasons = Outcome.NO_BETTER, against
         advice = (
