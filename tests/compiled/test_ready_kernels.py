@@ -1,6 +1,7 @@
 """Compiled kernels in the package: taken where they are the very ones, compiled anew elsewhere."""
 
 import dataclasses
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -21,6 +22,7 @@ from planfit.errors import OutputError
 
 PLAIN = "planfit.matching.kernels.take_within_budget int64[2,C] int64 int64[1,C]"
 FAST = "planfit.lsq.kernels.weigh_all float64[1,C] int64 float64"
+CALLING = "planfit.matching.surfaces.kernels."
 ON_X86 = "64bit" in what_is_here().features
 
 
@@ -220,6 +222,27 @@ np.savez(sys.argv[2], taken=taken, losses=losses, compiled=len(recorder.buffer))
     assert made[0]["compiled"] == 0
     np.testing.assert_array_equal(made[0]["taken"], made[1]["taken"])
     np.testing.assert_allclose(made[0]["losses"], made[1]["losses"], rtol=1e-15)
+
+
+@pytest.mark.slow
+def test_kernels_are_made_anew_where_all_are_ready(tmp_path):
+    """One that calls another, which it would find ready."""
+    lines = [line for line in listed_lines() if line.startswith(CALLING)]
+    make_ready(tmp_path / "ready", lines)
+    code = """
+import sys
+from pathlib import Path
+from planfit.compiled import decorator, making
+decorator.READY = Path(sys.argv[1])
+making.compile_share(Path(sys.argv[2]), sys.argv[3:])
+"""
+    words = [sys.executable, "-c", code, str(tmp_path / "ready"), str(tmp_path / "again"), *lines]
+    caches = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+    done = subprocess.run(words, capture_output=True, text=True, env=caches)
+    assert done.returncode == 0, done.stderr
+    again = read_ready(tmp_path / "again")
+    assert isinstance(again, Ready)
+    assert set(again.places) == set(lines)
 
 
 def test_what_cannot_be_compiled_or_written_is_told_in_a_line(tmp_path):

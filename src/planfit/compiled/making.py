@@ -14,6 +14,7 @@ from numba.core import serialize
 from numba.core.caching import NullCache
 from numba.core.dispatcher import Dispatcher
 
+from planfit.compiled import decorator
 from planfit.compiled.decorator import set_cache
 from planfit.compiled.here import settings_of_the_level, what_is_here
 from planfit.compiled.ready_files import Ready, read_ready, write_ready
@@ -97,6 +98,8 @@ def compile_share(folder: Path, lines: Sequence[str]) -> None:
     Raises:
         ValueError: a line names no kernel.
     """
+    # Nothing is taken ready: what was loaded for who calls it could not be written again.
+    decorator.READY = folder
     write_ready(folder, what_is_here(), wheel_tag(), {line: compiled_blob(line) for line in lines})
 
 
