@@ -14,16 +14,21 @@ endif
 # takes to collect the tests.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test test-slow check format docs reference bench tables tables-small fuzz-short faults-short wheel-check clean
+.PHONY: demo test test-slow check golden format docs reference bench tables tables-small fuzz-short faults-short \
+	wheel-check clean
+# Two installations into one environment at a time would be in each other's way.
+.NOTPARALLEL:
+# The slowest tests are printed, the time of each is in a file.
+DURATIONS := --durations=30 --junitxml=$(VENV)
 
 demo: $(VENV)/kernels
 	$(BIN)/planfit demo -o demo
 
-test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
+test: $(VENV)/installed-dev $(VENV)/kernels
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow" $(DURATIONS)/tests.xml
 
-test-slow: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
+test-slow: $(VENV)/installed-dev $(VENV)/kernels
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow $(DURATIONS)/tests-slow.xml
 
 check: $(VENV)/installed-dev
 	$(BIN)/ruff check src tests benchmarks examples docs hatch_build.py
@@ -31,6 +36,10 @@ check: $(VENV)/installed-dev
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 	$(BIN)/codespell src tests docs benchmarks examples *.md
+
+# Eight short runs beside kept poses; fails where results change. BITS=1: where a bit does, too.
+golden: $(VENV)/kernels
+	$(BIN)/python benchmarks/golden check $(if $(BITS),--bits)
 
 format: $(VENV)/installed-dev
 	$(BIN)/ruff check --fix src tests benchmarks examples docs hatch_build.py
@@ -53,17 +62,17 @@ tables: $(VENV)/installed
 		--page docs/results.md
 
 # The same of two small scans, in two minutes: whether they can be made, not what they say.
-tables-small: $(VENV)/installed
+tables-small: $(VENV)/kernels
 	rm -rf $(VENV)/tables-small
 	$(BIN)/python benchmarks/paper_tables paper --small -o $(VENV)/tables-small/paper.json \
 		--page $(VENV)/tables-small/results.md
 
 # Two minutes of mutants of every reader's samples; fails where one is neither read nor refused in one line.
-fuzz-short: $(VENV)/installed-dev
+fuzz-short: $(VENV)/installed-dev $(VENV)/kernels
 	$(BIN)/python benchmarks/fuzz --minutes 2 --seed $${FUZZ_SEED:-1}
 
 # Faults of tracker, plan and sensor on two small scans, in two minutes; fails where planfit is wrong without a word.
-faults-short: $(VENV)/installed-dev
+faults-short: $(VENV)/installed-dev $(VENV)/kernels
 	rm -f $(VENV)/faults-short.jsonl
 	$(BIN)/python benchmarks/faults run --strict --scans flat "one room" --every 4 -o $(VENV)/faults-short.jsonl \
 		--cache $(VENV)/faults.cache
