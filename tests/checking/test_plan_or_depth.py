@@ -7,7 +7,7 @@ import pytest
 
 from builders import room_plan
 from planfit.adjust.calibration import SHARED, Calibration, CalibrationOptions
-from planfit.alignment import Alignment
+from planfit.alignment import Alignment, OtherScale
 from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.calibrate import UNKNOWN_SCALE_SIGMA, plan_prior, plan_vouches_for_depth
 from planfit.pipeline.on_plan import ScanOnPlan
@@ -15,10 +15,14 @@ from planfit.pipeline.on_plan import ScanOnPlan
 DEPTH = SHARED.index("depth_scale")
 
 
-def on_plan_scaled(factor):
-    alignment = Alignment(
-        np.eye(4), 0.9, None, scale_xy=(factor, factor), is_plan_rescaled=factor != 1.0
-    )
+def on_plan_scaled(factor, is_taken=True):
+    """Fitting at a scale that was taken, or as drawn, that scale told of."""
+    alignment = Alignment(np.eye(4), 0.9, None)
+    if is_taken:
+        scale_xy = (factor, factor)
+        alignment = replace(alignment, scale_xy=scale_xy, is_plan_rescaled=factor != 1.0)
+    elif factor != 1.0:
+        alignment = replace(alignment, other_scale=OtherScale(factor, 0.002, 50.0))
     return ScanOnPlan(room_plan(), np.eye(4), alignment, None)
 
 
@@ -47,15 +51,15 @@ def asked_of_depth(departure, sigma, is_kept=False):
         (0.95, 0.018, 0.014, False, True),
     ],
 )
+@pytest.mark.parametrize("is_taken", [True, False])
 def test_a_plan_is_believed_where_depth_may_explain_its_scale(
-    factor, depth, sigma, is_kept, is_believed
+    factor, depth, sigma, is_kept, is_believed, is_taken
 ):
     priors = CalibrationOptions()
-    found, departure = plan_prior(
-        on_plan_scaled(factor), asked_of_depth(depth, sigma, is_kept), priors
-    )
+    asked = asked_of_depth(depth, sigma, is_kept)
+    found, departure = plan_prior(on_plan_scaled(factor, is_taken), asked, priors)
     if is_believed:
-        assert departure == pytest.approx(np.log(factor))
+        assert departure == pytest.approx(np.log(factor) if is_taken else 0.0)
         assert found.plan_scale_sigma == priors.plan_scale_sigma
         assert found.min_sigmas < priors.min_sigmas  # something is off: depth rather than the plan
     else:
@@ -80,11 +84,13 @@ def test_a_plan_that_fits_as_drawn_is_right():
         (0.985, 0.99, False),  # within what plans are off by
     ],
 )
-def test_depth_that_the_plan_vouches_for_is_right(corrected_by, factor, is_vouched_for):
+@pytest.mark.parametrize("is_taken", [True, False])
+def test_depth_that_the_plan_vouches_for_is_right(corrected_by, factor, is_vouched_for, is_taken):
+    """A real site with a tracker 2 % long: 0.33 m off, the plan doubted, for 0.09 m."""
     asked = asked_of_depth(np.log(corrected_by), 0.018, is_kept=True)
     asked = replace(asked, sensor=SensorCalibration(depth_scale=corrected_by))
-    found = plan_vouches_for_depth(on_plan_scaled(factor), asked, CalibrationOptions())
-    assert found == is_vouched_for
+    on_plan = on_plan_scaled(factor, is_taken)
+    assert plan_vouches_for_depth(on_plan, asked, CalibrationOptions()) == is_vouched_for
 
 
 def test_depth_that_was_not_corrected_needs_nobody_to_vouch_for_it():

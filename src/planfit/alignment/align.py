@@ -123,6 +123,17 @@ class Alignment:
     __repr__ = short_repr
 
     @property
+    def is_plan_doubted(self) -> bool:
+        """Whether a plan in metres fits clearly better at another scale than drawn, taken or not."""
+        return self.is_plan_rescaled or self.other_scale is not None
+
+    @property
+    def fitting_scale(self) -> float:
+        """Metres of one unit of the plan at which it fits best, whether or not that was taken."""
+        other = self.other_scale
+        return self.metres_per_unit if other is None else other.metres_per_unit
+
+    @property
     def margin(self) -> float:
         """Score of the alignment taken less that of the best one elsewhere."""
         return self.score - (self.runner_up.score if self.runner_up else 0.0)

@@ -147,10 +147,10 @@ def plan_vouches_for_depth(
     Then it is the tracker's that is off: that depth and plan erred by the same factor would be a coincidence.
     """
     found, k = on_plan.alignment, SHARED.index("depth_scale")
-    if found is None or not found.is_plan_rescaled or not calibration.is_kept[k]:
+    if found is None or not found.is_plan_doubted or not calibration.is_kept[k]:
         return False
     sigma = PLAN_OFF_SIGMAS * priors.plan_scale_sigma
-    of_plan = float(np.log(found.metres_per_unit))
+    of_plan = float(np.log(found.fitting_scale))
     of_depth = float(np.log(calibration.sensor.depth_scale))
     return abs(of_plan) > sigma > abs(of_plan - of_depth)
 
@@ -188,16 +188,15 @@ def plan_prior(
 
     A metric plan that fits as drawn is right. One that fits a little too large or small may be right, and the
     scan's depth be corrected not quite enough: one step then says which, and all comes again. One that is
-    further off was drawn so: its scale is free, as that of a plan without unit. So it is where the plan was
-    taken as drawn and fits clearly better at another scale: what the sensor measured is not bent to it.
+    further off was drawn so: its scale is free, as that of a plan without unit, whether it was taken at that
+    scale or as drawn; what the sensor measured is not bent to it.
     """
     found, plan = on_plan.alignment, on_plan.floorplan
     if plan is None or plan.before_line is None:
         priors = replace(priors, half_thickness_sigma_m=0.0)
-    is_doubted = found is not None and found.other_scale is not None
-    if found is None or (found.scale_xy == (1.0, 1.0) and not is_doubted):
+    if found is None or (found.scale_xy == (1.0, 1.0) and not found.is_plan_doubted):
         return replace(priors, plan_scale_sigma=0.0), 0.0
-    departure = float(np.log(found.metres_per_unit))
+    departure = float(np.log(found.fitting_scale))
     # Whether or not it was kept: where the odometry tells little of the metre, depth is doubted first. What
     # the scan alone asks of depth, and was not corrected, is not the plan's.
     k = SHARED.index("depth_scale")
@@ -205,10 +204,11 @@ def plan_prior(
     sigma = float(np.hypot(priors.plan_scale_sigma, calibration.sigmas[k]))
     free = replace(priors, plan_scale_sigma=UNKNOWN_SCALE_SIGMA)
     least = min(priors.min_sigmas, MIN_SIGMAS_WITH_PLAN)
-    if not found.is_plan_rescaled:
+    if not found.is_plan_doubted:
         return replace(free, min_sigmas=least), 0.0
     if abs(departure + of_depth) < PLAN_OFF_SIGMAS * sigma:
-        return replace(priors, max_rounds=1, min_sigmas=least), departure
+        used = departure if found.is_plan_rescaled else 0.0
+        return replace(priors, max_rounds=1, min_sigmas=least), used
     return free, 0.0
 
 
