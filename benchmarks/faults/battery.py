@@ -9,9 +9,9 @@ from dataclasses import dataclass, fields
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import planfit
-from faults.cases import Case
 from faults.measure import CRASHED, How, Measured, as_json, measure
 from planfit.errors import OutputError
 
@@ -61,23 +61,40 @@ def read_measured(path: Path, kind: type[Measured] = Measured) -> list[Measured]
     return found
 
 
+class Numbered(Protocol):
+    """A case of any kind."""
+
+    @property
+    def number(self) -> int:
+        """Its place in the list of all."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """In words; no two cases share it."""
+        ...
+
+
+AnyCase = TypeVar("AnyCase", bound=Numbered)
+
+
 @dataclass
 class _Running:
     """A case that is under way."""
 
-    case: Case
+    case: Numbered
     process: BaseProcess
     receiver: Connection
     begin_s: float
 
 
 def run_battery(
-    cases: Sequence[Case],
+    cases: Sequence[AnyCase],
     path: Path,
     how: How,
     jobs: int,
     on_measured: Callable[[Measured, int], None],
-    run_case: Callable[[Case, How], Measured] = measure,
+    run_case: Callable[[AnyCase, How], Measured] = measure,
     time_limit_s: float = TIME_LIMIT_S,
 ) -> None:
     """Measure the cases that the file does not have with this digest; each line is written as it comes.
@@ -112,7 +129,7 @@ def run_battery(
             run.process.kill()
 
 
-def _start(case: Case, how: How, run_case: Callable[[Case, How], Measured]) -> _Running:
+def _start(case: AnyCase, how: How, run_case: Callable[[AnyCase, How], Measured]) -> _Running:
     receiver, sender = multiprocessing.Pipe(duplex=False)
     process = multiprocessing.Process(target=_work, args=(sender, run_case, case, how), daemon=True)
     process.start()
@@ -121,7 +138,7 @@ def _start(case: Case, how: How, run_case: Callable[[Case, How], Measured]) -> _
 
 
 def _work(
-    sender: Connection, run_case: Callable[[Case, How], Measured], case: Case, how: How
+    sender: Connection, run_case: Callable[[AnyCase, How], Measured], case: AnyCase, how: How
 ) -> None:
     sender.send(run_case(case, how))
 
