@@ -114,6 +114,7 @@ def test_a_rectangle_is_ambiguous_by_half_a_turn():
     assert found.margin < 0.01
     (warning,) = found.warnings
     assert "ambiguous" in warning
+    assert found.ambiguous == (warning,)
     assert "180 deg" in warning
     assert found.runner_up is not None
 

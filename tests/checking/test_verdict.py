@@ -9,6 +9,7 @@ from planfit.adjust import TornStep
 from planfit.alignment import AdjustedAlignment
 from planfit.pipeline.verdict import Outcome, judge
 from planfit.pipeline.verdict_options import VerdictOptions
+from planfit.tracking import TrackingDoubt
 from verdicts import make_evidence, make_stretch, make_verdict, make_visit
 
 
@@ -39,7 +40,7 @@ def test_good_evidence_is_refined():
             "frames 5-9 and 30 have no place: tracking was lost there",
         ),
         (
-            {"tracking_doubt": "poses repeat while the images move: export the scan again"},
+            {"tracking_doubt": TrackingDoubt("poses repeat while the images move", "export again")},
             ((0, 49),),
             "poses repeat while the images move$",
         ),
@@ -202,7 +203,7 @@ def test_moved_walls_alone_are_no_reservation():
 
 
 def test_poses_that_say_nothing_are_not_recommended():
-    doubt = "the poses never change: export the scan again"
+    doubt = TrackingDoubt("the poses never change", "export the scan again")
     verdict = make_verdict(
         alignment=AdjustedAlignment(0.9, 0.4, 0.0, doubt="elsewhere"), tracking_doubt=doubt
     )

@@ -100,6 +100,8 @@ class Alignment:
     """What a user should know, in words."""
     bent: tuple[str, ...] = ()
     """Those of the warnings that a deformed scan gives rise to: the adjustment may mend it."""
+    ambiguous: tuple[str, ...] = ()
+    """Those of the warnings that say that walls leave the place open: known points may settle it."""
     scale_xy: tuple[float, float] = (1.0, 1.0)
     """Metres of one unit of the plan, along its x and its y: for a plan in metres 1, or what its coordinates
     are to be multiplied by where it is off in scale."""
@@ -284,6 +286,7 @@ def _alignment(selection: Selection, walls: WallSamples, floorplan: Floorplan) -
         is_sure=selection.is_sure and not against,
         warnings=(*selection.warnings, *against, *besides),
         bent=selection.bent,
+        ambiguous=selection.ambiguous,
         scale_xy=taken.scale_xy,
         covariance=taken.covariance,
         candidates=selection.candidates,

@@ -67,6 +67,8 @@ class Selection:
     warnings: tuple[str, ...]
     bent: tuple[str, ...] = ()
     """See `Alignment.bent`."""
+    ambiguous: tuple[str, ...] = ()
+    """See `Alignment.ambiguous`."""
 
 
 @dataclass(frozen=True)
@@ -175,22 +177,26 @@ def select_hypothesis(
         bent = (_weak_words(taken, floorplan, options),)
         # That another place fits better says enough: the plan is that of the building.
         warnings.extend(() if is_outdone and as_drawn >= options.min_score else bent)
+    ambiguous: tuple[str, ...] = tuple(_open_words(taken))
+    is_open = bool(ambiguous)
     if runner_up is not None and is_close and not is_mirrored:
-        warnings.append(
-            _close_words(taken, runner_up, walls, is_as_recorded, is_ambiguous, is_outdone)
-        )
+        close = _close_words(taken, runner_up, walls, is_as_recorded, is_ambiguous, is_outdone)
+        if is_ambiguous:
+            ambiguous = (close, *ambiguous)
+        else:
+            warnings.append(close)
     elif runner_up is not None and is_thin and not (is_mirrored or is_weak):
         warnings.append(_thin_words(taken, runner_up))
-    open_words = _open_words(taken)
     return Selection(
         taken,
         runner_up,
         candidates,
         is_as_recorded,
         is_mirrored,
-        is_sure=not (is_weak or is_ambiguous or is_thin or is_mirrored or open_words),
-        warnings=(*warnings, *open_words),
+        is_sure=not (is_weak or is_ambiguous or is_thin or is_mirrored or is_open),
+        warnings=(*warnings, *ambiguous),
         bent=bent,
+        ambiguous=ambiguous,
     )
 
 

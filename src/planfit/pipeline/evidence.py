@@ -51,6 +51,7 @@ from planfit.pipeline.visits import Visit, frames_of_stretch, judge_visits
 from planfit.runtime import give_back_memory
 from planfit.short_repr import short_repr
 from planfit.threads import blas_on_one_thread, in_threads
+from planfit.tracking import TrackingDoubt
 
 FOLD_TOLERANCE = 1e-4
 """A fold's solve ends when a round lowers the cost by less than this share of itself."""
@@ -114,8 +115,8 @@ class Evidence:
     """Whether nothing fixed holds the whole: no plan, and no positions that are known."""
     unplaced: tuple[tuple[int, int], ...] = ()
     """Runs of frames, first and last, at whose place nothing was tracked or matched."""
-    tracking_doubt: str = ""
-    """Why the recorded poses as a whole say nothing of the images, in words."""
+    tracking_doubt: TrackingDoubt | None = None
+    """Why the recorded poses as a whole say nothing of the images; None where they do."""
     disagreements: tuple[Disagreement, ...] = ()
     """Visits and walls that the rest puts elsewhere, the most suspect first, and what they stand against."""
     without_plan: tuple[Storey, ...] = ()

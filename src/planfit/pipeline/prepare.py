@@ -21,6 +21,7 @@ from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import level_from_world
 from planfit.short_repr import short_repr
+from planfit.tracking import TrackingDoubt
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class PreparedScan:
     """Runs of frames, first and last, whose place nothing tells: tracking was lost there."""
     torn_steps: tuple[TornStep, ...] = ()
     """Recorded steps that closing loops gave up, the worst first."""
-    tracking_doubt: str = ""
+    tracking_doubt: TrackingDoubt | None = None
     """Why the recorded poses as a whole say nothing, in words."""
     leaps: tuple[tuple[int, int], ...] = ()
     """Frames before and after jumps by whose correction the walk leaps, as none can."""

@@ -93,11 +93,11 @@ def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Reserv
 
 
 def _of_doubted_tracking(evidence: Evidence) -> list[Reservation]:
-    if not evidence.tracking_doubt:
+    doubt = evidence.tracking_doubt
+    if doubt is None:
         return []
     everything = (evidence.stretches[0].frames[0], evidence.stretches[-1].frames[1])
-    what, _, advice = evidence.tracking_doubt.rpartition(": ")
-    return [Reservation((everything,), what, advice)]
+    return [Reservation((everything,), doubt.what, doubt.advice)]
 
 
 def _of_unplaced_frames(evidence: Evidence) -> list[Reservation]:

@@ -286,8 +286,8 @@ def on_plan_by_control(held: HeldScan, surveyed: SurveyedScan, on_plan: ScanOnPl
         xyz[:, :2] *= found.scale_xy
     if found is not None and held.fit is not None:
         # The search was held to the points: that the walls would leave the place open says nothing any more.
-        told = tuple(words for words in found.warnings if not words.startswith("ambiguous"))
-        found = replace(found, is_surveyed=True, is_sure=True, warnings=told)
+        told = tuple(words for words in found.warnings if words not in found.ambiguous)
+        found = replace(found, is_surveyed=True, is_sure=True, warnings=told, ambiguous=())
     has_datum = placed.has_own_datum and len(held.prepared.measurements.control) > 0
     if placed.has_own_datum and not has_datum:
         xyz[:, 2] = np.nan  # nothing tells where its heights count from

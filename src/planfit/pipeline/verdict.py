@@ -89,9 +89,9 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
         )
     against = _against(evidence, options)
     reservations = reservations_of(evidence, options)
-    what, _, mend = evidence.tracking_doubt.rpartition(": ")
-    if against and what:
-        outcome, reasons, advice = Outcome.NO_BETTER, (what, *against), mend
+    doubt = evidence.tracking_doubt
+    if against and doubt is not None:
+        outcome, reasons, advice = Outcome.NO_BETTER, (doubt.what, *against), doubt.advice
     elif against and evidence.other_scale is not None:
         # A plan at a wrong scale explains all that follows from it.
         outcome, reasons = Outcome.NO_BETTER, (other_scale_words(evidence.other_scale), *against)
@@ -109,7 +109,7 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
         outcome, reasons = Outcome.REFINED, _in_favour(evidence)
         advice = "use the refined poses"
     return Verdict(
-        outcome, reasons, reservations, advice, evidence.predicted_error_m, is_tracked=not what
+        outcome, reasons, reservations, advice, evidence.predicted_error_m, is_tracked=doubt is None
     )
 
 

@@ -36,6 +36,21 @@ class TrackingBreak:
 
 
 @dataclass(frozen=True)
+class TrackingDoubt:
+    """Why recorded poses as a whole say nothing of the images."""
+
+    what: str
+    """A sentence without its full stop."""
+    advice: str
+    """What to do."""
+
+    @property
+    def words(self) -> str:
+        """Both, for a user."""
+        return f"{self.what}: {self.advice}"
+
+
+@dataclass(frozen=True)
 class Tracking:
     """What is believed of the recorded poses."""
 
@@ -106,22 +121,22 @@ class Tracking:
         return tuple((int(k), int(k) + 1) for k in jumps[is_leap])
 
     @property
-    def doubt(self) -> str:
-        """Why the recorded poses as a whole say nothing of these images, in words; empty where they do."""
+    def doubt(self) -> TrackingDoubt | None:
+        """Why the recorded poses as a whole say nothing of these images; None where they do."""
         fit, n = self.convention_fit, len(self.world_from_cams)
         if self.n_repeated:
-            return (
+            return TrackingDoubt(
                 f"the recorded poses of {self.n_repeated} of {n} frames repeat the one before while the "
-                "images move, and say nothing of where the camera was: export the scan with its poses, or "
-                "give those of another tracker with --poses"
+                "images move, and say nothing of where the camera was",
+                "export the scan with its poses, or give those of another tracker with --poses",
             )
         if fit is not None and fit.is_unexplained:
-            return (
+            return TrackingDoubt(
                 f"the recorded poses explain only {fit.share:.0%} of {fit.n_motions} motions between "
-                "neighbouring images, and no usual convention explains more: check that poses and "
-                "images belong to one recording, in the same order"
+                "neighbouring images, and no usual convention explains more",
+                "check that poses and images belong to one recording, in the same order",
             )
-        return ""
+        return None
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -138,8 +153,8 @@ class Tracking:
             notes.append(f"the recorded poses were taken as {self.convention}")
         if self.clock is not None:
             notes.append(self.clock.sentence)
-        if self.doubt:
-            notes.append(self.doubt)
+        if self.doubt is not None:
+            notes.append(self.doubt.words)
         if max(self.sigma_factors) > NOTED_FACTOR:
             notes.append(
                 f"the tracker errs about {max(self.sigma_factors):.1f} times more than usual between "

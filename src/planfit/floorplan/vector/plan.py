@@ -25,7 +25,6 @@ from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
 from planfit.floorplan.vector.layer_words import length_words, words_on_layers
 from planfit.floorplan.vector.line_work import longest, moved, outlines
 from planfit.floorplan.vector.own_drawing import is_own_drawing, plan_of_own_drawing
-from planfit.floorplan.vector.room_edges import TOUCHING
 from planfit.floorplan.vector.sheet import without_sheet
 from planfit.floorplan.vector.single_lines import body_of_faces
 from planfit.floorplan.vector.storeys import DrawnStoreys, storeys_of_drawing
@@ -198,7 +197,7 @@ def _doubts(walls: DrawnWalls) -> tuple[str, ...]:
     extent = float(np.ptp(ends.reshape(-1, 2), axis=0).max())
     found = [sketch_words(SKETCH_PX / extent * ends)]
     # Rooms that touch are told to be closed already.
-    if TOUCHING not in walls.warnings:
+    if not walls.are_rooms_touching:
         shares = closed_shares(list(shapely.get_parts(body_of_faces(walls.faces, extent))))
         found += [closed_words(shares)] if are_closed_rooms(shares) else []
     return tuple(words for words in found if words)

@@ -16,7 +16,7 @@ from planfit.geometry import segments
 TOUCHING_SHARE = 0.3
 """Where rooms meet without a wall along more of their outline, walls are drawn so: 0.47 and more of two plans
 of web pages, 0.04 of a university's floors, where a corridor goes on into a hall."""
-TOUCHING = (
+TOUCHING_WORDS = (
     "rooms touch: where two of them meet is taken for a wall without thickness, closed but for doors that "
     "are drawn as swings or gaps"
 )

@@ -38,7 +38,7 @@ from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
 from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.floorplan.vector.room_edges import (
-    TOUCHING,
+    TOUCHING_WORDS,
     are_tints,
     around_rooms,
     bare_edges,
@@ -82,6 +82,8 @@ class DrawnWalls:
     """Length of the edges where two filled rooms meet without a wall between them, taken for open."""
     opening_names: tuple[str, ...] = ()
     """What each of the openings is."""
+    are_rooms_touching: bool = False
+    """Whether rooms meet without a wall of any thickness between them: where they do was taken for wall."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,8 @@ class _Found:
     warnings: tuple[str, ...]
     shared_edges: float
     """See `DrawnWalls`."""
+    are_rooms_touching: bool = False
+    """Likewise."""
 
     def with_single_lines(self, walls: LineFaces) -> "_Found":
         """The same with walls between two rooms, which were taken for open there."""
@@ -145,7 +149,7 @@ def walls_of_drawing(
     if rooms:
         dropped.append(f"line work inside {len(rooms)} filled or hatched rooms")
     found = _faces_of_all(solids, pieces, rooms, candidates, metres_per_unit, extent)
-    if rooms and TOUCHING not in found.warnings:
+    if rooms and not found.are_rooms_touching:
         between = drawn_between_rooms(lines.take(has_form), rooms, extent)
         found = found.with_single_lines(between)
     faces, apart = _main_part(LineFaces.together(found.parts), extent)
@@ -180,6 +184,7 @@ def walls_of_drawing(
         opening_names=("window",) * len(windows.openings)
         + ("door",) * len(doors.openings)
         + ("opening",) * len(others.openings),
+        are_rooms_touching=found.are_rooms_touching,
     )
 
 
@@ -331,7 +336,7 @@ def _faces_of_all(
     between = walls_between_rooms(candidates, rooms, shared_edges, extent)
     if len(between.ends):
         parts, shared_edges = [*parts, between], 0.0
-        return _Found(parts, candidates, (TOUCHING,), shared_edges)
+        return _Found(parts, candidates, (TOUCHING_WORDS,), shared_edges, are_rooms_touching=True)
     single = single_lines(candidates, is_taken, extent)
     has_others = bool(solids or pieces.areas or rooms) or candidates.is_called_wall.any()
     if len(single.ends) == 0 and thickness is not None and not has_others:
