@@ -18,9 +18,9 @@ from planfit.cli import run
 from planfit.errors import OptionError
 from planfit.export.option_files import to_toml
 from planfit.lsq import LossKind
-from planfit.option_values import option_names, require_kinds
 from planfit.pipeline.presets import PRESETS
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
+from planfit.runtime.option_values import option_names, require_kinds
 from planfit.synth import CameraOptions, SynthOptions, WalkOptions, make_scan, write_facap
 
 MAX_LINES, MAX_WIDTH = 40, 160

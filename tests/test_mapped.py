@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from planfit import mapped
 from planfit.errors import OutputError
-from planfit.mapped import (
+from planfit.runtime import mapped
+from planfit.runtime.mapped import (
     changed,
     concatenated,
     for_kernels,

@@ -10,9 +10,8 @@ from planfit.errors import OptionError
 from planfit.lsq.robust import Loss
 from planfit.lsq.solver import SolverOptions
 from planfit.matching.matchers import MatcherOptions
-from planfit.option_values import whole_number
 from planfit.pipeline.verdict_options import VerdictOptions
-from planfit.runtime import Runtime
+from planfit.runtime import Runtime, whole_number
 from planfit.scan.odometry import OdometryOptions
 from planfit.segmentation import SegmentationOptions
 

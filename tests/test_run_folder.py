@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from planfit.errors import OutputError
-from planfit.run_folder import RunFolder
+from planfit.runtime.run_folder import RunFolder
 
 INPUTS = {"scan": "scan", "scan_fingerprint": "1", "plan": "plan.png"}
 OLD = ("run.json", "overlay.png", "covariances.npz", "poses/a.txt", "poses/b.txt")

@@ -15,10 +15,9 @@ import pytest
 from numpy.testing import assert_array_equal
 from threadpoolctl import threadpool_info
 
-from planfit.chunks import read_chunk, write_chunk
 from planfit.errors import OutputError
-from planfit.runtime import Runtime, StageTimer, cache_key
-from planfit.threads import blas_on_one_thread, in_threads
+from planfit.runtime import Runtime, StageTimer, blas_on_one_thread, cache_key, in_threads
+from planfit.runtime.cache_chunks import read_chunk, write_chunk
 
 
 class Counter:

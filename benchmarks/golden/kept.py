@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import OptionError
-from planfit.whole_files import whole_file
+from planfit.runtime import whole_file
 
 KEPT = Path(__file__).with_name("poses.npz")
 _MACHINE = "machine"

@@ -26,8 +26,8 @@ from planfit.report.provenance import Provenance, provenance_now
 from planfit.report.scene.make import make_scene
 from planfit.report.scene.pictures import make_pictures
 from planfit.report.scene.scene import Scene
-from planfit.run_folder import RECORD, RunFolder
 from planfit.runtime import Runtime
+from planfit.runtime.run_folder import RECORD, RunFolder
 from planfit.scan import Scan, ScanOptions, calibrated_scan
 
 SCANS = "scans"

@@ -30,7 +30,7 @@ from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import solve
 from planfit.lsq.term import robust_cost
 from planfit.lsq.terms.prior import PosePriorTerm
-from planfit.mapped import map_rows
+from planfit.runtime import map_rows
 
 
 @pytest.fixture
@@ -342,7 +342,7 @@ def test_float32_points_move_no_pose_by_a_micrometre(rng, monkeypatch):
     noisy_a = m.points_a + 0.01 * rng.normal(size=m.points_a.shape)
     floor = s.floor.points_cam + 0.01 * rng.normal(size=s.floor.points_cam.shape)
     walls = s.walls.points_cam + 0.01 * rng.normal(size=s.walls.points_cam.shape)
-    monkeypatch.setattr("planfit.mapped.MIN_BYTES", 0)
+    monkeypatch.setattr("planfit.runtime.mapped.MIN_BYTES", 0)
 
     def solved(keep):
         structure = replace(

@@ -5,7 +5,7 @@ import os
 import time
 from pathlib import Path
 
-from planfit.run_folder import RunFolder
+from planfit.runtime.run_folder import RunFolder
 
 
 def record_of(inputs, outcome="refined", reason="it is so", predicted_m=0.012, walls=(0.7, 0.98)):

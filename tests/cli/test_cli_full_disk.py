@@ -9,8 +9,8 @@ import pytest
 
 from planfit.cli import run
 from planfit.errors import OutputError
+from planfit.runtime import whole_file, whole_folder, write_whole
 from planfit.synth import write_facap
-from planfit.whole_files import whole_file, whole_folder, write_whole
 
 resource = pytest.importorskip("resource", reason="limits of files are those of Unix")
 

@@ -5,11 +5,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import gradient_by_differences, jacobian_by_differences, random_transforms
-from planfit import mapped
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.moments import pair_moments, plane_moments
 from planfit.lsq.robust import Loss, LossKind, loss_value
-from planfit.mapped import is_mapped, map_rows
+from planfit.runtime import mapped
+from planfit.runtime.mapped import is_mapped, map_rows
 
 LOSSES = [Loss(kind, 1.5) for kind in LossKind]
 
@@ -192,7 +192,7 @@ def test_float32_points_are_summed_in_float64(planes_case, pairs_case):
 
 
 def test_mapped_points_give_the_same_bits(rng, monkeypatch):
-    monkeypatch.setattr("planfit.mapped.MIN_BYTES", 0)
+    monkeypatch.setattr("planfit.runtime.mapped.MIN_BYTES", 0)
     monkeypatch.setattr("planfit.lsq.moments._PART_POINTS", 1000)
     points = rng.normal(size=(20_000, 3)).astype(np.float32)
     rows = map_rows([points[:1234], points[1234:]], points.shape, points.dtype)

@@ -9,7 +9,6 @@ from painted_rooms import CELLS, POSTER, ROOM, grids_of
 
 from builders import CAMERA, look, random_transforms
 from planfit.geometry import se3
-from planfit.mapped import CAN_LET_GO, is_mapped
 from planfit.matching.agreement_kernels import FEW, NOISE, UNKNOWN, compare_views
 from planfit.matching.types import RelativePoses
 from planfit.matching.view_agreement import AgreementOptions, compare, explained_shares
@@ -20,6 +19,7 @@ from planfit.matching.view_grids import (
     gather_grids,
     grey_grid,
 )
+from planfit.runtime.mapped import CAN_LET_GO, is_mapped
 
 
 def pair(first, second, spread_m=0.3, n=40):
@@ -211,7 +211,7 @@ def test_grids_in_a_file_are_those_in_memory(rng, monkeypatch):
     greys = [*rng.integers(0, 255, (7, ROWS, COLUMNS)).astype(np.uint8)]
     cameras = [CAMERA] * 7
     in_memory = gather_grids([*depths_m], greys, cameras)
-    monkeypatch.setattr("planfit.mapped.MIN_BYTES", 1)
+    monkeypatch.setattr("planfit.runtime.mapped.MIN_BYTES", 1)
     mapped = gather_grids(iter(depths_m), greys, cameras)
     idx = np.array([6, 0, 3])
     for one, other in (

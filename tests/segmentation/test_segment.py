@@ -10,8 +10,8 @@ from builders import NoFiles, look, make_matches, room_plan, room_scan
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.mapped import CAN_LET_GO, is_mapped
 from planfit.runtime import Runtime
+from planfit.runtime.mapped import CAN_LET_GO, is_mapped
 from planfit.scan import Label
 from planfit.segmentation import ArrayBackEnd, Gravity, SegmentationOptions, segment_scan
 from planfit.segmentation.geometry_labels import GeometryLabelOptions
@@ -234,8 +234,8 @@ def test_labels_that_do_not_fit_the_scan_are_refused(scan):
 
 def test_points_are_float32_and_the_same_bits_in_a_file(scan, tmp_path, monkeypatch):
     in_memory = extracted(scan)
-    monkeypatch.setattr("planfit.mapped.MIN_BYTES", 1000)
-    monkeypatch.setattr("planfit.mapped.ROWS_AT_A_TIME", 100)
+    monkeypatch.setattr("planfit.runtime.mapped.MIN_BYTES", 1000)
+    monkeypatch.setattr("planfit.runtime.mapped.ROWS_AT_A_TIME", 100)
     mapped = extracted(scan, runtime=Runtime(1, tmp_path))
     assert is_mapped(mapped.floor.points_cam) == CAN_LET_GO
     for one, other in (
@@ -248,7 +248,7 @@ def test_points_are_float32_and_the_same_bits_in_a_file(scan, tmp_path, monkeypa
 
 
 def test_points_of_several_scans_stay_in_files(scan, monkeypatch):
-    monkeypatch.setattr("planfit.mapped.MIN_BYTES", 1000)
+    monkeypatch.setattr("planfit.runtime.mapped.MIN_BYTES", 1000)
     found = extracted(scan)
     both = join_structures([found, found], 0.0)
     assert is_mapped(both.floor.points_cam) == CAN_LET_GO

@@ -10,8 +10,8 @@ from planfit.errors import require_positive, require_share
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import END_MARGIN_M, BesideRule, nearest_of_segments
 from planfit.geometry import se3
+from planfit.runtime import short_repr
 from planfit.segmentation import Structure, WallPatches
-from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)

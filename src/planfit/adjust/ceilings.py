@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
-from planfit.mapped import let_go
+from planfit.runtime import let_go
 from planfit.segmentation import LevelPoints, Structure
 
 _BIN_M = 0.02

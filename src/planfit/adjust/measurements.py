@@ -8,11 +8,10 @@ from jaxtyping import Bool, Int
 from planfit.adjust.terms.control import ControlMarks, no_control_marks
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
-from planfit.mapped import row_parts
 from planfit.matching import Matches, SurfacePairs
+from planfit.runtime import row_parts, short_repr
 from planfit.scan.odometry import Odometry
 from planfit.segmentation import Structure
-from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Solution
 from planfit.lsq.term import Term
 from planfit.matching.cycles import CycleConsistencyOptions
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 
 def close_loops(

@@ -22,7 +22,7 @@ from planfit.alignment.selection import MARGIN_WORTH, MIN_EVIDENCE, SameWithin, 
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 WEAK_SCORE, CLEAR_RATIO, GIVEN_RATIO, SEEN_THROUGH = 0.25, 1.5, 1.25, 0.05
 """With half of the plan's walls missing, it explains 0.27 to 0.5 of what is seen. A place is sure

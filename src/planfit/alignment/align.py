@@ -41,7 +41,7 @@ from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry.se3 import wrap_angle
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 COARSE_SAMPLES, QUICK_SAMPLES, FULL_SAMPLES = 4000, 400, 2500
 """Samples of wall that the three stages look at."""

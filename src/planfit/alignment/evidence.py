@@ -18,7 +18,7 @@ from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import nearest_beside
 from planfit.geometry import segments
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 MAX_SAMPLES = 2500
 """Samples of wall that lines of sight are taken of."""

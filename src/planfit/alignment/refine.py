@@ -12,7 +12,7 @@ from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import nearest_beside
 from planfit.geometry import se3, segments
 from planfit.geometry.se3 import wrap_angle
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 SCORE_SIGMA_M = 0.15
 """A wall this far from its face scores 0.6. As built and as drawn differ by centimetres; leftover

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.geometry import segments
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 
 @dataclass(frozen=True)

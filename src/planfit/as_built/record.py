@@ -11,7 +11,7 @@ import numpy as np
 from planfit.as_built.openings import AsBuiltOpening
 from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.errors import ScanError
-from planfit.option_values import options_of
+from planfit.runtime import options_of
 
 AS_BUILT = "as_built.json"
 

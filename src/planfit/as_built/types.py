@@ -10,7 +10,7 @@ from jaxtyping import Float
 from planfit.adjust.association import AssociationOptions
 from planfit.as_built.openings import AsBuiltOpening, OpeningOptions
 from planfit.errors import require_positive, require_share
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 
 class Verdict(Enum):

@@ -8,10 +8,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from planfit import __version__
-from planfit.archives import archive_of
 from planfit.batch import addresses
 from planfit.batch.jobs import Job, is_address, split_storey
 from planfit.errors import ScanError
+from planfit.runtime import archive_of
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from planfit.errors import OutputError
-from planfit.run_folder import finished_record
+from planfit.runtime.run_folder import finished_record
 
 JOB_KEY = "job"
 """Of `inputs` in `run.json`."""

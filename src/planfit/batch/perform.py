@@ -15,7 +15,7 @@ from planfit.batch.jobs import Job, Option, is_address, split_storey
 from planfit.batch.ledger import JOB_KEY, End, Ledger, State
 from planfit.batch.memory import own_peak_bytes
 from planfit.errors import MAX_REASON, PlanfitError
-from planfit.run_folder import inputs_of_owner
+from planfit.runtime.run_folder import inputs_of_owner
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,10 @@ from planfit.geometry import se3
 from planfit.pipeline.align import align
 from planfit.pipeline.options import RefineOptions
 from planfit.report.plots.alignment import draw_alignment
-from planfit.run_folder import ALIGNMENT, CANDIDATE, RunFolder, remove_alignment
-from planfit.runtime import Runtime
+from planfit.runtime import Runtime, write_whole
+from planfit.runtime.run_folder import ALIGNMENT, CANDIDATE, RunFolder, remove_alignment
 from planfit.saving import RunInputs
 from planfit.scan import ScanOptions, read_scan
-from planfit.whole_files import write_whole
 
 
 @dataclass(frozen=True)

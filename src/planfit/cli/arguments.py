@@ -19,7 +19,7 @@ from planfit.cli.usage import wrong_words
 from planfit.errors import OptionError
 from planfit.floorplan import PlanOptions
 from planfit.floorplan.units import Unit
-from planfit.option_values import choices_of, member_of
+from planfit.runtime import choices_of, member_of
 
 if TYPE_CHECKING:
     from planfit.pipeline.options import RefineOptions

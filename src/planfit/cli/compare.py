@@ -21,8 +21,7 @@ from planfit.report.comparison_words import conclusion, local_in_words, whole_in
 from planfit.report.html.comparison_page import Compared, make_comparison
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
-from planfit.runtime import Runtime
-from planfit.whole_files import made_folder, write_whole
+from planfit.runtime import Runtime, made_folder, write_whole
 
 PAGE, RECORD = "comparison.html", "comparison.json"
 

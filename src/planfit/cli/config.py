@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 from planfit.errors import OptionError, ScanError
 from planfit.export.option_files import FILES_OF_SCAN
-from planfit.option_values import options_of
+from planfit.runtime import options_of
 from planfit.scan import ScanOptions
 
 Options = TypeVar("Options")

@@ -32,8 +32,8 @@ from planfit.evaluation import (
     evaluate,
     read_true_cloud,
 )
-from planfit.run_folder import RECORD
 from planfit.runtime import Runtime
+from planfit.runtime.run_folder import RECORD
 from planfit.scan import ScanOptions, read_tum
 
 _FAR_CM = 30.0

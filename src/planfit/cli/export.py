@@ -21,13 +21,12 @@ from planfit.export.matches_file import read_matches
 from planfit.export.mesh import check_suffix, fuse_mesh, load_open3d, write_mesh
 from planfit.export.write import write_kitti, write_pose_graph
 from planfit.geometry import se3
-from planfit.run_folder import RECORD
-from planfit.runtime import Runtime
+from planfit.runtime import Runtime, whole_file, whole_folder
+from planfit.runtime.run_folder import RECORD
 from planfit.scan import Scan, ScanOptions, read_scan, write_tum
 from planfit.scan.formats.redwood import write_log
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.scan.views import write_cloud
-from planfit.whole_files import whole_file, whole_folder
 
 FOLDERS = ("colmap", "nerfstudio")
 

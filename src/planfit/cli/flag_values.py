@@ -9,7 +9,7 @@ from typing import Any
 
 from planfit.cli.flags import Flag
 from planfit.errors import did_you_mean
-from planfit.option_values import choices_of, kind_words, member_of
+from planfit.runtime import choices_of, kind_words, member_of
 
 
 def word_counts(flag: Flag) -> tuple[int, int]:

@@ -12,7 +12,7 @@ from jaxtyping import Integer
 from planfit.cli.console import StageBars, out, table, tell_scan
 from planfit.errors import OutputError
 from planfit.report.plots.scan_view import draw_scan_view
-from planfit.runtime import Runtime
+from planfit.runtime import Runtime, write_whole
 from planfit.scan import Scan, ScanOptions, read_scan
 from planfit.scan.statistics import (
     DepthStatistics,
@@ -21,7 +21,6 @@ from planfit.scan.statistics import (
     path_statistics,
 )
 from planfit.segmentation.gravity import Gravity, GravityOptions, find_gravity
-from planfit.whole_files import write_whole
 
 
 @dataclass(frozen=True)

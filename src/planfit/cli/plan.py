@@ -18,7 +18,7 @@ from planfit.floorplan.columns import find_columns
 from planfit.floorplan.edits import edited, edits_of_words, write_edits
 from planfit.floorplan.elements import are_glass
 from planfit.report.plots.plan_picture import draw_plan_picture
-from planfit.whole_files import write_whole
+from planfit.runtime import write_whole
 
 
 @dataclass(frozen=True)

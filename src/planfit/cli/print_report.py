@@ -5,7 +5,7 @@ from pathlib import Path
 from planfit.cli.console import out
 from planfit.errors import OutputError, ScanError
 from planfit.export.pdf import find_browser, print_page
-from planfit.whole_files import whole_file
+from planfit.runtime import whole_file
 
 
 def export_report(folder: Path, target: Path) -> int:

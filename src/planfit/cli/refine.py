@@ -23,8 +23,8 @@ from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.key_metrics import TruthErrors
 from planfit.report.options import ReportOptions
 from planfit.report.provenance import provenance_now
-from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
+from planfit.runtime.run_folder import RunFolder
 from planfit.saving import RunInputs, result_views, write_run
 from planfit.scan import Scan, ScanOptions, read_scan
 from planfit.survey import Survey

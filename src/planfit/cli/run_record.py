@@ -10,17 +10,16 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment import metric_plan
-from planfit.archives import archive_of
 from planfit.cli.config import scan_options_of
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.corrections.file import corrections_of
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
-from planfit.option_values import options_of
 from planfit.pipeline.by_hand import corrected_plan
 from planfit.pipeline.observations import with_poses
 from planfit.pipeline.options import RefineOptions
+from planfit.runtime import archive_of, options_of
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking.conventions import RECORDED, apply_convention

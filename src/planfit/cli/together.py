@@ -10,8 +10,8 @@ from planfit.errors import ScanError, require
 from planfit.floorplan import Floorplan
 from planfit.pipeline.together import TogetherResult, refine_together
 from planfit.report.provenance import provenance_now
-from planfit.run_folder import RunFolder
 from planfit.runtime import Runtime
+from planfit.runtime.run_folder import RunFolder
 from planfit.saving import RunInputs, result_views, write_together
 from planfit.scan import Scan, read_scan
 from planfit.scan.joined import short_names

@@ -17,10 +17,10 @@ from planfit.cli.survey import SurveyFlags
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan import Floorplan, read_floorplan
-from planfit.option_values import options_of
 from planfit.pipeline.options import RefineOptions
 from planfit.report.options import ReportOptions
-from planfit.run_folder import finished_record
+from planfit.runtime import options_of
+from planfit.runtime.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.viewer import FILE, Session, ViewServer
 

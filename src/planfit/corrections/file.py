@@ -19,7 +19,7 @@ from planfit.corrections.types import (
     WallKind,
 )
 from planfit.errors import OptionError, did_you_mean, printable
-from planfit.whole_files import write_whole
+from planfit.runtime import write_whole
 
 VERSION = "planfit_corrections"
 MAX_BYTES, MAX_ENTRIES = 10_000_000, 10_000

@@ -34,8 +34,7 @@ from planfit.evaluation.sampling import MapOptions
 from planfit.evaluation.surfaces import NEAR_FACE_M, wall_distances, wall_frame_idx
 from planfit.geometry import se3
 from planfit.matching import Matches
-from planfit.option_values import Changeable, require_kinds
-from planfit.runtime import Runtime
+from planfit.runtime import Changeable, Runtime, require_kinds, short_repr
 from planfit.scan import Scan, calibrated_scan
 from planfit.segmentation import (
     SegmentationOptions,
@@ -44,7 +43,6 @@ from planfit.segmentation import (
     level_from_world,
     segment_scan,
 )
-from planfit.short_repr import short_repr
 
 Side = Literal["a", "b", "neither"]
 Poses = Float[np.ndarray, "n 4 4"] | RefinedPoses

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from planfit.geometry import se3
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 MIN_STRETCH_M = 0.02
 """Poses that differ by less than this are called the same."""

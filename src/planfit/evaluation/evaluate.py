@@ -20,8 +20,7 @@ from planfit.evaluation.sampling import MapOptions
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
-from planfit.option_values import Changeable, require_kinds
-from planfit.runtime import Runtime
+from planfit.runtime import Changeable, Runtime, require_kinds, short_repr
 from planfit.scan import Scan, calibrated_scan
 from planfit.segmentation import (
     SegmentationOptions,
@@ -30,7 +29,6 @@ from planfit.segmentation import (
     level_from_world,
     segment_scan,
 )
-from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from jaxtyping import Float
 
 from planfit.geometry import se3
 from planfit.geometry.grouped import in_parts
-from planfit.mapped import let_go
 from planfit.matching import Matches
+from planfit.runtime import let_go
 
 
 def match_distances(

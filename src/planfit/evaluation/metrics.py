@@ -15,10 +15,9 @@ from planfit.evaluation.surfaces import NEAR_FACE_M, floor_heights, wall_distanc
 from planfit.evaluation.trajectory import position_errors, relative_errors
 from planfit.evaluation.truth_cloud import TrueCloud, nearest_neighbours
 from planfit.floorplan import Floorplan
-from planfit.runtime import Runtime
+from planfit.runtime import Runtime, short_repr
 from planfit.scan import Scan
 from planfit.segmentation import Structure, WallPatches
-from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)

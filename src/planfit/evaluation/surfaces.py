@@ -18,7 +18,7 @@ from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import facing_distances
 from planfit.geometry import se3
 from planfit.geometry.grouped import in_parts
-from planfit.mapped import let_go, row_parts
+from planfit.runtime import let_go, row_parts
 from planfit.segmentation import Structure
 
 NEAR_FACE_M = 0.10

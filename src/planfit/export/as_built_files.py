@@ -26,7 +26,7 @@ from planfit.export.as_built_openings import (
     upright_deg,
 )
 from planfit.export.bcf import write_bcf
-from planfit.whole_files import whole_file, write_whole
+from planfit.runtime import whole_file, write_whole
 
 AS_BUILT_HEADER = (
     "wall,verdict,is_sure,face,element_id,offset_m,sigma_m,length_m,x1_m,y1_m,x2_m,y2_m,normal_x,normal_y,"

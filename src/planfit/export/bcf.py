@@ -25,7 +25,7 @@ from planfit.as_built import (
     opening_words,
     title,
 )
-from planfit.whole_files import whole_file
+from planfit.runtime import whole_file
 
 AUTHOR = "planfit"
 FIELD_OF_VIEW_DEG = 60.0

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from planfit.floorplan import Floorplan
 from planfit.floorplan.vector.own_drawing import FACES, LINES, OPENINGS
 from planfit.geometry import segments
-from planfit.whole_files import whole_file, write_whole
+from planfit.runtime import whole_file, write_whole
 
 _COLOURS = {FACES: (7, "black"), LINES: (8, "#808080"), OPENINGS: (5, "#0072b2")}
 """Of each layer: AutoCAD's number, and that of SVG."""

@@ -17,7 +17,7 @@ from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan.faces import line_strings
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
-from planfit.whole_files import write_whole
+from planfit.runtime import write_whole
 
 SAME_SHARE = 0.002
 """A face is the one that an edit names where its ends lie within this share of the plan's size."""

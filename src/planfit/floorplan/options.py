@@ -5,7 +5,7 @@ from pathlib import Path
 
 from planfit.errors import OptionError, require_positive
 from planfit.floorplan.units import Unit
-from planfit.option_values import Changeable, require_kinds
+from planfit.runtime import Changeable, require_kinds
 
 
 @dataclass(frozen=True)

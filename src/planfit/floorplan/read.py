@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-from planfit.archives import unpacked
 from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.edits import edited, read_edits
 from planfit.floorplan.formats import PAPER_SUFFIXES, PICTURE_SUFFIXES, find_reader
@@ -11,6 +10,7 @@ from planfit.floorplan.near_lines import LineWorkTooDense
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
+from planfit.runtime import unpacked
 
 
 def _map_hint(path: Path) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from planfit.errors import FloorplanError
 from planfit.floorplan.faces import first_of_each, orient_faces, usual_gap
 from planfit.geometry import segments
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 MAX_THICKNESS_M, MIN_THICKNESS_M = 0.6, 0.02
 """Of walls drawn as bare segments."""

@@ -11,7 +11,7 @@ from planfit.geometry import se3
 from planfit.lsq.linear.block_cholesky import BlockFactor
 from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.term import Term
-from planfit.threads import blas_on_one_thread, in_threads
+from planfit.runtime.threads import blas_on_one_thread, in_threads
 
 COLUMNS_AT_A_TIME = 6
 """Right sides that one thread solves for; more at a time take no less."""

@@ -12,7 +12,7 @@ from planfit.lsq.checks import check_poses
 from planfit.lsq.covariance import covariances
 from planfit.lsq.solver import DEFAULTS, Solution, SolverOptions, solve
 from planfit.lsq.term import NamesPoses, Term, robust_cost, widened
-from planfit.short_repr import short_repr
+from planfit.runtime.short_repr import short_repr
 
 GNC_SCHEDULE = (8.0, 4.0, 2.0, 1.0)
 """Factors on the scales of losses, the last of them 1."""

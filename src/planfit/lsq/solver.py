@@ -16,7 +16,7 @@ from planfit.geometry import se3
 from planfit.lsq.linear.block_pattern import BlockPattern
 from planfit.lsq.linear.normal_equations import LinearSolver, NormalEquations
 from planfit.lsq.term import Quadratic, Term
-from planfit.short_repr import short_repr
+from planfit.runtime.short_repr import short_repr
 
 log = logging.getLogger(__name__)
 

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Int, UInt8
 
 from planfit.errors import OptionError
-from planfit.learned_models import find_weights, load_model
 from planfit.matching.types import Detections, Detector, Keypoints, Matcher
+from planfit.runtime import find_weights, load_model
 
 _WITHOUT = "--matching.keypoints.kind sift and --matching.matcher.kind nearest"
 _CLASSES = {

@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 
 from planfit.geometry import se3
 from planfit.matching.kernels import most_certain_paths
+from planfit.runtime import in_threads
 from planfit.scan.odometry import Odometry
-from planfit.threads import in_threads
 
 LEVER_M = 3.0
 """A rotation's sigma counts as much as the translation it makes at this distance, where paths are

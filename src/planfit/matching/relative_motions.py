@@ -7,12 +7,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.errors import ScanError
-from planfit.mapped import map_rows
 from planfit.matching.options import MatchingOptions
 from planfit.matching.tentative import ScanKeypoints, find_keypoints, find_more_keypoints
 from planfit.matching.types import Matches, RelativePoses
 from planfit.matching.verify import match_sigma, verify
-from planfit.runtime import Arrays, Runtime, cache_key
+from planfit.runtime import Arrays, Runtime, cache_key, map_rows
 from planfit.scan import Scan
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float, Float32, Int, Shaped
 
-from planfit.chunks import StoredArray
+from planfit.runtime import StoredArray
 
 N_WORDS = 48
 N_SAMPLES = 8_000

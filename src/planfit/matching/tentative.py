@@ -26,11 +26,10 @@ from planfit.matching.pairs import FrameDescriptors, choose_pairs, distinct_view
 from planfit.matching.retrieval import describe_frames
 from planfit.matching.types import Detector, KeptKeypoints, Matcher, RelativePoses
 from planfit.matching.view_grids import ViewGrids, depth_grid, gather_grids, grey_grid
-from planfit.runtime import Arrays, Runtime, StoredItem, cache_key
+from planfit.runtime import Arrays, Runtime, StoredItem, blas_on_one_thread, cache_key
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
 from planfit.scan.views import select_frames
-from planfit.threads import blas_on_one_thread
 
 _STORED = ("descriptors", "depth_grid")
 """Of what is found in a frame, the parts that are read where they are needed: five sixths."""

@@ -6,10 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
 
-from planfit.chunks import StoredArray
 from planfit.errors import ScanError
-from planfit.mapped import let_go
-from planfit.short_repr import short_repr
+from planfit.runtime import StoredArray, let_go, short_repr
 
 
 @dataclass(frozen=True)

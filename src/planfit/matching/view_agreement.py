@@ -14,11 +14,10 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
-from planfit.mapped import for_kernels, let_go
 from planfit.matching.agreement_kernels import compare_views
 from planfit.matching.types import RelativePoses
 from planfit.matching.view_grids import COLUMNS, ROWS, ViewGrids
-from planfit.threads import in_threads
+from planfit.runtime import for_kernels, in_threads, let_go
 
 BLOCK = 8
 """Greys are compared outside the blocks, of this many cells a side, with a matched keypoint."""

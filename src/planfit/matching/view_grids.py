@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
 from planfit.geometry.camera import Camera
-from planfit.mapped import concatenated, map_rows, taken
+from planfit.runtime import concatenated, map_rows, taken
 
 COLUMNS, ROWS = 64, 48
 """Cells of a grid: about a degree each for a phone, 15 kB a frame."""

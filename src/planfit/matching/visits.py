@@ -8,10 +8,10 @@ from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
 from planfit.geometry.grouped import groups_in_parts
-from planfit.mapped import let_go
 from planfit.matching.cycles import CycleConsistencyOptions, by_way_of, is_near
 from planfit.matching.pairs import RECENT_M
 from planfit.matching.types import Matches, RelativePoses
+from planfit.runtime import let_go
 from planfit.scan.odometry import Odometry
 
 LINK_M = 1.5

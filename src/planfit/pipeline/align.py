@@ -40,10 +40,9 @@ from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storey_heights import settle_floors
-from planfit.runtime import Runtime, StageTimer
+from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
 from planfit.segmentation import Structure
-from planfit.short_repr import short_repr
 
 UNKNOWN_SCALE_SIGMA = 0.05
 """Of a plan's scale that was searched, or found off: walls then say nothing of the metre. And of recorded

@@ -23,10 +23,9 @@ from planfit.matching import (
 )
 from planfit.matching.by_hand import AGREES_M
 from planfit.pipeline.options import RefineOptions
-from planfit.runtime import Runtime
+from planfit.runtime import Runtime, short_repr
 from planfit.scan import Scan
 from planfit.scan.pixels import lift_pixel
-from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)

@@ -48,9 +48,7 @@ from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storeys import judge_storeys
 from planfit.pipeline.strength import DirectionStrength, directions_held
 from planfit.pipeline.visits import Visit, frames_of_stretch, judge_visits
-from planfit.runtime import give_back_memory
-from planfit.short_repr import short_repr
-from planfit.threads import blas_on_one_thread, in_threads
+from planfit.runtime import blas_on_one_thread, give_back_memory, in_threads, short_repr
 from planfit.tracking import TrackingDoubt
 
 FOLD_TOLERANCE = 1e-4

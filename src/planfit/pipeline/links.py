@@ -11,11 +11,11 @@ from scipy.spatial import cKDTree
 from planfit.evaluation import match_distances
 from planfit.geometry import se3
 from planfit.geometry.grouped import in_parts
-from planfit.mapped import let_go
 from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.folds import Folds
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.visits import frames_of_stretch
+from planfit.runtime import let_go
 from planfit.segmentation import LevelPoints, Structure
 
 CUBE_M = 0.15

@@ -42,12 +42,11 @@ from planfit.pipeline.depth_or_tracker import (
     sensor_by_neighbours,
 )
 from planfit.pipeline.options import RefineOptions
-from planfit.runtime import Runtime, StageTimer
+from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry, make_odometry
 from planfit.scan.views import select_frames
 from planfit.segmentation import Gravity, Structure, find_gravity, segment_scan
-from planfit.short_repr import short_repr
 from planfit.tracking import (
     Tracking,
     believe,

@@ -6,8 +6,8 @@ from planfit.adjust import AdjustOptions
 from planfit.adjust.calibration import CalibrationOptions
 from planfit.alignment import AlignOptions
 from planfit.matching import MatchingOptions
-from planfit.option_values import Changeable, require_kinds
 from planfit.pipeline.verdict_options import VerdictOptions
+from planfit.runtime import Changeable, require_kinds
 from planfit.scan.odometry import OdometryOptions
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking import KeyframeOptions, TrackingOptions

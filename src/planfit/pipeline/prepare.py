@@ -17,10 +17,9 @@ from planfit.errors import require_plain_numbers
 from planfit.pipeline.by_hand import with_interpolated
 from planfit.pipeline.observations import Observations, believe_recorded
 from planfit.pipeline.options import RefineOptions
-from planfit.runtime import Runtime, StageTimer
+from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
 from planfit.segmentation import level_from_world
-from planfit.short_repr import short_repr
 from planfit.tracking import TrackingDoubt
 
 

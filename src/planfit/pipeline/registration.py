@@ -14,7 +14,7 @@ from planfit.pipeline.links import Link
 from planfit.pipeline.strength import DirectionStrength
 from planfit.pipeline.validation import Check
 from planfit.pipeline.visits import Visit
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 from planfit.survey import SurveyResiduals
 
 LOA_CLASSES = (("LOA50", 0.001), ("LOA40", 0.005), ("LOA30", 0.015), ("LOA20", 0.05))

@@ -34,11 +34,10 @@ from planfit.pipeline.survey import SurveyedScan
 from planfit.pipeline.survey_residuals import survey_residuals, survey_warnings
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
-from planfit.runtime import StageTimer
+from planfit.runtime import StageTimer, short_repr
 from planfit.scan import Scan
 from planfit.scan.joined import FramesOfScan
 from planfit.segmentation import Gravity, Structure
-from planfit.short_repr import short_repr
 from planfit.survey import SurveyResiduals
 from planfit.tracking import Tracking
 

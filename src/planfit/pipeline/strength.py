@@ -16,7 +16,7 @@ from planfit.adjust.problem import AdjustmentProblem
 from planfit.adjust.rigid_motion import rigid_information, rigid_tangents
 from planfit.lsq import Term
 from planfit.lsq.blocks import NormalBlocks
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 DIRECTIONS = {"x": 3, "y": 4, "z": 5, "heading": 2}
 """Entry of a tangent (rotation, translation) in the axes of the plan, z up."""

@@ -27,9 +27,8 @@ from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan, SurveyOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.places_and_walls import against_walls
 from planfit.pipeline.prepare import PreparedScan
-from planfit.runtime import Runtime, StageTimer
+from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
-from planfit.short_repr import short_repr
 from planfit.survey import (
     LiftedMarks,
     PlacedPoints,

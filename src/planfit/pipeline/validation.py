@@ -16,8 +16,8 @@ from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.verdict import Verdict, is_apart, judge
+from planfit.runtime import short_repr
 from planfit.segmentation import Structure
-from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from planfit.alignment import OTHER_SCALE_ADVICE, other_scale_words
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.reservations import Reservation, reservations_of
 from planfit.pipeline.verdict_options import VerdictOptions
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 WORTH_SHARE = 0.35
 """A correction is no improvement when the predicted error is more than this share of it."""

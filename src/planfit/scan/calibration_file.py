@@ -9,9 +9,9 @@ from typing import Any
 from planfit.errors import ScanError
 from planfit.geometry.calibration import PARAMETERS, SensorCalibration
 from planfit.geometry.camera import Camera
+from planfit.runtime import write_whole
 from planfit.scan.types import Scan
 from planfit.scan.views import calibrated_scan
-from planfit.whole_files import write_whole
 
 FORMAT, VERSION = "planfit-sensor", 1
 MAX_FOCAL_SHARE = 0.05

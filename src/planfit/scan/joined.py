@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError
+from planfit.runtime import short_repr
 from planfit.scan.types import Scan, ScanFiles
-from planfit.short_repr import short_repr
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from planfit.errors import require_positive
 from planfit.geometry import se3
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 FIXED_RAD, FIXED_M = 1e-5, 1e-4
 """Sigmas between cameras that are fixed to each other: as good as nothing, and no division by it."""

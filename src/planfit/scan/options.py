@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from planfit.errors import OptionError, require, require_choice, require_positive
-from planfit.option_values import Changeable, require_kinds
+from planfit.runtime import Changeable, require_kinds
 
 
 @dataclass(frozen=True)

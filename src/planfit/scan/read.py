@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from planfit.archives import archive_of
 from planfit.errors import OptionError, ScanError
+from planfit.runtime import archive_of
 from planfit.scan.calibration_file import take_calibration
 from planfit.scan.formats import OWN_FILES, READERS
 from planfit.scan.no_scan import no_scan_in_file, no_scan_in_folder

@@ -15,6 +15,7 @@ from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
+from planfit.runtime import short_repr
 from planfit.scan.images.depth_registration import register_depth
 from planfit.scan.images.lens import (
     Lens,
@@ -28,7 +29,6 @@ from planfit.scan.options import ScanOptions
 from planfit.scan.poses import is_lost, name_lost_frames
 from planfit.scan.types import Scan
 from planfit.scan.views import MAX_CORRUPT_SHARE
-from planfit.short_repr import short_repr
 
 Size = tuple[int, int]
 """(width, height) px."""

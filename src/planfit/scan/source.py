@@ -15,8 +15,8 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Protocol, runtime_checkable
 
-from planfit.archives import archive_of
 from planfit.errors import ScanError
+from planfit.runtime import archive_of
 
 MAX_ENTRY_BYTES = 500_000_000
 """An archive's entry that unpacks to more is no image and no table."""
@@ -69,7 +69,7 @@ class FileSource(Protocol):
         ...
 
     def locate(self, name: str) -> Path:
-        """A path that names a file for good; one that leads into an archive (`planfit.archives`), too."""
+        """A path that names a file for good; one that leads into an archive (`runtime.archives`), too."""
         ...
 
     def on_disk(self, name: str) -> Path:

@@ -11,8 +11,8 @@ from jaxtyping import Float, Int, UInt8
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
+from planfit.runtime import short_repr
 from planfit.scan.poses import check_pose
-from planfit.short_repr import short_repr
 
 MAX_STEP_M = 20.0
 """Half of the steps between frames are shorter: nobody scans a building at strides of 20 m, but poses in

@@ -11,9 +11,9 @@ from jaxtyping import Float, Int, UInt8
 from planfit.errors import ScanError
 from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
+from planfit.runtime import short_repr
 from planfit.scan.joined import JoinedFiles
 from planfit.scan.types import CloudFiles, Scan, ScanFiles
-from planfit.short_repr import short_repr
 
 MAX_CORRUPT_SHARE = 0.01
 """A file system or a transfer spoils single frames; where more than one in a hundred are corrupt, something

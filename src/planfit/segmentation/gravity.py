@@ -10,9 +10,8 @@ from jaxtyping import Float
 
 from planfit.errors import require_positive
 from planfit.geometry.depth_normals import depth_normals
-from planfit.runtime import Runtime, cache_key
+from planfit.runtime import Runtime, cache_key, short_repr
 from planfit.scan import Scan
-from planfit.short_repr import short_repr
 
 _SOFT_DEG = 1.5
 """Normals that are further off than this weigh less and less."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Int
 
-from planfit.mapped import concatenated
+from planfit.runtime import concatenated
 from planfit.segmentation.types import LevelPoints, Structure, WallPatches
 
 

@@ -13,8 +13,7 @@ from planfit.errors import OptionError, ScanError, require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.geometry.grouped import in_parts
-from planfit.mapped import let_go, map_rows
-from planfit.runtime import Arrays, Runtime, StoredItem, cache_key
+from planfit.runtime import Arrays, Runtime, StoredItem, cache_key, let_go, map_rows
 from planfit.scan import Label, Scan
 from planfit.segmentation.back_ends import BackEnd, MaskBackEnd, geometry_back_end
 from planfit.segmentation.geometry_labels import GeometryLabelOptions

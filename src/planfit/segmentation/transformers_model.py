@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Integer, UInt8
 
 from planfit.errors import OptionError
-from planfit.learned_models import find_weights, first_line, load_model
+from planfit.runtime import find_weights, first_line, load_model
 from planfit.segmentation.label_names import label_table
 
 _NOT_SAVED = ("criterion.",)

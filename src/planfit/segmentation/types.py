@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 NO_STOREY = -1
 """Storey of frames between two, on stairs."""
@@ -16,7 +16,7 @@ class LevelPoints:
     """Points on level surfaces (floor, ceiling), in camera frames, sorted by frame."""
 
     points_cam: Float[np.ndarray, "m 3"]
-    """m; of long scans in a file, and read-only (`planfit.mapped`), as all points here are."""
+    """m; of long scans in a file, and read-only (`planfit.runtime.mapped`), as all points here are."""
     start: Int[np.ndarray, " n_plus_1"]
     """Points of frame i are start[i]:start[i + 1]."""
 

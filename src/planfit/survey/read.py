@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from planfit.errors import OptionError
-from planfit.option_values import whole_number
+from planfit.runtime import whole_number
 from planfit.survey.types import DEFAULT_SIGMA_M, Mark, SurveyPoint
 
 _POINT_NAMES = {

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.geometry import se3
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 from planfit.survey.types import LiftedMarks, Survey, SurveyAxes
 
 SWAPPED_SHARE = 0.25

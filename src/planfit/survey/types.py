@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from planfit.errors import OptionError
 from planfit.geometry.calibration import SensorCalibration
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 SurveyAxes = Literal["plan", "file", "map", "site"]
 """Whose axes the points are in: `plan`, x and y as at the rim of `planfit plan PLAN -o plan.png`, z above the

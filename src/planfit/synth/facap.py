@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Shaped
 
 from planfit.errors import OptionError, OutputError
+from planfit.runtime import whole_folder
 from planfit.scan import write_tum
 from planfit.scan.formats.facap import MASKS
 from planfit.scan.poses import write_pose
 from planfit.synth.building import facap_segments
 from planfit.synth.scan import SyntheticScan
-from planfit.whole_files import whole_folder
 
 
 def write_facap(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from planfit.errors import require
-from planfit.option_values import Changeable, require_kinds
+from planfit.runtime import Changeable, require_kinds
 
 MAX_ROOMS = 40
 

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
+from planfit.runtime import short_repr
 from planfit.scan.odometry import Odometry, usual_step
-from planfit.short_repr import short_repr
 from planfit.tracking.clock import ClockOffset
 from planfit.tracking.conventions import ConventionFit
 from planfit.tracking.pose_units import unit_of

@@ -17,7 +17,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from planfit.errors import OptionError, PlanfitError, printable
-from planfit.option_values import whole_number
+from planfit.runtime import whole_number
 from planfit.viewer.session import Session, as_json, report_page
 
 HOST = "127.0.0.1"

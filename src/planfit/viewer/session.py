@@ -28,7 +28,7 @@ from planfit.corrections.file import corrections_of
 from planfit.errors import OptionError, OutputError, PlanfitError
 from planfit.floorplan import Floorplan
 from planfit.floorplan.edits import faces_at
-from planfit.run_folder import finished_record
+from planfit.runtime.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.scan.pixels import lift_pixel
 from planfit.viewer.dragged import NOTE, is_dragged, to_drag

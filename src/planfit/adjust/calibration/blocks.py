@@ -19,7 +19,7 @@ from planfit.geometry.calibration import NOMINAL, PARAMETERS, SensorCalibration
 from planfit.lsq.blocks import relative_pose_jacobians, relative_poses, sum_by_pose
 from planfit.lsq.moments import planes_in_cam
 from planfit.lsq.robust import loss_value
-from planfit.mapped import let_go
+from planfit.runtime import let_go
 
 SHARED = (*PARAMETERS, "odometry_scale", "plan_scale", "half_thickness_m")
 """What all frames share, in the order of vectors and matrices here."""

@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from planfit.adjust.measurements import Measurements
 from planfit.geometry.calibration import SensorCalibration
-from planfit.mapped import changed, row_parts
 from planfit.matching import Matches
+from planfit.runtime import changed, row_parts
 from planfit.segmentation import LevelPoints, Structure, WallPatches
 
 

@@ -15,7 +15,7 @@ from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import AdjustmentProblem, build_problem
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 SETTLED = 0.1
 """Parameters that move by less than this share of their standard deviations have settled."""

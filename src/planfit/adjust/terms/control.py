@@ -15,7 +15,7 @@ from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.terms.residual import ResidualTerm
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 NAME = "control points"
 

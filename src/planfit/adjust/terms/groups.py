@@ -28,7 +28,7 @@ from planfit.lsq.torch.moments import (
     pair_moments_on,
     plane_moments_on,
 )
-from planfit.mapped import let_go
+from planfit.runtime import let_go
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.rigid_motion import rigid_tangents
 from planfit.adjust.uncertainty.error_model import ErrorModel
-from planfit.threads import blas_on_one_thread, in_threads
+from planfit.runtime import blas_on_one_thread, in_threads
 
 
 @dataclass(frozen=True)

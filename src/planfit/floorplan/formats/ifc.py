@@ -21,7 +21,7 @@ from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import name_of_unit
 from planfit.floorplan.vector.line_work import longest, outlines
 from planfit.floorplan.vector.regions import faces_of_regions, section_area
-from planfit.option_values import whole_number
+from planfit.runtime import whole_number
 
 WALL_KINDS = ("IfcWall", "IfcCurtainWall", "IfcColumn")
 """With all that derive from them, as IfcWallStandardCase does."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from planfit.errors import FloorplanError
-from planfit.option_values import whole_number
+from planfit.runtime import whole_number
 
 
 def level_names(collections: Sequence[tuple[str, Any]], used: set[str]) -> dict[str, str]:

@@ -16,7 +16,7 @@ from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
 from planfit.geometry import segments
-from planfit.whole_files import write_whole
+from planfit.runtime import write_whole
 
 
 def write_floorplan_json(path: Path, floorplan: Floorplan) -> None:

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int, Shaped
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, PARAMETERS, SensorCalibration
 from planfit.matching.types import count_loops
-from planfit.short_repr import short_repr
+from planfit.runtime import short_repr
 
 NULL_SHARE = 1e-9
 """Eigenvalues of an information matrix below this share of its largest are directions left free."""

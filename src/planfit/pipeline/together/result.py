@@ -20,10 +20,10 @@ from planfit.pipeline.together.placing import PlacedBy
 from planfit.pipeline.validation import visit_check, wall_check
 from planfit.pipeline.verdict import judge
 from planfit.pipeline.visits import Visit
+from planfit.runtime import short_repr
 from planfit.scan import Scan
 from planfit.scan.joined import FramesOfScan
 from planfit.segmentation import level_from_world
-from planfit.short_repr import short_repr
 
 Both = TypeVar("Both", Visit, Link)
 """What concerns two stretches of the walk."""

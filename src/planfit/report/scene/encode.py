@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
 from planfit.report.scene.scene import FAR_M, Scene, ScenePoints
-from planfit.threads import in_threads
+from planfit.runtime import in_threads
 
 REACH_M = 60.0
 """Points further from their camera along any axis are left out: with them a tile would round by 1 mm."""

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from planfit.errors import OutputError
-from planfit.whole_files import whole_file
+from planfit.runtime.whole_files import whole_file
 
 Arrays = dict[str, np.ndarray]
 SUFFIX = ".chunk"

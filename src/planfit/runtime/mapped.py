@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.chunks import TemporaryFolder
 from planfit.errors import OutputError
+from planfit.runtime.cache_chunks import TemporaryFolder
 
 MIN_BYTES = 4_000_000
 """Fewer stay in memory."""

@@ -18,7 +18,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from planfit.errors import OutputError
-from planfit.whole_files import PART, made_folder, write_whole
+from planfit.runtime.whole_files import PART, made_folder, write_whole
 
 RECORD = "run.json"
 _CACHE = "cache"

@@ -14,12 +14,18 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TypeVar
 
-from planfit.chunks import SUFFIX, TemporaryFolder, read_chunk, read_stored, write_chunk
-from planfit.chunks import Arrays as Arrays
-from planfit.chunks import StoredItem as StoredItem
 from planfit.errors import OutputError, require_positive
-from planfit.option_values import require_kinds
-from planfit.threads import blas_on_one_thread
+from planfit.runtime.cache_chunks import (
+    SUFFIX,
+    Arrays,
+    StoredItem,
+    TemporaryFolder,
+    read_chunk,
+    read_stored,
+    write_chunk,
+)
+from planfit.runtime.option_values import require_kinds
+from planfit.runtime.threads import blas_on_one_thread
 
 Item = TypeVar("Item")
 Progress = Callable[[str, int, int], None]
