@@ -60,7 +60,7 @@ def test_a_plan_is_believed_where_depth_may_explain_its_scale(
     found, departure = plan_prior(on_plan_scaled(factor, is_taken), asked, priors)
     if is_believed:
         assert departure == pytest.approx(np.log(factor) if is_taken else 0.0)
-        assert found.plan_scale_sigma == priors.plan_scale_sigma
+        assert found.plan_scale_sigma == (priors.plan_scale_sigma if is_taken else 0.0)
         assert found.min_sigmas < priors.min_sigmas  # something is off: depth rather than the plan
     else:
         assert departure == 0.0

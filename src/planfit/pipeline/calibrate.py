@@ -187,9 +187,10 @@ def plan_prior(
     """Priors of the plan, and how far the plan as it is used departs in scale from them, as a share.
 
     A metric plan that fits as drawn is right. One that fits a little too large or small may be right, and the
-    scan's depth be corrected not quite enough: one step then says which, and all comes again. One that is
-    further off was drawn so: its scale is free, as that of a plan without unit, whether it was taken at that
-    scale or as drawn; what the sensor measured is not bent to it.
+    scan's depth be corrected not quite enough: one step then says which, and all comes again; where the plan
+    was taken as drawn, depth alone is asked. One that is further off was drawn so: its scale is free, as that
+    of a plan without unit, whether it was taken at that scale or as drawn; what the sensor measured is not
+    bent to it.
     """
     found, plan = on_plan.alignment, on_plan.floorplan
     if plan is None or plan.before_line is None:
@@ -206,10 +207,11 @@ def plan_prior(
     least = min(priors.min_sigmas, MIN_SIGMAS_WITH_PLAN)
     if not found.is_plan_doubted:
         return replace(free, min_sigmas=least), 0.0
-    if abs(departure + of_depth) < PLAN_OFF_SIGMAS * sigma:
-        used = departure if found.is_plan_rescaled else 0.0
-        return replace(priors, max_rounds=1, min_sigmas=least), used
-    return free, 0.0
+    if abs(departure + of_depth) >= PLAN_OFF_SIGMAS * sigma:
+        return free, 0.0
+    if not found.is_plan_rescaled:
+        return replace(priors, plan_scale_sigma=0.0, min_sigmas=least), 0.0
+    return replace(priors, max_rounds=1, min_sigmas=least), departure
 
 
 def shared_error(
