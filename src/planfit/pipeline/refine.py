@@ -23,6 +23,7 @@ from planfit.pipeline.calibrate import (
     CalibratedScan,
     calibrate_alone,
     calibrate_on_plan,
+    with_doubt_of_scale,
     with_priors_of,
 )
 from planfit.pipeline.contradicted import (
@@ -226,6 +227,7 @@ def _solve(
     """The sensor by what needs no plan, the scan on the plan; both again while walls correct the sensor."""
     place = partial(_place, scan, floorplan, options, extra_terms, timer, surveyed)
     calibrated, on_plan, adjustment = place(calibrate_alone(scan, seen, options, timer))
+    first = calibrated, on_plan
     for _ in range(MAX_CORRECTIONS):
         # Walls may show that the sensor is off: then all that follows from its points comes again.
         before = calibrated
@@ -233,6 +235,7 @@ def _solve(
         if calibrated.prepared is before.prepared:
             break
         calibrated, on_plan, adjustment = place(calibrated)
+    on_plan = with_doubt_of_scale(first, calibrated, on_plan)
     # A sensor that is off looks like walls that were moved: these come last.
     with timer.stage("adjust"):
         prepared = calibrated.prepared
