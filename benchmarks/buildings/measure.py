@@ -18,6 +18,7 @@ import planfit
 from buildings.cases import Case, base_name
 from buildings.changes import kept_frames
 from buildings.judging import flipped, judge, moved_sigmas
+from buildings.reading_cases import present
 from buildings.rows import Row
 from planfit.errors import PlanfitError
 
@@ -133,6 +134,6 @@ def absent(case: Case) -> str:
     """What of a case is not on this machine, in a line; empty where all is."""
     if case.reading is not None:
         path = SHARED / case.reading.path
-        return "" if path.exists() else f"{path} is absent (set PLANFIT_SHARED)"
+        return "" if present(case.reading) else f"{path} is absent (set PLANFIT_SHARED)"
     assert case.building is not None
     return case.building.absent()

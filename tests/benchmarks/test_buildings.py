@@ -302,7 +302,7 @@ def test_buildings_that_are_left_out_stand_apart_from_the_totals() -> None:
 
 
 def test_what_is_not_at_hand_is_said_once_and_left_out(monkeypatch, tmp_path: Path, capsys) -> None:
-    for module in ("buildings.sites", "buildings.measure"):
+    for module in ("buildings.sites", "buildings.measure", "buildings.reading_cases"):
         monkeypatch.setattr(f"{module}.SHARED", tmp_path)
     cases = all_cases()
     assert present(cases) == []
