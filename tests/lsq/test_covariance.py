@@ -13,9 +13,9 @@ from planfit.lsq.covariance import (
     factorised,
     position_covariances,
 )
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
+from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.solver import SolverOptions, solve
-from planfit.lsq.terms.prior import PosePriorTerm
 
 
 @pytest.fixture

@@ -12,10 +12,10 @@ from planfit.adjust.terms.levels import LevelOptions, floor_term
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.errors import OptionError
+from planfit.lsq import torch_moments
 from planfit.lsq.moments import pair_moments, plane_moments
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import SolverOptions, solve
-from planfit.lsq.torch import moments as torch_moments
 
 LOSSES = [Loss(kind, 1e-3 if kind is LossKind.NORM else 1.5) for kind in LossKind]
 

@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 
 from planfit.errors import OptionError
 from planfit.geometry import se3
-from planfit.lsq.linear.block_cholesky import BlockFactor
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.block_cholesky import BlockFactor
+from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.term import Term
 from planfit.runtime.threads import blas_on_one_thread, in_threads
 

@@ -8,10 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.errors import OptionError, require
-from planfit.lsq.checks import check_poses
 from planfit.lsq.covariance import covariances
 from planfit.lsq.solver import DEFAULTS, Solution, SolverOptions, solve
-from planfit.lsq.term import NamesPoses, Term, robust_cost, widened
+from planfit.lsq.term import NamesPoses, Term, check_poses, robust_cost, widened
 from planfit.runtime.short_repr import short_repr
 
 GNC_SCHEDULE = (8.0, 4.0, 2.0, 1.0)

@@ -13,8 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 from planfit.errors import OptionError, require, require_choice, require_positive
 from planfit.geometry import se3
-from planfit.lsq.linear.block_pattern import BlockPattern
-from planfit.lsq.linear.normal_equations import LinearSolver, NormalEquations
+from planfit.lsq.normal_equations import BlockPattern, LinearSolver, NormalEquations
 from planfit.lsq.term import Quadratic, Term
 from planfit.runtime.short_repr import short_repr
 

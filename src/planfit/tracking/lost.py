@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
+from planfit.lsq.pose_terms import BetweenTerm, PosePriorTerm
 from planfit.lsq.problem import Problem
-from planfit.lsq.terms.between import BetweenTerm
-from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.matching.pose_graph import PoseGraph
 from planfit.scan.odometry import Odometry
 from planfit.tracking.breaks import is_far, isotropic

@@ -21,7 +21,7 @@ from planfit.lsq.moments import (
     planes_in_cam,
 )
 from planfit.lsq.robust import Loss
-from planfit.lsq.torch.moments import (
+from planfit.lsq.torch_moments import (
     GroupedPoints,
     TorchPairMoments,
     TorchPlaneMoments,

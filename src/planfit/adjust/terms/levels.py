@@ -16,7 +16,7 @@ from planfit.adjust.terms.groups import PlaneGroups
 from planfit.errors import require_positive
 from planfit.lsq.moments import PlaneMoments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments
+from planfit.lsq.torch_moments import GroupedPoints, TorchPlaneMoments
 from planfit.segmentation import LevelPoints, Structure
 
 FLOOR_PLANE = np.array([0.0, 0.0, 1.0, 0.0])

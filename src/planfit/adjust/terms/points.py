@@ -17,7 +17,7 @@ from planfit.adjust.terms.groups import PairGroups
 from planfit.errors import require_positive
 from planfit.lsq.moments import PairMoments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.torch.moments import GroupedPoints, TorchPairMoments
+from planfit.lsq.torch_moments import GroupedPoints, TorchPairMoments
 from planfit.matching import Matches
 
 

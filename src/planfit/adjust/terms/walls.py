@@ -18,7 +18,7 @@ from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
 from planfit.lsq.moments import PlaneMoments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments
+from planfit.lsq.torch_moments import GroupedPoints, TorchPlaneMoments
 from planfit.segmentation import WallPatches
 
 

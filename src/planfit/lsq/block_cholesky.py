@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.compiled import kernel
-from planfit.lsq.linear.ordering import FillReducingOrdering, Supernodes, find_supernodes
+from planfit.lsq.ordering import FillReducingOrdering, Supernodes, find_supernodes
 
 PANEL = 48
 """Columns eliminated at once, 8 poses."""
