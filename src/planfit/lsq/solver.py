@@ -44,8 +44,8 @@ class SolverOptions:
     """How a step is solved for: `direct` (sparse factorisation), `cg` (conjugate gradients), `pardiso` (MKL's
     factorisation, an extra), or `auto`: direct where loops fill the factor little, else cg."""
     device: Literal["cpu", "cuda"] = "cpu"
-    """Where points are reweighted and blocks are made: 3D points, floor, ceiling, walls and columns also
-    run on a GPU through PyTorch. The sparse solve stays on the CPU."""
+    """Where points are reweighted: 3D points, floor, ceiling, walls and columns also go through on a GPU,
+    by PyTorch. Steps are made and solved for on the CPU."""
 
     def __post_init__(self) -> None:
         require_choice(self, "linear_solver", "auto", "direct", "cg", "pardiso")

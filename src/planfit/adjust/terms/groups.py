@@ -23,8 +23,6 @@ from planfit.lsq.moments import (
 from planfit.lsq.robust import Loss
 from planfit.lsq.torch_moments import (
     GroupedPoints,
-    TorchPairMoments,
-    TorchPlaneMoments,
     pair_moments_on,
     plane_moments_on,
 )
@@ -64,7 +62,7 @@ class PlaneGroups:
 
     def moments(
         self, target_from_cams: Float[np.ndarray, "n 4 4"], on: GroupedPoints | None = None
-    ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
+    ) -> tuple[PlaneMoments, float]:
         """One pass over the points, on a device where they are `on` one; see `planfit.lsq.moments`."""
         rest = (self.pose_idx, self.planes, self.weight_per_point, target_from_cams)
         scale = (self.sigma_m, self.loss)
@@ -121,7 +119,7 @@ class PairGroups:
 
     def moments(
         self, target_from_cams: Float[np.ndarray, "n 4 4"], on: GroupedPoints | None = None
-    ) -> tuple[PairMoments | TorchPairMoments, float]:
+    ) -> tuple[PairMoments, float]:
         """One pass over the matches, on a device where they are `on` one; see `planfit.lsq.moments`."""
         if on is not None:
             rest = (self.pairs, self.weight_per_point, target_from_cams, self.loss)

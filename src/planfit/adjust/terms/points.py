@@ -17,7 +17,7 @@ from planfit.adjust.terms.groups import PairGroups
 from planfit.errors import require_positive
 from planfit.lsq.moments import PairMoments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.torch_moments import GroupedPoints, TorchPairMoments
+from planfit.lsq.torch_moments import GroupedPoints
 from planfit.matching import Matches
 
 
@@ -73,11 +73,11 @@ class PointTerm:
 
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[PairMoments | TorchPairMoments, float]:
+    ) -> tuple[PairMoments, float]:
         """One pass over the matches; see `planfit.lsq.moments`."""
         moments, cost = self.groups.moments(
             target_from_cams, None if self.device == "cpu" else self._on_device
         )
-        if self.is_kept is not None and isinstance(moments, PairMoments):
+        if self.is_kept is not None:
             moments = moments[self.is_kept]  # frames that nothing else ties are then not tied
         return moments, cost

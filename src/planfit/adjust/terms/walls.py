@@ -18,7 +18,7 @@ from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
 from planfit.lsq.moments import PlaneMoments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.torch_moments import GroupedPoints, TorchPlaneMoments
+from planfit.lsq.torch_moments import GroupedPoints
 from planfit.segmentation import WallPatches
 
 
@@ -92,7 +92,7 @@ class WallTerm:
 
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
+    ) -> tuple[PlaneMoments, float]:
         """One pass over the wall points; see `planfit.lsq.moments`."""
         if self.widths is not None:
             return self._widened(self.widths, target_from_cams)
