@@ -13,8 +13,7 @@ import pytest
 from numba.core import event
 
 from planfit.compiled import decorator, ready_files
-from planfit.compiled.decorator import kernel, usable
-from planfit.compiled.here import LEVEL, LEVEL_FEATURES, what_is_here
+from planfit.compiled.decorator import LEVEL, LEVEL_FEATURES, kernel, usable, what_is_here
 from planfit.compiled.making import compiled_blob, make_ready
 from planfit.compiled.ready_files import BLOBS, INDEX, Ready, read_ready, write_ready
 from planfit.compiled.signatures import line_of, listed_lines, parse_line

@@ -110,7 +110,8 @@ def solve(
             outcomes, least = [], options.cost_tolerance * total
             cost = _cost(quadratics, poses)
             for _ in range(options.steps_per_reweighting):
-                equations = _equations(quadratics, poses, pattern)
+                blocks = [quadratic.normal_blocks(poses) for quadratic in quadratics]
+                equations = NormalEquations(blocks, len(poses), pattern)
                 pattern = equations.pattern
                 earlier = cost
                 poses, cost, damping, outcome = _damped_step(
@@ -157,14 +158,6 @@ class _Outcome(Enum):
     MOVED = "the cost fell"
     CONVERGED = "the cost can fall by no more than rounding"
     STUCK = "no damping made the cost fall"
-
-
-def _equations(
-    quadratics: Sequence[Quadratic],
-    poses: Float[np.ndarray, "n 4 4"],
-    pattern: BlockPattern | None,
-) -> NormalEquations:
-    return NormalEquations([q.normal_blocks(poses) for q in quadratics], len(poses), pattern)
 
 
 def _cost(quadratics: Sequence[Quadratic], poses: Float[np.ndarray, "n 4 4"]) -> float:

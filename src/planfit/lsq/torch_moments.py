@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.errors import OptionError
+from planfit.geometry import se3
 from planfit.lsq.blocks import relative_poses
 from planfit.lsq.moments import PairMoments, PlaneMoments, planes_in_cam
 from planfit.lsq.robust import Loss, LossKind
@@ -60,16 +61,13 @@ class GroupedPoints:
 
     def parts(self) -> list[tuple[slice, slice, Any, Any]]:
         """Groups and points that go through together, points a group (k,), group of each point (m,)."""
-        made, first, n_groups = [], 0, len(self.start) - 1
-        while first < n_groups:
-            end = int(np.searchsorted(self.start, self.start[first] + _PART_POINTS, "right")) - 1
-            last = min(max(end, first + 1), n_groups)
-            counts = self.torch.as_tensor(np.diff(self.start[first : last + 1]), device=self.device)
-            each = self.torch.arange(last - first, device=self.device)
+        made = []
+        for groups in se3.groups_in_parts(self.start, _PART_POINTS):
+            start = self.start[groups.start : groups.stop + 1]
+            counts = self.torch.as_tensor(np.diff(start), device=self.device)
+            each = self.torch.arange(len(start) - 1, device=self.device)
             group = self.torch.repeat_interleave(each, counts)
-            points = slice(int(self.start[first]), int(self.start[last]))
-            made.append((slice(first, last), points, counts, group))
-            first = last
+            made.append((groups, slice(int(start[0]), int(start[-1])), counts, group))
         return made
 
 
