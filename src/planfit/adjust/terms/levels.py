@@ -74,9 +74,7 @@ class LevelTerm:
             self.options.loss,
         )
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[PlaneMoments, float]:
+    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[PlaneMoments, float]:
         """One pass over the points; see `planfit.lsq.moments`."""
         return self.groups.moments(
             target_from_cams, None if self.device == "cpu" else self._on_device

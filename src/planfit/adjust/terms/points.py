@@ -71,9 +71,7 @@ class PointTerm:
         ends = (m.points_a, m.points_b, m.sigma)
         return PairGroups(*ends, m.start, m.pairs, information, self.options.loss)
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[PairMoments, float]:
+    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[PairMoments, float]:
         """One pass over the matches; see `planfit.lsq.moments`."""
         moments, cost = self.groups.moments(
             target_from_cams, None if self.device == "cpu" else self._on_device

@@ -90,9 +90,7 @@ class WallTerm:
             self.options.loss,
         )
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[PlaneMoments, float]:
+    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[PlaneMoments, float]:
         """One pass over the wall points; see `planfit.lsq.moments`."""
         if self.widths is not None:
             return self._widened(self.widths, target_from_cams)
