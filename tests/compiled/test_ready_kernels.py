@@ -19,9 +19,9 @@ from planfit.compiled.ready_files import BLOBS, INDEX, Ready, read_ready, write_
 from planfit.compiled.signatures import line_of, listed_lines, parse_line
 from planfit.errors import OutputError
 
-PLAIN = "planfit.matching.kernels.take_within_budget int64[2,C] int64 int64[1,C]"
+PLAIN = "planfit.matching.pair_kernels.take_within_budget int64[2,C] int64 int64[1,C]"
 FAST = "planfit.lsq.moment_kernels.weigh_all float64[1,C] int64 float64"
-CALLING = "planfit.matching.surfaces.kernels."
+CALLING = "planfit.matching.surfaces.registration_kernels."
 ON_X86 = "64bit" in what_is_here().features
 
 
@@ -204,7 +204,7 @@ from planfit.compiled import decorator
 decorator.READY = Path(sys.argv[1])
 with event.install_recorder("numba:compile") as recorder:
     from planfit.lsq.moment_kernels import weigh_all
-    from planfit.matching.kernels import take_within_budget
+    from planfit.matching.pair_kernels import take_within_budget
     rng = np.random.default_rng(0)
     pairs = rng.integers(0, 50, (500, 2))
     taken = take_within_budget(pairs, 3, np.zeros(50, dtype=np.int64))

@@ -17,8 +17,8 @@ from planfit.matching.surfaces.find import (
     poor_frames,
 )
 from planfit.matching.surfaces.grids import COLUMNS, ROWS, find_surface_grids
-from planfit.matching.surfaces.kernels import LOSS_SIGMAS, observed, sums_at
 from planfit.matching.surfaces.register import observe, register, starts_about
+from planfit.matching.surfaces.registration_kernels import LOSS_SIGMAS, observed, sums_at
 from planfit.matching.types import RelativePoses
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry

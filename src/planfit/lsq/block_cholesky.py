@@ -93,6 +93,29 @@ class BlockCholesky:
 
 
 @kernel
+def add_blocks(blocks, slot, upper):  # pragma: no cover
+    """Add blocks (b, 6, 6) to those of `upper` that they belong to, in place."""
+    for b in range(len(blocks)):
+        out = upper[slot[b]]
+        for r in range(6):
+            for c in range(6):
+                out[r, c] += blocks[b, r, c]
+
+
+@kernel
+def fill_band(upper, near, rows, columns, band):  # pragma: no cover
+    """Enter the blocks `near` the diagonal into a band in LAPACK's lower form, in place."""
+    for k in near:
+        # An upper block (i, j) is the transpose of the lower block (j, i).
+        top, left = 6 * columns[k], 6 * rows[k]
+        for r in range(6):
+            for c in range(6):
+                row, column = top + r, left + c
+                if row >= column:
+                    band[row - column, column] = upper[k, c, r]
+
+
+@kernel
 def _rows_in_front(first, start, below, block_start, places):  # pragma: no cover
     """The row of blocks that each place has in the front it goes to."""
     rows = np.zeros(len(places), np.int64)

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
 
-from planfit.compiled import kernel
-from planfit.lsq.block_cholesky import BlockCholesky, BlockFactor
+from planfit.lsq.block_cholesky import BlockCholesky, BlockFactor, add_blocks, fill_band
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.linear_solvers import Pardiso, solve_banded_cg
 from planfit.lsq.ordering import minimum_degree_ordering
@@ -95,7 +94,7 @@ class BlockPattern:
     def sum_blocks(self, blocks: Float[np.ndarray, "b 6 6"]) -> Float[np.ndarray, "u 6 6"]:
         """Sums of blocks at the same place, in the order of `rows`, `columns`."""
         upper = np.zeros((len(self.rows), 6, 6))
-        _add_blocks(np.ascontiguousarray(blocks), self._slot[: len(blocks)], upper)
+        add_blocks(np.ascontiguousarray(blocks), self._slot[: len(blocks)], upper)
         return upper
 
     def square(self, upper: Float[np.ndarray, "u 6 6"], delta: Float[np.ndarray, "n 6"]) -> float:
@@ -117,29 +116,8 @@ class BlockPattern:
         near = self._band
         width = int((self.columns[near] - self.rows[near]).max(initial=0))
         band = np.zeros((6 * (width + 1), 6 * self.n_poses))
-        _fill_band(upper, near, self.rows, self.columns, band)
+        fill_band(upper, near, self.rows, self.columns, band)
         return band
-
-
-@kernel
-def _add_blocks(blocks, slot, upper):  # pragma: no cover
-    for b in range(len(blocks)):
-        out = upper[slot[b]]
-        for r in range(6):
-            for c in range(6):
-                out[r, c] += blocks[b, r, c]
-
-
-@kernel
-def _fill_band(upper, near, rows, columns, band):  # pragma: no cover
-    for k in near:
-        # An upper block (i, j) is the transpose of the lower block (j, i).
-        top, left = 6 * columns[k], 6 * rows[k]
-        for r in range(6):
-            for c in range(6):
-                row, column = top + r, left + c
-                if row >= column:
-                    band[row - column, column] = upper[k, c, r]
 
 
 class NormalEquations:

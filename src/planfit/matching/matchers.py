@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int, Shaped
 
 from planfit.errors import require_choice, require_share
-from planfit.matching.kernels import mutual_nearest
+from planfit.matching.pair_kernels import mutual_nearest
 from planfit.matching.types import Keypoints, Matcher
 
 

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from planfit.errors import require_positive
 from planfit.matching.covisibility import ViewSamples
-from planfit.matching.kernels import take_within_budget
+from planfit.matching.pair_kernels import take_within_budget
 from planfit.matching.retrieval import most_similar, similarity_of
 from planfit.scan.odometry import Odometry
 

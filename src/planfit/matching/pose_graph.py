@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.geometry import se3
-from planfit.matching.kernels import most_certain_paths
+from planfit.matching.pair_kernels import most_certain_paths
 from planfit.runtime import in_threads
 from planfit.scan.odometry import Odometry
 

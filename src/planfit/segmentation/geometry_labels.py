@@ -7,7 +7,7 @@ from jaxtyping import Float, UInt8
 
 from planfit.errors import require_positive
 from planfit.scan import Label
-from planfit.segmentation.kernels import grow_labels, label_level, label_walls
+from planfit.segmentation.label_kernels import grow_labels, label_level, label_walls
 from planfit.segmentation.surfaces import Surfaces
 from planfit.segmentation.visibility_map import Submap
 

@@ -9,14 +9,14 @@ from jaxtyping import Bool, Float
 
 from planfit.geometry import se3
 from planfit.matching.surfaces.grids import SurfaceGrids
-from planfit.matching.surfaces.kernels import (
+from planfit.matching.surfaces.options import SurfaceOptions
+from planfit.matching.surfaces.registration_kernels import (
     MIN_CELLS,
     bring_together,
     compare_surfaces,
     observed,
     sums_at,
 )
-from planfit.matching.surfaces.options import SurfaceOptions
 
 LEAST_FACTOR = 0.05
 """On the variance of a surface: what all of an image shares does not show in distances."""

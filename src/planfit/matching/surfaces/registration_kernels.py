@@ -1,6 +1,6 @@
 """Compiled loops of surface matching: a pair of surface grids brought together, and how far they agree.
 
-As in `planfit.matching.kernels`, shapes are in the docstrings: numba compiles types that nothing can wrap.
+As in `matching.pair_kernels`, shapes are in the docstrings: numba compiles types that nothing can wrap.
 A view is (depth (r, c) m, normals (r, c, 3) times 127, fx fy cx cy in cells).
 """
 
