@@ -28,7 +28,7 @@ from planfit.tracking.lost_runs import (
     find_lost_runs,
     is_identity,
     stands_still,
-    usual_step,
+    usual_of_known,
 )
 from planfit.tracking.motions import MeasuredMotions
 from planfit.tracking.noise import noise_factors
@@ -300,7 +300,7 @@ def _filled(
     """Lost frames placed, by steps with the sigmas of this tracker."""
     if not lost:
         return Filled(read)
-    usual = usual_step(read, ~void_steps(len(read), lost))
+    usual = usual_of_known(read, ~void_steps(len(read), lost))
     return fill_lost(read, lost, motions, tracker.steps(read), usual, options)
 
 
