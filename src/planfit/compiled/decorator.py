@@ -56,7 +56,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     ready = ready_here()
     # With NUMBA_DISABLE_JIT it is the function itself.
     if isinstance(ready, Ready) and isinstance(compiled, Dispatcher) and name not in _decorated:
-        set_cache(compiled, ReadyFirst(function, name, ready))
+        set_cache(compiled, _ReadyFirst(function, name, ready))
     _decorated.add(name)
     return compiled
 
@@ -83,7 +83,7 @@ def usable(folder: Path) -> Ready | str:
     return ready.made.misfit(here) or ready
 
 
-class ReadyFirst(FunctionCache):
+class _ReadyFirst(FunctionCache):
     """numba's cache of one kernel, before which the package is asked; nothing is written to the package."""
 
     def __init__(self, function: Callable[..., Any], name: str, ready: Ready) -> None:

@@ -12,11 +12,11 @@ from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.term import Term
 from planfit.runtime.threads import blas_on_one_thread, in_threads
 
-COLUMNS_AT_A_TIME = 6
+_COLUMNS_AT_A_TIME = 6
 """Right sides that one thread solves for; more at a time take no less."""
 FLOORS = (1e-12, 1e-11, 1e-10, 1e-9)
 """On the diagonal of equations at unit diagonal, the first that leaves them definite."""
-MAX_SIGMA = 100.0
+_MAX_SIGMA = 100.0
 """A standard deviation beyond this many metres or radians means that nothing holds the pose."""
 
 
@@ -44,7 +44,7 @@ def covariances(
     result = np.stack([factors.inverse(6 * int(i) + np.arange(6)) for i in idx])
     for k, i in enumerate(idx):
         sigma = np.sqrt(np.abs(np.diagonal(result[k])).max())
-        if not sigma < MAX_SIGMA:
+        if not sigma < _MAX_SIGMA:
             raise OptionError(
                 f"covariances: expected every pose to be held by some term, found pose {i} "
                 f"free (sigma {sigma:.2g}); add a pose prior, a plan or the odometry term"
@@ -66,13 +66,13 @@ class Factors:
         scale = self.scale[:, None]
 
         def of(first: int) -> np.ndarray:
-            return self.factor.solve(right[:, first : first + COLUMNS_AT_A_TIME] / scale) / scale
+            return self.factor.solve(right[:, first : first + _COLUMNS_AT_A_TIME] / scale) / scale
 
-        if right.shape[1] <= COLUMNS_AT_A_TIME:
+        if right.shape[1] <= _COLUMNS_AT_A_TIME:
             return of(0)
         with blas_on_one_thread():
             return np.concatenate(
-                in_threads(of, range(0, right.shape[1], COLUMNS_AT_A_TIME)), axis=1
+                in_threads(of, range(0, right.shape[1], _COLUMNS_AT_A_TIME)), axis=1
             )
 
     def columns(self, rows: Int[np.ndarray, " r"]) -> Float[np.ndarray, "u r"]:

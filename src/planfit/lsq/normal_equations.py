@@ -18,9 +18,9 @@ from planfit.lsq.ordering import minimum_degree_ordering
 
 LinearSolver = Literal["auto", "direct", "cg", "pardiso"]
 """How a step is solved for: factorisation, conjugate gradients, or the one that suits the pattern."""
-MAX_BAND_POSES = 12
+_MAX_BAND_POSES = 12
 """Blocks up to this far from the diagonal go into the band that preconditions: neighbours in time."""
-MAX_DIRECT_WORK = 1e8
+_MAX_DIRECT_WORK = 1e8
 """Products of 6x6 blocks, 3.5 s to factorise. Walks in laps stay below it at 25,000 poses, where conjugate
 gradients take 1.5 to 8 s; scattered loops exceed it at 8,000, where they take 0.5 s
 (docs/adr/0006-linear-solvers.md)."""
@@ -52,7 +52,7 @@ class BlockPattern:
         kind = np.int32 if 36 * len(order) < np.iinfo(np.int32).max else np.int64
         self._indices = every_column[order].astype(kind)
         self._indptr = np.searchsorted(every_row[order], np.arange(n_poses + 1)).astype(kind)
-        self._band = np.flatnonzero(self.columns - self.rows <= MAX_BAND_POSES)
+        self._band = np.flatnonzero(self.columns - self.rows <= _MAX_BAND_POSES)
 
     def fits(
         self, rows: Int[np.ndarray, " b"], columns: Int[np.ndarray, " b"], n_poses: int
@@ -72,7 +72,7 @@ class BlockPattern:
     @cached_property
     def cholesky(self) -> BlockCholesky | None:
         """The factor's structure; None where loops would fill it."""
-        ordering = minimum_degree_ordering(self.rows, self.columns, self.n_poses, MAX_DIRECT_WORK)
+        ordering = minimum_degree_ordering(self.rows, self.columns, self.n_poses, _MAX_DIRECT_WORK)
         if ordering is None:
             return None
         return BlockCholesky(ordering, self.rows, self.columns)

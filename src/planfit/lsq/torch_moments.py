@@ -22,7 +22,7 @@ _PART_POINTS = 4_000_000
 """Points at a time: ten sums a point in float64 are 320 MB then."""
 
 
-def require_device(device: str) -> Any:
+def _require_device(device: str) -> Any:
     """PyTorch, if it can compute on `device` ("cuda", or "cpu" to test).
 
     Raises:
@@ -50,7 +50,7 @@ class GroupedPoints:
         self, device: str, start: Int[np.ndarray, " l"], *columns: Float[np.ndarray, "m ..."]
     ) -> None:
         """Upload `columns`, each (m, ...) with group k in start[k]:start[k + 1]; kept in float64."""
-        self.torch = require_device(device)
+        self.torch = _require_device(device)
         self.device = device
         self.start = np.asarray(start)
         self.columns = tuple(self.real(column) for column in columns)

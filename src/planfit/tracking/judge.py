@@ -38,8 +38,8 @@ from planfit.tracking.trajectory import (
     LONG_INTERVAL,
     FrameTimes,
     frame_times,
+    interpolate_trajectory,
     interpolation_sigmas,
-    read_trajectory,
 )
 from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of
 
@@ -134,7 +134,7 @@ class _Clocked:
                 is_whole[[d.first - 1, min(d.last, len(is_whole) - 1)]] = False
         times = self.times.intervals
         return (
-            read_trajectory(recorded, times, clock.intervals, is_whole),
+            interpolate_trajectory(recorded, times, clock.intervals, is_whole),
             interpolation_sigmas(recorded, times, clock.intervals, is_whole),
         )
 

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from planfit.geometry import se3
 from planfit.lsq.pose_terms import BetweenTerm, PosePriorTerm
 from planfit.lsq.problem import Problem
-from planfit.matching.pose_graph import PoseGraph
+from planfit.matching.pose_graph import LoopGraph
 from planfit.scan.odometry import Odometry
 from planfit.tracking.breaks import is_far, isotropic
 from planfit.tracking.fuse import measured_term
@@ -246,7 +246,7 @@ def _is_contradicted(
     return with_link - without > options.max_sigmas**2 / 2
 
 
-def _graph(around: _Around, links: Sequence[_Link], void_sigma: float | None = None) -> PoseGraph:
+def _graph(around: _Around, links: Sequence[_Link], void_sigma: float | None = None) -> LoopGraph:
     """The graph of all motions; void steps with a sigma of their own."""
     odometry = around.odometry
     if void_sigma is not None:
@@ -257,7 +257,7 @@ def _graph(around: _Around, links: Sequence[_Link], void_sigma: float | None = N
         odometry = replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
     n = len(around.is_void) + 1
     every = np.column_stack([np.arange(n - 1), np.arange(1, n)])
-    graph = PoseGraph(around.chain, odometry, every)
+    graph = LoopGraph(around.chain, odometry, every)
     measured = around.measured
     sigmas = np.array([isotropic(c) for c in measured.covariance]).reshape(-1, 2)
     graph.add(measured.pairs, measured.a_from_b, np.rad2deg(sigmas[:, 0]), sigmas[:, 1])
