@@ -99,6 +99,27 @@ def test_no_points(device):
     assert not found.normal_blocks(nowhere[-1]).blocks.any()
 
 
+def device_of_terms(device, monkeypatch):
+    """Terms take PyTorch for "cuda" alone: on the CPU, let that be its CPU."""
+    if device == "cpu":
+        real = torch_moments.GroupedPoints.__init__
+
+        def on_torch_cpu(self, _, *rest):
+            real(self, "cpu", *rest)
+
+        monkeypatch.setattr(torch_moments.GroupedPoints, "__init__", on_torch_cpu)
+    return "cuda"
+
+
+def test_pairs_that_are_left_out_are_left_out_on_a_device_too(device, rng, monkeypatch):
+    world = make_world(rng)
+    is_kept = np.arange(len(world.matches.pairs)) % 2 == 0
+    where = device_of_terms(device, monkeypatch)
+    term = PointTerm(world.matches, PointOptions(), device=where, is_kept=is_kept)
+    moments, _ = term.reweight(world.plan_from_cams)
+    assert np.array_equal(moments.pairs, world.matches.pairs[is_kept])
+
+
 def test_a_solve_ends_at_the_same_poses(device, rng, monkeypatch):
     world = make_world(rng)
     start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
@@ -115,14 +136,7 @@ def test_a_solve_ends_at_the_same_poses(device, rng, monkeypatch):
             ),
         ]
 
-    where = "cuda"
-    if device == "cpu":  # terms take PyTorch for "cuda" alone: let that be its CPU
-        real = torch_moments.GroupedPoints.__init__
-
-        def on_torch_cpu(self, _, *rest):
-            real(self, "cpu", *rest)
-
-        monkeypatch.setattr(torch_moments.GroupedPoints, "__init__", on_torch_cpu)
+    where = device_of_terms(device, monkeypatch)
     one = solve(terms("cpu"), start, SolverOptions())
     other = solve(terms(where), start, SolverOptions())
     assert_allclose(other.target_from_cams, one.target_from_cams, atol=1e-8)
