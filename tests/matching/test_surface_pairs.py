@@ -190,7 +190,7 @@ def test_gradient_is_that_of_the_robust_cost_of_the_plane_distances() -> None:
 
 
 def kernel_gradient(views, motion, sigma):
-    from planfit.matching.surfaces import kernels
+    from planfit.matching.surfaces import registration_kernels as kernels
 
     hessian, gradient, sums = np.zeros((6, 6)), np.zeros(6), np.zeros(7)
     rest = (kernels.GATES_M[-1], sigma, 1)
