@@ -21,7 +21,7 @@ from inputs import largest_difference
 from problems import Problem, make_problem
 from records import Record, cpu_seconds, machine
 
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.solver import SolverOptions, solve
 
 TOLERANCE = 1e-6

@@ -11,8 +11,8 @@ from planfit.adjust import AdjustOptions, build_problem
 from planfit.adjust.terms.levels import FLOOR_PLANE
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
-from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.moments import pair_moments, plane_moments
+from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.term import Quadratic
 

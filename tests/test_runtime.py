@@ -225,10 +225,10 @@ def test_no_flipped_bit_is_believed(tmp_path, rng):
     again = read_chunk(path, 3)
     assert again is not None
     for before, after in zip(items, again, strict=True):
-        assert list(before) == list(after)
+        assert list(before) == list(after.arrays)
         for name, array in before.items():
-            assert array.dtype == after[name].dtype
-            np.testing.assert_array_equal(array, after[name])
+            assert array.dtype == after.arrays[name].dtype
+            np.testing.assert_array_equal(array, after.arrays[name])
     assert read_chunk(path, 2) is None
     assert read_chunk(tmp_path / "absent.chunk", 3) is None
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_info
 
-from planfit.compiled.decorator import READY, ready_here
-from planfit.compiled.here import settings_of_the_level, what_is_here
+from planfit.compiled.decorator import READY, ready_here, settings_of_the_level, what_is_here
 from planfit.compiled.making import make_ready
 
 _LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "opencv-python-headless", "shapely", "ezdxf")

@@ -37,37 +37,34 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "AlignResult": "planfit.pipeline.align",
-    "CompareOptions": "planfit.evaluation",
-    "Comparison": "planfit.evaluation",
-    "EvaluateOptions": "planfit.evaluation",
-    "Floorplan": "planfit.floorplan",
-    "Matches": "planfit.matching",
-    "Observations": "planfit.pipeline.observations",
-    "PlanOptions": "planfit.floorplan",
-    "Problem": "planfit.lsq",
-    "RefineOptions": "planfit.pipeline.options",
-    "RefineResult": "planfit.pipeline.result",
-    "Runtime": "planfit.runtime",
-    "Scan": "planfit.scan",
-    "ScanOptions": "planfit.scan",
-    "Term": "planfit.lsq",
-    "TogetherResult": "planfit.pipeline.together",
-    "Truth": "planfit.evaluation",
-    "align": "planfit.pipeline.align",
-    "compare": "planfit.evaluation",
-    "evaluate": "planfit.evaluation",
-    "extract_observations": "planfit.pipeline.observations",
-    "prepare": "planfit.pipeline.prepare",
-    "read_floorplan": "planfit.floorplan",
-    "read_scan": "planfit.scan",
-    "refine": "planfit.pipeline.refine",
-    "refine_together": "planfit.pipeline.together",
-    "scan_from_arrays": "planfit.scan",
+_NAMES = {
+    "planfit.evaluation": (
+        "CompareOptions",
+        "Comparison",
+        "EvaluateOptions",
+        "Truth",
+        "compare",
+        "evaluate",
+    ),
+    "planfit.floorplan": ("Floorplan", "PlanOptions", "read_floorplan"),
+    "planfit.lsq": ("Problem", "Term"),
+    "planfit.matching": ("Matches",),
+    "planfit.pipeline.align": ("AlignResult", "align"),
+    "planfit.pipeline.observations": ("Observations", "extract_observations"),
+    "planfit.pipeline.options": ("RefineOptions",),
+    "planfit.pipeline.prepare": ("prepare",),
+    "planfit.pipeline.refine": ("refine",),
+    "planfit.pipeline.result": ("RefineResult",),
+    "planfit.pipeline.together": ("TogetherResult", "refine_together"),
+    "planfit.runtime": ("Runtime",),
+    "planfit.scan": ("Scan", "ScanOptions", "read_scan", "scan_from_arrays"),
 }
-"""Where each name comes from. It is imported when it is first asked for (PEP 562): all of planfit takes a
-second or more, which `planfit --version` and tools that only look need not spend."""
+"""What each package or module gives to this one.
+
+A name is imported when it is first asked for (PEP 562): all of planfit takes a second or more, which
+`planfit --version` and tools that only look need not spend.
+"""
+_HOMES = {name: home for home, names in _NAMES.items() for name in names}
 
 __all__ = ["__version__", "errors", *sorted(_HOMES)]  # pyright: ignore[reportUnsupportedDunderAll]
 

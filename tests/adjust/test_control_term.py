@@ -17,8 +17,8 @@ from planfit.adjust.terms.control import ControlMarks, ControlOptions, control_t
 from planfit.errors import OptionError
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
+from planfit.lsq.residual_term import jacobian_by_differences
 from planfit.lsq.robust import SQUARES
-from planfit.lsq.terms.residual import jacobian_by_differences
 
 PLAIN = ControlOptions(loss=SQUARES)
 

@@ -26,10 +26,10 @@ from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
 from planfit.lsq.bounded import BoundedOptions
+from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import solve
 from planfit.lsq.term import robust_cost
-from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.runtime import map_rows
 
 

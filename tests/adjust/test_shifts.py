@@ -13,7 +13,7 @@ from planfit.adjust.competition import best_of_starts
 from planfit.adjust.moved_walls import MovedWallOptions
 from planfit.adjust.shifts import other_places
 from planfit.floorplan import Floorplan
-from planfit.lsq.terms.prior import PosePriorTerm
+from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 WIDTH_M = 6.0

@@ -21,9 +21,9 @@ from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.geometry import se3
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
+from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 NAMES = ["points", "floor", "walls", "odometry", "pose prior"]

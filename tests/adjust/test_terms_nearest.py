@@ -25,7 +25,7 @@ from planfit.adjust.terms.walls import WallOptions
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind, loss_value
 from planfit.lsq.solver import SolverOptions, solve
 

@@ -15,10 +15,10 @@ from builders import (
 from facing import drifted, facing_cameras, facing_matches, facing_poses, with_noise, with_outliers
 from planfit.adjust.terms.rays import RayOptions, RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
+from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import SolverOptions, Stop, solve
-from planfit.lsq.terms.prior import PosePriorTerm
 
 NAMES = ["reprojection", "rays"]
 LOSSES = [Loss(kind, 2.0) for kind in LossKind if kind != LossKind.NORM] + [

@@ -8,7 +8,7 @@ from builders import jacobian_by_differences, make_matches, nudged, random_trans
 from facing import facing_matches, facing_poses
 from planfit.adjust.terms.rays import RayOptions, RayTerm
 from planfit.errors import OptionError
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind
 
 SQUARED = Loss(LossKind.SQUARED)

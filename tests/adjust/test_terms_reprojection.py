@@ -11,7 +11,7 @@ from facing import facing_cameras, facing_matches, facing_poses
 from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
 from planfit.errors import OptionError
 from planfit.geometry import se3
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind
 
 SQUARED = Loss(LossKind.SQUARED)

@@ -18,7 +18,7 @@ from planfit.adjust.terms.wall_offsets import (
 )
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.geometry import se3
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind
 
 

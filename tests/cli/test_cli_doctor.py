@@ -97,7 +97,7 @@ def test_compiled_kernels_are_made_and_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """None, then one, then a spoilt one: none of it is a fault, since numba compiles what is missing."""
-    lines = ["planfit.matching.kernels.take_within_budget int64[2,C] int64 int64[1,C]"]
+    lines = ["planfit.matching.pair_kernels.take_within_budget int64[2,C] int64 int64[1,C]"]
     monkeypatch.setattr(decorator, "READY", tmp_path)
     monkeypatch.setattr(making, "listed_lines", lambda: lines)
 

@@ -13,16 +13,15 @@ import pytest
 from numba.core import event
 
 from planfit.compiled import decorator, ready_files
-from planfit.compiled.decorator import kernel, usable
-from planfit.compiled.here import LEVEL, LEVEL_FEATURES, what_is_here
+from planfit.compiled.decorator import LEVEL, LEVEL_FEATURES, kernel, usable, what_is_here
 from planfit.compiled.making import compiled_blob, make_ready
 from planfit.compiled.ready_files import BLOBS, INDEX, Ready, read_ready, write_ready
 from planfit.compiled.signatures import line_of, listed_lines, parse_line
 from planfit.errors import OutputError
 
-PLAIN = "planfit.matching.kernels.take_within_budget int64[2,C] int64 int64[1,C]"
-FAST = "planfit.lsq.kernels.weigh_all float64[1,C] int64 float64"
-CALLING = "planfit.matching.surfaces.kernels."
+PLAIN = "planfit.matching.pair_kernels.take_within_budget int64[2,C] int64 int64[1,C]"
+FAST = "planfit.lsq.moment_kernels.weigh_all float64[1,C] int64 float64"
+CALLING = "planfit.matching.surfaces.registration_kernels."
 ON_X86 = "64bit" in what_is_here().features
 
 
@@ -204,8 +203,8 @@ from numba.core import event
 from planfit.compiled import decorator
 decorator.READY = Path(sys.argv[1])
 with event.install_recorder("numba:compile") as recorder:
-    from planfit.lsq.kernels import weigh_all
-    from planfit.matching.kernels import take_within_budget
+    from planfit.lsq.moment_kernels import weigh_all
+    from planfit.matching.pair_kernels import take_within_budget
     rng = np.random.default_rng(0)
     pairs = rng.integers(0, 50, (500, 2))
     taken = take_within_budget(pairs, 3, np.zeros(50, dtype=np.int64))

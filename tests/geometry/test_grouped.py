@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from planfit.geometry.grouped import groups_in_parts, in_parts
+from planfit.geometry.se3 import groups_in_parts, points_in_parts
 
 
 @pytest.mark.parametrize("at_a_time", [1, 4, 100])
@@ -13,7 +13,7 @@ def test_every_point_comes_once_with_its_group(monkeypatch, at_a_time, sizes):
     monkeypatch.setattr("planfit.geometry.se3.POINTS_AT_A_TIME", at_a_time)
     start = np.cumsum([0, *sizes])
     points, groups = [np.zeros(0, int)], [np.zeros(0, int)]
-    for part, group in in_parts(start):
+    for part, group in points_in_parts(start):
         assert len(group) == part.stop - part.start <= at_a_time
         points.append(np.arange(part.start, part.stop))
         groups.append(group)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from planfit.lsq.linear.block_pattern import BlockPattern
+from planfit.lsq.normal_equations import BlockPattern
 
 
 def system(rng, n, pairs):

@@ -8,7 +8,7 @@ from builders import jacobian_by_differences, nudged
 from facing import facing_poses
 from planfit.geometry import se3
 from planfit.lsq.blocks import blocks_of_relative_poses, relative_poses, sum_by_pose
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
 
 
 @pytest.fixture

@@ -14,11 +14,11 @@ from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.errors import OptionError
 from planfit.lsq import problem
 from planfit.lsq.bounded import BarrierTerm, BoundedOptions, growth_power, solve_bounded
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
+from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import SolverOptions, Stop, solve
 from planfit.lsq.term import robust_cost
-from planfit.lsq.terms.prior import PosePriorTerm
 
 QUICK = SolverOptions(max_iterations=30)
 

@@ -7,15 +7,10 @@ from numpy.testing import assert_allclose
 from builders import make_world
 from planfit.errors import OptionError
 from planfit.geometry import se3
-from planfit.lsq.covariance import (
-    aligned_position_covariances,
-    covariances,
-    factorised,
-    position_covariances,
-)
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.covariance import covariances, factorised
+from planfit.lsq.normal_equations import NormalEquations
+from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.solver import SolverOptions, solve
-from planfit.lsq.terms.prior import PosePriorTerm
 
 
 @pytest.fixture
@@ -58,40 +53,6 @@ def test_a_pose_that_nothing_holds_is_named(world):
     pose_prior = PosePriorTerm(np.array([1]), poses[1:2], np.full(6, 0.01))
     with pytest.raises(OptionError, match="pose 3"):
         covariances([pose_prior], poses, np.array([3]))
-
-
-def test_positions_alone_are_a_part_of_the_whole_and_may_be_free(world):
-    poses = world.plan_from_cams
-    pose_prior = PosePriorTerm(np.array([0]), poses[:1], np.full(6, 0.01))
-    idx = np.array([0, 5])
-    whole = covariances([*world.scan_terms, pose_prior], poses, idx)
-    found = position_covariances([*world.scan_terms, pose_prior], poses, idx)
-    assert_allclose(found, whole[:, 3:, 3:], rtol=1e-6, atol=1e-15)
-    free = position_covariances([pose_prior], poses, np.array([0, 3]))
-    assert_allclose(free[0], 1e-4 * np.eye(3), rtol=1e-3)
-    assert np.trace(free[1]) > 1e3 * np.trace(free[0])
-
-
-def test_aligned_positions_do_not_depend_on_which_pose_is_held(world):
-    poses, every = world.plan_from_cams, np.arange(len(world.plan_from_cams))
-    sigma = np.array([np.inf, np.inf, 1e-3, 1e-3, 1e-3, np.inf])  # the floor holds the rest
-    held = [PosePriorTerm(np.array([i]), poses[i : i + 1], sigma) for i in (0, 5)]
-    first, second = (
-        aligned_position_covariances([*world.scan_terms, prior], poses, every) for prior in held
-    )
-    assert_allclose(first, second, rtol=1e-3, atol=1e-9)
-    # Held at one pose, the others are less sure than once all are brought close.
-    far = position_covariances([*world.scan_terms, held[0]], poses, every)
-    assert np.trace(first.sum(axis=0)) < np.trace(far.sum(axis=0))
-
-
-def test_aligned_scatter_is_what_is_left_of_it(rng):
-    """Poses that priors hold, each for itself: the alignment takes out 6 of 3 n numbers."""
-    poses = np.tile(np.eye(4), (8, 1, 1))
-    poses[:, :3, 3] = rng.uniform(-3, 3, (8, 3))
-    prior = PosePriorTerm(np.arange(8), poses, np.full(6, 0.01))
-    found = aligned_position_covariances([prior], poses, np.arange(8))
-    assert_allclose(np.trace(found.sum(axis=0)), 1e-4 * (24 - 6), rtol=1e-6)
 
 
 def test_equations_that_hold_nothing_at_all_are_factorised_and_say_so(world):

@@ -5,7 +5,7 @@ import pytest
 
 from planfit.errors import OptionError
 from planfit.lsq import BetweenTerm, PosePriorTerm, Problem, ResidualTerm
-from planfit.lsq.checks import check_pose_idx, check_poses, check_weight
+from planfit.lsq.term import check_pose_idx, check_poses, check_weight
 
 POSES = np.tile(np.eye(4), (4, 1, 1))
 

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import gradient_by_differences, jacobian_by_differences, random_transforms
-from planfit.lsq.linear.normal_equations import NormalEquations
 from planfit.lsq.moments import pair_moments, plane_moments
+from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind, loss_value
 from planfit.runtime import mapped
 from planfit.runtime.mapped import is_mapped, map_rows

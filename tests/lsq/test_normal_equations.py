@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import make_world, nudged
 from planfit.lsq.blocks import NormalBlocks
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
 
 
 def test_blocks_off_the_diagonal_stand_for_their_transpose(rng):

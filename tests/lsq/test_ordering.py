@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.errors import OptionError
-from planfit.lsq.linear.block_pattern import BlockPattern
-from planfit.lsq.linear.ordering import minimum_degree_ordering
+from planfit.lsq.normal_equations import BlockPattern
+from planfit.lsq.ordering import minimum_degree_ordering
 from planfit.lsq.solver import SolverOptions
 
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from builders import make_world, nudged
 from planfit.adjust import AdjustOptions, close_loops
 from planfit.errors import OptionError
-from planfit.lsq.linear.solvers import Pardiso
+from planfit.lsq.linear_solvers import Pardiso
 from planfit.lsq.solver import SolverOptions
 
 

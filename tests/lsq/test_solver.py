@@ -11,9 +11,9 @@ from builders import make_matches, make_world, nudged, position_rms_m, random_tr
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks
+from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import SolverOptions, Stop, solve
-from planfit.lsq.terms.prior import PosePriorTerm
 
 TIGHT = SolverOptions(max_iterations=200, cost_tolerance=1e-12)
 

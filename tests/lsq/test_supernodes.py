@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from planfit.lsq.linear.ordering import (
+from planfit.lsq.ordering import (
     MAX_SMALL,
     MAX_ZEROS,
     find_supernodes,

@@ -11,7 +11,7 @@ from builders import nudged, position_rms_m, random_transforms
 from lsq.pose_graphs import sphere
 from planfit.geometry import se3
 from planfit.lsq import BetweenTerm, Loss, LossKind, PosePriorTerm, Problem, SolverOptions
-from planfit.lsq.terms.residual import jacobian_by_differences
+from planfit.lsq.residual_term import jacobian_by_differences
 
 CHARTS = ["so3xr3", "se3"]
 PAIRS = np.array([[0, 1], [2, 1], [3, 0], [2, 3]])

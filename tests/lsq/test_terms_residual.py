@@ -14,9 +14,9 @@ from lsq.pose_graphs import random_information
 from planfit.errors import OptionError
 from planfit.geometry import se3
 from planfit.lsq import Loss, LossKind, PosePriorTerm, Problem, ResidualTerm, SolverOptions
-from planfit.lsq.linear.normal_equations import NormalEquations
-from planfit.lsq.terms.residual import check_information
-from planfit.lsq.terms.residual import jacobian_by_differences as differenced
+from planfit.lsq.normal_equations import NormalEquations
+from planfit.lsq.residual_term import check_information
+from planfit.lsq.residual_term import jacobian_by_differences as differenced
 
 N = 5
 TIGHT = SolverOptions(max_iterations=300, cost_tolerance=1e-13)

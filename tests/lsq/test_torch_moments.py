@@ -12,10 +12,10 @@ from planfit.adjust.terms.levels import LevelOptions, floor_term
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.errors import OptionError
+from planfit.lsq import torch_moments
 from planfit.lsq.moments import pair_moments, plane_moments
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import SolverOptions, solve
-from planfit.lsq.torch import moments as torch_moments
 
 LOSSES = [Loss(kind, 1e-3 if kind is LossKind.NORM else 1.5) for kind in LossKind]
 
@@ -63,7 +63,7 @@ def test_planes(loss, device, rng, monkeypatch):
     found, other_cost = torch_moments.plane_moments_on(on_device, *rest)
     assert_allclose(other_cost, cost, rtol=1e-9)
     scale = np.abs(expected.moments).max()
-    assert_allclose(found.moments.cpu().numpy(), expected.moments, atol=1e-10 * scale)
+    assert_allclose(found.moments, expected.moments, atol=1e-10 * scale)
     moved = nudged(rng, poses, 2, 0.1)
     assert_allclose(found.cost(moved), expected.cost(moved), rtol=1e-9)
     assert_same_blocks(expected.normal_blocks(moved), found.normal_blocks(moved))
@@ -85,7 +85,7 @@ def test_pairs(loss, device, rng, monkeypatch):
     for name in ("aa", "ab", "bb"):
         moments = getattr(expected, name)
         scale = 1e-10 * np.abs(moments).max()
-        assert_allclose(getattr(found, name).cpu().numpy(), moments, atol=scale)
+        assert_allclose(getattr(found, name), moments, atol=scale)
     moved = nudged(rng, poses, 2, 0.1)
     assert_allclose(found.cost(moved), expected.cost(moved), rtol=1e-9)
     assert_same_blocks(expected.normal_blocks(moved), found.normal_blocks(moved))
@@ -97,6 +97,27 @@ def test_no_points(device):
     found, cost = torch_moments.plane_moments_on(none, *nowhere, 0.1, Loss())
     assert cost == 0.0
     assert not found.normal_blocks(nowhere[-1]).blocks.any()
+
+
+def device_of_terms(device, monkeypatch):
+    """Terms take PyTorch for "cuda" alone: on the CPU, let that be its CPU."""
+    if device == "cpu":
+        real = torch_moments.GroupedPoints.__init__
+
+        def on_torch_cpu(self, _, *rest):
+            real(self, "cpu", *rest)
+
+        monkeypatch.setattr(torch_moments.GroupedPoints, "__init__", on_torch_cpu)
+    return "cuda"
+
+
+def test_pairs_that_are_left_out_are_left_out_on_a_device_too(device, rng, monkeypatch):
+    world = make_world(rng)
+    is_kept = np.arange(len(world.matches.pairs)) % 2 == 0
+    where = device_of_terms(device, monkeypatch)
+    term = PointTerm(world.matches, PointOptions(), device=where, is_kept=is_kept)
+    moments, _ = term.reweight(world.plan_from_cams)
+    assert np.array_equal(moments.pairs, world.matches.pairs[is_kept])
 
 
 def test_a_solve_ends_at_the_same_poses(device, rng, monkeypatch):
@@ -115,14 +136,7 @@ def test_a_solve_ends_at_the_same_poses(device, rng, monkeypatch):
             ),
         ]
 
-    where = "cuda"
-    if device == "cpu":  # terms take PyTorch for "cuda" alone: let that be its CPU
-        real = torch_moments.GroupedPoints.__init__
-
-        def on_torch_cpu(self, _, *rest):
-            real(self, "cpu", *rest)
-
-        monkeypatch.setattr(torch_moments.GroupedPoints, "__init__", on_torch_cpu)
+    where = device_of_terms(device, monkeypatch)
     one = solve(terms("cpu"), start, SolverOptions())
     other = solve(terms(where), start, SolverOptions())
     assert_allclose(other.target_from_cams, one.target_from_cams, atol=1e-8)

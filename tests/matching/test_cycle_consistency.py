@@ -11,7 +11,7 @@ from builders import look
 from planfit.geometry import se3
 from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.matching.loop_closure import cycle_consistent
-from planfit.matching.pose_graph import LEVER_M, PoseGraph
+from planfit.matching.pose_graph import LEVER_M, LoopGraph
 from planfit.matching.types import RelativePoses
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
@@ -207,7 +207,7 @@ def test_a_path_over_a_loop_closure_is_more_certain_than_the_long_way_round():
     odometry = make_odometry(drifted(poses, 3), DRIFT)
     recorded = drifted(poses, 3)
     pairs = np.array([(a, c), (a + 5, c + 5), (a + 5, a + 9)])
-    graph = PoseGraph(recorded, odometry, pairs)
+    graph = LoopGraph(recorded, odometry, pairs)
     motion, rotation, translation = graph.most_certain_path(pairs)
     assert_allclose(motion, se3.inverse(recorded[pairs[:, 0]]) @ recorded[pairs[:, 1]], atol=1e-9)
     expected = odometry.sigma_between(*pairs.T)
@@ -230,7 +230,7 @@ def test_a_path_over_a_loop_closure_is_more_certain_than_the_long_way_round():
 def test_the_way_back_is_the_inverse():
     poses, (a, _, c) = walk((0, 0), (12, 0), (0, 0))
     pairs = np.array([(a, c), (c, a), (c + 5, a + 5)])
-    graph = PoseGraph(poses, make_odometry(poses, DRIFT), pairs)
+    graph = LoopGraph(poses, make_odometry(poses, DRIFT), pairs)
     true = loops(poses, [(a, c)])
     graph.add(true.pairs, true.a_from_b, 0.5, 0.03)
     motion, _, _ = graph.most_certain_path(pairs)
@@ -241,7 +241,7 @@ def test_a_search_within_a_sigma_finds_the_same_paths_or_none(rng):
     poses, begins = walk((0, 0), (12, 0), (0, 0), (12, 0))
     pairs = rng.choice(len(poses), (300, 2))
     pairs = np.concatenate([pairs, pairs[:1]])  # one twice
-    graph = PoseGraph(drifted(poses, 3), make_odometry(poses, DRIFT), pairs)
+    graph = LoopGraph(drifted(poses, 3), make_odometry(poses, DRIFT), pairs)
     joins = loops(poses, [(begins[0] + k, begins[2] + k) for k in range(0, 40, 8)])
     graph.add(joins.pairs, joins.a_from_b, 0.5, 0.03)
     every = graph.most_certain_path(pairs)

@@ -17,8 +17,8 @@ from planfit.matching.surfaces.find import (
     poor_frames,
 )
 from planfit.matching.surfaces.grids import COLUMNS, ROWS, find_surface_grids
-from planfit.matching.surfaces.kernels import LOSS_SIGMAS, observed, sums_at
 from planfit.matching.surfaces.register import observe, register, starts_about
+from planfit.matching.surfaces.registration_kernels import LOSS_SIGMAS, observed, sums_at
 from planfit.matching.types import RelativePoses
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -190,7 +190,7 @@ def test_gradient_is_that_of_the_robust_cost_of_the_plane_distances() -> None:
 
 
 def kernel_gradient(views, motion, sigma):
-    from planfit.matching.surfaces import kernels
+    from planfit.matching.surfaces import registration_kernels as kernels
 
     hessian, gradient, sums = np.zeros((6, 6)), np.zeros(6), np.zeros(7)
     rest = (kernels.GATES_M[-1], sigma, 1)

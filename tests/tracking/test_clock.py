@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
 from planfit.tracking import TrackingOptions, judge_tracking
-from planfit.tracking.trajectory import frame_times, read_trajectory
+from planfit.tracking.trajectory import frame_times, interpolate_trajectory
 
 RATE_HZ = 30.0
 SIGMA_RAD, SIGMA_M = np.deg2rad(0.02), 0.0005
@@ -175,8 +175,8 @@ def test_poses_are_read_within_tracked_runs_alone():
     poses = np.tile(np.eye(4), (6, 1, 1))
     poses[:, 0, 3] = [0, 1, 2, 10, 11, 12]
     is_whole = np.array([True, True, False, True, True])
-    later = read_trajectory(poses, np.arange(6.0), 0.5, is_whole)
-    earlier = read_trajectory(poses, np.arange(6.0), -0.5, is_whole)
+    later = interpolate_trajectory(poses, np.arange(6.0), 0.5, is_whole)
+    earlier = interpolate_trajectory(poses, np.arange(6.0), -0.5, is_whole)
     assert_allclose(later[:, 0, 3], [0.5, 1.5, 2.5, 10.5, 11.5, 12.5])
     assert_allclose(earlier[:, 0, 3], [-0.5, 0.5, 1.5, 9.5, 10.5, 11.5])
 

@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.problem import AdjustmentProblem
 from planfit.lsq.covariance import factorised
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.robust import loss_value
 
 MAX_MARKS = 150

@@ -43,11 +43,11 @@ from planfit.adjust.terms.wall_offsets import (
 from planfit.adjust.terms.walls import WallTerm
 from planfit.floorplan import Floorplan
 from planfit.lsq.bounded import solve_bounded
+from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.problem import Problem
+from planfit.lsq.residual_term import ResidualTerm
 from planfit.lsq.solver import Cost, Solution
 from planfit.lsq.term import Term
-from planfit.lsq.terms.prior import PosePriorTerm
-from planfit.lsq.terms.residual import ResidualTerm
 from planfit.segmentation import WallPatches
 
 

@@ -14,8 +14,8 @@ from jaxtyping import Float
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.errors import require_positive
 from planfit.lsq.covariance import covariances
+from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.term import Term
-from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.segmentation import WallPatches
 
 MAX_FRAMES = 40

@@ -17,7 +17,7 @@ from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.geometry import se3
 from planfit.matching import RelativePoses, group_visits, relative_poses_of
 from planfit.matching.cycles import CycleConsistencyOptions, is_near
-from planfit.matching.pose_graph import PoseGraph
+from planfit.matching.pose_graph import LoopGraph
 from planfit.scan.odometry import Odometry
 
 MIN_SIGMAS = 12.0
@@ -135,7 +135,7 @@ def visits_that_tear(
     edges = relative_poses_of(measurements.matches)
     visit = group_visits(edges, recorded_from_cams, measurements.odometry, options)
     frame_idx = _frame_idx(measurements, len(recorded_from_cams))
-    ways = _Ways(edges, visit, recorded_from_cams, measurements.odometry, options)
+    ways = _LoopPaths(edges, visit, recorded_from_cams, measurements.odometry, options)
     is_dropped, dropped = np.zeros(len(edges), dtype=bool), []
     for step in torn:
         s = int(np.searchsorted(frame_idx, step.frames[0]))
@@ -150,7 +150,7 @@ def visits_that_tear(
 
 
 @dataclass(frozen=True)
-class _Ways:
+class _LoopPaths:
     """Ways through the walk, over recorded steps and verified pairs."""
 
     edges: RelativePoses
@@ -209,13 +209,13 @@ class _Ways:
 
     def _graph(
         self, odometry: Odometry, is_used: Bool[np.ndarray, " p"], step: int = 0
-    ) -> PoseGraph:
+    ) -> LoopGraph:
         nodes = np.concatenate([self.edges.pairs, [[step, step + 1]]])
-        graph = PoseGraph(self.world_from_cams, odometry, nodes)
+        graph = LoopGraph(self.world_from_cams, odometry, nodes)
         self._add(graph, self.edges[is_used])
         return graph
 
-    def _add(self, graph: PoseGraph, edges: RelativePoses) -> None:
+    def _add(self, graph: LoopGraph, edges: RelativePoses) -> None:
         sigmas = self.options.sigma_rotation_deg, self.options.sigma_translation_m
         graph.add(edges.pairs, edges.a_from_b, *sigmas)
 

@@ -1,4 +1,7 @@
-"""Compile the listed kernels ahead of their first call: for `planfit doctor --compile`, and for wheels."""
+"""Compile the listed kernels ahead of their first call: for `planfit doctor --compile`, and for wheels.
+
+`python -m planfit.compiled.making FOLDER < LINES` compiles the kernels of some lines; `make_ready` starts it.
+"""
 
 import os
 import subprocess
@@ -15,8 +18,7 @@ from numba.core.caching import NullCache
 from numba.core.dispatcher import Dispatcher
 
 from planfit.compiled import decorator
-from planfit.compiled.decorator import set_cache
-from planfit.compiled.here import settings_of_the_level, what_is_here
+from planfit.compiled.decorator import set_cache, settings_of_the_level, what_is_here
 from planfit.compiled.ready_files import Ready, read_ready, write_ready
 from planfit.compiled.signatures import listed_lines, parse_line
 from planfit.errors import OutputError
@@ -67,7 +69,7 @@ def _compile_apart(folder: Path, lines: Sequence[str]) -> tuple[Ready, dict[str,
     # numba's own cache too: what lies in the user's was perhaps compiled by other settings.
     caches = {"NUMBA_CACHE_DIR": str(folder / "numba")}
     done = subprocess.run(
-        [sys.executable, "-m", "planfit.compiled", str(folder)],
+        [sys.executable, "-m", "planfit.compiled.making", str(folder)],
         env={**os.environ, **settings_of_the_level(), **caches},
         input="\n".join(lines),
         capture_output=True,
@@ -127,3 +129,7 @@ def wheel_tag() -> str:
     text = distribution("numba").read_text("WHEEL") or ""
     tags = [line.split()[1] for line in text.splitlines() if line.startswith("Tag:")]
     return tags[0] if tags else ""
+
+
+if __name__ == "__main__":
+    compile_share(Path(sys.argv[1]), sys.stdin.read().splitlines())

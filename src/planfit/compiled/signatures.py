@@ -2,7 +2,7 @@
 
 A line is the kernel's name and the types of its arguments:
 
-    planfit.lsq.kernels.weigh_all float64[1,C] int64 float64
+    planfit.lsq.moment_kernels.weigh_all float64[1,C] int64 float64
 
 An array has the type of its numbers, its dimensions and its layout in memory (C, F, or A for any), and `ro`
 where it is read-only; a tuple is written in parentheses.

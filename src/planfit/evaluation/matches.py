@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.geometry import se3
-from planfit.geometry.grouped import in_parts
 from planfit.matching import Matches
 from planfit.runtime import let_go
 
@@ -14,7 +13,7 @@ def match_distances(
 ) -> Float[np.ndarray, " m"]:
     """Distance (m) between the two points of each match."""
     found = np.zeros(matches.n_matches)
-    for part, pair in in_parts(matches.start):
+    for part, pair in se3.points_in_parts(matches.start):
         first, second = matches.pairs[pair].T
         points_a, points_b = matches.points_a[part], matches.points_b[part]
         a = se3.transform_each(target_from_cams[first], points_a)

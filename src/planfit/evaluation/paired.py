@@ -28,16 +28,6 @@ class Paired:
     losses: int
     """Cases in which B is worse."""
 
-    @property
-    def ties(self) -> int:
-        """Cases in which neither is."""
-        return self.n - self.wins - self.losses
-
-    @property
-    def standard_error(self) -> float:
-        """Of the mean difference; a mean beyond twice of it is hardly chance."""
-        return self.sigma / np.sqrt(self.n)
-
 
 def compare_paired(a: Values, b: Values) -> list[Paired]:
     """Every metric that both have, case by case; in the order of A.

@@ -17,7 +17,6 @@ from jaxtyping import Float, Int
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import facing_distances
 from planfit.geometry import se3
-from planfit.geometry.grouped import in_parts
 from planfit.runtime import let_go, row_parts
 from planfit.segmentation import Structure
 
@@ -176,7 +175,7 @@ def floor_heights(
 def _wall_points_cam(structure: Structure) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Frame (m,) and point (m, 3) m, camera frame, of each wall point, some at a time."""
     walls, first = structure.walls, 0
-    for part, patch in in_parts(walls.start):
+    for part, patch in se3.points_in_parts(walls.start):
         yield walls.frame_idx[patch], walls.points_cam[part]
         let_go(walls.points_cam[part])
     for points in row_parts(structure.unassigned_points_cam):

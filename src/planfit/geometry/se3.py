@@ -8,6 +8,8 @@ SE(3): a rotation is about the source's own origin (the camera), so rotations an
 scale however far a building lies from the origin of its plan.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Float, Int, Real
 from scipy.spatial.transform import Rotation
@@ -45,6 +47,34 @@ def transform_indexed(
         part = slice(first, first + POINTS_AT_A_TIME)
         moved[part] = transform_each(target_from_sources[idx[part]], points[part])
     return moved
+
+
+def points_in_parts(
+    start: Int[np.ndarray, " l"],
+) -> Iterator[tuple[slice, Int[np.ndarray, " p"]]]:
+    """Points of groups, group k of which are start[k]:start[k + 1], some at a time, and the group of each.
+
+    What is made for each point then takes no memory that grows with the scan.
+    """
+    m = int(start[-1])
+    for first in range(0, m, POINTS_AT_A_TIME):
+        part = slice(first, min(first + POINTS_AT_A_TIME, m))
+        yield part, np.searchsorted(start, np.arange(part.start, part.stop), side="right") - 1
+
+
+def groups_in_parts(start: Int[np.ndarray, " l"], at_a_time: int = 0) -> Iterator[slice]:
+    """The same by whole groups: a part is one group, or several that have no more points together.
+
+    Args:
+        start: (k + 1,) of k groups.
+        at_a_time: points; 0: `POINTS_AT_A_TIME`.
+    """
+    first, n_groups = 0, len(start) - 1
+    while first < n_groups:
+        most = start[first] + (at_a_time or POINTS_AT_A_TIME)
+        last = max(int(np.searchsorted(start, most, side="right")) - 1, first + 1)
+        yield slice(first, min(last, n_groups))
+        first = last
 
 
 def inverse(

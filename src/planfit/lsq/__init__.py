@@ -12,7 +12,10 @@ from planfit.lsq.bounded import solve_bounded as solve_bounded
 from planfit.lsq.g2o import PoseGraph as PoseGraph
 from planfit.lsq.g2o import read_g2o as read_g2o
 from planfit.lsq.g2o import write_g2o as write_g2o
+from planfit.lsq.pose_terms import BetweenTerm as BetweenTerm
+from planfit.lsq.pose_terms import PosePriorTerm as PosePriorTerm
 from planfit.lsq.problem import Problem as Problem
+from planfit.lsq.residual_term import ResidualTerm as ResidualTerm
 from planfit.lsq.robust import Loss as Loss
 from planfit.lsq.robust import LossKind as LossKind
 from planfit.lsq.robust import loss_value as loss_value
@@ -24,6 +27,3 @@ from planfit.lsq.term import Graduated as Graduated
 from planfit.lsq.term import NamesPoses as NamesPoses
 from planfit.lsq.term import Quadratic as Quadratic
 from planfit.lsq.term import Term as Term
-from planfit.lsq.terms.between import BetweenTerm as BetweenTerm
-from planfit.lsq.terms.prior import PosePriorTerm as PosePriorTerm
-from planfit.lsq.terms.residual import ResidualTerm as ResidualTerm

@@ -8,7 +8,7 @@ points p~ = (p, 1) in the camera frame and weights w:
 - cameras i and j: sum w |T_i p~ - T_j q~|^2 needs sum w p~p~^T, sum w p~q~^T and sum w q~q~^T.
 
 The same idea: BALM2 (arXiv 2209.08854), Eigen-Factors (2304.01055), Zhou et al. (2211.11542).
-Robust weights change the sums, so each reweighting takes one pass over the points (`kernels`).
+Robust weights change the sums, so each reweighting takes one pass over the points (`moment_kernels`).
 """
 
 from collections.abc import Callable
@@ -17,9 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.lsq.block_kernels import add_pair_blocks, add_plane_blocks
 from planfit.lsq.blocks import NormalBlocks, relative_poses
-from planfit.lsq.kernels import sum_pairs, sum_planes
+from planfit.lsq.moment_kernels import add_pair_blocks, add_plane_blocks, sum_pairs, sum_planes
 from planfit.lsq.robust import Loss
 from planfit.runtime.mapped import for_kernels, let_go
 from planfit.runtime.threads import in_threads
@@ -45,7 +44,7 @@ class PlaneMoments:
         return 0.5 * float(np.einsum("ki,kij,kj->", planes_cam, self.moments, planes_cam))
 
     def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
-        """Gauss-Newton blocks of the distances; see `block_kernels`."""
+        """Gauss-Newton blocks of the distances; see `moment_kernels`."""
         every = np.arange(len(target_from_cams))
         blocks, gradient = np.zeros((len(every), 6, 6)), np.zeros((len(every), 6))
         add_plane_blocks(
@@ -87,7 +86,7 @@ class PairMoments:
         )
 
     def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
-        """Gauss-Newton blocks of the distances; see `block_kernels`."""
+        """Gauss-Newton blocks of the distances; see `moment_kernels`."""
         n_poses, n_pairs = len(target_from_cams), len(self.pairs)
         every = np.arange(n_poses)
         rows, columns = (np.concatenate([every, np.zeros(n_pairs, dtype=int)]) for _ in range(2))

@@ -8,13 +8,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.errors import OptionError, require
-from planfit.lsq.checks import check_poses
 from planfit.lsq.covariance import covariances
 from planfit.lsq.solver import DEFAULTS, Solution, SolverOptions, solve
-from planfit.lsq.term import NamesPoses, Term, robust_cost, widened
+from planfit.lsq.term import NamesPoses, Term, check_poses, robust_cost, widened
 from planfit.runtime.short_repr import short_repr
 
-GNC_SCHEDULE = (8.0, 4.0, 2.0, 1.0)
+_GNC_SCHEDULE = (8.0, 4.0, 2.0, 1.0)
 """Factors on the scales of losses, the last of them 1."""
 
 
@@ -59,7 +58,7 @@ class Problem:
 
     def solve_gnc(
         self,
-        schedule: Sequence[float] = GNC_SCHEDULE,
+        schedule: Sequence[float] = _GNC_SCHEDULE,
         options: SolverOptions = DEFAULTS,
     ) -> Solution:
         """Graduated non-convexity: solve with wide losses, which have few minima, then with narrower ones.

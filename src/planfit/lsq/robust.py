@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import require_positive
-from planfit.lsq import kernels
+from planfit.lsq import moment_kernels as kernels
 
 
 class LossKind(IntEnum):

@@ -13,8 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 from planfit.errors import OptionError, require, require_choice, require_positive
 from planfit.geometry import se3
-from planfit.lsq.linear.block_pattern import BlockPattern
-from planfit.lsq.linear.normal_equations import LinearSolver, NormalEquations
+from planfit.lsq.normal_equations import BlockPattern, LinearSolver, NormalEquations
 from planfit.lsq.term import Quadratic, Term
 from planfit.runtime.short_repr import short_repr
 
@@ -45,8 +44,8 @@ class SolverOptions:
     """How a step is solved for: `direct` (sparse factorisation), `cg` (conjugate gradients), `pardiso` (MKL's
     factorisation, an extra), or `auto`: direct where loops fill the factor little, else cg."""
     device: Literal["cpu", "cuda"] = "cpu"
-    """Where points are reweighted and blocks are made: 3D points, floor, ceiling, walls and columns also
-    run on a GPU through PyTorch. The sparse solve stays on the CPU."""
+    """Where points are reweighted: 3D points, floor, ceiling, walls and columns also go through on a GPU,
+    by PyTorch. Steps are made and solved for on the CPU."""
 
     def __post_init__(self) -> None:
         require_choice(self, "linear_solver", "auto", "direct", "cg", "pardiso")
@@ -111,7 +110,8 @@ def solve(
             outcomes, least = [], options.cost_tolerance * total
             cost = _cost(quadratics, poses)
             for _ in range(options.steps_per_reweighting):
-                equations = _equations(quadratics, poses, pattern)
+                blocks = [quadratic.normal_blocks(poses) for quadratic in quadratics]
+                equations = NormalEquations(blocks, len(poses), pattern)
                 pattern = equations.pattern
                 earlier = cost
                 poses, cost, damping, outcome = _damped_step(
@@ -158,14 +158,6 @@ class _Outcome(Enum):
     MOVED = "the cost fell"
     CONVERGED = "the cost can fall by no more than rounding"
     STUCK = "no damping made the cost fall"
-
-
-def _equations(
-    quadratics: Sequence[Quadratic],
-    poses: Float[np.ndarray, "n 4 4"],
-    pattern: BlockPattern | None,
-) -> NormalEquations:
-    return NormalEquations([q.normal_blocks(poses) for q in quadratics], len(poses), pattern)
 
 
 def _cost(quadratics: Sequence[Quadratic], poses: Float[np.ndarray, "n 4 4"]) -> float:

@@ -1,6 +1,6 @@
 """Compiled loop of dense agreement: the cells of one view, seen in another.
 
-As in `kernels.py`, shapes are in the docstrings: numba compiles types that nothing can wrap.
+As in `matching.pair_kernels`, shapes are in the docstrings: numba compiles types that nothing can wrap.
 """
 
 import numpy as np

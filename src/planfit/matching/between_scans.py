@@ -29,10 +29,10 @@ from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
 from planfit.scan.views import select_frames
 
-RETRIEVED = 6
+_RETRIEVED = 6
 """Frames of another scan that each frame is tried with, the most alike; of two visits to a synthetic flat,
 refurnished, a tenth of these pairs are verified, all but one in eighty of them rightly."""
-LOOPS_PER_FRAME = 12
+_LOOPS_PER_FRAME = 12
 """Pairs a frame may take part in once the scans are placed."""
 
 
@@ -76,7 +76,7 @@ def retrieve_between(seen: ScansSeen, view_idx: Int[np.ndarray, " v"]) -> Int[np
         for other in np.unique(of_scan[of_scan != own]):
             rows, columns = (view_idx[of_scan == k] for k in (own, other))
             alike = vectors[of_scan == own] @ vectors[of_scan == other].T
-            k = min(RETRIEVED, len(columns))
+            k = min(_RETRIEVED, len(columns))
             best = np.argsort(-alike, axis=1, kind="stable")[:, :k]
             ok = np.take_along_axis(alike, best, axis=1) > 0
             found.append(
@@ -92,7 +92,7 @@ def pairs_between(
     options: MatchingOptions,
 ) -> Int[np.ndarray, "p 2"]:
     """Pairs of frames of different scans that may show the same place, by where they stand."""
-    chosen = replace(options.pairs, loops_per_frame=LOOPS_PER_FRAME)
+    chosen = replace(options.pairs, loops_per_frame=_LOOPS_PER_FRAME)
     return seen.between(choose_pairs(joined_from_cams, odometry, chosen, seen.descriptors))
 
 

@@ -22,7 +22,7 @@ from planfit.scan import Scan
 from planfit.scan.pixels import lift_pixel
 from planfit.scan.views import select_frames
 
-PICK_PX = 3.0
+_PICK_PX = 3.0
 """How far off its point a pixel is that a person picks, standard deviation."""
 AGREES_M = 0.3
 """Two picked points that the images put further apart than this are not one."""
@@ -160,7 +160,7 @@ def _lifted(
         for frame, uv in zip(loop.frames, loop.picked.uv, strict=True)
     )
     off_m = [
-        PICK_PX * point[0, 2] / scan.cameras[frame].fx
+        _PICK_PX * point[0, 2] / scan.cameras[frame].fx
         for frame, point in zip(loop.frames, (a, b), strict=True)
     ]
     sigma = np.sqrt(match_sigma(a, b, options.verify) ** 2 + off_m[0] ** 2 + off_m[1] ** 2)

@@ -19,7 +19,7 @@ from planfit.scan import Scan
 from planfit.scan.formats.colmap_model import read_model
 from planfit.scan.source import FolderSource
 
-MAX_IMAGE_ID = 2_147_483_647
+_MAX_IMAGE_ID = 2_147_483_647
 MIN_SHARED = 8
 """Images of a model that share fewer points are no pair: verification would refuse them anyway."""
 
@@ -171,7 +171,7 @@ def _read_database(path: Path) -> tuple[
     try:
         uv = {i: _array(data, rows, cols, np.float32)[:, :2] for i, rows, cols, data in blobs}
         matches = {
-            (pair // MAX_IMAGE_ID, pair % MAX_IMAGE_ID): _array(data, rows, cols, np.uint32)
+            (pair // _MAX_IMAGE_ID, pair % _MAX_IMAGE_ID): _array(data, rows, cols, np.uint32)
             for pair, rows, cols, data in pairs
         }
     except (ValueError, TypeError) as error:

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.matching.kernels import covisible_share
+from planfit.matching.pair_kernels import covisible_share
 
 N_POINTS = 24
 """Points of each frame; a share of 24 is known to a tenth, and drift spoils more than that."""

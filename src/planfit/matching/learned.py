@@ -103,13 +103,13 @@ def _load(part: str, name: str, kind: str, device: str) -> tuple[Any, Any, Any]:
 def _given_keypoints(torch: Any) -> Any:
     """A detector that returns what it was given, in the order of SuperPoint's output."""
 
-    class Given(torch.nn.Module):
+    class FixedOutput(torch.nn.Module):
         found: tuple = ()
 
         def forward(self, _: Any) -> tuple:
             return self.found
 
-    return Given()
+    return FixedOutput()
 
 
 def _filled(part: np.ndarray, length: int) -> np.ndarray:

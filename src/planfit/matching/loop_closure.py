@@ -27,21 +27,21 @@ from planfit.matching.cycles import (
 )
 from planfit.matching.disputes import Disputes, find_disputes
 from planfit.matching.pairs import PairOptions, in_order_of_visits, within_budget
-from planfit.matching.pose_graph import LEVER_M, PoseGraph
+from planfit.matching.pose_graph import LEVER_M, LoopGraph
 from planfit.matching.types import RelativePoses
 from planfit.scan.odometry import Odometry
 
 REACH = 3
 """Views before and after each end of an accepted loop closure that are looked at."""
-MIN_COVISIBILITY = 0.25
+_MIN_COVISIBILITY = 0.25
 """Pairs that should share less are not tried."""
 CHUNK = 100_000
-CERTAIN_DEG = 5.0
+_CERTAIN_DEG = 5.0
 """A path whose rotation is known less well than this, and its translation as little as rooms allow, is not
 looked for among those that are certain."""
-GAP_TIMES_USUAL = 10.0
+_GAP_TIMES_USUAL = 10.0
 """A step whose sigma is this many times the median of the walk is a gap: tracking broke there."""
-PRIOR_REVISITS = 2
+_PRIOR_REVISITS = 2
 """How many revisits the sigmas of the odometry weigh as, when the tracker's own drift is looked at."""
 
 
@@ -77,7 +77,7 @@ def cycle_consistent(
     is_accepted[is_sure] = is_near(motions, recorded, sigmas, options)[is_sure]
 
     known = np.zeros((0, 2), dtype=int) if certain is None else certain.pairs
-    graph = PoseGraph(world_from_cams, odometry, np.concatenate([pairs, known]))
+    graph = LoopGraph(world_from_cams, odometry, np.concatenate([pairs, known]))
     if certain is not None:
         surely = options.sigma_rotation_deg, options.sigma_translation_m
         graph.add(certain.pairs, certain.a_from_b, *surely)
@@ -140,14 +140,14 @@ def propose_loop_closures(
         part = slice(first, first + CHUNK)
         motion = by_way_of(loops[source[part]], found[part], world_from_cams)
         covisibility[part] = samples.covisibility_by_motion(found[part], motion)
-    is_covisible = covisibility > MIN_COVISIBILITY
+    is_covisible = covisibility > _MIN_COVISIBILITY
     found, covisibility = found[is_covisible], covisibility[is_covisible]
     order = in_order_of_visits(found, -covisibility)
     return np.unique(within_budget(found[order], options.guided_per_frame), axis=0)
 
 
 def _decide(
-    graph: PoseGraph,
+    graph: LoopGraph,
     relative_poses: RelativePoses,
     heads: np.ndarray,
     waits: np.ndarray,
@@ -161,7 +161,7 @@ def _decide(
     the sigma of the translation to each, where nothing is certain.
     """
     # Most rounds decide what has become certain: short paths, a tenth of the time of all.
-    within_m = np.hypot(certain_sigma_m(options), LEVER_M * np.deg2rad(CERTAIN_DEG))
+    within_m = np.hypot(certain_sigma_m(options), LEVER_M * np.deg2rad(_CERTAIN_DEG))
     pairs = relative_poses.pairs[heads]
     predicted, sigma_rotation, sigma_translation = graph.most_certain_path(pairs, within_m)
     is_now = is_certain(sigma_translation, options)
@@ -216,9 +216,9 @@ def _narrowing(
     slack = options.translation_slack_m
     sigmas = np.linalg.norm(off, axis=1) / np.hypot(sigma_translation, slack)
     # Of a vector of three standard normal numbers the length has the median 1.538. Few revisits say little:
-    # as if PRIOR_REVISITS more had said what the sigmas say.
+    # as if _PRIOR_REVISITS more had said what the sigmas say.
     share_sq = (np.median(sigmas) / 1.538) ** 2
-    drift = np.sqrt((len(strong) * share_sq + PRIOR_REVISITS) / (len(strong) + PRIOR_REVISITS))
+    drift = np.sqrt((len(strong) * share_sq + _PRIOR_REVISITS) / (len(strong) + _PRIOR_REVISITS))
     own = np.where(is_strong, options.max_drifts, options.max_weak_drifts) * drift
     return np.where(is_over_gap, 1.0, np.minimum(own / options.max_uncertain_sigmas, 1.0))
 
@@ -226,7 +226,7 @@ def _narrowing(
 def _spans_gap(pairs: np.ndarray, odometry: Odometry) -> np.ndarray:
     """Whether a step of which little is known lies between the frames of each pair (p,): that is no drift."""
     sigma = odometry.sigma_translation
-    return spans_any(pairs, sigma > GAP_TIMES_USUAL * np.median(sigma))
+    return spans_any(pairs, sigma > _GAP_TIMES_USUAL * np.median(sigma))
 
 
 def _clusters(relative_poses: RelativePoses, odometry: Odometry, size_m: float) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int, Shaped
 
 from planfit.errors import require_choice, require_share
-from planfit.matching.kernels import mutual_nearest
+from planfit.matching.pair_kernels import mutual_nearest
 from planfit.matching.types import Keypoints, Matcher
 
 
@@ -33,7 +33,7 @@ class MatcherOptions:
         require_share(self, "max_ratio")
 
 
-WEIGHTS = {
+_WEIGHTS = {
     "lightglue": "ETH-CVG/lightglue_superpoint",
     "superglue": "magic-leap-community/superglue_indoor",
 }
@@ -48,7 +48,7 @@ def make_matcher(options: MatcherOptions) -> Matcher:
     if options.kind != "nearest":
         from planfit.matching.learned import glue  # torch is loaded only where it is asked for
 
-        return glue(options.kind, options.weights or WEIGHTS[options.kind], options.device)
+        return glue(options.kind, options.weights or _WEIGHTS[options.kind], options.device)
 
     def match(a: Keypoints, b: Keypoints, _: object, __: object) -> Int[np.ndarray, "m 2"]:
         return match_descriptors(a.descriptors, b.descriptors, options.max_ratio)

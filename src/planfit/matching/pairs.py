@@ -13,22 +13,22 @@ from scipy.spatial import cKDTree
 
 from planfit.errors import require_positive
 from planfit.matching.covisibility import ViewSamples
-from planfit.matching.kernels import take_within_budget
+from planfit.matching.pair_kernels import take_within_budget
 from planfit.matching.retrieval import most_similar, similarity_of
 from planfit.scan.odometry import Odometry
 
-DRIFT_M = 0.5
+_DRIFT_M = 0.5
 """At this much drift, the covisibility of recorded poses counts half."""
 RECENT_M = 2.5
 """Frames with less way between them are no revisit; they share a third of the budget."""
-N_NEAREST = 64
+_N_NEAREST = 64
 """Views looked at about each view; many visits of one place fit in."""
 VISIT_FRAMES = 8
 """Pairs between the same two runs of this many frames are of one visit."""
 CELL_M = 0.25
-CELL_FORWARD = 0.18
+_CELL_FORWARD = 0.18
 """Views in one cell of this size (a rotation by 10 degrees) and of `CELL_M` are one."""
-VISIT_WALKED_M = 3.0
+_VISIT_WALKED_M = 3.0
 """Views in one cell are another visit once the camera has walked this much further."""
 
 
@@ -114,7 +114,7 @@ def distinct_views(
 ) -> Views:
     """Frames that stand for their like, the sharpest of them where `sharpness` is known.
 
-    Frames of one cell of position and direction, within `VISIT_WALKED_M` of way, are alike: however
+    Frames of one cell of position and direction, within `_VISIT_WALKED_M` of way, are alike: however
     long the camera stands there, one of them tells where it was.
     """
     n = len(world_from_cams)
@@ -122,8 +122,8 @@ def distinct_views(
     cells = np.column_stack(
         [
             np.floor(centres / CELL_M),
-            np.floor(forward / CELL_FORWARD),
-            np.floor(walked_m / VISIT_WALKED_M),
+            np.floor(forward / _CELL_FORWARD),
+            np.floor(walked_m / _VISIT_WALKED_M),
         ]
     ).astype(np.int64)
     _, group = np.unique(cells, axis=0, return_inverse=True)
@@ -183,7 +183,7 @@ def _revisits(
         # Drift of a metre moves views of rooms so far that only the images can tell.
         _, drift = odometry.sigma_between(*pairs.T)
         covisibility = descriptors.samples.covisibility(world_from_cams, pairs)
-        gap = -covisibility / (1.0 + drift / DRIFT_M) - 2 * similarity
+        gap = -covisibility / (1.0 + drift / _DRIFT_M) - 2 * similarity
         retrieved, similarity = _retrieved(views, odometry, options, descriptors.vectors)
         order = in_order_of_visits(retrieved, -similarity)
         retrieved = within_budget(retrieved[order], options.retrieved_per_frame)
@@ -204,7 +204,7 @@ def _near_views(
     ahead = views.centres + options.view_distance_m * views.forward
     # Nearest in six numbers, of the centre and of the spot ahead; beyond `reach` no pair passes the gate.
     location = np.hstack([views.centres, ahead])
-    k = min(N_NEAREST, len(location))
+    k = min(_N_NEAREST, len(location))
     reach = np.hypot(options.max_distance_m, options.max_distance_m + 2 * options.view_distance_m)
     _, found = cKDTree(location).query(location, k=k, distance_upper_bound=reach)
     a = np.repeat(np.arange(len(location)), k)

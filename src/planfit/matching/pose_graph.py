@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.geometry import se3
-from planfit.matching.kernels import most_certain_paths
+from planfit.matching.pair_kernels import most_certain_paths
 from planfit.runtime import in_threads
 from planfit.scan.odometry import Odometry
 
@@ -15,15 +15,15 @@ LEVER_M = 3.0
 """A rotation's sigma counts as much as the translation it makes at this distance, where paths are
 compared."""
 
-PATHS_AT_A_TIME = 64
+_PATHS_AT_A_TIME = 64
 """Searched for in one thread: of 9,600 keyframes a search takes 4 ms."""
-MIN_TIMES_SURER = 3.0
+_MIN_TIMES_SURER = 3.0
 """A verified motion that is not this many times surer than the recorded one, in rotation or translation, is
 no edge: errors of neighbouring frames are alike (lens, depth), so that a chain of them bends the way. On
 ConSLAM chains turned by 20 deg where the recorded motion had turned by 6, and true revisits were refused."""
 
 
-class PoseGraph:
+class LoopGraph:
     """A graph of frames; each edge has a motion and its variance. Only frames of loop closures are nodes."""
 
     def __init__(
@@ -60,7 +60,7 @@ class PoseGraph:
         recorded = self._odometry.sigma_between(*pairs.T)
         own = np.zeros((2, len(pairs)))
         own[0], own[1] = np.deg2rad(sigma_rotation_deg), sigma_translation_m
-        tells = np.any(np.stack(recorded) > MIN_TIMES_SURER * own, axis=0)
+        tells = np.any(np.stack(recorded) > _MIN_TIMES_SURER * own, axis=0)
         pairs, a_from_b, own = pairs[tells], a_from_b[tells], own[:, tells]
         length_m = np.linalg.norm(a_from_b[:, :3, 3], axis=1)
         variance = np.column_stack([*np.square(own), length_m])
@@ -97,7 +97,7 @@ class PoseGraph:
             self._variance,
         )
         # In parts, each in a thread; those of one source may come into two, and are then searched for twice.
-        parts = [order[k : k + PATHS_AT_A_TIME] for k in range(0, len(order), PATHS_AT_A_TIME)]
+        parts = [order[k : k + _PATHS_AT_A_TIME] for k in range(0, len(order), _PATHS_AT_A_TIME)]
         most = float(max_sigma_m) ** 2
         found = in_threads(lambda part: most_certain_paths(*graph, ends[part], most), parts)
         motion, variance = np.zeros((len(order), 4, 4)), np.zeros((len(order), 3))

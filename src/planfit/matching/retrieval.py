@@ -12,15 +12,15 @@ from jaxtyping import Float, Float32, Int, Shaped
 
 from planfit.runtime import StoredArray
 
-N_WORDS = 48
+_N_WORDS = 48
 N_SAMPLES = 8_000
 """Descriptors that the vocabulary is learned from."""
-N_PER_FRAME = 400
+_N_PER_FRAME = 400
 """Descriptors of a frame that count, the first of it; more change the frame's descriptor little."""
-DIMENSIONS = 512
+_DIMENSIONS = 512
 """Frame descriptors are projected to this many numbers; a random projection keeps scalar products to 4 %."""
 BLOCK = 256
-N_LOOKED_AT = 64
+_N_LOOKED_AT = 64
 """The most similar rows of each, of which the possible ones are taken."""
 
 
@@ -34,7 +34,7 @@ def describe_frames(
     n = len(descriptors)
     dims = descriptors[0].shape[1] if n else 0
     some = [i for i in range(n) if len(descriptors[i])]
-    described = np.zeros((n, DIMENSIONS), dtype=np.float32)
+    described = np.zeros((n, _DIMENSIONS), dtype=np.float32)
     if not some:
         return described
     each = max(1, N_SAMPLES // len(some))
@@ -42,13 +42,13 @@ def describe_frames(
     samples = np.concatenate(
         [_prepared(descriptors[i][rng.permutation(len(descriptors[i]))[:each]]) for i in sampled]
     )
-    if len(samples) < 2 * N_WORDS:  # too few for a vocabulary
+    if len(samples) < 2 * _N_WORDS:  # too few for a vocabulary
         return described
     words = _vocabulary(samples, rng)
-    projection = rng.normal(size=(N_WORDS * dims, DIMENSIONS)).astype(np.float32)
+    projection = rng.normal(size=(_N_WORDS * dims, _DIMENSIONS)).astype(np.float32)
     for first in range(0, len(some), 64):  # all frames at once take w * d * 4 bytes each, 25 KB
         part = some[first : first + 64]
-        vlad = np.stack([_vlad(_prepared(descriptors[i][:N_PER_FRAME]), words) for i in part])
+        vlad = np.stack([_vlad(_prepared(descriptors[i][:_N_PER_FRAME]), words) for i in part])
         described[part] = vlad @ projection
     described -= described[some].mean(axis=0)  # what all frames of a scan share tells none apart
     length = np.linalg.norm(described, axis=1, keepdims=True)
@@ -75,7 +75,7 @@ def most_similar(
     n = len(vectors)
     if n < 2:
         return np.zeros((0, 2), dtype=int), np.zeros(0)
-    looked_at = min(max(N_LOOKED_AT, k), n)
+    looked_at = min(max(_N_LOOKED_AT, k), n)
     # Blocks of rows bound the memory, n floats a row. Of each row the best are parted off unsorted, and
     # only those are asked for (`possible` costs more than the product) and sorted.
     found, alike = [], []
@@ -111,7 +111,7 @@ def similarity_of(
 def _vocabulary(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Words (w, d): k-means from random samples; twelve rounds change frame descriptors hardly any more."""
     # Sums of a word's samples are a product with its row of ones; a word without samples stays.
-    words = samples[rng.choice(len(samples), N_WORDS, replace=False)]
+    words = samples[rng.choice(len(samples), _N_WORDS, replace=False)]
     for _ in range(12):
         one_hot = _nearest_word(samples, words)
         count = one_hot.sum(axis=1, keepdims=True)

@@ -1,6 +1,6 @@
 """Compiled loops of verification: motions from triples of points, and which points agree with one.
 
-As in `planfit.matching.kernels`, shapes are in the docstrings: numba compiles types that nothing can wrap.
+As in `matching.pair_kernels`, shapes are in the docstrings: numba compiles types that nothing can wrap.
 """
 
 import numpy as np

@@ -23,7 +23,7 @@ BLOCK = 8
 """Greys are compared outside the blocks, of this many cells a side, with a matched keypoint."""
 PAIRS_AT_A_TIME = 512
 """Views are compared in parts of so many pairs: what is needed of their matches takes 0.2 kB a match."""
-MAX_OBSERVATIONS = 40.0
+_MAX_OBSERVATIONS = 40.0
 """Effective observations that the matches of a pair are worth at most, as in the adjustment."""
 
 
@@ -215,5 +215,5 @@ def _spread(
     off = every - np.repeat(middle, size, axis=0)
     covariance = np.add.reduceat(off[:, :, None] * off[:, None, :], start) / size[:, None, None]
     extent = np.linalg.eigvalsh(covariance)[:, 1]
-    n_effective = np.minimum(size, MAX_OBSERVATIONS)
+    n_effective = np.minimum(size, _MAX_OBSERVATIONS)
     return middle, sigma_m / np.sqrt(n_effective * np.maximum(extent, 1e-4))

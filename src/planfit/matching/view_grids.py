@@ -15,9 +15,9 @@ from planfit.runtime import concatenated, map_rows, taken
 
 COLUMNS, ROWS = 64, 48
 """Cells of a grid: about a degree each for a phone, 15 kB a frame."""
-SAMPLES = 3
+_SAMPLES = 3
 """Depth is sampled this many times along each side of a cell; the median stands for the cell."""
-MIN_SAMPLES = 5
+_MIN_SAMPLES = 5
 """A cell with fewer measured samples has no depth."""
 
 
@@ -57,18 +57,18 @@ class ViewGrids:
 def depth_grid(depth: Float[np.ndarray, "h w"]) -> Float32[np.ndarray, "r c"]:
     """Median depth (m) of each cell of a depth image (m, NaN where nothing was measured)."""
     height, width = depth.shape
-    # The middle of each of the ROWS x SAMPLES strips that the image is cut into; columns likewise.
+    # The middle of each of the ROWS x _SAMPLES strips that the image is cut into; columns likewise.
     row, column = (
-        ((np.arange(k * SAMPLES) + 0.5) * size / (k * SAMPLES)).astype(int)
+        ((np.arange(k * _SAMPLES) + 0.5) * size / (k * _SAMPLES)).astype(int)
         for k, size in ((ROWS, height), (COLUMNS, width))
     )
-    sampled = depth[row[:, None], column].reshape(ROWS, SAMPLES, COLUMNS, SAMPLES)
+    sampled = depth[row[:, None], column].reshape(ROWS, _SAMPLES, COLUMNS, _SAMPLES)
     values = sampled.transpose(0, 2, 1, 3).reshape(ROWS, COLUMNS, -1)
     n_measured = np.isfinite(values).sum(axis=2)
     ordered = np.sort(values, axis=2)  # NaN last
     middle = np.maximum(n_measured - 1, 0) // 2
     median = np.take_along_axis(ordered, middle[..., None], axis=2)[..., 0]
-    return np.where(n_measured >= MIN_SAMPLES, median, np.nan).astype(np.float32)
+    return np.where(n_measured >= _MIN_SAMPLES, median, np.nan).astype(np.float32)
 
 
 def grey_grid(color: UInt8[np.ndarray, "h w 3"] | None) -> UInt8[np.ndarray, "r c"]:

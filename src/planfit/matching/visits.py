@@ -7,7 +7,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
-from planfit.geometry.grouped import groups_in_parts
 from planfit.matching.cycles import CycleConsistencyOptions, by_way_of, is_near
 from planfit.matching.pairs import RECENT_M
 from planfit.matching.types import Matches, RelativePoses
@@ -24,7 +23,7 @@ def relative_poses_of(matches: Matches) -> RelativePoses:
     if len(size) == 0:
         return RelativePoses(matches.pairs, np.zeros((0, 4, 4)), size, matches.explained)
     motion = np.concatenate(
-        [_motions(matches, part.start, part.stop) for part in groups_in_parts(matches.start)]
+        [_motions(matches, part.start, part.stop) for part in se3.groups_in_parts(matches.start)]
     )
     return RelativePoses(matches.pairs, motion, size, matches.explained)
 

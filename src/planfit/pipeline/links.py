@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 
 from planfit.evaluation import match_distances
 from planfit.geometry import se3
-from planfit.geometry.grouped import in_parts
 from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.folds import Folds
 from planfit.pipeline.prepare import PreparedScan
@@ -141,6 +140,6 @@ def _points_in_parts(
 ) -> Iterator[tuple[Float[np.ndarray, "m 3"], Int[np.ndarray, " m"]]]:
     """Points of level surfaces and of upright patches, some at a time, and the frame of each."""
     for surface in (structure.floor, structure.ceiling, structure.walls, structure.columns):
-        for part, group in in_parts(surface.start):
+        for part, group in se3.points_in_parts(surface.start):
             is_level = isinstance(surface, LevelPoints)
             yield surface.points_cam[part], group if is_level else surface.frame_idx[group]

@@ -124,15 +124,9 @@ def write_chunk(path: Path, items: list[Arrays]) -> list[dict[str, StoredArray]]
     return _located(path, len(items), table, content)
 
 
-def read_chunk(path: Path, n_items: int) -> list[Arrays] | None:
-    """The arrays of `n_items`, each with memory of its own; None where there is no such file, it is not
-    exactly what was written, or holds another number of items."""
-    found = read_stored(path, n_items, ())
-    return None if found is None else [item.arrays for item in found]
-
-
-def read_stored(path: Path, n_items: int, left: Collection[str]) -> list[StoredItem] | None:
-    """The same, but arrays of the names `left` stay in the file."""
+def read_chunk(path: Path, n_items: int, stored: Collection[str] = ()) -> list[StoredItem] | None:
+    """The arrays of `n_items`, each with memory of its own, but those of the names `stored` stay in the file;
+    None where there is no such file, it is not exactly what was written, or holds another number of items."""
     try:
         data = memoryview(path.read_bytes())
     except OSError:
@@ -148,8 +142,8 @@ def read_stored(path: Path, n_items: int, left: Collection[str]) -> list[StoredI
     located = _located(path, n_items, index["arrays"], content)
     return [
         StoredItem(
-            {name: _copied(data, at) for name, at in item.items() if name not in left},
-            {name: at for name, at in item.items() if name in left},
+            {name: _copied(data, at) for name, at in item.items() if name not in stored},
+            {name: at for name, at in item.items() if name in stored},
         )
         for item in located
     ]

@@ -12,7 +12,7 @@ from typing import Any
 
 from planfit.errors import OptionError
 
-INSTALL = "pip install 'planfit[learned]'"
+_INSTALL = "pip install 'planfit[learned]'"
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def find_weights(option: str, name: str, instead: str) -> Weights:
         transformers = importlib.import_module("transformers")
     except ImportError as error:
         raise OptionError(
-            f"{option}: needs the library {error.name}, which is not installed; run `{INSTALL}`, or "
+            f"{option}: needs the library {error.name}, which is not installed; run `{_INSTALL}`, or "
             f"use {instead}"
         ) from error
     source = str(path) if path.is_dir() else name

@@ -24,10 +24,21 @@ class Changeable:
     def with_(self: Options, name: str, value: Any) -> Options:
         """A copy in which one option has another value: `options.with_("adjust.walls.weight", 2)`.
 
+        Args:
+            name: names that lead to it, by dots, as on the command line.
+            value: as in Python, or as in TOML (text for a named choice).
+
         Raises:
             OptionError: there is no option of this name, which names the nearest, or it takes other values.
         """
-        return with_option(self, name, value)
+        known = option_names(self)
+        path = name.replace("-", "_")
+        if path not in known:
+            raise OptionError(
+                f"{name}: expected an option of {type(self).__name__}, found an unknown one; "
+                f"{did_you_mean(path, known) or 'docs/options.md lists them all'}"
+            )
+        return _with(self, path.split("."), value, name)
 
 
 def options_of(values: Mapping[str, Any], defaults: Options, where: str) -> Options:
@@ -36,28 +47,17 @@ def options_of(values: Mapping[str, Any], defaults: Options, where: str) -> Opti
     Raises:
         OptionError: a name is unknown, or a value of another kind; the message begins with `where`.
     """
-    return _replaced(defaults, values, where)
-
-
-def with_option(options: Options, name: str, value: Any) -> Options:
-    """A copy of options in which one has another value.
-
-    Args:
-        options: a dataclass of options.
-        name: names that lead to it, by dots, as on the command line: `adjust.walls.weight`.
-        value: as in Python, or as in TOML (text for a named choice).
-
-    Raises:
-        OptionError: there is no option of this name, which names the nearest, or it takes other values.
-    """
-    known = option_names(options)
-    path = name.replace("-", "_")
-    if path not in known:
-        raise OptionError(
-            f"{name}: expected an option of {type(options).__name__}, found an unknown one; "
-            f"{did_you_mean(path, known) or 'docs/options.md lists them all'}"
-        )
-    return _with(options, path.split("."), value, name)
+    known = {field.name: getattr(defaults, field.name) for field in dataclasses.fields(defaults)}
+    changed = {}
+    for raw_name, value in values.items():
+        name = raw_name.replace("-", "_")
+        if name not in known:
+            meant = did_you_mean(name, known)
+            raise OptionError(
+                f"{where}unknown option {raw_name!r}; {f'{meant} ' if meant else ''}known: {', '.join(known)}"
+            )
+        changed[name] = _converted(known[name], value, f"{where}{raw_name}: ")
+    return dataclasses.replace(defaults, **changed)
 
 
 def whole_number(word: str) -> int | None:
@@ -125,25 +125,11 @@ def _with(options: Any, path: list[str], value: Any, where: str) -> Any:
     return changed
 
 
-def _replaced(defaults: Any, values: Mapping[str, Any], where: str) -> Any:
-    known = {field.name: getattr(defaults, field.name) for field in dataclasses.fields(defaults)}
-    changed = {}
-    for raw_name, value in values.items():
-        name = raw_name.replace("-", "_")
-        if name not in known:
-            meant = did_you_mean(name, known)
-            raise OptionError(
-                f"{where}unknown option {raw_name!r}; {f'{meant} ' if meant else ''}known: {', '.join(known)}"
-            )
-        changed[name] = _converted(known[name], value, f"{where}{raw_name}: ")
-    return dataclasses.replace(defaults, **changed)
-
-
 def _converted(default: Any, value: Any, where: str) -> Any:
     if dataclasses.is_dataclass(default):
         if not isinstance(value, dict):
             raise OptionError(f"{where}expected a table of options, found {_shortened(value)}")
-        return _replaced(default, value, where)
+        return options_of(value, default, where)
     if isinstance(default, Enum):
         try:
             return member_of(type(default), str(value))

@@ -9,10 +9,8 @@ from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TypeVar
 
 from planfit.errors import OutputError, require_positive
 from planfit.runtime.cache_chunks import (
@@ -21,13 +19,11 @@ from planfit.runtime.cache_chunks import (
     StoredItem,
     TemporaryFolder,
     read_chunk,
-    read_stored,
     write_chunk,
 )
 from planfit.runtime.option_values import require_kinds
 from planfit.runtime.threads import blas_on_one_thread
 
-Item = TypeVar("Item")
 Progress = Callable[[str, int, int], None]
 """Called with the stage's name, how many items are done, and of how many (0: not known)."""
 
@@ -87,14 +83,8 @@ class Runtime:
             compute: gives the named arrays of one item; called from several threads.
             chunk_size: items that are kept together in one file.
         """
-        folder = self._folder(stage, key)
-
-        def kept(path: Path | None, items: list[Arrays]) -> list[Arrays]:
-            if path:
-                write_chunk(path, items)
-            return items
-
-        return self._by_chunks(stage, folder, n_items, compute, chunk_size, read_chunk, kept)
+        items = self.map_stored(stage, key, n_items, compute, (), chunk_size)
+        return [item.arrays for item in items]
 
     def map_stored(
         self,
@@ -113,50 +103,33 @@ class Runtime:
             OutputError: the cache, or the temporary folder, cannot be written.
         """
         folder, keeper = self._folder(stage, key), None
-        if folder is None:
+        if folder is None and stored:
             keeper = TemporaryFolder()
             folder = keeper.path
-
-        def kept(path: Path | None, items: list[Arrays]) -> list[StoredItem]:
-            assert path is not None  # there is a folder
-            return [
-                StoredItem(
-                    {name: array for name, array in item.items() if name not in stored},
-                    {name: replace(located[name], keeper=keeper) for name in stored},
-                )
-                for item, located in zip(items, write_chunk(path, items), strict=True)
-            ]
-
-        read = partial(read_stored, left=stored)
-        return self._by_chunks(stage, folder, n_items, compute, chunk_size, read, kept)
-
-    def _by_chunks(
-        self,
-        stage: str,
-        folder: Path | None,
-        n_items: int,
-        compute: Callable[[int], Arrays],
-        chunk_size: int,
-        read: Callable[[Path, int], list[Item] | None],
-        kept: Callable[[Path | None, list[Arrays]], list[Item]],
-    ) -> list[Item]:
-        """Items read from the chunks that the folder has; the others computed, and `kept` by chunks."""
         starts = range(0, n_items, chunk_size)
-        chunks: dict[int, list[Item]] = {}
+        chunks: dict[int, list[StoredItem]] = {}
         done = 0
 
         def path_of(start: int) -> Path | None:
             return folder / f"{start:06d}{SUFFIX}" if folder else None
 
-        def one_chunk(start: int) -> list[Item]:
-            # Kept at once: what is finished stays, even where another chunk fails.
+        def one_chunk(start: int) -> list[StoredItem]:
             items = [compute(i) for i in range(start, min(start + chunk_size, n_items))]
-            return kept(path_of(start), items)
+            path = path_of(start)
+            # Written at once: what is finished stays, even where another chunk fails.
+            located = write_chunk(path, items) if path else [{} for _ in items]
+            return [
+                StoredItem(
+                    {name: array for name, array in item.items() if name not in stored},
+                    {name: replace(at[name], keeper=keeper) for name in stored},
+                )
+                for item, at in zip(items, located, strict=True)
+            ]
 
         missing = []
         for start in starts:
             path = path_of(start)
-            found = read(path, min(chunk_size, n_items - start)) if path else None
+            found = read_chunk(path, min(chunk_size, n_items - start), stored) if path else None
             if found is None:
                 missing.append(start)
             else:

@@ -106,10 +106,14 @@ def step_sizes(
     )
 
 
-def usual_step(cam_from_next: Float[np.ndarray, "s 4 4"]) -> tuple[float, float]:
-    """Length (m) and angle (rad) that usual steps do not exceed."""
+def usual_step(
+    cam_from_next: Float[np.ndarray, "s 4 4"], least: float = 1e-9
+) -> tuple[float, float]:
+    """Length (m) and angle (rad) that usual steps do not exceed, each at least `least`."""
+    if len(cam_from_next) == 0:
+        return least, least
     length, angle = (float(np.quantile(s, USUAL_SHARE)) for s in step_sizes(cam_from_next))
-    return max(length, 1e-9), max(angle, 1e-9)
+    return max(length, least), max(angle, least)
 
 
 def times_usual(

@@ -19,7 +19,7 @@ from planfit.segmentation.storeys import StoreyOptions, storey_heights
 from planfit.segmentation.surfaces import find_surfaces
 from planfit.segmentation.visibility_map import FrameSample, Submap, build_submap
 
-SAMPLE_WIDTH_PX = 40
+_SAMPLE_WIDTH_PX = 40
 """About as many points of a row tell what a frame sees over what."""
 
 
@@ -94,7 +94,7 @@ class ArrayBackEnd:
         return self._labels[frame_idx]
 
 
-class GeometryBackEnd:
+class _GeometryBackEnd:
     """Normals, heights, and what is seen over what."""
 
     name = "geometry"
@@ -130,7 +130,7 @@ def geometry_back_end(
     options: GeometryLabelOptions,
     storeys: StoreyOptions,
     runtime: Runtime,
-) -> GeometryBackEnd:
+) -> _GeometryBackEnd:
     """Look through the scan once, and make the back end that labels by what was seen.
 
     Each submap also takes a quarter of the frames of the next ones, so that frames at its ends know as much.
@@ -178,7 +178,7 @@ def geometry_back_end(
         )
         for item, floor_m in zip(items, floors, strict=True)
     ]
-    return GeometryBackEnd(scan, upright_from_cams, submaps, options)
+    return _GeometryBackEnd(scan, upright_from_cams, submaps, options)
 
 
 def _sample_frame(
@@ -191,7 +191,7 @@ def _sample_frame(
         scan.cameras[i],
         upright_from_cams[i],
         options.normal_radius_px,
-        SAMPLE_WIDTH_PX,
+        _SAMPLE_WIDTH_PX,
     )
     seen = np.isfinite(found.points[..., 2])
     points = found.points[seen] + centre.astype(np.float32)

@@ -7,7 +7,7 @@ from jaxtyping import Float, UInt8
 
 from planfit.errors import require_positive
 from planfit.scan import Label
-from planfit.segmentation.kernels import grow_labels, label_level, label_walls
+from planfit.segmentation.label_kernels import grow_labels, label_level, label_walls
 from planfit.segmentation.surfaces import Surfaces
 from planfit.segmentation.visibility_map import Submap
 
@@ -50,7 +50,7 @@ class GeometryLabelOptions:
         )
 
 
-MIN_SEEDS = 3000
+_MIN_SEEDS = 3000
 """A plane is fitted to at least this many points where there are as many, and to less than twice."""
 
 
@@ -98,7 +98,7 @@ def _label_levels(
         with np.errstate(invalid="ignore"):
             near = np.abs(height - level_m) < options.floor_band_m
             seeds = np.flatnonzero(near & (facing * nz > cosine))
-        some = seeds[:: max(1, len(seeds) // MIN_SEEDS)]
+        some = seeds[:: max(1, len(seeds) // _MIN_SEEDS)]
         plane = _level_plane(points.reshape(-1, 3)[some].astype(float))
         if plane is not None:
             label_level(labels, planes, points, nz, near, tolerance, plane, facing, int(label))

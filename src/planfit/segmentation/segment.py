@@ -12,7 +12,6 @@ from jaxtyping import Float
 from planfit.errors import OptionError, ScanError, require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.geometry.grouped import in_parts
 from planfit.runtime import Arrays, Runtime, StoredItem, cache_key, let_go, map_rows
 from planfit.scan import Label, Scan
 from planfit.segmentation.back_ends import BackEnd, MaskBackEnd, geometry_back_end
@@ -231,7 +230,7 @@ def _gather(
     """What all frames show, with the storey that each stands on."""
     floor = _gather_level(items, "floor")
     height = np.zeros(len(floor))
-    for part, frame in in_parts(floor.start):  # four numbers of a transform a point
+    for part, frame in se3.points_in_parts(floor.start):  # four numbers of a transform a point
         of_frame, points = upright_from_cams[frame, 2], floor.points_cam[part]
         height[part] = np.einsum("ni,ni->n", of_frame[:, :3], points) + of_frame[:, 3]
         let_go(points)

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Float32
 from planfit.geometry.camera import Camera
 from planfit.geometry.depth_normals import depth_normals
 
-WORKING_WIDTH_PX = 320
+_WORKING_WIDTH_PX = 320
 """Images are thinned to about this width: labels of twice as many pixels were no better, at four times the
 time."""
 FAR_M = 2.5
@@ -35,7 +35,7 @@ def find_surfaces(
     camera: Camera,
     upright_from_cam: Float[np.ndarray, "4 4"],
     radius_px: int,
-    width_px: int = WORKING_WIDTH_PX,
+    width_px: int = _WORKING_WIDTH_PX,
 ) -> Surfaces:
     """Points and normals of a depth image, turned upright by `upright_from_cam`.
 
@@ -50,7 +50,7 @@ def find_surfaces(
         OptionError: the window does not fit the image.
     """
     # Every step-th pixel, from the middle of the first step on, so that the rest lies evenly at both ends.
-    step = max(1, round(depth.shape[1] / WORKING_WIDTH_PX))
+    step = max(1, round(depth.shape[1] / _WORKING_WIDTH_PX))
     thin = depth[step // 2 :: step, step // 2 :: step]
     x = ((np.arange(step // 2, depth.shape[1], step) - camera.cx) / camera.fx).astype(np.float32)
     y = ((np.arange(step // 2, depth.shape[0], step) - camera.cy) / camera.fy).astype(np.float32)

@@ -126,11 +126,6 @@ class Structure:
     __repr__ = short_repr
 
     @property
-    def wall_storeys(self) -> Int[np.ndarray, " k"] | None:
-        """Storey of each wall patch: that of its frame."""
-        return None if self.storeys is None else self.storeys[self.walls.frame_idx]
-
-    @property
     def has_floor(self) -> bool:
         """Whether any floor was seen."""
         return len(self.floor) > 0

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 from scipy.ndimage import minimum_filter
 
-from planfit.segmentation.kernels import (
+from planfit.segmentation.label_kernels import (
     BIN_M,
     CELL_M,
     trace_rays,

@@ -13,7 +13,7 @@ from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.tracking.motions import MeasuredMotions, departures, expected_covariance
 from planfit.tracking.noise import FREEDOM, noise_factors
 from planfit.tracking.options import TrackingOptions
-from planfit.tracking.trajectory import FrameTimes, joined_frames, read_trajectory
+from planfit.tracking.trajectory import FrameTimes, interpolate_trajectory, joined_frames
 
 GRID = 0.25
 """Offsets tried, in frame intervals; half an interval is a whole number of them."""
@@ -151,7 +151,7 @@ def find_clock(
     for _ in range(2):  # the noise at the offset, by which departures count, is told only near it
         read = world_from_cams
         if at:
-            read = read_trajectory(world_from_cams, times.intervals, at, is_whole)
+            read = interpolate_trajectory(world_from_cams, times.intervals, at, is_whole)
         steps = make_odometry(read, odometry, None, keyframe_idx)
         covariance = expected_covariance(usable, steps, noise_factors(read, steps, usable))
         costs = _costs(world_from_cams, times.intervals, usable, is_whole, covariance, reach)
@@ -200,7 +200,7 @@ def _costs(
     offsets = GRID * np.arange(-half, half + 1)
     by_block = np.zeros((n_blocks, len(offsets)))
     for k, offset in enumerate(offsets):
-        departed = departures(motions, read_trajectory(poses, times, offset, is_whole))
+        departed = departures(motions, interpolate_trajectory(poses, times, offset, is_whole))
         squared = np.sum(np.einsum("pij,pj->pi", whiten, departed) ** 2, axis=1)
         cost = (FREEDOM + 6.0) / 2 * np.log1p(squared / FREEDOM)
         by_block[:, k] = np.bincount(block, cost, n_blocks)

@@ -6,10 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.geometry import se3
+from planfit.lsq.pose_terms import BetweenTerm, PosePriorTerm
 from planfit.lsq.problem import Problem
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.terms.between import BetweenTerm
-from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.scan.odometry import Odometry
 from planfit.tracking.motions import MeasuredMotions
 

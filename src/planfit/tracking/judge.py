@@ -28,7 +28,7 @@ from planfit.tracking.lost_runs import (
     find_lost_runs,
     is_identity,
     stands_still,
-    usual_step,
+    usual_of_known,
 )
 from planfit.tracking.motions import MeasuredMotions
 from planfit.tracking.noise import noise_factors
@@ -38,8 +38,8 @@ from planfit.tracking.trajectory import (
     LONG_INTERVAL,
     FrameTimes,
     frame_times,
+    interpolate_trajectory,
     interpolation_sigmas,
-    read_trajectory,
 )
 from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of
 
@@ -134,7 +134,7 @@ class _Clocked:
                 is_whole[[d.first - 1, min(d.last, len(is_whole) - 1)]] = False
         times = self.times.intervals
         return (
-            read_trajectory(recorded, times, clock.intervals, is_whole),
+            interpolate_trajectory(recorded, times, clock.intervals, is_whole),
             interpolation_sigmas(recorded, times, clock.intervals, is_whole),
         )
 
@@ -300,7 +300,7 @@ def _filled(
     """Lost frames placed, by steps with the sigmas of this tracker."""
     if not lost:
         return Filled(read)
-    usual = usual_step(read, ~void_steps(len(read), lost))
+    usual = usual_of_known(read, ~void_steps(len(read), lost))
     return fill_lost(read, lost, motions, tracker.steps(read), usual, options)
 
 

@@ -13,14 +13,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
+from planfit.lsq.pose_terms import BetweenTerm, PosePriorTerm
 from planfit.lsq.problem import Problem
-from planfit.lsq.terms.between import BetweenTerm
-from planfit.lsq.terms.prior import PosePriorTerm
-from planfit.matching.pose_graph import PoseGraph
+from planfit.matching.pose_graph import LoopGraph
 from planfit.scan.odometry import Odometry
 from planfit.tracking.breaks import is_far, isotropic
 from planfit.tracking.fuse import measured_term
-from planfit.tracking.lost_runs import LostRun, UsualStep
+from planfit.tracking.lost_runs import LostRun
 from planfit.tracking.motions import MeasuredMotions
 from planfit.tracking.options import TrackingOptions
 from planfit.tracking.types import TrackingBreak, size_of
@@ -107,7 +106,7 @@ def fill_lost(
     lost: Sequence[LostRun],
     motions: MeasuredMotions,
     odometry: Odometry,
-    usual: UsualStep,
+    usual: tuple[float, float],
     options: TrackingOptions,
 ) -> Filled:
     """Place lost frames, and where the tracker did not know its place afterwards, all that follows.
@@ -119,7 +118,7 @@ def fill_lost(
         lost: runs of lost frames, in their order.
         motions: measured between neighbouring frames.
         odometry: of the recorded poses, with sigmas that fit this tracker.
-        usual: how long steps usually are.
+        usual: length (m) and angle (rad) of usual steps.
         options: when a motion contradicts.
     """
     filled = Filled(recorded)
@@ -138,7 +137,7 @@ def _neighbourhoods(
     lost: Sequence[LostRun],
     motions: MeasuredMotions,
     odometry: Odometry,
-    usual: UsualStep,
+    usual: tuple[float, float],
 ) -> list[_Around]:
     """Runs with what is around them, those that are near each other together."""
     n, groups = len(recorded), []
@@ -149,8 +148,8 @@ def _neighbourhoods(
             groups.append([run])
     is_void = void_steps(n, lost)
     steps = np.where(is_void[:, None, None], np.eye(4), odometry.cam_from_next)
-    rotation = np.where(is_void, usual.rotation, odometry.sigma_rotation)
-    translation = np.where(is_void, usual.translation_m, odometry.sigma_translation)
+    rotation = np.where(is_void, usual[1], odometry.sigma_rotation)
+    translation = np.where(is_void, usual[0], odometry.sigma_translation)
     found = []
     for group in groups:
         first, last = max(group[0].first - REACH, 0), min(group[-1].last + REACH, n - 1)
@@ -170,7 +169,11 @@ def _neighbourhoods(
 
 
 def _fill(
-    filled: Filled, recorded: Poses, around: _Around, usual: UsualStep, options: TrackingOptions
+    filled: Filled,
+    recorded: Poses,
+    around: _Around,
+    usual: tuple[float, float],
+    options: TrackingOptions,
 ) -> Filled:
     """The lost frames of one neighbourhood placed; what was tracked afterwards follows."""
     links = _believed_links(recorded, around, usual, options)
@@ -195,7 +198,7 @@ def _fill(
 
 
 def _believed_links(
-    recorded: Poses, around: _Around, usual: UsualStep, options: TrackingOptions
+    recorded: Poses, around: _Around, usual: tuple[float, float], options: TrackingOptions
 ) -> list[_Link]:
     """Recorded motions over lost runs that no measured motions contradict."""
     links: list[_Link] = []
@@ -211,12 +214,12 @@ def _believed_links(
         usual_sigmas = [
             float(np.median(s[known])) if known.any() else u
             for s, u in (
-                (around.odometry.sigma_rotation, usual.rotation),
-                (around.odometry.sigma_translation, usual.translation_m),
+                (around.odometry.sigma_rotation, usual[1]),
+                (around.odometry.sigma_translation, usual[0]),
             )
         ]
         rotation, translation = (FOUND_AGAIN * np.sqrt(n_steps) * s for s in usual_sigmas)
-        swing = rotation * n_steps * usual.translation_m / np.sqrt(3.0)
+        swing = rotation * n_steps * usual[0] / np.sqrt(3.0)
         link = _Link((before, after), link_motion, (rotation, float(np.hypot(translation, swing))))
         if not _is_contradicted(around, links, link, options):
             links.append(link)
@@ -243,7 +246,7 @@ def _is_contradicted(
     return with_link - without > options.max_sigmas**2 / 2
 
 
-def _graph(around: _Around, links: Sequence[_Link], void_sigma: float | None = None) -> PoseGraph:
+def _graph(around: _Around, links: Sequence[_Link], void_sigma: float | None = None) -> LoopGraph:
     """The graph of all motions; void steps with a sigma of their own."""
     odometry = around.odometry
     if void_sigma is not None:
@@ -254,7 +257,7 @@ def _graph(around: _Around, links: Sequence[_Link], void_sigma: float | None = N
         odometry = replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
     n = len(around.is_void) + 1
     every = np.column_stack([np.arange(n - 1), np.arange(1, n)])
-    graph = PoseGraph(around.chain, odometry, every)
+    graph = LoopGraph(around.chain, odometry, every)
     measured = around.measured
     sigmas = np.array([isotropic(c) for c in measured.covariance]).reshape(-1, 2)
     graph.add(measured.pairs, measured.a_from_b, np.rad2deg(sigmas[:, 0]), sigmas[:, 1])
@@ -295,20 +298,20 @@ def _solve(around: _Around, links: Sequence[_Link]) -> tuple[Poses, float]:
 
 
 def _step_sigmas(
-    around: _Around, links: Sequence[_Link], usual: UsualStep
+    around: _Around, links: Sequence[_Link], usual: tuple[float, float]
 ) -> tuple[dict[int, tuple[float, float]], Int[np.ndarray, " d"]]:
     """Sigmas of the void steps, and those of them that nothing tells; by their numbers in the scan."""
     steps = np.flatnonzero(around.is_void)
     pairs = np.column_stack([steps, steps + 1])
     _, rotation, translation = _graph(around, links, NOWHERE).most_certain_path(pairs)
     is_open = (rotation >= NOWHERE) | (translation >= NOWHERE)
-    rotation = np.where(is_open, max(OPEN_TIMES * usual.rotation, OPEN_RAD), rotation)
-    open_m = np.full(len(steps), max(OPEN_TIMES * usual.translation_m, OPEN_M))
+    rotation = np.where(is_open, max(OPEN_TIMES * usual[1], OPEN_RAD), rotation)
+    open_m = np.full(len(steps), max(OPEN_TIMES * usual[0], OPEN_M))
     for link in links:
         is_between = (steps >= link.pair[0]) & (steps < link.pair[1])
         # Between two known places one is not further off than these are apart, or than steps go.
         n_steps = link.pair[1] - link.pair[0]
-        reach_m = max(size_of(link.a_from_b)[0], usual.translation_m * np.sqrt(n_steps))
+        reach_m = max(size_of(link.a_from_b)[0], usual[0] * np.sqrt(n_steps))
         open_m[is_between] = np.minimum(open_m[is_between], reach_m)
     translation = np.where(is_open, open_m, translation)
     sigmas = zip(rotation.tolist(), translation.tolist(), strict=True)

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
+from planfit.scan.odometry import LONG, times_usual, usual_step
 from planfit.tracking.motions import MeasuredMotions, squared_sigmas
 from planfit.tracking.options import TrackingOptions
 
@@ -20,8 +21,8 @@ MIN_FRAMES = 3
 """Two equal poses in a row are one pose for two images, as some formats have it."""
 MAX_SHARE = 0.5
 """A scan with more lost frames has no recorded poses to speak of, and stays as it is."""
-LONG = 1.5
-"""A step longer than so many usual ones (ninth decile) is no step of a tracker that goes on."""
+LEAST_STEP = 1e-3
+"""Usual steps are taken to be this long (m) and to turn this far (rad) at least."""
 
 Poses = Float[np.ndarray, "n 4 4"]
 
@@ -39,21 +40,6 @@ class LostRun:
     frame after can be believed. It cannot where the tracker went on from the pose that stood still."""
 
 
-@dataclass(frozen=True)
-class UsualStep:
-    """How far a camera usually moves from frame to frame (ninth decile)."""
-
-    rotation: float
-    """rad."""
-    translation_m: float
-
-    def is_long(self, motion: Float[np.ndarray, "4 4"]) -> bool:
-        """Whether a motion is clearly longer."""
-        angle = float(se3.rotation_angle(motion[:3, :3]))
-        length = float(np.linalg.norm(motion[:3, 3]))
-        return angle > LONG * self.rotation or length > LONG * self.translation_m
-
-
 def find_lost_runs(
     recorded: Poses,
     is_at_origin: Bool[np.ndarray, " n"],
@@ -69,7 +55,7 @@ def find_lost_runs(
         options: when measured motions contradict recorded ones.
     """
     is_same = stands_still(recorded)
-    usual, found = usual_step(recorded, ~is_same), []
+    usual, found = usual_of_known(recorded, ~is_same), []
     for first, last in runs(is_at_origin):
         found += _identity_run(recorded, (first, last), motions, usual, options)
     for first, before_last in runs(is_same & ~is_at_origin[:-1]):
@@ -105,14 +91,9 @@ def is_identity(poses: Poses) -> Bool[np.ndarray, " n"]:
     return np.abs(poses - np.eye(4)).max(axis=(1, 2)) < SAME
 
 
-def usual_step(recorded: Poses, is_known: Bool[np.ndarray, " s"]) -> UsualStep:
-    """The usual step among those that are known."""
-    steps = (se3.inverse(recorded[:-1]) @ recorded[1:])[is_known]
-    if len(steps) == 0:
-        return UsualStep(1e-3, 1e-3)
-    angle, length = se3.rotation_angle(steps[:, :3, :3]), np.linalg.norm(steps[:, :3, 3], axis=1)
-    rotation, translation_m = (max(float(np.quantile(s, 0.9)), 1e-3) for s in (angle, length))
-    return UsualStep(rotation, translation_m)
+def usual_of_known(recorded: Poses, is_known: Bool[np.ndarray, " s"]) -> tuple[float, float]:
+    """Length (m) and angle (rad) of the usual step among those that are known."""
+    return usual_step((se3.inverse(recorded[:-1]) @ recorded[1:])[is_known], LEAST_STEP)
 
 
 def moves(motions: MeasuredMotions, options: TrackingOptions) -> bool:
@@ -134,7 +115,7 @@ def _identity_run(
     recorded: Poses,
     run: tuple[int, int],
     motions: MeasuredMotions,
-    usual: UsualStep,
+    usual: tuple[float, float],
     options: TrackingOptions,
 ) -> list[LostRun]:
     """A run of identities as lost frames; nothing where the camera stood at the origin.
@@ -158,7 +139,7 @@ def _goes_on(
     frame: int,
     way: int,
     motions: MeasuredMotions,
-    usual: UsualStep,
+    usual: tuple[float, float],
     options: TrackingOptions,
 ) -> bool:
     """Whether the recorded motion off a frame is right, onwards (way 1) or back (-1).
@@ -169,7 +150,8 @@ def _goes_on(
         return False
     of = motions[_ends_at(motions, frame, way)]
     if len(of) == 0:
-        return not usual.is_long(se3.inverse(recorded[frame]) @ recorded[frame + way])
+        step = se3.inverse(recorded[frame]) @ recorded[frame + way]
+        return bool(times_usual(step[None], usual)[0] <= LONG)
     i, j = of.pairs.T
     residual = se3.difference(of.a_from_b, se3.inverse(recorded[i]) @ recorded[j])
     # A tracker errs too: twice the sigmas of the measurement alone.

@@ -36,7 +36,7 @@ def frame_times(timestamps: Float[np.ndarray, " n"]) -> FrameTimes:
     return FrameTimes(intervals, None if is_numbered else interval)
 
 
-def read_trajectory(
+def interpolate_trajectory(
     world_from_cams: Poses,
     times: Float[np.ndarray, " n"],
     offset: float,
@@ -57,7 +57,7 @@ def interpolation_sigmas(
     offset: float,
     is_whole: Bool[np.ndarray, " s"],
 ) -> Float[np.ndarray, "n 2"]:
-    """How far `read_trajectory` may be off at each frame: rotation (rad) and translation (m), each axis.
+    """How far `interpolate_trajectory` may be off at each frame: rotation (rad), translation (m), each axis.
 
     Of linear interpolation at share x of a step the error is x (1 - x) / 2 times the second difference.
     """

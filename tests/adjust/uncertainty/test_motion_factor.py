@@ -13,7 +13,7 @@ from planfit.adjust.uncertainty.spreads import MIN_MOTION_FACTOR, Probes, find_s
 from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.covariance import Factors, factorised
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.robust import SQUARES
 from planfit.matching import SurfacePairs
 from planfit.scan.odometry import Odometry

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.adjust.calibration.kernels import K, sum_pairs_by_sensor, sum_planes_by_sensor
+from planfit.adjust.calibration.sensor_kernels import K, sum_pairs_by_sensor, sum_planes_by_sensor
 from planfit.adjust.problem import AdjustmentProblem
 from planfit.adjust.terms.groups import PairGroups, PlaneGroups
 from planfit.adjust.terms.levels import LevelTerm
@@ -80,7 +80,7 @@ def _of_levels(
     target_from_cams: Float[np.ndarray, "n 4 4"],
     depth: Float[np.ndarray, "3"],
 ) -> SharedBlocks:
-    """Points on level surfaces, whose sigma grows with the points (see `kernels`)."""
+    """Points on level surfaces, whose sigma grows with the points (see `sensor_kernels`)."""
     by_group, by_self, gradient = _by_sensor(groups, target_from_cams, depth, does_grow=True)
     by_pose = sum_by_pose(groups.pose_idx, by_group, len(target_from_cams))
     return SharedBlocks(by_pose, by_self, gradient)

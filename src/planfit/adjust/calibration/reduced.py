@@ -10,7 +10,7 @@ from planfit.adjust.calibration.long_steps import with_long_steps
 from planfit.adjust.problem import AdjustmentProblem
 from planfit.geometry.calibration import NOMINAL
 from planfit.lsq.covariance import factorised
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from jaxtyping import Float, Int
 from planfit.errors import require_positive
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
+from planfit.lsq.residual_term import ResidualTerm
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.terms.residual import ResidualTerm
 from planfit.runtime import short_repr
 
 NAME = "control points"

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.geometry import se3
-from planfit.geometry.grouped import groups_in_parts, in_parts
 from planfit.lsq.blocks import relative_poses
 from planfit.lsq.moments import (
     PairMoments,
@@ -21,10 +20,8 @@ from planfit.lsq.moments import (
     planes_in_cam,
 )
 from planfit.lsq.robust import Loss
-from planfit.lsq.torch.moments import (
+from planfit.lsq.torch_moments import (
     GroupedPoints,
-    TorchPairMoments,
-    TorchPlaneMoments,
     pair_moments_on,
     plane_moments_on,
 )
@@ -64,7 +61,7 @@ class PlaneGroups:
 
     def moments(
         self, target_from_cams: Float[np.ndarray, "n 4 4"], on: GroupedPoints | None = None
-    ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
+    ) -> tuple[PlaneMoments, float]:
         """One pass over the points, on a device where they are `on` one; see `planfit.lsq.moments`."""
         rest = (self.pose_idx, self.planes, self.weight_per_point, target_from_cams)
         scale = (self.sigma_m, self.loss)
@@ -74,7 +71,7 @@ class PlaneGroups:
 
     def in_parts(self) -> Iterator[tuple[slice, "PlaneGroups"]]:
         """Some groups at a time, and which."""
-        for of in groups_in_parts(self.start):
+        for of in se3.groups_in_parts(self.start):
             first, last = self.start[of.start], self.start[of.stop]
             yield (
                 of,
@@ -91,7 +88,7 @@ class PlaneGroups:
     def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
         """Squared distances of the points from their planes."""
         planes_cam = planes_in_cam(self.planes, target_from_cams[self.pose_idx])
-        for part, group in in_parts(self.start):
+        for part, group in se3.points_in_parts(self.start):
             planes = planes_cam[group]
             points = self.points_cam[part]
             distances_m = np.einsum("mi,mi->m", planes[:, :3], points) + planes[:, 3]
@@ -121,7 +118,7 @@ class PairGroups:
 
     def moments(
         self, target_from_cams: Float[np.ndarray, "n 4 4"], on: GroupedPoints | None = None
-    ) -> tuple[PairMoments | TorchPairMoments, float]:
+    ) -> tuple[PairMoments, float]:
         """One pass over the matches, on a device where they are `on` one; see `planfit.lsq.moments`."""
         if on is not None:
             rest = (self.pairs, self.weight_per_point, target_from_cams, self.loss)
@@ -131,7 +128,7 @@ class PairGroups:
 
     def in_parts(self) -> Iterator[tuple[slice, "PairGroups"]]:
         """Some pairs at a time, and which."""
-        for of in groups_in_parts(self.start):
+        for of in se3.groups_in_parts(self.start):
             first, last = self.start[of.start], self.start[of.stop]
             yield (
                 of,
@@ -149,7 +146,7 @@ class PairGroups:
     def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
         """Squared distances between the points of each match, in the frame of the first camera."""
         a_from_b = relative_poses(target_from_cams, self.pairs)
-        for part, pair in in_parts(self.start):
+        for part, pair in se3.points_in_parts(self.start):
             points_a, points_b = self.points_a[part], self.points_b[part]
             apart = points_a - se3.transform_each(a_from_b[pair], points_b)
             let_go(points_a)

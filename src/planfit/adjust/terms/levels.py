@@ -16,7 +16,7 @@ from planfit.adjust.terms.groups import PlaneGroups
 from planfit.errors import require_positive
 from planfit.lsq.moments import PlaneMoments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments
+from planfit.lsq.torch_moments import GroupedPoints
 from planfit.segmentation import LevelPoints, Structure
 
 FLOOR_PLANE = np.array([0.0, 0.0, 1.0, 0.0])
@@ -74,9 +74,7 @@ class LevelTerm:
             self.options.loss,
         )
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
+    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[PlaneMoments, float]:
         """One pass over the points; see `planfit.lsq.moments`."""
         return self.groups.moments(
             target_from_cams, None if self.device == "cpu" else self._on_device

@@ -3,7 +3,7 @@
 Residuals of a pair depend on first_from_second alone, so each pair is summed by its tangent (rotation,
 translation; first's axes): with v = R p and q = v + t, a change of q along `row` is a change of the tangent
 along (v x row, row). Squared residuals come from one pass and robust weights from `robust`, so no
-kernel here needs a loss (numba's cache watches only the file a function is in, see `kernels`).
+kernel here needs a loss (numba's cache watches only the file a function is in, see `lsq.moment_kernels`).
 
 `pragma: no cover`: compiled code is invisible to coverage; the tests hold it against twins.
 """

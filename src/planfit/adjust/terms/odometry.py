@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.lsq.pose_terms import BetweenTerm
+from planfit.lsq.residual_term import WeightedResiduals
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.terms.between import BetweenTerm
-from planfit.lsq.terms.residual import WeightedResiduals
 from planfit.scan.odometry import Odometry
 
 

@@ -17,7 +17,7 @@ from planfit.adjust.terms.groups import PairGroups
 from planfit.errors import require_positive
 from planfit.lsq.moments import PairMoments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.torch.moments import GroupedPoints, TorchPairMoments
+from planfit.lsq.torch_moments import GroupedPoints
 from planfit.matching import Matches
 
 
@@ -71,13 +71,11 @@ class PointTerm:
         ends = (m.points_a, m.points_b, m.sigma)
         return PairGroups(*ends, m.start, m.pairs, information, self.options.loss)
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[PairMoments | TorchPairMoments, float]:
+    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[PairMoments, float]:
         """One pass over the matches; see `planfit.lsq.moments`."""
         moments, cost = self.groups.moments(
             target_from_cams, None if self.device == "cpu" else self._on_device
         )
-        if self.is_kept is not None and isinstance(moments, PairMoments):
+        if self.is_kept is not None:
             moments = moments[self.is_kept]  # frames that nothing else ties are then not tied
         return moments, cost

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.geometry.calibration import PARAMETERS
+from planfit.lsq.pose_terms import BetweenTerm
+from planfit.lsq.residual_term import WeightedResiduals
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.terms.between import BetweenTerm
-from planfit.lsq.terms.residual import WeightedResiduals
 from planfit.matching import SurfacePairs
 
 

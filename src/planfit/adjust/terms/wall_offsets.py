@@ -19,8 +19,8 @@ from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks, sum_by_pose
 from planfit.lsq.covariance import covariances
 from planfit.lsq.moments import PlaneMoments
+from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.term import Term
-from planfit.lsq.terms.prior import PosePriorTerm
 from planfit.segmentation import WallPatches
 
 _FREE_ROTATION = (

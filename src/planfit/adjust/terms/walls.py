@@ -18,7 +18,7 @@ from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
 from planfit.lsq.moments import PlaneMoments
 from planfit.lsq.robust import Loss, LossKind
-from planfit.lsq.torch.moments import GroupedPoints, TorchPlaneMoments
+from planfit.lsq.torch_moments import GroupedPoints
 from planfit.segmentation import WallPatches
 
 
@@ -90,9 +90,7 @@ class WallTerm:
             self.options.loss,
         )
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[PlaneMoments | TorchPlaneMoments, float]:
+    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[PlaneMoments, float]:
         """One pass over the wall points; see `planfit.lsq.moments`."""
         if self.widths is not None:
             return self._widened(self.widths, target_from_cams)

@@ -29,10 +29,10 @@ from planfit.adjust.uncertainty.spreads import (
 )
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.covariance import Factors, factorised
-from planfit.lsq.linear.normal_equations import NormalEquations
+from planfit.lsq.normal_equations import NormalEquations
+from planfit.lsq.residual_term import WeightedResiduals
 from planfit.lsq.robust import loss_value
 from planfit.lsq.term import Term
-from planfit.lsq.terms.residual import WeightedResiduals
 
 DRAWN_SIGMA_M = 0.01
 """Of walls about where they are drawn, before anything is seen of them; no other error is thought to be

@@ -42,7 +42,7 @@ class WallTest:
 
 
 @dataclass(frozen=True)
-class _Walls:
+class _WallEquations:
     """The walls' part of the normal equations, by face."""
 
     bundles: Bundles
@@ -72,7 +72,7 @@ def run_wall_tests(
     solved = model.factors.solve(clusters.pull.toarray())
     left = np.eye(len(clusters.weights)) - (clusters.pull.T @ solved) / clusters.weights[:, None]
     spread = model.spreads["walls"]
-    walls = _Walls(bundles, clusters, solved, left, spread.factor, spread.shared_m)
+    walls = _WallEquations(bundles, clusters, solved, left, spread.factor, spread.shared_m)
     tests = [
         _test(walls, sides, model, moved_sigma_m)
         for sides in _sides_of_walls(bundles.labels, floorplan)
@@ -98,7 +98,7 @@ def _sides_of_walls(
 
 
 def _test(
-    walls: _Walls, sides: Float[np.ndarray, " c"], model: ErrorModel, moved_sigma_m: float
+    walls: _WallEquations, sides: Float[np.ndarray, " c"], model: ErrorModel, moved_sigma_m: float
 ) -> WallTest | None:
     """One wall; None where nothing else says where it is."""
     bundles, clusters = walls.bundles, walls.clusters
@@ -141,7 +141,7 @@ def _test(
 
 
 def _spread_of(
-    walls: _Walls,
+    walls: _WallEquations,
     left: Float[np.ndarray, "c c"],
     residuals: Float[np.ndarray, " c"],
     some: Int[np.ndarray, " k"],

@@ -16,9 +16,9 @@ COLUMNS, ROWS = 80, 60
 """Cells of a grid: under a degree each for a phone; depth and normals take 34 kB a frame."""
 STEP = 4
 """Of an image as large as this many times the grid, normals are taken; they are smoothed over as much."""
-RADIUS_PX = 4
+_RADIUS_PX = 4
 """Half the baseline of a normal there."""
-GRAZING = 0.15
+_GRAZING = 0.15
 """Cosine between ray and normal below which depth is too rough to tell a plane."""
 
 
@@ -36,7 +36,7 @@ class SurfaceGrids:
     """fx, fy, cx, cy of each in cells: integers are the cells' centres."""
 
 
-def surface_grid(
+def _surface_grid(
     depth: Float[np.ndarray, "h w"], camera: Camera, max_depth_m: float
 ) -> tuple[Float32[np.ndarray, "r c"], Int8[np.ndarray, "r c 3"]]:
     """Depth (m) and normals (times 127) of each cell of a depth image (m, NaN where nothing was measured)."""
@@ -48,8 +48,8 @@ def surface_grid(
         near = np.where(near < max_depth_m, near, np.float32(np.nan))
     points = scaled.lift_image(near).astype(np.float32)
     first = STEP // 2
-    normals = depth_normals(points, RADIUS_PX, STEP, first)
-    mean = cv2.blur(measured_points(points), (2 * RADIUS_PX + 1, 2 * RADIUS_PX + 1))
+    normals = depth_normals(points, _RADIUS_PX, STEP, first)
+    mean = cv2.blur(measured_points(points), (2 * _RADIUS_PX + 1, 2 * _RADIUS_PX + 1))
     at = mean[first::STEP, first::STEP]
     # The plane through the window's mean meets the ray of the pixel at this depth.
     own = points[first::STEP, first::STEP]
@@ -58,7 +58,7 @@ def surface_grid(
         along = np.sum(normals * rays, axis=-1)
         cosine = -along / np.linalg.norm(rays, axis=-1)
         z = np.sum(normals * at[..., :3] / at[..., 3:], axis=-1) / along
-        is_plane = (cosine > GRAZING) & (np.abs(z - own[..., 2]) < 0.03 + 0.02 * own[..., 2])
+        is_plane = (cosine > _GRAZING) & (np.abs(z - own[..., 2]) < 0.03 + 0.02 * own[..., 2])
     kept = np.where(is_plane[..., None], normals, np.float32(0))
     return np.where(is_plane, z, np.nan).astype(np.float32), np.rint(127 * kept).astype(np.int8)
 
@@ -74,7 +74,7 @@ def find_surface_grids(
 
     def one(k: int) -> Arrays:
         i = int(frame_idx[k])
-        depth, normals = surface_grid(scan.files.depth(i), scan.cameras[i], max_depth_m)
+        depth, normals = _surface_grid(scan.files.depth(i), scan.cameras[i], max_depth_m)
         return {"depth": depth, "normals": normals}
 
     key = cache_key(scan.fingerprint, "surface grids", frame_idx.tobytes(), max_depth_m)

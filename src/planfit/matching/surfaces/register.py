@@ -9,16 +9,16 @@ from jaxtyping import Bool, Float
 
 from planfit.geometry import se3
 from planfit.matching.surfaces.grids import SurfaceGrids
-from planfit.matching.surfaces.kernels import (
+from planfit.matching.surfaces.options import SurfaceOptions
+from planfit.matching.surfaces.registration_kernels import (
     MIN_CELLS,
     bring_together,
     compare_surfaces,
     observed,
     sums_at,
 )
-from planfit.matching.surfaces.options import SurfaceOptions
 
-LEAST_FACTOR = 0.05
+_LEAST_FACTOR = 0.05
 """On the variance of a surface: what all of an image shares does not show in distances."""
 FLOOR_M = 0.0075
 """No motion is surer than this, each axis, rotations by their lever: exposure takes its time, and depth errs
@@ -30,7 +30,7 @@ RIVAL_M, RIVAL_DEG = 0.3, 4.0
 START_STEP_M, START_STEP_DEG = 0.5, 6.0
 """A pair is brought together from every start about this far from the next: half of what the first gate
 allows."""
-COARSE = 2
+_COARSE = 2
 """Every so many rows and columns of cells say where a start leads."""
 MAX_STEPS = 2
 """So many starts to each side, at most."""
@@ -79,7 +79,7 @@ class Observed:
         return float(off @ np.linalg.solve(total, off))
 
 
-def by_explained(one: Registered) -> float:
+def _by_explained(one: Registered) -> float:
     """Rank of a revisit, where any motion within the drift is possible: views may share next to nothing."""
     return one.explained * (1.0 - one.contradicted)
 
@@ -90,7 +90,7 @@ def register(
     j: int,
     starts: Float[np.ndarray, "s 4 4"],
     options: SurfaceOptions,
-    rank: Callable[[Registered], float] = by_explained,
+    rank: Callable[[Registered], float] = _by_explained,
 ) -> list[Registered]:
     """Motions that different starts lead to, the one of the highest rank first; none where nothing agrees.
 
@@ -101,9 +101,9 @@ def register(
     ends: list[Float[np.ndarray, "4 4"]] = []
     for start in starts:
         motion, n_cells = bring_together(
-            a, b, np.ascontiguousarray(start, dtype=float), sigma, options.min_observed, COARSE
+            a, b, np.ascontiguousarray(start, dtype=float), sigma, options.min_observed, _COARSE
         )
-        if n_cells >= MIN_CELLS / COARSE**2 and not _is_known(motion, ends):
+        if n_cells >= MIN_CELLS / _COARSE**2 and not _is_known(motion, ends):
             ends.append(motion)
     found = sorted((_judged(a, b, motion) for motion in ends), key=rank, reverse=True)
     if found:
@@ -123,7 +123,7 @@ def observe(
     hessian, sums, across = sums_at(a, b, np.ascontiguousarray(a_from_b), sigma)
     values, vectors, scaling = observed(hessian, sums, a_from_b)
     # What the distances are, against what the options say of them: depth cameras differ tenfold.
-    factor = max(sums[6] / max(sums[0], 1.0), LEAST_FACTOR)
+    factor = max(sums[6] / max(sums[0], 1.0), _LEAST_FACTOR)
     worth = min(1.0, options.max_observations / max(sums[0], 1.0)) / factor
     is_held = values > options.min_observed * sums[1]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -14,7 +14,7 @@ NULL_SHARE = 1e-9
 """Eigenvalues of an information matrix below this share of its largest are directions left free."""
 
 
-MIN_STRETCH = 0.1
+_MIN_STRETCH = 0.1
 """Of depth by a correction, at least: no correction that is believed comes near."""
 
 
@@ -126,7 +126,7 @@ class SurfacePairs:
         moved = se3.retract(self.a_from_b, self.by_sensor @ off)
         # Depth errs along rays: its error grows as the derivative of what is corrected by what was measured.
         grown = sensor.depth_scale + 2 * sensor.depth_quadratic_per_m * self.distance_m
-        grown = np.maximum(grown, MIN_STRETCH)
+        grown = np.maximum(grown, _MIN_STRETCH)
         shrink = np.ones((len(self), 6))
         shrink[:, 3:] = 1.0 / grown[:, None]
         information = shrink[:, :, None] * self.information * shrink[:, None, :]

@@ -13,9 +13,9 @@ from planfit.scan.odometry import Odometry
 
 LINK_M = 1.5
 """Revisits whose ends are both within this much of way are of one visit."""
-SLACK_M = 0.15
+_SLACK_M = 0.15
 """Departure, rotations by their lever, up to which two revisits of one visit agree, besides their sigmas."""
-ALIAS_SHARE = 0.15
+_ALIAS_SHARE = 0.15
 """Of a quarter turn: motions off the recorded ones by so nearly one, two or three of them are an alias."""
 AGREE_SIGMAS = 3.0
 """Up to which two motions agree, by their own sigmas and the slack."""
@@ -68,7 +68,7 @@ def is_witnessed(
     is_recorded = squared_sigmas(found, recorded, odometry.sigma_between(i, j)) < most
     off = np.swapaxes(recorded[:, :3, :3], 1, 2) @ found.a_from_b[:, :3, :3]
     quarters = np.rad2deg(se3.rotation_angle(off)) / 90.0
-    is_alias = (np.rint(quarters) > 0) & (np.abs(quarters - np.rint(quarters)) < ALIAS_SHARE)
+    is_alias = (np.rint(quarters) > 0) & (np.abs(quarters - np.rint(quarters)) < _ALIAS_SHARE)
     others = found[is_recorded].joined(_as_surfaces(matched))
     in_doubt = np.flatnonzero(~is_recorded & ~is_alias)
     closes = _close_triangles(found, matched, in_doubt)
@@ -81,7 +81,7 @@ def is_witnessed(
 def _as_surfaces(matched: RelativePoses) -> SurfacePairs:
     """Motions by keypoints as if by surfaces that leave nothing free, as sure as the slack."""
     n = len(matched)
-    information = np.diag(np.repeat([(SLACK_M / 3.0) ** -2, SLACK_M**-2], 3))
+    information = np.diag(np.repeat([(_SLACK_M / 3.0) ** -2, _SLACK_M**-2], 3))
     return SurfacePairs(
         matched.pairs,
         matched.a_from_b,
@@ -144,7 +144,7 @@ def _is_ruled_out(
 
 
 def _slack(n: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    return np.full(n, SLACK_M / 3.0), np.full(n, SLACK_M)
+    return np.full(n, _SLACK_M / 3.0), np.full(n, _SLACK_M)
 
 
 def is_supported(
@@ -162,8 +162,8 @@ def is_supported(
         first = odometry.sigma_between(loops.pairs[one, 0], loops.pairs[other, 0])
         second = odometry.sigma_between(loops.pairs[other, 1], loops.pairs[one, 1])
         sigmas = (
-            np.hypot(np.hypot(first[0], second[0]), SLACK_M / 3.0),
-            np.hypot(np.hypot(first[1], second[1]), SLACK_M),
+            np.hypot(np.hypot(first[0], second[0]), _SLACK_M / 3.0),
+            np.hypot(np.hypot(first[1], second[1]), _SLACK_M),
         )
         agrees = squared_sigmas(loops[one], predicted, sigmas) < AGREE_SIGMAS**2
         supported[one[agrees]] = True

@@ -12,7 +12,7 @@ CELL_M = 0.06
 """Size of a cell of the visibility map."""
 BIN_M = 0.1
 """Height of its bins."""
-STOP_M = 0.06
+_STOP_M = 0.06
 """A line of sight counts up to this far before what it meets."""
 
 
@@ -64,7 +64,7 @@ def trace_rays(
                     for dj in range(-1, 2):
                         if hits[i + di, j + dj, b] < 250:  # bytes; no more is asked for than two
                             hits[i + di, j + dj, b] += 1
-        n_steps = int((length - STOP_M) / (0.5 * CELL_M))
+        n_steps = int((length - _STOP_M) / (0.5 * CELL_M))
         for s in range(n_steps):
             t = (s + 0.5) * 0.5 * CELL_M / length
             i = int(np.floor((centre[0] + t * dx - low[0]) / CELL_M))

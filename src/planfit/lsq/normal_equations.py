@@ -1,19 +1,26 @@
-"""Where the 6x6 blocks of the normal equations go: worked out once, used at every step."""
+"""The normal equations of a least-squares step: 6x6 blocks, one row of blocks a pose.
 
+Where the blocks go is worked out once (`BlockPattern`) and used at every step.
+"""
+
+from collections.abc import Sequence
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
 
-from planfit.compiled import kernel
-from planfit.lsq.linear.block_cholesky import BlockCholesky
-from planfit.lsq.linear.ordering import minimum_degree_ordering
-from planfit.lsq.linear.solvers import Pardiso
+from planfit.lsq.block_cholesky import BlockCholesky, BlockFactor, add_blocks, fill_band
+from planfit.lsq.blocks import NormalBlocks
+from planfit.lsq.linear_solvers import Pardiso, solve_banded_cg
+from planfit.lsq.ordering import minimum_degree_ordering
 
-MAX_BAND_POSES = 12
+LinearSolver = Literal["auto", "direct", "cg", "pardiso"]
+"""How a step is solved for: factorisation, conjugate gradients, or the one that suits the pattern."""
+_MAX_BAND_POSES = 12
 """Blocks up to this far from the diagonal go into the band that preconditions: neighbours in time."""
-MAX_DIRECT_WORK = 1e8
+_MAX_DIRECT_WORK = 1e8
 """Products of 6x6 blocks, 3.5 s to factorise. Walks in laps stay below it at 25,000 poses, where conjugate
 gradients take 1.5 to 8 s; scattered loops exceed it at 8,000, where they take 0.5 s
 (docs/adr/0006-linear-solvers.md)."""
@@ -45,7 +52,7 @@ class BlockPattern:
         kind = np.int32 if 36 * len(order) < np.iinfo(np.int32).max else np.int64
         self._indices = every_column[order].astype(kind)
         self._indptr = np.searchsorted(every_row[order], np.arange(n_poses + 1)).astype(kind)
-        self._band = np.flatnonzero(self.columns - self.rows <= MAX_BAND_POSES)
+        self._band = np.flatnonzero(self.columns - self.rows <= _MAX_BAND_POSES)
 
     def fits(
         self, rows: Int[np.ndarray, " b"], columns: Int[np.ndarray, " b"], n_poses: int
@@ -65,7 +72,7 @@ class BlockPattern:
     @cached_property
     def cholesky(self) -> BlockCholesky | None:
         """The factor's structure; None where loops would fill it."""
-        ordering = minimum_degree_ordering(self.rows, self.columns, self.n_poses, MAX_DIRECT_WORK)
+        ordering = minimum_degree_ordering(self.rows, self.columns, self.n_poses, _MAX_DIRECT_WORK)
         if ordering is None:
             return None
         return BlockCholesky(ordering, self.rows, self.columns)
@@ -87,7 +94,7 @@ class BlockPattern:
     def sum_blocks(self, blocks: Float[np.ndarray, "b 6 6"]) -> Float[np.ndarray, "u 6 6"]:
         """Sums of blocks at the same place, in the order of `rows`, `columns`."""
         upper = np.zeros((len(self.rows), 6, 6))
-        _add_blocks(np.ascontiguousarray(blocks), self._slot[: len(blocks)], upper)
+        add_blocks(np.ascontiguousarray(blocks), self._slot[: len(blocks)], upper)
         return upper
 
     def square(self, upper: Float[np.ndarray, "u 6 6"], delta: Float[np.ndarray, "n 6"]) -> float:
@@ -109,26 +116,66 @@ class BlockPattern:
         near = self._band
         width = int((self.columns[near] - self.rows[near]).max(initial=0))
         band = np.zeros((6 * (width + 1), 6 * self.n_poses))
-        _fill_band(upper, near, self.rows, self.columns, band)
+        fill_band(upper, near, self.rows, self.columns, band)
         return band
 
 
-@kernel
-def _add_blocks(blocks, slot, upper):  # pragma: no cover
-    for b in range(len(blocks)):
-        out = upper[slot[b]]
-        for r in range(6):
-            for c in range(6):
-                out[r, c] += blocks[b, r, c]
+class NormalEquations:
+    """Sum of all terms' blocks, and its damped solution."""
 
+    def __init__(
+        self, parts: Sequence[NormalBlocks], n_poses: int, earlier: BlockPattern | None = None
+    ) -> None:
+        """Sum `parts`; the pattern of an `earlier` step is used again where it fits."""
+        rows = np.concatenate([p.rows for p in parts])
+        columns = np.concatenate([p.columns for p in parts])
+        if earlier is None or not earlier.fits(rows, columns, n_poses):
+            earlier = BlockPattern(rows, columns, n_poses)
+        self.pattern = earlier
+        self.gradient = np.sum([p.gradient for p in parts], axis=0)
+        self._upper = self.pattern.sum_blocks(np.concatenate([p.blocks for p in parts]))
+        self.diagonal = np.diagonal(self._upper[self.pattern.diagonal], axis1=1, axis2=2).ravel()
 
-@kernel
-def _fill_band(upper, near, rows, columns, band):  # pragma: no cover
-    for k in near:
-        # An upper block (i, j) is the transpose of the lower block (j, i).
-        top, left = 6 * columns[k], 6 * rows[k]
-        for r in range(6):
-            for c in range(6):
-                row, column = top + r, left + c
-                if row >= column:
-                    band[row - column, column] = upper[k, c, r]
+    @cached_property
+    def matrix(self) -> sparse.bsr_array:
+        """The whole (6 n, 6 n), sparse in blocks; factorising needs the blocks alone."""
+        return self.pattern.symmetric(self._upper)
+
+    def step(self, damping: float, solver: LinearSolver = "auto") -> Float[np.ndarray, "n 6"]:
+        """Damped step: (H + damping * D) delta = -gradient, D the diagonal of H (Marquardt).
+
+        Directions that nothing measures have a zero diagonal; a floor on D keeps them still.
+        `auto` factorises where the pattern's factor is little work, else iterates.
+
+        Raises:
+            numpy.linalg.LinAlgError: rounding has made the matrix indefinite; more damping mends it.
+        """
+        floor = 1e-9 * max(float(self.diagonal.max()), 1e-12)
+        added = damping * np.maximum(self.diagonal, floor) + floor
+        right = -self.gradient.ravel()
+        if solver == "pardiso":
+            return self.pattern.pardiso.solve(self.matrix, added, right).reshape(-1, 6)
+        cholesky = None
+        if solver == "direct":
+            cholesky = self.pattern.any_cholesky
+        elif solver == "auto" and not self.pattern.is_banded:
+            cholesky = self.pattern.cholesky
+        if cholesky is not None:
+            return cholesky.factorise(self._upper, added).solve(right[:, None]).reshape(-1, 6)
+        band = self.pattern.banded(self._upper)
+        return solve_banded_cg(self.matrix, band, added, right).reshape(-1, 6)
+
+    def factor_by(self, scale: Float[np.ndarray, " m"], added: float) -> BlockFactor:
+        """Factor of S^-1 H S^-1 + added, with S = diag(scale), whatever the fill.
+
+        Raises:
+            numpy.linalg.LinAlgError: rounding has made the matrix indefinite.
+        """
+        inverse = (1.0 / scale).reshape(-1, 6)
+        rows, columns = inverse[self.pattern.rows], inverse[self.pattern.columns]
+        scaled = rows[:, :, None] * self._upper * columns[:, None, :]
+        return self.pattern.any_cholesky.factorise(scaled, np.full(len(scale), added))
+
+    def predicted_decrease(self, delta: Float[np.ndarray, "n 6"]) -> float:
+        """How much half the squared residuals fall by a step, if they are linear."""
+        return float(-np.sum(self.gradient * delta) - 0.5 * self.pattern.square(self._upper, delta))

@@ -1,6 +1,6 @@
 """Compiled loops of surface matching: a pair of surface grids brought together, and how far they agree.
 
-As in `planfit.matching.kernels`, shapes are in the docstrings: numba compiles types that nothing can wrap.
+As in `matching.pair_kernels`, shapes are in the docstrings: numba compiles types that nothing can wrap.
 A view is (depth (r, c) m, normals (r, c, 3) times 127, fx fy cx cy in cells).
 """
 
@@ -10,13 +10,13 @@ from planfit.compiled import kernel
 
 LOSS_SIGMAS = 2.0
 """Scale of Cauchy's loss, in sigmas."""
-MAX_TURN_COSINE = 0.8
+_MAX_TURN_COSINE = 0.8
 """Normals of one surface seen from two places agree within 37 degrees; the corner of a room does not."""
 MIN_CELLS = 60
 """With fewer cells in common nothing is said."""
-ROUNDS = 12
+_ROUNDS = 12
 """Steps at the last gate, at most."""
-STILL = 1e-4
+_STILL = 1e-4
 """A step shorter than this, m (rotations by their lever), ends them."""
 GATES_M = np.array([0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1])
 """Distances of cells that are taken for one surface, one after the other."""
@@ -48,7 +48,7 @@ def bring_together(
     by_sensor, step = np.zeros((0, K)), np.zeros(6)
     last = len(GATES_M) - 1
     first = last if stride == 1 else 0
-    for k in range(first, last + ROUNDS):
+    for k in range(first, last + _ROUNDS):
         hessian[:], gradient[:], sums[:] = 0.0, 0.0, 0.0
         gate = GATES_M[min(k, last)]
         out = hessian, gradient, sums, by_sensor
@@ -59,7 +59,7 @@ def bring_together(
         values, vectors, scaling = observed(hessian, sums, motion)
         squared = _step(values, vectors, scaling, gradient, min_observed * sums[1], step)
         _retract(motion, step)
-        if k >= last and squared < (STILL * stride) ** 2:
+        if k >= last and squared < (_STILL * stride) ** 2:
             break
     return motion, sums[0]
 
@@ -215,7 +215,7 @@ def _add(
                 distance += n[r] * (x[r] - p[r])
                 apart += (x[r] - p[r]) ** 2
             # Along the surface the nearest cell may be off by its own size.
-            if cosine < MAX_TURN_COSINE or apart > (2.0 * gate + 0.05 * depth) ** 2:
+            if cosine < _MAX_TURN_COSINE or apart > (2.0 * gate + 0.05 * depth) ** 2:
                 continue
             if abs(distance) > gate:
                 continue
@@ -351,7 +351,7 @@ def compare_surfaces(
                 turned += m / 127.0 * (n0 if r == 0 else n1 if r == 1 else n2)
             allowed = base_m + per_m * max(z, there)
             if abs(distance) < allowed:
-                if turned > MAX_TURN_COSINE:
+                if turned > _MAX_TURN_COSINE:
                     counts[0] += 1
                 continue
             # Past a surface: nearer than all that the first view shows about there.

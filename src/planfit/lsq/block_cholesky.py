@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.compiled import kernel
-from planfit.lsq.linear.ordering import FillReducingOrdering, Supernodes, find_supernodes
+from planfit.lsq.ordering import FillReducingOrdering, Supernodes, find_supernodes
 
-PANEL = 48
+_PANEL = 48
 """Columns eliminated at once, 8 poses."""
-TILE = 96
+_TILE = 96
 """Rows of a front updated at once; what lies above the diagonal of a tile is computed for nothing."""
 
 
@@ -93,6 +93,29 @@ class BlockCholesky:
 
 
 @kernel
+def add_blocks(blocks, slot, upper):  # pragma: no cover
+    """Add blocks (b, 6, 6) to those of `upper` that they belong to, in place."""
+    for b in range(len(blocks)):
+        out = upper[slot[b]]
+        for r in range(6):
+            for c in range(6):
+                out[r, c] += blocks[b, r, c]
+
+
+@kernel
+def fill_band(upper, near, rows, columns, band):  # pragma: no cover
+    """Enter the blocks `near` the diagonal into a band in LAPACK's lower form, in place."""
+    for k in near:
+        # An upper block (i, j) is the transpose of the lower block (j, i).
+        top, left = 6 * columns[k], 6 * rows[k]
+        for r in range(6):
+            for c in range(6):
+                row, column = top + r, left + c
+                if row >= column:
+                    band[row - column, column] = upper[k, c, r]
+
+
+@kernel
 def _rows_in_front(first, start, below, block_start, places):  # pragma: no cover
     """The row of blocks that each place has in the front it goes to."""
     rows = np.zeros(len(places), np.int64)
@@ -164,8 +187,8 @@ def _sizes(first, start, n_children):  # pragma: no cover
     waiting, n_waiting = np.zeros(len(first), np.int64), 0
     for s in range(len(first) - 1):
         own, rest = 6 * (first[s + 1] - first[s]), 6 * (start[s + 1] - start[s])
-        for a in range(0, own, PANEL):
-            width = min(PANEL, own - a)
+        for a in range(0, own, _PANEL):
+            width = min(_PANEL, own - a)
             factor += width * (own + rest - a)
         for _ in range(n_children[s]):
             n_waiting -= 1
@@ -195,8 +218,8 @@ def _add_child(front, left, rows):  # pragma: no cover
 def _eliminate_panels(front, own, factor, at):  # pragma: no cover
     """Eliminate the first `own` columns in place; where the factor goes on, or -1 if it does not exist."""
     n = len(front)
-    for a in range(0, own, PANEL):
-        b = min(a + PANEL, own)
+    for a in range(0, own, _PANEL):
+        b = min(a + _PANEL, own)
         width = b - a
         inverse = factor[at : at + width * width].reshape(width, width)
         if not _inverse_of_factor(front[a:b, a:b].copy(), inverse):
@@ -207,8 +230,8 @@ def _eliminate_panels(front, own, factor, at):  # pragma: no cover
         below = factor[at : at + width * (n - b)].reshape(n - b, width)
         np.dot(front[b:, a:b].copy(), inverse.T, below)
         at += width * (n - b)
-        for tile in range(b, n, TILE):
-            end = min(tile + TILE, n)
+        for tile in range(b, n, _TILE):
+            end = min(tile + _TILE, n)
             product = np.dot(below[tile - b : end - b], below[: end - b].T)
             for i in range(end - tile):
                 row, subtracted = front[tile + i, b:], product[i]
@@ -275,8 +298,8 @@ def _forwards(first, start, below, factor, at, x, s):  # pragma: no cover
     own = 6 * (first[s + 1] - first[s])
     values = _gathered(first, start, below, x, s)
     n = len(values)
-    for a in range(0, own, PANEL):
-        b = min(a + PANEL, own)
+    for a in range(0, own, _PANEL):
+        b = min(a + _PANEL, own)
         width = b - a
         inverse = factor[at : at + width * width].reshape(width, width)
         at += width * width
@@ -298,8 +321,8 @@ def _backwards(first, start, below, factor, at, x, s):  # pragma: no cover
     own = 6 * (first[s + 1] - first[s])
     values = _gathered(first, start, below, x, s)
     n = len(values)
-    for a in range((own - 1) // PANEL * PANEL, -1, -PANEL):
-        b = min(a + PANEL, own)
+    for a in range((own - 1) // _PANEL * _PANEL, -1, -_PANEL):
+        b = min(a + _PANEL, own)
         width = b - a
         if b < n:
             at -= width * (n - b)

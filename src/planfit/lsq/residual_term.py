@@ -15,8 +15,8 @@ from jaxtyping import Float, Int
 from planfit.errors import OptionError, require
 from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks, blocks_of_rows
-from planfit.lsq.checks import check_pose_idx, check_weight
 from planfit.lsq.robust import SQUARES, Loss, loss_value
+from planfit.lsq.term import check_pose_idx, check_weight
 
 Residual = Callable[[Float[np.ndarray, "k a 4 4"]], Float[np.ndarray, "k d"]]
 """Residuals of all k rows, d numbers each, from the `a` poses of each row; leaves its argument as it is."""

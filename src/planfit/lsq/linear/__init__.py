@@ -1,1 +1,0 @@
-"""The linear equations of a step: blocks, their pattern, and ways to solve them."""

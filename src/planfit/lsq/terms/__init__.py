@@ -1,1 +1,0 @@
-"""Terms that any problem over poses may need."""

@@ -1,1 +1,0 @@
-"""The same sums on a GPU, through PyTorch."""
