@@ -13,11 +13,10 @@ from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
 from planfit.scan.images.decode import depth_from_metres
 from planfit.scan.images.lens import Lens
-from planfit.scan.options import ScanOptions
 from planfit.scan.poses import write_tum
 from planfit.scan.read import check_depth_unit
 from planfit.scan.recording import Frame, Recording, Size, scan_from_recording
-from planfit.scan.types import Label, Scan
+from planfit.scan.types import Label, Scan, ScanOptions
 
 Images = Sequence[np.ndarray] | np.ndarray
 """One array a frame, or one array of all frames."""

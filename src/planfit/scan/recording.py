@@ -19,15 +19,14 @@ from planfit.runtime import short_repr
 from planfit.scan.images.depth_registration import register_depth
 from planfit.scan.images.lens import (
     Lens,
+    make_camera,
     resample_color,
     resample_depth,
     resample_labels,
     working_camera,
 )
-from planfit.scan.intrinsics import make_camera
-from planfit.scan.options import ScanOptions
 from planfit.scan.poses import is_lost, name_lost_frames
-from planfit.scan.types import Scan
+from planfit.scan.types import Scan, ScanOptions
 from planfit.scan.views import MAX_CORRUPT_SHARE
 
 Size = tuple[int, int]

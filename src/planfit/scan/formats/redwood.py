@@ -1,57 +1,37 @@
-"""Redwood and Open3D: folders of images and a trajectory log.
-
-    SCAN/color/, image/ or rgb/    colour, sorted by name
-    SCAN/depth/                    16-bit, millimetres
-    SCAN/trajectory.log            blocks `i i i+1` and a 4x4 world_from_cam, OpenCV camera axes; also
-                                   scene/trajectory.log or SCAN.log beside the folder's images
-    SCAN/camera_intrinsic.json     Open3D's (optional; intrinsic.json too); else PrimeSense's defaults
-
-The first number of a block counts the frame among the images, from 0. Where names of colour and
-depth hold times (`000123-000004100.png`), depth belongs to colour by number, not by time.
-"""
+"""Redwood's and Open3D's folders: a trajectory log that counts the images."""
 
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import ScanError
-from planfit.scan.images.files import ImageFiles
-from planfit.scan.options import ScanOptions
-from planfit.scan.recording import Frame, Recording, pinhole_lens
+from planfit.scan.layout import FolderLayout, Listing, Refined
+from planfit.scan.recording import Frame, pinhole_lens
 from planfit.scan.source import FileSource, in_order
-from planfit.scan.tables import number_list, read_json, read_rows, shorten
+from planfit.scan.tables import first_of, number_list, read_json, read_rows, shorten
+from planfit.scan.types import ScanOptions
 
-EXPECTS = "trajectory.log (or scene/trajectory.log) with folders color/ (image/, rgb/) and depth/"
-CHECKED = (
-    "a real trajectory.log of Open3D's tests (211 poses)",
-    "blocks and numbers; Open3D reads what `export --to open3d` writes",
-)
-"""Where the layout is known from, and what was checked with it."""
 LOGS = ("trajectory.log", "scene/trajectory.log")
 COLOR_FOLDERS = ("color", "image", "rgb")
 INTRINSICS = ("camera_intrinsic.json", "intrinsic.json", "camera_intrinsics.json")
 PRIMESENSE = (525.0, 525.0, 319.5, 239.5)
-PARTS = (LOGS[0], "color/", "depth/")
 
 
-def recognise(source: FileSource) -> bool:
-    """Whether a folder has this layout."""
-    folders = source.folders()
-    has_images = "depth" in folders and any(name in folders for name in COLOR_FOLDERS)
-    return has_images and any(source.exists(name) for name in LOGS)
+@dataclass(frozen=True)
+class _Counted:
+    """Numbers of frames by the names of their colour, and the file of intrinsics, if there is one."""
+
+    number_of: dict[str, int]
+    intrinsics_name: str
 
 
-def read(source: FileSource, options: ScanOptions) -> Recording:
-    """List a scan.
-
-    Raises:
-        ScanError: its files are missing, unreadable, or contradict each other.
-    """
-    log = next(name for name in LOGS if source.exists(name))
+def _frames(source: FileSource, options: ScanOptions) -> Listing[_Counted]:  # noqa: ARG001
+    log = first_of(source, LOGS)
     folder = next(name for name in COLOR_FOLDERS if source.names(name))
     colors, depths = _images(source, folder), _images(source, "depth")
     pair = _pair(colors, depths)
@@ -67,28 +47,21 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     skipped += [f"frame {Path(name).stem}: it has depth/{name} and no colour" for name in lone]
     index = {f"{folder}/{color}": i for i, (color, _) in enumerate(pair)}
     intrinsics_name = next((name for name in INTRINSICS if source.exists(name)), "")
-    intrinsics = _intrinsics(source, intrinsics_name) if intrinsics_name else PRIMESENSE
-
-    def write_poses(
-        directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
-    ) -> None:
-        write_log(directory / "trajectory.log", [index[f.color] for f in written], poses)
-
-    images = ImageFiles(source, options.depth_scale or 1e-3)
-    tables = [log, *([intrinsics_name] if intrinsics_name else [])]
-    return Recording(
-        format="redwood",
-        path=source.path,
-        frames=frames,
-        images=images,
-        color_lens=pinhole_lens(intrinsics, str(source.path / intrinsics_name)),
-        write_poses=write_poses,
-        fingerprint=images.fingerprint(tables, frames, options),
-        skipped=skipped,
-        warnings=[]
+    return Listing(
+        source,
+        frames,
+        _Counted(index, intrinsics_name),
+        [log, *([intrinsics_name] if intrinsics_name else [])],
+        skipped,
+        []
         if intrinsics_name
         else ["no camera_intrinsic.json: the intrinsics are PrimeSense's defaults (fx 525)"],
     )
+
+
+def _write(refined: Refined[_Counted]) -> None:
+    numbers = [refined.content.number_of[frame.color] for frame in refined.frames]
+    write_log(refined.directory / "trajectory.log", numbers, refined.poses)
 
 
 def write_log(path: Path, numbers: Sequence[int], poses: Float[np.ndarray, "n 4 4"]) -> None:
@@ -138,8 +111,39 @@ def _read_log(source: FileSource, name: str) -> dict[int, Float[np.ndarray, "4 4
 
 
 def _intrinsics(source: FileSource, name: str) -> tuple[float, ...]:
+    if not name:
+        return PRIMESENSE
     where = str(source.path / name)
     matrix = number_list(
         read_json(source, name).get("intrinsic_matrix"), 9, f"{where}, intrinsic_matrix"
     ).reshape(3, 3, order="F")
     return (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
+
+
+REDWOOD = FolderLayout(
+    name="redwood",
+    page="""Redwood and Open3D: folders of images and a trajectory log.
+
+    SCAN/color/, image/ or rgb/    colour, sorted by name
+    SCAN/depth/                    16-bit, millimetres
+    SCAN/trajectory.log            blocks `i i i+1` and a 4x4 world_from_cam, OpenCV camera axes; also
+                                   scene/trajectory.log or SCAN.log beside the folder's images
+    SCAN/camera_intrinsic.json     Open3D's (optional; intrinsic.json too); else PrimeSense's defaults
+
+The first number of a block counts the frame among the images, from 0. Where names of colour and
+depth hold times (`000123-000004100.png`), depth belongs to colour by number, not by time.
+""",
+    expects="trajectory.log (or scene/trajectory.log) with folders color/ (image/, rgb/) and depth/",
+    checked=(
+        "a real trajectory.log of Open3D's tests (211 poses)",
+        "blocks and numbers; Open3D reads what `export --to open3d` writes",
+    ),
+    told_by=("|".join(f"{name}/" for name in COLOR_FOLDERS), "depth/", "|".join(LOGS)),
+    parts=(LOGS[0], "color/", "depth/"),
+    frames=_frames,
+    lens=lambda found: pinhole_lens(
+        _intrinsics(found.source, found.content.intrinsics_name),
+        str(found.source.path / found.content.intrinsics_name),
+    ),
+    write=_write,
+)

@@ -11,16 +11,14 @@ from jaxtyping import Float, UInt8
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.images.lens import Lens
-from planfit.scan.laser.clock import ClockRelation, relate_clocks
+from planfit.scan.laser.cloud import ClockRelation, CloudFile, relate_clocks
 from planfit.scan.laser.correction import Correction
-from planfit.scan.laser.faces import MIN_FACE_POINTS, Faces, choose_faces
+from planfit.scan.laser.faces import MIN_FACE_POINTS, Faces, choose_faces, find_up
 from planfit.scan.laser.instants import Instants, cut
-from planfit.scan.laser.points import CloudFile
 from planfit.scan.laser.trajectory import Trajectory, read_trajectory
-from planfit.scan.laser.up import find_up
-from planfit.scan.options import ScanOptions
 from planfit.scan.recording import Frame, Recording, Size
 from planfit.scan.source import FolderSource, fingerprint
+from planfit.scan.types import ScanOptions
 
 KILOMETRE_M = 1000.0
 """Offsets of the world are whole ones, so that they can be told and added back exactly."""

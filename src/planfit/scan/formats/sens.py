@@ -1,17 +1,25 @@
-"""The file as a place where files lie, and what its header and its frames say."""
+"""ScanNet's container: the file as a place where images lie, its frames, and their images unpacked."""
 
 import struct
+import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from planfit.errors import ScanError
-from planfit.scan.intrinsics import MAX_SIZE_PX
-from planfit.scan.recording import Size
+from planfit.scan.formats.scannet import NUMBERED_POSES, check_extrinsics
+from planfit.scan.images.decode import decode_color, depth_from_raw
+from planfit.scan.images.files import ImageFiles
+from planfit.scan.images.lens import MAX_SIZE_PX, matrix_intrinsics
+from planfit.scan.layout import WholeFile
+from planfit.scan.poses import check_recorded_pose
+from planfit.scan.recording import Frame, Recording, Size, pinhole_lens
 from planfit.scan.source import HEAD_BYTES, MAX_ENTRY_BYTES, TAIL_BYTES, fingerprint_of_file
+from planfit.scan.types import ScanOptions
 
 VERSION = 4
 MAX_NAME_BYTES = 4096
@@ -21,6 +29,8 @@ FRAME = struct.Struct("<16f4Q")
 """Pose, times of colour and depth, lengths of colour and depth."""
 RAW_COLOR, COLOR_CODES = 0, (0, 1, 2)
 RAW_DEPTH, ZLIB_DEPTH = 0, 1
+USUAL_INTERVAL_S = (0.002, 10.0)
+"""Between frames, in the middle: where times in us give another, they are no times."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +132,6 @@ class SensSource:
             raise ScanError(f"{self.path}: cannot be read ({error.strerror})") from error
 
 
-def claims(path: Path) -> bool:
-    """Whether this is such a file, by its name: its first bytes are a small number, as those of many are."""
-    return path.suffix.lower() == ".sens" and path.is_file()
-
-
 def _read_header(data: bytes, path: Path) -> SensHeader:
     """The fields before the first frame.
 
@@ -202,3 +207,131 @@ def _list_frames(file: BinaryIO, header: SensHeader, path: Path) -> list[SensFra
             f"{path}: expected {header.n_frames} frames, found none that is whole; copy the file again"
         )
     return frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensImages(ImageFiles):
+    """Images of a file, whose sizes and codes its header says."""
+
+    header: SensHeader
+
+    def sizes(self, frame: Frame) -> tuple[Size, Size]:
+        """Of colour and depth, from the file's header."""
+        depth = self.header.depth_size
+        return (self.header.color_size if frame.color else depth), depth
+
+    def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
+        data, path = self.source.read(frame.color), self.source.path / frame.color
+        if self.header.color_code != RAW_COLOR:
+            return decode_color(data, path)
+        width, height = self.header.color_size
+        return _exactly(data, 3 * width * height, path).reshape(height, width, 3).copy()
+
+    def depth(self, frame: Frame) -> Float[np.ndarray, "h w"]:
+        """float32 m, NaN where nothing was measured."""
+        data, path = self.source.read(frame.depth), self.source.path / frame.depth
+        width, height = self.header.depth_size
+        n_bytes = 2 * width * height
+        if self.header.depth_code == ZLIB_DEPTH:
+            try:
+                data = zlib.decompressobj().decompress(data, n_bytes + 1)
+            except zlib.error as error:
+                raise ScanError(
+                    f"{path}: expected depth packed with zlib, found damaged bytes ({error}); copy the "
+                    "file again"
+                ) from error
+        raw = _exactly(data, n_bytes, path).view("<u2").reshape(height, width)
+        return depth_from_raw(raw.astype(np.uint16), self.metres_per_unit, path)
+
+
+def read(source: SensSource, options: ScanOptions) -> Recording:
+    """List a scan.
+
+    Raises:
+        ScanError: its matrices or poses are damaged, or colour is not what poses are of.
+    """
+    header, where = source.header, str(source.path)
+    color_from_depth = check_extrinsics(
+        header.color_extrinsics, header.depth_extrinsics, f"{where}, extrinsics of colour"
+    )
+    color = matrix_intrinsics(header.color, where)
+    depth = matrix_intrinsics(header.depth, where)
+    has_color = any(frame.n_bytes["color"] for frame in source.frames)
+    frames = []
+    for i, (stored, time) in enumerate(zip(source.frames, _times_s(source.frames), strict=True)):
+        check_recorded_pose(stored.world_from_cam, f"{where}, pose of frame {i}")
+        frames.append(
+            Frame(
+                str(i), time, stored.world_from_cam, f"color/{i}" if has_color else "", f"depth/{i}"
+            )
+        )
+
+    images = SensImages(source, options.depth_scale or 1 / header.units_per_metre, header=header)
+    return Recording(
+        format="sens",
+        path=source.path,
+        frames=frames,
+        images=images,
+        color_lens=pinhole_lens(color if has_color else depth, f"{where}, colour"),
+        depth_lens=pinhole_lens(depth, f"{where}, depth"),
+        color_from_depth=color_from_depth,
+        write_poses=NUMBERED_POSES.write_into,
+        fingerprint=images.fingerprint([], frames, options),
+        warnings=_warnings(source),
+    )
+
+
+def _times_s(frames: Sequence[SensFrame]) -> list[float]:
+    """Seconds since the first frame; numbers of frames, where the file's times are none."""
+    times = np.array([frame.time_us for frame in frames], dtype=float) * 1e-6
+    steps = np.diff(times)
+    least, most = USUAL_INTERVAL_S
+    if not len(steps) or steps.min() <= 0 or not least <= np.median(steps) <= most:
+        return [float(i) for i in range(len(frames))]
+    return [float(t) for t in times - times[0]]
+
+
+def _warnings(source: SensSource) -> list[str]:
+    missing = source.header.n_frames - len(source.frames)
+    if not missing:
+        return []
+    return [
+        f"the file ends within frame {len(source.frames)} of {source.header.n_frames}: the frames before it "
+        "are read; copy it again for the others"
+    ]
+
+
+def _exactly(data: bytes, n_bytes: int, path: Path) -> UInt8[np.ndarray, " n"]:
+    if len(data) != n_bytes:
+        raise ScanError(
+            f"{path}: expected {n_bytes} bytes of image, found {len(data)}; copy the file again"
+        )
+    return np.frombuffer(data, np.uint8)
+
+
+SENS = WholeFile(
+    name="sens",
+    page="""ScanNet's container, one file a scan: also what BundleFusion and its apps record into.
+
+    SCAN.sens   little endian. Version 4 (uint32), the sensor's name (uint64 length, bytes), then 4x4 float32
+                by row: intrinsics and extrinsics of colour, of depth; codes of colour and depth (int32),
+                their sizes (4 uint32), stored units a metre (float32), number of frames (uint64)
+                a frame: world_from_cam (4x4 float32, OpenCV axes, all minus infinity where tracking was
+                lost), times of colour and depth (uint64 us), lengths of both images (uint64), and the
+                images: colour as JPEG, PNG or RGB, depth as 16 bit, by row, packed with zlib or as it is
+
+A file that ends early is read up to its last whole frame. Depth in the code of the Structure sensor's maker
+(2) is refused: only his library unpacks it. Refined poses are written as SensReader writes those of a file,
+one N.txt a frame.
+""",
+    expects="a .sens file of ScanNet or BundleFusion",
+    checked=(
+        "sensorData.h and SensorData.py (github.com/ScanNet/ScanNet). No real file",
+        "every field and code but the sensor maker's, by files that the test writes as sensorData.h does",
+    ),
+    # Its first bytes are a small number, as those of many files are.
+    suffixes=(".sens",),
+    open=SensSource,
+    read=read,
+)

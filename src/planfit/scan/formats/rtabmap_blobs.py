@@ -20,7 +20,7 @@ from planfit.scan.images.decode import (
     depth_from_raw,
     header_size,
 )
-from planfit.scan.intrinsics import MAX_SIZE_PX
+from planfit.scan.images.lens import MAX_SIZE_PX
 
 N_POSE = 12
 """Numbers of a pose, 3x4 by row."""

@@ -12,17 +12,8 @@ from planfit.errors import ScanError
 from planfit.scan.source import HEAD_BYTES, MAX_ENTRY_BYTES, TAIL_BYTES, fingerprint_of_file
 from planfit.scan.tables import shorten
 
-MAGIC = b"SQLite format 3\0"
 FOLDERS = ("image", "depth", "calibration")
 """Columns of the table Data that are read."""
-
-
-def is_database(path: Path) -> bool:
-    """Whether this is an sqlite file."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
 
 
 class DatabaseSource:
