@@ -1,5 +1,6 @@
 """A posed RGB-D scan: how it is read, what every reader gives and every stage takes."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -113,6 +114,29 @@ class ScanFiles(Protocol):
         `frame_idx` tells the frames that they belong to; without it, all in order.
         """
         ...
+
+
+class RoutedFiles(ABC):
+    """The images of frames that are some other files' frames: each frame is looked up there."""
+
+    @abstractmethod
+    def route(self, frame_idx: int) -> tuple[ScanFiles, int]:
+        """The files that a frame is of, and its number there."""
+
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """Colour image, RGB; None where the frame is depth alone."""
+        files, own_idx = self.route(frame_idx)
+        return files.color(own_idx)
+
+    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
+        """Depth, float32 m, NaN where nothing was measured."""
+        files, own_idx = self.route(frame_idx)
+        return files.depth(own_idx)
+
+    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
+        """Label image of `Label`."""
+        files, own_idx = self.route(frame_idx)
+        return files.labels(own_idx)
 
 
 @runtime_checkable

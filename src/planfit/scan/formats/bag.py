@@ -17,7 +17,7 @@ from planfit.scan.formats.bag_topics import IMAGE_TYPES, Topics, choose_topics
 from planfit.scan.images.lens import Lens
 from planfit.scan.layout import WholeFile
 from planfit.scan.poses import pair_times, write_tum
-from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.recording import Frame, Recording, Size, StoredImages
 from planfit.scan.source import FolderSource, fingerprint
 from planfit.scan.types import ScanOptions
 
@@ -69,7 +69,7 @@ class Listing:
         return np.array([stamp.time for stamp in self.depths])
 
 
-class BagImages:
+class BagImages(StoredImages):
     """`StoredImages` of a bag, looked up by the time they were logged; safe to use from several threads.
 
     A frame's colour and depth are named by the numbers of their messages in the listing.
@@ -83,17 +83,9 @@ class BagImages:
         self._lock = Lock()
         weakref.finalize(self, reader.close)
 
-    def missing(self, frame: Frame) -> str:  # noqa: ARG002
-        """Nothing: only messages are listed that are there."""
-        return ""
-
     def sizes(self, frame: Frame) -> tuple[Size, Size]:  # noqa: ARG002
         """Of the first images: the sizes of the others are checked when they are decoded."""
         return self._sizes
-
-    def warnings(self, frames: Sequence[Frame]) -> list[str]:  # noqa: ARG002
-        """None."""
-        return []
 
     def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
         """Colour image, RGB."""

@@ -10,8 +10,9 @@ from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.formats.rtabmap_blobs import (
+from planfit.scan.formats.rtabmap_source import (
     N_POSE,
+    DatabaseSource,
     StoredCamera,
     decode_stored_depth,
     depth_size,
@@ -20,7 +21,6 @@ from planfit.scan.formats.rtabmap_blobs import (
     parse_matrix,
     parse_pose,
 )
-from planfit.scan.formats.rtabmap_source import DatabaseSource
 from planfit.scan.images.files import ImageFiles, whole_image_size
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import WholeFile

@@ -18,7 +18,7 @@ from planfit.scan.images.lens import MAX_SIZE_PX, matrix_intrinsics
 from planfit.scan.layout import WholeFile
 from planfit.scan.poses import check_recorded_pose
 from planfit.scan.recording import Frame, Recording, Size, pinhole_lens
-from planfit.scan.source import HEAD_BYTES, MAX_ENTRY_BYTES, TAIL_BYTES, fingerprint_of_file
+from planfit.scan.source import MAX_ENTRY_BYTES, PackedSource, fingerprint_of_file
 from planfit.scan.types import ScanOptions
 
 VERSION = 4
@@ -63,8 +63,10 @@ class SensFrame:
     n_bytes: dict[str, int]
 
 
-class SensSource:
+class SensSource(PackedSource):
     """A file as a place where files lie: `color/7` and `depth/7` are images of frame 7, counted from 0."""
+
+    kind = "container"
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -93,28 +95,22 @@ class SensSource:
             return False
         return int(number) < len(self.frames) and self.frames[int(number)].n_bytes[folder] > 0
 
-    def read(self, name: str) -> bytes:
-        """See `FileSource`."""
-        start, length = self._place(name)
-        return self._part(start, length)
-
-    def ends(self, name: str) -> tuple[bytes, bytes]:
-        """See `FileSource`; the rest of the image stays on the disk."""
-        start, length = self._place(name)
-        tail = min(length, TAIL_BYTES)
-        return self._part(start, min(length, HEAD_BYTES)), self._part(start + length - tail, tail)
-
     def stamp(self, name: str) -> str:
         """See `FileSource`: that of the whole file."""
         return f"{self._place(name)} {self._stamp}"
 
-    def locate(self, name: str) -> Path:
-        """See `FileSource`."""
-        return self.path / name
+    def n_bytes(self, name: str) -> int:
+        """See `PackedSource`."""
+        return self._place(name)[1]
 
-    def on_disk(self, name: str) -> Path:
-        """See `FileSource`; no image of this format needs it."""
-        raise ScanError(f"{self.path}: expected {name} as a file, found it in a container")
+    def part(self, name: str, begin: int, count: int) -> bytes:
+        """See `PackedSource`."""
+        try:
+            with self.path.open("rb") as file:  # a handle of its own: threads share none
+                file.seek(self._place(name)[0] + begin)
+                return file.read(count)
+        except OSError as error:
+            raise ScanError(f"{self.path}: cannot be read ({error.strerror})") from error
 
     def _place(self, name: str) -> tuple[int, int]:
         if not self.exists(name):
@@ -122,14 +118,6 @@ class SensSource:
         folder, _, number = name.partition("/")
         frame = self.frames[int(number)]
         return frame.start[folder], frame.n_bytes[folder]
-
-    def _part(self, start: int, length: int) -> bytes:
-        try:
-            with self.path.open("rb") as file:  # a handle of its own: threads share none
-                file.seek(start)
-                return file.read(length)
-        except OSError as error:
-            raise ScanError(f"{self.path}: cannot be read ({error.strerror})") from error
 
 
 def _read_header(data: bytes, path: Path) -> SensHeader:

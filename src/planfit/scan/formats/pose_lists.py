@@ -1,20 +1,93 @@
-"""Redwood's and Open3D's folders: a trajectory log that counts the images."""
+"""Numbered images and one file of poses: Replica's renderings, Redwood's and Open3D's folders."""
 
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.scan.layout import FolderLayout, Listing, Refined
-from planfit.scan.recording import Frame, pinhole_lens
-from planfit.scan.source import FileSource, in_order
-from planfit.scan.tables import first_of, number_list, read_json, read_rows, shorten
+from planfit.scan.pairing import Poses, RowAFrame
+from planfit.scan.poses import UP_Z
+from planfit.scan.recording import Frame, LensOfFrame, pinhole_lens
+from planfit.scan.source import FileSource, FolderSource, in_order
+from planfit.scan.tables import Names, first_of, number_list, read_json, read_rows, shorten
 from planfit.scan.types import ScanOptions
+
+CALIBRATION = "cam_params.json"
+PUBLISHED = {"fx": 600.0, "fy": 600.0, "cx": 599.5, "cy": 339.5, "scale": 6553.5}
+FRAMES = RowAFrame(
+    color=Names("results/frame{}.jpg", "results/frame{}.jpeg", "results/frame{}.png"),
+    depth=Names("results/depth{}.png"),
+    poses="traj.txt",
+    tables=(CALIBRATION,),
+)
+
+
+def _replica_frames(source: FileSource, options: ScanOptions) -> Listing[Poses]:
+    """Frames; a calibration above the folder is told apart by what it says."""
+    return replace(FRAMES(source, options), fingerprinted=(_camera(source),))
+
+
+def _camera(source: FileSource) -> dict[str, Any]:
+    """What cam_params.json says of the camera, here or in the folder above."""
+    above = FolderSource(source.path.resolve().parent)
+    places = [source, above] if source.path.is_dir() else [source]
+    place = next((one for one in places if one.exists(CALIBRATION)), None)
+    if place is None:
+        return PUBLISHED
+    camera = read_json(place, CALIBRATION).get("camera")
+    if not isinstance(camera, dict):
+        raise ScanError(
+            f"{place.path / CALIBRATION}: expected an object `camera` with fx fy cx cy scale, found none"
+        )
+    return camera
+
+
+def _lens(listing: Listing[Poses]) -> LensOfFrame:
+    camera = _camera(listing.source)
+    numbers = [camera.get(key, np.nan) for key in ("fx", "fy", "cx", "cy")]
+    return pinhole_lens(numbers, f"{listing.source.path}: {CALIBRATION}")
+
+
+def _metres_per_unit(listing: Listing[Poses]) -> float:
+    path, stored = listing.source.path, _camera(listing.source).get("scale", PUBLISHED["scale"])
+    scale = float(number_list(stored, 1, f"{path}: {CALIBRATION}, scale")[0])
+    if not 0 < scale < np.inf:
+        raise ScanError(f"{path}: expected a scale above 0 in {CALIBRATION}, found {scale}")
+    return 1 / scale
+
+
+REPLICA = FolderLayout(
+    name="replica",
+    page="""Replica as rendered for iMAP and NICE-SLAM.
+
+    SCAN/results/frameNNNNNN.jpg, depthNNNNNN.png    depth 16-bit
+    SCAN/traj.txt                                    a row of 16 numbers a frame: world_from_cam, OpenCV axes
+    SCAN/cam_params.json, or in the folder above     {"camera": {w, h, fx, fy, cx, cy, scale}}
+
+`scale` is how many units of depth make a metre (6553.5). The world is z-up and level. Without
+cam_params.json, the published values are taken.
+""",
+    expects="traj.txt with results/frameNNNNNN.jpg and results/depthNNNNNN.png",
+    checked=(
+        "the camera and png_depth_scale in programs that read NICE-SLAM's renderings. No real file",
+        "size, focal length and scale of depth",
+    ),
+    told_by=(FRAMES.poses, "|".join(FRAMES.color.patterns)),
+    parts=(FRAMES.poses, "results/"),
+    frames=_replica_frames,
+    metres_per_unit=_metres_per_unit,
+    lens=_lens,
+    write=FRAMES.write,
+    up_world=UP_Z,
+)
+
 
 LOGS = ("trajectory.log", "scene/trajectory.log")
 COLOR_FOLDERS = ("color", "image", "rgb")
@@ -30,7 +103,7 @@ class _Counted:
     intrinsics_name: str
 
 
-def _frames(source: FileSource, options: ScanOptions) -> Listing[_Counted]:  # noqa: ARG001
+def _counted_frames(source: FileSource, options: ScanOptions) -> Listing[_Counted]:  # noqa: ARG001
     log = first_of(source, LOGS)
     folder = next(name for name in COLOR_FOLDERS if source.names(name))
     colors, depths = _images(source, folder), _images(source, "depth")
@@ -140,7 +213,7 @@ depth hold times (`000123-000004100.png`), depth belongs to colour by number, no
     ),
     told_by=("|".join(f"{name}/" for name in COLOR_FOLDERS), "depth/", "|".join(LOGS)),
     parts=(LOGS[0], "color/", "depth/"),
-    frames=_frames,
+    frames=_counted_frames,
     lens=lambda found: pinhole_lens(
         _intrinsics(found.source, found.content.intrinsics_name),
         str(found.source.path / found.content.intrinsics_name),
