@@ -5,6 +5,7 @@ told_by -> recognised    frames -> Listing    lens, depth_lens -> lenses    writ
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -13,8 +14,9 @@ from jaxtyping import Float, UInt8
 
 from planfit.errors import ScanError
 from planfit.scan.images.files import ImageFiles
+from planfit.scan.images.lens import Lens
 from planfit.scan.images.video import Video, VideoImages
-from planfit.scan.recording import Frame, LensOfFrame, Recording
+from planfit.scan.recording import Frame, LensOfFrame, Recording, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import has_part
 from planfit.scan.types import ScanOptions
@@ -114,7 +116,7 @@ class FolderLayout(ScanFormat, Generic[T]):
     frames: Callable[[FileSource, ScanOptions], Listing[T]]
     """Lists frames: `FileAFrame`, or a function. It raises `ScanError` where files are missing or damaged."""
     lens: Callable[[Listing[T]], LensOfFrame]
-    """Of the colour camera: `SharedLens`, or a function."""
+    """Of the colour camera: `SharedLens`, or a function of each frame (`each_frame`)."""
     write: Callable[[Refined[T]], None]
     """Writes refined poses in the format's own way."""
     parts: tuple[str, ...] = ()
@@ -203,3 +205,10 @@ class FolderLayout(ScanFormat, Generic[T]):
             return VideoImages(**stored, video=listing.video)
         plain = ImageFiles(**stored)
         return self.images(plain, listing) if self.images else plain
+
+
+def each_frame(
+    lens: Callable[[Listing[T], Frame, Size], Lens],
+) -> Callable[[Listing[T]], LensOfFrame]:
+    """`FolderLayout.lens` by what gives the lens of one frame for images of a size."""
+    return lambda listing: partial(lens, listing)

@@ -80,7 +80,7 @@ class FileAFrame(Generic[T]):
     """What stands for `{}` in the names of poses, as a regular expression."""
 
     def __call__(self, source: FileSource, options: ScanOptions, folder: str = "") -> Listing:  # noqa: ARG002
-        """List a folder; all names are relative to `folder`, which ends with a slash."""
+        """Frames in the order of their keys; names are relative to `folder`, which ends with a slash."""
         colored = self.color.listed(source, folder)
         others = Names(self.poses, key=self.key).listed(source, folder)
         frames, skipped, content = [], [], {}
@@ -116,7 +116,7 @@ class FileAFrame(Generic[T]):
         tables = [folder + self.poses.format(frame.frame_id) for frame in frames]
         return Listing(
             source,
-            sorted(frames, key=lambda frame: frame.time),
+            frames,
             content,
             [*(name for name in self.tables if source.exists(name)), *tables],
             skipped,

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.scan.images.lens import Lens, make_camera
-from planfit.scan.layout import FolderLayout, Listing, Refined
+from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.pairing import FileAFrame, Posed
 from planfit.scan.poses import UP_Y, check_recorded_pose, from_opengl
-from planfit.scan.recording import Frame, LensOfFrame, Size
+from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import Names, number_list, read_json
 from planfit.scan.types import ScanOptions
@@ -45,13 +45,10 @@ def _posed(
     return Posed(pose, camera, time)
 
 
-def _lens(listing: Listing[Cameras]) -> LensOfFrame:
-    def lens(frame: Frame, size: Size) -> Lens:
-        camera = listing.content[frame.frame_id]
-        width, height = camera.size.get("width", size[0]), camera.size.get("height", size[1])
-        return Lens(make_camera(width, height, camera.intrinsics, camera.where))
-
-    return lens
+def _lens(listing: Listing[Cameras], frame: Frame, size: Size) -> Lens:
+    camera = listing.content[frame.frame_id]
+    width, height = camera.size.get("width", size[0]), camera.size.get("height", size[1])
+    return Lens(make_camera(width, height, camera.intrinsics, camera.where))
 
 
 def _writing(
@@ -107,7 +104,7 @@ some frames.
         read=_read_scanner_app,
         is_led_by_poses=True,
     ),
-    lens=_lens,
+    lens=each_frame(_lens),
     write=_writing("frame_{}.json", lambda pose: {"cameraPoseARFrame": pose}),
     up_world=UP_Y,
 )
@@ -154,7 +151,8 @@ def _polycam_frames(source: FileSource, options: ScanOptions) -> Listing[Cameras
         is_led_by_poses=True,
         key=".+",
     )
-    return frames(source, options)
+    listing = frames(source, options)
+    return replace(listing, frames=sorted(listing.frames, key=lambda frame: frame.time))
 
 
 POLYCAM = FolderLayout(
@@ -181,7 +179,7 @@ did not correct, where it corrected others, are left out. Files named TIME.Clean
     frames=_polycam_frames,
     # Polycam documents 0, 127, 255; where a program took these for sRGB and made them linear, medium is 54.
     least_confidence=(0, 27, 192),
-    lens=_lens,
+    lens=each_frame(_lens),
     write=_writing("{}.json", lambda pose: dict(zip(KEYS, pose[:12], strict=True))),
     up_world=UP_Y,
 )

@@ -13,8 +13,8 @@ from planfit.scan.formats.colmap_model import (
     write_model,
 )
 from planfit.scan.images.lens import Lens
-from planfit.scan.layout import FolderLayout, Listing, Refined
-from planfit.scan.recording import Frame, LensOfFrame, Size, id_of_name
+from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
+from planfit.scan.recording import Frame, Size, id_of_name
 from planfit.scan.source import FileSource
 from planfit.scan.tables import first_of
 from planfit.scan.types import ScanOptions
@@ -68,14 +68,10 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Model]:  # noq
     return Listing(source, frames, model, tables, skipped)
 
 
-def _lens(listing: Listing[_Model]) -> LensOfFrame:
+def _lens(listing: Listing[_Model], frame: Frame, _: Size) -> Lens:
     model = listing.content
-
-    def lens(frame: Frame, _: Size) -> Lens:
-        camera = model.cameras[model.image_of[frame.color].camera_id]
-        return camera.lens(f"{model.where}, camera {camera.camera_id}")
-
-    return lens
+    camera = model.cameras[model.image_of[frame.color].camera_id]
+    return camera.lens(f"{model.where}, camera {camera.camera_id}")
 
 
 def _write(refined: Refined[_Model]) -> None:
@@ -130,6 +126,6 @@ again.
     told_by=(MODELS, DEPTHS),
     parts=("sparse/|cameras.txt|cameras.bin", MODELS, DEPTHS),
     frames=_frames,
-    lens=_lens,
+    lens=each_frame(_lens),
     write=_write,
 )

@@ -12,10 +12,10 @@ from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
 from planfit.scan.images.decode import decode_image, header_size
 from planfit.scan.images.lens import Lens
-from planfit.scan.layout import FolderLayout, Listing
+from planfit.scan.layout import FolderLayout, Listing, each_frame
 from planfit.scan.pairing import TextPoses, read_camera
 from planfit.scan.poses import UP_Y, read_pose
-from planfit.scan.recording import Frame, LensOfFrame, Size
+from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import Names
 from planfit.scan.types import Label, ScanOptions
@@ -115,11 +115,8 @@ def _check_counts(source: FileSource, frame_ids: list[str], has_color: bool) -> 
         )
 
 
-def _lens(listing: Listing[dict[str, Camera]]) -> LensOfFrame:
-    def lens(frame: Frame, _: Size) -> Lens:
-        return Lens(listing.content[frame.frame_id])
-
-    return lens
+def _lens(listing: Listing[dict[str, Camera]], frame: Frame, _: Size) -> Lens:
+    return Lens(listing.content[frame.frame_id])
 
 
 def _stem(frame: Frame) -> str:
@@ -207,7 +204,7 @@ The plan shares the world's axes. Plan points are (x, -z), so that x, y and up s
     told_by=lambda source: FRAMES in source.folders(),
     frames=_frames,
     can_scale_depth=False,
-    lens=_lens,
+    lens=each_frame(_lens),
     write=POSES.write,
     labels=_labels,
     up_world=UP_WORLD,

@@ -10,9 +10,9 @@ import numpy as np
 
 from planfit.errors import ScanError
 from planfit.scan.images.lens import Lens, make_camera
-from planfit.scan.layout import FolderLayout, Listing, Refined
+from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.poses import check_recorded_pose, from_opengl
-from planfit.scan.recording import Frame, LensOfFrame, Size, id_of_name
+from planfit.scan.recording import Frame, Size, id_of_name
 from planfit.scan.source import FileSource
 from planfit.scan.tables import first_of, number_list, read_json
 from planfit.scan.types import ScanOptions
@@ -94,14 +94,10 @@ def _frame(source: FileSource, item: object, time: float, where: str) -> Frame:
     return Frame(id_of_name(color), time, pose, color, depth)
 
 
-def _lens(listing: Listing[_Transforms]) -> LensOfFrame:
+def _lens(listing: Listing[_Transforms], frame: Frame, size: Size) -> Lens:
     transforms = listing.content
-
-    def lens(frame: Frame, size: Size) -> Lens:
-        values = {**transforms.content, **transforms.item_of[frame.color]}
-        return _lens_of_values(values, size, f"{transforms.where}, {frame.color}")
-
-    return lens
+    values = {**transforms.content, **transforms.item_of[frame.color]}
+    return _lens_of_values(values, size, f"{transforms.where}, {frame.color}")
 
 
 def _lens_of_values(values: dict[str, Any], size: Size, where: str) -> Lens:
@@ -162,6 +158,6 @@ order of their `timestamp` where all have one. The axes of the world are anyone'
     parts=(NAME, "images/", "depth/"),
     frames=_frames,
     metres_per_unit=_metres_per_unit,
-    lens=_lens,
+    lens=each_frame(_lens),
     write=_write,
 )

@@ -15,9 +15,9 @@ from planfit.geometry import se3
 from planfit.scan.images.decode import depth_from_metres, read_exr
 from planfit.scan.images.files import ImageFiles, drop_unsure, whole_image_size
 from planfit.scan.images.lens import Lens, make_camera
-from planfit.scan.layout import FolderLayout, Listing, Refined
+from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.poses import MAX_ENTRY, from_opengl
-from planfit.scan.recording import Frame, LensOfFrame, Size, check_proportions
+from planfit.scan.recording import Frame, Size, check_proportions
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
 from planfit.scan.types import ScanOptions
@@ -126,13 +126,9 @@ def _images(plain: ImageFiles, listing: Listing[_Metadata]) -> ImageFiles:
     )
 
 
-def _lens(listing: Listing[_Metadata]) -> LensOfFrame:
+def _lens(listing: Listing[_Metadata], frame: Frame, size: Size) -> Lens:
     content, where = listing.content.content, listing.content.where
-
-    def lens(frame: Frame, size: Size) -> Lens:
-        return Lens(make_camera(*size, _intrinsics(content, int(frame.frame_id), where), where))
-
-    return lens
+    return Lens(make_camera(*size, _intrinsics(content, int(frame.frame_id), where), where))
 
 
 def _check_first_image(source: FileSource, frames: list[Frame], size: Size) -> None:
@@ -273,6 +269,6 @@ the depth. Recordings of the front camera have no poses: all of them are the ide
     frames=_frames,
     metres_per_unit=1.0,
     images=_images,
-    lens=_lens,
+    lens=each_frame(_lens),
     write=_write,
 )

@@ -9,9 +9,9 @@ from typing import Any
 from planfit.errors import ScanError
 from planfit.scan.images.lens import Lens, make_camera, matrix_intrinsics
 from planfit.scan.images.video import Video
-from planfit.scan.layout import FolderLayout, Listing, Refined
+from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.poses import check_recorded_pose
-from planfit.scan.recording import Frame, LensOfFrame, Size
+from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
 from planfit.scan.types import ScanOptions
@@ -54,14 +54,11 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_PoseFile]:  # 
     return Listing(source, frames, pose_file, [folder + NAME], skipped, video=video)
 
 
-def _lens(listing: Listing[_PoseFile]) -> LensOfFrame:
-    def lens(frame: Frame, size: Size) -> Lens:
-        at = f"{listing.content.where}, {frame.frame_id}"
-        stored = listing.content.entries[frame.frame_id].get("intrinsic")
-        numbers = number_list(stored, 9, f"{at}, intrinsic")
-        return Lens(make_camera(*size, matrix_intrinsics(numbers.reshape(3, 3), at), at))
-
-    return lens
+def _lens(listing: Listing[_PoseFile], frame: Frame, size: Size) -> Lens:
+    at = f"{listing.content.where}, {frame.frame_id}"
+    stored = listing.content.entries[frame.frame_id].get("intrinsic")
+    numbers = number_list(stored, 9, f"{at}, intrinsic")
+    return Lens(make_camera(*size, matrix_intrinsics(numbers.reshape(3, 3), at), at))
 
 
 def _write(refined: Refined[_PoseFile]) -> None:
@@ -135,6 +132,6 @@ not told. Refined poses take its place in `pose_intrinsic_imu.json`.
     told_by=(f"{NAME}|iphone/{NAME}",),
     parts=(f"iphone/{NAME}", "iphone/rgb/", "iphone/depth/"),
     frames=_frames,
-    lens=_lens,
+    lens=each_frame(_lens),
     write=_write,
 )

@@ -7,10 +7,10 @@ from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.scan.images.lens import Lens, make_camera
-from planfit.scan.layout import FolderLayout, Listing, Refined
+from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.pose_files import PoseTable, parse_poses, read_poses
 from planfit.scan.poses import pair_times, poses_at, write_tum
-from planfit.scan.recording import Frame, LensOfFrame, Size
+from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import read_matrix, read_rows, shorten
 from planfit.scan.types import ScanOptions
@@ -74,13 +74,9 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[tuple[float, ..
     )
 
 
-def _lens(listing: Listing[tuple[float, ...]]) -> LensOfFrame:
+def _lens(listing: Listing[tuple[float, ...]], _: Frame, size: Size) -> Lens:
     intrinsics, where = listing.content, str(listing.source.path / CALIBRATION)
-
-    def lens(_: Frame, size: Size) -> Lens:
-        return Lens(make_camera(*size, intrinsics[:4], where), tuple(intrinsics[4:]))
-
-    return lens
+    return Lens(make_camera(*size, intrinsics[:4], where), tuple(intrinsics[4:]))
 
 
 def _poses(source: FileSource, options: ScanOptions) -> PoseTable:
@@ -165,6 +161,6 @@ which, else its default of the driver.
     parts=("rgb.txt", "depth.txt", POSES),
     frames=_frames,
     metres_per_unit=1 / 5000,
-    lens=_lens,
+    lens=each_frame(_lens),
     write=_write,
 )
